@@ -1,0 +1,70 @@
+# `make reproduce` and `make test` set everything up in .venv on the first call; a second call installs nothing.
+#
+#   make TORCH=torch==2.13.0 test     on a machine with CUDA: any requirement (and options) that pip understands
+#   make PYTHON=python3.12 test       another interpreter, 3.11 or newer
+
+PYTHON ?= $(shell command -v python3.11 || command -v python3)
+TORCH ?=
+PROFILE ?= quick
+
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+CPU_WHEELS := https://download.pytorch.org/whl/cpu
+
+export OMP_NUM_THREADS ?= 1
+export WANDB_MODE ?= offline
+
+.PHONY: help install reproduce test test-all lint types format docs clean
+
+help:
+	@echo 'make reproduce   identify the parameters of every scene and print them beside the truth'
+	@echo 'make test        run the tests (make test-all: the slow ones too)'
+	@echo 'make lint types  check style and types; make format mends the style'
+	@echo 'make docs        write the reference of the Python interface into site/'
+	@echo 'make install     only create .venv; make clean removes it'
+
+reproduce: $(STAMP)
+	$(BIN)/physid reproduce --profile $(PROFILE)
+
+test: $(STAMP)
+	$(BIN)/pytest -m 'not slow'
+
+test-all: $(STAMP)
+	$(BIN)/pytest
+
+lint: $(STAMP)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(STAMP)
+	$(BIN)/mypy
+
+format: $(STAMP)
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+docs: $(STAMP)
+	$(BIN)/pdoc physid --docformat google --output-directory site
+
+install: $(STAMP)
+
+# torch comes first and alone: if pip's own sources lack the CPU build, only this one package is looked up in PyTorch's
+# index, and every other package keeps coming from where pip is configured to look.
+$(STAMP): pyproject.toml constraints-cpu.txt
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "physid needs Python 3.11 or newer: make PYTHON=...")'
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+ifeq ($(strip $(TORCH)),)
+	cp constraints-cpu.txt $(VENV)/constraints.txt
+	$(BIN)/pip install --quiet --no-deps -c $(VENV)/constraints.txt torch 2>$(VENV)/torch.log || \
+	    { echo 'pip finds no CPU build of torch: adding $(CPU_WHEELS)'; \
+	      $(BIN)/pip install --no-deps -c $(VENV)/constraints.txt --extra-index-url $(CPU_WHEELS) torch; }
+else
+	grep -v '^torch==' constraints-cpu.txt > $(VENV)/constraints.txt
+	$(BIN)/pip install $(TORCH)
+endif
+	$(BIN)/pip install --quiet -c $(VENV)/constraints.txt -e '.[dev]'
+	touch $@
+
+clean:
+	rm -rf $(VENV)

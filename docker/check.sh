@@ -1,0 +1,120 @@
+#!/usr/bin/env bash
+# Build the image and run it for real, cut off from the network, on a read-only root; its figures must be those of this
+# machine. Starts an engine of its own where none runs; needs root and Debian's packages docker.io and debootstrap, which
+# it installs where it can. Skips with one line where that is not possible. Leaves nothing behind.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+MOST_MEGABYTES=1600
+CELL=${CELL:-sysid/push_friction}
+IMAGE=physid:check
+BASE=physid-base:check
+work=$(mktemp -d /tmp/physid-docker.XXXXXX)
+chmod 755 "$work"
+engine=""
+
+skip() {
+    echo "docker check skipped: $1"
+    exit 0
+}
+
+clean_up() {
+    local status=$?
+    if [ -n "$engine" ]; then
+        kill "$engine" 2>/dev/null && wait "$engine" 2>/dev/null
+        # The engine leaves mounts behind, which would keep the folder from being deleted.
+        awk -v below="$work/" 'index($2, below) == 1 { print $2 }' /proc/mounts | sort -r | xargs -r umount
+    elif [ -n "${client:-}" ]; then
+        "${client[@]}" image rm --force "$IMAGE" >/dev/null 2>&1
+    fi
+    rm -rf "$work"
+    exit $status
+}
+trap clean_up EXIT
+
+find_engine() {
+    for client in docker /usr/bin/docker; do
+        if "$client" info >/dev/null 2>&1 && builds "$client"; then return; fi
+    done
+    [ "$(id -u)" = 0 ] || skip "no engine runs, and only root can start one"
+    if ! command -v dockerd >/dev/null || ! command -v debootstrap >/dev/null; then
+        command -v apt-get >/dev/null || skip "no engine runs, and there is no apt-get to install one"
+        { apt-get update && apt-get install -y --no-install-recommends docker.io debootstrap; } >"$work/apt.log" 2>&1 ||
+            skip "docker.io and debootstrap cannot be installed: $(tail -n 1 "$work/apt.log")"
+    fi
+    # No bridge and no firewall rules: neither building nor running needs a network.
+    dockerd --data-root "$work/data" --exec-root "$work/exec" --pidfile "$work/pid" --host "unix://$work/socket" \
+        --iptables=false --ip6tables=false --bridge=none >"$work/dockerd.log" 2>&1 &
+    engine=$!
+    export DOCKER_HOST=unix://$work/socket
+    for _ in $(seq 60); do
+        kill -0 "$engine" 2>/dev/null || { engine=""; skip "dockerd ends at once: $(tail -n 1 "$work/dockerd.log")"; }
+        if /usr/bin/docker info >/dev/null 2>&1; then
+            client=/usr/bin/docker
+            builds "$client" || client=docker
+            builds "$client" || skip "no client that can use BuildKit"
+            return
+        fi
+        sleep 0.5
+    done
+    skip "dockerd does not answer: $(tail -n 1 "$work/dockerd.log")"
+}
+
+# A client from 23 on needs the plug-in buildx for BuildKit; without it, it silently falls back to the classic builder.
+builds() {
+    local major
+    major=$("$1" version --format '{{.Client.Version}}' 2>/dev/null | cut -d. -f1)
+    [ "${major:-0}" -ge 18 ] && { [ "$major" -lt 23 ] || "$1" buildx version >/dev/null 2>&1; }
+}
+
+find_base() {
+    local wanted
+    wanted=$(sed -n 's/^ARG BASE_IMAGE=//p' docker/cpu.Dockerfile)
+    if [ -z "$engine" ] && "$client" pull --quiet "$wanted" >/dev/null 2>&1; then
+        BASE=$wanted
+        return
+    fi
+    debootstrap --variant=minbase --include=ca-certificates,python3,python3-venv bookworm "$work/base" \
+        >"$work/debootstrap.log" 2>&1 || skip "no base image: $(tail -n 1 "$work/debootstrap.log")"
+    tar -C "$work/base" -c --exclude=./var/cache/apt --exclude=./var/lib/apt/lists --exclude='./usr/share/doc/*' \
+        --exclude='./usr/share/man/*' --exclude='./usr/share/locale/*' . | "$client" import - "$BASE" >/dev/null
+    rm -rf "$work/base"
+}
+
+compare() {
+    .venv/bin/python - "$work/host" "$work/container" <<'PY'
+import json, sys
+from pathlib import Path
+
+host, container = map(Path, sys.argv[1:])
+different = []
+for path in sorted(host.rglob("metrics.json")):
+    mine, theirs = (json.loads((root / path.relative_to(host)).read_text()) for root in (host, container))
+    names = (mine.keys() | theirs.keys()) - {"seconds"}
+    different += [f"{path.parent.name} {name}: {mine.get(name)} here, {theirs.get(name)} there"
+                  for name in sorted(names) if mine.get(name) != theirs.get(name)]
+    print(f"{path.parent.name}: {len(names)} figures compared, {len(different)} differ")
+sums = [sorted(root.rglob("SHA256SUMS"))[0].read_text() for root in (host, container)]
+print("recordings:", "the same bytes" if sums[0] == sums[1] else "DIFFER")
+print(*different, sep="\n", end="")
+sys.exit(bool(different) or sums[0] != sums[1])
+PY
+}
+
+docker/wheels.sh >"$work/wheels.log" 2>&1 || skip "no wheel house: $(tail -n 1 "$work/wheels.log")"
+if [ -x .venv/bin/hadolint ]; then .venv/bin/hadolint docker/*.Dockerfile && echo "hadolint: clean"; fi
+find_engine
+find_base
+started=$SECONDS
+DOCKER_BUILDKIT=1 "$client" build --quiet --network none -f docker/cpu.Dockerfile -t "$IMAGE" \
+    --build-arg BASE_IMAGE="$BASE" --build-arg COMMIT="$(git rev-parse HEAD 2>/dev/null || echo unknown)" . >/dev/null
+megabytes=$(($("$client" image inspect --format '{{.Size}}' "$IMAGE") / 1000000))
+echo "image: $megabytes MB (at most $MOST_MEGABYTES), built without network in $((SECONDS - started)) s"
+[ "$megabytes" -le "$MOST_MEGABYTES" ]
+
+mkdir -m 777 "$work/container" "$work/host"
+started=$SECONDS
+"$client" run --rm --network none --read-only --tmpfs /tmp:exec --volume "$work/container:/app/runs" "$IMAGE" \
+    reproduce --profile quick --cell "$CELL" --workers 1 --out runs/reproduce
+echo "container: ran as user $(stat -c %u "$work/container/reproduce") in $((SECONDS - started)) s"
+OMP_NUM_THREADS=1 WANDB_MODE=offline .venv/bin/physid reproduce --profile quick --cell "$CELL" --workers 1 --out "$work/host/reproduce" >/dev/null
+compare

@@ -1,0 +1,245 @@
+"""The command line: find the command, read its arguments, run it, and say in one or two lines what went wrong."""
+
+from __future__ import annotations
+
+import difflib
+import inspect
+import os
+import re
+import sys
+from argparse import ArgumentError, HelpFormatter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from physid.commands import COMMANDS, Command
+from physid.scenes.strict import nearest
+
+if TYPE_CHECKING:
+    from jsonargparse import ArgumentParser
+
+OK, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130
+TRACEBACK = "PHYSID_TRACEBACK"
+PRINT = "--print-config"
+
+OVERVIEW = """\
+usage: physid COMMAND [options] [key=value ...]
+
+Identify physical parameters (mass, friction, restitution) from video and known forces, and find out
+where, why and by how much reality leaves the model.
+
+{commands}
+A first run, from nothing to an identified friction:
+  physid generate --config configs/generate/push.yaml trajectories=20 video=false
+  physid fit --config configs/sysid/push_friction.yaml
+
+Every value of a configuration file can be overridden: `trainer.max_epochs=3` or `--trainer.max_epochs 3`.
+`physid COMMAND --help` explains one command. PHYSID_TRACEBACK=1 shows where in the code an error arose.
+"""
+
+CONFIGURED = """\
+  --config FILE         A configuration; of several, later ones win over earlier ones.
+  key=value             Overrides one value, in YAML: trainer.max_epochs=3, data.segment=null.
+  --print-config        Print the resolved configuration and do nothing.
+"""
+
+
+class UsageError(ValueError):
+    """The command line itself is wrong."""
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """The words after a command, sorted.
+
+    Attributes:
+        files: What stands behind each `--config`.
+        overrides: `key=value` for the configuration.
+        own: Words for the command's own parser.
+    """
+
+    files: tuple[str, ...]
+    overrides: tuple[str, ...]
+    own: tuple[str, ...]
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Run one command and return its exit code: 0 done, 1 failed, 2 wrong input, 130 interrupted."""
+    words = list(sys.argv[1:] if words is None else words)
+    try:
+        return _run(words)
+    except KeyboardInterrupt as interrupt:
+        print(f"\ninterrupted{f': {interrupt}' if str(interrupt) else ''}", file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:
+        # The reader (`| head`) has seen enough; a closed stdout must not fail once more at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return OK
+    except (ValueError, OSError, ArgumentError) as error:
+        return _explain(error, USAGE)
+    except RuntimeError as error:
+        if not type(error).__module__.startswith("physid."):
+            raise
+        return _explain(error, FAILED)
+
+
+def overview() -> str:
+    """Return the help of `physid` itself."""
+    lines = [f"  {command.name:<11}{command.summary}\n" for command in COMMANDS]
+    return OVERVIEW.format(commands="".join(lines))
+
+
+def sort_words(words: Sequence[str], options: Mapping[str, bool]) -> Arguments:
+    """Sort the words after a command into files, overrides and the command's own arguments.
+
+    Args:
+        words: What follows the command.
+        options: Names of the command's own options, and whether each takes a value.
+
+    Returns:
+        The sorted words; options are spelt as the parser knows them, `--run_dir=X`.
+
+    Raises:
+        UsageError: If an option lacks its value.
+    """
+    files: list[str] = []
+    overrides: list[str] = []
+    own: list[str] = []
+    rest = list(words)
+    while rest:
+        word = rest.pop(0)
+        option, equals, value = word.partition("=")
+        name = option.lstrip("-").replace("-", "_")
+        if not word.startswith("-"):
+            (overrides if equals and re.fullmatch(r"[\w.-]+", option) else own).append(word)
+            continue
+        if options.get(name, True) and not equals:
+            if not rest or rest[0].startswith("--"):
+                raise UsageError(f"{option}: no such option, or its value is missing{nearest(option, _spelt(options))}")
+            value = rest.pop(0)
+        if name == "config":
+            files.append(value)
+        elif name in options:
+            own.append(f"--{name}={value or 'true'}")
+        elif close := difflib.get_close_matches(name, options, n=1, cutoff=0.8):
+            raise UsageError(f"no option {option}{nearest(option, _spelt(close))}")
+        else:
+            overrides.append(f"{option.lstrip('-')}={value}")
+    return Arguments(tuple(files), tuple(overrides), tuple(own))
+
+
+def shorten(message: str) -> str:
+    """Return one line of what the parser says in many: the key, what was expected, and what came.
+
+    Where building an optional object failed, its own message stands among those of the alternatives.
+    """
+    own = re.search(r"^Errors:\n +- (?!Problem|Expected)(.*?)\n +- Expected", message, re.MULTILINE | re.DOTALL)
+    if own:
+        return inspect.cleandoc(own[1])
+    key = ".".join(re.findall(r'Parser key "([^"]+)"', message))
+    if not key:
+        return " ".join(message.split())
+    building = re.search(r"Problem with given class_path '(\S+)':\n(.*?)\n +- Expected", message, re.DOTALL)
+    if building and not re.search("Parser key|Expected", building[2]):
+        return f"{key}: {building[1]}: {inspect.cleandoc(building[2])}"
+    deepest = max(re.findall(r"^([ -]*)Expected", message, re.MULTILINE) or [""], key=len)
+    wanted = re.findall(rf"^{deepest}Expected an? (.*?)(?:\. Got value: .*)?$", message, re.MULTILINE)
+    kinds = [re.sub(r"^<class '(?:\w+\.)*(\w+)'>$", r"\1", kind).replace("NoneType", "null") for kind in wanted]
+    kinds = [re.sub(r"^typing\.Literal\[(.*)\]$", r"one of \1", kind) for kind in kinds]
+    came = re.search(r"(?:Got|Given) value: (.*)$", message, re.MULTILINE)
+    given = f", got {came[1]}" if came else ""
+    return f"{key}: expected {' or '.join(kinds)}{given}" if kinds else f"{key}: {' '.join(message.split()[3:])}"
+
+
+def _run(words: list[str]) -> int:
+    """Run the command that the words ask for."""
+    if not words or words[0] in ("--help", "-h", "help"):
+        print(overview(), end="")
+        return OK
+    if words[0] == "--version":
+        from physid import __version__
+
+        print(f"physid {__version__}")
+        return OK
+    known = {command.name: command for command in COMMANDS}
+    if words[0] not in known:
+        raise UsageError(f'unknown command "{words[0]}"{nearest(words[0], known)}')
+    return _run_command(known[words[0]], words[1:])
+
+
+def _run_command(command: Command, words: list[str]) -> int:
+    """Read a command's arguments and run it."""
+    from physid.configuration import compose
+    from physid.runs import recorded_config
+
+    parser = _build_parser(command)
+    if "--help" in words or "-h" in words:
+        print(_format_help(parser, command), end="")
+        return OK
+    shown = command.configurable and PRINT in words
+    arguments = sort_words([word for word in words if not (shown and word == PRINT)], command.options)
+    values = _parse(parser, arguments.own, command)
+    if command.configurable:
+        files = arguments.files or recorded_config(values.get("run_dir"))
+        if not files:
+            raise UsageError(f"{command.name} needs a configuration: --config FILE (see configs/)")
+        values["configuration"] = compose(files, arguments.overrides)
+        if shown:
+            print(values["configuration"].to_yaml(), end="")
+            return OK
+    elif arguments.files or arguments.overrides:
+        word = "--config" if arguments.files else arguments.overrides[0].partition("=")[0]
+        raise UsageError(f'{command.name} has no option "{word}"{nearest(word, _spelt(command.options))}')
+    command.function(**values)
+    return OK
+
+
+def _build_parser(command: Command) -> ArgumentParser:
+    """Build the parser of a command from the signature and docstring of its function."""
+    from jsonargparse import ArgumentParser
+
+    # The docstrings say defaults and units in words; the plain formatter leaves jsonargparse's types out.
+    parser = ArgumentParser(
+        prog=f"physid {command.name}", formatter_class=HelpFormatter, exit_on_error=False, allow_abbrev=False
+    )
+    skip: set[str | int] = {"configuration"} if command.configurable else set()
+    parser.add_function_arguments(command.function, as_group=False, as_positional=True, skip=skip)
+    return parser
+
+
+def _parse(parser: ArgumentParser, words: Sequence[str], command: Command) -> dict[str, Any]:
+    """Parse a command's own words into the arguments of its function."""
+    try:
+        return dict(parser.parse_args(list(words)).as_dict())
+    except ArgumentError as error:
+        raise UsageError(f"{command.name}: {shorten(str(error))}") from None
+
+
+def _format_help(parser: ArgumentParser, command: Command) -> str:
+    """Return the help of one command: what it does, examples, its options, how its configuration is given."""
+    _, _, options = parser.format_help().partition("\n\n")
+    options = re.sub(r"(--\w+) \{true,false\}(?:\n {24}| +)", lambda flag: f"{flag[1]:<22}", options)
+    options = re.sub(r"--\w+", lambda option: option[0].replace("_", "-"), options)
+    positional = "".join(f" {each.upper()}" for each in command.positionals)
+    configured = CONFIGURED if command.configurable else ""
+    usage = " --config FILE [key=value ...]" if command.configurable else ""
+    return f"usage: physid {command.name}{positional}{usage} [options]\n\n{command.guide}\n\n{options}{configured}"
+
+
+def _spelt(options: Iterable[str]) -> list[str]:
+    """Return the options as a user writes them."""
+    return [f"--{name.replace('_', '-')}" for name in options]
+
+
+def _explain(error: Exception, code: int) -> int:
+    """Print an error without its traceback and return the exit code."""
+    if os.environ.get(TRACEBACK):
+        raise error
+    message = str(error) or type(error).__name__
+    many = isinstance(error, ArgumentError) or "Does not validate against" in message
+    print(f"physid: {shorten(message) if many else message}", file=sys.stderr)
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

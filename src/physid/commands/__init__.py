@@ -1,0 +1,20 @@
+"""The commands of `physid`: one typed function each, whose docstring is its help. Heavy imports stay inside."""
+
+from physid.commands.command import Command
+from physid.commands.fits import fit, test, validate
+from physid.commands.overviews import dashboard, reproduce
+from physid.commands.recordings import effects, generate, import_, observe
+
+__all__ = ["COMMANDS", "Command"]
+
+COMMANDS: tuple[Command, ...] = (
+    Command(generate),
+    Command(import_),
+    Command(fit),
+    Command(validate),
+    Command(test),
+    Command(observe),
+    Command(effects),
+    Command(reproduce),
+    Command(dashboard),
+)

@@ -1,0 +1,81 @@
+"""The commands that run many experiments, and that show many runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+
+def dashboard(folder: Path, *, out: Path | None = None, light: bool = False, wandb: str | None = None) -> None:
+    """Write one page about every run in a folder.
+
+    Fits, benchmarks and diagnoses in a table that sorts and filters; for each its parameters beside the truth, curves,
+    films and report; chosen runs side by side. The page needs no network and can be sent as one file.
+
+    Examples:
+      physid dashboard runs
+
+    Args:
+        folder: The folder with the runs.
+        out: The HTML file to write; FOLDER/dashboard.html by default.
+        light: Leave out films, images and reports.
+        wandb: ENTITY/PROJECT of Weights & Biases, to publish a workspace with the same panels there.
+    """
+    from physid.dashboard.page import write_dashboard
+
+    target = out or folder / "dashboard.html"
+    runs = write_dashboard(folder, target, light=light)
+    print(f"{target}: {len(runs)} run{'s' * (len(runs) != 1)}, {target.stat().st_size / 1e6:.2f} MB")
+    if wandb:
+        from physid.dashboard.workspace import publish
+
+        print(publish(runs, wandb))
+
+
+def reproduce(
+    *,
+    profile: str = "quick",
+    cell: str | None = None,
+    out: Path | None = None,
+    configs: Path = Path("configs"),
+    workers: int = -1,
+    at_once: int = 1,
+    backend: Literal["loky", "dask"] = "loky",
+    scheduler: str | None = None,
+    again: bool = False,
+) -> None:
+    """Run the experiments of the paper and print what they measure beside its figures.
+
+    Every cell is a configuration in configs/ with recordings of its own. A second call goes on where the first stopped.
+    The table lands in OUT/results.json and OUT/results.md, each run in OUT/CELL.
+
+    Examples:
+      physid reproduce --profile quick
+      physid reproduce --cell sysid/push_mass,sysid/push_friction
+
+    Args:
+        profile: quick: minutes on two cores.
+        cell: Only these cells, separated by commas.
+        out: Folder of the results; runs/reproduce by default.
+        configs: The folder with the configurations.
+        workers: Processes that generate recordings; -1 for one on each core.
+        at_once: Cells that run at the same time; -1 for one on each core.
+        backend: loky for processes of this machine, dask for a cluster (docs/scaling.md).
+        scheduler: Address of Dask's scheduler, tcp://HOST:8786.
+        again: Run cells again that have been run.
+    """
+    from physid.configuration import ConfigurationError
+    from physid.reproduce.run import choose, report
+    from physid.reproduce.run import reproduce as run
+    from physid.workers import running_on
+
+    target = out or Path("runs/reproduce")
+    if not (configs / "generate").is_dir():
+        raise ConfigurationError(
+            f"{configs} holds no generate/: run in the repository, or name its configs with --configs"
+        )
+    cells = choose(profile, cell.split(",") if cell else ())
+    with running_on(backend, scheduler) as whole_path:
+        place = {"out": whole_path(target), "configs": whole_path(configs)}
+        results = run(cells, **place, workers=workers, at_once=at_once, again=again)
+    print(report(results, target))

@@ -1,0 +1,114 @@
+"""The commands that make recordings, and that say what recordings can tell."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    from physid.configuration import Configuration
+
+
+def generate(
+    configuration: Configuration,
+    *,
+    out: Path | None = None,
+    workers: int = -1,
+    backend: Literal["loky", "dask"] = "loky",
+    scheduler: str | None = None,
+    quiet: bool = False,
+) -> None:
+    """Make recordings of a scene with PyBullet.
+
+    The configuration says which scene, how it is excited, how many trajectories, with video or not. The recordings land
+    in data/NAME, where NAME is that of the configuration file. An interrupted run goes on where it stopped, and the
+    result does not depend on the number of workers.
+
+    Examples:
+      physid generate --config configs/generate/push.yaml
+      physid generate --config configs/generate/push.yaml --out data/small trajectories=20 steps=60 video=false
+
+    Args:
+        configuration: What to make.
+        out: Folder of the recording set; data/NAME by default.
+        workers: Processes; -1 for one on each core.
+        backend: loky for processes of this machine, dask for a cluster (docs/scaling.md).
+        scheduler: Address of Dask's scheduler, tcp://HOST:8786.
+        quiet: Hide the progress bar.
+    """
+    from physid.data.generate import generate as run
+    from physid.data.generation import GenerateConfig
+    from physid.workers import running_on
+
+    config = GenerateConfig.from_mapping(configuration.values)
+    with running_on(backend, scheduler) as whole_path:
+        done = run(config, whole_path(out or Path("data") / configuration.name), workers, quiet=quiet)
+    print(f"{done.folder}: {done.written} trajectories written, {done.kept} kept, {done.redrawn} draws left the view")
+
+
+def import_(kind: Literal["cube-tosses"], folder: Path, *, out: Path | None = None) -> None:
+    """Convert real recordings to a recording set.
+
+    cube-tosses: the real tosses of a cube that were published with ContactNets (files N.pt, 148 Hz). Recordings of your
+    own are easily written by hand: docs/your_own_recordings.md describes the format.
+
+    Examples:
+      physid import cube-tosses FOLDER --out data/cube
+
+    Args:
+        kind: What lies in the folder.
+        folder: The folder with the original files.
+        out: Folder of the recording set; data/KIND by default.
+    """
+    from physid.data.importers import import_cube_tosses
+
+    target = out or Path("data") / kind
+    print(f"{target}: {import_cube_tosses(folder, target)} trajectories")
+
+
+def observe(configuration: Configuration, *, out: Path | None = None) -> None:
+    """Tell which parameters can be identified, before anything is recorded.
+
+    From the sensitivity of a scene's trajectories to mass, friction and restitution: is each identified, only in a
+    combination with others (which), or not at all; and which standard deviation is to be expected with a given sensor
+    noise. The figures land in runs/observe/NAME as observability.json and observability.png.
+
+    Examples:
+      physid observe --config configs/observe/push.yaml
+      physid observe --config configs/observe/push.yaml protocol=rich trajectories=100 noise.position=0.002
+      physid observe --config configs/observe/push.yaml constant_force=5.5
+
+    Args:
+        configuration: Scene, excitation, parameters and noise.
+        out: Folder of the result; runs/observe/NAME by default.
+    """
+    from physid.training.observe import ObserveConfig
+    from physid.training.observe import observe as run
+
+    found = run(ObserveConfig.from_mapping(configuration.values))
+    folder = out or Path("runs/observe") / configuration.name
+    found.write(folder)
+    print(f"{found.table()}\n{folder}")
+
+
+def effects(*, site: Literal["actuation", "dynamics", "contact", "perception"] | None = None) -> None:
+    """List the effects that a model may lack: formula, parameters, units, ranges.
+
+    They can be switched on in `physid generate` (effects.viscous_drag.coefficient=0.3), added to a model, and are the
+    candidates of `physid diagnose`. At its null value an effect does nothing.
+
+    Examples:
+      physid effects --site contact
+
+    Args:
+        site: Only the effects of one site.
+    """
+    from physid.effects import CATALOGUE
+    from physid.effects.table import rows_of
+
+    for kind in CATALOGUE:
+        if site in (None, kind.site):
+            rows = rows_of(kind)
+            print(f"{kind.name} ({kind.site})\n  {rows[0].formula}")
+            for row in rows:
+                print(f"    {row.parameter} [{row.unit}]  {row.range}, typically {row.typical}; null {row.null}")

@@ -1,0 +1,197 @@
+"""Compose a configuration: files on files, overrides, interpolations; resolved once, with nothing left over."""
+
+from __future__ import annotations
+
+import copy
+import difflib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from physid.scenes.strict import nearest
+
+COMMAND_LINE = "command line"
+CLASS_KEYS = ("class_path", "init_args", "dict_kwargs")
+
+
+class ConfigurationError(ValueError):
+    """A mistake in a configuration, said in one or two lines: the key or file, what was expected, the nearest match."""
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """A resolved configuration.
+
+    Attributes:
+        name: Name of the run or recording set: the key `name`, else the stem of the last file.
+        values: Plain dicts, lists and scalars, without any interpolation left; `base` and `name` are taken out.
+        layers: What was laid over each other, the lowest first: where it comes from, and its own values.
+    """
+
+    name: str
+    values: dict[str, Any]
+    layers: tuple[tuple[str, dict[str, Any]], ...] = ()
+
+    def source_of(self, key: str) -> str:
+        """Return where a dotted key was set last: a file, or the command line."""
+        path = [part for part in key.split(".") if part not in CLASS_KEYS]
+        sources = [source for source, values in self.layers if _has(values, path)]
+        return sources[-1] if sources else "configuration"
+
+    def to_yaml(self) -> str:
+        """Return the configuration as a YAML file that composes to the same configuration."""
+        from omegaconf import OmegaConf
+
+        # OmegaConf reads '1e-3' without quotes as a number, so only its own writer knows which strings need quotes.
+        return OmegaConf.to_yaml(OmegaConf.create({"name": self.name, **self.values}))
+
+
+def compose(files: Sequence[Path | str], overrides: Sequence[str] = ()) -> Configuration:
+    """Lay files and overrides over each other and resolve the interpolations.
+
+    A file may name a lower one with `base: other.yaml` (relative to itself, or a list of them). Later files win over
+    earlier ones and overrides win over all. Beside a `class_path`, keys may be written without `init_args`; where a
+    later layer changes the class, the arguments of the earlier class are dropped.
+
+    Args:
+        files: Configuration files, the most general first.
+        overrides: `key.sub=value` each, the value in YAML.
+
+    Returns:
+        The resolved configuration.
+
+    Raises:
+        ConfigurationError: If a file is missing or no YAML mapping, an override has no `=`, or an interpolation fails.
+    """
+    layers = [layer for file in files for layer in _read(Path(file), ())]
+    layers += [(COMMAND_LINE, _parse_override(override)) for override in overrides]
+    merged: Any = {}
+    for source, values in layers:
+        merged = _merge(merged, values, source)
+    merged.setdefault("name", Path(files[-1]).stem if files else "run")
+    values = _resolve(merged)
+    name = str(values.pop("name"))
+    return Configuration(name, values, tuple(layers))
+
+
+def flatten(values: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield every scalar of nested dicts and lists with its dotted key."""
+    items = values.items() if isinstance(values, dict) else enumerate(values) if isinstance(values, list) else None
+    if items is None:
+        yield prefix, values
+        return
+    for key, value in items:
+        yield from flatten(value, f"{prefix}.{key}" if prefix else str(key))
+
+
+def _read(file: Path, above: tuple[Path, ...]) -> list[tuple[str, dict[str, Any]]]:
+    """Read a file and what it builds on, the lowest first."""
+    from omegaconf import OmegaConf
+
+    if file.resolve() in above:
+        raise ConfigurationError(f"{file}: builds on itself ({' -> '.join(one.name for one in above)} -> {file.name})")
+    if not file.is_file():
+        raise ConfigurationError(f"config file {file} does not exist{_nearest_file(file)}")
+    try:
+        values = OmegaConf.to_container(OmegaConf.load(file), resolve=False)
+    except yaml.MarkedYAMLError as error:
+        line = f":{error.problem_mark.line + 1}" if error.problem_mark else ""
+        raise ConfigurationError(f"{file}{line}: no valid YAML: {error.problem}") from None
+    except (OSError, yaml.YAMLError) as error:
+        raise ConfigurationError(f"{file}: cannot be read as YAML: {str(error).splitlines()[0]}") from None
+    if not isinstance(values, dict):
+        raise ConfigurationError(f"{file}: expected a mapping of keys to values, got {type(values).__name__}")
+    named = {str(key): value for key, value in values.items()}
+    bases = named.pop("base", None) or []
+    below = [bases] if isinstance(bases, str) else bases
+    return [each for base in below for each in _read(file.parent / base, (*above, file.resolve()))] + [
+        (str(file), named)
+    ]
+
+
+def _nearest_file(file: Path) -> str:
+    """Return a hint at the configuration file whose path comes nearest: beside it, or anywhere in configs."""
+    found = {str(path) for path in [*file.parent.glob("*.yaml"), *Path("configs").rglob("*.yaml")]}
+    close = difflib.get_close_matches(str(file), sorted(found), n=1, cutoff=0.6)
+    return f'; did you mean "{close[0]}"?' if close else ""
+
+
+def _parse_override(override: str) -> dict[str, Any]:
+    """Return the nested mapping that `a.b=value` stands for."""
+    from omegaconf import OmegaConf
+
+    key, equals, _ = override.partition("=")
+    if not equals or not all(key.split(".")):
+        raise ConfigurationError(f'expected an override of the form key.sub=value, got "{override}"')
+    try:
+        parsed = OmegaConf.to_container(OmegaConf.from_dotlist([override]), resolve=False)
+    except yaml.YAMLError:
+        raise ConfigurationError(f'{COMMAND_LINE}: the value of "{override}" is no valid YAML') from None
+    return {str(key): value for key, value in parsed.items()} if isinstance(parsed, dict) else {}
+
+
+def _merge(earlier: Any, later: Any, source: str, key: str = "") -> Any:
+    """Return `earlier` overlaid by `later`: mappings merge, list items can be named by index, all else is replaced."""
+    if isinstance(earlier, list) and isinstance(later, dict) and later and all(str(each).isdigit() for each in later):
+        merged_list = list(earlier)
+        for index, value in later.items():
+            if int(index) >= len(earlier):
+                raise ConfigurationError(f"{source}: {key}.{index}: the list has {len(earlier)} entries")
+            merged_list[int(index)] = _merge(earlier[int(index)], value, source, f"{key}.{index}")
+        return merged_list
+    if not isinstance(later, dict):
+        return [_merge(None, each, source, key) for each in later] if isinstance(later, list) else later
+    earlier = earlier if isinstance(earlier, dict) else {}
+    if "class_path" in earlier or "class_path" in later:
+        earlier, later = _align(earlier, later)
+    merged = copy.copy(earlier)
+    for name, value in later.items():
+        merged[name] = _merge(earlier.get(name), value, source, f"{key}.{name}" if key else str(name))
+    return merged
+
+
+def _align(earlier: dict[str, Any], later: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return both layers of one class with its arguments under `init_args`, forgetting those of another class."""
+    arguments = {name: value for name, value in later.items() if name not in CLASS_KEYS}
+    rest = {name: value for name, value in later.items() if name in CLASS_KEYS}
+    if arguments:
+        rest["init_args"] = {**(rest.get("init_args") or {}), **arguments}
+    if rest.get("class_path", earlier.get("class_path")) != earlier.get("class_path"):
+        earlier = {}
+    return earlier, rest
+
+
+def _resolve(merged: dict[str, Any]) -> dict[str, Any]:
+    """Resolve every interpolation, once, and refuse what is left."""
+    from omegaconf import OmegaConf
+    from omegaconf.errors import InterpolationKeyError, MissingMandatoryValue, OmegaConfBaseException
+
+    try:
+        values = OmegaConf.to_container(OmegaConf.create(merged), resolve=True, throw_on_missing=True)
+    except MissingMandatoryValue as error:
+        raise ConfigurationError(f'key "{error.full_key}" must be given: {error.full_key}=VALUE') from None
+    except InterpolationKeyError as error:
+        wanted = str(error).split("'")[1]
+        known = [key for key, _ in flatten(merged)]
+        raise ConfigurationError(f'{error.full_key}: "${{{wanted}}}" names no key{nearest(wanted, known)}') from None
+    except OmegaConfBaseException as error:
+        raise ConfigurationError(f"{error.full_key or 'configuration'}: {str(error).splitlines()[0]}") from None
+    for key, value in flatten(values):
+        if isinstance(value, str) and "${" in value:
+            raise ConfigurationError(f"{key}: interpolation left unresolved in {value!r}")
+    return {str(key): value for key, value in values.items()} if isinstance(values, dict) else {}
+
+
+def _has(values: Any, path: Sequence[str]) -> bool:
+    """Tell whether nested values hold a path; `init_args` may be left out of the path."""
+    if not path:
+        return True
+    if isinstance(values, list):
+        return path[0].isdigit() and int(path[0]) < len(values) and _has(values[int(path[0])], path[1:])
+    if not isinstance(values, dict):
+        return False
+    inner = values.get("init_args")
+    return (path[0] in values and _has(values[path[0]], path[1:])) or (inner is not None and _has(inner, path))

@@ -1,0 +1,92 @@
+/* Chosen runs side by side: parameters, curves, figures, films, and where their configurations differ. */
+const color = (index) => `--s${index % 8}`;
+
+function comparePage(runs) {
+  const legend = runs.map((run, index) => h("span", {}, h("i", { style: `border-color: var(${color(index)})` }), h("a", { href: linkTo(run) }, run.id)));
+  return h("div", {},
+    h("div", { class: "head" },
+      h("div", { class: "titles" }, h("a", { href: "#/" }, "← all runs"), h("h1", {}, `Comparison of ${plural(runs.length, "run")}`),
+        h("div", { class: "legend" }, legend)),
+      themeButton()),
+    comparedParameters(runs),
+    comparedFigures(runs),
+    comparedCurves(runs),
+    comparedFilms(runs),
+    comparedSettings(runs));
+}
+
+const namesOf = (runs, take) => [...new Set(runs.flatMap(take))].sort();
+
+function comparedParameters(runs) {
+  const names = namesOf(runs, (run) => run.parameters.map((each) => each.name));
+  if (!names.length) return null;
+  return section("Parameters", grid(names.map((name) => {
+    const mine = runs.map((run, index) => ({ run, index, each: run.parameters.find((one) => one.name === name) })).filter((one) => one.each);
+    const truths = [...new Set(mine.map((one) => one.each.true).filter(isNumber))];
+    return card(chart({
+      title: name, axis: mine[0].each.axis, truths, logarithmic: false,
+      series: mine.map(({ run, index, each }) => ({ label: run.id, color: color(index), x: each.x, y: each.y })),
+    }));
+  })));
+}
+
+function comparedFigures(runs) {
+  const rows = [
+    ...namesOf(runs, (run) => run.parameters.map((each) => each.name)).map((name) => ({
+      name: `${name}, relative error`, values: runs.map((run) => run.parameters.find((each) => each.name === name)?.error ?? null), show: percent, sign: -1,
+    })),
+    ...namesOf(runs, (run) => Object.keys(run.figures)).map((name) => ({
+      name, values: runs.map((run) => run.figures[name] ?? null), show: (value) => named(name, value), sign: direction(name),
+    })),
+  ];
+  if (!rows.length) return null;
+  const best = (row) => {
+    const there = row.values.filter(isNumber);
+    if (!row.sign || there.length < 2 || new Set(there).size < 2) return null;
+    return row.sign < 0 ? Math.min(...there) : Math.max(...there);
+  };
+  const columns = [
+    { title: "Figure", cell: (row) => breakable(row.name) },
+    ...runs.map((run, index) => ({
+      title: [h("i", { class: "swatch", style: `background: var(${color(index)})` }), run.id], right: true,
+      cell: (row) => h("span", { class: isNumber(row.values[index]) && row.values[index] === best(row) ? "best" : "" }, row.show(row.values[index])),
+    })),
+  ];
+  return section("Figures", table(columns, rows));
+}
+
+function comparedCurves(runs) {
+  return GROUPS.map(([group, title]) => {
+    const names = namesOf(runs, (run) => run.curves.filter((curve) => curve.group === group && curve.x.length > 1).map((curve) => curve.name));
+    if (!names.length) return null;
+    return section(title, grid(names.map((name) => {
+      const mine = runs.map((run, index) => ({ run, index, curve: run.curves.find((each) => each.name === name) })).filter((one) => one.curve);
+      return card(chart({
+        title: name, axis: mine[0].curve.axis, show: (value) => named(name, value),
+        series: mine.map(({ run, index, curve }) => ({ label: run.id, color: color(index), x: curve.x, y: curve.y })),
+      }));
+    })));
+  });
+}
+
+function comparedFilms(runs) {
+  const titles = namesOf(runs, (run) => run.media.map((each) => each.title));
+  const shared = titles.filter((title) => runs.filter((run) => run.media.some((each) => each.title === title)).length > 1);
+  if (!shared.length) return null;
+  return section("Films and images", shared.map((title) => [
+    h("p", { class: "soft", style: "margin: 12px 0 6px" }, title),
+    grid(runs.map((run, index) => ({ run, index, each: run.media.find((one) => one.title === title) })).filter((one) => one.each)
+      .map(({ run, index, each }) => h("div", { class: "card media" }, h("h3", {}, h("i", { class: "swatch", style: `background: var(${color(index)})` }), run.id), mediumOf(each)))),
+  ]));
+}
+
+function comparedSettings(runs) {
+  const text = (run, key) => (key in run.settings ? run.settings[key] : "–");
+  const keys = namesOf(runs, (run) => Object.keys(run.settings)).filter((key) => new Set(runs.map((run) => text(run, key))).size > 1);
+  if (!keys.length) return null;
+  const columns = [
+    { title: "Setting", cell: breakable },
+    ...runs.map((run, index) => ({ title: [h("i", { class: "swatch", style: `background: var(${color(index)})` }), run.id], cell: (key) => text(run, key) })),
+  ];
+  return section("Where the configurations differ", table(columns, keys));
+}

@@ -1,0 +1,105 @@
+"""Histories: the columns of a CSV file as curves, thinned to what a page can show."""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+MOST_POINTS = 600
+AXES = ("epoch", "step", "evaluations")
+SCHEDULE = re.compile(r"(^|[/_-])(lr|learning_rate|rate|blur|kernel|sigma|horizon|alpha|phase|temperature)([/_-]|$)")
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A figure over epochs or steps.
+
+    Attributes:
+        name: Name of the figure.
+        axis: epoch or step.
+        x: Where it was measured.
+        y: What was measured.
+    """
+
+    name: str
+    axis: str
+    x: tuple[float, ...]
+    y: tuple[float, ...]
+
+    @property
+    def group(self) -> str:
+        """What kind of figure it is: parameter, schedule, loss, error or other."""
+        if self.name.startswith("params/"):
+            return "parameter"
+        if SCHEDULE.search(self.name):
+            return "schedule"
+        if "loss" in self.name or self.name.startswith("train/"):
+            return "loss"
+        return "error" if self.name.startswith(("val/", "test/")) else "other"
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return the curve in plain types."""
+        return {"name": self.name, "group": self.group, "axis": self.axis, "x": self.x, "y": self.y}
+
+
+def read_curves(path: Path) -> list[Curve]:
+    """Read every column of a history whose rows may leave cells empty.
+
+    A column is drawn over the epochs if it has at most one value in each, else over the steps. A last line that a
+    running fit has written half is left out.
+
+    Args:
+        path: A CSV file with a column epoch and perhaps step.
+
+    Returns:
+        The curves, in the order of the columns.
+    """
+    with path.open(newline="", encoding="utf-8") as file:
+        rows = [row for row in csv.DictReader(file) if None not in row.values() and None not in row]
+    names = [name for name in (rows[0] if rows else {}) if name not in AXES]
+    return [curve for name in names if (curve := _curve(name, rows)).x]
+
+
+def _curve(name: str, rows: list[dict[str, str]]) -> Curve:
+    """Return one column as a curve; cells that are empty or no finite number are left out."""
+    mine = [row for row in rows if _number(row[name]) is not None]
+    epochs = [row.get("epoch") or "" for row in mine]
+    axis = "epoch" if all(epochs) and len(set(epochs)) == len(epochs) else "step"
+    points = [(x, float(row[name])) for row in mine if (x := _number(row.get(axis) or "")) is not None]
+    kept = thin(points)
+    return Curve(name, axis, tuple(x for x, _ in kept), tuple(y for _, y in kept))
+
+
+def thin(points: list[tuple[float, float]], most: int = MOST_POINTS) -> list[tuple[float, float]]:
+    """Return at most `most` points of a curve that look the same: first, last, and the extremes of equal parts.
+
+    Args:
+        points: The whole curve.
+        most: How many may be kept, at least 4.
+
+    Returns:
+        The points kept, in order.
+    """
+    if len(points) <= most:
+        return points
+    parts = (most - 2) // 2
+    inner = range(1, len(points) - 1)
+    kept = {0, len(points) - 1}
+    for part in range(parts):
+        part_of_it = inner[part * len(inner) // parts : (part + 1) * len(inner) // parts]
+        if part_of_it:
+            kept |= {min(part_of_it, key=lambda i: points[i][1]), max(part_of_it, key=lambda i: points[i][1])}
+    return [points[index] for index in sorted(kept)]
+
+
+def _number(text: str) -> float | None:
+    """Return the finite number that a cell holds, if any."""
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None

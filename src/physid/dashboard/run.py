@@ -1,0 +1,203 @@
+"""What a run folder holds, as one mapping that the page can show."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from physid.dashboard.curves import Curve, read_curves
+from physid.dashboard.folders import (
+    CELLS,
+    CONFIG,
+    DIAGNOSIS,
+    FIGURES,
+    HISTORY,
+    OBSERVABILITY,
+    PARAMETERS,
+    RECORD,
+    REPORT,
+)
+from physid.dashboard.media import MOST_BYTES, read_media
+
+
+def read_run(folder: Path, root: Path, *, light: bool = False) -> dict[str, Any]:
+    """Read everything that the page shows of a run.
+
+    A file that is damaged, or still being written, costs only what it would have shown; a note says so.
+
+    Args:
+        folder: Run folder.
+        root: The folder that the page is about; the run is named by its path below it.
+        light: Whether to leave out films, images and reports.
+
+    Returns:
+        Plain types, ready for JSON.
+    """
+    notes: list[str] = []
+    figures = _mapping(folder / FIGURES, notes)
+    diagnosis = _mapping(folder / DIAGNOSIS, notes)
+    observability = _mapping(folder / OBSERVABILITY, notes)
+    record = _mapping(folder / RECORD, notes)
+    cells = _read(folder / CELLS, notes)
+    text, config = _config(folder / CONFIG, notes)
+    config = config or observability.get("config") or {}
+    curves = _curves(folder / HISTORY, notes)
+    history = _curves(folder / PARAMETERS, notes)
+    media, too_large = ([], []) if light else read_media(folder)
+    kind = _kind(bool(diagnosis), bool(observability), isinstance(cells, list) and not curves)
+    figures = {name: value for name, value in figures.items() if isinstance(value, int | float)}
+    return {
+        "id": folder.relative_to(root).as_posix() if folder != root else folder.resolve().name,
+        "kind": kind,
+        "state": "finished" if figures or diagnosis or observability or cells else "unfinished",
+        "date": _date(folder),
+        "method": _last_word(config.get("model")),
+        "data": _data(config),
+        "parameters": parameters(figures, curves, history),
+        "figures": {name: value for name, value in figures.items() if not name.startswith("params/")},
+        "curves": [curve.to_mapping() for curve in curves if curve.group != "parameter"],
+        "media": media,
+        "diagnosis": diagnosis or None,
+        "observability": observability or None,
+        "report": None if light else _report(folder / REPORT, notes),
+        "cells": cells if isinstance(cells, list) else [],
+        "config": text,
+        "settings": flatten(config),
+        "record": record or None,
+        "notes": notes + too_large,
+    }
+
+
+def _kind(diagnosis: bool, observability: bool, only_cells: bool) -> str:
+    """Return what a folder holds first of all."""
+    kinds = {"diagnosis": diagnosis, "observation": observability, "benchmark": only_cells}
+    return next((name for name, found in kinds.items() if found), "fit")
+
+
+def parameters(figures: Mapping[str, float], curves: list[Curve], history: list[Curve]) -> list[dict[str, Any]]:
+    """Return the learned parameters of a fit: estimate, truth where it is known, and the history.
+
+    Args:
+        figures: Last values, `params/NAME/estimate` and `/true`.
+        curves: The history as the logger wrote it, by epoch.
+        history: The same from the first guess on, where the run has left it.
+
+    Returns:
+        One mapping for each parameter, by name.
+    """
+    logged = {curve.name: curve for curve in curves}
+    last = {name: curve.y[-1] for name, curve in logged.items()} | dict(figures)
+    names = sorted({name.split("/")[1] for name in last if name.startswith("params/") and name.endswith("/estimate")})
+    whole = {curve.name: curve for curve in history}
+    found = []
+    for name in names:
+        curve = whole.get(name) or logged.get(f"params/{name}/estimate")
+        estimate, true = last[f"params/{name}/estimate"], last.get(f"params/{name}/true")
+        found.append(
+            {
+                "name": name,
+                "unit": "kg" if name.endswith("mass") else "",
+                "estimate": estimate,
+                "true": true,
+                "low": last.get(f"params/{name}/low"),
+                "high": last.get(f"params/{name}/high"),
+                "error": abs(estimate / true - 1) if true else None,
+                "axis": curve.axis if curve else "epoch",
+                "x": curve.x if curve else [],
+                "y": curve.y if curve else [],
+            }
+        )
+    return found
+
+
+def flatten(values: Any, key: str = "") -> dict[str, str]:
+    """Return the leaves of a configuration as text by their dotted keys; lists count as leaves."""
+    if not isinstance(values, dict) or not values:
+        return {key: json.dumps(values, default=str)} if key else {}
+    leaves: dict[str, str] = {}
+    for name, value in values.items():
+        leaves |= flatten(value, f"{key}.{name}" if key else str(name))
+    return {name.replace(".init_args", ""): value for name, value in leaves.items()}
+
+
+def _read(path: Path, notes: list[str]) -> Any:
+    """Read a JSON file that may be missing, or damaged."""
+    try:
+        return json.loads(path.read_text(encoding="utf-8"), parse_constant=lambda _: None)
+    except FileNotFoundError:
+        return None
+    except (ValueError, OSError) as error:
+        notes.append(f"{path.name} cannot be read: {error}")
+        return None
+
+
+def _mapping(path: Path, notes: list[str]) -> dict[str, Any]:
+    """Read a JSON file that should hold a mapping."""
+    value = _read(path, notes)
+    if value is not None and not isinstance(value, dict):
+        notes.append(f"{path.name} cannot be read: expected a mapping, got a {type(value).__name__}")
+    return value if isinstance(value, dict) else {}
+
+
+def _curves(path: Path, notes: list[str]) -> list[Curve]:
+    """Read a history that may be missing, or damaged."""
+    try:
+        return read_curves(path)
+    except FileNotFoundError:
+        return []
+    except (ValueError, KeyError, OSError) as error:
+        notes.append(f"{path.name} cannot be read: {error}")
+        return []
+
+
+def _config(path: Path, notes: list[str]) -> tuple[str, dict[str, Any]]:
+    """Read the configuration of a run, as text and as a mapping."""
+    try:
+        text = path.read_text(encoding="utf-8")
+        value = yaml.safe_load(text)
+    except FileNotFoundError:
+        return "", {}
+    except (yaml.YAMLError, ValueError, OSError) as error:
+        notes.append(f"{path.name} cannot be read: {error}")
+        return "", {}
+    return text, value if isinstance(value, dict) else {}
+
+
+def _report(path: Path, notes: list[str]) -> str | None:
+    """Read the page that a diagnosis has written."""
+    if not path.is_file():
+        return None
+    if path.stat().st_size > MOST_BYTES:
+        notes.append(f"{path.name} ({path.stat().st_size / 1e6:.0f} MB) is too large for this page; open it by itself")
+        return None
+    return path.read_text(encoding="utf-8", errors="replace")
+
+
+def _date(folder: Path) -> str:
+    """Return when the run wrote its last figures, to the second."""
+    times = [
+        path.stat().st_mtime
+        for name in (FIGURES, DIAGNOSIS, OBSERVABILITY, CELLS, HISTORY)
+        if (path := folder / name).exists()
+    ]
+    return datetime.fromtimestamp(max(times), UTC).isoformat(timespec="seconds")
+
+
+def _last_word(model: Any) -> str:
+    """Return the name of the class that a configuration trains."""
+    path = model.get("class_path", "") if isinstance(model, dict) else ""
+    return str(path).rpartition(".")[2]
+
+
+def _data(config: Mapping[str, Any]) -> str:
+    """Return the name of the recording set that a configuration reads."""
+    data = config.get("data")
+    arguments = data.get("init_args", {}) if isinstance(data, dict) else {}
+    folder = arguments.get("folder") if isinstance(arguments, dict) else None
+    folder = folder or config.get("recordings") or config.get("scene")
+    return Path(str(folder)).name if folder else ""

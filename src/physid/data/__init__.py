@@ -1,0 +1,1 @@
+"""Recordings: on disk, made by PyBullet or imported, and in batches."""

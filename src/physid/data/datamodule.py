@@ -1,0 +1,143 @@
+"""Recordings for Lightning's Trainer."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from lightning.pytorch import LightningDataModule
+from torch.utils.data import DataLoader
+
+from physid.data.dataset import Item, Segments, Video, collate
+from physid.data.films import Films
+from physid.data.format import RecordingSet
+from physid.data.video import check_video
+from physid.scenes.scene import Scene
+
+
+class RecordingsDataModule(LightningDataModule):
+    """Serves whole trajectories or segments of a recording set; see `Segments` for what a batch holds.
+
+    Args:
+        folder: The recording set.
+        batch_size: Segments per batch; None for all of a split in one batch.
+        segment: Frames of a segment; None for whole trajectories.
+        stride: Frames between the starts of segments; None for segments that share only their end frames.
+        test_segment: Frames of a segment when testing and predicting; None for whole trajectories.
+        video: "none", "all", or which frames of each segment to decode, say [0, 1, 2]. When testing and predicting,
+            all are decoded instead.
+        draw: So many more frames, drawn from each segment anew in every epoch.
+        every: Only every so many frames count as "all", or are drawn.
+        preload: Whether to decode these frames once and keep them in memory, on the accelerator if there is one.
+        fit: Splits to fit on. Trajectories without a split count as train.
+        validate: Splits to validate on; those that the set lacks are left out.
+        test: Splits to test on.
+        limit: At most so many trajectories of each use.
+        shuffle: Whether to shuffle what is fitted on.
+        workers: Processes that load.
+
+    Raises:
+        FileNotFoundError: If there is no such set.
+        ValueError: If the set breaks the format, lacks a split to fit or test on, or lacks video that is asked for.
+    """
+
+    def __init__(
+        self,
+        folder: Path | str,
+        batch_size: int | None = None,
+        segment: int | None = None,
+        stride: int | None = None,
+        test_segment: int | None = None,
+        video: Video = "none",
+        draw: int = 0,
+        every: int = 1,
+        preload: bool = False,
+        fit: Sequence[str] = ("train", "fit"),
+        validate: Sequence[str] = ("val", "select"),
+        test: Sequence[str] = ("test", "report_same", "report_transfer"),
+        limit: int | None = None,
+        shuffle: bool = True,
+        workers: int = 0,
+    ) -> None:
+        super().__init__()
+        # Checkpoints hold plain values only, so that they load safely; the folder may be a Path.
+        self.save_hyperparameters(ignore="folder")
+        self.recordings = RecordingSet(folder)
+        self._batch_size = batch_size
+        self._segment, self._stride, self._test_segment = segment, stride, test_segment
+        self._video: Video = video
+        self._draw, self._every, self._preload = draw, every, preload
+        self._films: Films | None = None
+        if preload and not isinstance(video, str) and any(one % every for one in video):
+            raise ValueError(f"video must name multiples of every ({every}) if frames are preloaded, got {list(video)}")
+        self._splits = {"fit": tuple(fit), "validate": tuple(validate), "test": tuple(test)}
+        self._limit, self._shuffle, self._workers = limit, shuffle, workers
+
+    @property
+    def scene(self) -> Scene:
+        """The scene as far as it is known; unknown parameters hold a first guess."""
+        return self.recordings.scene
+
+    def trajectories(self, use: str) -> list[int]:
+        """Return the trajectories for "fit", "validate", "test" or "predict" (all).
+
+        Raises:
+            ValueError: If there are none to fit or test on.
+        """
+        if use == "predict":
+            return list(range(len(self.recordings)))[: self._limit]
+        wanted = self._splits[use]
+        found = [index for index, split in enumerate(self.recordings.splits()) if (split or "train") in wanted]
+        if not found and use != "validate":
+            self.recordings.indices(wanted)
+        return found[: self._limit]
+
+    def segments(self, use: str) -> Segments:
+        """Return the segments for "fit", "validate", "test" or "predict"."""
+        fitting = use in ("fit", "validate")
+        length, stride = (self._segment, self._stride) if fitting else (self._test_segment, None)
+        video, draw = (self._video, self._draw) if fitting or self._video == "none" else ("all", 0)
+        return Segments(
+            self.recordings, self.trajectories(use), length, stride, video, draw, self._every, decode=not self._preload
+        )
+
+    def setup(self, stage: str) -> None:
+        """Check the video of what a stage uses, before any training."""
+        if self._video != "none":
+            uses = ("fit", "validate") if stage == "fit" else (stage,)
+            used = [one for use in uses for one in self.trajectories(use)]
+            check_video(self.recordings, used)
+            if self._preload:
+                self._films = Films(self.recordings, used, self._every)
+
+    def on_after_batch_transfer(self, batch: Item, dataloader_idx: int) -> Item:
+        """Add the video that is kept in memory."""
+        return batch if self._films is None else self._films.add_to(batch)
+
+    def train_dataloader(self) -> DataLoader[Item]:
+        """Load what is fitted on."""
+        return self._loader("fit", shuffle=self._shuffle)
+
+    def val_dataloader(self) -> DataLoader[Item] | list[DataLoader[Item]]:
+        """Load what is validated on; nothing where the set has no such split."""
+        return self._loader("validate") if self.trajectories("validate") else []
+
+    def test_dataloader(self) -> DataLoader[Item]:
+        """Load what is tested on."""
+        return self._loader("test")
+
+    def predict_dataloader(self) -> DataLoader[Item]:
+        """Load all trajectories."""
+        return self._loader("predict")
+
+    def _loader(self, use: str, shuffle: bool = False) -> DataLoader[Item]:
+        """Return the loader of one use."""
+        segments = self.segments(use)
+        return DataLoader(
+            segments,
+            batch_size=self._batch_size or len(segments),
+            shuffle=shuffle,
+            num_workers=self._workers,
+            persistent_workers=self._workers > 0,
+            collate_fn=collate,
+        )

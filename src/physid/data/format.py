@@ -1,0 +1,142 @@
+"""A recording set: a folder with recording.yaml, one HDF5 file per trajectory, and checksums."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import h5py
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from physid.data.files import sha256, write_text
+from physid.data.recording import Recording
+from physid.data.trajectory import open_trajectory, read_film, read_trajectory
+from physid.scenes.scene import Scene
+
+__all__ = ["Recording", "RecordingSet", "trajectory_path", "write_scene", "write_sums"]
+DESCRIPTION, FOLDER, SUMS = "recording.yaml", "trajectories", "SHA256SUMS"
+
+
+class RecordingSet:
+    """A recording set on the disk; trajectories are read when asked for.
+
+    Args:
+        folder: The folder that holds recording.yaml.
+
+    Attributes:
+        folder: The same.
+        scene: The scene as far as it is known; parameters that are unknown hold a first guess.
+        paths: Files of the trajectories, in order.
+
+    Raises:
+        FileNotFoundError: If there is no recording.yaml, or no trajectory.
+        ValueError: If recording.yaml breaks the format.
+    """
+
+    def __init__(self, folder: Path | str) -> None:
+        self.folder = Path(folder)
+        self.scene = read_scene(self.folder)
+        self.paths = sorted((self.folder / FOLDER).glob("*.h5"))
+        if not self.paths:
+            raise FileNotFoundError(f"{self.folder / FOLDER}: expected trajectories NNNNNN.h5, found none")
+
+    def __len__(self) -> int:
+        return len(self.paths)
+
+    def __iter__(self) -> Iterator[Recording]:
+        return (self.read(index) for index in range(len(self)))
+
+    def read(self, index: int, *, video: bool = False) -> Recording:
+        """Read trajectory `index`; frames, masks and background only with `video`.
+
+        Raises:
+            ValueError: If the file is damaged or breaks the format.
+        """
+        skip = () if video else ("frames", "mask", "background")
+        return read_trajectory(self.paths[index], bodies=len(self.scene.bodies), skip=skip)
+
+    def film(self, index: int, which: list[int]) -> tuple[NDArray[np.uint8], NDArray[np.bool_], NDArray[np.uint8]]:
+        """Read some frames (n, H, W, 3) of trajectory `index`, its masks (N, H, W) and its background (H, W, 3).
+
+        Raises:
+            ValueError: If one of them is not there, or the file is damaged.
+        """
+        return read_film(self.paths[index], which)
+
+    def splits(self) -> list[str | None]:
+        """Return the split of each trajectory, None where the file names none."""
+        return [self._attribute(path, "split") for path in self.paths]
+
+    def indices(self, names: Iterable[str]) -> list[int]:
+        """Return the trajectories of some splits.
+
+        Raises:
+            ValueError: If there are none.
+        """
+        wanted, splits = set(names), self.splits()
+        found = [index for index, split in enumerate(splits) if split in wanted]
+        if not found:
+            there = ", ".join(sorted({str(split) for split in splits}))
+            raise ValueError(
+                f"{self.folder}: expected trajectories of split {', '.join(sorted(wanted))}, found only {there}"
+            )
+        return found
+
+    def verify(self) -> None:
+        """Check every file against SHA256SUMS.
+
+        Raises:
+            ValueError: If a file is missing or differs.
+            FileNotFoundError: If there is no SHA256SUMS.
+        """
+        for line in (self.folder / SUMS).read_text(encoding="utf-8").splitlines():
+            wanted, _, name = line.partition("  ")
+            path = self.folder / name
+            found = sha256(path) if path.is_file() else "no such file"
+            if found != wanted:
+                raise ValueError(f"{path}: expected SHA-256 {wanted[:12]}..., found {found[:12]}")
+
+    def _attribute(self, path: Path, name: str) -> str | None:
+        with open_trajectory(path) as file:
+            value = file.attrs.get(name)
+        return None if value is None or isinstance(value, h5py.Empty) else str(value)
+
+
+def trajectory_path(folder: Path, index: int) -> Path:
+    """Return the file of trajectory `index`."""
+    return folder / FOLDER / f"{index:06d}.h5"
+
+
+def read_scene(folder: Path) -> Scene:
+    """Read recording.yaml.
+
+    Raises:
+        FileNotFoundError: If there is none.
+        ValueError: If it breaks the format.
+    """
+    path = folder / DESCRIPTION
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: expected a recording set, found no {DESCRIPTION} there")
+    try:
+        return Scene.from_mapping(yaml.safe_load(path.read_text(encoding="utf-8")))
+    except (yaml.YAMLError, ValueError) as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def write_scene(folder: Path, scene: Scene) -> None:
+    """Write recording.yaml, whole or not at all."""
+    text = yaml.safe_dump(scene.to_mapping(), sort_keys=False, default_flow_style=None, width=160)
+    write_text(folder / DESCRIPTION, text)
+
+
+def list_sums(folder: Path) -> str:
+    """Return what SHA256SUMS holds: recording.yaml and the trajectories (not truth.yaml, which may be taken away)."""
+    files = [folder / DESCRIPTION, *sorted((folder / FOLDER).glob("*.h5"))]
+    return "".join(f"{sha256(path)}  {path.relative_to(folder).as_posix()}\n" for path in files)
+
+
+def write_sums(folder: Path) -> None:
+    """Write SHA256SUMS."""
+    write_text(folder / SUMS, list_sums(folder))

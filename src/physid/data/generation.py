@@ -1,0 +1,170 @@
+"""What a generated recording set shall be: the typed, closed configuration."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from physid.data.recording import SPLITS
+from physid.data.splits import assign_splits
+from physid.scenes.catalogue import bodies_of, find_setup, with_parameters
+from physid.scenes.scene import Scene
+from physid.scenes.strict import check_keys, nearest, number, whole
+
+if TYPE_CHECKING:
+    from physid.physics.effect import Effect
+
+
+@dataclass(frozen=True)
+class Noise:
+    """White noise on the observed poses.
+
+    Attributes:
+        position: Standard deviation of each coordinate [m].
+        rotation: Standard deviation of each component of a rotation vector [rad].
+    """
+
+    position: float = 0.0
+    rotation: float = 0.0
+
+    def __post_init__(self) -> None:
+        number(self.position, "noise.position", low=0.0)
+        number(self.rotation, "noise.rotation", low=0.0)
+
+    def __bool__(self) -> bool:
+        return self.position > 0 or self.rotation > 0
+
+
+@dataclass(frozen=True)
+class GenerateConfig:
+    """What a generated recording set shall be.
+
+    Attributes:
+        scene: push, slide, collide or toss.
+        protocol: How trajectories are excited: paper or rich.
+        protocol_of_split: Another protocol for some splits, by the split's name.
+        trajectories: Number of trajectories.
+        steps: Frames T of each trajectory; the force of a step is held from its frame to the next.
+        seed: Seed of the set; each trajectory's own seed follows from it and its index.
+        video: Whether to render frames, masks and background.
+        split: Shares of the splits; {train: 9, test: 1} gives every tenth trajectory to test.
+        true_values: True parameters that differ from the scene's own, by name ("block.friction").
+        unknown: Parameters that recording.yaml shall give as a first guess only.
+        guess_factor: First guess over true value, for the unknown parameters.
+        effects: Effects that the nominal model lacks, by name, with the values of their parameters.
+        noise: Noise on the observed poses.
+        truth_file: Where the truth goes; None for truth.yaml in the set's folder.
+
+    Raises:
+        ValueError: If a value is of the wrong kind or names something that does not exist.
+    """
+
+    scene: str
+    protocol: str = "paper"
+    protocol_of_split: Mapping[str, str] = field(default_factory=dict)
+    trajectories: int = 1000
+    steps: int = 300
+    seed: int = 0
+    video: bool = True
+    split: Mapping[str, float] = field(default_factory=lambda: {"train": 9, "test": 1})
+    true_values: Mapping[str, float] = field(default_factory=dict)
+    unknown: tuple[str, ...] = ()
+    guess_factor: float = 2.0
+    effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    noise: Noise = field(default_factory=Noise)
+    truth_file: str | None = None
+
+    def __post_init__(self) -> None:
+        setup = find_setup(self.scene)
+        whole(self.trajectories, "trajectories", low=1)
+        whole(self.steps, "steps", low=2)
+        whole(self.seed, "seed", low=0)
+        number(self.guess_factor, "guess_factor", low=0.0, strict=True)
+        if not isinstance(self.video, bool):
+            raise ValueError(f"video must be true or false, got {self.video!r}")
+        for name, share in self.split.items():
+            number(share, f"split.{name}", low=0.0, strict=True)
+        for split in (*self.split, *self.protocol_of_split):
+            if split not in SPLITS:
+                raise ValueError(f'unknown split "{split}"{nearest(split, SPLITS)}')
+        for protocol in (self.protocol, *self.protocol_of_split.values()):
+            if protocol not in setup.protocols:
+                raise ValueError(f'scene {self.scene} has no protocol "{protocol}"{nearest(protocol, setup.protocols)}')
+        self.known_scene()
+
+    @classmethod
+    def from_mapping(cls, values: object) -> GenerateConfig:
+        """Build a configuration from a resolved mapping.
+
+        Raises:
+            ValueError: If a key is unknown or a value is off; the message names the nearest key.
+        """
+        names = [each.name for each in dataclasses.fields(cls)]
+        known = dict(check_keys(values, "generate", ("scene",), names))
+        noise = check_keys(known.get("noise") or {}, "noise", (), ("position", "rotation"))
+        for name in ("protocol_of_split", "split", "true_values", "effects"):
+            if known.get(name) is None:
+                known.pop(name, None)
+            elif not isinstance(known[name], Mapping):
+                raise ValueError(f"{name} must be a mapping, got {known[name]!r}")
+        unknown = known.pop("unknown", None) or ()
+        if not isinstance(unknown, list | tuple):
+            raise ValueError(f"unknown must be a list of parameters, got {unknown!r}")
+        return cls(**known | {"noise": Noise(**noise), "unknown": tuple(unknown)})
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return the configuration as plain values; `from_mapping` reads them back."""
+        return dataclasses.asdict(self) | {"unknown": list(self.unknown)}
+
+    def true_scene(self) -> Scene:
+        """Return the scene with its true parameters."""
+        scene = with_parameters(find_setup(self.scene).scene, self.true_values)
+        return scene if self.video else dataclasses.replace(scene, camera=None)
+
+    def known_scene(self) -> Scene:
+        """Return the scene as recording.yaml shall describe it: a first guess for what is unknown."""
+        scene = self.true_scene()
+        guess = {name: self.guess_factor * scene.value(name) for name in self.unknown}
+        return dataclasses.replace(with_parameters(scene, guess), unknown=self.unknown)
+
+    def true_parameters(self) -> dict[str, float]:
+        """Return the true value of every parameter that could be asked for, by name."""
+        scene = self.true_scene()
+        names = [f"{body.name}.{each}" for body in scene.bodies for each in ("mass", "friction", "restitution")]
+        owners = {name: scene.bodies[bodies_of(scene, name)[0]].name for name in names}
+        return {name: scene.value(name) for name in names if name.startswith(f"{owners[name]}.")}
+
+    def splits(self) -> list[str]:
+        """Return the split of each trajectory."""
+        return assign_splits(self.trajectories, self.split)
+
+    def protocol_for(self, split: str) -> str:
+        """Return the protocol of the trajectories of a split."""
+        return self.protocol_of_split.get(split, self.protocol)
+
+    def build_effects(self) -> tuple[Effect, ...]:
+        """Build the effects from the catalogue.
+
+        Raises:
+            ValueError: If an effect or a parameter does not exist.
+        """
+        if not self.effects:
+            return ()
+        import torch
+
+        from physid.effects import CATALOGUE
+
+        kinds = {kind.name: kind for kind in CATALOGUE}
+        built: list[Effect] = []
+        for name, values in self.effects.items():
+            if name not in kinds:
+                raise ValueError(f'unknown effect "{name}"{nearest(name, kinds)}')
+            known = check_keys(values, f"effects.{name}", (), kinds[name].quantities())
+            tensors = {
+                key: torch.tensor([number(value, f"effects.{name}.{key}")], dtype=torch.float64)
+                for key, value in known.items()
+            }
+            built.append(kinds[name](**tensors))
+        return tuple(built)

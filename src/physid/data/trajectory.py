@@ -1,0 +1,140 @@
+"""One trajectory as an HDF5 file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from physid.data.files import write_whole
+from physid.data.recording import LAYOUT, Recording, check_arrays
+from physid.scenes.strict import nearest
+
+GZIP = 4
+
+
+def write_trajectory(path: Path, recording: Recording) -> None:
+    """Write a trajectory: whole or not at all, with checksums, the same bytes each time.
+
+    Args:
+        path: The file, trajectories/NNNNNN.h5.
+        recording: What to write.
+    """
+
+    def write(part: Path) -> None:
+        with h5py.File(part, "w", libver=("v110", "v110")) as file:
+            for name, array in recording.arrays().items():
+                options: dict[str, Any] = {"track_times": False, "fletcher32": True, "chunks": array.shape}
+                if name == "frames":
+                    options["chunks"] = (1, *array.shape[1:])
+                if array.dtype != np.float64:
+                    options |= {"compression": "gzip", "compression_opts": GZIP}
+                file.create_dataset(name, data=array, **options)
+                file.flush()  # else the order of the chunks in the file depends on when Python frees the dataset
+            for name in ("split", "protocol"):
+                if getattr(recording, name) is not None:
+                    file.attrs[name] = getattr(recording, name)
+
+    write_whole(path, write)
+
+
+def read_trajectory(path: Path, *, bodies: int | None = None, skip: Iterable[str] = ()) -> Recording:
+    """Read and check a trajectory.
+
+    Args:
+        path: The file.
+        bodies: Number of bodies N that the scene has, if known.
+        skip: Datasets to leave on the disk, say "frames".
+
+    Returns:
+        The trajectory.
+
+    Raises:
+        ValueError: If the file is damaged or breaks the format; the message names the file, the dataset, what was
+            expected and what was found.
+        FileNotFoundError: If there is no such file.
+    """
+    with open_trajectory(path) as file:
+        unknown = [name for name in file if name not in LAYOUT]
+        if unknown:
+            raise ValueError(f'{path}: unknown dataset "{unknown[0]}"{nearest(unknown[0], LAYOUT)}')
+        left = set(skip)
+        arrays: dict[str, Any] = {
+            name: read_dataset(file, name) for name in LAYOUT if name in file and name not in left
+        }
+        attributes: dict[str, Any] = {name: _text(file, name) for name in ("split", "protocol")}
+        video = "frames" in file
+    try:
+        check_arrays(arrays, bodies)
+        if "pose" not in arrays and "frames" in left and video:
+            raise ValueError("pose: expected to be there when frames are left on the disk, found none")
+        return Recording(**arrays, **attributes)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def read_film(path: Path, which: list[int]) -> tuple[NDArray[np.uint8], NDArray[np.bool_], NDArray[np.uint8]]:
+    """Read some frames (n, H, W, 3), the masks (N, H, W) and the background (H, W, 3) of a trajectory.
+
+    Frames may be asked for in any order, and more than once; each is decoded once.
+
+    Raises:
+        ValueError: If one of the datasets is missing, a frame does not exist, or the file is damaged.
+    """
+    with open_trajectory(path) as file:
+        for name in ("frames", "mask", "background"):
+            if name not in file:
+                raise ValueError(
+                    f"{path}: {name}: expected it for learning from video, found none; record it, or "
+                    f"generate the set with video=true"
+                )
+        count = len(file["frames"])
+        if not all(0 <= one < count for one in which):
+            raise ValueError(f"{path}: frames: expected frames below {count} to be asked for, found {which}")
+        once, order = np.unique(which, return_inverse=True)
+        first, last = int(once[0]), int(once[-1])
+        if last - first + 1 == len(once):
+            frames = read_dataset(file, "frames", slice(first, last + 1))
+        else:  # one by one, since h5py takes far longer for a list of indices
+            frames = np.stack([read_dataset(file, "frames", int(one)) for one in once])
+        return frames[order], read_dataset(file, "mask"), read_dataset(file, "background")
+
+
+def open_trajectory(path: Path) -> h5py.File:
+    """Open a trajectory for reading.
+
+    Raises:
+        ValueError: If it is no HDF5 file.
+        FileNotFoundError: If there is no such file.
+    """
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: expected a trajectory, found no such file")
+    try:
+        return h5py.File(path, "r")
+    except OSError as error:
+        raise ValueError(f"{path}: expected an HDF5 file, found one that cannot be opened ({error})") from None
+
+
+def read_dataset(file: h5py.File, name: str, index: int | slice | tuple[()] = ()) -> NDArray[Any]:
+    """Read a dataset, or a part of it, and let HDF5 verify its checksum.
+
+    Raises:
+        ValueError: If the checksum does not fit.
+    """
+    try:
+        return np.asarray(file[name][index])
+    except OSError as error:
+        raise ValueError(
+            f"{file.filename}: {name}: expected data that fit their checksum, found damaged ones ({error}); "
+            f"restore or regenerate the file"
+        ) from None
+
+
+def _text(file: h5py.File, name: str) -> str | None:
+    """Return a text attribute, or None."""
+    value = file.attrs.get(name)
+    return value.decode() if isinstance(value, bytes) else value

@@ -1,0 +1,65 @@
+"""What only the simulator knows. Generation, scoring, tests and the plot of truth beside estimate alone read this."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from physid.data.files import write_text
+from physid.scenes.strict import check_keys
+
+FILE = "truth.yaml"
+FORMAT, VERSION = "physid-truth", 1
+
+
+@dataclass(frozen=True)
+class Truth:
+    """True parameters and effects of a recording set, and how it was made.
+
+    Attributes:
+        parameters: True values by name ("block.friction").
+        effects: Values of the parameters of each withheld effect, by the effect's name.
+        generation: The resolved configuration that made the set.
+    """
+
+    parameters: Mapping[str, float]
+    effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    generation: Mapping[str, Any] = field(default_factory=dict)
+
+
+def read_truth(place: Path | str) -> Truth | None:
+    """Read the truth of a recording set, or None where there is none (real recordings).
+
+    Args:
+        place: The folder of the set, or a truth file stored elsewhere.
+
+    Raises:
+        ValueError: If the file breaks the format.
+    """
+    path = Path(place) / FILE if Path(place).is_dir() else Path(place)
+    if not path.is_file():
+        return None
+    try:
+        values = yaml.safe_load(path.read_text(encoding="utf-8"))
+        known = check_keys(values, FILE, ("format", "version", "parameters", "effects", "generation"))
+        if (known["format"], known["version"]) != (FORMAT, VERSION):
+            raise ValueError(f"expected format {FORMAT}, version {VERSION}, found {known['format']!r}")
+    except (yaml.YAMLError, ValueError) as error:
+        raise ValueError(f"{path}: {error}") from None
+    return Truth(known["parameters"], known["effects"], known["generation"])
+
+
+def write_truth(path: Path, truth: Truth) -> None:
+    """Write the truth to a file, whole or not at all."""
+    values = {
+        "format": FORMAT,
+        "version": VERSION,
+        "parameters": dict(truth.parameters),
+        "effects": {name: dict(effect) for name, effect in truth.effects.items()},
+        "generation": dict(truth.generation),
+    }
+    write_text(path, yaml.safe_dump(values, sort_keys=False, default_flow_style=None, width=120))

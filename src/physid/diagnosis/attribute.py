@@ -1,0 +1,163 @@
+"""Which effect: survivors of the score test are fitted, compared on trajectories that they were not fitted to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import torch
+
+from physid.diagnosis.hypothesis import Hypothesis, conclude, fit_hypothesis
+from physid.diagnosis.prepare import Prepared
+from physid.diagnosis.score import Group, gains
+from physid.diagnosis.settle import Say, settle
+from physid.diagnosis.stage import Stage, examine
+from physid.physics.layer import SolverError
+
+ALPHA = 0.01  # effect-free data are called suspicious this often
+SURVIVE = 0.1  # share of the best gain that a candidate needs to be fitted
+MOST_SINGLES, MOST_PAIRS = 10, 6
+SETTLE_MOST = 4  # hypotheses that are settled with the other engine: the best, and others ...
+NEAR = 0.2  # ... whose gap is open by at most this share more
+CLEAR = 2.5  # standard errors by which a prediction must be worse to be told apart
+NATS = 12.0  # and by how much squared residual at least
+CLOSED = 0.02  # share of the gap that may be left without a second look
+
+
+@dataclass(frozen=True)
+class Attribution:
+    """What the search found.
+
+    Attributes:
+        nominal: The model without effects.
+        stage: What it leaves unexplained.
+        tried: All hypotheses that were fitted, best predictions first.
+        best: The best of them; None if nothing is missing.
+        left: What the best leaves unexplained; None if nothing is missing.
+        group: Hypotheses that predict as well as the best, itself included.
+    """
+
+    nominal: Hypothesis
+    stage: Stage
+    tried: list[Hypothesis]
+    best: Hypothesis | None
+    left: Stage | None
+    group: list[Hypothesis]
+
+
+def attribute(prepared: Prepared, generator: torch.Generator, say: Say = lambda _: None) -> Attribution:
+    """Search the catalogue for what the nominal model lacks.
+
+    Args:
+        prepared: The fitted nominal model.
+        generator: Randomness of effect-free data.
+        say: Told what is being done.
+    """
+    nominal = conclude(prepared.experiment, prepared.fit, ())
+    say("testing all effects at once, against effect-free data")
+    stage = examine(prepared, nominal, generator)
+    if stage.p_value > ALPHA:
+        return Attribution(nominal, stage, [], None, None, [])
+    singles = _fit_all(prepared, nominal, stage, _survivors(stage), say)
+    if not singles:
+        return Attribution(nominal, stage, [], None, None, [])
+    best = singles[0]
+    say(f"looking at what {' + '.join(best.names)} leaves")
+    left = examine(prepared, best, generator)
+    tried = singles
+    if left.p_value <= ALPHA and left.excess > CLOSED * stage.excess:
+        pairs = _fit_all(prepared, nominal, stage, _pairs(stage, singles, left), say)
+        sound = [pair for pair in pairs if _both_needed(pair, singles, left)]
+        tried = _sorted([*singles, *sound])
+        if tried[0] is not best:
+            best = tried[0]
+            say(f"looking at what {' + '.join(best.names)} leaves")
+            left = examine(prepared, best, generator)
+    group = [one for one in tried if one is best or not distinguishable(best, one, left)]
+    return Attribution(nominal, stage, tried, best, left, group)
+
+
+def distinguishable(best: Hypothesis, other: Hypothesis, left: Stage) -> bool:
+    """Tell whether another hypothesis predicts held-out trajectories clearly worse than the best.
+
+    If the other were true, the squared residuals of both would differ by more than d with a probability of at most
+    exp(-d / 2). That bound trusts the noise; where the best leaves something, the difference must exceed that as well,
+    and hold in a paired test over trajectories.
+    """
+    worse = other.held_out - best.held_out
+    least = max(NATS, 2 * left.excess)
+    if left.p_value <= ALPHA:
+        error = float(worse.std()) * len(worse) ** 0.5
+        least = max(least, CLEAR * error)
+    return float(worse.sum()) > least
+
+
+def _survivors(stage: Stage) -> list[tuple[str, ...]]:
+    """Return the effects worth fitting."""
+    least = max(SURVIVE * stage.rows[0].gain, min(stage.threshold, stage.rows[0].gain))
+    return [row.names for row in stage.rows if row.gain >= least][:MOST_SINGLES]
+
+
+def _pairs(stage: Stage, singles: list[Hypothesis], left: Stage) -> list[tuple[str, ...]]:
+    """Return pairs worth fitting: the best with what it leaves, and the best of all pairs by their linear gain.
+
+    Both parts must be significant alone.
+    """
+    alone = {row.names[0] for row in stage.rows if row.gain >= stage.threshold}
+    with_best = [
+        tuple(sorted((*singles[0].names, row.names[0])))
+        for row in left.rows
+        if row.gain > left.threshold and row.names[0] in alone
+    ][: MOST_PAIRS // 2]
+    groups = [group for group in stage.groups if group.names[0] in alone]
+    both = {
+        tuple(sorted((one.names[0], two.names[0]))): float(gains(stage.conditional, _joined(one, two))[0])
+        for one, two in combinations(groups, 2)
+    }
+    ranked = sorted(both, key=lambda names: -both[names])
+    chosen = [*with_best, *(names for names in ranked if names not in with_best)]
+    return chosen[:MOST_PAIRS]
+
+
+def _joined(one: Group, two: Group) -> Group:
+    return Group(
+        (*one.names, *two.names),
+        *(torch.cat([getattr(one, name), getattr(two, name)]) for name in ("columns", "typical", "low", "high")),
+    )
+
+
+def _both_needed(pair: Hypothesis, singles: list[Hypothesis], left: Stage) -> bool:
+    """Tell whether a pair predicts clearly better than each of its parts alone."""
+    parts = [one for one in singles if one.names[0] in pair.names]
+    return all(distinguishable(pair, one, left) and _gain(one, pair) > left.threshold for one in parts)
+
+
+def _gain(worse: Hypothesis, better: Hypothesis) -> float:
+    fitted = worse.experiment.fitted
+    return float((worse.held_out - better.held_out)[fitted].sum())
+
+
+def _fit_all(
+    prepared: Prepared, nominal: Hypothesis, stage: Stage, wanted: list[tuple[str, ...]], say: Say
+) -> list[Hypothesis]:
+    """Fit hypotheses and settle the best of them with the other engine; best predictions first."""
+    fitted = []
+    for number, names in enumerate(wanted):
+        say(f"fitting {' + '.join(names)} ({number + 1} of {len(wanted)})")
+        try:
+            fitted.append(fit_hypothesis(prepared.experiment, stage.fit, names))
+        except SolverError:
+            continue  # a candidate that cannot be simulated where the data want it explains nothing
+    fitted = _sorted(fitted)
+    settled: list[Hypothesis] = []
+    for one in fitted[:SETTLE_MOST]:
+        if settled and _gain(one, settled[0]) > NEAR * _gain(nominal, settled[0]):
+            break
+        say(f"replaying {' + '.join(one.names)} in the other engine")
+        experiment, fit = settle(one.experiment, one.fit, one.columns, one.names)
+        settled.append(conclude(experiment, fit, one.names))
+    return _sorted([*settled, *fitted[len(settled) :]])
+
+
+def _sorted(hypotheses: list[Hypothesis]) -> list[Hypothesis]:
+    return sorted(hypotheses, key=lambda one: float(one.held_out.sum()))

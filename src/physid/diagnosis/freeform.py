@@ -1,0 +1,104 @@
+"""A residual wrench that is free to be anything: by pieces of time, or in one phase only."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from physid.diagnosis.linear import Linearised, Part
+from physid.diagnosis.phases import PHASES
+from physid.diagnosis.windows import Windows
+
+PIECE_TIME = 0.16  # [s] length of one piece of a residual wrench
+FORCE, TORQUE = 1.0, 0.1  # [N], [N m] units of a residual wrench
+SPREAD = 100.0  # prior standard deviation of a residual wrench, in these units
+SELDOM = 0.01  # a phase that makes up less than this share of the frames has no cell
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Where a residual wrench may act.
+
+    Attributes:
+        body: Index of the body.
+        dof: x, y, z, rx, ry or rz, in the axes of the ground.
+        phase: A name of PHASES, or None for a piece of time.
+        piece: Which piece of its window, or None for a phase.
+    """
+
+    body: int
+    dof: str
+    phase: str | None = None
+    piece: int | None = None
+
+
+DOFS = ("rx", "ry", "rz", "x", "y", "z")
+PLANAR = ("rz", "x", "y")
+
+
+def residual_wrenches(
+    phases: Tensor, frame: Tensor, planar: bool, windows: Windows, time_step: float
+) -> tuple[list[Cell], Tensor]:
+    """List residual wrenches of unit size.
+
+    Args:
+        phases: Codes of PHASES, shape (R, T, N).
+        frame: Axes of the ground (tangent, tangent, normal), rows of (3, 3).
+        planar: Whether bodies stay on the ground, so that only motion in its plane is of interest.
+        windows: How trajectories are cut.
+        time_step: [s] between frames.
+
+    Returns:
+        The cells, and their wrenches, shape (F, R, T, N, 6).
+    """
+    bodies = phases.shape[2]
+    piece = windows.position // max(2, round(PIECE_TIME / time_step))
+    pieces = int(piece.max()) + 1
+    cells: list[Cell] = []
+    masks: list[Tensor] = []
+    for body in range(bodies):
+        share = torch.bincount(phases[:, :, body].flatten(), minlength=len(PHASES)) / phases[:, :, body].numel()
+        for dof in PLANAR if planar else DOFS:
+            for k in range(pieces):
+                cells.append(Cell(body, dof, piece=k))
+                masks.append(piece == k)
+            for code in (share > SELDOM).nonzero()[:, 0].tolist():
+                cells.append(Cell(body, dof, phase=PHASES[code]))
+                masks.append(phases[:, :, body] == code)
+    wrench = torch.zeros(len(cells), *phases.shape, 6, dtype=torch.float64)
+    for row, (cell, mask) in enumerate(zip(cells, masks, strict=True)):
+        k = DOFS.index(cell.dof)
+        wrench[row, :, :, cell.body, 3 * (k // 3) : 3 * (k // 3) + 3] = (
+            mask[..., None] * frame[k % 3] * (FORCE if k >= 3 else TORQUE)
+        )
+    return cells, wrench
+
+
+def local_gain(
+    linear: Linearised, columns: Tensor, residuals: Tensor | None = None, scale: Tensor | None = None
+) -> Tensor:
+    """Compute what columns explain when each window has its own amplitudes.
+
+    Args:
+        linear: The linearised experiment.
+        columns: Shared columns to free, shape (F,).
+        residuals: Other data, shape (Z, R, T, N, 6), with `scale`; None for the observed ones.
+        scale: One over the standard deviation, shape (R, T, N, 6).
+
+    Returns:
+        Explained squared residual of each window, shape (K, Z).
+    """
+
+    def explain(part: Part) -> Tensor:
+        data = part.residual[..., None]
+        if residuals is not None and scale is not None:
+            data = part.batch.cut(residuals * scale, fill=0.0).flatten(2).movedim(0, -1)
+        clean = part.profiled(part.shared[..., columns])
+        gram = clean.mT @ clean + torch.eye(len(columns), dtype=clean.dtype) / SPREAD**2
+        moment = clean.mT @ data
+        gain: Tensor = (moment * torch.linalg.solve(gram, moment)).sum(1)
+        return gain
+
+    return linear.gather(explain)

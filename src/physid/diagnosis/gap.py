@@ -1,0 +1,85 @@
+"""How far the gap closes: prediction errors before and after, on trajectories that were held out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from physid.diagnosis.hypothesis import Hypothesis
+from physid.diagnosis.noise import Noise
+from physid.diagnosis.observations import SAME, SELECT, TRANSFER, Observations
+
+BOOTSTRAPS = 1000
+INTERVAL = (0.05, 0.95)
+NO_GAP = 1.02  # a gap below this multiple of the floor is none, and its shrink is not defined
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A value with its 90 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Closing:
+    """Errors of the predicted positions on one part of the recordings.
+
+    Attributes:
+        before: Root mean square error of the nominal model, refitted [m].
+        after: With the effects [m].
+        shrink: S = (before - after) / (before - floor), None where there is no gap to close.
+    """
+
+    before: float
+    after: float
+    shrink: Interval | None
+
+
+def floor_of(noise: Noise) -> float:
+    """Return the root mean square position error of a perfect model, sqrt(3) sigma [m]."""
+    return 3**0.5 * noise.position
+
+
+def position_errors(hypothesis: Hypothesis, observations: Observations) -> Tensor:
+    """Compute the mean square position error of each trajectory [m^2], shape (R,).
+
+    First states are fitted to each window; frames count by their robust weights.
+    """
+    scale = hypothesis.experiment.scale[..., 3]
+    weight = (scale / scale.amax().clamp_min(1e-30)) ** 2
+    square = hypothesis.fit.residual[..., 3:].square().sum(-1) * weight
+    total: Tensor = square.sum((1, 2)) / weight.sum((1, 2)).clamp_min(1e-9)
+    return total
+
+
+def closing(before: Tensor, after: Tensor, floor: float, chosen: Tensor, generator: torch.Generator) -> Closing | None:
+    """Compare mean square errors (R,) [m^2] of the chosen trajectories; the interval is a bootstrap over them."""
+    rows = chosen.nonzero()[:, 0]
+    if not len(rows):
+        return None
+
+    def errors(index: Tensor) -> tuple[Tensor, Tensor]:
+        return before[index].mean(-1).sqrt(), after[index].mean(-1).sqrt()
+
+    old, new = (float(value) for value in errors(rows))
+    if old < NO_GAP * floor:
+        return Closing(old, new, None)
+    draws = rows[torch.randint(len(rows), (BOOTSTRAPS, len(rows)), generator=generator)]
+    olds, news = errors(draws)
+    shrinks = (olds - news) / (olds - floor).clamp_min(1e-3 * floor)
+    low, high = (float(shrinks.quantile(q)) for q in INTERVAL)
+    return Closing(old, new, Interval((old - new) / (old - floor), low, high))
+
+
+def held_out_parts(observations: Observations) -> dict[str, Tensor]:
+    """Return which trajectories report on the same protocol (held-out ones, else `select`) and on the transfer."""
+    same = observations.having(SAME)
+    return {
+        "same": same if bool(same.any()) else observations.having(SELECT),
+        "transfer": observations.having(TRANSFER),
+    }

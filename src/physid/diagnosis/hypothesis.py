@@ -1,0 +1,109 @@
+"""One hypothesis: the nominal model with some effects added, fitted, and how well it predicts held-out data."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from physid.diagnosis.fit import FIRST_DAMPING, Experiment, Fit, best_step, gauss_newton, prior, solve_shared
+from physid.diagnosis.linear import Normal
+from physid.diagnosis.prediction import Predictor, Variants
+from physid.diagnosis.settle import working_effects
+from physid.physics.effect import Effect
+
+STRIDES = (1.0, 0.5, 0.25, 0.1)  # parts of the linear step that are tried first
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """The nominal model with effects added.
+
+    Attributes:
+        names: Names of the effects; none for the nominal model.
+        columns: Indices of their parameters among the predictor's terms, shape (E,).
+        experiment: What it was fitted to.
+        fit: The fit.
+        normal: Normal equations at the fit.
+        held_out: Squared residual of each trajectory, predicted without it where it was among the fitted ones; (R,).
+    """
+
+    names: tuple[str, ...]
+    columns: Tensor
+    experiment: Experiment
+    fit: Fit
+    normal: Normal
+    held_out: Tensor
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Fitted parameters of the effects by "effect.parameter"."""
+        terms = self.experiment.predictor.terms
+        return {terms[k].label: float(self.fit.point.effects[0, k]) for k in self.columns.tolist()}
+
+    @property
+    def working(self) -> tuple[Effect, ...]:
+        """The effects at their fitted values."""
+        return working_effects(self.experiment.predictor, self.fit.point, self.names)
+
+    def covariance(self) -> Tensor:
+        """Estimate the covariance of the shared parameters from the scatter over trajectories (White 1982)."""
+        fitted = self.normal.of(self.experiment.fitted)
+        matrix = fitted.matrix.sum(0) + torch.diag(prior(self.experiment, self.columns))
+        inverse = torch.linalg.inv(matrix)
+        score = fitted.vector - fitted.vector.mean(0)
+        count = len(score)
+        scatter = score.T @ score * count / max(count - 1, 1)
+        robust = inverse @ scatter @ inverse
+        larger = torch.maximum(robust.diagonal(), inverse.diagonal()).sqrt()
+        spread = robust.diagonal().clamp_min(1e-30).sqrt()
+        covariance: Tensor = robust / spread[:, None] / spread * larger[:, None] * larger
+        return covariance
+
+
+def columns_of(predictor: Predictor, names: Sequence[str]) -> Tensor:
+    """Return the indices of the parameters of some effects among the predictor's terms."""
+    return torch.tensor([k for k, term in enumerate(predictor.terms) if term.effect.name in names], dtype=torch.int64)
+
+
+def fit_hypothesis(experiment: Experiment, start: Fit, names: tuple[str, ...], steps: int = 8) -> Hypothesis:
+    """Fit the effects together with unknown parameters and first states.
+
+    Args:
+        experiment: What to explain.
+        start: A fit without them (or with some), linearised with columns for them.
+        names: Names of the effects.
+        steps: Most Gauss-Newton steps.
+    """
+    columns = columns_of(experiment.predictor, names)
+    point = _first_step(experiment, start, columns)
+    return conclude(experiment, gauss_newton(experiment, point, columns, steps), names)
+
+
+def conclude(experiment: Experiment, fit: Fit, names: tuple[str, ...]) -> Hypothesis:
+    """Cross-validate a fit: every fitted trajectory is predicted with the parameters of the others."""
+    columns = columns_of(experiment.predictor, names)
+    normal = fit.normal()
+    ridge = torch.diag(prior(experiment, columns))
+    others = experiment.fitted.nonzero()[:, 0]
+    matrix = normal.matrix[others].sum(0) + ridge - normal.matrix[others]
+    vector = normal.vector[others].sum(0) - normal.vector[others]
+    changes = torch.zeros_like(normal.vector)
+    changes[others] = torch.linalg.solve(matrix, vector)
+    return Hypothesis(names, columns, experiment, fit, normal, normal.loss(changes))
+
+
+def _first_step(experiment: Experiment, start: Fit, columns: Tensor) -> Variants:
+    """Take the best part of the linear step from a fit that has columns for the effects."""
+    always = start.point.nominal.shape[1] + 1
+    among = torch.cat([torch.arange(always), always + _places(start.effects, columns)])
+    change = solve_shared(start.normal().select(among), experiment.fitted, prior(experiment, columns))
+    damping = torch.full_like(start.loss, FIRST_DAMPING)
+    return best_step(experiment, start, columns, change, damping, STRIDES)[0]
+
+
+def _places(present: Tensor, wanted: Tensor) -> Tensor:
+    """Return where the wanted indices stand among those present."""
+    return torch.tensor([present.tolist().index(k) for k in wanted.tolist()], dtype=torch.int64)

@@ -1,0 +1,104 @@
+"""How noisy the observed poses are, and which of them are wild."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from physid.diagnosis.prediction import difference
+
+NORMAL_MAD = 1.4826  # standard deviation over median absolute deviation, for a normal distribution
+SOFT, WILD = 3.0, 6.0  # [standard deviations] beyond the first a frame counts less, beyond the second not at all
+JUMP = (0.1, 0.015)  # [rad], [m] least deviation of a pose from its neighbours that no motion explains
+JUMP_SIGMAS = 10.0
+FLOOR = (1e-6, 1e-6)  # [rad], [m] noise that is assumed at least
+
+
+@dataclass(frozen=True)
+class Noise:
+    """White noise of the observed poses.
+
+    Attributes:
+        rotation: Standard deviation of each component of a rotation vector [rad].
+        position: Standard deviation of each coordinate [m].
+    """
+
+    rotation: float
+    position: float
+
+    def spread(self) -> Tensor:
+        """Return the standard deviations of the six coordinates of a pose, shape (6,)."""
+        return torch.tensor([self.rotation] * 3 + [self.position] * 3, dtype=torch.float64)
+
+
+def wild_poses(pose: Tensor, present: Tensor) -> Tensor:
+    """Find poses that leave their neighbours further than any motion could; no model is needed.
+
+    Each pose is compared with the mean of its neighbours k frames before and after, for k = 1, 2, 3: the median of
+    the three deviations is small for smooth motions and for the neighbours of a wild pose, and large for itself.
+
+    Args:
+        pose: Shape (R, T, N, 7).
+        present: Frames that exist, shape (R, T, N).
+
+    Returns:
+        Shape (R, T, N).
+    """
+    frames = pose.shape[1]
+    index = torch.arange(frames)
+    deviations = []
+    for k in (1, 2, 3):
+        # At the ends both neighbours lie on the same side, and the line through them is continued.
+        before, after = index - k, index + k
+        low, high = before < 0, after >= frames
+        before, after = torch.where(low, index + 2 * k, before), torch.where(high, index - 2 * k, after)
+        first = torch.where(low, index + k, before).clamp(0, frames - 1)
+        second = torch.where(high, index - k, after).clamp(0, frames - 1)
+        near = difference(pose[:, first], pose)
+        far = difference(pose[:, torch.where(high, before, torch.where(low, after, second))], pose)
+        ends = (low | high)[:, None, None]
+        deviations.append(torch.where(ends, near, (near + far) / 2))
+    odd = torch.stack(deviations).median(0).values.unflatten(-1, (2, 3)).norm(dim=-1)
+    scale = NORMAL_MAD * odd[present.bool()].median(0).values
+    limit = torch.maximum(JUMP_SIGMAS * scale, torch.tensor(JUMP, dtype=pose.dtype))
+    wild: Tensor = (odd > limit).any(-1) & present.bool()
+    return wild
+
+
+def estimate_noise(residual: Tensor, weight: Tensor) -> Noise:
+    """Estimate white noise from residuals: by r_t - (r_{t-1} + r_{t+1}) / 2, which an error of the model hardly enters.
+
+    Args:
+        residual: Observed minus predicted, shape (R, T, N, 6).
+        weight: Weights of the frames, 0 for those to ignore, shape (R, T, N).
+    """
+    bent = residual[:, 1:-1] - (residual[:, :-2] + residual[:, 2:]) / 2
+    good = (weight[:, 1:-1] > 0) & (weight[:, :-2] > 0) & (weight[:, 2:] > 0)
+    values = bent[good].unflatten(-1, (2, 3)).abs()
+    sigma = [NORMAL_MAD * float(values[:, k].median()) / 1.5**0.5 for k in (0, 1)]
+    return Noise(max(sigma[0], FLOOR[0]), max(sigma[1], FLOOR[1]))
+
+
+def frame_weights(residual: Tensor, present: Tensor, noise: Noise) -> Tensor:
+    """Weigh frames by how far they leave the running median of the residuals (Huber 1964, cut off when wild).
+
+    An error of the model moves whole stretches and keeps its weight; a wild pose stands alone and loses it.
+
+    Args:
+        residual: Observed minus predicted, shape (R, T, N, 6).
+        present: Frames that exist and are not wild, shape (R, T, N).
+        noise: Scale of what is normal.
+
+    Returns:
+        Weights from 0 to 1, shape (R, T, N).
+    """
+    reach = min(2, (residual.shape[1] - 1) // 2)
+    padded = torch.cat(
+        [residual[:, :1].expand(-1, reach, -1, -1), residual, residual[:, -1:].expand(-1, reach, -1, -1)], 1
+    )
+    middle = padded.unfold(1, 2 * reach + 1, 1).median(-1).values
+    away = ((residual - middle) / noise.spread()).abs().amax(-1)
+    weight = (SOFT / away.clamp_min(SOFT)) * (away < WILD)
+    return weight * present

@@ -1,0 +1,131 @@
+"""Matched nulls: data sets as they would be if the fitted nominal model were true, made by the other engine."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from physid.diagnosis.fit import Experiment, Fit, prior
+from physid.diagnosis.linear import Part
+from physid.diagnosis.noise import Noise
+from physid.diagnosis.prediction import Variants
+from physid.diagnosis.replay import replay
+from physid.diagnosis.starts import SPANS
+from physid.physics.effect import Effect
+
+REPLAYS = 4  # runs of the other engine, each from other first states and parameters
+DRAWS = 75  # draws of the noise on top of each
+
+
+@dataclass(frozen=True)
+class Nulls:
+    """Residuals that effect-free data would leave.
+
+    Attributes:
+        residual: Observed minus predicted, shape (Z, R, T, N, 6).
+    """
+
+    residual: Tensor
+
+
+def draw_nulls(
+    prepared: Prepared,
+    fit: Fit,
+    effects: tuple[Effect, ...],
+    generator: torch.Generator,
+    replays: int = REPLAYS,
+    draws: int = DRAWS,
+) -> Nulls:
+    """Replay the recorded forces in PyBullet from states and parameters as uncertain as the fit, and add noise.
+
+    Args:
+        experiment: The experiment.
+        fit: The model that is taken to be true.
+        noise: White noise of the poses.
+        effects: Effects of that model, beside the nominal ones.
+        generator: Source of randomness.
+        replays: Runs of PyBullet.
+        draws: Draws of the noise for each run.
+
+    Returns:
+        Z = replays * draws data sets.
+    """
+    residuals = []
+    for _ in range(replays):
+        clean = noiseless(experiment, fit, noise, effects, generator)
+        white = torch.randn(draws, *clean.shape, generator=generator, dtype=clean.dtype)
+        residuals.append(clean + white * noise.spread())
+    return Nulls(torch.cat(residuals))
+
+
+def noiseless(
+    experiment: Experiment, fit: Fit, noise: Noise, effects: tuple[Effect, ...], generator: torch.Generator
+) -> Tensor:
+    """Return the residuals of one replay without noise, shape (R, T, N, 6); see `draw_nulls`."""
+    predictor = experiment.predictor
+    point = _jitter(experiment, fit, noise, generator)
+    real = replay(predictor.model, predictor.wrench, predictor.windows, point, effects)
+    return experiment.replace(pose=real).residual(fit.jacobian.base.pose, fit.point)[0]
+
+
+def floors(experiment: Experiment, fit: Fit, noise: Noise, generator: torch.Generator, replays: int = 4) -> Tensor:
+    """Compute how much the numerics disturb each window: squared residuals per frame that replays leave.
+
+    Where small differences grow (impacts, a body that just stops), two runs of one engine from states that the data
+    cannot tell apart differ by more than the noise.
+
+    Returns:
+        Mean square in units of the noise, after first states and unknown parameters are fitted again; shape (K,).
+    """
+    unknown = torch.arange(fit.point.nominal.shape[1] + 1)
+    clean = torch.stack([noiseless(experiment, fit, noise, (), generator) for _ in range(replays)])
+    respond = fit.linear.respond(clean, experiment.scale).select(unknown).of(experiment.fitted)
+    matrix = respond.matrix.sum(0) + torch.diag(prior(experiment, torch.zeros(0, dtype=torch.int64)))
+    change = torch.linalg.solve(matrix, respond.vector.sum(0))
+    clean = clean - torch.einsum("pz,prtnk->zrtnk", change, fit.jacobian.shared[unknown])
+
+    def left(part: Part) -> Tensor:
+        data = part.batch.cut(clean * experiment.scale, fill=0.0).flatten(2).movedim(0, -1)
+        return part.profiled(data).square().sum(1).mean(-1)
+
+    count = fit.linear.windows.sum_frames((experiment.scale > 0).sum((2, 3))[None].double())[0]
+    return fit.linear.gather(left) / count.clamp_min(1)
+
+
+def _jitter(experiment: Experiment, fit: Fit, noise: Noise, generator: torch.Generator) -> Variants:
+    """Draw first states and unknown parameters around a fit, as far as the data leave them open."""
+    unknown = fit.point.nominal.shape[1]
+    normal = fit.normal().of(experiment.fitted)
+    matrix = normal.matrix.sum(0)[:unknown, :unknown] + torch.eye(unknown, dtype=torch.float64) / 9
+    draw = torch.randn(unknown, 1, generator=generator, dtype=torch.float64)
+    shift = torch.linalg.solve_triangular(torch.linalg.cholesky(matrix).mT, draw, upper=True)[:, 0]
+    shared = torch.zeros(fit.linear.parts[0].shared.shape[-1], dtype=torch.float64)
+    shared[:unknown] = shift
+    states = []
+    # A first velocity that friction stops at once leaves no trace; then what the first frames show bounds the draw.
+    sure = torch.diag(1 / _first_frames(experiment, noise) ** 2)
+    for part in fit.linear.parts:
+        free = torch.randn(*part.factor.shape[:2], 1, generator=generator, dtype=torch.float64)
+        factor = torch.linalg.cholesky(part.factor @ part.factor.mT + sure)
+        follow = torch.cholesky_solve(part.state.mT @ (part.shared @ shared)[..., None], factor)
+        states.append((torch.linalg.solve_triangular(factor.mT, free, upper=True) - follow)[..., 0])
+    order = torch.cat([part.batch.windows for part in fit.linear.parts]).argsort()
+    pose, twist = experiment.directions.move(fit.point.pose, fit.point.twist, torch.cat(states)[order][None])
+    return fit.point.replace(pose=pose, twist=twist, nominal=fit.point.nominal + shift)
+
+
+def _first_frames(experiment: Experiment, noise: Noise) -> Tensor:
+    """Return the standard deviations of first states that a line through the first frames would leave, shape (D,)."""
+    step = experiment.predictor.model.scene.time_step
+    count = max(5.0, SPANS[0] / step)
+    still = {0: noise.rotation, 1: noise.position}
+    slope = (12 / count**3) ** 0.5 / step
+    kinds = [k // 3 for _, k in experiment.directions.used]
+    return torch.tensor([still[kind % 2] * (1.0 if kind < 2 else slope) for kind in kinds], dtype=torch.float64)
+
+
+def p_value(observed: float, null: Tensor) -> float:
+    """Return (1 + #{null >= observed}) / (1 + #null), which is never 0."""
+    return (1 + int((null >= observed).sum())) / (1 + len(null))

@@ -1,0 +1,125 @@
+"""What was recorded, as arrays, with the part that each trajectory plays in the diagnosis."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from physid.data.format import Recording, RecordingSet
+from physid.scenes.scene import Scene
+
+FIT, SELECT, SAME, PROBE, TRANSFER = "fit", "select", "same", "probe", "transfer"
+ROLES = {
+    "fit": FIT,
+    "select": SELECT,
+    "report_same": SAME,
+    "report_transfer": TRANSFER,
+    "train": FIT,
+    "val": SELECT,
+    "test": SAME,
+}
+ENOUGH = 4  # from so many trajectories of another protocol on, every second one joins the fit as a probe
+UNSPLIT = (FIT, SELECT, SAME)  # trajectories without a split play these parts in turn
+
+
+@dataclass(frozen=True)
+class Observations:
+    """R trajectories of T frames.
+
+    Attributes:
+        scene: The scene as far as it is known.
+        pose: Observed poses, shape (R, T, N, 7).
+        wrench: Commanded wrenches, shape (R, T, N, 6).
+        present: 1 for frames that exist (trajectories may differ in length), shape (R, T, N).
+        roles: fit, select, probe, same or transfer, one for each trajectory; the last two are only reported on.
+        indices: Number of each trajectory in the recording set.
+    """
+
+    scene: Scene
+    pose: Tensor
+    wrench: Tensor
+    present: Tensor
+    roles: tuple[str, ...]
+    indices: tuple[int, ...]
+
+    @property
+    def fitted(self) -> Tensor:
+        """Trajectories that determine parameters, shape (R,)."""
+        return self.having(FIT) | self.having(SELECT) | self.having(PROBE)
+
+    def having(self, role: str) -> Tensor:
+        """Return which trajectories play a part, shape (R,)."""
+        return torch.tensor([each == role for each in self.roles])
+
+
+def observe(recordings: RecordingSet) -> Observations:
+    """Read a recording set.
+
+    Raises:
+        ValueError: If a trajectory has no poses; see also `require_sound`.
+    """
+    read = [recordings.read(index) for index in range(len(recordings))]
+    return from_recordings(recordings.scene, read)
+
+
+def from_recordings(scene: Scene, recordings: list[Recording]) -> Observations:
+    """Stack recordings; shorter ones are filled up with their last frame."""
+    blind = [index for index, one in enumerate(recordings) if one.pose is None]
+    if blind:
+        raise ValueError(
+            f"trajectory {blind[0]} has video but no poses: expected `pose` in every trajectory; estimate poses with a "
+            "trained encoder (physid predict) and write them into the recordings first"
+        )
+    frames, bodies = max(one.length for one in recordings), len(scene.bodies)
+    pose = np.empty((len(recordings), frames, bodies, 7))
+    wrench = np.zeros((len(recordings), frames, bodies, 6))
+    present = np.zeros((len(recordings), frames, bodies))
+    for row, one in enumerate(recordings):
+        assert one.pose is not None
+        pose[row] = one.pose[np.minimum(np.arange(frames), one.length - 1)]
+        present[row, : one.length] = 1
+        if one.wrench is not None:
+            wrench[row, : one.length] = one.wrench
+    return Observations(
+        scene,
+        torch.from_numpy(pose),
+        torch.from_numpy(wrench),
+        torch.from_numpy(present),
+        _roles(recordings),
+        tuple(range(len(recordings))),
+    )
+
+
+def _roles(recordings: list[Recording]) -> tuple[str, ...]:
+    """Give each trajectory its part; one of another protocol than most of those fitted is for the transfer."""
+    turns = iter(UNSPLIT * len(recordings))
+    roles = [ROLES[one.split] if one.split else next(turns) for one in recordings]
+    if SELECT not in roles:
+        fitted = [row for row, role in enumerate(roles) if role == FIT]
+        for row in fitted[2::3]:
+            roles[row] = SELECT
+    if TRANSFER not in roles:
+        used = Counter(one.protocol for one, role in zip(recordings, roles, strict=True) if role in (FIT, SELECT))
+        usual = used.most_common(1)[0][0] if used else None
+        roles = [
+            TRANSFER if role == SAME and one.protocol != usual else role
+            for one, role in zip(recordings, roles, strict=True)
+        ]
+    return _with_probes(roles)
+
+
+def _with_probes(roles: list[str]) -> tuple[str, ...]:
+    """Let every second trajectory of the other protocol join the fit, where there are enough.
+
+    What one protocol cannot show, say a dead zone that friction absorbs, has to be looked for on another; the cause is
+    then certified on those trajectories of the other protocol that were not looked at.
+    """
+    other = [row for row, role in enumerate(roles) if role == TRANSFER]
+    if len(other) >= ENOUGH:
+        for row in other[::2]:
+            roles[row] = PROBE
+    return tuple(roles)

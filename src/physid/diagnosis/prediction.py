@@ -1,0 +1,245 @@
+"""Predictions of many variants of one experiment at once: other states, parameters, effects, forces."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import ClassVar, final
+
+import torch
+from torch import Tensor
+
+from physid.diagnosis.nominal import NominalModel
+from physid.diagnosis.windows import Batch, Windows
+from physid.physics.contact import PATCH
+from physid.physics.effect import Effect, Site, StepInputs, quantity
+from physid.physics.layer import PhysicsLayer, Rollout
+from physid.physics.rotations import conjugate, logarithm, multiply
+from physid.physics.state import State
+
+
+@dataclass(frozen=True)
+class Variants:
+    """C variants of an experiment with R trajectories in K windows.
+
+    Attributes:
+        pose: First poses of the windows, shape (C, K, N, 7).
+        twist: First twists, shape (C, K, N, 6).
+        nominal: Unknown parameters in the coordinates of the fit, shape (C, P).
+        effects: Parameters of the candidate effects, shape (C, Q).
+        engine: How far the numerics of the other engine are followed (0: not, 1: all the way), shape (C, 1).
+        force: Wrench on top of the acting one, shape (C, R, T, N, 6); None for none.
+    """
+
+    pose: Tensor
+    twist: Tensor
+    nominal: Tensor
+    effects: Tensor
+    engine: Tensor
+    force: Tensor | None = None
+
+    def __len__(self) -> int:
+        return self.pose.shape[0]
+
+    def __getitem__(self, chosen: slice) -> Variants:
+        return self._each(lambda value: value[chosen])
+
+    def repeat(self, times: int) -> Variants:
+        """Repeat a single variant."""
+        return self._each(lambda value: value.expand(times, *value.shape[1:]).clone())
+
+    def _each(self, change: Callable[[Tensor], Tensor]) -> Variants:
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return Variants(**{name: None if value is None else change(value) for name, value in values.items()})  # type: ignore[arg-type]
+
+    def replace(self, **changes: Tensor) -> Variants:
+        """Return a copy with some fields changed."""
+        return replace(self, **changes)
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What the model says.
+
+    Attributes:
+        pose: Poses that the camera would report, shape (C, R, T, N, 7).
+        state: Poses before the camera, shape (C, R, T, N, 7).
+        twist: Shape (C, R, T, N, 6).
+        impulse: Contact impulses from each frame to the next, zero in the last of a window [N s]; (C, R, T, K, 3).
+    """
+
+    pose: Tensor
+    state: Tensor
+    twist: Tensor
+    impulse: Tensor
+
+
+@dataclass(frozen=True)
+class Term:
+    """One parameter of a candidate effect."""
+
+    effect: type[Effect]
+    name: str
+
+    @property
+    def label(self) -> str:
+        """How it is written: effect.parameter."""
+        return f"{self.effect.name}.{self.name}"
+
+
+@final
+@dataclass(frozen=True)
+class _Clock(Effect):
+    """t' = t + t0: windows that start later, with the time since the first frame of their trajectory."""
+
+    name: ClassVar[str] = "clock"
+    site: ClassVar[Site] = "dynamics"
+    start: Tensor = quantity("s", low=0.0, high=1e6, typical=1.0)
+
+    def act(self, state: State, inputs: StepInputs) -> StepInputs:
+        """Set the clock forward."""
+        return inputs.replace(time=inputs.time + self.start)
+
+
+class Predictor:
+    """Simulates an experiment (its commanded wrenches) under variants of the model.
+
+    Args:
+        model: The nominal model.
+        wrench: Commanded wrenches, shape (R, T, N, 6).
+        windows: How the trajectories are cut.
+        candidates: Effects whose parameters are the columns Q of `Variants.effects`, in this order.
+        most: World-steps that are simulated in one go, which bounds the memory.
+    """
+
+    def __init__(
+        self,
+        model: NominalModel,
+        wrench: Tensor,
+        windows: Windows,
+        candidates: Sequence[type[Effect]] = (),
+        most: int = 400_000,
+    ) -> None:
+        self.model = model
+        self.wrench = wrench
+        self.windows = windows
+        self.candidates = tuple(candidates)
+        self.terms = tuple(Term(effect, name) for effect in candidates for name in effect.quantities())
+        self.null = torch.tensor([term.effect.quantities()[term.name].null for term in self.terms], dtype=torch.float64)
+        self._most = most
+
+    def predict(self, variants: Variants) -> Prediction:
+        """Simulate all variants.
+
+        Raises:
+            SolverError: If a contact problem cannot be solved.
+        """
+        per = self.windows.cost
+        chunk = max(1, self._most // per)
+        parts = [self._predict(variants[start : start + chunk]) for start in range(0, len(variants), chunk)]
+        if len(parts) == 1:
+            return parts[0]
+        return Prediction(*(torch.cat([getattr(part, name) for part in parts]) for name in Prediction.__annotations__))
+
+    def observe(self, state: Tensor, effects: Tensor) -> Tensor:
+        """Return what the camera reports of poses (C, R, T, N, 7) under effects (C, Q)."""
+        step, trajectories = self.model.scene.time_step, state.shape[1]
+        seen = state.flatten(0, 1)
+        for effect in self.model.effects:
+            seen = effect.observe(seen, step)
+        for effect, rows in self._at_work(effects, "observe", trajectories):
+            seen = seen.index_copy(0, rows, effect.observe(seen[rows], step))
+        poses: Tensor = seen.unflatten(0, state.shape[:2])
+        return poses
+
+    @torch.no_grad()
+    def _predict(self, variants: Variants) -> Prediction:
+        wrench = self._acting(variants)
+        count, trajectories, frames, bodies = wrench.shape[:4]
+        contacts = PATCH * (bodies * (bodies + 1) // 2)
+        state = wrench.new_zeros(count, trajectories, frames, bodies, 7)
+        twist = wrench.new_zeros(count, trajectories, frames, bodies, 6)
+        impulse = wrench.new_zeros(count, trajectories, frames, contacts, 3)
+        for batch in self.windows.batches:
+            rollout = self._roll(variants, batch, batch.cut(wrench))
+            for value, into in ((rollout.pose, state), (rollout.twist, twist)):
+                batch.put(value.unflatten(0, (count, -1)), into)
+            held = torch.cat([rollout.impulse, torch.zeros_like(rollout.impulse[:, :1])], 1)
+            batch.put(held.unflatten(0, (count, -1)), impulse)
+        return Prediction(self.observe(state, variants.effects), state, twist, impulse)
+
+    def _roll(self, variants: Variants, batch: Batch, wrench: Tensor) -> Rollout:
+        """Simulate the windows of a batch under wrenches (C, k, L, N, 6)."""
+        copies = len(batch.windows)
+        first = self.windows.start[batch.windows].to(torch.float64) * self.model.scene.time_step
+        layer = PhysicsLayer(self.model.world, self._steps(variants.effects, first))
+        pose, twist = (value[:, batch.windows].flatten(0, 1) for value in (variants.pose, variants.twist))
+        parameters = self.model.parameters(variants.nominal.repeat_interleave(copies, 0))
+        return layer.rollout(State(pose, twist), wrench.flatten(0, 1)[:, :-1], parameters)
+
+    def _acting(self, variants: Variants) -> Tensor:
+        """Return the wrenches at work (C, R, T, N, 6)."""
+        step, (count, trajectories) = self.model.scene.time_step, (len(variants), self.wrench.shape[0])
+        wrench = self.wrench
+        for effect in self.model.effects:
+            wrench = effect.actuate(wrench, step)
+        wrench = wrench.repeat(count, 1, 1, 1)
+        for effect, rows in self._at_work(variants.effects, "actuate", trajectories):
+            wrench = wrench.index_copy(0, rows, effect.actuate(wrench[rows], step))
+        wrench = wrench.unflatten(0, (count, trajectories))
+        acting: Tensor = wrench if variants.force is None else wrench + variants.force
+        return acting
+
+    def _steps(self, effects: Tensor, first: Tensor) -> list[Effect]:
+        """Return the effects that act at the step, with a value for each world; windows start at times (k,)."""
+        late = bool((first > 0).any())
+        clock: list[Effect] = [_Clock(first.repeat(effects.shape[0]))] if late else []
+        known = [_only_steps(effect) for effect in self.model.effects if _has(type(effect), "act")]
+        found = [_only_steps(effect) for effect, _ in self._at_work(effects, "act", len(first), everywhere=True)]
+        return clock + known + found
+
+    def _at_work(
+        self, effects: Tensor, hook: str, copies: int, everywhere: bool = False
+    ) -> list[tuple[Effect, Tensor]]:
+        """List the candidates with `hook` that are not null in some variant, and the rows (variant x copy) where."""
+        working, column = [], 0
+        for kind in self.candidates:
+            names = list(kind.quantities())
+            part = effects[:, column : column + len(names)]
+            on = (part != self.null[column : column + len(names)]).any(1)
+            column += len(names)
+            if not (_has(kind, hook) and bool(on.any())):
+                continue
+            rows = (torch.ones_like(on) if everywhere else on).repeat_interleave(copies).nonzero()[:, 0]
+            values = part.repeat_interleave(copies, 0)[rows]
+            working.append((kind(**{name: values[:, k] for k, name in enumerate(names)}), rows))
+        return working
+
+
+def _has(kind: type[Effect], hook: str) -> bool:
+    return getattr(kind, hook) is not getattr(Effect, hook)
+
+
+class _Step(Effect):
+    """An effect of which the layer sees the step only: wrenches and poses of whole trajectories are changed here."""
+
+    effect: Effect
+
+    def __init__(self, effect: Effect) -> None:
+        object.__setattr__(self, "effect", effect)
+
+    def act(self, state: State, inputs: StepInputs) -> StepInputs:
+        return self.effect.act(state, inputs)
+
+    def to(self, reference: Tensor) -> _Step:
+        return self
+
+
+def _only_steps(effect: Effect) -> Effect:
+    return _Step(effect) if _has(type(effect), "actuate") or _has(type(effect), "observe") else effect
+
+
+def difference(first: Tensor, second: Tensor) -> Tensor:
+    """Compute how far poses (..., 7) lie from others: rotation vector [rad], then position [m], shape (..., 6)."""
+    turn = logarithm(multiply(first[..., 3:], conjugate(second[..., 3:])))
+    return torch.cat([turn, first[..., :3] - second[..., :3]], -1)

@@ -1,0 +1,144 @@
+"""From observations to the fitted nominal model: noise, windows, first states, unknown parameters, numerics."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from physid.diagnosis.columns import Directions
+from physid.diagnosis.events import find_events
+from physid.diagnosis.fit import Experiment, Fit, gauss_newton, try_losses
+from physid.diagnosis.noise import Noise, estimate_noise, frame_weights, wild_poses
+from physid.diagnosis.nominal import NominalModel
+from physid.diagnosis.nulls import floors
+from physid.diagnosis.observations import Observations
+from physid.diagnosis.phases import phases_of
+from physid.diagnosis.prediction import Predictor, Variants
+from physid.diagnosis.settle import Say, settle
+from physid.diagnosis.starts import guess_starts
+from physid.diagnosis.windows import SHORT, Windows
+from physid.physics.effect import Effect
+
+FIRST_NOISE = Noise(rotation=5e-3, position=2e-3)
+FACTORS = (1.0, 0.5, 0.25, 2.0, 4.0)  # first guesses of unknown parameters that are tried, times the one given
+NONE = torch.zeros(0, dtype=torch.int64)
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """The fitted nominal model.
+
+    Attributes:
+        observations: What was recorded.
+        experiment: Model, data and weights.
+        fit: The fit.
+        noise: White noise of the poses.
+        phases: Codes of what each body is doing, shape (R, T, N).
+    """
+
+    observations: Observations
+    experiment: Experiment
+    fit: Fit
+    noise: Noise
+    phases: Tensor
+
+
+def prepare(
+    observations: Observations,
+    model: NominalModel,
+    candidates: Sequence[type[Effect]],
+    generator: torch.Generator,
+    say: Say = lambda _: None,
+) -> Prepared:
+    """Fit the nominal model: unknown parameters by the fitted trajectories, first states by all.
+
+    Args:
+        observations: What was recorded.
+        model: What is believed.
+        candidates: Effects that may be added later; all null here.
+        generator: Source of randomness.
+        say: Told what is being done.
+
+    Returns:
+        The fit, with the noise that its residuals show.
+    """
+    trajectories, frames = observations.pose.shape[:2]
+    present = observations.present * ~wild_poses(observations.pose, observations.present)
+    say("fitting the nominal model to short windows")
+    short = Windows.equal(trajectories, frames, min(SHORT, frames))
+    predictor = Predictor(model, observations.wrench, short, candidates)
+    experiment, point = _begin(predictor, observations, present, FIRST_NOISE)
+    point = _scan(experiment, point)
+    first = gauss_newton(experiment, point, NONE, steps=5)
+    noise = estimate_noise(first.residual, present)
+    phases = phases_of(first.jacobian.base, observations.wrench, model.scene)
+    windows = Windows.around(find_events(phases, observations.pose, model.scene))
+    say("fitting the nominal model")
+    predictor = Predictor(model, observations.wrench, windows, candidates)
+    experiment, point = _begin(predictor, observations, present, noise, first.point.nominal)
+    fit = gauss_newton(experiment, point, NONE)
+    for _ in range(2):
+        noise = estimate_noise(fit.residual, present)
+        weight = frame_weights(fit.residual, present, noise)
+        experiment = experiment.replace(scale=weight[..., None].sqrt() / noise.spread())
+        experiment, fit = settle(experiment, fit, NONE, (), say)
+    say("measuring where the numerics disturb")
+    extra = (1 + floors(experiment, fit, noise, generator)).rsqrt()
+    experiment = experiment.replace(scale=experiment.scale * _per_frame(windows, extra)[..., None, None])
+    experiment, fit = settle(experiment, fit, NONE, (), say)
+    phases = phases_of(fit.jacobian.base, observations.wrench, model.scene)
+    return Prepared(observations, experiment, fit, noise, phases)
+
+
+def _per_frame(windows: Windows, value: Tensor) -> Tensor:
+    """Give every frame the value (K,) of its window, shape (R, T)."""
+    table = torch.zeros(1, windows.trajectories, windows.frames, dtype=value.dtype)
+    for batch in windows.batches:
+        batch.put(value[None, batch.windows, None].expand(1, *batch.frame.shape), table)
+    return table[0]
+
+
+def _begin(
+    predictor: Predictor, observations: Observations, present: Tensor, noise: Noise, nominal: Tensor | None = None
+) -> tuple[Experiment, Variants]:
+    """Return the experiment and a first point, with the best guess of each window's first state."""
+    model, windows = predictor.model, predictor.windows
+    starts = guess_starts(observations.pose, present, windows, model.scene)
+    normal = torch.tensor(model.scene.ground.normal, dtype=torch.float64)
+    experiment = Experiment(
+        predictor,
+        observations.pose,
+        present[..., None].sqrt() / noise.spread(),
+        observations.fitted,
+        Directions.of(normal, starts.resting),
+        torch.zeros(*observations.pose.shape[:-1], 6, dtype=torch.float64),
+    )
+    one = Variants(
+        starts.pose[:1],
+        starts.twist[:1],
+        model.guess[None] if nominal is None else nominal,
+        predictor.null[None],
+        torch.zeros(1, 1, dtype=torch.float64),
+    )
+    many = one.repeat(len(starts.pose)).replace(pose=starts.pose, twist=starts.twist)
+    best = try_losses(experiment, many).argmin(0)
+    pick = torch.arange(len(best))
+    return experiment, one.replace(pose=starts.pose[best, pick][None], twist=starts.twist[best, pick][None])
+
+
+def _scan(experiment: Experiment, point: Variants) -> Variants:
+    """Try multiples of the first guesses, one unknown parameter after the other; a bad guess may leave no slope."""
+    model = experiment.predictor.model
+    counts = experiment.fitted[experiment.predictor.windows.trajectory]
+    for column in range(len(model.unknown)):
+        many = point.repeat(len(FACTORS))
+        values = model.to_values(many.nominal)
+        values[:, column] *= torch.tensor(FACTORS, dtype=torch.float64)
+        many = many.replace(nominal=model.to_coordinates(values))
+        losses = try_losses(experiment, many)[:, counts].clamp_max(1e12).sum(1)
+        best = int(losses.argmin())
+        point = many[best : best + 1]
+    return point

@@ -1,0 +1,67 @@
+"""The other engine: the experiment replayed by PyBullet, from the same states and with the same parameters."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+
+from physid.diagnosis.nominal import NominalModel
+from physid.diagnosis.prediction import Variants
+from physid.diagnosis.windows import Windows
+from physid.physics.effect import Effect, StepInputs
+from physid.physics.state import State
+from physid.scenes.catalogue import with_parameters
+from physid.scenes.setup import Excitation
+
+
+def replay(
+    model: NominalModel, wrench: Tensor, windows: Windows, point: Variants, effects: Sequence[Effect] = ()
+) -> Tensor:
+    """Simulate every window in PyBullet.
+
+    Args:
+        model: The nominal model.
+        wrench: Commanded wrenches, shape (R, T, N, 6).
+        windows: How trajectories are cut.
+        point: First states and unknown parameters, a single variant.
+        effects: Effects beside those of the nominal model.
+
+    Returns:
+        Poses that the camera would report, shape (R, T, N, 7).
+    """
+    from physid.bullet.world import simulate
+
+    working = (*model.effects, *effects)
+    values = dict(zip(model.unknown, model.to_values(point.nominal[0]).tolist(), strict=True))
+    scene = dataclasses.replace(with_parameters(model.scene, values), camera=None)
+    for effect in working:
+        wrench = effect.actuate(wrench, scene.time_step)
+    steps = [_AtStep(effect) for effect in working]
+    seen = torch.zeros(*wrench.shape[:-1], 7, dtype=wrench.dtype)
+    for window, (row, first, size) in enumerate(
+        zip(windows.trajectory.tolist(), windows.start.tolist(), windows.size.tolist(), strict=True)
+    ):
+        loads = wrench[row, first : first + size].numpy()
+        start = Excitation(point.pose[0, window].numpy(), point.twist[0, window].numpy(), loads)
+        later: list[Effect] = [dataclasses.replace(step, start=first * scene.time_step) for step in steps]
+        motion = simulate(scene, start, later, model.substeps)
+        seen[row, first : first + size] = torch.from_numpy(motion.pose)
+    for effect in working:
+        seen = effect.observe(seen, scene.time_step)
+    return seen
+
+
+@dataclasses.dataclass(frozen=True)
+class _AtStep(Effect):
+    """An effect of which the engine sees the step only, on a clock that started earlier."""
+
+    effect: Effect
+    start: float = 0.0
+
+    def act(self, state: State, inputs: StepInputs) -> StepInputs:
+        """Act at the time since the first frame of the trajectory, whichever window this is."""
+        acted = self.effect.act(state, inputs.replace(time=inputs.time + self.start))
+        return acted.replace(time=inputs.time)

@@ -1,0 +1,203 @@
+"""A diagnosis in words: one plain sentence, the three answers, at most ten lines for the terminal."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+MOST_LINES = 10
+MOST_PARAMETERS = 3  # of effects, and as many refitted ones, that the terminal shows
+MOST_CELLS = 2
+SPLIT_NAMES = {"same": "same protocol", "transfer": "transfer protocol"}
+PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"))
+MOST_DECIMALS = 6
+SMALLEST_SHOWN = 0.1  # a number below takes the next prefix
+LABEL_WIDTH = 9
+
+
+def verdict_sentence(diagnosis: Mapping[str, Any]) -> str:
+    """Say the verdict in one plain sentence.
+
+    A cause is called a cause only where a transfer set has certified it.
+
+    Args:
+        diagnosis: A document as `check_diagnosis` accepts it.
+
+    Returns:
+        The sentence.
+    """
+    named = capital(join((words(effect["name"]) for effect in diagnosis["effects"]), "and"))
+    several = len(diagnosis["effects"]) > 1
+    certified = diagnosis["gap"]["transfer"] is not None
+    cause, part = ("causes", "causes part of") if certified else ("accounts for", "accounts for part of")
+    if several:
+        cause, part = ("cause", "cause part of") if certified else ("account for", "account for part of")
+    if diagnosis["verdict"] == "group" and several:
+        others = [
+            words(name) for name in diagnosis["group"] if name not in {each["name"] for each in diagnosis["effects"]}
+        ]
+        return f"{named} {cause} the gap; these recordings cannot tell them from {join(others, 'or')}."
+    if diagnosis["verdict"] == "group":
+        group = join((words(name) for name in diagnosis["group"]), "or")
+        verb = "is caused" if certified else "is accounted for"
+        return f"The gap {verb} by one of {group}; these recordings cannot tell which."
+    return {
+        "none": "The model explains these recordings: there is no gap beyond the floors.",
+        "named": f"{named} {cause} the gap between model and recordings.",
+        "partial": f"{named} {part} the gap; something is left that no candidate explains.",
+        "unknown": "There is a gap between model and recordings, and no candidate explains it.",
+    }[diagnosis["verdict"]]
+
+
+def caveat(diagnosis: Mapping[str, Any]) -> str:
+    """Say what the verdict does not mean; empty where there is nothing to warn of."""
+    if diagnosis["verdict"] == "none":
+        return "No gap is not no effect: what refitted parameters absorb under this protocol does not show."
+    if diagnosis["effects"] and diagnosis["gap"]["transfer"] is None:
+        return "Predictive only, cause not certified: there is no transfer set."
+    return ""
+
+
+def where_sentence(diagnosis: Mapping[str, Any]) -> str:
+    """Say which site the evidence points to, and in which cells it is strongest."""
+    shares = sorted(diagnosis["where"]["site"].items(), key=lambda item: -item[1])
+    site = ", ".join(f"{name} {percent(share)}" for name, share in shares[:2] if share >= 0.005)
+    cells = sorted(diagnosis["where"]["cells"], key=lambda cell: -cell["evidence"])[:MOST_CELLS]
+    strongest = "; ".join(f"{words(cell['phase'])}, {cell['body']} {cell['dof']}" for cell in cells)
+    parts = [site or "no site stands out", f"strongest in {strongest}" if strongest else ""]
+    return "; ".join(part for part in parts if part)
+
+
+def effect_lines(diagnosis: Mapping[str, Any]) -> list[str]:
+    """Give the size of each parameter of the blamed effects, with its interval."""
+    return [
+        f"{effect['name']}.{name} = {estimate(value)}"
+        for effect in diagnosis["effects"]
+        for name, value in effect["parameters"].items()
+    ] or [effect["name"] for effect in diagnosis["effects"]]
+
+
+def how_far_sentence(diagnosis: Mapping[str, Any], split: str) -> str:
+    """Give the error before and after on one split, its floor, and the share of the gap that was closed."""
+    gap, share = diagnosis["gap"], diagnosis["shrink"][split]
+    error, unit = gap[split], gap["unit"]
+    after = "" if error["after"] is None else f" -> {quantity(error['after'], unit)}"
+    text = f"{SPLIT_NAMES[split]}: {quantity(error['before'], unit)}{after} (floor {quantity(gap['floor'], unit)})"
+    if share is not None:
+        return f"{text}, {percent(share['value'])} closed ({percent(share['low'])} to {percent(share['high'])})"
+    return text if error["after"] is None else f"{text}, too near to the floor for a share"
+
+
+def summary_lines(diagnosis: Mapping[str, Any]) -> list[str]:
+    """Sum up a diagnosis for the terminal.
+
+    Args:
+        diagnosis: A document as `check_diagnosis` accepts it.
+
+    Returns:
+        At most ten lines.
+    """
+    sure = f"(confidence {percent(diagnosis['confidence'])})"
+    lines = _labelled("Verdict", [f"{diagnosis['verdict']}: {verdict_sentence(diagnosis)} {sure}"])
+    lines += _labelled("Where", [where_sentence(diagnosis)])
+    lines += _labelled("Which", _which(diagnosis))
+    splits = [split for split in SPLIT_NAMES if diagnosis["gap"][split] is not None]
+    lines += _labelled("How far", [how_far_sentence(diagnosis, split) for split in splits])
+    lines += _labelled("Note", [caveat(diagnosis)] if caveat(diagnosis) else [])
+    lines += _labelled("Refitted", _refitted(diagnosis))
+    lines += _labelled("Next", [diagnosis["next_experiment"]] if diagnosis["next_experiment"] else [])
+    return lines[:MOST_LINES]
+
+
+def _which(diagnosis: Mapping[str, Any]) -> list[str]:
+    """Give the sizes of the effects; without any, the best candidate and its p-value."""
+    sizes = effect_lines(diagnosis)
+    if sizes:
+        shown = sizes[: MOST_PARAMETERS - 1] if len(sizes) > MOST_PARAMETERS else sizes
+        return [*shown, *[f"and {len(sizes) - len(shown)} parameters more"] * (len(shown) < len(sizes))]
+    if not diagnosis["ranking"]:
+        return ["no candidate stands out"]
+    best = diagnosis["ranking"][0]
+    return [f"none; best candidate {' + '.join(best['effects'])}, p = {figure(best['p_value'], 2)}"]
+
+
+def _refitted(diagnosis: Mapping[str, Any]) -> list[str]:
+    """Give the unknown parameters without and with the effect, in one line."""
+    known = list(diagnosis["parameters"].items())
+    texts = [
+        f"{name} {figure(value['nominal'])}"
+        + ("" if value["with_effect"] is None else f" -> {estimate(value['with_effect'])}")
+        for name, value in known[:MOST_PARAMETERS]
+    ]
+    more = [f"and {len(known) - MOST_PARAMETERS} more"] * (len(known) > MOST_PARAMETERS)
+    return [", ".join([*texts, *more])] if texts else []
+
+
+def _labelled(label: str, lines: Sequence[str]) -> list[str]:
+    """Put a label before the first line and room before the others."""
+    return [f"{label if index == 0 else '':<{LABEL_WIDTH}} {line}" for index, line in enumerate(lines)]
+
+
+def words(name: str) -> str:
+    """Turn a name into words."""
+    return name.replace("_", " ")
+
+
+def capital(text: str) -> str:
+    """Begin with a capital letter."""
+    return text[:1].upper() + text[1:]
+
+
+def join(texts: Iterable[str], last: str) -> str:
+    """Join texts by commas and a word before the last."""
+    *first, end = list(texts) or [""]
+    return f"{', '.join(first)} {last} {end}" if first else end
+
+
+def figure(value: float, digits: int = 3) -> str:
+    """Write a number with some significant digits, with an exponent only where it is very small or large."""
+    if value == 0 or not 1e-3 <= abs(value) < 1e5:
+        return f"{value:.{digits - 1}e}" if value else "0"
+    decimals = max(0, digits - 1 - math.floor(math.log10(abs(value))))
+    text = f"{value:.{decimals}f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text
+
+
+def percent(share: float) -> str:
+    """Write a share in percent; one that is close to 0 or 1 is not rounded onto it."""
+    value = 100 * share
+    if 0 < value < 0.1 or 99.9 < value < 100:
+        return "< 0.1 %" if value < 1 else "> 99.9 %"
+    return f"{value:.1f} %" if 0 < value < 1 or 99 < value < 100 else f"{value:.0f} %"
+
+
+def quantity(value: float, unit: str) -> str:
+    """Write a length with a prefix that suits it, any other quantity as it is."""
+    if unit != "m" or value == 0:
+        return f"{figure(value)} {unit}".strip()
+    factor, prefix = next((each for each in PREFIXES if abs(value) >= SMALLEST_SHOWN * each[0]), PREFIXES[-1])
+    return f"{figure(value / factor)} {prefix}{unit}"
+
+
+def estimate(value: Mapping[str, Any]) -> str:
+    """Write a value with its interval and unit."""
+    middle, low, high = resolved(value)
+    return f"{middle} ({low} to {high}){unit_of(value)}"
+
+
+def resolved(value: Mapping[str, Any]) -> tuple[str, str, str]:
+    """Write value, low and high with two digits of the width of the interval, so that they can be told apart."""
+    low, high = value["low"], value["high"]
+    numbers = (value["value"], low, high)
+    decimals = 1 - math.floor(math.log10(high - low)) if high > low else MOST_DECIMALS + 1
+    if not 0 <= decimals <= MOST_DECIMALS:
+        return figure(numbers[0]), figure(low), figure(high)
+    middle, low, high = (f"{number:.{decimals}f}" for number in numbers)
+    return middle, low, high
+
+
+def unit_of(value: Mapping[str, Any]) -> str:
+    """Return the unit with a space before it; nothing for a number without a unit."""
+    unit = value.get("unit", "")
+    return "" if unit in ("", "-", "1") else f" {unit}"

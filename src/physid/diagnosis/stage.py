@@ -1,0 +1,165 @@
+"""One look at a fitted hypothesis: what is still missing, against data for which nothing is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from physid.diagnosis.fit import Experiment, Fit, prior
+from physid.diagnosis.freeform import Cell, local_gain, residual_wrenches
+from physid.diagnosis.hypothesis import Hypothesis
+from physid.diagnosis.linear import Normal
+from physid.diagnosis.nulls import draw_nulls, p_value
+from physid.diagnosis.prepare import Prepared
+from physid.diagnosis.score import Conditional, Group, condition, gains, groups_of
+
+CELL_DRAWS = 10  # every so many effect-free data sets serve for the cells
+
+
+@dataclass(frozen=True)
+class Row:
+    """What one more effect would gain.
+
+    Attributes:
+        names: The effect (or several).
+        gain: Explained squared residual, in units of the noise.
+        change: Linear estimate of its parameters, shape (k,).
+        visible: How many standard deviations its typical size makes, along the best direction.
+        p_value: How often effect-free data reach this gain with any effect.
+    """
+
+    names: tuple[str, ...]
+    gain: float
+    change: Tensor
+    visible: float
+    p_value: float
+
+
+@dataclass(frozen=True)
+class Stage:
+    """What a hypothesis leaves unexplained.
+
+    Attributes:
+        fit: The hypothesis' fit, linearised with all candidates and residual wrenches.
+        cells: What the residual wrenches are.
+        rows: What each effect that it lacks would gain, best first.
+        null_best: The largest gain in each effect-free data set, shape (Z,).
+        free: What a free residual wrench explains, by window, shape (K,).
+        null_free: The same for effect-free data: fitted trajectories together, shape (Z,).
+        conditional: Normal equations of all effects after the nuisances.
+        groups: Columns of the effects.
+        counted: Windows of the fitted trajectories, shape (K,).
+        cell_gain: What a residual wrench in each cell alone explains, by window, beyond the mean of effect-free data;
+            in the order of `cells`, shape (F, K).
+    """
+
+    fit: Fit
+    cells: list[Cell]
+    rows: list[Row]
+    null_best: Tensor
+    free: Tensor
+    null_free: Tensor
+    conditional: Conditional
+    groups: list[Group]
+    counted: Tensor
+    cell_gain: Tensor
+
+    @property
+    def left(self) -> float:
+        """What a free residual wrench explains in the fitted trajectories."""
+        return float(self.free[self.counted].sum())
+
+    @property
+    def excess(self) -> float:
+        """The same beyond what it explains in effect-free data."""
+        return self.left - float(self.null_free.mean())
+
+    @property
+    def p_value(self) -> float:
+        """How often effect-free data look at least as suspicious: by one effect, or by a free residual wrench."""
+        best = self.rows[0].p_value if self.rows else 1.0
+        return min(1.0, 2 * min(best, p_value(self.left, self.null_free)))
+
+    @property
+    def threshold(self) -> float:
+        """A gain that one in a hundred effect-free data sets reaches."""
+        return float(self.null_best.quantile(0.99))
+
+
+def examine(prepared: Prepared, hypothesis: Hypothesis, generator: torch.Generator) -> Stage:
+    """Look at what a hypothesis leaves unexplained.
+
+    Args:
+        prepared: The recordings.
+        hypothesis: The hypothesis.
+        generator: Randomness of the effect-free data.
+    """
+    experiment = hypothesis.experiment
+    predictor = experiment.predictor
+    planar = not bool(experiment.directions.free[..., 0].any())
+    step = predictor.model.scene.time_step
+    cells, wrenches = residual_wrenches(prepared.phases, experiment.directions.frame, planar, predictor.windows, step)
+    count = len(predictor.terms)
+    fit = experiment.linearise(hypothesis.fit.point, torch.arange(count), wrenches)
+    offset = fit.point.nominal.shape[1] + 1
+    nuisance = torch.cat([torch.arange(offset), offset + hypothesis.columns])
+    groups = [
+        group
+        for group in groups_of(predictor.terms, offset, fit.point.effects[0])
+        if group.names[0] not in hypothesis.names
+    ]
+    shared = torch.arange(offset + count)
+    ridge = prior(experiment, hypothesis.columns)
+
+    nulls = draw_nulls(experiment, hypothesis.fit, prepared.noise, hypothesis.working, generator)
+    respond = fit.linear.respond(nulls.residual, experiment.scale)
+    free = torch.tensor([offset + count + k for k, cell in enumerate(cells) if cell.piece is not None])
+    null_best = torch.stack(
+        [gains(_given(respond, shared, experiment.fitted, nuisance, ridge), g)[0] for g in groups]
+    ).amax(0)
+    cleaned = _cleaned(fit, nulls.residual, respond, nuisance, ridge, experiment)
+    counted = experiment.fitted[predictor.windows.trajectory]
+    null_free = local_gain(fit.linear, free, cleaned, experiment.scale)[counted].sum(0)
+    conditional = _given(fit.normal(), shared, experiment.fitted, nuisance, ridge)
+    rows = []
+    for group in groups:
+        gain, change, visible = gains(conditional, group)
+        p = p_value(float(gain), null_best)
+        rows.append(Row(group.names, float(gain), change[0], float(visible.max()), p))
+    rows.sort(key=lambda row: -row.gain)
+    return Stage(
+        fit,
+        cells,
+        rows,
+        null_best,
+        local_gain(fit.linear, free)[:, 0],
+        null_free,
+        conditional,
+        groups,
+        counted,
+        _cell_gains(fit, offset + count + torch.arange(len(cells)), cleaned[::CELL_DRAWS], experiment.scale),
+    )
+
+
+def _given(normal: Normal, shared: Tensor, fitted: Tensor, nuisance: Tensor, ridge: Tensor) -> Conditional:
+    return condition(normal.select(shared).of(fitted), nuisance, ridge)
+
+
+def _cleaned(
+    fit: Fit, residual: Tensor, respond: Normal, nuisance: Tensor, ridge: Tensor, experiment: Experiment
+) -> Tensor:
+    """Return the residuals of effect-free data after the nuisances are fitted to each set."""
+    normal = respond.select(nuisance).of(experiment.fitted)
+    change = torch.linalg.solve(normal.matrix.sum(0) + torch.diag(ridge), normal.vector.sum(0))
+    return residual - torch.einsum("pz,prtnk->zrtnk", change, fit.jacobian.shared[nuisance])
+
+
+def _cell_gains(fit: Fit, columns: Tensor, cleaned: Tensor, scale: Tensor) -> Tensor:
+    """Compute what each residual wrench explains alone, beyond its mean over effect-free data; shape (F, K)."""
+    gains_of = []
+    for column in columns:
+        null = local_gain(fit.linear, column[None], cleaned, scale).mean(1)
+        gains_of.append(local_gain(fit.linear, column[None])[:, 0] - null)
+    return torch.stack(gains_of)

@@ -1,0 +1,135 @@
+"""First guesses of the states in which windows start, from the observed poses alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from physid.diagnosis.windows import Windows
+from physid.physics.rotations import conjugate, exponential, logarithm, multiply, to_matrix
+from physid.scenes.scene import Scene
+from physid.scenes.setup import REST_DEPTH
+
+SPANS = (0.06, 0.035, 0.02)  # [s] first frames that may give the first velocity; short ones end before an impact
+FLAT = 0.03  # [rad] a face that leans more than this does not lie on the ground
+NEAR = 0.25  # a body lies on the ground if the gap is below this share of its height (a camera may see it too high) ...
+STEADY = 0.5  # ... and it falls by less than this share of a free fall
+
+
+@dataclass(frozen=True)
+class Starts:
+    """Guessed states at the first frames of windows.
+
+    Attributes:
+        pose: One guess for each of SPANS, shape (G, K, N, 7).
+        twist: Shape (G, K, N, 6).
+        resting: Bodies that lie flat on the ground and stay there at first, shape (K, N).
+    """
+
+    pose: Tensor
+    twist: Tensor
+    resting: Tensor
+
+
+def guess_starts(pose: Tensor, seen: Tensor, windows: Windows, scene: Scene) -> Starts:
+    """Guess first states from the first frames of each window.
+
+    A body that lies on the ground is put exactly there, without tumbling: then only its motion in the ground's plane
+    is free. Others are taken to fall freely for a while; the shorter the while, the less an impact disturbs.
+
+    Args:
+        pose: Observed poses, shape (R, T, N, 7).
+        seen: Weights of the frames, 0 for those to ignore, shape (R, T, N).
+        windows: How trajectories are cut.
+        scene: Sizes, ground, time step.
+    """
+    bodies = pose.shape[2]
+    starts = Starts(
+        pose.new_zeros(len(SPANS), len(windows), bodies, 7),
+        pose.new_zeros(len(SPANS), len(windows), bodies, 6),
+        torch.zeros(len(windows), bodies, dtype=torch.bool),
+    )
+    for batch in windows.batches:
+        cut, weight = batch.cut(pose[None])[0], batch.cut(seen[None], fill=0.0)[0]
+        guessed = _guess(cut, weight, scene)
+        for name in ("pose", "twist"):
+            getattr(starts, name)[:, batch.windows] = getattr(guessed, name)
+        starts.resting[batch.windows] = guessed.resting
+    return starts
+
+
+def _guess(cut: Tensor, weight: Tensor, scene: Scene) -> Starts:
+    """Guess the first states of windows from their poses (K, L, N, 7) and the weights of the frames (K, L, N)."""
+    length = cut.shape[1]
+    anchor = cut[:, :1, :, 3:]
+    turn = logarithm(multiply(cut[..., 3:], conjugate(anchor.expand_as(cut[..., 3:]))))
+    motion = torch.cat([turn, cut[..., :3]], -1)
+    time = torch.arange(length, dtype=cut.dtype) * scene.time_step
+    frames = [min(max(5, round(span / scene.time_step)), length) for span in SPANS]
+    gravity = torch.tensor(scene.gravity, dtype=cut.dtype)
+    dropped = torch.cat([torch.zeros(3, dtype=cut.dtype), gravity / 2]) * time[:, None, None] ** 2
+    lying, resting = _lying(motion[:, : frames[0]], weight, time, anchor, scene)
+    poses, twists = [], []
+    for count in frames:
+        value, slope, _ = _polynomial((motion - dropped)[:, :count], weight, time, 1)
+        poses.append(torch.where(resting[..., None], lying[0], _compose(value, anchor)))
+        twists.append(torch.where(resting[..., None], lying[1], slope))
+    return Starts(torch.stack(poses), torch.stack(twists), resting)
+
+
+def _lying(
+    motion: Tensor, weight: Tensor, time: Tensor, anchor: Tensor, scene: Scene
+) -> tuple[tuple[Tensor, Tensor], Tensor]:
+    """Return the states that bodies have if they lie on the ground, and whether they do."""
+    normal = torch.tensor(scene.ground.normal, dtype=motion.dtype)
+    value, slope, bend = _polynomial(motion, weight, time, 2)
+    pose, lean, gap, height = _laid_down(_compose(value, anchor), scene)
+    last = float(time[motion.shape[1] - 1])
+    fall = abs(float(torch.tensor(scene.gravity, dtype=motion.dtype) @ normal)) * last**2 / 2
+    speed, spin = slope[..., 3:] @ normal, slope[..., :3] @ normal
+    sunk = (speed * last + (bend[..., 3:] @ normal) * last**2).abs()
+    resting = (lean < FLAT) & (gap.abs() < NEAR * height) & (sunk < STEADY * fall)
+    twist = torch.cat([spin[..., None] * normal, slope[..., 3:] - speed[..., None] * normal], -1)
+    return (pose, twist), resting
+
+
+def _compose(value: Tensor, anchor: Tensor) -> Tensor:
+    """Return poses from rotation vectors relative to attitudes (K, 1, N, 4), and positions; value is (K, N, 6)."""
+    return torch.cat([value[..., 3:], multiply(exponential(value[..., :3]), anchor[:, 0])], -1)
+
+
+def _polynomial(value: Tensor, weight: Tensor, time: Tensor, degree: int) -> tuple[Tensor, Tensor, Tensor]:
+    """Fit a + b t + c t^2 to (K, L, N, 6) with weights and times that go on; returns a, b, c, each (K, N, 6)."""
+    count = value.shape[1]
+    last = time[count - 1]
+    basis = torch.stack([(time[:count] / last) ** k for k in range(degree + 1)], -1)
+    weight = weight[:, :count]
+    gram = torch.einsum("wtn,ti,tj->wnij", weight, basis, basis) + 1e-9 * torch.eye(degree + 1, dtype=value.dtype)
+    solved = torch.linalg.solve(gram, torch.einsum("wtn,ti,wtnk->wnik", weight, basis, value))
+    bend = solved[..., 2, :] / last**2 if degree == 2 else torch.zeros_like(solved[..., 0, :])
+    return solved[..., 0, :], solved[..., 1, :] / last, bend
+
+
+def _laid_down(pose: Tensor, scene: Scene) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Turn boxes so that their lowest face lies on the ground.
+
+    Returns:
+        Poses on the ground (..., N, 7), the angle of the turn [rad], the gap that was closed and the height of the box
+        [m], each of shape (..., N).
+    """
+    normal = torch.tensor(scene.ground.normal, dtype=pose.dtype)
+    size = torch.tensor(scene.sizes, dtype=pose.dtype)
+    along = normal @ to_matrix(pose[..., 3:])
+    axis = along.abs().argmax(-1, keepdim=True)
+    unit = torch.zeros_like(along).scatter(-1, axis, 1.0) * along.gather(-1, axis).sign()
+    up = (to_matrix(pose[..., 3:]) @ unit[..., None])[..., 0]
+    cross = torch.linalg.cross(up, normal.expand_as(up))
+    sine, cosine = cross.norm(dim=-1), (up * normal).sum(-1)
+    angle = torch.atan2(sine, cosine)
+    turn = exponential(cross / sine.clamp_min(1e-12)[..., None] * angle[..., None])
+    height = size.expand_as(along).gather(-1, axis)[..., 0]
+    gap = pose[..., :3] @ normal - scene.ground.offset - height / 2
+    position = pose[..., :3] - (gap + REST_DEPTH)[..., None] * normal
+    return torch.cat([position, multiply(turn, pose[..., 3:])], -1), angle, gap, height

@@ -1,0 +1,148 @@
+"""Cutting trajectories into windows that start anew, so that errors do not pile up."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import torch
+from torch import Tensor
+
+SHORT = 30  # frames of a window in which bodies hit each other or tumble
+LEAD = 4  # frames before such an event that belong to its window
+TRAIL = 16  # frames after it: overlaps of the bodies are gone by then
+LEAST = 12  # a calm stretch of fewer frames is no window of its own
+CLASSES = (16, 32, 64, 128)  # windows of up to so many frames are simulated together
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Windows of similar length.
+
+    Attributes:
+        windows: Which windows, shape (k,).
+        trajectory: Whose they are, shape (k,).
+        frame: Their frames, shape (k, L); beyond the end the last frame of the trajectory.
+        inside: Which of these belong to the window, shape (k, L).
+    """
+
+    windows: Tensor
+    trajectory: Tensor
+    frame: Tensor
+    inside: Tensor
+
+    def cut(self, value: Tensor, fill: float | None = None) -> Tensor:
+        """Turn (C, R, T, ...) into (C, k, L, ...); what is not inside holds a later value, or `fill`."""
+        taken = value[:, self.trajectory[:, None], self.frame]
+        if fill is None:
+            return taken
+        inside = self.inside.reshape(*self.inside.shape, *[1] * (taken.ndim - 3))
+        return torch.where(inside, taken, torch.full_like(taken[:1, :1, :1], fill))
+
+    def put(self, value: Tensor, into: Tensor) -> None:
+        """Write (C, k, L, ...) back to (C, R, T, ...)."""
+        rows = self.trajectory[:, None].expand_as(self.frame)
+        into[:, rows[self.inside], self.frame[self.inside]] = value[:, self.inside]
+
+
+@dataclass(frozen=True)
+class Windows:
+    """How R trajectories of T frames are cut into K windows; every frame is in one window.
+
+    Attributes:
+        trajectories: R.
+        frames: T.
+        trajectory: Whose each window is, shape (K,).
+        start: First frame, shape (K,).
+        size: Number of frames, shape (K,).
+    """
+
+    trajectories: int
+    frames: int
+    trajectory: Tensor
+    start: Tensor
+    size: Tensor
+
+    @classmethod
+    def equal(cls, trajectories: int, frames: int, length: int) -> Windows:
+        """Cut all trajectories alike."""
+        cuts = [(first, min(length, frames - first)) for first in range(0, frames, length)]
+        return cls._of([cuts] * trajectories, frames)
+
+    @classmethod
+    def around(cls, events: Tensor) -> Windows:
+        """Cut so that stretches with events become short windows, and calm stretches stay whole.
+
+        Args:
+            events: Frames at which small errors grow fast, shape (R, T).
+        """
+        return cls._of([_cuts(row) for row in events], events.shape[1])
+
+    @classmethod
+    def _of(cls, cuts: list[list[tuple[int, int]]], frames: int) -> Windows:
+        table = torch.tensor([(row, *cut) for row, own in enumerate(cuts) for cut in own])
+        return cls(len(cuts), frames, *table.T.contiguous())
+
+    def __len__(self) -> int:
+        return len(self.start)
+
+    @cached_property
+    def batches(self) -> list[Batch]:
+        """The windows, those of similar length together."""
+        made, lower = [], 0
+        for upper in (*CLASSES, self.frames):
+            windows = ((self.size > lower) & (self.size <= upper)).nonzero()[:, 0]
+            lower = max(upper, lower)
+            if len(windows):
+                frame = self.start[windows, None] + torch.arange(int(self.size[windows].max()))
+                inside = frame < (self.start + self.size)[windows, None]
+                made.append(Batch(windows, self.trajectory[windows], frame.clamp_max(self.frames - 1), inside))
+        return made
+
+    @property
+    def cost(self) -> int:
+        """Frames that are simulated for one variant."""
+        return sum(batch.frame.numel() for batch in self.batches)
+
+    @cached_property
+    def position(self) -> Tensor:
+        """How many frames each frame is after the first of its window, shape (R, T)."""
+        into = torch.zeros(1, self.trajectories, self.frames, dtype=torch.int64)
+        for batch in self.batches:
+            batch.put((batch.frame - self.start[batch.windows, None])[None], into)
+        return into[0]
+
+    def sum_frames(self, value: Tensor) -> Tensor:
+        """Sum (C, R, T) over the frames of each window, shape (C, K)."""
+        total = value.new_zeros(len(value), len(self))
+        for batch in self.batches:
+            total[:, batch.windows] = batch.cut(value, fill=0.0).sum(-1)
+        return total
+
+    def sum_windows(self, value: Tensor) -> Tensor:
+        """Sum (K, ...) over the windows of each trajectory, shape (R, ...)."""
+        return value.new_zeros(self.trajectories, *value.shape[1:]).index_add(0, self.trajectory, value)
+
+
+def _cuts(events: Tensor) -> list[tuple[int, int]]:
+    """Return (first frame, frames) of the windows of one trajectory; events has shape (T,)."""
+    busy = events.clone()
+    for frame in events.nonzero()[:, 0].tolist():
+        busy[max(0, frame - LEAD) : frame + TRAIL + 1] = True
+    runs = _runs(busy)
+    for first, count in runs:
+        if not busy[first] and count < LEAST and len(runs) > 1:
+            busy[first : first + count] = True
+    cuts: list[tuple[int, int]] = []
+    for first, count in _runs(busy):
+        parts = -(-count // SHORT) if busy[first] else 1
+        edges = [first + count * k // parts for k in range(parts + 1)]
+        cuts += [(a, b - a) for a, b in pairwise(edges)]
+    return cuts
+
+
+def _runs(mask: Tensor) -> list[tuple[int, int]]:
+    """Return (first frame, frames) of the stretches in which a mask (T,) does not change."""
+    edges = [0, *((mask[1:] != mask[:-1]).nonzero()[:, 0] + 1).tolist(), len(mask)]
+    return [(a, b - a) for a, b in pairwise(edges)]

@@ -1,0 +1,31 @@
+"""A camera whose clock runs slow or fast."""
+
+from dataclasses import dataclass
+from typing import ClassVar, final
+
+import torch
+from torch import Tensor
+
+from physid.effects.resampling import at_frames
+from physid.physics.effect import Effect, Site, quantity
+
+
+@final
+@dataclass(frozen=True)
+class ClockRate(Effect):
+    """P'(t) = P((1 + k) t) for the pose P, between frames at constant velocity (see `at_frames`).
+
+    For k > 0 the camera sees more time pass than its clock says; the last poses continue at constant velocity.
+
+    Attributes:
+        change: k [-].
+    """
+
+    name: ClassVar[str] = "clock_rate"
+    site: ClassVar[Site] = "perception"
+    change: Tensor = quantity("-", low=-0.2, high=0.2, typical=0.02)
+
+    def observe(self, pose: Tensor, time_step: float) -> Tensor:
+        """Report the poses of other times."""
+        frames = torch.arange(pose.shape[1], dtype=pose.dtype, device=pose.device)
+        return at_frames(pose, frames * (1 + self.change[:, None]))

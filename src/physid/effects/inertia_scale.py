@@ -1,0 +1,27 @@
+"""Mass that lies further out, or closer in, than in a uniform box."""
+
+from dataclasses import dataclass
+from typing import ClassVar, final
+
+from torch import Tensor
+
+from physid.physics.effect import Effect, Site, StepInputs, quantity
+from physid.physics.state import State
+
+
+@final
+@dataclass(frozen=True)
+class InertiaScale(Effect):
+    """I' = (1 + k) I for all principal moments, at the same mass.
+
+    Attributes:
+        change: k [-].
+    """
+
+    name: ClassVar[str] = "inertia_scale"
+    site: ClassVar[Site] = "dynamics"
+    change: Tensor = quantity("-", low=-0.8, high=3.0, typical=0.3)
+
+    def act(self, state: State, inputs: StepInputs) -> StepInputs:
+        """Scale the moments of inertia."""
+        return inputs.replace(inertia=inputs.inertia * (1 + self.change[:, None, None]))

@@ -1,0 +1,27 @@
+"""Bodies that rub on each other more, or less, than believed."""
+
+from dataclasses import dataclass
+from typing import ClassVar, final
+
+from torch import Tensor
+
+from physid.physics.effect import Effect, Site, StepInputs, quantity
+from physid.physics.state import State
+
+
+@final
+@dataclass(frozen=True)
+class ObjectFriction(Effect):
+    """mu' = (1 + k) mu for the friction between bodies, the product of their coefficients.
+
+    Attributes:
+        change: k [-].
+    """
+
+    name: ClassVar[str] = "object_friction"
+    site: ClassVar[Site] = "contact"
+    change: Tensor = quantity("-", low=-0.9, high=30.0, typical=5.0)
+
+    def act(self, state: State, inputs: StepInputs) -> StepInputs:
+        """Scale the friction between bodies."""
+        return inputs.replace(body_friction=inputs.body_friction * (1 + self.change))

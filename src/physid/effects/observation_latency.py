@@ -1,0 +1,31 @@
+"""A camera that reports what was."""
+
+from dataclasses import dataclass
+from typing import ClassVar, final
+
+import torch
+from torch import Tensor
+
+from physid.effects.resampling import at_frames
+from physid.physics.effect import Effect, Site, quantity
+
+
+@final
+@dataclass(frozen=True)
+class ObservationLatency(Effect):
+    """P'(t) = P(t - d) for the pose P, between frames at constant velocity (see `at_frames`).
+
+    At d = 0 the derivative is minus the change of pose over the last step, divided by its length.
+
+    Attributes:
+        latency: d [s].
+    """
+
+    name: ClassVar[str] = "observation_latency"
+    site: ClassVar[Site] = "perception"
+    latency: Tensor = quantity("s", low=0.0, high=0.1, typical=0.02)
+
+    def observe(self, pose: Tensor, time_step: float) -> Tensor:
+        """Report earlier poses."""
+        frames = torch.arange(pose.shape[1], dtype=pose.dtype, device=pose.device)
+        return at_frames(pose, frames - (self.latency / time_step)[:, None])

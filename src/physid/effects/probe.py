@@ -1,0 +1,91 @@
+"""Inputs in which every effect shows."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from physid.physics.effect import Effect, StepInputs
+from physid.physics.parameters import box_inertia
+from physid.physics.rotations import exponential
+from physid.physics.state import State
+
+TIME_STEP = 1 / 240
+SHARED = ("ground_normal", "ground_offset")  # the fields of StepInputs without a batch axis
+
+
+@dataclass(frozen=True)
+class Probe:
+    """A wrench sequence, a step and a pose sequence of two moving bodies, the first of them on the ground.
+
+    Attributes:
+        wrench: Commanded torques and forces, shape (B, T, N, 6).
+        state: A state, batch B.
+        inputs: Inputs of a step, batch B.
+        pose: Poses, shape (B, T, N, 7).
+    """
+
+    wrench: Tensor
+    state: State
+    inputs: StepInputs
+    pose: Tensor
+
+    def only(self, sample: int) -> Probe:
+        """Return one sample as a batch of one."""
+        one = slice(sample, sample + 1)
+        fields = [field.name for field in dataclasses.fields(self.inputs)]
+        chosen = {name: getattr(self.inputs, name)[one] for name in fields if name not in SHARED}
+        state = State(self.state.pose[one], self.state.twist[one])
+        return Probe(self.wrench[one], state, self.inputs.replace(**chosen), self.pose[one])
+
+    def show(self, effect: Effect) -> dict[str, Tensor]:
+        """Return what the hooks of an effect give, by name: `actuate`, `observe`, and the inputs after `act`."""
+        acting = effect.act(self.state, self.inputs)
+        shown = {field.name: getattr(acting, field.name) for field in dataclasses.fields(acting)}
+        shown["actuate"] = effect.actuate(self.wrench, TIME_STEP)
+        shown["observe"] = effect.observe(self.pose, TIME_STEP)
+        return shown
+
+    def untouched(self) -> dict[str, Tensor]:
+        """Return what an effect that does nothing gives (see `show`)."""
+        shown = {field.name: getattr(self.inputs, field.name) for field in dataclasses.fields(self.inputs)}
+        return shown | {"actuate": self.wrench, "observe": self.pose}
+
+
+def draw_probe(batch: int = 3, frames: int = 8) -> Probe:
+    """Draw a probe of so many samples and frames; always the same."""
+    source, bodies = torch.Generator().manual_seed(4), 2
+
+    def values(*shape: int, low: float = -1.0, high: float = 1.0) -> Tensor:
+        return low + (high - low) * torch.rand(*shape, generator=source, dtype=torch.float64)
+
+    size = values(batch, bodies, 3, low=0.2, high=0.3)
+    place, turn = values(batch, bodies, 3, low=0.4, high=0.8), values(batch, bodies, 3)
+    place[:, 0, 2], turn[:, 0, :2] = size[:, 0, 2] / 2, 0.0
+    state = State(torch.cat([place, exponential(turn)], -1), values(batch, bodies, 6))
+    motion = TIME_STEP * torch.arange(frames)[:, None, None] * values(batch, 1, bodies, 6)
+    pose = torch.cat([place[:, None] + motion[..., 3:], exponential(turn[:, None] + motion[..., :3])], -1)
+    wrench, mass = 5 * values(batch, frames, bodies, 6), values(batch, bodies, low=1.0, high=2.0)
+    ones, up = torch.ones_like(mass), mass.new_tensor([0.0, 0.0, 1.0])
+    inputs = StepInputs(
+        time=values(batch, low=0.3, high=0.9),
+        wrench=wrench[:, 0],
+        gravity=(-9.81 * up).expand(batch, bodies, 3),
+        size=size,
+        mass=mass,
+        inertia=box_inertia(mass, size),
+        friction=values(batch, bodies, low=0.1, high=0.4),
+        restitution=values(batch, bodies, low=0.1, high=0.4),
+        ground_normal=up,
+        ground_offset=mass.new_zeros(()),
+        ground_friction=ones,
+        ground_restitution=0 * ones,
+        body_friction=ones[:, 0],
+        body_restitution=0 * ones[:, 0],
+        centre_of_mass=torch.zeros_like(place),
+        compliance=0 * ones,
+    )
+    return Probe(wrench, state, inputs, pose)

@@ -1,0 +1,1 @@
+"""Images to poses and back: encoder, velocity from poses, renderer, blur."""

@@ -1,0 +1,135 @@
+"""The one extension point of the physics: an effect that the nominal model lacks."""
+
+from __future__ import annotations
+
+import dataclasses
+from abc import ABC
+from dataclasses import dataclass
+from typing import ClassVar, Literal, Self
+
+import torch
+from torch import Tensor
+
+from physid.physics.state import State
+
+Site = Literal["actuation", "dynamics", "contact", "perception"]
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What a parameter of an effect is: unit, null value, range and a size that is typical in practice."""
+
+    unit: str
+    low: float
+    high: float
+    typical: float
+    null: float = 0.0
+
+
+def quantity(unit: str, low: float, high: float, typical: float, null: float = 0.0) -> Tensor:
+    """Declare a parameter of an effect; its default is the null value, at which the effect is the identity.
+
+    A parameter is a tensor of shape (1,) or (B,), so that a batch can hold a different size of the effect in each
+    world.
+    """
+    described = Quantity(unit, low, high, typical, null)
+    field: Tensor = dataclasses.field(
+        default_factory=lambda: torch.tensor([null], dtype=torch.float64), metadata={"quantity": described}
+    )
+    return field
+
+
+@dataclass(frozen=True)
+class StepInputs:
+    """All that a step of the engine takes beside the state; the only thing that an effect may change.
+
+    Attributes:
+        time: Time since the first frame [s], shape (B,).
+        wrench: Torque [N m] and force [N] at the centre of the box, world frame, shape (B, N, 6).
+        gravity: Acceleration of gravity on each body [m/s^2], world frame, shape (B, N, 3).
+        size: Full edge lengths [m], shape (B, N, 3).
+        mass: Masses [kg], shape (B, N).
+        inertia: Principal moments [kg m^2], body frame, shape (B, N, 3).
+        friction: Coulomb coefficient of each body [-], shape (B, N).
+        restitution: Newton coefficient of each body [-], shape (B, N).
+        ground_normal: Unit normal of the ground, shape (3,).
+        ground_offset: The ground holds the points p with normal . p = offset [m], shape ().
+        ground_friction: Factor on the friction of each body with the ground [-], shape (B, N).
+        ground_restitution: Added to the restitution of each body with the ground [-], shape (B, N); the sum is cut
+            at 0.
+        body_friction: Factor on the friction between bodies [-], shape (B,).
+        body_restitution: Added to the restitution between bodies [-], shape (B,); the sum is cut at 0.
+        centre_of_mass: Offset of the centre of mass from the centre of the box, body frame [m], shape (B, N, 3).
+        compliance: Static deflection per force of the contacts of each body with the ground [m/N], shape (B, N).
+    """
+
+    time: Tensor
+    wrench: Tensor
+    gravity: Tensor
+    size: Tensor
+    mass: Tensor
+    inertia: Tensor
+    friction: Tensor
+    restitution: Tensor
+    ground_normal: Tensor
+    ground_offset: Tensor
+    ground_friction: Tensor
+    ground_restitution: Tensor
+    body_friction: Tensor
+    body_restitution: Tensor
+    centre_of_mass: Tensor
+    compliance: Tensor
+
+    def add_force(self, force: Tensor) -> StepInputs:
+        """Add forces at the centres [N], shape (B, N, 3), world frame."""
+        return self.replace(wrench=self.wrench + torch.cat([torch.zeros_like(force), force], -1))
+
+    def add_torque(self, torque: Tensor) -> StepInputs:
+        """Add torques [N m], shape (B, N, 3), world frame."""
+        return self.replace(wrench=self.wrench + torch.cat([torque, torch.zeros_like(torque)], -1))
+
+    def replace(self, **changes: Tensor) -> StepInputs:
+        """Return a copy with some fields changed."""
+        return dataclasses.replace(self, **changes)
+
+
+@dataclass(frozen=True)
+class Effect(ABC):
+    """One unmodelled effect: a formula used by PyBullet, by the PhysicsLayer and by the diagnosis alike.
+
+    A subclass is a frozen dataclass that names itself, its site and its parameters (see `quantity`), and
+    overrides the one hook of its site. At the null values every hook returns its input unchanged. Formulas are
+    differentiable, and broadcast parameters of shape (1,) or (B,) over the batch.
+    """
+
+    name: ClassVar[str]
+    site: ClassVar[Site]
+
+    def actuate(self, wrench: Tensor, time_step: float) -> Tensor:
+        """Turn the commanded wrenches (B, T, N, 6) of a trajectory into those that act; held for `time_step` [s]."""
+        return wrench
+
+    def act(self, state: State, inputs: StepInputs) -> StepInputs:
+        """Change what enters one step of the engine (dynamics and contact effects)."""
+        return inputs
+
+    def observe(self, pose: Tensor, time_step: float) -> Tensor:
+        """Turn the true poses (B, T, N, 7) of a trajectory into those that the camera reports every `time_step` [s]."""
+        return pose
+
+    @classmethod
+    def quantities(cls) -> dict[str, Quantity]:
+        """Describe the parameters of the effect, by name."""
+        return {field.name: field.metadata["quantity"] for field in dataclasses.fields(cls)}
+
+    def values(self) -> dict[str, Tensor]:
+        """Return the parameters by name, each of shape (1,) or (B,)."""
+        return {name: getattr(self, name) for name in self.quantities()}
+
+    def replace(self, **changes: Tensor) -> Self:
+        """Return a copy with some parameters changed."""
+        return dataclasses.replace(self, **changes)
+
+    def to(self, reference: Tensor) -> Self:
+        """Return a copy whose parameters have the type and device of `reference`."""
+        return self.replace(**{name: value.to(reference) for name, value in self.values().items()})

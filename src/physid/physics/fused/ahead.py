@@ -1,0 +1,68 @@
+"""Effects worked out before the rollout, where they do not depend on the state."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import NoReturn, cast
+
+import torch
+from torch import Tensor
+
+from physid.physics.effect import Effect, StepInputs
+from physid.physics.state import State
+from physid.physics.world import World
+
+
+class _Read(Exception):
+    """An effect asked for the state."""
+
+
+class _Unknown:
+    """Stands for a state that is not known yet."""
+
+    def __getattr__(self, name: str) -> NoReturn:
+        raise _Read(name)
+
+
+def inputs_ahead(inputs: StepInputs, wrenches: Tensor, effects: Sequence[Effect], world: World) -> StepInputs | None:
+    """Let effects act on all steps of a rollout at once.
+
+    Args:
+        inputs: Nominal inputs of the first step.
+        wrenches: Shape (B, T, N, 6).
+        effects: Those of the layer.
+        world: Its time step and substeps.
+
+    Returns:
+        Inputs whose batch axis holds the T * substeps steps of each world, one world after the other; None if an effect
+        asks for the state.
+    """
+    batch, frames = wrenches.shape[:2]
+    count = frames * world.substeps
+    now = _repeated(inputs, count)
+    steps = torch.arange(count, dtype=wrenches.dtype) * world.step
+    now = now.replace(
+        time=now.time + steps.repeat(batch),
+        wrench=wrenches.repeat_interleave(world.substeps, 1).flatten(0, 1),
+    )
+    for effect in effects:
+        whole = {
+            name: value if value.shape[0] == 1 else value.repeat_interleave(count, 0)
+            for name, value in effect.values().items()
+        }
+        try:
+            now = effect.replace(**whole).act(cast(State, _Unknown()), now)
+        except _Read:
+            return None
+    return now
+
+
+def _repeated(inputs: StepInputs, count: int) -> StepInputs:
+    """Repeat the inputs of every world so many times, but for the ground, which all worlds share."""
+    fields = {
+        field.name: getattr(inputs, field.name).repeat_interleave(count, 0)
+        for field in dataclasses.fields(inputs)
+        if field.name not in ("ground_normal", "ground_offset")
+    }
+    return inputs.replace(**fields)

@@ -1,0 +1,84 @@
+"""LLVM code to machine code, kept on disk from one process to the next."""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import os
+from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import llvmlite
+import llvmlite.binding as llvm
+
+Kernel = Callable[[int, int, int, int], None]
+"""Called with the address of the arguments, the first and the last group of worlds, and the address of a workspace."""
+
+_ENGINES: list[Any] = []  # machine code lives as long as its engine
+
+
+def load(name: str, write: Callable[[], str]) -> Kernel:
+    """Return a compiled function.
+
+    Args:
+        name: Name of the function, and of its file in the cache.
+        write: Returns its LLVM code; called only if no machine code of the same sources for the same processor is kept.
+    """
+    place = _place(name)
+    try:
+        code = place.read_bytes()
+    except OSError:
+        code = _compile(write())
+        _keep(place, code)
+    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _target())
+    engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+    engine.finalize_object()
+    _ENGINES.append(engine)
+    address = engine.get_function_address(name)
+    kind = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)
+    return kind(address)
+
+
+def _compile(code: str) -> bytes:
+    module = llvm.parse_assembly(code)
+    module.verify()
+    return bytes(_target().emit_object(module))
+
+
+@lru_cache
+def _processor() -> tuple[str, str]:
+    return llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
+
+
+def _target() -> Any:
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    cpu, features = _processor()
+    return llvm.Target.from_default_triple().create_target_machine(cpu=cpu, features=features, opt=2, jit=True)
+
+
+@lru_cache
+def _fingerprint() -> str:
+    """Return a digest of the sources, the compiler and the processor."""
+    digest = hashlib.sha256(repr((llvmlite.__version__, _processor())).encode())
+    for path in sorted(Path(__file__).parents[2].rglob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _place(name: str) -> Path:
+    root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(root) / "physid" / f"{name}-{_fingerprint()}.o"
+
+
+def _keep(place: Path, code: bytes) -> None:
+    """Write to the cache; a process that cannot compiles again next time."""
+    try:
+        place.parent.mkdir(parents=True, exist_ok=True)
+        draft = place.with_suffix(f".{os.getpid()}")
+        draft.write_bytes(code)
+        draft.replace(place)
+    except OSError:
+        return

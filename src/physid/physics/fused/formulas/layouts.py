@@ -1,0 +1,70 @@
+"""What lies where: the records between which the sections of a step work."""
+
+from __future__ import annotations
+
+from physid.physics.fused.compiler.section import Layout
+
+CONSTANTS = Layout(
+    step=1,  # h [s]
+    unit=1,  # g h [m/s], the unit of velocities
+    gyroscopic=1,  # 1 or 0
+    speculative=1, split=1,  # 1 for the rule of contact in force, or 0
+    correction=1,
+    speed_limit=1,
+    slop=1,
+    tau=1,
+    accepted=1,
+    max_steps=1,
+    rungs=1,  # number of compliances
+    pairs=1,  # number of products z w
+    ladder=8,
+)  # fmt: skip
+CONSTANTS.constant = frozenset(range(CONSTANTS.slots))
+SHARED = Layout(normal=3, offset=1, body_friction=1, body_restitution=1, mean_mass=1)
+INPUTS = ("gravity", "size", "mass", "inertia", "friction", "restitution", "ground_friction", "ground_restitution",
+          "centre_of_mass", "compliance")  # fmt: skip
+BODY = Layout(
+    gravity=3, size=3, mass=1, inertia=3, friction=1, restitution=1, ground_friction=1, ground_restitution=1,
+    centre_of_mass=3, compliance=1,
+    wrench=6,
+    pose=7, twist=6,
+    v=6,  # solution, in units of g h
+    shift=6,  # displacement without velocity, in units of g h^2
+    next_pose=7, next_twist=6,
+    axes=9,  # body to world
+    centre=3,  # of mass
+    velocity=6,  # twist at the centre of mass
+    world_inertia=6,  # xx xy xz yy yz zz, of the mean mass
+    share=1,  # mass, of the mean mass
+    momentum=6,  # p of eq. (3)
+    free=6,  # velocity without contact
+)  # fmt: skip
+PATCH = Layout(
+    constant=("exists", "label", "choice"),
+    frame=9,  # rows normal, tangent, tangent
+    arm=12,  # from the centre of mass of the second body to each contact
+    other_arm=12,  # the same of the first body
+    gap=4, offset=4, friction=4, compliance=4,
+    warp=4, lever=4,  # redundant modes
+    flatness=1,
+    exists=4,
+    label=4,  # names the corner that a contact is, from one step to the next
+    choice=29,  # which corners, faces, edges: held fixed by the derivative
+)  # fmt: skip
+CONTACT = Layout(z=20, w=20, modes=2, r=20, dz=20, dw=20, dmodes=2, mode_force=2,
+                 left=24, right=24, inner=4, label=4, fresh=4, impulse_bar=12, slides=4)  # fmt: skip
+IMPULSE = Layout(total=12)
+OUTCOME = Layout(worst=1)
+MOTION = Layout(dv=6, force=6)
+BLOCK = Layout(entries=36)
+LANE = Layout(
+    compliance=1,
+    touches=1,  # 1 if there is a contact
+    active=1,  # 1 while the world takes Newton steps
+    rung=1,  # which compliance is in use; -1 is the first again, from the previous solution
+    count=1, worst=1, gap=1, target=1, length=1,
+    numerator=1, denominator=1,  # of the longest step
+    slope=1, curve=1,  # of the gap along a step
+    restart=1, predicts=1, lost=1, solved=1,
+    known=1,  # 1 if there is a previous solution
+)  # fmt: skip

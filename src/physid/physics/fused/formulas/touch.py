@@ -1,0 +1,120 @@
+"""What is common to all patches: frame, contact rule, redundant modes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import reduce
+from operator import and_
+
+from physid.physics.contact import FLATNESS
+from physid.physics.fused.compiler.graph import Value, least, most, root, size, total, where
+from physid.physics.fused.compiler.section import Record
+from physid.physics.fused.formulas.algebra import Matrix, Vector, add, cross, decay, dot, scale, subtract, unit
+from physid.physics.step import FAR, REACH
+
+
+def frame_of(normal: Sequence[Value]) -> Matrix:
+    """Complete a unit normal to a frame, from the axis that is least along it."""
+    x, y, z = (size(component) for component in normal)
+    first, second = (x <= y) & (x <= z), y <= z
+    axis = [where(first, 1.0, 0.0), where(first, 0.0, where(second, 1.0, 0.0)), where(first | second, 0.0, 1.0)]
+    tangent = unit(subtract(axis, scale(dot(axis, normal), normal)))
+    return [list(normal), tangent, cross(normal, tangent)]
+
+
+def rule(gap: Value, speed: Value, free_speed: Value, restitution: Value, constants: Record) -> tuple[Value, Value]:
+    """Return the offset c of eq. (3) [m/s] and whether the contact exists, by the contact rule of the world."""
+    h = constants.one("step")
+    speculative, split = constants.one("speculative") > 0.5, constants.one("split") > 0.5
+    overlap = constants.one("correction") * gap / h
+    apart = where(gap > 0.0, gap / h, most(overlap, -constants.one("speed_limit")))
+    still = where(speculative, apart, overlap)
+    hits = (speed < 0.0) & (restitution > 0.0)
+    impact = hits & ((gap + h * free_speed < 0.0) | ~speculative)
+    reach = REACH + 2.0 * h * size(free_speed)
+    exists = (speculative & (gap < reach)) | (~speculative & (gap < 0.0))
+    bounce = restitution * speed
+    return where(impact, where(split, bounce, least(still, bounce)), where(split, 0.0, still)), exists
+
+
+def flatness(gaps: Sequence[Value], length: Value) -> Value:
+    """Weigh whether four contacts lie flat, exp(-(spread of their gaps / (FLATNESS length))^2)."""
+    mean = 0.25 * total(list(gaps))
+    spread = 0.25 * total([(gap - mean) * (gap - mean) for gap in gaps])
+    width = FLATNESS * length
+    return decay(spread / (width * width))
+
+
+def warp(points: Sequence[Vector], frame: Matrix, length: Value, flat: Value) -> Vector:
+    """Return how the normal impulses of four contacts would twist a face out of its plane (see `Patch.warp`)."""
+    mean = scale(0.25, [total(list(column)) for column in zip(*points, strict=True)])
+    within = [[dot(subtract(point, mean), axis) / length for axis in frame[1:]] for point in points]
+
+    def area(i: int, j: int, k: int) -> Value:
+        first, second = subtract(within[j], within[i]), subtract(within[k], within[i])
+        return first[0] * second[1] - second[0] * first[1]
+
+    areas = [area(1, 2, 3), -area(0, 2, 3), area(0, 1, 3), -area(0, 1, 2)]
+    return scale(flat / root(dot(areas, areas) + 1e-12), areas)
+
+
+@dataclass(frozen=True)
+class Touch:
+    """Where four contacts lie.
+
+    Attributes:
+        points: World frame [m].
+        gaps: Distances along the normal [m].
+        normal: From the first body, or the ground, to the second.
+        active: Which may exist.
+        scale: A length of the touching face [m].
+    """
+
+    points: list[Vector]
+    gaps: Vector
+    normal: Vector
+    active: list[Value]
+    scale: Value
+
+
+@dataclass(frozen=True)
+class Material:
+    """Friction, restitution, and compliance in units of the solver, of what touches."""
+
+    friction: Value
+    restitution: Value
+    compliance: Value
+
+
+def write_patch(
+    patch: Record, constants: Record, touch: Touch, material: Material, bodies: Sequence[Record]
+) -> list[Value]:
+    """Write a patch but for its lever, and return which of its contacts exist; of two bodies the second comes first."""
+    frame = frame_of(touch.normal)
+    arms = [[subtract(point, body["centre"]) for point in touch.points] for body in bodies]
+    exists, offsets = [], []
+    for c, (gap, active) in enumerate(zip(touch.gaps, touch.active, strict=True)):
+        at = [body_arms[c] for body_arms in arms]
+        free_speed = constants.one("unit") * _normal_speed("free", bodies, at, touch.normal)
+        speed = _normal_speed("velocity", bodies, at, touch.normal)
+        offset, there = rule(gap, speed, free_speed, material.restitution, constants)
+        exists.append(there & active)
+        offsets.append(where(exists[c], offset / constants.one("unit"), FAR))
+    flat = where(reduce(and_, touch.active), flatness(touch.gaps, touch.scale), 0.0)
+    twist = warp(touch.points, frame, touch.scale, flat)
+    patch["frame"] = [value for row in frame for value in row]
+    for field, body_arms in zip(("arm", "other_arm"), arms, strict=False):
+        patch[field] = [value for arm in body_arms for value in arm]
+    patch["gap"], patch["offset"], patch["flatness"] = touch.gaps, offsets, [flat]
+    patch["friction"] = [where(there, material.friction, 0.0) for there in exists]
+    patch["compliance"] = [where(there, material.compliance, 0.0) for there in exists]
+    patch["warp"] = [where(there, value, 0.0) for there, value in zip(exists, twist, strict=True)]
+    patch["exists"] = [where(there, 1.0, 0.0) for there in exists]
+    return exists
+
+
+def _normal_speed(field: str, bodies: Sequence[Record], arms: Sequence[Vector], normal: Vector) -> Value:
+    """Return the speed of the second body along the normal, relative to the first."""
+    velocities = [add(body[field][3:], cross(body[field][:3], arm)) for body, arm in zip(bodies, arms, strict=True)]
+    return dot(velocities[0] if len(bodies) == 1 else subtract(*velocities), normal)

@@ -1,0 +1,209 @@
+"""The whole rollout, and its reverse derivative, as two functions of machine code."""
+
+from __future__ import annotations
+
+from physid.physics.fused import sections
+from physid.physics.fused.compiler.control import MOVES
+from physid.physics.fused.compiler.section import Section
+from physid.physics.fused.formulas.layouts import BODY
+from physid.physics.fused.records import STATE, Shape
+from physid.physics.fused.writer import INPUTS, SHARED_INPUTS, Writer
+
+
+def write_forward(shape: Shape, name: str) -> str:
+    """Write the rollout."""
+    w = Writer(name, shape)
+    code, n = w.code, shape.bodies
+    rows = code.add(w.frames, 1)
+    keeps = code.positive(code.argument("tape"))
+    with code.loop("%first", "%last") as group:
+        w.load_inputs("0", group)
+        for problem in shape.problems:
+            w.zero(f"lane{problem}")
+        for k in range(n):
+            w.zero(f"body{k}", "shift", 6)
+        w.move_memory(group, save=False)
+        for field, width in (("pose", 7), ("twist", 6)):
+            w.body_rows("load_rows", ("body#", field), field, width, ("0", rows), group)
+        with code.loop(0, w.frames) as frame:
+            with code.when(w.inputs_vary()):
+                w.load_inputs(frame, group)
+            w.body_rows("load_rows", ("body#", "wrench"), "wrench", 6, (frame, w.frames), group)
+            w.zero("outcome")
+            for p in range(shape.patches):
+                w.zero(f"impulse{p}")
+            with code.loop(0, w.substeps) as substep:
+                _step(w, w.tape(group, frame, substep), keeps)
+            for field, width in (("pose", 7), ("twist", 6)):
+                w.body_rows("store_rows", ("body#", field), field, width, (code.add(frame, 1), rows), group)
+            if shape.patches:
+                w.frame_rows("store_rows", w.at("impulse0"), "impulse", 12 * shape.patches, (frame, w.frames), group)
+            w.frame_rows("store_rows", w.at("outcome", "worst"), "residual", 1, (frame, w.frames), group)
+            w.frame_rows("store_rows", w.at("lane", "count"), "newton_steps", 1, (frame, w.frames), group)
+        w.move_memory(group, save=True)
+    used = [*sections.assembly(shape), *sections.choices(shape), *sections.world_sections(), sections.INTEGRATE]
+    used += [*sections.matrix_sections(n, transposed=False), *sections.outcome_sections()]
+    for kind in sections.kinds(shape):
+        used += [*sections.patch_sections(kind), sections.eliminate(kind)]
+    used += sections.lift_sections(adjoint=False) if shape.split else []
+    return _module(w, used, [])
+
+
+def _step(w: Writer, tape: str, keeps: str) -> None:
+    """Write one step: assemble, solve, integrate."""
+    code, shape = w.code, w.shape
+    w.assemble()
+    with code.when(keeps):
+        w.move_tape(tape, w.known_before(), 0, save=True)
+    w.solve("")
+    if shape.split:
+        for k in range(shape.bodies):
+            w.zero(f"body{k}", "shift", 6)
+        with code.when(code.any(w.at("lane_lifted", "touches"))):
+            w.solve("_lifted")
+            w.each_body("settle", "lane_lifted", "body#_lifted", "body#")
+    with code.when(keeps):
+        w.move_tape(tape, w.solution(), STATE * shape.bodies, save=True)
+    w.each_body("integrate", "body#", "constants")
+    for k in range(shape.bodies):
+        code.call("copy", w.at(f"body{k}", "pose"), w.at(f"body{k}", "next_pose"), f"i64 {STATE}")
+    w.each_patch("collect_impulses", "contact*", "shared", "constants", "impulse*")
+
+
+def write_backward(shape: Shape, name: str) -> str:
+    """Write the reverse derivative of the rollout."""
+    w = Writer(name, shape)
+    code, n = w.code, shape.bodies
+    rows = code.add(w.frames, 1)
+    with code.loop("%first", "%last") as group:
+        w.load_inputs("0", group)
+        w.zero("shared_bar")
+        for k in range(n):
+            w.zero(f"body{k}_bar")
+            w.zero(f"body{k}", "shift", 6)
+        for p in range(shape.patches):
+            w.zero(f"impulse_bar{p}")
+        with code.loop(0, w.frames) as reversed_frame:
+            frame = code.emit(f"sub i64 {w.frames}, {code.add(reversed_frame, 1)}")
+            _add_given(w, (code.add(frame, 1), rows), group)
+            with code.when(w.inputs_vary()):
+                w.load_inputs(frame, group)
+                w.zero("shared_bar")
+                for k in range(n):
+                    w.zero(f"body{k}_bar", "gravity", INPUTS)
+            w.body_rows("load_rows", ("body#", "wrench"), "wrench", 6, (frame, w.frames), group)
+            if shape.patches:
+                with code.when(code.positive(code.argument("impulse_bar"))):
+                    place, width = w.at("impulse_bar0"), 12 * shape.patches
+                    w.frame_rows("load_rows", place, "impulse_bar", width, (frame, w.frames), group)
+            for k in range(n):
+                w.zero(f"body{k}_bar", "wrench", 6)
+            with code.loop(0, w.substeps) as reversed_substep:
+                substep = code.emit(f"sub i64 {w.substeps}, {code.add(reversed_substep, 1)}")
+                w.move_tape(w.tape(group, frame, substep), w.known_before() + w.solution(), 0, save=False)
+                _reverse_step(w)
+            w.body_rows("store_rows", ("body#_bar", "wrench"), "wrench_bar", 6, (frame, w.frames), group)
+            with code.when(w.inputs_vary()):
+                _store_inputs(w, (frame, w.frames), group)
+        _add_given(w, ("0", rows), group)
+        w.body_rows("store_rows", ("body#_bar", "next_pose"), "first_pose_bar", 7, ("0", "1"), group)
+        w.body_rows("store_rows", ("body#_bar", "next_twist"), "first_twist_bar", 6, ("0", "1"), group)
+        with code.when(code.emit(f"xor i1 {w.inputs_vary()}, true")):
+            _store_inputs(w, ("0", "1"), group)
+    return _module(w, *_backward_sections(shape))
+
+
+def _backward_sections(shape: Shape) -> tuple[list[Section], list[Section]]:
+    """Return the sections that are called as they are, and those of which the adjoint is called."""
+    used = [*sections.assembly(shape), *sections.choices(shape), *sections.reverse_body_sections()]
+    used += sections.matrix_sections(shape.bodies, transposed=True)
+    for kind in sections.kinds(shape):
+        used += [*sections.reverse_sections(kind), sections.eliminate(kind)]
+    used += sections.lift_sections(adjoint=True) if shape.split else []
+    return used, [*sections.assembly(shape), sections.INTEGRATE]
+
+
+def _module(writer: Writer, used: list[Section], adjoints: list[Section]) -> str:
+    texts = [section.forward() for section in used] + [section.adjoint() for section in adjoints]
+    return "\n".join([MOVES, *texts, writer.code.text()])
+
+
+def _add_given(w: Writer, at: tuple[str, str], group: str) -> None:
+    """Add the given derivative by the states of a frame to what flows back from later ones."""
+    for field, width in (("pose", 7), ("twist", 6)):
+        with w.code.when(w.code.positive(w.code.argument(f"{field}_bar"))):
+            w.body_rows("load_rows", ("body#_bar", field), f"{field}_bar", width, at, group)
+            for k in range(w.shape.bodies):
+                sum_, term = w.at(f"body{k}_bar", f"next_{field}"), w.at(f"body{k}_bar", field)
+                w.code.call("add_to", sum_, term, f"i64 {width}")
+
+
+def _store_inputs(w: Writer, at: tuple[str, str], group: str) -> None:
+    w.body_rows("store_rows", ("body#_bar", "gravity"), "inputs_bar", INPUTS, at, group)
+    w.frame_rows("store_rows", w.at("shared_bar"), "shared_bar", SHARED_INPUTS, at, group)
+
+
+def _reverse_step(w: Writer) -> None:
+    """Write the reverse derivative of one step."""
+    code, shape = w.code, w.shape
+    w.assemble()
+    if shape.split:
+        w.each_body("settle", "lane_lifted", "body#_lifted", "body#")
+    derived = BODY.offsets["axes"]
+    for k in range(shape.bodies):
+        w.zero(f"body{k}_bar", "pose", STATE + 12)
+        w.zero(f"body{k}_bar", "axes", BODY.slots - derived)
+    for p in range(shape.patches):
+        w.zero(f"patch{p}_bar")
+    w.zero("shared_bar", "mean_mass", 1)
+    w.each_body("integrate_adjoint", "body#", "constants", "body#_bar", "constants")
+    w.each_patch("seed", "contact*", "impulse_bar*", "shared", "shared_bar", "constants")
+    _reverse_solution(w, "")
+    if shape.split:
+        with code.when(code.any(w.at("lane_lifted", "touches"))):
+            _reverse_lift(w)
+    _reverse_assembly(w)
+    for k in range(shape.bodies):
+        code.call("copy", w.at(f"body{k}_bar", "next_pose"), w.at(f"body{k}_bar", "pose"), f"i64 {STATE}")
+
+
+def _reverse_solution(w: Writer, problem: str) -> None:
+    """Write the derivative by what enters a contact problem, from that by its solution."""
+    w.each_body("begin_reverse", f"body#{problem}_bar", "motion#")
+    w.factorise(problem)
+    w.by_patch("pull", problem, "motion#")
+    w.substitute()
+    w.by_patch("push", problem, f"patch*{problem}_bar", f"body#{problem}", "motion#")
+    w.each_body("push_body", f"body#{problem}", f"body#{problem}_bar", "motion#")
+
+
+def _reverse_lift(w: Writer) -> None:
+    """Write the derivative of the removal of overlaps."""
+    for k in range(w.shape.bodies):
+        w.zero(f"body{k}_lifted_bar")
+    for p in range(w.shape.patches):
+        w.zero(f"patch{p}_lifted_bar")
+        w.zero(f"contact{p}_lifted", "impulse_bar", 12)
+    w.each_body("settle_adjoint", "lane_lifted", "body#_lifted_bar", "body#_bar")
+    _reverse_solution(w, "_lifted")
+    w.each_patch(
+        "lift_patch_adjoint", "patch*", "constants", "patch*_lifted", "patch*_bar", "constants", "patch*_lifted_bar"
+    )
+    w.each_body("lift_body_adjoint", "body#", "body#_lifted", "body#_bar", "body#_lifted_bar")
+
+
+def _reverse_assembly(w: Writer) -> None:
+    shape = w.shape
+
+    def call(section: str, *records: str) -> None:
+        bars = [record if record == "constants" else f"{record}_bar" for record in records]
+        w.call(f"{section}_adjoint", *records, *bars)
+
+    for k, (a, b) in reversed(list(enumerate(shape.pairs))):
+        patch = f"patch{shape.grounds + k}"
+        call("touch_boxes", f"body{a}", f"body{b}", "shared", "constants", f"patch{a}", f"patch{b}", patch)
+    for n in range(shape.grounds):
+        call("touch_ground", f"body{n}", "shared", "constants", f"patch{n}")
+    for n in range(shape.bodies):
+        call("prepare", f"body{n}", "shared", "constants")
+    call("average_mass", "shared", *(f"body{n}" for n in range(shape.bodies)))

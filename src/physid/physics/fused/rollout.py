@@ -1,0 +1,231 @@
+"""The compiled rollout behind torch tensors."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from physid.physics.contact import Speculative, Split
+from physid.physics.effect import Effect, StepInputs
+from physid.physics.fused.ahead import inputs_ahead
+from physid.physics.fused.compiler.emit import LANES
+from physid.physics.fused.formulas.layouts import CONSTANTS
+from physid.physics.fused.formulas.layouts import INPUTS as FIELDS
+from physid.physics.fused.records import Shape
+from physid.physics.fused.run import run
+from physid.physics.fused.writer import SHARED_INPUTS
+from physid.physics.lcp import SolverSettings
+from physid.physics.state import State
+from physid.physics.step import STANDARD_GRAVITY, Step
+from physid.physics.world import World
+
+Outcome = tuple[Tensor, Tensor, Tensor, Tensor, Tensor]
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What enters the steps of a rollout beside states and wrenches; axes of length 1 stand for all of their kind.
+
+    Attributes:
+        bodies: The fields of `StepInputs` of each body, shape (B or 1, T or 1, N, 18).
+        shared: Ground normal and offset, friction and restitution between bodies, shape (B or 1, T or 1, 6).
+    """
+
+    bodies: Tensor
+    shared: Tensor
+
+    @classmethod
+    def of(cls, inputs: StepInputs, frames: int = 1) -> Inputs:
+        """Pack inputs whose batch axis holds the frames of each world, one world after the other."""
+        fields = [getattr(inputs, name) for name in FIELDS]
+        bodies = torch.cat([field if field.ndim == 3 else field[..., None] for field in fields], -1)
+        ground = torch.cat([inputs.ground_normal, inputs.ground_offset[None]]).expand(bodies.shape[0], 4)
+        shared = torch.cat([ground, inputs.body_friction[:, None], inputs.body_restitution[:, None]], 1)
+        return cls(bodies.unflatten(0, (-1, frames)), shared.unflatten(0, (-1, frames)))
+
+
+def roll_all(
+    state: State,
+    inputs: StepInputs,
+    wrenches: Tensor,
+    effects: Sequence[Effect],
+    world: World,
+    settings: SolverSettings,
+) -> Outcome | None:
+    """Predict trajectories under effects.
+
+    Args:
+        state: The states at the first frame.
+        inputs: Nominal inputs of the first step.
+        wrenches: Torque [N m] and force [N] that act, held over a frame; shape (B, T, N, 6).
+        effects: Those of the layer.
+        world: Ground and rules.
+        settings: Accuracy of the solver.
+
+    Returns:
+        As `roll`; None if an effect asks for the state.
+    """
+    if all(type(effect).act is Effect.act for effect in effects):
+        return roll(state, Inputs.of(inputs), wrenches, world, settings)
+    now = inputs_ahead(inputs, wrenches, effects, world)
+    if now is None:
+        return None
+    substeps, steps = world.substeps, wrenches.shape[1] * world.substeps
+    single = dataclasses.replace(world, time_step=world.step, substeps=1)
+    pose, twist, impulse, residual, newton_steps = roll(
+        state, Inputs.of(now, steps), now.wrench.unflatten(0, (-1, steps)), single, settings
+    )
+    impulse, residual = impulse.unflatten(1, (-1, substeps)).sum(2), residual.unflatten(1, (-1, substeps)).amax(2)
+    return pose[:, ::substeps], twist[:, ::substeps], impulse, residual, newton_steps[:, substeps - 1 :: substeps]
+
+
+def roll(
+    state: State,
+    inputs: Inputs,
+    wrenches: Tensor,
+    world: World,
+    settings: SolverSettings,
+    memory: Tensor | None = None,
+) -> Outcome:
+    """Predict trajectories.
+
+    Args:
+        state: The states at the first frame.
+        inputs: What acts beside the wrenches.
+        wrenches: Torque [N m] and force [N], held over a frame; shape (B, T, N, 6).
+        world: Ground and rules.
+        settings: Accuracy of the solver.
+        memory: What a former call left for the start of this one; changed in place.
+
+    Returns:
+        Poses (B, T + 1, N, 7), twists (B, T + 1, N, 6), impulses (B, T, C, 3) [N s], the largest residual in each frame
+        in units of the smoothing and the Newton steps of its last step, both (B, T). Gradients flow to all arguments.
+    """
+    shape = _shape(world, state.pose.shape[1])
+    tensors = [value.contiguous() for value in (state.pose, state.twist, wrenches, inputs.bodies, inputs.shared)]
+    keep = torch.is_grad_enabled() and any(value.requires_grad for value in tensors)
+    arguments = (*tensors, shape, world, settings, keep, memory)
+    pose, twist, impulse, residual, steps = _Rollout.apply(*arguments)  # type: ignore[no-untyped-call]
+    return pose, twist, impulse, residual / settings.tau(torch.float64), steps
+
+
+class Stepper:
+    """Steps one after the other; each solution is the start of the next, which changes results by rounding only."""
+
+    def __init__(self, world: World, settings: SolverSettings) -> None:
+        self._world = dataclasses.replace(world, time_step=world.step, substeps=1)
+        self._settings = settings
+        self._memory: Tensor | None = None
+
+    def __call__(self, state: State, inputs: StepInputs) -> Step:
+        """Do as `physid.physics.step.advance`, with a `Cone`, without joints, on the CPU in float64."""
+        worlds, bodies = state.pose.shape[:2]
+        size = -(-worlds // LANES) * _shape(self._world, bodies).memory * LANES
+        if self._memory is None or self._memory.numel() != size:
+            self._memory = torch.zeros(size, dtype=torch.float64)
+        wrenches = inputs.wrench[:, None]
+        outcome = roll(state, Inputs.of(inputs), wrenches, self._world, self._settings, self._memory)
+        pose, twist, impulse, residual, steps = (value.squeeze(1) for value in outcome)
+        return Step(
+            state=State(pose[:, 1], twist[:, 1]),
+            impulse=impulse,
+            residual=residual,
+            newton_steps=steps.long(),
+            converged=residual <= self._settings.residual(torch.float64) / self._settings.tau(torch.float64),
+        )
+
+
+def _shape(world: World, bodies: int) -> Shape:
+    return Shape(bodies, world.ground is not None, isinstance(world.contact, Split))
+
+
+@lru_cache
+def _constants(world: World, settings: SolverSettings, shape: Shape) -> Tensor:
+    rule, ladder = world.contact, list(settings.compliance)
+    if len(ladder) > CONSTANTS.widths["ladder"]:
+        raise ValueError(f"solver.compliance must have at most {CONSTANTS.widths['ladder']} values, got {len(ladder)}")
+    values = {
+        "step": [world.step],
+        "unit": [STANDARD_GRAVITY * world.step],
+        "gyroscopic": [float(world.gyroscopic)],
+        "speculative": [float(isinstance(rule, Speculative))],
+        "split": [float(isinstance(rule, Split))],
+        "correction": [rule.correction],
+        "speed_limit": [getattr(rule, "speed_limit", 0.0)],
+        "slop": [getattr(rule, "slop", 0.0)],
+        "tau": [settings.tau(torch.float64)],
+        "accepted": [settings.residual(torch.float64)],
+        "max_steps": [float(settings.max_steps)],
+        "rungs": [float(len(ladder))],
+        "pairs": [12.0 * shape.patches],
+        "ladder": ladder + ladder[-1:] * (CONSTANTS.widths["ladder"] - len(ladder)),
+    }
+    row = [number for name in CONSTANTS.widths for number in values[name]]
+    return torch.tensor(row, dtype=torch.float64)[:, None].repeat(1, LANES)
+
+
+def _distances(name: str, value: Tensor) -> dict[str, int]:
+    """Return how far apart worlds and frames lie in an array (B or 1, T or 1, ...)."""
+    worlds, frames = value.shape[:2]
+    row = value[0, 0].numel()
+    return {f"{name}_by_world": frames * row * (worlds > 1), f"{name}_by_frame": row * (frames > 1)}
+
+
+class _Rollout(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, *arguments: Any) -> tuple[Tensor, ...]:
+        pose, twist, wrench, inputs, shared, shape, world, settings, keep, memory = arguments
+        (worlds, frames), bodies = wrench.shape[:2], pose.shape[1]
+        poses, twists = pose.new_empty(worlds, frames + 1, bodies, 7), pose.new_empty(worlds, frames + 1, bodies, 6)
+        poses[:, 0], twists[:, 0] = pose, twist
+        impulse = pose.new_empty(worlds, frames, 4 * shape.patches, 3)
+        residual, steps = pose.new_empty(worlds, frames), pose.new_empty(worlds, frames)
+        groups = (worlds + LANES - 1) // LANES
+        tape = pose.new_empty(groups * frames * world.substeps * shape.tape * LANES if keep else 0)
+        numbers = {"worlds": worlds, "frames": frames, "substeps": world.substeps}
+        numbers |= _distances("inputs", inputs) | _distances("shared", shared)
+        read = {"inputs": inputs, "shared": shared, "wrench": wrench, "constants": _constants(world, settings, shape)}
+        written = {"pose": poses, "twist": twists, "impulse": impulse, "residual": residual, "newton_steps": steps}
+        read |= {"tape": tape} if keep else {}
+        read |= {"memory": memory} if memory is not None else {}
+        run("forward", shape, worlds, numbers, read | written)
+        ctx.save_for_backward(tape, inputs, shared, wrench, read["constants"])
+        ctx.shape, ctx.numbers = shape, numbers
+        ctx.mark_non_differentiable(residual, steps)
+        ctx.set_materialize_grads(False)
+        return poses, twists, impulse, residual, steps
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx: Any, *bars: Tensor | None) -> tuple[Tensor | None, ...]:
+        tape, inputs, shared, wrench, constants = ctx.saved_tensors
+        worlds, _, bodies = wrench.shape[:3]
+        varying = max(inputs.shape[1], shared.shape[1])
+        read = {"tape": tape, "inputs": inputs, "shared": shared, "wrench": wrench, "constants": constants}
+        given = zip(("pose", "twist", "impulse"), bars, strict=False)
+        read |= {f"{name}_bar": bar.contiguous() for name, bar in given if bar is not None}
+        written = {
+            "first_pose_bar": wrench.new_empty(worlds, bodies, 7),
+            "first_twist_bar": wrench.new_empty(worlds, bodies, 6),
+            "wrench_bar": torch.empty_like(wrench),
+            "inputs_bar": wrench.new_empty(worlds, varying, *inputs.shape[2:]),
+            "shared_bar": wrench.new_empty(worlds, varying, SHARED_INPUTS),
+        }
+        run("backward", ctx.shape, worlds, ctx.numbers, read | written)
+        *states, by_inputs, by_shared = written.values()
+        return (
+            *states,
+            by_inputs.sum_to_size(inputs.shape),
+            by_shared.sum_to_size(shared.shape),
+            None,
+            None,
+            None,
+            None,
+            None,
+        )

@@ -1,0 +1,81 @@
+"""Kernels called on groups of worlds, in as many threads as torch uses."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
+from threading import local
+from typing import Literal
+
+import torch
+from torch import Tensor
+
+from physid.physics.fused.compiler.emit import LANES
+from physid.physics.fused.compiler.machine import Kernel, load
+from physid.physics.fused.kernel import write_backward, write_forward
+from physid.physics.fused.records import Shape
+from physid.physics.fused.writer import ARGUMENTS
+
+Direction = Literal["forward", "backward"]
+ALIGNMENT = 64  # [bytes] of a vector
+
+
+class _Own(local):
+    """What belongs to one thread."""
+
+    def __init__(self) -> None:
+        self.workspaces: dict[Shape, Tensor] = {}
+
+
+_OWN = _Own()
+
+
+def run(
+    direction: Direction, shape: Shape, worlds: int, numbers: Mapping[str, int], arrays: Mapping[str, Tensor]
+) -> None:
+    """Call a kernel on all worlds.
+
+    Args:
+        direction: Which.
+        shape: What it is compiled for.
+        worlds: B.
+        numbers: Arguments that are numbers (see `ARGUMENTS`); those not named are 0.
+        arrays: Arguments that are arrays, read or written.
+    """
+    kernel = _kernel(direction, shape)
+    values = dict(numbers) | {name: array.data_ptr() for name, array in arrays.items()}
+    arguments = (ctypes.c_int64 * len(ARGUMENTS))(*(values.get(name, 0) for name in ARGUMENTS))
+    groups = (worlds + LANES - 1) // LANES
+    threads = max(min(torch.get_num_threads(), groups), 1)
+    bounds = [groups * k // threads for k in range(threads + 1)]
+
+    def part(k: int) -> None:
+        kernel(ctypes.addressof(arguments), bounds[k], bounds[k + 1], _workspace(shape))
+
+    others = [_pool(threads).submit(part, k) for k in range(1, threads)]
+    part(0)
+    for other in others:
+        other.result()
+
+
+@lru_cache
+def _kernel(direction: Direction, shape: Shape) -> Kernel:
+    traits = [direction, str(shape.bodies)] + ["ground"] * shape.ground + ["split"] * shape.split
+    name, write = "_".join(traits), write_forward if direction == "forward" else write_backward
+    return load(name, lambda: write(shape, name))
+
+
+@lru_cache
+def _pool(threads: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(threads - 1)
+
+
+def _workspace(shape: Shape) -> int:
+    """Return the address of a workspace that belongs to this thread alone."""
+    kept = _OWN.workspaces
+    if shape not in kept:
+        kept[shape] = torch.zeros(shape.workspace + ALIGNMENT // 8, dtype=torch.float64)
+    address = kept[shape].data_ptr()
+    return -(-address // ALIGNMENT) * ALIGNMENT

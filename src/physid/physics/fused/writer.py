@@ -1,0 +1,232 @@
+"""The calls of sections that make a step, written as LLVM code."""
+
+from __future__ import annotations
+
+from physid.physics.fused.compiler.control import Code
+from physid.physics.fused.compiler.emit import LANES
+from physid.physics.fused.formulas.layouts import CONSTANTS
+from physid.physics.fused.records import CHOSEN, SOLVED, STATE, Shape
+
+ARGUMENTS = (
+    "worlds", "frames", "substeps", "constants", "tape", "memory",
+    "inputs", "inputs_by_world", "inputs_by_frame", "shared", "shared_by_world", "shared_by_frame", "wrench",
+    "pose", "twist", "impulse", "residual", "newton_steps",
+    "pose_bar", "twist_bar", "impulse_bar", "inputs_bar", "shared_bar", "wrench_bar", "first_pose_bar",
+    "first_twist_bar",
+)  # fmt: skip
+"""What a kernel is told: numbers, addresses, and distances [doubles] between worlds and between frames."""
+
+INPUTS = 18  # per body
+SHARED_INPUTS = 6
+
+
+class Writer:
+    """Writes calls of sections on the records of a workspace."""
+
+    def __init__(self, name: str, shape: Shape) -> None:
+        self.shape, self.code = shape, Code(name, ARGUMENTS)
+        self._at = {
+            name: self.code.at("%workspace", slots * LANES)
+            for name, (slots, _) in shape.records.items()
+            if name != "end"
+        }
+        self.worlds, self.frames, self.substeps = (
+            self.code.argument(name) for name in ("worlds", "frames", "substeps")
+        )
+        constants = self.code.argument("constants", "ptr")
+        self.code.call("copy", self._at["constants"], constants, f"i64 {CONSTANTS.slots}")
+
+    def at(self, record: str, field: str | None = None) -> str:
+        """Return the address of a record, or of one of its fields."""
+        offset = self.shape.records[record][1].offsets[field] if field else 0
+        return self.code.at(self._at[record], offset * LANES) if offset else self._at[record]
+
+    def call(self, section: str, *records: str) -> None:
+        """Call a section on records."""
+        self.code.call(section, *(self._at[record] for record in records))
+
+    def each_body(self, section: str, *names: str) -> None:
+        """Call a section for every body; # in a name stands for its number."""
+        for n in range(self.shape.bodies):
+            self.call(section, *(name.replace("#", str(n)) for name in names))
+
+    def each_patch(self, section: str, *names: str) -> None:
+        """Call a section for every patch; * stands for its number."""
+        for p in range(self.shape.patches):
+            self.call(section, *(name.replace("*", str(p)) for name in names))
+
+    def by_patch(self, section: str, problem: str, *names: str) -> None:
+        """Call a section of the solver for every patch; names with # stand for a record of each of its bodies."""
+        for p, touching in self.shape.touching:
+            records = [f"patch{p}{problem}", f"contact{p}{problem}", f"lane{problem}"]
+            for name in names:
+                records += [name.replace("#", str(n)) for n in touching] if "#" in name else [name.replace("*", str(p))]
+            self.call(f"{section}{len(touching)}", *records)
+
+    def zero(self, record: str, field: str | None = None, slots: int | None = None) -> None:
+        """Set a record, or so many slots from a field on, to zero."""
+        slots = self.shape.records[record][1].slots if slots is None else slots
+        self.code.call("zero", self.at(record, field), f"i64 {slots}")
+
+    def assemble(self) -> None:
+        """Write from the states to the contact problem."""
+        shape = self.shape
+        self.call("average_mass", "shared", *(f"body{n}" for n in range(shape.bodies)))
+        self.each_body("prepare", "body#", "shared", "constants")
+        for n in range(shape.grounds):
+            self.call("choose_corners", f"body{n}", "shared", f"patch{n}")
+            self.call("touch_ground", f"body{n}", "shared", "constants", f"patch{n}")
+        for k, (a, b) in enumerate(shape.pairs):
+            patch = f"patch{shape.grounds + k}"
+            self.call("choose_axis", f"body{a}", f"body{b}", patch)
+            self.call("choose_points", f"body{a}", f"body{b}", patch)
+            self.call("touch_boxes", f"body{a}", f"body{b}", "shared", "constants", f"patch{a}", f"patch{b}", patch)
+        if shape.split:
+            self.code.call("zero", self.at("lane_lifted", "touches"), "i64 1")
+            self.each_patch("measure", "patch*", "lane_lifted")
+            self.each_patch("lift_patch", "patch*", "constants", "patch*_lifted")
+            self.each_body("lift_body", "body#", "body#_lifted")
+
+    def factorise(self, problem: str) -> None:
+        """Write the Newton matrix and its factors."""
+        n = self.shape.bodies
+        self.zero("block00", slots=36 * n * n)
+        for k in range(n):
+            self.call("fill", f"body{k}{problem}", f"block{k}{k}")
+        for p, touching in self.shape.touching:
+            blocks = [f"block{i}{j}" for i in touching for j in touching]
+            records = f"patch{p}{problem}", f"contact{p}{problem}", f"lane{problem}"
+            self.call(f"eliminate{len(touching)}", *records, *blocks)
+        self.call("factor", "block00")
+
+    def substitute(self) -> None:
+        """Write the solution of the Newton equations of the bodies."""
+        self.call("solve", "block00", *(f"motion{n}" for n in range(self.shape.bodies)))
+
+    def evaluate(self, problem: str) -> None:
+        """Write the errors of all equations."""
+        self.call("clear", f"lane{problem}")
+        self.each_body("evaluate_body", f"body#{problem}", "motion#")
+        self.by_patch("evaluate", problem, "constants", f"body#{problem}", "motion#")
+        self.each_body("judge", "motion#", f"lane{problem}")
+
+    def direction(self, problem: str) -> None:
+        """Write the Newton direction."""
+        self.each_body("begin_direction", "motion#")
+        self.by_patch("gather", problem, "motion#")
+        self.substitute()
+        self.by_patch("expand", problem, "motion#")
+
+    def restart(self, problem: str) -> None:
+        """Write the start of the worlds that are told to."""
+        self.each_body("start_body", f"body#{problem}", f"lane{problem}")
+        self.by_patch("start", problem, f"body#{problem}")
+        self.evaluate(problem)
+
+    def solve(self, problem: str) -> None:
+        """Write the solver: Newton steps until every world is done."""
+        code, lane = self.code, f"lane{problem}"
+        self.call("begin", lane, "constants")
+        self.each_patch("recall", f"patch*{problem}", f"contact*{problem}")
+        self.restart(problem)
+        with code.repeat() as loop:
+            self.call("check", lane, "constants")
+            code.leave(loop, code.any(self.at(lane, "active")))
+            with code.when(code.any(self.at(lane, "restart"))):
+                self.restart(problem)
+            self.factorise(problem)
+            self.call("aim_at_end", lane, "constants")
+            with code.when(code.any(self.at(lane, "predicts"))):
+                self.call("aim_at_zero", lane, "constants")
+                self.direction(problem)
+                self.call("aim", lane, "constants")
+            self.direction(problem)
+            self.call("decide_length", lane)
+            self.each_body("move_body", f"body#{problem}", "motion#", lane)
+            self.each_patch("move", f"contact*{problem}", lane)
+            self.evaluate(problem)
+        self.call("report", lane, "outcome")
+
+    def known_before(self) -> list[tuple[str, int]]:
+        """Return what a tape keeps of a step before its solution: address and slots."""
+        return [(self.at(f"body{n}", "pose"), STATE) for n in range(self.shape.bodies)]
+
+    def solution(self) -> list[tuple[str, int]]:
+        """Return what a tape keeps of the solution of a step: address and slots."""
+        parts = []
+        for problem in self.shape.problems:
+            parts += [(self.at(f"body{n}{problem}", "v"), 6) for n in range(self.shape.bodies)]
+            parts += [(self.at(f"contact{p}{problem}", "z"), SOLVED) for p in range(self.shape.patches)]
+            parts.append((self.at(f"lane{problem}", "compliance"), CHOSEN))
+        return parts
+
+    def remembered(self) -> list[tuple[str, int]]:
+        """Return from what the next step starts: address and slots."""
+        parts = []
+        for problem in self.shape.problems:
+            parts += [(self.at(f"body{n}{problem}", "v"), 6) for n in range(self.shape.bodies)]
+            for p in range(self.shape.patches):
+                parts.append((self.at(f"contact{p}{problem}", "z"), SOLVED))
+                parts.append((self.at(f"contact{p}{problem}", "label"), 4))
+            parts.append((self.at(f"lane{problem}", "known"), 1))
+        return parts
+
+    def move_memory(self, group: str, *, save: bool) -> None:
+        """Copy what the next step starts from to or from the memory, if there is one."""
+        code = self.code
+        with code.when(code.positive(code.argument("memory"))):
+            place = code.multiply(group, self.shape.memory * LANES)
+            self.move_tape(code.at(code.argument("memory", "ptr"), place), self.remembered(), 0, save=save)
+
+    def tape(self, group: str, frame: str, substep: str) -> str:
+        """Return the address of what is kept of a step."""
+        code = self.code
+        step = code.add(code.multiply(frame, self.substeps), substep)
+        place = code.add(code.multiply(group, code.multiply(self.frames, self.substeps)), step)
+        return code.at(code.argument("tape", "ptr"), code.multiply(place, self.shape.tape * LANES))
+
+    def move_tape(self, tape: str, parts: list[tuple[str, int]], slot: int, *, save: bool) -> None:
+        """Copy parts of the workspace to or from a tape, from a slot on."""
+        for place, slots in parts:
+            here = self.code.at(tape, slot * LANES)
+            self.code.call("copy", *((here, place) if save else (place, here)), f"i64 {slots}")
+            slot += slots
+
+    def rows(self, move: str, place: str, base: str, width: int, by_world: str | int, group: str) -> None:
+        """Load or store so many slots of the worlds of a group, from arrays with a row per world."""
+        pair = (place, base) if move == "load_rows" else (base, place)
+        first = self.code.multiply(group, LANES)
+        self.code.call(move, *pair, f"i64 {width}", f"i64 {by_world}", f"i64 {first}", f"i64 {self.worlds}")
+
+    def frame_rows(self, move: str, place: str, argument: str, width: int, at: tuple[str, str], group: str) -> None:
+        """Load or store one frame of an array (worlds, count, width), for `at` = (frame, count)."""
+        frame, count = at
+        base = self.code.at(self.code.argument(argument, "ptr"), self.code.multiply(frame, width))
+        self.rows(move, place, base, width, self.code.multiply(count, width), group)
+
+    def body_rows(
+        self, move: str, names: tuple[str, str], argument: str, width: int, at: tuple[str, str], group: str
+    ) -> None:
+        """Do the same for an array (worlds, count, bodies, width) and a field of every body, names (record, field)."""
+        code, (frame, count), total = self.code, at, width * self.shape.bodies
+        base = code.at(code.argument(argument, "ptr"), code.multiply(frame, total))
+        by_world = code.multiply(count, total)
+        for n in range(self.shape.bodies):
+            place = self.at(names[0].replace("#", str(n)), names[1])
+            self.rows(move, place, code.at(base, n * width), width, by_world, group)
+
+    def load_inputs(self, frame: str, group: str) -> None:
+        """Load what enters a step beside state and wrench."""
+        code = self.code
+        for name, width in (("inputs", INPUTS), ("shared", SHARED_INPUTS)):
+            offset = code.multiply(frame, code.argument(f"{name}_by_frame"))
+            base = code.at(code.argument(name, "ptr"), offset)
+            by_world = code.argument(f"{name}_by_world")
+            records = [f"body{n}" for n in range(self.shape.bodies)] if name == "inputs" else ["shared"]
+            for k, record in enumerate(records):
+                self.rows("load_rows", self.at(record), code.at(base, k * width), width, by_world, group)
+
+    def inputs_vary(self) -> str:
+        """Return whether the inputs change from frame to frame."""
+        both = self.code.add(self.code.argument("inputs_by_frame"), self.code.argument("shared_by_frame"))
+        return self.code.positive(both)

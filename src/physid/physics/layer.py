@@ -1,0 +1,244 @@
+"""The PhysicsLayer: initial states and wrenches in, trajectories out, gradients to everything."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import final
+
+import torch
+from torch import Tensor, nn
+from torch.utils.checkpoint import checkpoint
+
+from physid.physics.effect import Effect, StepInputs
+from physid.physics.fused.backend import Backend, check_backend, use_fused
+from physid.physics.lcp import SolverSettings
+from physid.physics.parameters import Parameters
+from physid.physics.state import State, check_shape
+from physid.physics.step import Step, advance
+from physid.physics.world import World
+
+
+class SolverError(RuntimeError):
+    """A step whose contact problem was not solved; the message says where, how badly, and what to change."""
+
+
+@dataclass(frozen=True)
+class SolverStatus:
+    """How the solver did in every step of a rollout.
+
+    Attributes:
+        residual: Largest violated equation in units of the smoothing, shape (B, T).
+        newton_steps: Shape (B, T).
+    """
+
+    residual: Tensor
+    newton_steps: Tensor
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """A trajectory of T frames after the initial one.
+
+    Attributes:
+        pose: Shape (B, T + 1, N, 7); the first is the initial pose.
+        twist: Shape (B, T + 1, N, 6).
+        impulse: Contact impulses (normal, tangential) summed over a frame's substeps [N s], shape (B, T, C, 3).
+        status: How the solver did.
+    """
+
+    pose: Tensor
+    twist: Tensor
+    impulse: Tensor
+    status: SolverStatus
+
+
+@final
+class PhysicsLayer(nn.Module):
+    """Rigid boxes in contact, batched and differentiable (eq. (3) of the paper in every step).
+
+    Args:
+        world: Time step, gravity, ground, joints, rules of contact.
+        effects: What the nominal model lacks; applied in this order.
+        solver: Accuracy and effort of the contact solver.
+        checkpoint_every: Frames between stored states; None stores all (fast), a number trades time for memory.
+        backend: "fused" runs compiled code (CPU, float64, circular cone, no joints), "reference" the same in torch,
+            "auto" the first where it can.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        effects: Sequence[Effect] = (),
+        solver: SolverSettings | None = None,
+        checkpoint_every: int | None = None,
+        backend: Backend = "auto",
+    ) -> None:
+        super().__init__()
+        check_backend(backend)
+        self.world = world
+        self.effects = tuple(effects)
+        self.solver = solver or SolverSettings()
+        self.checkpoint_every = checkpoint_every
+        self.backend = backend
+
+    def with_effects(self, effects: Sequence[Effect]) -> PhysicsLayer:
+        """Return a layer of the same world with other effects."""
+        return PhysicsLayer(self.world, effects, self.solver, self.checkpoint_every, self.backend)
+
+    def forward(self, initial_state: State, wrenches: Tensor, parameters: Parameters) -> Rollout:
+        """Do as `rollout` does."""
+        return self.rollout(initial_state, wrenches, parameters)
+
+    def rollout(self, initial_state: State, wrenches: Tensor, parameters: Parameters) -> Rollout:
+        """Predict the trajectories that follow from initial states under commanded wrenches.
+
+        Args:
+            initial_state: The states at the first frame.
+            wrenches: Commanded torque [N m] and force [N], row t held from frame t to t + 1; shape (B, T, N, 6).
+            parameters: Sizes, masses, inertias, friction, restitution.
+
+        Returns:
+            Poses, twists, impulses and solver status, with gradients to all three arguments and to the effects.
+
+        Raises:
+            ValueError: If a shape is off or a value is not finite.
+            SolverError: If a step's contact problem cannot be solved.
+        """
+        batch, bodies = initial_state.pose.shape[:2]
+        check_shape("wrenches", wrenches, (batch, None, bodies, 6))
+        for field in dataclasses.fields(parameters):
+            have = tuple(getattr(parameters, field.name).shape[:2])
+            if have[0] not in (1, batch) or have[1] != bodies:
+                raise ValueError(f"parameters.{field.name} must have shape (1 or {batch}, {bodies}, ...), got {have}")
+        effects = [effect.to(initial_state.pose) for effect in self.effects]
+        for effect in effects:
+            wrenches = effect.actuate(wrenches, self.world.time_step)
+        fused = use_fused(self.backend, self.world, initial_state.pose)
+        rollout = self._compiled(initial_state, wrenches, parameters, effects) if fused and wrenches.shape[1] else None
+        if rollout is not None:
+            return rollout
+        frames: list[Step] = []
+        state, chunk = initial_state, self.checkpoint_every or max(wrenches.shape[1], 1)
+        for start in range(0, wrenches.shape[1], chunk):
+            part = wrenches[:, start : start + chunk]
+            if self.checkpoint_every is not None and torch.is_grad_enabled():
+                steps = checkpoint(self._frames, state, part, parameters, effects, start, use_reentrant=False)
+            else:
+                steps = self._frames(state, part, parameters, effects, start)
+            frames.extend(steps)
+            state = frames[-1].state
+        return _stack(initial_state, frames)
+
+    def observe(self, pose: Tensor) -> Tensor:
+        """Return what the camera reports of true poses (B, T, N, 7), by the perception effects of the layer."""
+        for effect in self.effects:
+            pose = effect.to(pose).observe(pose, self.world.time_step)
+        return pose
+
+    def _compiled(
+        self, state: State, wrenches: Tensor, parameters: Parameters, effects: list[Effect]
+    ) -> Rollout | None:
+        """Do the whole rollout in compiled code, or return None if an effect asks for the state."""
+        from physid.physics.fused.rollout import roll_all
+
+        inputs = nominal_inputs(state, wrenches, parameters, self.world)
+        outcome = roll_all(state, inputs, wrenches, effects, self.world, self.solver)
+        if outcome is None:
+            return None
+        pose, twist, impulse, residual, steps = outcome
+        failed = ~(residual <= self.solver.residual(pose.dtype) / self.solver.tau(pose.dtype))
+        if bool(failed.any()):
+            t = int(failed.any(0).nonzero()[0])
+            after = State(pose[:, t + 1], twist[:, t + 1])
+            require_converged(Step(after, impulse[:, t], residual[:, t], steps[:, t], ~failed[:, t]), t, self.solver)
+        return Rollout(pose, twist, impulse, SolverStatus(residual, steps.long()))
+
+    def _stepper(self, state: State) -> Callable[[State, StepInputs], Step]:
+        """Return what advances a state by one step."""
+        if use_fused(self.backend, self.world, state.pose):
+            from physid.physics.fused.rollout import Stepper
+
+            return Stepper(self.world, self.solver)
+        return lambda state, inputs: advance(state, inputs, self.world, self.solver)
+
+    def _frames(
+        self, state: State, wrenches: Tensor, parameters: Parameters, effects: list[Effect], start: int
+    ) -> list[Step]:
+        inputs, step_from = nominal_inputs(state, wrenches, parameters, self.world), self._stepper(state)
+        steps = []
+        for t in range(wrenches.shape[1]):
+            done: list[Step] = []
+            for k in range(self.world.substeps):
+                time = inputs.time + (start + t) * self.world.time_step + k * self.world.step
+                now = inputs.replace(time=time, wrench=wrenches[:, t])
+                for effect in effects:
+                    now = effect.act(state, now)
+                step = step_from(state, now)
+                require_converged(step, start + t, self.solver)
+                state = step.state
+                done.append(step)
+            steps.append(dataclasses.replace(step, impulse=torch.stack([each.impulse for each in done]).sum(0)))
+        return steps
+
+
+def nominal_inputs(state: State, wrenches: Tensor, parameters: Parameters, world: World) -> StepInputs:
+    """Build the inputs of a step without any effect, at time 0 and with the first of the wrenches (B, T, N, 6)."""
+    batch, bodies = state.pose.shape[:2]
+    ones = torch.ones_like(state.pose[..., 0])
+
+    def whole(value: Tensor) -> Tensor:
+        return value.to(state.pose).expand(batch, *value.shape[1:])
+
+    return StepInputs(
+        time=torch.zeros_like(ones[:, 0]),
+        wrench=wrenches[:, 0],
+        gravity=state.pose.new_tensor(world.gravity).expand(batch, bodies, 3),
+        size=whole(parameters.size),
+        mass=whole(parameters.mass),
+        inertia=whole(parameters.inertia),
+        friction=whole(parameters.friction),
+        restitution=whole(parameters.restitution),
+        ground_normal=state.pose.new_tensor(world.ground.normal if world.ground else (0.0, 0.0, 1.0)),
+        ground_offset=state.pose.new_tensor(world.ground.offset if world.ground else -math.inf),
+        ground_friction=ones,
+        ground_restitution=torch.zeros_like(ones),
+        body_friction=ones[:, 0],
+        body_restitution=torch.zeros_like(ones[:, 0]),
+        centre_of_mass=torch.zeros_like(state.pose[..., :3]),
+        compliance=torch.zeros_like(ones),
+    )
+
+
+def require_converged(step: Step, frame: int, settings: SolverSettings) -> None:
+    """Raise a SolverError unless every world of the batch was solved and is finite.
+
+    Raises:
+        SolverError: Says how many samples, at which step, with what residual, and what to change.
+    """
+    if bool(step.converged.all()):
+        return
+    failed = ~step.converged
+    worst = float(step.residual[failed].max())
+    raise SolverError(
+        f"{int(failed.sum())} of {failed.numel()} contact problems were not solved at step {frame}: worst residual "
+        f"{worst:.3g} of the smoothing {settings.smoothing:.1g} after {settings.max_steps} Newton steps (first sample: "
+        f"{int(failed.nonzero()[0])}); check the parameters and the initial state, lower the time step (more "
+        "substeps), or raise solver.max_steps"
+    )
+
+
+def _stack(initial: State, frames: list[Step]) -> Rollout:
+    if not frames:
+        raise ValueError("wrenches must have at least one step, got 0")
+    return Rollout(
+        pose=torch.stack([initial.pose] + [step.state.pose for step in frames], 1),
+        twist=torch.stack([initial.twist] + [step.state.twist for step in frames], 1),
+        impulse=torch.stack([step.impulse for step in frames], 1),
+        status=SolverStatus(
+            residual=torch.stack([step.residual for step in frames], 1),
+            newton_steps=torch.stack([step.newton_steps for step in frames], 1),
+        ),
+    )

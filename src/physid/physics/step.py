@@ -1,0 +1,245 @@
+"""One step of the engine: collect the contacts, solve eq. (3) of the paper, integrate."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from itertools import combinations
+
+import torch
+from torch import Tensor
+
+from physid.physics.collision import box_on_box, box_on_plane
+from physid.physics.contact import WARP_COMPLIANCE, Patch
+from physid.physics.effect import StepInputs
+from physid.physics.implicit import attach_gradient
+from physid.physics.lcp import ContactProblem, SolverSettings, solve_contacts
+from physid.physics.rotations import exponential, multiply, normalize, rotate, to_matrix
+from physid.physics.state import State
+from physid.physics.world import World
+
+STANDARD_GRAVITY = 9.81
+REACH = 0.05
+FAR = 1.0
+
+
+@dataclass(frozen=True)
+class Step:
+    """What one step gave.
+
+    Attributes:
+        state: The state after it.
+        impulse: (normal, tangential) impulses of every contact [N s], shape (B, C, 3).
+        residual: Largest violated equation, in units of the smoothing, shape (B,).
+        newton_steps: Shape (B,).
+        converged: Shape (B,).
+    """
+
+    state: State
+    impulse: Tensor
+    residual: Tensor
+    newton_steps: Tensor
+    converged: Tensor
+
+
+def advance(state: State, inputs: StepInputs, world: World, settings: SolverSettings) -> Step:
+    """Advance a batch by one step of `world.step` seconds.
+
+    Semi-implicit Euler: v+ from eq. (3), p+ = p + h v+, q+ = exp(h w+) q.
+
+    Args:
+        state: The state before.
+        inputs: Wrenches and properties that act during the step.
+        world: Ground, joints and rules.
+        settings: Accuracy of the solver.
+
+    Returns:
+        The state after, the contact impulses, and how well the solver did.
+    """
+    h = world.step
+    arm = rotate(state.quaternion, inputs.centre_of_mass)
+    twist = _moved(state.twist, arm)
+    patches = find_patches(state, inputs, world)
+    problem, scale = build_problem(state, twist, arm, patches, inputs, world)
+    solution = solve_contacts(problem, world.friction, settings)
+    v, impulse = attach_gradient(problem, solution)
+    after = v[:, : 6 * twist.shape[1]].unflatten(1, twist.shape[1:]) * (STANDARD_GRAVITY * h)
+    motion = h * after + _removal(problem, twist.shape[1], patches, world, settings)
+    centre = state.position + arm + motion[..., 3:]
+    quaternion = normalize(multiply(exponential(motion[..., :3]), state.quaternion))
+    arm = rotate(quaternion, inputs.centre_of_mass)
+    return Step(
+        state=State(torch.cat([centre - arm, quaternion], -1), _moved(after, -arm)),
+        impulse=impulse * scale[:, None, None],
+        residual=solution.residual,
+        newton_steps=solution.steps,
+        converged=solution.converged,
+    )
+
+
+def _removal(
+    problem: ContactProblem, bodies: int, patches: list[Patch], world: World, settings: SolverSettings
+) -> Tensor | float:
+    """Return the displacement (B, N, 6) [rad, m] by which the rule of contact removes overlaps without velocity.
+
+    It is h v for the v of a second problem: bodies at rest, no friction, u_n >= displacement / h.
+    """
+    wanted = [d for patch in patches if (d := world.contact.displacement(patch.gap)) is not None]
+    touching = (problem.jacobian != 0).any(-1).any(-1)
+    if not wanted or not bool(touching.any()):
+        return 0.0
+    unit = STANDARD_GRAVITY * world.step**2
+    still = dataclasses.replace(
+        problem,
+        momentum=torch.zeros_like(problem.momentum),
+        offset=torch.where(touching, -torch.cat(wanted, 1) / unit, FAR),
+        friction=torch.zeros_like(problem.friction),
+        joint_velocity=torch.zeros_like(problem.joint_velocity),
+    )
+    v, _ = attach_gradient(still, solve_contacts(still, world.friction, settings))
+    displacement = v[:, : 6 * bodies].unflatten(1, (bodies, 6)) * unit
+    return torch.where(touching.any(1)[:, None, None], displacement, 0.0)
+
+
+def _moved(twist: Tensor, arm: Tensor) -> Tensor:
+    """Return the twists seen at points `arm` away, v + w x arm."""
+    return torch.cat([twist[..., :3], twist[..., 3:] + torch.linalg.cross(twist[..., :3], arm)], -1)
+
+
+def find_patches(state: State, inputs: StepInputs, world: World) -> list[Patch]:
+    """List the possible contacts: every body on the ground, then every pair of bodies."""
+    bodies = range(state.pose.shape[1])
+    pose, size = state.pose, inputs.size
+    patches = []
+    if world.ground is not None:
+        normal, offset = inputs.ground_normal, inputs.ground_offset
+        patches = [box_on_plane(pose[:, n], size[:, n], normal, offset, n) for n in bodies]
+    for a, b in combinations(bodies, 2):
+        patches.append(box_on_box((pose[:, a], pose[:, b]), (size[:, a], size[:, b]), (a, b)))
+    return patches
+
+
+def build_problem(
+    state: State, twist: Tensor, arm: Tensor, patches: list[Patch], inputs: StepInputs, world: World
+) -> tuple[ContactProblem, Tensor]:
+    """Assemble eq. (3) in units of g h and m g h.
+
+    The unknown velocity is that of all bodies, followed by the redundant modes of each patch: its warp, and between two
+    bodies on the ground its lever (see `Patch`).
+
+    Returns:
+        The problem, and the unit of its impulses [N s], shape (B,).
+    """
+    h, unit = world.step, STANDARD_GRAVITY * world.step
+    batch, bodies = twist.shape[:2]
+    mean_mass = inputs.mass.mean(1)
+    mass, momentum = _newton_euler(state, twist, arm, inputs, world)
+    mass, momentum = mass / mean_mass[:, None, None, None], momentum / (mean_mass * unit)[:, None, None]
+    free = torch.linalg.solve(mass, momentum).flatten(1)
+    rows, offsets, frictions, compliances, modes = [], [], [], [], []
+    for patch in patches:
+        jacobian = _patch_jacobian(patch, state.position + arm)
+        speed = torch.einsum("bckn,bn->bck", jacobian, twist.flatten(1) / unit)[..., 0] * unit
+        free_speed = torch.einsum("bckn,bn->bck", jacobian, free)[..., 0] * unit
+        friction, restitution, compliance = _pair(patch, inputs)
+        reach = REACH + 2 * h * free_speed.detach().abs()
+        exists = patch.active & world.contact.exists(patch.gap, reach)
+        offset = world.contact.offset(patch.gap, speed, free_speed, restitution[:, None], h)
+        rows.append(torch.where(exists[..., None, None], jacobian, 0.0))
+        offsets.append(torch.where(exists, offset / unit, FAR))
+        frictions.append(torch.where(exists, friction[:, None], 0.0))
+        correction = world.contact.correction * mean_mass / h**2
+        compliances.append(torch.where(exists, (compliance * correction)[:, None], 0.0))
+        modes.append(torch.where(exists[..., None], _redundant_modes(patch, exists, patches, inputs, world), 0.0))
+    redundant = _place_modes(modes, mass)
+    warps = redundant.shape[-1]
+    warp_mass = torch.eye(warps, dtype=mass.dtype, device=mass.device).expand(batch, -1, -1) / WARP_COMPLIANCE
+    joints = [joint.equations(state, h) for joint in world.joints]
+    equality = torch.cat([rows_ for rows_, _ in joints], 1) if joints else mass.new_zeros(batch, 0, 6 * bodies)
+    wanted = torch.cat([b for _, b in joints], 1) / unit if joints else mass.new_zeros(batch, 0)
+    problem = ContactProblem(
+        mass=_block_diagonal(mass, warp_mass),
+        momentum=torch.cat([momentum.flatten(1), mass.new_zeros(batch, warps)], 1),
+        jacobian=torch.cat([torch.cat(rows, 1), redundant], 3) if rows else mass.new_zeros(batch, 0, 3, 6 * bodies),
+        offset=torch.cat(offsets, 1) if rows else mass.new_zeros(batch, 0),
+        friction=torch.cat(frictions, 1) if rows else mass.new_zeros(batch, 0),
+        compliance=torch.cat(compliances, 1) if rows else mass.new_zeros(batch, 0),
+        joint_jacobian=torch.cat([equality, mass.new_zeros(*equality.shape[:2], warps)], 2),
+        joint_velocity=wanted,
+    )
+    return problem, mean_mass * unit
+
+
+def _redundant_modes(patch: Patch, exists: Tensor, patches: list[Patch], inputs: StepInputs, world: World) -> Tensor:
+    """Return the normal rows of a patch's redundant modes, shape (B, 4, 1 or 2)."""
+    if patch.first is None or world.ground is None:
+        return patch.warp()[..., None]
+    standing = patches[patch.first].flatness() * patches[patch.second].flatness()
+    lever = patch.lever(inputs.ground_normal, exists) * standing[:, None]
+    return torch.stack([patch.warp(), lever], -1)
+
+
+def _place_modes(modes: list[Tensor], reference: Tensor) -> Tensor:
+    """Give every mode (B, 4, m) of every patch a column of its own; shape (B, C, 3, sum of m)."""
+    total, column, rows = sum(mode.shape[-1] for mode in modes), 0, []
+    for mode in modes:
+        batch, contacts, count = mode.shape
+        row = reference.new_zeros(batch, contacts, 3, total)
+        row[..., 0, column : column + count] = mode
+        rows.append(row)
+        column += count
+    return torch.cat(rows, 1) if rows else reference.new_zeros(reference.shape[0], 0, 3, 0)
+
+
+def _newton_euler(state: State, twist: Tensor, arm: Tensor, inputs: StepInputs, world: World) -> tuple[Tensor, Tensor]:
+    """Return M (B, N, 6, 6) and p = M v + h f (B, N, 6), with the gyroscopic torque -w x I w (eq. (2) of the paper)."""
+    axes = to_matrix(state.quaternion)
+    inertia = (axes * inputs.inertia[..., None, :]) @ axes.mT
+    eye = torch.eye(3, dtype=inertia.dtype, device=inertia.device)
+    zero = torch.zeros_like(inertia)
+    mass = torch.cat([torch.cat([inertia, zero], -1), torch.cat([zero, inputs.mass[..., None, None] * eye], -1)], -2)
+    spin = twist[..., :3]
+    spin_momentum = (inertia @ spin[..., None])[..., 0]
+    torque = inputs.wrench[..., :3] - torch.linalg.cross(arm, inputs.wrench[..., 3:])
+    if world.gyroscopic:
+        torque = torque - torch.linalg.cross(spin, spin_momentum)
+    force = inputs.wrench[..., 3:] + inputs.mass[..., None] * inputs.gravity
+    momentum = torch.cat([spin_momentum, inputs.mass[..., None] * twist[..., 3:]], -1)
+    return mass, momentum + world.step * torch.cat([torque, force], -1)
+
+
+def _patch_jacobian(patch: Patch, centres: Tensor) -> Tensor:
+    """Return the rows (B, 4, 3, 6 N) of the velocity of `second` relative to `first`, in the patch's frame."""
+    bodies = centres.shape[1]
+    frame = patch.frame[:, None].expand(-1, patch.point.shape[1], -1, -1)
+    blocks = [torch.zeros(*frame.shape[:3], 6, dtype=frame.dtype, device=frame.device)] * bodies
+    for body, sign in ((patch.second, 1.0), (patch.first, -1.0)):
+        if body is not None:
+            reach = (patch.point - centres[:, None, body])[:, :, None].expand(-1, -1, 3, -1)
+            blocks[body] = sign * torch.cat([torch.linalg.cross(reach, frame), frame], -1)
+    return torch.cat(blocks, -1)
+
+
+def _pair(patch: Patch, inputs: StepInputs) -> tuple[Tensor, Tensor, Tensor]:
+    """Return friction, restitution and compliance [m/N] of a patch, each of shape (B,): products over the pair."""
+    second = patch.second
+    if patch.first is None:
+        friction = inputs.friction[:, second] * inputs.ground_friction[:, second]
+        restitution = inputs.restitution[:, second] + inputs.ground_restitution[:, second]
+        return friction, restitution.clamp_min(0), inputs.compliance[:, second]
+    friction = inputs.friction[:, patch.first] * inputs.friction[:, second] * inputs.body_friction
+    restitution = inputs.restitution[:, patch.first] * inputs.restitution[:, second] + inputs.body_restitution
+    return friction, restitution.clamp_min(0), torch.zeros_like(friction)
+
+
+def _block_diagonal(bodies: Tensor, warp: Tensor) -> Tensor:
+    """Put blocks (B, N, 6, 6) and one block (B, P, P) on a diagonal."""
+    batch, count = bodies.shape[:2]
+    blocks = [bodies[:, n] for n in range(count)] + [warp]
+    sizes = [block.shape[-1] for block in blocks]
+    rows = []
+    for i, block in enumerate(blocks):
+        rows.append(
+            torch.cat([block if i == j else block.new_zeros(batch, sizes[i], n) for j, n in enumerate(sizes)], 2)
+        )
+    return torch.cat(rows, 1)

@@ -1,0 +1,63 @@
+"""What a world is made of beside its bodies: gravity, ground, joints, and the rules of contact."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from physid.physics.contact import ContactRule, Speculative
+from physid.physics.friction import Cone, FrictionLaw
+from physid.physics.joints import Joint
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Plane:
+    """The half space below the points p with normal . p = offset [m]; `normal` is made a unit vector."""
+
+    normal: Vector = (0.0, 0.0, 1.0)
+    offset: float = 0.0
+
+    def __post_init__(self) -> None:
+        length = math.sqrt(sum(x * x for x in self.normal))
+        if not (math.isfinite(length) and length > 0):
+            raise ValueError(f"normal must be a finite vector other than zero, got {self.normal}")
+        x, y, z = self.normal
+        object.__setattr__(self, "normal", (x / length, y / length, z / length))
+
+
+@dataclass(frozen=True)
+class World:
+    """Everything of a simulation that is neither a state nor an identified parameter.
+
+    Attributes:
+        time_step: Time between frames, over which a wrench is held [s].
+        substeps: Steps of the engine per frame.
+        gravity: [m/s^2], world frame.
+        ground: The ground, or None.
+        joints: Equality joints.
+        friction: Law of friction: a circular cone, or the paper's `Pyramid(directions)`.
+        contact: When bodies touch: `Speculative`, or as in Bullet `Penetrating` or `Split`.
+        gyroscopic: Whether the term w x I w acts (the paper drops it).
+    """
+
+    time_step: float = 1 / 240
+    substeps: int = 1
+    gravity: Vector = (0.0, 0.0, -9.81)
+    ground: Plane | None = field(default_factory=Plane)
+    joints: tuple[Joint, ...] = ()
+    friction: FrictionLaw = field(default_factory=Cone)
+    contact: ContactRule = field(default_factory=Speculative)
+    gyroscopic: bool = True
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.time_step) and self.time_step > 0):
+            raise ValueError(f"time_step must be positive [s], got {self.time_step}")
+        if self.substeps < 1:
+            raise ValueError(f"substeps must be at least 1, got {self.substeps}")
+
+    @property
+    def step(self) -> float:
+        """Length of one step of the engine [s]."""
+        return self.time_step / self.substeps

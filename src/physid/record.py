@@ -1,0 +1,140 @@
+"""What a run depended on besides its configuration: versions, source, data, machine; enough to repeat it elsewhere."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import platform
+import shlex
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
+from datetime import UTC, datetime
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+RECORD = "record.json"
+COMMIT = "PHYSID_COMMIT"  # an image has no repository: its build says here what it was made from
+THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "CUDA_VISIBLE_DEVICES")
+
+
+def write_record(folder: Path, values: Mapping[str, Any]) -> None:
+    """Write record.json into a run folder; the record of a session that is resumed is kept in it.
+
+    Args:
+        folder: Run folder.
+        values: Resolved configuration; every recording set that it names is recorded by its checksum.
+    """
+    path = folder / RECORD
+    record = describe(values)
+    if path.is_file():
+        before = json.loads(path.read_text(encoding="utf-8"))
+        record["earlier"] = [*before.pop("earlier", []), before]
+    path.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+
+
+def describe(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a run that starts now depends on.
+
+    Args:
+        values: Resolved configuration.
+
+    Returns:
+        started, command, source (version, commit, whether files differ from it), python, packages by name, data (the
+        SHA-256 of each recording set by its folder), machine and threads; in plain types.
+    """
+    return {
+        "started": datetime.now(UTC).isoformat(timespec="seconds"),
+        "command": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
+        "source": source(),
+        "python": platform.python_version(),
+        "packages": packages(),
+        "data": {name: checksum(Path(name)) for name in sorted(set(recording_sets(values)))},
+        "machine": machine(),
+        "threads": {name: os.environ[name] for name in THREADS if name in os.environ},
+    }
+
+
+def packages() -> dict[str, str]:
+    """Return the version of every package that is installed, by name."""
+    found = {each.metadata["Name"]: each.version for each in metadata.distributions()}
+    return dict(sorted(found.items(), key=lambda item: item[0].lower()))
+
+
+def source() -> dict[str, Any]:
+    """Return version, commit and whether a tracked file differs from it; commit None outside of a repository."""
+    here = Path(__file__)
+    version = metadata.version("physid")
+    if _git(here.parent, "ls-files", "--error-unmatch", here.name) is None:
+        return {"version": version, "commit": os.environ.get(COMMIT), "changed": None}
+    changed = _git(here.parent, "status", "--porcelain", "--untracked-files=no", "--", ".")
+    return {"version": version, "commit": _git(here.parent, "rev-parse", "HEAD"), "changed": bool(changed)}
+
+
+def recording_sets(values: Any) -> Iterator[str]:
+    """Yield every string in a configuration that names the folder of a recording set."""
+    from physid.data.format import DESCRIPTION
+
+    if isinstance(values, Mapping):
+        for value in values.values():
+            yield from recording_sets(value)
+    elif isinstance(values, list | tuple):
+        for value in values:
+            yield from recording_sets(value)
+    elif (
+        isinstance(values, str) and len(values) < 4096 and "\n" not in values and (Path(values) / DESCRIPTION).is_file()
+    ):
+        yield values
+
+
+def checksum(folder: Path) -> str:
+    """Return one SHA-256 for a recording set: of its SHA256SUMS, or of what would stand there.
+
+    Args:
+        folder: The recording set.
+
+    Returns:
+        Hexadecimal digits; the same wherever the set lies.
+    """
+    from physid.data.format import SUMS, list_sums
+
+    sums = folder / SUMS
+    text = sums.read_text(encoding="utf-8") if sums.is_file() else list_sums(folder)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def machine() -> dict[str, Any]:
+    """Return system, processor, cores this process may use, memory [GB] and GPUs."""
+    import torch
+
+    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9
+    return {
+        "system": platform.platform(),
+        "processor": _processor(),
+        "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
+        "memory_gb": round(memory, 1),
+        "gpus": [torch.cuda.get_device_name(index) for index in range(torch.cuda.device_count())],
+    }
+
+
+def _processor() -> str:
+    """Return the name of the processor."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor() or platform.machine()
+
+
+def _git(folder: Path, *words: str) -> str | None:
+    """Return what a git command prints; None where there is no git, or it fails."""
+    try:
+        done = subprocess.run(
+            ["git", "-C", str(folder), *words], capture_output=True, text=True, timeout=20, check=True
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return done.stdout.strip()

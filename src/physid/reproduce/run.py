@@ -1,0 +1,93 @@
+"""Runs the cells of a profile one after the other; a second call goes on where the first stopped."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from difflib import get_close_matches
+from pathlib import Path
+
+from physid.configuration import ConfigurationError, compose
+from physid.data.files import write_text
+from physid.data.generate import generate
+from physid.data.generation import GenerateConfig
+from physid.reproduce.cells import PROFILES, Cell, Recordings
+from physid.reproduce.results import Result, markdown, read_results, table, write_results
+
+RESULTS = "results.json"
+
+
+def choose(profile: str, names: Sequence[str]) -> list[Cell]:
+    """Return the cells of a profile, or those of them that are named.
+
+    Raises:
+        ConfigurationError: If the profile or a cell does not exist; names the nearest.
+    """
+    if profile not in PROFILES:
+        raise ConfigurationError(f"unknown profile {profile!r}; there are {', '.join(PROFILES)}")
+    cells = {cell.name: cell for cell in PROFILES[profile]}
+    for name in names:
+        if name not in cells:
+            nearest = get_close_matches(name, cells, 1, 0)
+            raise ConfigurationError(f"unknown cell {name!r} of profile {profile}; did you mean {nearest[0]!r}?")
+    return [cells[name] for name in names] or list(cells.values())
+
+
+def reproduce(
+    cells: Sequence[Cell], out: Path, *, configs: Path, workers: int = -1, at_once: int = 1, again: bool = False
+) -> list[Result]:
+    """Run cells that have not been run before in `out`, and write results.json and results.md there.
+
+    Args:
+        cells: What to run.
+        out: Folder of the results; each cell has a run folder in it, each recording set one in out/data.
+        configs: The folder configs/ of the repository.
+        workers: Processes that generate; -1 for one on each core.
+        at_once: Cells that run at the same time; -1 for one on each core.
+        again: Whether to run cells again that have been run.
+
+    Returns:
+        The results of all cells.
+    """
+    import joblib
+
+    missing = [cell for cell in cells if again or not (out / cell.name / RESULTS).exists()]
+    for recordings in dict.fromkeys(cell.recordings for cell in missing if cell.recordings is not None):
+        _record(recordings, out / "data", configs, workers)
+    start = time.monotonic()
+    parallel = joblib.Parallel(n_jobs=at_once, return_as="generator_unordered", batch_size=1)
+    done = parallel(joblib.delayed(_measure)(cell, out, configs) for cell in missing)
+    for number, name in enumerate(done, 1):
+        print(f"[{number}/{len(missing)}] {name}{_remaining(start, number, len(missing))}", flush=True)
+    results = [result for cell in cells for result in read_results(out / cell.name / RESULTS)]
+    write_results(out / RESULTS, results)
+    write_text(out / "results.md", markdown(results))
+    return results
+
+
+def _measure(cell: Cell, out: Path, configs: Path) -> str:
+    """Run a cell, write its results into its folder and return its name."""
+    data = out / "data" / (cell.recordings.name if cell.recordings else "")
+    write_results(out / cell.name / RESULTS, cell.run(configs, data, out / cell.name))
+    return cell.name
+
+
+def _remaining(start: float, done: int, cells: int) -> str:
+    if done == cells:
+        return ""
+    seconds = (time.monotonic() - start) / done * (cells - done)
+    return f"  (about {seconds / 60:.0f} min left)" if seconds > 90 else f"  (about {seconds:.0f} s left)"
+
+
+def _record(recordings: Recordings, data: Path, configs: Path, workers: int) -> None:
+    """Generate a recording set, or what is missing of it."""
+    settings = [f"trajectories={recordings.trajectories}", f"video={str(recordings.video).lower()}"]
+    configuration = compose([str(configs / "generate" / f"{recordings.name}.yaml")], settings)
+    generate(GenerateConfig.from_mapping(configuration.values), data / recordings.name, workers)
+
+
+def report(results: Sequence[Result], out: Path) -> str:
+    """Return the table, and a sentence about targets and files."""
+    missed = [f"{result.cell} {result.metric}" for result in results if result.misses]
+    verdict = f"missed: {', '.join(missed)}" if missed else "every target is met"
+    return f"{table(results)}\n\n{verdict}; results in {out / RESULTS} and {out / 'results.md'}"

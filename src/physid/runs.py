@@ -1,0 +1,87 @@
+"""The folder of a run: where it lies, what it must not overwrite, and the figures it ends with."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+
+from physid.configuration import Configuration, ConfigurationError
+from physid.record import write_record
+
+CONFIG = "config.yaml"
+LEFT_BY_A_RUN = ("metrics.csv", "metrics.json", "checkpoints")
+
+
+def first_process() -> bool:
+    """Tell whether this is the first of the processes that a run is spread over, or the only one.
+
+    Lightning, torchrun and SLURM start the same command once for each process and number them in the environment; all
+    but the first leave the run folder and the terminal alone.
+    """
+    for name in ("RANK", "SLURM_PROCID"):
+        if name in os.environ:
+            return os.environ[name] == "0"
+    return all(os.environ.get(name, "0") == "0" for name in ("NODE_RANK", "LOCAL_RANK"))
+
+
+def folder_of(configuration: Configuration, run_dir: Path | None) -> Path:
+    """Return the folder of a run: the one asked for, else runs/NAME."""
+    return Path(run_dir) if run_dir else Path("runs") / configuration.name
+
+
+def recorded_config(run_dir: Path | None) -> tuple[str, ...]:
+    """Return the configuration that an earlier run left in a folder, if there is one."""
+    path = Path(run_dir) / CONFIG if run_dir else None
+    return (str(path),) if path and path.is_file() else ()
+
+
+def open_folder(
+    configuration: Configuration, run_dir: Path | None, *, resume: bool = False, overwrite: bool = False
+) -> Path:
+    """Make the folder of a run ready and write the resolved configuration into it.
+
+    Args:
+        configuration: What shall run.
+        run_dir: The folder asked for, if any.
+        resume: Whether an earlier run in it shall go on.
+        overwrite: Whether an earlier run in it shall be deleted.
+
+    Returns:
+        The folder.
+
+    Raises:
+        ConfigurationError: If the folder holds a run that shall neither go on nor be deleted.
+    """
+    folder = folder_of(configuration, run_dir)
+    if not first_process():
+        return folder
+    earlier = any((folder / name).exists() for name in LEFT_BY_A_RUN)
+    if earlier and not resume and not overwrite:
+        raise ConfigurationError(
+            f"{folder} holds an earlier run; --resume goes on, --overwrite deletes it, --run-dir chooses another folder"
+        )
+    if earlier and overwrite and not resume:
+        if not (folder / CONFIG).is_file():
+            raise ConfigurationError(f"{folder} has no {CONFIG}, so it is no run's folder, and is not deleted")
+        shutil.rmtree(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / CONFIG).write_text(configuration.to_yaml(), encoding="utf-8")
+    write_record(folder, configuration.values)
+    return folder
+
+
+def summarize(figures: Mapping[str, float], folder: Path) -> str:
+    """Return the figures of a run as a table: the parameters beside their true values, what was tested, the effort."""
+    names = sorted({key.split("/")[1] for key in figures if key.startswith("params/") and key.endswith("/estimate")})
+    measured = sorted(key for key in figures if key.startswith(("test/", "val/")))
+    effort = [key for key in ("evaluations", "seconds") if key in figures]
+    width = max(map(len, [*names, *measured, *effort]), default=0)
+    lines = [f"{folder}"]
+    for name in names:
+        estimate, true = figures[f"params/{name}/estimate"], figures.get(f"params/{name}/true")
+        error = f", off by {abs(estimate / true - 1):.3%}" if true else ""
+        lines.append(f"  {name:<{width}}  {estimate:.6g}" + ("" if true is None else f" (true {true:.6g}{error})"))
+    lines += [f"  {key:<{width}}  {figures[key]:.6g}" for key in [*measured, *effort]]
+    return "\n".join(lines)

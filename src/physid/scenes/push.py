@@ -1,0 +1,50 @@
+"""push: a block on a plane, pushed at its centre of mass."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from physid.scenes.camera import Camera
+from physid.scenes.forces import AXES, pieces, redrawn
+from physid.scenes.placing import WORKSPACE, on_ground, planar_twist, span, upstream
+from physid.scenes.scene import Body, Ground, Scene
+from physid.scenes.setup import Excitation, Setup
+
+TOP_VIEW = Camera(
+    width=128, height=128, position=(0.0, 0.0, 6.0), target=(0.0, 0.0, 0.0), up=(0.0, 1.0, 0.0), fov_y=25.0
+)
+WAY = 1.3  # [m] how far the paper's pushes take the block, a little more than on average
+
+SCENE = Scene(
+    name="push",
+    time_step=1 / 240,
+    ground=Ground(),
+    bodies=(Body("block", size=(0.3, 0.25, 0.2), mass=2.0, friction=0.12),),
+    camera=TOP_VIEW,
+    source="pybullet",
+)
+
+
+def paper(scene: Scene, generator: np.random.Generator, steps: int) -> Excitation:
+    """Start at rest anywhere; push along one of +-x, +-y with 1 to 10 N, redrawn at each step."""
+    direction = AXES[generator.integers(4)]
+    x, y = upstream(generator, direction[:2], WAY)
+    yaw = generator.uniform(-np.pi, np.pi)
+    wrench = np.zeros((steps, 1, 6))
+    wrench[:, 0, 3:] = redrawn(generator, direction, steps)
+    pose = on_ground(scene.ground, x, y, yaw, scene.bodies[0].size[2])
+    return Excitation(pose[None], np.zeros((1, 6)), wrench)
+
+
+def rich(scene: Scene, generator: np.random.Generator, steps: int) -> Excitation:
+    """Start with a velocity and a spin; push, step, reverse and coast at oblique headings."""
+    x, y = generator.uniform(-WORKSPACE, WORKSPACE, 2)
+    yaw = generator.uniform(-np.pi, np.pi)
+    wrench = np.zeros((steps, 1, 6))
+    wrench[:, 0, 3:] = pieces(generator, span(scene.ground), steps)
+    pose = on_ground(scene.ground, x, y, yaw, scene.bodies[0].size[2])
+    twist = planar_twist(generator, scene.ground, speed=1.5, spin=1.0)
+    return Excitation(pose[None], twist[None], wrench)
+
+
+PUSH = Setup(SCENE, {"paper": paper, "rich": rich})

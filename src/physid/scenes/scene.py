@@ -1,0 +1,216 @@
+"""What stands on the ground, as `recording.yaml` describes it."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physid.scenes.camera import Camera, Triple
+from physid.scenes.strict import check_keys, nearest, number, triple
+
+FORMAT = "physid-recordings"
+VERSION = 1
+PARAMETERS = ("mass", "friction", "restitution")
+GRAVITY: Triple = (0.0, 0.0, -9.81)
+
+
+@dataclass(frozen=True)
+class Body:
+    """A box.
+
+    Attributes:
+        name: How parameters refer to it ("block" in "block.friction").
+        size: Full edge lengths [m].
+        mass: Mass [kg].
+        friction: Coulomb coefficient [-]; a pair has the product, the ground's is 1.
+        restitution: Newton coefficient [-]; a pair has the product, the ground's is 1.
+        inertia: Principal moments [kg m^2], or None for a uniform box.
+
+    Raises:
+        ValueError: If a value is of the wrong kind or sign.
+    """
+
+    name: str
+    size: Triple
+    mass: float
+    friction: float
+    restitution: float = 0.0
+    inertia: Triple | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name or "." in self.name:
+            raise ValueError(f"body name must be a word without a full stop, got {self.name!r}")
+        if min(triple(self.size, f"{self.name}.size")) <= 0:
+            raise ValueError(f"{self.name}.size must be positive edge lengths, got {self.size}")
+        number(self.mass, f"{self.name}.mass", low=0.0, strict=True)
+        number(self.friction, f"{self.name}.friction", low=0.0)
+        number(self.restitution, f"{self.name}.restitution", low=0.0)
+        if self.inertia is not None and min(triple(self.inertia, f"{self.name}.inertia")) <= 0:
+            raise ValueError(f"{self.name}.inertia must be positive principal moments or null, got {self.inertia}")
+
+    @classmethod
+    def from_mapping(cls, values: object, index: int) -> Body:
+        """Build a body from entry `index` of `bodies`; `restitution` and `inertia` may be left out."""
+        required, optional = ("name", "size", "mass", "friction"), ("restitution", "inertia")
+        known = check_keys(values, f"bodies[{index}]", required, optional)
+        inertia = known.get("inertia")
+        where = f"bodies[{index}]"
+        return cls(
+            name=known["name"],
+            size=triple(known["size"], f"{where}.size"),
+            mass=number(known["mass"], f"{where}.mass"),
+            friction=number(known["friction"], f"{where}.friction"),
+            restitution=number(known.get("restitution", 0.0), f"{where}.restitution"),
+            inertia=None if inertia is None else triple(inertia, f"{where}.inertia"),
+        )
+
+    def moments(self) -> NDArray[np.float64]:
+        """Return the principal moments [kg m^2], (3,): those given, or I_x = m (b^2 + c^2) / 12 and so on."""
+        if self.inertia is not None:
+            return np.array(self.inertia)
+        square = np.square(self.size)
+        return np.asarray(self.mass * (square.sum() - square) / 12)
+
+
+@dataclass(frozen=True)
+class Ground:
+    """The points p with normal . p = offset [m]; the normal is of unit length.
+
+    Raises:
+        ValueError: If the normal is not a unit vector.
+    """
+
+    normal: Triple = (0.0, 0.0, 1.0)
+    offset: float = 0.0
+
+    def __post_init__(self) -> None:
+        length = math.hypot(*triple(self.normal, "ground.normal"))
+        if abs(length - 1) > 1e-6:
+            raise ValueError(f"ground.normal must have length 1, got {length:.6g}; divide it by its length")
+        number(self.offset, "ground.offset")
+
+    @classmethod
+    def from_mapping(cls, values: object) -> Ground:
+        """Build the ground from the `ground` entry of recording.yaml."""
+        known = check_keys(values, "ground", ("normal", "offset"))
+        return cls(triple(known["normal"], "ground.normal"), number(known["offset"], "ground.offset"))
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A scene, as far as it is known: the content of `recording.yaml`.
+
+    Attributes:
+        name: push, slide, collide, toss, or any other name.
+        time_step: Time between frames [s].
+        ground: The plane that the bodies stand on.
+        bodies: The boxes, in the order of axis N.
+        unknown: Parameters to identify ("block.friction"); the values in `bodies` are then only a first guess.
+        camera: The camera, or None where there is no video.
+        gravity: Acceleration of gravity [m/s^2], world frame.
+        source: Free text: where the recordings come from.
+
+    Raises:
+        ValueError: If a value is of the wrong kind, two bodies share a name, or an unknown parameter has no body.
+    """
+
+    name: str
+    time_step: float
+    ground: Ground
+    bodies: tuple[Body, ...]
+    unknown: tuple[str, ...] = ()
+    camera: Camera | None = None
+    gravity: Triple = GRAVITY
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name:
+            raise ValueError(f"scene must be a name, got {self.name!r}")
+        number(self.time_step, "time_step", low=0.0, strict=True)
+        triple(self.gravity, "gravity")
+        names = [body.name for body in self.bodies]
+        if not names or len(set(names)) < len(names):
+            raise ValueError(f"bodies must be at least one, each with its own name, got {names}")
+        for parameter in self.unknown:
+            self.locate(parameter)
+
+    @classmethod
+    def from_mapping(cls, values: object) -> Scene:
+        """Build a scene from the content of recording.yaml.
+
+        Raises:
+            ValueError: If a key is missing or unknown, or a value is off.
+        """
+        required = ("format", "version", "scene", "time_step", "gravity", "ground", "bodies")
+        known = check_keys(values, "recording.yaml", required, ("unknown", "camera", "source"))
+        if known["format"] != FORMAT or known["version"] != VERSION:
+            raise ValueError(
+                f"recording.yaml must say format {FORMAT}, version {VERSION}, "
+                f"got {known['format']!r}, version {known['version']!r}"
+            )
+        if not isinstance(known["bodies"], list) or not isinstance(known.get("unknown") or [], list):
+            raise ValueError("recording.yaml: bodies and unknown must be lists")
+        camera = known.get("camera")
+        return cls(
+            name=known["scene"],
+            time_step=number(known["time_step"], "time_step"),
+            ground=Ground.from_mapping(known["ground"]),
+            bodies=tuple(Body.from_mapping(one, index) for index, one in enumerate(known["bodies"])),
+            unknown=tuple(known.get("unknown") or ()),
+            camera=None if camera is None else Camera.from_mapping(camera),
+            gravity=triple(known["gravity"], "gravity"),
+            source=str(known.get("source") or ""),
+        )
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return the content of recording.yaml, in the order of the format's description."""
+        return {
+            "format": FORMAT,
+            "version": VERSION,
+            "scene": self.name,
+            "time_step": self.time_step,
+            "gravity": list(self.gravity),
+            "ground": _plain(self.ground),
+            "bodies": [_plain(body) for body in self.bodies],
+            "unknown": list(self.unknown),
+            "camera": None if self.camera is None else _plain(self.camera),
+            "source": self.source,
+        }
+
+    @property
+    def sizes(self) -> NDArray[np.float64]:
+        """Full edge lengths of the bodies [m], shape (N, 3)."""
+        return np.array([body.size for body in self.bodies])
+
+    def locate(self, parameter: str) -> tuple[int, str]:
+        """Return the index of the body and the field that "body.field" names.
+
+        Raises:
+            ValueError: If there is no such body, or no such parameter.
+        """
+        name, _, field = str(parameter).partition(".")
+        known = [f"{body.name}.{each}" for body in self.bodies for each in PARAMETERS]
+        if f"{name}.{field}" not in known:
+            raise ValueError(f'unknown parameter "{parameter}"{nearest(parameter, known)}')
+        return [body.name for body in self.bodies].index(name), field
+
+    def value(self, parameter: str) -> float:
+        """Return the value of "body.field"."""
+        index, field = self.locate(parameter)
+        return float(getattr(self.bodies[index], field))
+
+    def with_bodies(self, bodies: Iterable[Body]) -> Scene:
+        """Return a copy with other bodies."""
+        return dataclasses.replace(self, bodies=tuple(bodies))
+
+
+def _plain(value: Body | Ground | Camera) -> dict[str, Any]:
+    """Return the fields of a flat dataclass with tuples as lists."""
+    fields = dataclasses.asdict(value)
+    return {name: list(one) if isinstance(one, tuple) else one for name, one in fields.items()}

@@ -1,0 +1,81 @@
+"""Closed mappings: a key that nobody knows is an error that names the nearest key."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """Return '; did you mean "..."?' for the nearest known name, or the list of what is known where none is near."""
+    names = [str(one) for one in known]
+    close = difflib.get_close_matches(str(name), names, n=1, cutoff=0.6)
+    return f'; did you mean "{close[0]}"?' if close else f"; known are {', '.join(names) or 'none'}"
+
+
+def check_keys(values: object, where: str, required: Iterable[str], optional: Iterable[str] = ()) -> Mapping[str, Any]:
+    """Check that `values` is a mapping with all required keys and no unknown one.
+
+    Args:
+        values: What was read from a file or a configuration.
+        where: Name of the mapping, for the message.
+        required: Keys that must be there.
+        optional: Keys that may be there.
+
+    Returns:
+        The mapping itself.
+
+    Raises:
+        ValueError: If it is no mapping, a key is missing, or a key is unknown.
+    """
+    required, optional = tuple(required), tuple(optional)
+    if not isinstance(values, Mapping):
+        raise ValueError(f"{where} must be a mapping with the keys {', '.join(required + optional)}, got {values!r}")
+    for key in values:
+        if key not in required + optional:
+            raise ValueError(f'{where}: unknown key "{key}"{nearest(key, required + optional)}')
+    missing = [key for key in required if key not in values]
+    if missing:
+        raise ValueError(f"{where}: missing key {', '.join(missing)}")
+    return values
+
+
+def number(value: object, where: str, *, low: float = -math.inf, strict: bool = False) -> float:
+    """Return `value` as a finite float that is at least `low` (above it, where `strict`).
+
+    Raises:
+        ValueError: If it is no number, not finite, or too small.
+    """
+    wanted = "a finite number" if low == -math.inf else f"a number {'above' if strict else 'of at least'} {low:g}"
+    if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value):
+        raise ValueError(f"{where} must be {wanted}, got {value!r}")
+    if value < low or (strict and value == low):
+        raise ValueError(f"{where} must be {wanted}, got {value!r}")
+    return float(value)
+
+
+def whole(value: object, where: str, *, low: int) -> int:
+    """Return `value` as an int that is at least `low`.
+
+    Raises:
+        ValueError: If it is no whole number, or too small.
+    """
+    if not isinstance(value, int) or isinstance(value, bool) or value < low:
+        raise ValueError(f"{where} must be a whole number of at least {low}, got {value!r}")
+    return value
+
+
+def triple(value: object, where: str) -> tuple[float, float, float]:
+    """Return `value` as three finite floats.
+
+    Raises:
+        ValueError: If it is no list of three numbers.
+    """
+    if isinstance(value, str | Mapping) or not isinstance(value, Iterable):
+        raise ValueError(f"{where} must be a list of 3 numbers, got {value!r}")
+    values = [number(one, f"{where}[{axis}]") for axis, one in enumerate(value)]
+    if len(values) != 3:
+        raise ValueError(f"{where} must be a list of 3 numbers, got {len(values)}")
+    return values[0], values[1], values[2]

@@ -1,0 +1,46 @@
+"""toss: a block is thrown onto the ground."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from physid.scenes.forces import pieces
+from physid.scenes.push import TOP_VIEW
+from physid.scenes.scene import Body, Ground, Scene
+from physid.scenes.setup import Excitation, Setup
+
+SCENE = Scene(
+    name="toss",
+    time_step=1 / 240,
+    ground=Ground(),
+    bodies=(Body("block", size=(0.3, 0.25, 0.25), mass=1.0, friction=0.2, restitution=0.3),),
+    camera=TOP_VIEW,
+    source="pybullet",
+)
+
+
+def paper(scene: Scene, generator: np.random.Generator, steps: int) -> Excitation:
+    """Throw at any heading and any attitude, tumbling; no force but gravity."""
+    pose, twist = _throw(generator)
+    return Excitation(pose[None], twist[None], np.zeros((steps, 1, 6)))
+
+
+def rich(scene: Scene, generator: np.random.Generator, steps: int) -> Excitation:
+    """Throw as before, and push the flying, bouncing, sliding block: steps, reversals and coasting, level with it."""
+    pose, twist = _throw(generator)
+    wrench = np.zeros((steps, 1, 6))
+    wrench[:, 0, 3:] = 0.5 * pieces(generator, np.eye(3)[:2], steps)
+    return Excitation(pose[None], twist[None], wrench)
+
+
+def _throw(generator: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Draw a pose (7,) above the workspace and a twist (6,)."""
+    position = np.append(generator.uniform(-0.9, 0.9, 2), generator.uniform(0.3, 0.7))
+    attitude = generator.normal(size=4)
+    heading, speed = generator.uniform(0, 2 * np.pi), generator.uniform(0.2, 1.2)
+    velocity = np.array([speed * np.cos(heading), speed * np.sin(heading), generator.uniform(-0.5, 1.0)])
+    pose = np.concatenate([position, attitude / np.linalg.norm(attitude)])
+    return pose, np.concatenate([generator.uniform(-5.0, 5.0, 3), velocity])
+
+
+TOSS = Setup(SCENE, {"paper": paper, "rich": rich})

@@ -1,0 +1,58 @@
+"""The errors of other predictions, beside those of the model."""
+
+from __future__ import annotations
+
+from typing import Any, final
+
+import lightning as L
+import torch
+
+from physid.scenes.catalogue import with_parameters
+from physid.training import baselines
+from physid.training.metrics import PoseErrors
+from physid.training.sysid import SysID
+
+
+@final
+class BaselineErrors(L.Callback):
+    """Log what other predictions of the tested whole trajectories are off by.
+
+    test/bullet_position_error is PyBullet's with the same parameters, test/ballistic_... that of free flight frozen at
+    touch-down, test/held_... that of the first pose held; rotation errors and deviations likewise.
+    """
+
+    def __init__(self) -> None:
+        self._errors: dict[str, PoseErrors] = {}
+
+    def on_test_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        """Begin anew."""
+        if not isinstance(pl_module, SysID):
+            raise TypeError(f"BaselineErrors needs SysID, got {type(pl_module).__name__}")
+        self._errors = {name: PoseErrors(pl_module.scene) for name in ("bullet", "ballistic", "held")}
+
+    def on_test_batch_end(
+        self,
+        trainer: L.Trainer,
+        pl_module: L.LightningModule,
+        outputs: Any,
+        batch: Any,
+        batch_idx: int,
+        dataloader_idx: int = 0,
+    ) -> None:
+        """Predict the batch in the other ways."""
+        assert isinstance(pl_module, SysID)
+        whole = pl_module.trajectories(batch)
+        scene = with_parameters(pl_module.scene, pl_module.physical.estimates())
+        predicted = {
+            "bullet": baselines.bullet(whole, scene, pl_module.engine.substeps),
+            "ballistic": baselines.ballistic(whole, scene),
+            "held": baselines.held(whole),
+        }
+        for name, pose in predicted.items():
+            self._errors[name].update(pose, whole.pose, whole.real)
+
+    def on_test_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        """Log the errors."""
+        for name, errors in self._errors.items():
+            for key, value in errors.take().items():
+                pl_module.log(f"test/{name}_{key}", torch.as_tensor(value))

@@ -1,0 +1,117 @@
+"""The history of the learned parameters, beside the truth where there is one: the paper's figure."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+from typing import Any, cast, final
+
+import lightning as L
+import torch
+from torch import Tensor
+
+from physid.data.files import write_text
+from physid.data.truth import Truth, read_truth
+from physid.training.physical_parameters import PhysicalParameters
+
+BLUE, RED = "tab:blue", "tab:red"
+
+
+@final
+class ParameterHistory(L.Callback):
+    """Log each learned parameter after every epoch; write parameters.csv and parameters.png at the end.
+
+    This is the only part of training that reads the truth: it logs params/NAME/true and params/NAME/relative_error
+    beside params/NAME/estimate, and draws a red line.
+
+    Attributes:
+        rows: One row for each epoch, the first guess first: epoch, evaluations, and the value of each parameter.
+    """
+
+    def __init__(self) -> None:
+        self.rows: list[dict[str, float]] = []
+        self._truth: Truth | None = None
+
+    def setup(self, trainer: L.Trainer, pl_module: L.LightningModule, stage: str) -> None:
+        """Read the truth of the recording set, if there is one."""
+        recordings = getattr(getattr(trainer, "datamodule", None), "recordings", None)
+        self._truth = None if recordings is None else read_truth(recordings.folder)
+
+    def on_train_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        """Note the first guess."""
+        if not self.rows:
+            self._note(trainer, pl_module)
+
+    def on_train_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        """Note and log the estimates."""
+        self._note(trainer, pl_module)
+        self._log(pl_module)
+
+    def on_test_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        """Log the estimates that are tested."""
+        self._log(pl_module)
+
+    def on_fit_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        """Write the history and draw it."""
+        if not trainer.is_global_zero:
+            return
+        folder = Path(trainer.default_root_dir)
+        table = io.StringIO()
+        writer = csv.DictWriter(table, list(self.rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(self.rows)
+        write_text(folder / "parameters.csv", table.getvalue())
+        draw(self.rows, self._true(pl_module), folder / "parameters.png")
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return the rows, so that a resumed run continues the curve."""
+        return {"rows": self.rows}
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """Take the rows of the run that is resumed."""
+        self.rows = state_dict["rows"]
+
+    def _note(self, trainer: L.Trainer, module: L.LightningModule) -> None:
+        done = len(self.rows)
+        self.rows.append(
+            {"epoch": done, "evaluations": float(cast(Tensor, module.evaluations))}
+            | PhysicalParameters.of(module).estimates()
+        )
+
+    def _log(self, module: L.LightningModule) -> None:
+        true = self._true(module)
+        values: dict[str, float] = {}
+        for name, value in PhysicalParameters.of(module).estimates().items():
+            values[f"{name}/estimate"] = value
+            if name in true:
+                values[f"{name}/true"] = true[name]
+                values[f"{name}/relative_error"] = abs(value - true[name]) / true[name]
+        for name, value in values.items():
+            module.log(f"params/{name}", torch.tensor(value, dtype=torch.float64))
+
+    def _true(self, module: L.LightningModule) -> dict[str, float]:
+        """Return the true values of the learned parameters, as far as they are known and not zero."""
+        known = {} if self._truth is None else self._truth.parameters
+        return {name: known[name] for name in PhysicalParameters.of(module).names if known.get(name)}
+
+
+def draw(rows: list[dict[str, float]], true: dict[str, float], path: Path) -> None:
+    """Draw each parameter over the epochs in blue, and the truth in red.
+
+    Args:
+        rows: See `ParameterHistory`.
+        true: True values by name, as far as they are known.
+        path: The image to write.
+    """
+    from matplotlib.figure import Figure
+
+    names = [name for name in rows[0] if name not in ("epoch", "evaluations")]
+    figure = Figure(figsize=(4 * len(names), 3), layout="constrained")
+    for axes, name in zip(figure.subplots(1, len(names), squeeze=False)[0], names, strict=True):
+        axes.plot([row["epoch"] for row in rows], [row[name] for row in rows], color=BLUE, marker=".", label="estimate")
+        if name in true:
+            axes.axhline(true[name], color=RED, label="truth")
+        axes.set(xlabel="epoch", ylabel=name)
+        axes.legend()
+    figure.savefig(path, dpi=120)

@@ -1,0 +1,65 @@
+"""Let a resumed run go on exactly: the state of the random generators, and the time spent so far."""
+
+from __future__ import annotations
+
+import random
+import time
+from typing import Any
+
+import lightning as L
+import numpy as np
+import torch
+
+
+class RunState(L.Callback):
+    """Keep in every checkpoint what Lightning leaves out of it.
+
+    Lightning restores weights, optimizers and counters, but the random generators start anew from the seed, so a
+    resumed run would shuffle its second half as it had shuffled its first.
+
+    Attributes:
+        seconds: Time spent in training, over all sessions of the run [s].
+    """
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+        self._started = time.perf_counter()
+        self._random: dict[str, Any] | None = None
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return the state of the generators and the time spent."""
+        kind, keys, position, has_gauss, gauss = np.random.get_state(legacy=True)  # noqa: NPY002 - the global one is meant
+        version, words, next_gauss = random.getstate()
+        return {
+            "seconds": self._elapsed(),
+            "torch": torch.get_rng_state(),
+            "cuda": torch.cuda.get_rng_state_all() if torch.cuda.is_available() else [],
+            "numpy": [str(kind), np.asarray(keys).tolist(), int(position), int(has_gauss), float(gauss)],
+            "python": [version, list(words), next_gauss],
+        }
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """Remember the state; it is set once everything else has been built."""
+        self.seconds = state_dict["seconds"]
+        self._random = state_dict
+
+    def on_fit_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        """Set the generators to where the checkpoint left them, before the loader draws its first batch."""
+        self._started = time.perf_counter()
+        if self._random is None:
+            return
+        torch.set_rng_state(self._random["torch"].cpu())
+        if len(self._random["cuda"]) == torch.cuda.device_count():
+            torch.cuda.set_rng_state_all(self._random["cuda"])
+        kind, keys, *rest = self._random["numpy"]
+        np.random.set_state((kind, np.array(keys, dtype=np.uint32), *rest))  # noqa: NPY002 - the global one is meant
+        version, words, next_gauss = self._random["python"]
+        random.setstate((version, tuple(words), next_gauss))
+        self._random = None
+
+    def on_train_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        """Add the time of this session."""
+        self.seconds, self._started = self._elapsed(), time.perf_counter()
+
+    def _elapsed(self) -> float:
+        return self.seconds + time.perf_counter() - self._started

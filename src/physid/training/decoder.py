@@ -1,0 +1,100 @@
+"""The decoder of the paper: poses in, frames out, by a renderer that knows what the bodies look like."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import final
+
+import torch
+from torch import Tensor, nn
+
+from physid.data.format import RecordingSet
+from physid.networks.appearance import Appearance, cut_appearance
+from physid.networks.camera import PinholeCamera
+from physid.networks.encoder import as_image
+from physid.networks.renderer import BoxRenderer
+from physid.scenes.scene import Scene
+
+MODELS = 16
+"""First frames that the appearance is cut from: enough to see every side of every body in some of them."""
+TEXELS = 32
+
+
+def camera_of(scene: Scene) -> PinholeCamera:
+    """Return the camera of a scene.
+
+    Raises:
+        ValueError: If it has none.
+    """
+    if scene.camera is None:
+        raise ValueError(f"scene {scene.name} has no camera; learning from video needs one (recording.yaml: camera)")
+    return PinholeCamera(**dataclasses.asdict(scene.camera))
+
+
+@final
+class Decoder(nn.Module):
+    """Draws the bodies of a scene at given poses, on the known background.
+
+    Args:
+        scene: Gives the camera and the sizes of the bodies.
+
+    Attributes:
+        patches: What the faces look like (see `Appearance`), shape (1, N, 6, 3, P, P); not finite until `model` was
+            called. They are part of a checkpoint, so that a trained model predicts recordings without masks.
+
+    Raises:
+        ValueError: If the scene has no camera.
+    """
+
+    patches: Tensor
+
+    def __init__(self, scene: Scene) -> None:
+        super().__init__()
+        self.renderer = BoxRenderer(camera_of(scene), torch.from_numpy(scene.sizes))
+        unknown = torch.full((1, len(scene.bodies), 6, 3, TEXELS, TEXELS), torch.nan)
+        self.register_buffer("patches", unknown)
+
+    def model(self, recordings: RecordingSet, trajectories: Sequence[int]) -> None:
+        """Cut the appearance out of the first frames of some trajectories, by their masks and first poses.
+
+        The paper takes shape and appearance of the objects as known in the same way; no other pose is looked at.
+
+        Args:
+            recordings: The set.
+            trajectories: Which of its trajectories; the first 16 are used.
+
+        Raises:
+            ValueError: If a trajectory has no poses, or a mask does not lie where the first pose says.
+        """
+        chosen = trajectories[:MODELS]
+        films = [recordings.film(index, [0]) for index in chosen]
+        frame, mask = (torch.stack([torch.from_numpy(film[place]) for film in films]) for place in (0, 1))
+        poses = [recordings.read(index).pose for index in chosen]
+        pose = torch.stack([torch.from_numpy(one[0]) for one in poses if one is not None])
+        if len(pose) < len(chosen):
+            raise ValueError(
+                f"{recordings.folder}: pose: expected first poses to cut out the bodies' faces, found none"
+            )
+        try:
+            size = self.renderer.size.cpu()
+            appearance = cut_appearance(
+                self.renderer.camera, as_image(frame[:, 0]), mask, pose, size, texels=TEXELS, shared=True
+            )
+        except ValueError as error:
+            names = ", ".join(recordings.paths[index].name for index in chosen)
+            raise ValueError(f"{recordings.folder}: {error} (samples in order: {names})") from None
+        self.patches = appearance.patches.to(self.patches)
+
+    def forward(self, pose: Tensor, background: Tensor) -> Tensor:
+        """Draw frames.
+
+        Args:
+            pose: Poses, shape (B, f, N, 7).
+            background: The empty scenes in [0, 1], shape (B, 3, H, W).
+
+        Returns:
+            Images in [0, 1], shape (B, f, 3, H, W).
+        """
+        image: Tensor = self.renderer(pose, Appearance(self.patches), background)
+        return image

@@ -1,0 +1,82 @@
+"""Gauss-Newton over many batches: sums of what one step over all trajectories needs."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass
+from typing import final
+
+import torch
+from torch import Tensor
+
+from physid.training.pose_loss import PoseLoss
+from physid.training.sensitivity import residuals, sensitivity
+from physid.training.trajectories import Trajectories
+from physid.training.video_model import VideoModel
+
+FLOOR = 1e-12
+"""Smallest curvature, relative to the largest: a parameter without influence stays where it is."""
+
+
+@final
+@dataclass
+class NormalEquations:
+    """Gradient and curvature of a loss, summed over trajectories.
+
+    Attributes:
+        gradients: Derivative of each trajectory's loss by the P parameters, pieces of shape (B, P).
+        curvature: 2 J^T W J summed over trajectories, shape (P, P).
+    """
+
+    gradients: list[Tensor]
+    curvature: Tensor
+
+    @classmethod
+    def empty(cls, parameters: int) -> NormalEquations:
+        """Begin without any trajectory."""
+        return cls([], torch.zeros(parameters, parameters, dtype=torch.float64))
+
+    def add(self, model: VideoModel, loss: PoseLoss, trajectories: Trajectories, real: Tensor) -> Tensor:
+        """Add a batch of trajectories.
+
+        Args:
+            model: Gives physics and parameters.
+            loss: What errors of predicted poses cost.
+            trajectories: First states, wrenches, and the poses that should come out; on the device of the physics.
+            real: Which frames count, shape (B, T).
+
+        Returns:
+            The loss of each trajectory, shape (B,).
+        """
+        physical = copy.deepcopy(model.physical).to(model.physics_device)
+        with torch.no_grad():
+            residual = residuals(model.layer, physical, trajectories)
+        answer = sensitivity(model.layer, physical, trajectories)
+        with torch.enable_grad():
+            residual.requires_grad_()
+            value = torch.stack(list(loss(residual, real).values())).sum(0)
+            (slope,) = torch.autograd.grad(value.sum(), residual)
+        self.gradients.append(torch.einsum("pbtni,btni->bp", answer, slope))
+        self.curvature += len(residual) * loss.curvature(residual.detach(), answer, real)
+        return value.detach()
+
+    def step(self, largest: float) -> Tensor:
+        """Solve H x = -g, and shorten x so that no component exceeds `largest`; shape (P,)."""
+        step: Tensor = torch.linalg.solve(self._stiff(), -torch.cat(self.gradients).sum(0))
+        return step * min(1.0, largest / max(float(step.abs().max()), FLOOR))
+
+    def covariance(self) -> Tensor:
+        """Estimate the covariance of the parameters, H^-1 (sum_b g_b g_b^T) H^-1, shape (P, P).
+
+        The spread of the gradients over trajectories stands for all that their residuals hold, noise and misfit, which
+        only need to be independent between trajectories (Huber 1967, White 1982). An error that all trajectories share,
+        a biased encoder say, does not show.
+        """
+        gradients, inverse = torch.cat(self.gradients), torch.linalg.inv(self._stiff())
+        share = len(gradients) / max(len(gradients) - len(self.curvature), 1)
+        covariance: Tensor = share * inverse @ (gradients.T @ gradients) @ inverse
+        return covariance
+
+    def _stiff(self) -> Tensor:
+        diagonal = self.curvature.diagonal()
+        return self.curvature + torch.diag(FLOOR * diagonal.max() + torch.finfo(diagonal.dtype).tiny + 0 * diagonal)

@@ -1,0 +1,90 @@
+"""How far predicted poses are from recorded ones, and what that costs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from physid.physics.rotations import conjugate, logarithm, multiply
+
+
+def pose_residual(predicted: Tensor, recorded: Tensor) -> Tensor:
+    """Compute p^ - p [m] and ln(q^-1 q^) [rad], the residuals whose squares the paper sums.
+
+    Args:
+        predicted: Poses (p^, q^), shape (..., 7).
+        recorded: Poses (p, q), shape (..., 7).
+
+    Returns:
+        Position, then rotation residuals, shape (..., 6).
+    """
+    turn = logarithm(multiply(conjugate(recorded[..., 3:]), predicted[..., 3:]))
+    return torch.cat([predicted[..., :3] - recorded[..., :3], turn], -1)
+
+
+def mean_over_time(value: Tensor, real: Tensor) -> Tensor:
+    """Average values (B, T, ...) over the frames that are real (B, T); shape (B, ...)."""
+    weight = (real / real.sum(1, keepdim=True)).to(value)
+    return torch.einsum("bt...,bt->b...", value, weight)
+
+
+@dataclass(frozen=True)
+class PoseLoss:
+    """The paper's loss, e = |p^ - p|^2 + w |ln(q^-1 q^)|^2, averaged over time and summed over bodies.
+
+    Attributes:
+        rotation_weight: w [m^2/rad^2]; the paper's is 1.
+        robust: Scale c [m] of a Cauchy loss c^2 ln(1 + e / c^2) in place of e: a few frames that no parameter explains
+            then count little. None for e itself.
+    """
+
+    rotation_weight: float = 1.0
+    robust: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.rotation_weight < 0 or (self.robust is not None and self.robust <= 0):
+            raise ValueError(
+                f"rotation_weight must not be negative and robust must be positive or null, got {self.rotation_weight} "
+                f"and {self.robust}"
+            )
+
+    def __call__(self, residual: Tensor, real: Tensor) -> dict[str, Tensor]:
+        """Compute the loss of each trajectory.
+
+        Args:
+            residual: Shape (B, T, N, 6), see `pose_residual`.
+            real: Which frames count, shape (B, T).
+
+        Returns:
+            The loss by parts, each of shape (B,): position and rotation, or one of both where it is robust.
+        """
+        position, rotation = self._squares(residual)
+        if self.robust is None:
+            return {"position": mean_over_time(position, real), "rotation": mean_over_time(rotation, real)}
+        square = self.robust**2
+        return {"pose": mean_over_time(square * torch.log1p((position + rotation) / square), real)}
+
+    def curvature(self, residual: Tensor, sensitivity: Tensor, real: Tensor) -> Tensor:
+        """Compute Gauss and Newton's approximation of the mean loss's second derivative, 2 J^T W J.
+
+        Args:
+            residual: Shape (B, T, N, 6); a robust loss weighs each frame by its slope there.
+            sensitivity: J, derivatives of the residuals, shape (P, B, T, N, 6).
+            real: Which frames count, shape (B, T).
+
+        Returns:
+            Shape (P, P).
+        """
+        weight = real / real.sum(1, keepdim=True) / len(real)
+        if self.robust is not None:
+            position, rotation = self._squares(residual)
+            weight = weight / (1 + (position + rotation) / self.robust**2)
+        scaled = sensitivity * sensitivity.new_tensor([1.0] * 3 + [self.rotation_weight**0.5] * 3)
+        return 2 * torch.einsum("pbtni,qbtni,bt->pq", scaled, scaled, weight.to(scaled))
+
+    def _squares(self, residual: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the position and the rotation part of e, each (B, T)."""
+        square = residual.square().sum(2)
+        return square[..., :3].sum(-1), self.rotation_weight * square[..., 3:].sum(-1)

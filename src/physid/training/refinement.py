@@ -1,0 +1,96 @@
+"""The last phase of learning from video: the encoder stands still, the parameters take Gauss-Newton steps."""
+
+from __future__ import annotations
+
+from typing import Any, final
+
+import torch
+from torch import Tensor
+
+from physid.training.base import TrainingModule
+from physid.training.horizon import Batch
+from physid.training.normal_equations import NormalEquations
+from physid.training.pose_loss import PoseLoss
+from physid.training.trajectories import Trajectories
+from physid.training.video_model import VideoModel
+
+LARGEST_STEP = 0.5
+"""Of the logarithm of a parameter."""
+QUANTILE = 1.645
+"""Of the normal distribution: 90 % lie within so many standard deviations."""
+
+
+@final
+class Refinement:
+    """One Gauss-Newton step over all trajectories per epoch, from first states that the encoder gives.
+
+    Args:
+        loss: What errors of the rolled-out poses cost.
+    """
+
+    def __init__(self, loss: PoseLoss) -> None:
+        self._loss = loss
+        self._equations: NormalEquations | None = None
+
+    def add(
+        self, module: TrainingModule, model: VideoModel, encoded: Tensor, batch: Batch, goal: Tensor, real: Tensor
+    ) -> None:
+        """Add a batch of trajectories, and take the step after the last one of the epoch.
+
+        Args:
+            module: Logs the loss, and after the step the 90 % interval of each parameter as params/NAME/low and
+                params/NAME/high (see `NormalEquations.covariance`).
+            model: Its physics and parameters.
+            encoded: Encoded poses of the frames that the batch shows, shape (B, f, N, 7).
+            batch: A batch of the data module, or the part of it that is rolled out.
+            goal: The poses that should come out, shape (B, T, N, 7).
+            real: Which of them count, shape (B, T).
+        """
+        loss = self._add(model, encoded, batch, goal, real)
+        many = module.trainer.num_training_batches > 1
+        module.log("train/loss", loss.mean(), on_step=not many, on_epoch=many, prog_bar=True, batch_size=len(loss))
+        if module.trainer.is_last_batch:
+            module.log_dict(self._finish(module, model))
+
+    @torch.no_grad()
+    def _add(self, model: VideoModel, encoded: Tensor, batch: Batch, goal: Tensor, real: Tensor) -> Tensor:
+        """Add a batch, and return the loss of each trajectory (B,)."""
+        there = model.physics_device
+        if self._equations is None:
+            self._equations = NormalEquations.empty(len(model.physical.names))
+        state = model.first_state(encoded, batch["shown"], batch["wrench"])
+        goal = torch.cat([state.pose[:, None], goal[:, 1:].to(state.pose)], 1)
+        trajectories = Trajectories(
+            pose=goal,
+            twist=state.twist[:, None].expand(-1, goal.shape[1], -1, -1),
+            wrench=batch["wrench"].to(state.pose),
+            length=batch["length"].to(there),
+            index=batch["index"].to(there),
+        )
+        return self._equations.add(model, self._loss, trajectories, real.to(there))
+
+    def _finish(self, module: TrainingModule, model: VideoModel) -> dict[str, float]:
+        """Take the step, forget the sums, and return the intervals."""
+        assert self._equations is not None
+        physical = model.physical
+        with torch.no_grad():
+            physical.logarithm.add_(self._equations.step(LARGEST_STEP).to(physical.logarithm))
+        spread = self._equations.covariance().diagonal().sqrt().tolist()
+        self._equations = None
+        _count_a_step(module.optimizers())
+        return interval(physical.estimates(), spread)
+
+
+def _count_a_step(optimizer: Any) -> None:
+    """Let the optimizer step without gradients: Lightning writes a checkpoint only where a step was counted."""
+    optimizer.zero_grad()
+    optimizer.step()
+
+
+def interval(estimates: dict[str, float], spread: list[float]) -> dict[str, float]:
+    """Return 90 % intervals from the standard deviations of the parameters' logarithms."""
+    bounds: dict[str, float] = {}
+    for (name, value), deviation in zip(estimates.items(), spread, strict=True):
+        factor = float(torch.tensor(QUANTILE * deviation).exp())
+        bounds |= {f"params/{name}/low": value / factor, f"params/{name}/high": value * factor}
+    return bounds

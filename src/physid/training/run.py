@@ -1,0 +1,184 @@
+"""One run of Lightning's Trainer in its own folder: build, fit or evaluate, resume, write the figures."""
+
+from __future__ import annotations
+
+import json
+import logging
+import math
+import signal
+import sys
+import warnings
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import lightning as L
+import torch
+from lightning.fabric.utilities.warnings import PossibleUserWarning
+from lightning.pytorch.callbacks import ModelCheckpoint
+from lightning.pytorch.cli import LightningCLI
+from lightning.pytorch.utilities.model_helpers import is_overridden
+from torch import Tensor
+
+from physid.training.callbacks.learning_rates import LearningRates
+from physid.training.callbacks.run_state import RunState
+from physid.training.loggers import build_loggers
+
+Stage = Literal["validate", "test", "predict"]
+CHECKPOINT = Path("checkpoints", "last.ckpt")
+FIGURES = "metrics.json"
+# The keys of a configuration, and whose arguments stand below each (None: a class_path says so).
+GROUPS: dict[str, Callable[..., Any] | None] = {
+    "seed_everything": None,
+    "model": None,
+    "data": None,
+    "trainer": L.Trainer,
+    "wandb": None,
+}
+
+
+class Cli(LightningCLI):
+    """LightningCLI as a builder: it validates a resolved configuration and makes the objects that it names.
+
+    Args:
+        config: Resolved configuration.
+        fixed: Arguments of the Trainer that the run folder decides.
+        callbacks: Callbacks that every run has.
+    """
+
+    def __init__(self, config: Mapping[str, Any], fixed: Mapping[str, Any], callbacks: list[L.Callback]) -> None:
+        self._fixed = fixed
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "LightningCLI's args parameter is intended")
+            super().__init__(
+                args=dict(config),
+                run=False,
+                save_config_callback=None,
+                seed_everything_default=0,
+                trainer_defaults={"callbacks": callbacks},
+                parser_kwargs={"exit_on_error": False, "allow_abbrev": False},
+                auto_configure_optimizers=False,
+                load_from_checkpoint_support=False,
+            )
+
+    def instantiate_trainer(self, **kwargs: Any) -> L.Trainer:
+        """Build the Trainer with what the run folder decides."""
+        trainer: L.Trainer = super().instantiate_trainer(**kwargs, **self._fixed)
+        return trainer
+
+
+def fit(config: Mapping[str, Any], folder: Path, *, resume: bool = False) -> dict[str, float]:
+    """Train a model in a run folder, test it where it states how, and write metrics.json.
+
+    Args:
+        config: Resolved configuration with the keys of `GROUPS`.
+        folder: Run folder; gets metrics.csv, metrics.json, checkpoints and what the callbacks draw.
+        resume: Whether to go on from the last checkpoint, exactly; without one the run starts at the beginning.
+
+    Returns:
+        The last value of every figure that was logged, and `seconds`.
+
+    Raises:
+        KeyboardInterrupt: If the run was interrupted; the last checkpoint stays.
+        ValueError: If the configuration does not fit the classes it names.
+    """
+    checkpoint = folder / CHECKPOINT if resume and (folder / CHECKPOINT).exists() else None
+    state = RunState()
+    keep = ModelCheckpoint(
+        folder / CHECKPOINT.parent, CHECKPOINT.stem, save_on_train_epoch_end=True, enable_version_counter=False
+    )
+    config = dict(config)
+    loggers = build_loggers(folder, config.pop("wandb", "offline"), config, _epoch(checkpoint))
+    cli = _build(config, folder, [keep, state, LearningRates()], logger=loggers)
+    trainer, model, data = cli.trainer, cli.model, cli.datamodule
+    _until_interrupted(trainer, lambda: trainer.fit(model, datamodule=data, ckpt_path=checkpoint))
+    figures = _flat(trainer.callback_metrics)
+    if is_overridden("test_step", model) and _has_test_split(data):
+        _until_interrupted(trainer, lambda: trainer.test(model, datamodule=data, verbose=False))
+        figures |= _flat(trainer.callback_metrics)
+    figures["seconds"] = state.seconds
+    if trainer.is_global_zero:
+        (folder / FIGURES).write_text(json.dumps(figures, indent=2, sort_keys=True) + "\n")
+    return figures
+
+
+def evaluate(stage: Stage, config: Mapping[str, Any], folder: Path, weights: Path | None = None) -> dict[str, float]:
+    """Validate, test or predict with a trained model.
+
+    Args:
+        stage: validate, test or predict.
+        config: Resolved configuration, as for `fit`.
+        folder: Run folder.
+        weights: Checkpoint to load; the last one of the run by default.
+
+    Returns:
+        The figures that were logged; none for predict, whose callbacks write into the run folder.
+
+    Raises:
+        KeyboardInterrupt: If the run was interrupted.
+        ValueError: If there is no checkpoint, or the configuration does not fit the classes it names.
+    """
+    weights = weights or folder / CHECKPOINT
+    if not weights.exists():
+        raise ValueError(f"{weights} does not exist: run `physid fit` first, or name another with --checkpoint")
+    cli = _build(
+        {key: value for key, value in config.items() if key != "wandb"},
+        folder,
+        [],
+        logger=False,
+        enable_checkpointing=False,
+    )
+    run: Callable[..., Any] = getattr(cli.trainer, stage)
+    options = {"return_predictions": False} if stage == "predict" else {"verbose": False}
+    _until_interrupted(cli.trainer, lambda: run(cli.model, datamodule=cli.datamodule, ckpt_path=weights, **options))
+    return _flat(cli.trainer.callback_metrics)
+
+
+def _build(config: Mapping[str, Any], folder: Path, callbacks: list[L.Callback], **fixed: Any) -> Cli:
+    """Build trainer, model and data; the Trainer keeps quiet about what every user knows by now."""
+    logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
+    logging.getLogger("lightning.fabric").setLevel(logging.WARNING)
+    # Advice on loader workers, accelerators and logging intervals: the configurations have decided on these.
+    warnings.filterwarnings("ignore", category=PossibleUserWarning)
+    warnings.filterwarnings("ignore", "Total length of `list` across ranks is zero")
+    warnings.filterwarnings("ignore", "Be aware that when using `ckpt_path`, callbacks used to create")
+    warnings.filterwarnings("ignore", "Checkpoint directory .* exists and is not empty")
+    # Lightning's own use of torch, nothing that a user could change.
+    warnings.filterwarnings("ignore", "`isinstance\\(treespec, LeafSpec\\)` is deprecated")
+    default = {"enable_progress_bar": sys.stderr.isatty(), "enable_model_summary": False, "log_every_n_steps": 1}
+    trainer = {**default, **(config.get("trainer") or {})}
+    return Cli({**config, "trainer": trainer}, {"default_root_dir": folder, **fixed}, callbacks)
+
+
+def _until_interrupted(trainer: L.Trainer, action: Callable[[], object]) -> None:
+    """Run a part of the Trainer; Ctrl-C ends it with a KeyboardInterrupt that says how to go on."""
+    handler = signal.getsignal(signal.SIGINT)
+    try:
+        action()
+    except SystemExit:
+        if not trainer.interrupted:
+            raise
+        signal.signal(signal.SIGINT, handler)
+        raise KeyboardInterrupt(f"in epoch {trainer.current_epoch}; the same command with --resume goes on") from None
+
+
+def _has_test_split(data: Any) -> bool:
+    """Tell whether the data module has anything to test on."""
+    try:
+        data.test_dataloader()
+    except ValueError:
+        return False
+    return True
+
+
+def _epoch(checkpoint: Path | None) -> int | None:
+    """Return the epoch at whose end a checkpoint was written."""
+    if checkpoint is None:
+        return None
+    return int(torch.load(checkpoint, map_location="cpu", weights_only=True)["epoch"])
+
+
+def _flat(figures: Mapping[str, Tensor]) -> dict[str, float]:
+    """Return the figures as floats; what is not finite is left out, since JSON has no word for it."""
+    values = {name: float(value) for name, value in figures.items()}
+    return {name: value for name, value in values.items() if math.isfinite(value)}

@@ -1,0 +1,166 @@
+"""Everything between frames and predicted frames: encoder, first state, physics, decoder."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal, final
+
+import torch
+from torch import Tensor, nn
+
+from physid.networks.chart import PlanarChart, PoseChart, SpatialChart
+from physid.networks.encoder import Encoding, PoseEncoder, VariationalPoseEncoder, as_image
+from physid.physics.layer import PhysicsLayer
+from physid.physics.parameters import Parameters
+from physid.physics.state import State
+from physid.scenes.scene import Scene
+from physid.training.decoder import Decoder, camera_of
+from physid.training.first_state import Start
+from physid.training.physical_parameters import PhysicalParameters
+from physid.training.polish import Polish
+
+ChartName = Literal["planar", "hovering", "spatial"]
+AT_ONCE = 1024
+"""Images that are encoded at once where no gradient needs them together."""
+
+
+def chart_of(scene: Scene, name: ChartName) -> PoseChart:
+    """Build the chart of a scene: which poses an encoder can express.
+
+    Args:
+        scene: Gives camera, ground and bodies.
+        name: planar for bodies that lie flat on the ground, hovering for bodies parallel to it at any height, spatial
+            for all poses.
+
+    Raises:
+        ValueError: If the scene has no camera, or it does not look down on the ground.
+    """
+    camera = camera_of(scene)
+    if name == "spatial":
+        return SpatialChart(camera, len(scene.bodies))
+    thickness = scene.sizes[:, 2].tolist()
+    return PlanarChart(camera, scene.ground.normal, scene.ground.offset, thickness, hovering=name == "hovering")
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What a model makes of a batch of B trajectories, of which f frames are shown.
+
+    Attributes:
+        encoded: Poses as the encoder reads them from the frames, shape (B, f, N, 7).
+        polished: The same, polished.
+        rolled: Poses rolled out from the first polished one, shape (B, T, N, 7), float64, on the physics' device.
+    """
+
+    encoded: Tensor
+    polished: Tensor
+    rolled: Tensor
+
+
+@final
+class VideoModel(nn.Module):
+    """Encodes frames into poses, rolls them out under known wrenches, and draws poses.
+
+    Args:
+        scene: The scene as far as it is known.
+        physical: The physical parameters.
+        layer: The physics.
+        chart: Which poses the encoder can express.
+        start: How the first state follows from encoded poses.
+        polish: How encoded poses are made better where no gradient is needed.
+        latent: Length of the latent vector of a variational encoder, the paper's without supervision; None for a plain
+            one.
+        physics_device: Where trajectories are rolled out; the fastest implementation runs on a CPU.
+        fast: Whether the convolutions compute in bfloat16.
+    """
+
+    encoder: PoseEncoder | VariationalPoseEncoder
+
+    def __init__(
+        self,
+        scene: Scene,
+        physical: PhysicalParameters,
+        layer: PhysicsLayer,
+        chart: ChartName,
+        start: Start,
+        *,
+        polish: Polish,
+        latent: int | None = None,
+        physics_device: str = "cpu",
+        fast: bool = True,
+    ) -> None:
+        super().__init__()
+        self.physical, self.layer, self.start, self.polish = physical, layer, start, polish
+        self.chart, self.decoder = chart_of(scene, chart), Decoder(scene)
+        camera = self.decoder.renderer.camera
+        if latent is None:
+            self.encoder = PoseEncoder(self.chart, camera.height, camera.width, fast=fast)
+        else:
+            self.encoder = VariationalPoseEncoder(self.chart, camera.height, camera.width, latent=latent, fast=fast)
+        self.physics_device = torch.device(physics_device)
+
+    def encode(self, image: Tensor, background: Tensor) -> Encoding:
+        """Encode f images of each of B trajectories.
+
+        Args:
+            image: In [0, 1], shape (B, f, 3, H, W).
+            background: The empty scenes in [0, 1], shape (B, 3, H, W).
+
+        Returns:
+            Poses (B, f, N, 7), numbers (B, f, N, K) and divergences (B, f).
+        """
+        flat = image.flatten(0, 1)
+        behind = background[:, None].expand_as(image).flatten(0, 1)
+        size = len(flat) if torch.is_grad_enabled() else AT_ONCE
+        parts = [self.encoder(*part) for part in zip(flat.split(size), behind.split(size), strict=True)]
+        fields = {
+            field.name: torch.cat([getattr(part, field.name) for part in parts]).unflatten(0, image.shape[:2])
+            for field in dataclasses.fields(Encoding)
+        }
+        return Encoding(**fields)
+
+    @torch.no_grad()
+    def read(self, image: Tensor, background: Tensor) -> tuple[Tensor, Tensor]:
+        """Read poses (B, f, N, 7) from images (see `encode`), as the encoder gives them, and polished."""
+        encoded = self.encode(image, background).pose
+        return encoded, self.polish(self.chart, self.decoder, encoded, image, background)
+
+    def parameters_there(self) -> Parameters:
+        """Return the physical parameters on the device of the physics."""
+        here = self.physical()
+        return Parameters(**{f.name: getattr(here, f.name).to(self.physics_device) for f in dataclasses.fields(here)})
+
+    def first_state(self, pose: Tensor, shown: Tensor, wrench: Tensor) -> State:
+        """Find the states at the first frames from encoded poses (B, f, N, 7) of the frames shown (B, f)."""
+        there = self.physics_device
+        pose, shown, wrench = pose.to(there, torch.float64), shown.to(there), wrench.to(there, torch.float64)
+        return self.start(pose, shown, wrench, self.layer, self.parameters_there())
+
+    def roll_out(self, pose: Tensor, shown: Tensor, wrench: Tensor) -> Tensor:
+        """Predict T frames from the encoded poses of a few.
+
+        Args:
+            pose: Encoded poses, shape (B, f, N, 7).
+            shown: Which frames they belong to, shape (B, f); the first one must be among them.
+            wrench: Known wrenches, shape (B, T, N, 6).
+
+        Returns:
+            Poses, shape (B, T, N, 7), float64, on the device of the physics.
+        """
+        state = self.first_state(pose, shown, wrench)
+        wrench = wrench.to(self.physics_device, torch.float64)
+        rolled: Tensor = self.layer.rollout(state, wrench[:, :-1], self.parameters_there()).pose
+        return rolled
+
+    def predict(self, batch: Mapping[str, Any]) -> Prediction:
+        """Encode the frames of a batch of the data module, and roll out its trajectories from the first one."""
+        encoded, polished = self.read(as_image(batch["frames"]), as_image(batch["background"]))
+        return Prediction(encoded, polished, self.roll_out(polished, batch["shown"], batch["wrench"]))
+
+
+def at_frames(pose: Tensor, shown: Tensor) -> Tensor:
+    """Pick frames (B, f) of poses (B, T, N, 7); frames beyond the end give the last one. Shape (B, f, N, 7)."""
+    shown = shown.to(pose.device).clamp_max(pose.shape[1] - 1)
+    return pose[torch.arange(len(pose), device=pose.device)[:, None], shown]

@@ -1,0 +1,84 @@
+"""Where independent tasks run: in processes of this machine, or on the workers of a Dask cluster."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Literal
+
+from physid.record import source
+
+Backend = Literal["loky", "dask"]
+ANSWER = 10.0  # [s] for a scheduler to answer
+
+
+class ClusterError(ValueError):
+    """A cluster that cannot be used: which, why, and what to do."""
+
+
+@contextmanager
+def running_on(backend: Backend = "loky", scheduler: str | None = None) -> Iterator[Callable[[Path], Path]]:
+    """Let every `joblib.Parallel` in the block run there: trajectories, cells of a reproduction, banks of diagnoses.
+
+    Tasks are independent, write whole files or none, and draw their randomness from their own number, so that neither
+    the number of workers nor one that dies changes a result: Dask gives what a dead worker held to another.
+
+    Args:
+        backend: loky for processes of this machine, dask for the workers of a cluster.
+        scheduler: Address of Dask's scheduler, tcp://HOST:PORT. Its workers see the same folders at the same paths.
+
+    Yields:
+        What makes of a path one that means the same on every worker: absolute for dask, unchanged for loky.
+
+    Raises:
+        ClusterError: If there is no scheduler, no worker, or one of them runs another physid.
+    """
+    import joblib
+
+    if backend == "loky":
+        with joblib.parallel_config(backend="loky"):
+            yield lambda path: path
+        return
+    client = _connect(scheduler)
+    try:
+        _require_same_source(client)
+        with joblib.parallel_config(backend="dask", client=client):
+            yield Path.absolute
+    finally:
+        client.close()
+
+
+def _connect(scheduler: str | None) -> Any:
+    """Return a client of the cluster."""
+    try:
+        from distributed import Client
+    except ImportError:
+        raise ClusterError("the backend dask needs the extra dask: pip install 'physid[dask]'") from None
+    if not scheduler:
+        raise ClusterError("the backend dask needs the address of a scheduler: --scheduler tcp://HOST:8786")
+    try:
+        client = Client(scheduler, timeout=ANSWER, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise ClusterError(f"no Dask scheduler answers at {scheduler} within {ANSWER:g} s: {error}") from None
+    if not client.scheduler_info(n_workers=-1)["workers"]:
+        client.close()
+        raise ClusterError(f"the scheduler at {scheduler} has no workers: start some with `dask worker {scheduler}`")
+    return client
+
+
+def _require_same_source(client: Any) -> None:
+    """Raise if a worker runs another version of physid than this process."""
+    mine = source()
+    for worker, theirs in client.run(source).items():
+        if theirs != mine:
+            raise ClusterError(
+                f"the worker {worker} runs physid {_name(theirs)}, this process {_name(mine)}: make them equal"
+            )
+
+
+def _name(version: dict[str, Any]) -> str:
+    """Return version and commit in a few words."""
+    return (
+        f"{version['version']} ({(version['commit'] or 'no commit')[:12]}{', changed' if version['changed'] else ''})"
+    )

@@ -1,0 +1,133 @@
+"""Effects at work inside PyBullet, against closed forms and against scenes that have the effect built in."""
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+import pytest
+import torch
+
+from physid.bullet.hooks import split_products
+from physid.bullet.world import Motion, observed, simulate
+from physid.effects.force_gain import ForceGain
+from physid.effects.viscous_drag import ViscousDrag
+from physid.physics.effect import Effect, Site, StepInputs
+from physid.physics.state import State
+from physid.scenes.placing import on_ground
+from physid.scenes.scene import Body, Ground, Scene
+from physid.scenes.setup import Excitation
+
+TOLERANCE = 1e-8  # [m], [m/s]
+H, G, STEPS = 1 / 240, 9.81, 200
+BLOCK = Body("block", (0.3, 0.25, 0.2), mass=2.0, friction=0.12)
+FLAT = Scene("test", H, Ground(), (BLOCK,))
+
+
+@dataclass(frozen=True)
+class Replacing(Effect):
+    """Replaces some inputs of every step by what a function of the time makes of them."""
+
+    name: ClassVar[str] = "replacing"
+    site: ClassVar[Site] = "contact"
+    change: Callable[[StepInputs], dict[str, torch.Tensor]] = field(default=lambda inputs: {})
+
+    def act(self, state: State, inputs: StepInputs) -> StepInputs:
+        return inputs.replace(**self.change(inputs))
+
+
+def run(scene: Scene, *effects: Effect, pose: object = None, force: object = (8.0, 0.0, 0.0)) -> Motion:
+    start = np.atleast_2d(on_ground(scene.ground, 0, 0, 0.3, 0.2) if pose is None else np.asarray(pose, dtype=float))
+    wrench = np.zeros((STEPS, len(start), 6))
+    wrench[:, 0, 3:] = force
+    return simulate(scene, Excitation(start, np.zeros((len(start), 6)), wrench), effects)
+
+
+def number(value: float) -> torch.Tensor:
+    return torch.tensor([value], dtype=torch.float64)
+
+
+def test_viscous_drag_slows_a_body_exponentially() -> None:
+    weightless = dataclasses.replace(FLAT, gravity=(0.0, 0.0, 0.0))
+    wrench, twist = np.zeros((STEPS, 1, 6)), np.array([[0, 0, 0, 2.0, 0, 0]])
+    start = Excitation(np.array([[0, 0, 5, 0, 0, 0, 1.0]]), twist, wrench)
+    speed = simulate(weightless, start, [ViscousDrag(number(0.6))]).twist[:, 0, 3]
+    assert np.abs(speed - 2.0 * (1 - 0.6 * H / 2.0) ** np.arange(STEPS)).max() < TOLERANCE
+    assert speed[-1] == pytest.approx(2.0 * np.exp(-0.6 * (STEPS - 1) * H / 2.0), rel=1e-3)
+
+
+def test_a_force_gain_acts_like_a_larger_command() -> None:
+    gained = run(FLAT, ForceGain(number(0.25)), force=[4.0, 2.0, 0])
+    larger = run(FLAT, force=[5.0, 2.5, 0])
+    assert np.abs(gained.pose - larger.pose).max() < TOLERANCE
+
+
+@pytest.mark.parametrize(
+    ("change", "body"),
+    [
+        (lambda i: {"friction": i.friction * 1.5}, {"friction": 0.18}),
+        (lambda i: {"ground_friction": i.ground_friction * 1.5}, {"friction": 0.18}),
+        (lambda i: {"mass": i.mass * 2, "inertia": i.inertia * 2}, {"mass": 4.0}),
+        (lambda i: {"size": i.size * 1.2}, {"size": (0.36, 0.3, 0.24), "inertia": (0.01, 0.01, 0.01)}),
+    ],
+)
+def test_a_changed_input_acts_like_a_scene_with_that_value(
+    change: Callable[[StepInputs], dict[str, torch.Tensor]], body: dict[str, float]
+) -> None:
+    changed = run(FLAT, Replacing(change))
+    built_in = run(FLAT.with_bodies([dataclasses.replace(BLOCK, **body)]))  # type: ignore[arg-type]
+    assert np.abs(changed.pose[:, 0, :2] - built_in.pose[:, 0, :2]).max() < TOLERANCE
+
+
+def test_a_change_of_gravity_changes_the_fall() -> None:
+    weaker = Replacing(lambda inputs: {"gravity": 0.5 * inputs.gravity})
+    height = run(FLAT, weaker, pose=[0, 0, 20, 0, 0, 0, 1], force=0.0).pose[:, 0, 2]
+    step = np.arange(STEPS)
+    assert np.abs(height - (20 - 0.5 * G * H**2 * step * (step + 1) / 2)).max() < TOLERANCE
+
+
+def test_friction_may_change_while_the_block_slides() -> None:
+    early_only = Replacing(lambda inputs: {"friction": inputs.friction * (inputs.time < 0.2).double()[:, None]})
+    speed = run(FLAT, early_only).twist[:, 0, 3]
+    step = np.arange(STEPS)
+    braked = np.minimum(step, np.ceil(0.2 / H - 1e-9))
+    assert np.abs(speed - (8.0 / 2.0 * H * step - 0.12 * G * H * braked)).max() < TOLERANCE
+
+
+def test_a_compliant_ground_yields_by_the_compliance_times_the_load_of_each_corner() -> None:
+    soft = Replacing(lambda inputs: {"compliance": torch.full_like(inputs.compliance, 2e-4)})
+    sunk = 0.1 - run(FLAT, soft, force=0.0).pose[-1, 0, 2]
+    assert sunk == pytest.approx(2e-4 * 2.0 * G / 4, rel=0.02)
+
+
+def test_a_body_with_its_mass_off_its_middle_turns_about_its_centre_of_mass_when_pushed() -> None:
+    weightless = dataclasses.replace(FLAT, gravity=(0.0, 0.0, 0.0))
+    off = torch.tensor([[[0.0, 0.05, 0.0]]], dtype=torch.float64)
+    motion = run(weightless, Replacing(lambda inputs: {"centre_of_mass": off}), pose=[0, 0, 5, 0, 0, 0, 1.0])
+    moment = 2.0 * (0.3**2 + 0.25**2) / 12
+    # The force at the middle has the arm -0.05 m about the centre of mass; it turns with the body: look at the start.
+    assert motion.twist[1, 0, 2] == pytest.approx(0.05 * 8.0 * H / moment, rel=1e-6)
+    assert motion.twist[1, 0, 3] == pytest.approx(8.0 / 2.0 * H + 0.05 * motion.twist[1, 0, 2], rel=1e-6)
+
+
+def test_what_pybullet_cannot_change_between_steps_is_refused() -> None:
+    growing = Replacing(lambda inputs: {"size": inputs.size * (1 + inputs.time[:, None, None])})
+    with pytest.raises(ValueError, match="cannot change sizes"):
+        run(FLAT, growing)
+
+
+def test_the_products_of_two_bodies_and_the_ground_are_those_wanted() -> None:
+    bodies, ground = split_products(np.array([0.1, 0.3]), 0.02)
+    assert bodies * ground == pytest.approx([0.1, 0.3])
+    assert bodies.prod() == pytest.approx(0.02)
+
+
+def test_more_than_two_bodies_are_refused_where_contacts_differ() -> None:
+    with pytest.raises(ValueError, match="at most two bodies"):
+        split_products(np.array([0.1, 0.3, 0.2]), 0.02)
+
+
+def test_without_effects_the_camera_reports_the_true_poses() -> None:
+    pose = np.zeros((5, 1, 7))
+    assert observed(pose, (), H) is pose

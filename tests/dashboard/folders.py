@@ -1,0 +1,105 @@
+"""A folder with one run of each kind, as the commands leave them."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import imageio.v2 as imageio
+import numpy as np
+
+CONFIG = """\
+name: {name}
+model: {{class_path: physid.training.sysid.SysID, init_args: {{segment: {segment}}}}}
+data: {{class_path: physid.data.datamodule.RecordingsDataModule, init_args: {{folder: data/push}}}}
+"""
+DIAGNOSIS: dict[str, Any] = {
+    "format": "physid-diagnosis",
+    "version": 1,
+    "verdict": "group",
+    "effects": [
+        {
+            "name": "viscous_drag",
+            "site": "dynamics",
+            "parameters": {"coefficient": {"value": 0.21, "low": 0.19, "high": 0.23, "unit": "N s/m"}},
+        }
+    ],
+    "group": ["viscous_drag", "quadratic_drag"],
+    "confidence": 0.97,
+    "ranking": [{"effects": ["viscous_drag"], "score": 412.3, "p_value": 0.005}],
+    "where": {
+        "site": {"perception": 0.0, "actuation": 0.02, "dynamics": 0.96, "contact": 0.02},
+        "cells": [{"phase": "coast", "body": "block", "dof": "x", "evidence": 11.2}],
+    },
+    "gap": {"unit": "m", "floor": 0.0014, "same": {"before": 0.021, "after": 0.0016}, "transfer": None},
+    "shrink": {"same": {"value": 0.99, "low": 0.97, "high": 1.0}, "transfer": None},
+    "parameters": {
+        "block.mass": {"nominal": 1.11, "with_effect": {"value": 1.0, "low": 0.9, "high": 1.1, "unit": "kg"}}
+    },
+    "next_experiment": None,
+}
+OBSERVABILITY = {
+    "config": {"scene": "push", "protocol": "paper"},
+    "verdicts": {
+        "block.mass": {"kind": "identified", "deviation": 0.02, "alone": 0.001, "combination": None, "combined": None},
+        "block.friction": {
+            "kind": "combination",
+            "deviation": 0.06,
+            "alone": 0.004,
+            "combination": "block.mass * block.friction^0.38",
+            "combined": 0.0015,
+        },
+    },
+}
+CELLS = [
+    {"cell": "push", "metric": "relative error", "value": 1e-5, "unit": "-", "paper": 0.02, "target": 1e-3},
+    {"cell": "collide", "metric": "relative error", "value": 0.02, "unit": "-", "paper": None, "target": 0.01},
+]
+
+
+def write_fit(folder: Path, estimate: float, seconds: float, segment: int = 30, epochs: int = 8) -> None:
+    """Write what a fit leaves: the estimate halves its distance from 0.24 in each epoch."""
+    folder.mkdir(parents=True)
+    rows = ["epoch,step,train/loss,blur/sigma,lr-Adam,params/block.friction/estimate,params/block.friction/true"]
+    for epoch in range(epochs):
+        value = estimate + (0.24 - estimate) * 0.5**epoch
+        rows += [
+            f"{epoch},{epoch},{math.exp(-epoch)},,,,",
+            f"{epoch},{epoch},,{8 * 0.9**epoch},0.001,{value},0.12",
+        ]
+    (folder / "metrics.csv").write_text("\n".join(rows) + "\n")
+    (folder / "config.yaml").write_text(CONFIG.format(name=folder.name, segment=segment))
+    figures = {
+        "params/block.friction/estimate": estimate,
+        "params/block.friction/true": 0.12,
+        "test/position_error": abs(estimate - 0.12),
+        "test/rotation_error": 0.2,
+        "seconds": seconds,
+        "evaluations": 8.0,
+    }
+    (folder / "metrics.json").write_text(json.dumps(figures))
+
+
+def write_film(path: Path) -> None:
+    """Write a film of a square that moves to the right."""
+    frames = np.full((12, 64, 64, 3), 220, np.uint8)
+    for index, frame in enumerate(frames):
+        frame[20:40, 4 + 3 * index : 24 + 3 * index] = (230, 90, 40)
+    imageio.mimwrite(path, list(frames), fps=12, macro_block_size=1)  # type: ignore[arg-type]
+
+
+def write_runs(root: Path) -> Path:
+    """Write two fits, one with films, one run of each other kind, and one whose files are damaged; returns `root`."""
+    write_fit(root / "push_good", 0.1201, 3.0)
+    write_film(root / "push_good" / "prediction_000000.mp4")
+    write_fit(root / "push_bad", 0.18, 40.0, segment=60)
+    written = (("reproduce", "results.json", CELLS), ("diagnosis", "diagnosis.json", DIAGNOSIS))
+    for name, file, content in (*written, ("observe", "observability.json", OBSERVABILITY)):
+        (root / name).mkdir()
+        (root / name / file).write_text(json.dumps(content))
+    (root / "diagnosis" / "report.html").write_text("<h1>The report</h1><script>document.body.append('drawn')</script>")
+    (root / "damaged").mkdir()
+    (root / "damaged" / "metrics.json").write_text('{"seconds": 1')
+    return root

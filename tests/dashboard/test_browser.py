@@ -1,0 +1,178 @@
+"""The page in a real browser: Debian's Chromium, driven by Playwright."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from dashboard.folders import write_runs
+from physid.dashboard.page import write_dashboard
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+PLAYED = 0.2  # [s]
+WATCH = """async film => {
+  await new Promise(resolve => setTimeout(resolve, 600));
+  return film.currentTime;
+}"""
+PHONE = {"width": 390, "height": 844}
+try:
+    from playwright.sync_api import Browser, Page, expect, sync_playwright
+except ImportError:
+    CHROMIUM = None
+
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium and Playwright: apt-get install chromium"),
+]
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with sync_playwright() as playwright:
+        started = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield started
+        started.close()
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory: pytest.TempPathFactory) -> str:
+    root = write_runs(tmp_path_factory.mktemp("page") / "runs")
+    write_dashboard(root, root / "dashboard.html")
+    return (root / "dashboard.html").as_uri()
+
+
+def open_page(browser: Browser, address: str, **options: Any) -> tuple[Page, list[str]]:
+    """Open the page; returns it with a list that collects console errors and requests to the outside."""
+    page = browser.new_context(**options).new_page()
+    trouble: list[str] = []
+    page.on("console", lambda message: trouble.append(message.text) if message.type in ("error", "warning") else None)
+    page.on("pageerror", lambda error: trouble.append(str(error)))
+    page.on("request", lambda each: None if each.url.startswith(("file:", "data:")) else trouble.append(each.url))
+    page.goto(address)
+    return page, trouble
+
+
+def names(page: Page) -> list[str]:
+    """Return the names of the runs in the table, from top to bottom."""
+    return page.locator(".runs .name").all_inner_texts()
+
+
+@pytest.fixture
+def page(browser: Browser, address: str) -> Iterator[Page]:
+    opened, trouble = open_page(browser, address, color_scheme="light")
+    yield opened
+    opened.context.close()
+    assert not trouble
+
+
+def test_the_table_sorts_by_number_in_both_directions_with_empty_cells_last(page: Page) -> None:
+    page.get_by_role("button", name="Time", exact=True).click()
+    assert names(page)[:2] == ["push_good", "push_bad"]
+    page.get_by_role("button", name="Time", exact=True).click()
+    assert names(page)[:2] == ["push_bad", "push_good"]
+    assert page.get_by_role("columnheader", name="Time").get_attribute("aria-sort") == "descending"
+
+
+@pytest.mark.parametrize(
+    ("query", "expected"),
+    [
+        ("error<1%", {"push_good"}),
+        ("seconds>10", {"push_bad"}),
+        ("friction>0.15 sysid", {"push_bad"}),
+        ("drag", {"diagnosis"}),
+        ("segment: 60", {"push_bad"}),
+        ("no such run", set()),
+    ],
+)
+def test_words_and_comparisons_filter_the_table(page: Page, query: str, expected: set[str]) -> None:
+    page.get_by_label("filter runs").fill(query)
+    assert set(names(page)) == expected
+
+
+def test_a_kind_filters_the_table_until_it_is_pressed_again(page: Page) -> None:
+    page.get_by_role("button", name="fit", exact=False).first.click()
+    assert set(names(page)) == {"push_good", "push_bad", "damaged"}
+    page.get_by_role("button", name="fit", exact=False).first.click()
+    assert len(names(page)) == 6
+
+
+def test_a_fit_shows_the_parameter_beside_the_truth_its_curves_and_a_film_that_plays_by_itself(page: Page) -> None:
+    page.get_by_role("link", name="push_good").click()
+    expect(page.get_by_text("true 0.12")).to_be_visible()
+    assert page.locator("svg .true").count() == 1
+    titles = page.locator("figcaption h3").all_inner_texts()
+    assert {"train/loss", "blur/sigma", "lr-Adam"} <= set(titles)
+    played = page.locator("video").evaluate(WATCH)
+    assert played > PLAYED
+
+
+def test_a_curve_tells_its_values_and_changes_its_scale(page: Page) -> None:
+    page.get_by_role("link", name="push_good").click()
+    figure = page.locator("figure", has=page.get_by_text("train/loss"))
+    before = figure.locator("polyline").get_attribute("points")
+    box = figure.locator("svg").bounding_box()
+    assert box is not None
+    figure.locator("svg").hover(position={"x": box["width"] - 15, "y": 60})
+    assert figure.locator(".tip").inner_text().splitlines() == ["epoch 7", "9.12e-4"]
+    figure.get_by_role("button", name="logarithmic").click()
+    assert figure.locator("polyline").get_attribute("points") != before
+
+
+def test_a_diagnosis_says_its_verdict_in_a_sentence_and_opens_its_report(page: Page) -> None:
+    page.get_by_role("link", name="diagnosis").click()
+    expect(page.locator(".verdict")).to_contain_text("caused by one of viscous drag or quadratic drag")
+    expect(page.get_by_text("Predictive only")).to_be_visible()
+    page.get_by_role("button", name="Full report").click()
+    report = page.frame_locator("iframe")
+    expect(report.get_by_role("heading", name="The report")).to_be_visible()
+    expect(report.get_by_text("drawn")).to_be_visible()
+
+
+def test_a_benchmark_stands_beside_the_paper_and_its_targets(page: Page) -> None:
+    page.get_by_role("link", name="reproduce").click()
+    expect(page.locator("tbody td:last-child")).to_have_text(["met", "missed"])
+
+
+def test_an_observation_says_what_is_known_of_each_parameter(page: Page) -> None:
+    page.get_by_role("link", name="observe").click()
+    expect(page.get_by_role("row", name="block.mass 2 %")).to_contain_text("identified")
+    expect(page.get_by_role("row", name="block.friction 6 %")).to_contain_text(
+        "block.mass * block.friction^0.38, to 0.15 %"
+    )
+
+
+def test_chosen_runs_are_compared_in_figures_curves_and_settings(page: Page) -> None:
+    for name in ("push_good", "push_bad"):
+        page.get_by_label(f"choose {name}").check()
+    page.get_by_role("button", name="Compare").click()
+    expect(page.get_by_role("heading", name="Comparison of 2 runs")).to_be_visible()
+    loss = page.locator("figure", has=page.get_by_text("train/loss"))
+    assert loss.locator("polyline").count() == 2
+    row = page.get_by_role("row", name="block.friction, relative error")
+    assert "best" in str(row.locator("td").nth(1).locator("span").get_attribute("class"))
+    assert page.get_by_role("row", name="model.segment").inner_text().split() == ["model.segment", "30", "60"]
+
+
+def test_a_damaged_file_is_named(page: Page) -> None:
+    page.get_by_role("link", name="damaged").click()
+    expect(page.locator(".note")).to_contain_text("metrics.json cannot be read")
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_on_a_phone_nothing_sticks_out_in_light_and_dark(browser: Browser, address: str, scheme: Any) -> None:
+    page, trouble = open_page(browser, address, viewport=PHONE, color_scheme=scheme, has_touch=True)
+    brightness = {}
+    for view in ("#/", "#/run/push_good", "#/run/diagnosis", "#/run/reproduce", "#/compare/push_good,push_bad"):
+        page.goto(address + view)
+        page.wait_for_timeout(100)
+        assert page.evaluate("document.documentElement.scrollWidth") <= PHONE["width"], view
+        color = page.evaluate("getComputedStyle(document.body).backgroundColor")
+        brightness[view] = sum(int(part) for part in color.removeprefix("rgb(").removesuffix(")").split(","))
+    assert all((value > 600) == (scheme == "light") for value in brightness.values())
+    page.get_by_role("button", name="light or dark").click()
+    assert page.evaluate("document.documentElement.dataset.theme") != scheme
+    page.context.close()
+    assert not trouble

@@ -1,0 +1,119 @@
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from dashboard.folders import write_runs
+from physid.cli import main
+from physid.dashboard.curves import MOST_POINTS, read_curves, thin
+from physid.dashboard.folders import find_runs
+from physid.dashboard.page import render
+from physid.dashboard.run import flatten, read_run
+
+HALF_A_LINE = "3,3,0."
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    return write_runs(tmp_path / "runs")
+
+
+def test_every_kind_of_run_is_found_and_named_by_its_folder(root: Path) -> None:
+    kinds = {run["id"]: run["kind"] for run in (read_run(folder, root) for folder in find_runs(root))}
+    expected = {
+        "damaged": "fit",
+        "diagnosis": "diagnosis",
+        "observe": "observation",
+        "push_bad": "fit",
+        "push_good": "fit",
+        "reproduce": "benchmark",
+    }
+    assert kinds == expected
+
+
+def test_a_parameter_has_its_truth_its_error_and_its_history(root: Path) -> None:
+    (parameter,) = read_run(root / "push_good", root)["parameters"]
+    assert (parameter["name"], parameter["true"], parameter["estimate"]) == ("block.friction", 0.12, 0.1201)
+    assert parameter["error"] == pytest.approx(0.1201 / 0.12 - 1)
+    assert parameter["y"][0] == 0.24
+    assert len(parameter["x"]) == 8
+
+
+def test_the_first_guess_is_shown_where_the_run_has_left_it(root: Path) -> None:
+    (root / "push_good" / "parameters.csv").write_text("epoch,evaluations,block.friction\n0,0.0,0.5\n1,3.0,0.2\n")
+    (parameter,) = read_run(root / "push_good", root)["parameters"]
+    assert tuple(parameter["y"]) == (0.5, 0.2)
+
+
+def test_curves_are_told_apart_by_their_names(root: Path) -> None:
+    groups = {curve.name: curve.group for curve in read_curves(root / "push_good" / "metrics.csv")}
+    assert groups["train/loss"] == "loss"
+    assert groups["blur/sigma"] == groups["lr-Adam"] == "schedule"
+    assert groups["params/block.friction/estimate"] == "parameter"
+
+
+def test_a_line_that_is_still_being_written_is_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "metrics.csv"
+    path.write_text("epoch,step,a,b\n0,0,1.0,\n1,1,nan,2.0\n2,2,3.0,\n" + HALF_A_LINE)
+    curves = {curve.name: curve for curve in read_curves(path)}
+    assert curves["a"].y == (1.0, 3.0)
+    assert curves["b"].x == (1.0,)
+
+
+def test_a_figure_with_several_values_in_an_epoch_is_drawn_over_the_steps(tmp_path: Path) -> None:
+    path = tmp_path / "metrics.csv"
+    path.write_text("epoch,step,a,b\n0,0,1,\n0,1,2,5\n1,2,3,\n1,3,4,6\n")
+    axes = {curve.name: (curve.axis, curve.x) for curve in read_curves(path)}
+    assert axes == {"a": ("step", (0, 1, 2, 3)), "b": ("epoch", (0, 1))}
+
+
+def test_thinning_keeps_the_ends_and_every_peak() -> None:
+    points = [(float(x), 0.0) for x in range(100_000)]
+    points[31_234] = (31_234.0, 7.0)
+    kept = thin(points)
+    assert len(kept) <= MOST_POINTS
+    assert {points[0], points[31_234], points[-1]} <= set(kept)
+    assert kept == sorted(kept)
+
+
+def test_damaged_files_cost_only_what_they_would_have_shown(root: Path) -> None:
+    (root / "push_good" / "metrics.csv").write_bytes(b"\xff\xfe\x00")
+    (root / "push_good" / "config.yaml").write_text("a: [")
+    run = read_run(root / "push_good", root)
+    assert run["figures"]["seconds"] == 3.0
+    assert [note.split()[0] for note in run["notes"]] == ["config.yaml", "metrics.csv"]
+    assert read_run(root / "damaged", root)["state"] == "unfinished"
+
+
+def test_settings_are_flat_and_leave_out_init_args() -> None:
+    config = {"model": {"class_path": "A", "init_args": {"b": None, "c": [1, 2], "d": {}}}}
+    assert flatten(config) == {"model.class_path": '"A"', "model.b": "null", "model.c": "[1, 2]", "model.d": "{}"}
+
+
+def test_no_text_of_a_run_can_leave_its_script_element(root: Path) -> None:
+    run = read_run(root / "push_good", root) | {"id": "</script><script>alert(1)</script><!--"}
+    page = render([run], "a </title> & b")
+    (data,) = re.findall(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)
+    assert json.loads(data)["runs"][0]["id"] == run["id"]
+    assert "alert(1)</script>" not in page
+    assert "<title>a &lt;/title> &amp; b" in page
+
+
+def test_a_light_page_carries_no_films_images_or_reports(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["dashboard", str(root)]) == 0
+    assert "6 runs" in capsys.readouterr().out
+    whole = (root / "dashboard.html").read_text()
+    assert main(["dashboard", str(root), "--light", "--out", str(root / "light.html")]) == 0
+    light = (root / "light.html").read_text()
+    assert "data:video/mp4" in whole
+    assert "The report" in whole
+    assert "data:video/mp4" not in light
+    assert "The report" not in light
+
+
+def test_a_folder_without_runs_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["dashboard", str(tmp_path)]) == 2
+    assert f"{tmp_path}: expected runs" in capsys.readouterr().err

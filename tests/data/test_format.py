@@ -1,0 +1,166 @@
+"""What is written can be read again, and what is damaged or wrong is named."""
+
+import dataclasses
+import hashlib
+import subprocess
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from tests.data.sets import FRAMES, SCENE, SIZE, recording, write_set
+
+from physid.data.files import write_whole
+from physid.data.format import RecordingSet, trajectory_path
+from physid.data.recording import Recording
+from physid.data.trajectory import read_film, read_trajectory, write_trajectory
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "000000.h5"
+
+
+def damage(path: Path, dataset: str) -> None:
+    """Flip one bit in the middle of a dataset."""
+    with h5py.File(path) as file:
+        chunk = file[dataset].id.get_chunk_info(0)
+    content = bytearray(path.read_bytes())
+    content[chunk.byte_offset + chunk.size // 2] ^= 1
+    path.write_bytes(content)
+
+
+def test_a_trajectory_written_and_read_again_is_the_same(path: Path) -> None:
+    written = recording(video=True)
+    write_trajectory(path, written)
+    read = read_trajectory(path)
+    assert {name: array.dtype for name, array in read.arrays().items()} == {
+        name: array.dtype for name, array in written.arrays().items()
+    }
+    assert all(np.array_equal(read.arrays()[name], array) for name, array in written.arrays().items())
+    assert (read.split, read.protocol) == ("train", "paper")
+
+
+def test_the_same_trajectory_gives_the_same_bytes(tmp_path: Path) -> None:
+    digests = set()
+    for name in ("a.h5", "b.h5"):
+        write_trajectory(tmp_path / name, recording(video=True))
+        digests.add(hashlib.sha256((tmp_path / name).read_bytes()).hexdigest())
+    assert len(digests) == 1
+
+
+def test_datasets_carry_checksums_and_frames_are_chunked_one_by_one(path: Path) -> None:
+    write_trajectory(path, recording(video=True))
+    with h5py.File(path) as file:
+        assert all(file[name].fletcher32 for name in file)
+        assert file["frames"].chunks == (1, SIZE, SIZE, 3)
+        assert file["frames"].compression == "gzip"
+
+
+@pytest.mark.parametrize("dataset", ["pose", "wrench", "frames"])
+def test_a_flipped_bit_is_found_and_named(path: Path, dataset: str) -> None:
+    write_trajectory(path, recording(video=True))
+    damage(path, dataset)
+    with pytest.raises(ValueError, match=rf"{path}: {dataset}: expected data that fit their checksum"):
+        read_trajectory(path)
+
+
+def test_a_file_that_is_no_hdf5_is_named(path: Path) -> None:
+    path.write_text("nothing of the kind")
+    with pytest.raises(ValueError, match=f"{path}: expected an HDF5 file"):
+        read_trajectory(path)
+
+
+def test_a_missing_trajectory_is_named(path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match=f"{path}: expected a trajectory"):
+        read_trajectory(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("pose", np.zeros((FRAMES, 1, 6)), r"pose: expected shape \(T, N, 7\), found \(8, 1, 6\)"),
+        ("pose", np.zeros((FRAMES, 1, 7)), "pose: expected unit quaternions x y z w, found one of length 0 in frame 0"),
+        ("pose", np.zeros((FRAMES, 1, 7), dtype=np.float32), "pose: expected type float64, found float32"),
+        ("wrench", np.zeros((FRAMES + 1, 1, 6)), r"wrench: expected shape \(8, 1, 6\), found \(9, 1, 6\)"),
+        ("wrench", np.full((FRAMES, 1, 6), np.nan), "wrench: expected finite values, found .* in frame 0"),
+        ("time", np.zeros(FRAMES), "time: expected increasing times, found 0 s in frame 1"),
+        ("split", "trian", "split must be one of train, val, test"),
+    ],
+)
+def test_a_recording_that_breaks_the_format_is_refused(name: str, value: object, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        dataclasses.replace(recording(), **{name: value})
+
+
+def test_a_recording_needs_poses_or_frames() -> None:
+    with pytest.raises(ValueError, match="pose or frames must be there"):
+        Recording(wrench=np.zeros((3, 1, 6)))
+
+
+def test_a_wrong_file_is_named_with_dataset_expected_and_found(path: Path) -> None:
+    with h5py.File(path, "w") as file:
+        file["pose"] = np.ones((5, 2, 7)) * [0, 0, 0, 0, 0, 0, 1]
+    with pytest.raises(ValueError, match=rf"{path}: pose: expected shape \(T, 1, 7\), found \(5, 2, 7\)"):
+        read_trajectory(path, bodies=1)
+
+
+def test_an_unknown_dataset_is_answered_with_the_nearest(path: Path) -> None:
+    with h5py.File(path, "w") as file:
+        file["poses"] = np.zeros((5, 1, 7))
+    with pytest.raises(ValueError, match='unknown dataset "poses"; did you mean "pose"'):
+        read_trajectory(path)
+
+
+def test_single_frames_are_decoded_in_any_order(path: Path) -> None:
+    written = recording(video=True)
+    write_trajectory(path, written)
+    frames, mask, background = read_film(path, [5, 0, 5])
+    assert written.frames is not None
+    assert np.array_equal(frames, written.frames[[5, 0, 5]])
+    assert mask.dtype == np.bool_
+    assert np.array_equal(background, written.background)
+
+
+def test_a_set_knows_its_scene_its_splits_and_its_trajectories(tmp_path: Path) -> None:
+    folder = write_set(tmp_path, [recording(seed=0), recording(seed=1, split="test"), recording(seed=2)])
+    recordings = RecordingSet(folder)
+    assert recordings.scene == SCENE
+    assert len(recordings) == 3
+    assert recordings.splits() == ["train", "test", "train"]
+    assert recordings.indices(["train"]) == [0, 2]
+    assert np.array_equal(recordings.read(1).pose, recording(seed=1).pose)
+    with pytest.raises(ValueError, match="expected trajectories of split val, found only test, train"):
+        recordings.indices(["val"])
+
+
+def test_the_checksums_are_those_of_sha256sum_and_catch_a_change(tmp_path: Path) -> None:
+    folder = write_set(tmp_path, [recording()])
+    subprocess.run(["sha256sum", "--check", "--quiet", "SHA256SUMS"], cwd=folder, check=True)
+    recordings = RecordingSet(folder)
+    recordings.verify()
+    damage(recordings.paths[0], "pose")
+    with pytest.raises(ValueError, match=r"000000.h5: expected SHA-256"):
+        recordings.verify()
+
+
+def test_a_folder_that_is_no_set_is_named(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match=r"recording.yaml: expected a recording set"):
+        RecordingSet(tmp_path)
+    (tmp_path / "recording.yaml").write_text("format: [")
+    with pytest.raises(ValueError, match=r"recording.yaml: "):
+        RecordingSet(tmp_path)
+
+
+def test_a_write_that_is_interrupted_leaves_nothing_behind_under_the_final_name(tmp_path: Path) -> None:
+    path = trajectory_path(tmp_path, 3)
+
+    def interrupted(part: Path) -> None:
+        part.write_text("half")
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_whole(path, interrupted)
+    assert not path.exists()
+    write_trajectory(path, recording())
+    assert [file.name for file in path.parent.iterdir()] == ["000003.h5"]

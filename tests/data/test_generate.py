@@ -1,0 +1,133 @@
+"""Generated sets: the same bytes however they are made, resumable, with what was asked for in them."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from physid.data.format import RecordingSet
+from physid.data.generate import draw, generate
+from physid.data.generation import GenerateConfig, Noise
+from physid.data.truth import read_truth
+from physid.scenes.camera import Camera
+
+SMALL = GenerateConfig("push", trajectories=6, steps=20, video=False, unknown=("block.friction",))
+FILM = dataclasses.replace(SMALL, trajectories=2, steps=5, video=True)
+
+
+def sums(folder: Path) -> str:
+    return (folder / "SHA256SUMS").read_text()
+
+
+@pytest.mark.parametrize("config", [SMALL, FILM], ids=["numbers", "video"])
+def test_the_bytes_do_not_depend_on_the_number_of_workers(tmp_path: Path, config: GenerateConfig) -> None:
+    for workers in (1, 2):
+        generate(config, tmp_path / str(workers), workers, quiet=True)
+    assert sums(tmp_path / "1") == sums(tmp_path / "2")
+
+
+def test_an_interrupted_run_goes_on_where_it_stopped(tmp_path: Path) -> None:
+    generate(SMALL, tmp_path / "whole", quiet=True)
+    generate(SMALL, tmp_path / "broken", quiet=True)
+    for index in (1, 4):
+        (tmp_path / "broken" / "trajectories" / f"{index:06d}.h5").unlink()
+    (tmp_path / "broken" / "trajectories" / "000004.h5.part").write_text("half")
+    (tmp_path / "broken" / "SHA256SUMS").unlink()
+    done = generate(SMALL, tmp_path / "broken", quiet=True)
+    assert (done.written, done.kept) == (2, 4)
+    assert sums(tmp_path / "whole") == sums(tmp_path / "broken")
+
+
+def test_more_trajectories_may_be_added_but_nothing_else_changed(tmp_path: Path) -> None:
+    generate(dataclasses.replace(SMALL, trajectories=3), tmp_path / "a", quiet=True)
+    generate(SMALL, tmp_path / "a", quiet=True)
+    generate(SMALL, tmp_path / "b", quiet=True)
+    assert sums(tmp_path / "a") == sums(tmp_path / "b")
+    with pytest.raises(ValueError, match=r"holds another recording set \(seed: 0 there, 1 here\)"):
+        generate(dataclasses.replace(SMALL, seed=1), tmp_path / "a", quiet=True)
+
+
+def test_the_recording_holds_a_guess_and_the_truth_is_apart(tmp_path: Path) -> None:
+    config = dataclasses.replace(SMALL, trajectories=1, true_values={"block.mass": 1.5})
+    generate(config, tmp_path, quiet=True)
+    scene, truth = RecordingSet(tmp_path).scene, read_truth(tmp_path)
+    assert truth is not None
+    assert scene.unknown == ("block.friction",)
+    assert scene.value("block.friction") == pytest.approx(2 * truth.parameters["block.friction"])
+    assert scene.value("block.mass") == truth.parameters["block.mass"] == 1.5
+    assert scene.camera is None
+    assert GenerateConfig.from_mapping(truth.generation) == config
+
+
+def test_the_truth_may_be_stored_elsewhere(tmp_path: Path) -> None:
+    place = tmp_path / "sealed" / "push.yaml"
+    config = dataclasses.replace(SMALL, trajectories=1, truth_file=str(place))
+    generate(config, tmp_path / "set", quiet=True)
+    assert read_truth(tmp_path / "set") is None
+    assert read_truth(place) is not None
+
+
+def test_a_film_shows_the_bodies_and_the_empty_scene(tmp_path: Path) -> None:
+    generate(FILM, tmp_path, quiet=True)
+    recordings = RecordingSet(tmp_path)
+    recording = recordings.read(0, video=True)
+    assert isinstance(recordings.scene.camera, Camera)
+    assert recording.frames is not None
+    assert recording.mask is not None
+    assert recording.frames.shape == (5, 128, 128, 3)
+    shown = (recording.frames[0] != recording.background).any(-1)
+    assert (recording.mask[0] & shown).sum() > 0.9 * shown.sum() > 100
+
+
+def test_noise_has_the_size_asked_for_and_hides_the_velocities(tmp_path: Path) -> None:
+    clean = dataclasses.replace(SMALL, trajectories=3, steps=100)
+    noisy = dataclasses.replace(clean, noise=Noise(position=1e-3, rotation=2e-3))
+    generate(clean, tmp_path / "clean", quiet=True)
+    generate(noisy, tmp_path / "noisy", quiet=True)
+    poses = [[one.pose for one in RecordingSet(tmp_path / name)] for name in ("clean", "noisy")]
+    error = np.subtract(poses[1], poses[0])
+    turn = 2 * np.linalg.norm(error[..., 3:], axis=-1)
+    assert error[..., :3].std() == pytest.approx(1e-3, rel=0.1)
+    assert turn.mean() == pytest.approx(2e-3 * np.sqrt(8 / np.pi), rel=0.1)
+    assert RecordingSet(tmp_path / "noisy").read(0).twist is None
+    assert RecordingSet(tmp_path / "clean").read(0).twist is not None
+
+
+def test_an_effect_changes_the_motion_but_not_the_command(tmp_path: Path) -> None:
+    with_drag = dataclasses.replace(SMALL, effects={"viscous_drag": {"coefficient": 2.0}})
+    for name, config in (("plain", SMALL), ("drag", with_drag)):
+        generate(config, tmp_path / name, quiet=True)
+    plain, drag = (RecordingSet(tmp_path / name).read(0) for name in ("plain", "drag"))
+    truth = read_truth(tmp_path / "drag")
+    assert np.array_equal(plain.wrench, drag.wrench)
+    assert not np.array_equal(plain.pose, drag.pose)
+    assert truth is not None
+    assert truth.effects == {"viscous_drag": {"coefficient": 2.0}}
+
+
+def test_splits_may_have_protocols_of_their_own(tmp_path: Path) -> None:
+    config = dataclasses.replace(
+        SMALL, split={"fit": 2, "report_transfer": 1}, protocol_of_split={"report_transfer": "rich"}
+    )
+    generate(config, tmp_path, quiet=True)
+    found = {(one.split, one.protocol) for one in RecordingSet(tmp_path)}
+    assert found == {("fit", "paper"), ("report_transfer", "rich")}
+
+
+def test_trajectories_that_leave_the_view_are_drawn_again_and_counted() -> None:
+    config = GenerateConfig("push", trajectories=1, protocol="rich")
+    counts = []
+    for index in range(20):
+        _, motion, redrawn = draw(config, index, "rich")
+        scene = config.true_scene()
+        assert scene.camera is not None
+        assert scene.camera.sees(motion.pose, scene.sizes).all()
+        counts.append(redrawn)
+    assert sum(counts) > 0
+
+
+def test_a_scene_from_which_bodies_always_escape_is_refused() -> None:
+    config = GenerateConfig("push", trajectories=1, steps=300, true_values={"block.mass": 0.05})
+    with pytest.raises(ValueError, match="left the view in all of 200 draws; lower steps"):
+        draw(config, 0, "paper")

@@ -1,0 +1,64 @@
+"""Diagnoses with each verdict, as documents."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+NAMED: dict[str, Any] = {
+    "format": "physid-diagnosis",
+    "version": 1,
+    "verdict": "named",
+    "effects": [
+        {
+            "name": "viscous_drag",
+            "site": "dynamics",
+            "parameters": {"coefficient": {"value": 0.21, "low": 0.19, "high": 0.23, "unit": "N s/m"}},
+        }
+    ],
+    "group": ["viscous_drag"],
+    "confidence": 0.97,
+    "ranking": [
+        {"effects": ["viscous_drag"], "score": 412.3, "p_value": 0.005},
+        {"effects": ["quadratic_drag"], "score": 301.0, "p_value": 0.005},
+    ],
+    "where": {
+        "site": {"perception": 0.0, "actuation": 0.02, "dynamics": 0.96, "contact": 0.02},
+        "cells": [
+            {"phase": "coast", "body": "block", "dof": "x", "evidence": 11.2},
+            {"phase": "slide_fast", "body": "block", "dof": "rz", "evidence": 0.4},
+        ],
+    },
+    "gap": {
+        "unit": "m",
+        "floor": 0.0014,
+        "same": {"before": 0.021, "after": 0.0016},
+        "transfer": {"before": 0.018, "after": 0.0019},
+    },
+    "shrink": {
+        "same": {"value": 0.99, "low": 0.97, "high": 1.0},
+        "transfer": {"value": 0.97, "low": 0.93, "high": 0.99},
+    },
+    "parameters": {
+        "block.mass": {"nominal": 1.11, "with_effect": {"value": 1.002, "low": 0.995, "high": 1.009, "unit": "kg"}}
+    },
+    "next_experiment": None,
+}
+
+
+def diagnosis(verdict: str = "named", *, transfer: bool = True) -> dict[str, Any]:
+    """Return a valid document with this verdict, with or without a transfer split."""
+    made = copy.deepcopy(NAMED)
+    made["verdict"] = verdict
+    if verdict in ("none", "unknown"):
+        made |= {"effects": [], "group": []}
+        made["shrink"] = {"same": None, "transfer": None}
+        made["parameters"]["block.mass"]["with_effect"] = None
+        for split in ("same", "transfer"):
+            made["gap"][split]["after"] = None
+    if verdict == "group":
+        made["group"] = ["viscous_drag", "quadratic_drag"]
+        made["next_experiment"] = "push at speeds from 0.2 to 2 m/s"
+    if not transfer:
+        made["gap"]["transfer"] = made["shrink"]["transfer"] = None
+    return made

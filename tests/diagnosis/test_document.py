@@ -1,0 +1,98 @@
+"""diagnosis.json: what is accepted, and how faults are named."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from diagnosis.documents import diagnosis
+from physid.diagnosis.document import DOFS, PHASES, SITES, VERDICTS, check_diagnosis, read_diagnosis, write_diagnosis
+
+Change = Callable[[dict[str, Any]], object]
+
+
+@pytest.mark.parametrize("transfer", [True, False])
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_every_verdict_has_a_valid_document(verdict: str, transfer: bool) -> None:
+    document = diagnosis(verdict, transfer=transfer)
+    assert check_diagnosis(document) is document
+
+
+def test_what_is_written_is_read_back(tmp_path: Path) -> None:
+    document = diagnosis("group")
+    path = write_diagnosis(tmp_path / "out", document)
+    assert path == tmp_path / "out" / "diagnosis.json"
+    assert read_diagnosis(path) == document
+
+
+FAULTS: dict[str, tuple[Change, str]] = {
+    "verdict": (lambda d: d.update(verdict="sure"), "verdict: expected 'none' or 'named'"),
+    "version": (lambda d: d.update(version=True), "version: expected 1, found True"),
+    "missing key": (lambda d: d.pop("gap"), "found 'no gap'"),
+    "strange key": (lambda d: d.update(seed=3), "only, found ['seed']"),
+    "confidence": (lambda d: d.update(confidence=97), "confidence: expected a finite number at least 0 and at most 1"),
+    "not a number": (lambda d: d["gap"].update(floor=math.nan), "gap.floor: expected a finite number at least 0"),
+    "interval": (
+        lambda d: d["effects"][0]["parameters"]["coefficient"].update(low=0.3),
+        "effects[0].parameters.coefficient: expected low <= value <= high, found '0.3, 0.21, 0.23'",
+    ),
+    "site": (lambda d: d["effects"][0].update(site="engine"), "effects[0].site: expected 'perception' or"),
+    "shares": (lambda d: d["where"]["site"].update(dynamics=0.5), "where.site: expected shares with sum 1"),
+    "phase": (lambda d: d["where"]["cells"][1].update(phase="sliding"), "where.cells[1].phase: expected 'rest' or"),
+    "dof": (lambda d: d["where"]["cells"][0].update(dof="yaw"), "where.cells[0].dof: expected 'x' or"),
+    "p-value": (lambda d: d["ranking"][0].update(p_value=None), "ranking[0].p_value: expected a finite number"),
+    "named nothing": (lambda d: d.update(effects=[]), "effects: expected at least one for the verdict 'named'"),
+    "group without its effect": (lambda d: d.update(group=["tether"]), "group: expected the effects themselves"),
+    "group of one": (lambda d: d.update(verdict="group"), "group: expected members beside the effects"),
+    "none with an effect": (lambda d: d.update(verdict="none"), "effects, group: expected none for the verdict 'none'"),
+    "share without split": (lambda d: d["gap"].update(transfer=None), "shrink.transfer: expected null"),
+    "next experiment": (lambda d: d.update(next_experiment={}), "next_experiment: expected a text"),
+    "parameters": (lambda d: d.update(parameters=[]), "parameters: expected a mapping, found []"),
+}
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_fault_is_named_with_its_place_what_was_expected_and_what_came(name: str) -> None:
+    change, message = FAULTS[name]
+    document = diagnosis()
+    change(document)
+    with pytest.raises(ValueError, match="not a valid diagnosis") as caught:
+        check_diagnosis(document)
+    assert message in str(caught.value)
+
+
+def test_all_faults_are_named_at_once() -> None:
+    document = diagnosis() | {"confidence": 2, "verdict": "?"}
+    with pytest.raises(ValueError, match=r"(?s)verdict: .*confidence: "):
+        check_diagnosis(document)
+
+
+def test_a_document_that_is_no_mapping_is_refused() -> None:
+    with pytest.raises(ValueError, match="diagnosis: expected a mapping"):
+        check_diagnosis([1])
+
+
+def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "diagnosis.json"
+    path.write_text("{")
+    with pytest.raises(ValueError, match=str(path)):
+        read_diagnosis(path)
+    path.write_text(json.dumps({"format": "else"}))
+    with pytest.raises(ValueError, match=str(path)):
+        read_diagnosis(path)
+
+
+def test_phases_degrees_of_freedom_and_sites_are_those_of_the_pipeline() -> None:
+    from typing import get_args
+
+    from physid.diagnosis import freeform, phases
+    from physid.physics.effect import Site
+
+    assert phases.PHASES == PHASES
+    assert set(freeform.DOFS) == set(DOFS)
+    assert set(get_args(Site)) == set(SITES)

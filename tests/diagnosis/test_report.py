@@ -1,0 +1,210 @@
+"""The report: everything is on the page, nothing comes from outside, and it fits a phone."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from diagnosis.documents import diagnosis
+from physid.diagnosis import report
+from physid.diagnosis.document import VERDICTS
+from physid.diagnosis.report import Curve, Film, ReportData, TimeMap, render, write_report
+from physid.diagnosis.report_curves import Axis
+from physid.diagnosis.sentences import verdict_sentence
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+PHONE = {"width": 390, "height": 844}
+PLACE_TOLERANCE = 1e-9
+VOID = {"meta", "br", "line", "polyline"}
+TIME = np.linspace(0, 1.25, 300)
+
+
+def pictures(folder: Path | None = None) -> ReportData:
+    """Return everything that a report can draw."""
+    films = ()
+    if folder is not None:
+        (folder / "film.mp4").write_bytes(b"a film")
+        films = (Film("model over recording", folder / "film.mp4"),)
+    return ReportData(
+        title="push_07",
+        curves=(Curve("same", TIME, 0.001 + 0.03 * TIME**2, 0.001 + 0 * TIME, 0.0011 + 0 * TIME),),
+        time_map=TimeMap((("block", "x"), ("block", "rz")), np.linspace(0, 1.25, 4), np.array([[1, 2, 9], [0, 0, 1]])),
+        levels={"sensor": 0.0012, "repeatability": None, "numerical": 0.0004},
+        freeform={"same": 0.0015},
+        threshold=24.0,
+        replicates=199,
+        formulas={"viscous_drag": "F = -c v at the centre of each body."},
+        next_config="scene: push\n",
+        films=films,
+        facts={"recordings": "24 x 300 frames"},
+    )
+
+
+class Outline(HTMLParser):
+    """Checks that elements are closed in the order in which they are opened, and collects addresses."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.addresses: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.addresses += [value or "" for name, value in attrs if name in ("src", "href", "poster", "data")]
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        assert tag in VOID, f"<{tag}/> does not close itself in HTML"
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+def text_of(page: str) -> str:
+    """Return what a person reads."""
+    body = page[page.index("<body>") :]
+    return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", body)).replace("&#x27;", "'")
+
+
+@pytest.mark.parametrize("drawn", [True, False])
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_the_page_is_well_formed_and_opens_with_the_verdict(verdict: str, drawn: bool) -> None:
+    document = diagnosis(verdict)
+    page = render(document, pictures() if drawn else ReportData())
+    outline = Outline()
+    outline.feed(page)
+    assert not outline.open
+    assert text_of(page).index(verdict_sentence(document)) < text_of(page).index("Where")
+    assert f"<h1>{verdict_sentence(document)}</h1>" in page
+    assert "nan" not in page.lower().split("<body>")[1].replace("candidate", "")
+
+
+def test_the_page_lies_beside_the_document_and_asks_for_nothing_from_outside(tmp_path: Path) -> None:
+    path = write_report(tmp_path / "out", diagnosis(), pictures(tmp_path))
+    assert path == tmp_path / "out" / "report.html"
+    page = path.read_text(encoding="utf-8")
+    outline = Outline()
+    outline.feed(page)
+    assert [address[:22] for address in outline.addresses] == ["data:video/mp4;base64,"]
+    assert "url(" not in page
+    assert "<script" not in page
+
+
+def test_everything_that_was_found_is_on_the_page() -> None:
+    text = text_of(render(diagnosis("group"), pictures()))
+    for expected in (
+        "confidence 97 %",
+        "11", "coast", "slide fast",
+        "0.210 N s/m", "0.190 to 0.230 N s/m",
+        "F = -c v at the centre of each body.",
+        "cannot tell viscous drag from quadratic drag",
+        "p 0.005", "199 effect-free replays",
+        "Sensor floor 1.2 mm", "Repeatability floor no repeats", "Numerical floor 0.4 mm",
+        "0.995 to 1.009",
+        "Push at speeds from 0.2 to 2 m/s", "scene: push",
+        "24 x 300 frames",
+    ):  # fmt: skip
+        assert re.sub(r"\s", "", expected) in re.sub(r"\s", "", text), expected
+
+
+def test_without_a_transfer_set_the_page_says_so_at_the_top() -> None:
+    page = render(diagnosis(transfer=False), ReportData())
+    assert "Predictive only, cause not certified" in text_of(page[: page.index("</header>")])
+
+
+def test_a_verdict_of_no_gap_shows_no_effect_and_no_share() -> None:
+    text = text_of(render(diagnosis("none"), ReportData()))
+    assert "Nothing to close" in text
+    assert "Share of the gap that closes" not in text
+    assert "With the effect" not in text
+
+
+def test_a_name_cannot_become_markup() -> None:
+    document = diagnosis()
+    document["where"]["cells"][0]["body"] = "<img src=x>"
+    page = render(document, ReportData(title='"><script>', facts={"a": "<b>"}))
+    assert "<img" not in page
+    assert "<script" not in page
+
+
+def test_the_strongest_cell_is_marked_and_colours_follow_the_evidence() -> None:
+    page = render(diagnosis(), ReportData())
+    cells = dict(re.findall(r'title="([a-z ]+, [a-z]+): [^"]*"[^>]*>([^<]*)</td>', page))
+    assert cells["coast, x"] == "11"
+    assert re.search(r'class="strongest full" style="--heat: 100%" title="coast, x', page)
+    assert re.search(r'style="--heat: 4%" title="slide fast, rz', page)
+    assert cells["coast, rz"] == ""
+
+
+def test_an_invalid_document_leaves_no_page(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="confidence"):
+        write_report(tmp_path, diagnosis() | {"confidence": 3}, ReportData())
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_film_that_no_page_can_carry_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(report, "MOST_BYTES", 3)
+    with pytest.raises(ValueError, match=r"film\.mp4: expected a film of at most"):
+        write_report(tmp_path / "out", diagnosis(), pictures(tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Curve("rest", TIME, TIME), "Curve.split"),
+        (lambda: Curve("same", TIME, TIME[1:]), "Curve.before"),
+        (lambda: Curve("same", TIME, TIME, TIME * np.nan), "Curve.after"),
+        (lambda: TimeMap((("block", "x"),), np.arange(3.0), np.zeros((2, 2))), "TimeMap.evidence"),
+        (lambda: ReportData(levels={"noise": 1.0}), "ReportData.levels"),
+    ],
+)
+def test_pictures_check_themselves(make: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+@pytest.mark.parametrize("logarithmic", [True, False])
+@pytest.mark.parametrize("high", [2e-6, 0.0017, 0.048, 3.0])
+def test_an_axis_is_monotonic_within_its_ends_and_has_a_few_round_ticks(high: float, logarithmic: bool) -> None:
+    axis = Axis(high / 30, high, logarithmic)
+    places = axis.place(np.geomspace(high / 30, high, 20))
+    assert (np.diff(places) > 0).all()
+    assert places.min() >= 0
+    assert places.max() <= 100
+    assert axis.place(10 * high) == pytest.approx(100, abs=PLACE_TOLERANCE)
+    ticks = axis.ticks()
+    assert 2 <= len(ticks) <= 7
+    assert all(float(f"{tick:.1e}") == pytest.approx(tick) for tick in ticks)
+
+
+@pytest.mark.browser
+@pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium and Playwright: apt-get install chromium")
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_on_a_phone_nothing_sticks_out_in_light_and_dark(tmp_path: Path, scheme: Any) -> None:
+    playwright = pytest.importorskip("playwright.sync_api")
+    document = diagnosis("group")
+    document["where"]["cells"] = [
+        {"phase": phase, "body": body, "dof": dof, "evidence": 3.0}
+        for phase in ("impact", "contact_between_objects", "free_fall")
+        for body in ("left block", "right block")
+        for dof in ("x", "y", "z", "rx", "ry", "rz")
+    ]
+    path = write_report(tmp_path, document, pictures())
+    trouble: list[str] = []
+    with playwright.sync_playwright() as started:
+        browser = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        page = browser.new_context(viewport=PHONE, color_scheme=scheme).new_page()
+        page.on("console", lambda message: trouble.append(message.text))
+        page.on("request", lambda each: trouble.append(each.url) if not each.url.startswith("file:") else None)
+        page.goto(path.as_uri())
+        assert page.evaluate("document.documentElement.scrollWidth") <= PHONE["width"]
+        color = page.evaluate("getComputedStyle(document.body).backgroundColor")
+        browser.close()
+    assert not trouble
+    assert (sum(int(part) for part in re.findall(r"\d+", color)) > 600) == (scheme == "light")

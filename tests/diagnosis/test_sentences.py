@@ -1,0 +1,92 @@
+"""A diagnosis in words."""
+
+from __future__ import annotations
+
+import pytest
+
+from diagnosis.documents import diagnosis
+from physid.diagnosis.document import VERDICTS
+from physid.diagnosis.sentences import MOST_LINES, caveat, estimate, percent, quantity, summary_lines, verdict_sentence
+
+SENTENCES = {
+    "none": "The model explains these recordings: there is no gap beyond the floors.",
+    "named": "Viscous drag causes the gap between model and recordings.",
+    "group": "The gap is caused by one of viscous drag or quadratic drag; these recordings cannot tell which.",
+    "partial": "Viscous drag causes part of the gap; something is left that no candidate explains.",
+    "unknown": "There is a gap between model and recordings, and no candidate explains it.",
+}
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_a_verdict_is_one_plain_sentence(verdict: str) -> None:
+    assert verdict_sentence(diagnosis(verdict)) == SENTENCES[verdict]
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_without_a_transfer_set_nothing_is_called_a_cause(verdict: str) -> None:
+    document = diagnosis(verdict, transfer=False)
+    assert "cause" not in verdict_sentence(document)
+    if document["effects"]:
+        assert caveat(document) == "Predictive only, cause not certified: there is no transfer set."
+        assert any("cause not certified" in line for line in summary_lines(document))
+
+
+def test_a_certified_cause_needs_no_warning_but_the_absence_of_a_gap_does() -> None:
+    assert not caveat(diagnosis("named"))
+    assert "not no effect" in caveat(diagnosis("none"))
+
+
+def test_two_effects_are_named_together_and_told_from_their_group() -> None:
+    document = diagnosis("group")
+    document["effects"].append({"name": "ground_tilt", "site": "dynamics", "parameters": {}})
+    document["group"].append("ground_tilt")
+    expected = "Viscous drag and ground tilt cause the gap; these recordings cannot tell them from quadratic drag."
+    assert verdict_sentence(document) == expected
+
+
+@pytest.mark.parametrize("transfer", [True, False])
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_the_summary_has_at_most_ten_lines_and_answers_three_questions(verdict: str, transfer: bool) -> None:
+    document = diagnosis(verdict, transfer=transfer)
+    sizes = {f"p{k}": {"value": 1.0, "low": 0.5, "high": 2.0, "unit": "N"} for k in range(9)}
+    if document["effects"]:
+        document["effects"][0]["parameters"] = sizes
+    document["parameters"] = {f"block.p{k}": {"nominal": 1.0, "with_effect": None} for k in range(9)}
+    document["next_experiment"] = "let it coast"
+    lines = summary_lines(document)
+    assert len(lines) <= MOST_LINES
+    assert all("\n" not in line for line in lines)
+    labels = [line.split("  ")[0].strip() for line in lines]
+    assert {"Verdict", "Where", "Which", "How far", "Next"} <= set(labels)
+
+
+def test_the_summary_gives_sizes_errors_and_shares_with_their_units() -> None:
+    text = "\n".join(summary_lines(diagnosis()))
+    assert "viscous_drag.coefficient = 0.210 (0.190 to 0.230) N s/m" in text
+    assert "transfer protocol: 18 mm -> 1.9 mm (floor 1.4 mm), 97 % closed (93 % to 99 %)" in text
+    assert "block.mass 1.11 -> 1.002 (0.995 to 1.009) kg" in text
+
+
+def test_a_gap_close_to_its_floor_has_no_share() -> None:
+    document = diagnosis()
+    document["shrink"]["same"] = None
+    assert any("same protocol" in line and "too near to the floor" in line for line in summary_lines(document))
+
+
+@pytest.mark.parametrize(
+    ("share", "text"),
+    [(0, "0 %"), (0.0004, "< 0.1 %"), (0.004, "0.4 %"), (0.97, "97 %"), (0.9996, "> 99.9 %"), (1, "100 %")],
+)
+def test_a_share_is_never_rounded_to_certainty(share: float, text: str) -> None:
+    assert percent(share) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(0.0014, "1.4 mm"), (0.25, "0.25 m"), (3.2e-5, "32 µm"), (0.0, "0 m"), (12.0, "12 m")]
+)
+def test_a_length_takes_the_prefix_that_suits_it(value: float, text: str) -> None:
+    assert quantity(value, "m") == text
+
+
+def test_an_interval_without_width_or_unit_is_written_as_it_is() -> None:
+    assert estimate({"value": 0.25, "low": 0.25, "high": 0.25, "unit": "-"}) == "0.25 (0.25 to 0.25)"

@@ -1,0 +1,88 @@
+"""Effects of perception against closed forms."""
+
+import math
+
+import pytest
+import torch
+from torch import Tensor
+
+from physid.effects import from_values
+from physid.effects.probe import TIME_STEP, draw_probe
+from physid.effects.resampling import at_frames
+from physid.physics.rotations import angle_between, exponential
+
+TOLERANCE = 1e-12
+PROBE = draw_probe()
+
+
+def seen(name: str, values: dict[str, float], pose: Tensor = PROBE.pose) -> Tensor:
+    """Return what the camera reports."""
+    return from_values(name, values).observe(pose, TIME_STEP)
+
+
+def steady(frames: Tensor) -> Tensor:
+    """Return the poses of a body that moves and turns at constant rates, at fractions of frames; (1, T, 1, 7)."""
+    position = frames[:, None] * torch.tensor([0.01, -0.02, 0.005]).double()
+    turn = exponential(frames[:, None] * torch.tensor([0.02, 0.01, -0.03]).double())
+    return torch.cat([position, turn], -1)[None, :, None]
+
+
+FRAMES = torch.arange(12.0).double()
+
+
+def test_a_length_scale_moves_all_away_from_the_origin() -> None:
+    assert torch.allclose(seen("length_scale", {"change": 0.1})[..., :3], 1.1 * PROBE.pose[..., :3])
+
+
+def test_a_turned_camera_turns_positions_and_attitudes() -> None:
+    pose = seen("camera_yaw", {"angle": 0.3})
+    x, y, z = PROBE.pose[..., :3].unbind(-1)
+    c, s = math.cos(0.3), math.sin(0.3)
+    assert torch.allclose(pose[..., :3], torch.stack([c * x - s * y, s * x + c * y, z], -1))
+    assert torch.allclose(angle_between(pose[..., 3:], PROBE.pose[..., 3:]), torch.tensor(0.3).double())
+
+
+def test_a_displaced_camera_shifts_positions() -> None:
+    shift = seen("camera_offset", {"x": 0.1, "z": -0.2}) - PROBE.pose
+    assert torch.allclose(shift, torch.tensor([0.1, 0, -0.2, 0, 0, 0, 0]).double().expand_as(shift))
+
+
+@pytest.mark.parametrize("frames", [0.3, 1.0, 2.7])
+def test_latency_reports_the_pose_of_an_earlier_time(frames: float) -> None:
+    late = seen("observation_latency", {"latency": frames * TIME_STEP}, steady(FRAMES))
+    assert torch.allclose(late, steady(FRAMES - frames), atol=TOLERANCE)
+
+
+@pytest.mark.parametrize("change", [-0.15, 0.08])
+def test_a_wrong_clock_stretches_time(change: float) -> None:
+    assert torch.allclose(seen("clock_rate", {"change": change}, steady(FRAMES)), steady(FRAMES * (1 + change)))
+
+
+def test_poses_between_frames_lie_on_the_shortest_way_and_meet_at_the_frames() -> None:
+    pose = PROBE.pose[:1]
+    whole = torch.arange(pose.shape[1]).double()
+    assert torch.equal(at_frames(pose, whole[None]), pose)
+    before, after = (at_frames(pose, (whole + shift)[None]) for shift in (-1e-9, 1e-9))
+    assert torch.allclose(before, after, atol=1e-8)
+
+
+def test_a_quaternion_and_its_negative_are_resampled_alike() -> None:
+    pose = steady(FRAMES)
+    flipped = pose.clone()
+    flipped[:, ::2, :, 3:] *= -1
+    a, b = (at_frames(each, (FRAMES + 0.4)[None]) for each in (pose, flipped))
+    assert angle_between(a[..., 3:], b[..., 3:]).max() < 1e-7
+
+
+def test_a_lens_moves_points_by_the_cube_of_their_radius() -> None:
+    pose = seen("lens_distortion", {"k1": 0.1})
+    radius = PROBE.pose[..., :2].norm(dim=-1)
+    assert torch.allclose(pose[..., :2].norm(dim=-1), radius + 0.1 * radius**3)
+    assert torch.equal(pose[..., 2:], PROBE.pose[..., 2:])
+
+
+def test_larger_objects_have_larger_moments_at_the_same_mass() -> None:
+    after = from_values("object_size", {"change": 0.1}).act(PROBE.state, PROBE.inputs)
+    assert torch.allclose(after.size, 1.1 * PROBE.inputs.size)
+    assert torch.allclose(after.inertia, 1.21 * PROBE.inputs.inertia)
+    assert torch.equal(after.mass, PROBE.inputs.mass)

@@ -1,0 +1,131 @@
+import pytest
+import torch
+from torch import nn
+from torch.distributions import Normal, kl_divergence
+
+from physid.networks.camera import PinholeCamera
+from physid.networks.chart import PlanarChart
+from physid.networks.encoder import (
+    CONTRAST,
+    PoseEncoder,
+    VariationalPoseEncoder,
+    as_image,
+    features,
+    gaussian_divergence,
+    with_difference,
+)
+
+TOLERANCE = 1e-5
+CAMERA = PinholeCamera(128, 128, (0, 0, 3), (0, 0, 0), (0, 1, 0), 40.0)
+CHART = PlanarChart(CAMERA, (0, 0, 1), 0.0, [0.2, 0.2])
+BACKGROUND = torch.full((1, 3, 128, 128), 0.7)
+
+
+def images(count: int = 3) -> torch.Tensor:
+    """Speckled squares of 20 pixels on the background."""
+    frames = BACKGROUND.repeat(count, 1, 1, 1)
+    for n, frame in enumerate(frames):
+        place = slice(20 + 25 * n, 40 + 25 * n)
+        frame[:, place, place] = torch.rand(3, 20, 20, generator=torch.Generator().manual_seed(n))
+    return frames
+
+
+def test_the_layers_are_those_of_the_tables_of_the_paper() -> None:
+    encoder = PoseEncoder(CHART)
+    convolutions = [m for m in encoder.modules() if isinstance(m, nn.Conv2d)]
+    table = [(m.in_channels, m.out_channels, m.kernel_size[0], m.stride[0]) for m in convolutions]
+    assert table == [(4, 64, 5, 2), (64, 128, 5, 2), (128, 256, 5, 2), (256, 256, 5, 2), (256, 128, 3, 1)]
+    connected = [(m.in_features, m.out_features) for m in encoder.modules() if isinstance(m, nn.Linear)]
+    assert sorted(connected, reverse=True) == [(3 * 3 * 128, 50), (50, 50), (50, 2 * CHART.numbers)]
+    assert sum(isinstance(m, nn.ELU) for m in encoder.modules()) == 7
+
+
+def test_the_variational_encoder_has_the_same_base_and_one_layer_from_the_latent_to_the_poses() -> None:
+    encoder = VariationalPoseEncoder(CHART, latent=16)
+    assert encoder.base.last.out_features == 32
+    assert (encoder.head.in_features, encoder.head.out_features) == (16, 2 * CHART.numbers)
+
+
+@pytest.mark.parametrize("model", [PoseEncoder, VariationalPoseEncoder])
+def test_an_untrained_encoder_answers_nearly_the_neutral_pose(model: type[PoseEncoder]) -> None:
+    torch.manual_seed(0)
+    encoding = model(CHART).eval()(images(), BACKGROUND)
+    assert encoding.pose.shape == (3, 2, 7)
+    assert (encoding.numbers - CHART.neutral()).abs().max() < 0.5
+
+
+def test_every_image_is_read_by_itself() -> None:
+    encoder = PoseEncoder(CHART, fast=False)
+    together = encoder(images(), BACKGROUND).numbers
+    apart = torch.cat([encoder(i[None], BACKGROUND).numbers for i in images()])
+    assert torch.allclose(together, apart, atol=TOLERANCE)
+
+
+def test_convolutions_in_bfloat16_and_mixed_precision_leave_the_poses_in_single_precision() -> None:
+    torch.manual_seed(0)
+    fast, exact = PoseEncoder(CHART), PoseEncoder(CHART, fast=False)
+    exact.load_state_dict(fast.state_dict())
+    expected = exact(images(), BACKGROUND)
+    assert torch.allclose(fast(images(), BACKGROUND).numbers, expected.numbers, atol=5e-3)
+    with torch.autocast("cpu", torch.bfloat16):
+        mixed = fast(images(), BACKGROUND)
+    assert mixed.numbers.dtype == mixed.pose.dtype == torch.float32
+    assert torch.equal(mixed.pose, fast(images(), BACKGROUND).pose)
+
+
+def test_the_channels_are_the_colours_counted_from_the_background_and_their_mean_size() -> None:
+    stacked = with_difference(images(), BACKGROUND)
+    assert torch.allclose(stacked[:, :3], CONTRAST * (images() - 0.7), atol=TOLERANCE)
+    assert torch.allclose(stacked[:, 3], CONTRAST * (images() - 0.7).abs().mean(1), atol=TOLERANCE)
+    assert with_difference(BACKGROUND, BACKGROUND).abs().max() == 0
+
+
+class Standstill(nn.Module):
+    """Reads mean 0 and log-variance -2 from any image."""
+
+    def forward(self, image: torch.Tensor) -> torch.Tensor:
+        return torch.tensor([0.0] * 4 + [-2.0] * 4).expand(len(image), -1)
+
+
+def test_samples_scatter_with_the_latent_variance_and_vanish_in_evaluation() -> None:
+    torch.manual_seed(0)
+    encoder = VariationalPoseEncoder(CHART, latent=4)
+    encoder.base = Standstill()
+    tiny = torch.zeros(4000, 3, 2, 2)
+    with torch.no_grad():
+        numbers = encoder(tiny, tiny[:1]).numbers.flatten(1)
+        expected = encoder.head.weight @ encoder.head.weight.T * torch.exp(torch.tensor(-2.0))
+        assert torch.allclose(numbers.T.cov(), expected, atol=0.1 * float(expected.max()))
+        encoder.eval()
+        assert encoder(tiny, tiny[:1]).numbers.std(0).max() < TOLERANCE
+
+
+def test_the_divergence_is_that_of_normal_distributions() -> None:
+    mean, log_variance = torch.randn(2, 5, 6, generator=torch.Generator().manual_seed(1))
+    expected = kl_divergence(Normal(mean, (log_variance / 2).exp()), Normal(0.0, 1.0)).sum(-1)
+    assert torch.allclose(gaussian_divergence(mean, log_variance), expected, atol=TOLERANCE)
+
+
+def test_gradients_reach_every_weight() -> None:
+    encoder = VariationalPoseEncoder(CHART)
+    encoding = encoder(images(), BACKGROUND)
+    (encoding.pose.square().sum() + encoding.pose.sum() + encoding.divergence.sum()).backward()
+    assert all(p.grad is not None and p.grad.abs().sum() > 0 for p in encoder.parameters())
+
+
+def test_stored_frames_become_images_between_zero_and_one() -> None:
+    frames = torch.tensor([0, 51, 255], dtype=torch.uint8).expand(2, 4, 5, 3)
+    image = as_image(frames)
+    assert image.shape == (2, 3, 4, 5)
+    assert torch.allclose(image[0, :, 0, 0], torch.tensor([0.0, 0.2, 1.0]))
+
+
+def test_frames_of_the_wrong_kind_or_size_are_refused() -> None:
+    with pytest.raises(ValueError, match="uint8 of shape"):
+        as_image(torch.zeros(2, 3, 4, 4))
+    with pytest.raises(ValueError, match="same size"):
+        with_difference(images(), torch.zeros(1, 3, 64, 64))
+    with pytest.raises(ValueError, match="at least 93 x 93"):
+        PoseEncoder(CHART, 92, 128)
+    assert features(128, 128) == 1152
+    assert features(93, 93) == 128

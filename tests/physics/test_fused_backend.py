@@ -1,0 +1,72 @@
+from __future__ import annotations
+
+import logging
+
+import pytest
+import torch
+
+from physid.physics.friction import Pyramid
+from physid.physics.fused import backend
+from physid.physics.fused.compiler import machine
+from physid.physics.layer import PhysicsLayer
+from physid.physics.parameters import Parameters
+from physid.physics.state import State
+from physid.physics.world import World
+
+
+def roll(layer: PhysicsLayer, dtype: torch.dtype = torch.float64) -> torch.Tensor:
+    pose = torch.tensor([[[0.0, 0, 0.1, 0, 0, 0, 1]]], dtype=dtype)
+    one = torch.ones(1, 1, dtype=dtype)
+    parameters = Parameters.of_boxes(0.2 * one[..., None].expand(1, 1, 3), one, 0.3 * one)
+    return layer.rollout(State.at_rest(pose), torch.zeros(1, 2, 1, 6, dtype=dtype), parameters).pose
+
+
+def test_a_backend_that_does_not_exist_is_named() -> None:
+    with pytest.raises(ValueError, match="backend must be one of auto, reference, fused, got 'gpu'"):
+        PhysicsLayer(World(), backend="gpu")  # type: ignore[arg-type]
+
+
+def test_the_compiled_backend_says_why_it_cannot_run() -> None:
+    with pytest.raises(ValueError, match="Pyramid, not a Cone"):
+        roll(PhysicsLayer(World(friction=Pyramid()), backend="fused"))
+    with pytest.raises(ValueError, match=r"torch.float32, not torch.float64"):
+        roll(PhysicsLayer(World(), backend="fused"), torch.float32)
+
+
+def test_auto_falls_back_with_one_line(caplog: pytest.LogCaptureFixture) -> None:
+    backend._say_once.cache_clear()
+    with caplog.at_level(logging.INFO):
+        for _ in range(2):
+            roll(PhysicsLayer(World(friction=Pyramid())))
+    assert [record.getMessage() for record in caplog.records] == [
+        "the reference implementation of the physics runs, which is slower: friction is a Pyramid, not a Cone"
+    ]
+
+
+def test_auto_falls_back_where_the_compiler_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    backend._missing_compiler.cache_clear()
+
+    def missing(name: str) -> None:
+        raise ImportError(f"no module named {name}")
+
+    monkeypatch.setattr(backend, "import_module", missing)
+    expected = roll(PhysicsLayer(World(), backend="reference"))
+    assert torch.equal(roll(PhysicsLayer(World())), expected)
+    backend._missing_compiler.cache_clear()
+
+
+def test_machine_code_is_kept_and_a_place_that_cannot_be_written_does_no_harm(tmp_path, monkeypatch) -> None:  # noqa: ANN001
+    code = "define void @idle(ptr %a, i64 %b, i64 %c, ptr %d) {\n  ret void\n}\n"
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    machine.load("idle", lambda: code)(0, 0, 0, 0)
+    (kept,) = (tmp_path / "physid").iterdir()
+    assert kept.name.startswith("idle-")
+
+    def fail() -> str:
+        raise AssertionError("compiled again")
+
+    machine.load("idle", fail)(0, 0, 0, 0)
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(blocked))
+    machine.load("idle", lambda: code)(0, 0, 0, 0)

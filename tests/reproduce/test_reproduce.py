@@ -1,0 +1,70 @@
+"""Cells and results of `physid reproduce`."""
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+from physid.configuration import ConfigurationError
+from physid.reproduce.cells import QUICK, Cell, Fit, Recordings
+from physid.reproduce.results import Result, markdown, read_results, table, write_results
+from physid.reproduce.run import choose, report, reproduce
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+GOOD = Result("sysid/push_mass", "block.mass, error", 0.02, "%", None, 0.1)
+BAD = Result("sysid/push_mass", "position error", 0.7, "% of size", 0.7, 0.1)
+
+
+@dataclass
+class Counting(Cell):
+    name: str = "sysid/counting"
+    recordings: Recordings | None = None
+    calls: list[Path] = field(default_factory=list)
+
+    def run(self, configs: Path, data: Path, folder: Path) -> list[Result]:
+        folder.mkdir(parents=True)
+        self.calls.append(folder)
+        return [GOOD]
+
+
+def test_results_read_back_as_they_were_written(tmp_path: Path) -> None:
+    write_results(tmp_path / "results.json", [GOOD, BAD])
+    assert read_results(tmp_path / "results.json") == [GOOD, BAD]
+    entries = json.loads((tmp_path / "results.json").read_text())
+    assert set(entries[0]) == {"cell", "metric", "value", "unit", "paper", "target"}
+
+
+def test_a_missed_target_is_marked_and_named() -> None:
+    assert not GOOD.misses
+    assert BAD.misses
+    nothing = Result("c", "m", float("inf"), "", target=1.0)
+    assert nothing.misses
+    assert nothing.row()[2] == "none x"
+    assert "0.7 x" in table([GOOD, BAD])
+    assert "0.7 x" in markdown([GOOD, BAD])
+    assert "missed: sysid/push_mass position error" in report([GOOD, BAD], Path("out"))
+    assert "every target is met" in report([GOOD], Path("out"))
+
+
+def test_a_second_call_runs_nothing_again_unless_told(tmp_path: Path) -> None:
+    cell = Counting()
+    for _ in range(2):
+        assert reproduce([cell], tmp_path, configs=CONFIGS) == [GOOD]
+    assert len(cell.calls) == 1
+    assert (tmp_path / "results.md").exists()
+
+
+def test_every_quick_cell_has_its_configuration() -> None:
+    for cell in QUICK:
+        if isinstance(cell, Fit):
+            assert (CONFIGS / f"{cell.name}.yaml").is_file()
+            assert (CONFIGS / "generate" / f"{cell.recordings.name}.yaml").is_file()
+
+
+def test_an_unknown_cell_or_profile_is_refused_with_the_nearest_name() -> None:
+    assert [cell.name for cell in choose("quick", ["sysid/push_mass"])] == ["sysid/push_mass"]
+    with pytest.raises(ConfigurationError, match=r"did you mean 'sysid/push_mass'"):
+        choose("quick", ["sysid/pushmass"])
+    with pytest.raises(ConfigurationError, match="unknown profile"):
+        choose("slow", [])

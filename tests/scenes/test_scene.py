@@ -1,0 +1,92 @@
+"""recording.yaml and the scene are the same thing, and mistakes in it are named."""
+
+import copy
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from physid.scenes.catalogue import SETUPS, bodies_of, find_setup, with_parameters
+from physid.scenes.scene import Body, Scene
+
+SAMPLE = yaml.safe_load("""
+format: physid-recordings
+version: 1
+scene: push
+time_step: 0.016666666666666666
+gravity: [0.0, 0.0, -9.81]
+ground: {normal: [0, 0, 1], offset: 0.0}
+bodies:
+  - {name: block, size: [0.2, 0.2, 0.2], mass: 1.0, friction: 0.3, restitution: 0.0, inertia: null}
+unknown: [block.friction]
+camera: null
+source: pybullet
+""")
+
+
+def changed(path: str, value: object) -> dict[str, Any]:
+    mapping = copy.deepcopy(SAMPLE)
+    place = mapping
+    *parents, last = path.split(".")
+    for key in parents:
+        place = place[int(key)] if isinstance(place, list) else place[key]
+    place[last] = value
+    return mapping
+
+
+def test_the_sample_of_the_format_is_read() -> None:
+    scene = Scene.from_mapping(SAMPLE)
+    assert scene.bodies == (Body("block", (0.2, 0.2, 0.2), 1.0, 0.3),)
+    assert scene.unknown == ("block.friction",)
+    assert scene.camera is None
+
+
+@pytest.mark.parametrize("setup", SETUPS, ids=lambda setup: setup.scene.name)
+def test_a_scene_written_and_read_again_is_the_same(setup: Any) -> None:
+    text = yaml.safe_dump(setup.scene.to_mapping())
+    assert Scene.from_mapping(yaml.safe_load(text)) == setup.scene
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "message"),
+    [
+        ("timestep", 0.1, 'unknown key "timestep"; did you mean "time_step"'),
+        ("bodies.0.frction", 0.1, 'bodies.0.: unknown key "frction"; did you mean "friction"'),
+        ("bodies.0.mass", -1.0, "block.mass must be a number above 0, got -1"),
+        ("bodies.0.mass", "heavy", r"bodies\[0\].mass must be a finite number, got 'heavy'"),
+        ("bodies.0.size", [1.0, 2.0], "must be a list of 3 numbers, got 2"),
+        ("unknown", ["block.fricton"], 'unknown parameter "block.fricton"; did you mean "block.friction"'),
+        ("ground", {"normal": [0, 0, 2], "offset": 0.0}, "ground.normal must have length 1, got 2"),
+        ("version", 2, "version 1, got 'physid-recordings', version 2"),
+        ("camera", {"width": 128}, "camera: missing key height, position, target, up, fov_y"),
+        ("time_step", 0.0, "time_step must be a number above 0"),
+    ],
+)
+def test_a_mistake_is_named(path: str, value: object, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        Scene.from_mapping(changed(path, value))
+
+
+def test_a_uniform_box_has_the_moments_of_the_textbook() -> None:
+    assert Body("block", (0.3, 0.2, 0.1), 12.0, 0.1).moments() == pytest.approx([0.05, 0.10, 0.13])
+
+
+def test_bodies_of_one_material_share_friction_but_not_mass() -> None:
+    collide = find_setup("collide").scene
+    assert bodies_of(collide, "block.friction") == (0, 1)
+    assert bodies_of(collide, "block.mass") == (0,)
+    changed_scene = with_parameters(collide, {"block.friction": 0.2, "block.mass": 3.0})
+    assert [body.friction for body in changed_scene.bodies] == [0.2, 0.2]
+    assert [body.mass for body in changed_scene.bodies] == [3.0, 1.0]
+
+
+def test_a_given_inertia_follows_the_mass() -> None:
+    body = Body("block", (0.3, 0.2, 0.1), 1.0, 0.1, inertia=(0.1, 0.2, 0.3))
+    heavier = with_parameters(find_setup("push").scene.with_bodies([body]), {"block.mass": 2.0})
+    assert np.allclose(heavier.bodies[0].moments(), [0.2, 0.4, 0.6])
+
+
+def test_an_unknown_scene_is_answered_with_the_nearest() -> None:
+    with pytest.raises(ValueError, match='unknown scene "colide"; did you mean "collide"'):
+        find_setup("colide")

@@ -1,0 +1,148 @@
+"""The rules of docs/architecture.md, read off the source."""
+
+from __future__ import annotations
+
+import ast
+import sys
+from pathlib import Path
+
+import pytest
+
+SOURCE = Path(__file__).parent.parent / "src" / "physid"
+MOST_LINES = 300
+MOST_LINES_OF_A_FUNCTION = 60
+
+RANKS = {
+    "physics": 0,
+    "effects": 1,
+    "scenes": 1,
+    "networks": 1,
+    "bullet": 2,
+    "data": 3,
+    "training": 4,
+    "diagnosis": 4,
+    "benchmark": 5,
+    "dashboard": 5,
+    "reproduce": 5,
+    "commands": 5,
+}
+TOP = 5  # modules beside the packages: the command line and what it needs
+HOMES = {
+    "pybullet": ("bullet/",),
+    "h5py": ("data/",),
+    "lightning": ("data/datamodule.py", "training/"),
+    "wandb": ("training/",),
+    "jsonargparse": ("cli.py",),
+    "omegaconf": ("configuration.py",),
+    "numba": ("physics/",),
+    "llvmlite": ("physics/",),
+}
+TRUTH = "physid.data.truth"
+TRUTH_READERS = ("data/generate.py", "training/callbacks/", "scoring.py")
+FORBIDDEN_NAMES = {"utils", "util", "helpers", "helper", "common", "manager", "misc"}
+
+FILES = sorted(SOURCE.rglob("*.py"))
+NAMES = [path.relative_to(SOURCE).as_posix() for path in FILES]
+
+
+def imports(path: Path) -> set[str]:
+    """Return every module that a file imports, wherever in the file."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            assert node.level == 0, f"{path}: relative import"
+            found |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
+    return found
+
+
+def rank(name: str) -> int:
+    """Return the rank of a file by its path below physid."""
+    return RANKS.get(name.split("/")[0], TOP)
+
+
+def imported_files(path: Path) -> set[str]:
+    """Return the packages and modules of physid that a file imports, as paths below physid."""
+    return {each.removeprefix("physid.").replace(".", "/") for each in imports(path) if each.startswith("physid.")}
+
+
+def test_every_package_has_a_rank() -> None:
+    packages = {path.name for path in SOURCE.iterdir() if path.is_dir() and list(path.glob("*.py"))}
+    assert packages <= RANKS.keys()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_module_imports_its_own_package_or_lower_ranks_only(name: str) -> None:
+    own = name.split("/")[0].removesuffix(".py")
+    for other in imported_files(SOURCE / name):
+        package = other.split("/")[0]
+        known = package in RANKS or (SOURCE / f"{package}.py").exists()
+        allowed = package == own or rank(other) < rank(name) or (rank(name) == TOP and rank(other) == TOP)
+        assert allowed or not known, f"{name} (rank {rank(name)}) imports {other} (rank {rank(other)})"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_third_parties_stay_at_home(name: str) -> None:
+    for module in imports(SOURCE / name):
+        homes = HOMES.get(module.split(".")[0])
+        assert homes is None or name.startswith(homes), f"{name} imports {module}, whose home is {', '.join(homes)}"
+
+
+def test_the_physics_needs_torch_and_its_compiler_only() -> None:
+    allowed = {"physid", "torch", "numpy", "numba", "llvmlite", *sys.stdlib_module_names}
+    for path in FILES:
+        if path.is_relative_to(SOURCE / "physics"):
+            strangers = {module.split(".")[0] for module in imports(path)} - allowed
+            assert not strangers, f"{path.name} imports {', '.join(strangers)}"
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if not name.startswith(TRUTH_READERS)])
+def test_the_truth_is_read_by_generation_by_scoring_and_by_callbacks_only(name: str) -> None:
+    if name == "data/truth.py":
+        return
+    reading = [module for module in imports(SOURCE / name) if module.startswith(TRUTH)]
+    assert not reading, f"{name} imports {reading[0]}"
+    behind_its_back = rank(name) >= RANKS["training"] and "truth.yaml" in (SOURCE / name).read_text()
+    assert not behind_its_back, f"{name} names the truth file"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_files_and_functions_are_short(name: str) -> None:
+    text = (SOURCE / name).read_text()
+    assert text.count("\n") <= MOST_LINES
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.FunctionDef):
+            assert node.end_lineno is not None
+            lines = node.end_lineno - node.lineno + 1
+            assert lines <= MOST_LINES_OF_A_FUNCTION, f"{name}: {node.name} has {lines} lines"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_name_says_what_a_module_is_about(name: str) -> None:
+    assert not FORBIDDEN_NAMES & set(name.removesuffix(".py").split("/"))
+
+
+def test_every_effect_has_its_own_file_and_stands_in_the_catalogue() -> None:
+    from physid.effects import CATALOGUE
+
+    written: dict[str, str] = {}
+    for path in (SOURCE / "effects").glob("*.py"):
+        for node in ast.parse(path.read_text()).body:
+            if isinstance(node, ast.ClassDef) and any(ast.unparse(base) == "Effect" for base in node.bases):
+                assert path.stem not in written.values(), f"{path.name} holds two effects"
+                written[node.name] = path.stem
+    listed = {effect.__name__: effect.name for effect in CATALOGUE}
+    assert listed == written
+    assert len(CATALOGUE) == len(listed)
+
+
+def test_inheritance_within_the_project_is_of_depth_one() -> None:
+    bases: dict[str, list[str]] = {}
+    for path in FILES:
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ClassDef):
+                bases[node.name] = [ast.unparse(base).split("[")[0].split(".")[-1] for base in node.bases]
+    for name, parents in bases.items():
+        grand = [base for parent in parents if parent in bases for base in bases[parent] if base in bases]
+        assert not grand, f"{name} inherits from {parents[0]}, which inherits from {grand[0]}"

@@ -1,0 +1,158 @@
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from physid.cli import main, shorten, sort_words
+from physid.commands import COMMANDS, Command
+from physid.configuration import compose
+
+HELP_SECONDS = 0.5
+HEAVY = (
+    "torch",
+    "lightning",
+    "pybullet",
+    "h5py",
+    "numba",
+    "matplotlib",
+    "plotly",
+    "wandb",
+    "jsonargparse",
+    "omegaconf",
+)
+PUSH = str(Path(__file__).parent.parent / "configs" / "generate" / "push.yaml")
+COMMAND = [sys.executable, "-m", "physid.cli"]
+
+
+def test_help_answers_at_once_and_loads_nothing_heavy() -> None:
+    code = (
+        "import sys; from physid.cli import main; main(['--help']); "
+        f"sys.exit(', '.join(name for name in {HEAVY} if name in sys.modules) or 0)"
+    )
+    seconds = []
+    for _ in range(3):
+        start = time.perf_counter()
+        answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+        seconds.append(time.perf_counter() - start)
+        assert answer.returncode == 0, f"--help loads {answer.stderr}"
+    assert min(seconds) < HELP_SECONDS
+
+
+def test_the_overview_lists_every_command(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([]) == 0
+    printed = capsys.readouterr().out
+    assert all(f"  {command.name} " in printed and command.summary in printed for command in COMMANDS)
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command.name)
+def test_the_help_of_a_command_teaches_it(command: Command, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([command.name, "--help"]) == 0
+    printed = capsys.readouterr().out
+    assert f"\n  physid {command.name} " in printed, "an example is missing"
+    assert all(f"--{option.replace('_', '-')}" in printed for option in command.options)
+    assert not any("{true,false}" in line or "Args:" in line for line in printed.splitlines())
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["genrate"], 'unknown command "genrate"; did you mean "generate"?'),
+        (["generate"], "generate needs a configuration: --config FILE"),
+        (["generate", "--config"], "--config: no such option, or its value is missing"),
+        (["generate", "--config", PUSH.replace("push", "psuh")], "psuh.yaml does not exist; did you mean"),
+        (["generate", "--config", PUSH, "stpes=3"], 'unknown key "stpes"; did you mean "steps"?'),
+        (["generate", "--config", PUSH, "steps=many"], "steps must be a whole number"),
+        (["generate", "--config", PUSH, "scene=pusk"], 'unknown scene "pusk"; did you mean "push"?'),
+        (["generate", "--config", PUSH, "--worker", "2"], 'no option --worker; did you mean "--workers"?'),
+        (["generate", "--config", PUSH, "--workers=two"], "generate: workers: expected int, got two"),
+        (["generate", "--config", PUSH, "stray"], "generate: unrecognized arguments: stray"),
+        (["import", "cube-toss", "x"], "import: kind: expected one of 'cube-tosses', got cube-toss"),
+        (["import", "cube-tosses"], "import: the following arguments are required: folder"),
+        (["effects", "--site=contacts"], "effects: site: expected one of"),
+        (["effects", "site=contact"], 'effects has no option "site"; did you mean "--site"?'),
+    ],
+)
+def test_a_mistake_is_one_line_and_exit_code_2(
+    words: list[str], message: str, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(words) == 2
+    error = capsys.readouterr().err.strip()
+    assert message in error
+    assert len(error.splitlines()) == 1
+    assert not list(tmp_path.rglob("*"))
+
+
+def test_a_traceback_is_there_for_who_asks(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PHYSID_TRACEBACK", "1")
+    with pytest.raises(ValueError, match="unknown command"):
+        main(["genrate"])
+
+
+def test_words_are_files_overrides_or_options_in_any_order_and_spelling() -> None:
+    words = ["a.b=1", "--run-dir", "x", "--config=f", "--c.d", "-3", "--resume", "--e=2", "place", "--config", "g"]
+    sorted_words = sort_words(words, {"run_dir": True, "resume": False})
+    assert sorted_words.files == ("f", "g")
+    assert sorted_words.overrides == ("a.b=1", "c.d=-3", "e=2")
+    assert sorted_words.own == ("--run_dir=x", "--resume=true", "place")
+
+
+def test_the_resolved_configuration_can_be_looked_at(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    assert main(["generate", "--config", PUSH, "--print-config", "steps=7"]) == 0
+    printed = tmp_path / "printed.yaml"
+    printed.write_text(capsys.readouterr().out)
+    assert compose([printed]).values == compose([PUSH], ["steps=7"]).values
+
+
+def test_a_long_message_of_the_parser_becomes_one_line() -> None:
+    message = (
+        'Parser key "model":\n  Does not validate against any of the Union subtypes\n  Errors:\n'
+        "    - Problem with given class_path 'a.B':\n        Parser key \"rate\":\n"
+        "          Expected a <class 'float'>. Got value: abc\n    - Expected a <class 'NoneType'>\n"
+        "  Given value type: <class 'dict'>\n  Given value: {}"
+    )
+    assert shorten(message) == "model.rate: expected float, got abc"
+    importing = message.replace(
+        message[message.index("        Parser") : message.index("    - Expected")], " " * 8 + "why\n"
+    )
+    assert shorten(importing) == "model: a.B: why"
+    failed = "Does not validate\nErrors:\n  - mass must be positive\n    got -1\n  - Expected a <class 'NoneType'>"
+    assert shorten(failed) == "mass must be positive\ngot -1"
+
+
+def test_generate_makes_a_recording_set_that_can_be_read(recordings: Callable[[str], Path]) -> None:
+    from physid.data.format import RecordingSet
+
+    made = RecordingSet(recordings("push"))
+    assert (len(made), made.scene.name) == (10, "push")
+
+
+def test_a_reader_that_has_seen_enough_is_no_error() -> None:
+    piped = subprocess.run(
+        f"{' '.join(COMMAND)} effects | head -n 1", shell=True, capture_output=True, text=True, check=False
+    )
+    assert piped.stdout.count("\n") == 1
+    assert not piped.stderr
+
+
+def test_an_interrupted_generation_exits_with_130_and_goes_on(tmp_path: Path) -> None:
+    words = ["generate", "--config", PUSH, "--out", str(tmp_path / "set"), "--workers=1", "--quiet", "video=false"]
+    running = subprocess.Popen(
+        [*COMMAND, *words, "trajectories=100000", "steps=20"], stderr=subprocess.PIPE, text=True, env=dict(os.environ)
+    )
+    while not list(tmp_path.glob("set/trajectories/*.h5")):
+        assert running.poll() is None
+        time.sleep(0.05)
+    running.send_signal(signal.SIGINT)
+    _, error = running.communicate(timeout=30)
+    assert running.returncode == 130
+    assert error.strip() == "interrupted"
+    count = len(list(tmp_path.glob("set/trajectories/*.h5")))
+    assert main([*words, f"trajectories={count + 1}", "steps=20"]) == 0

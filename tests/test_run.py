@@ -1,0 +1,173 @@
+"""Runs of the Trainer in a folder: with a model that draws random numbers, so that only an exact resume is equal."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+from pathlib import Path
+from typing import Any
+
+import lightning as L
+import pytest
+import torch
+from torch import Tensor
+from torch.utils.data import DataLoader, TensorDataset
+
+from physid.cli import main
+
+
+class Noisy(L.LightningModule):
+    """A regression with dropout; `interrupt_in` presses Ctrl-C in that epoch, `fail` raises a message for the user."""
+
+    def __init__(self, rate: float = 0.1, interrupt_in: int | None = None, fail: bool = False) -> None:
+        super().__init__()
+        self.net = torch.nn.Sequential(torch.nn.Dropout(0.5), torch.nn.Linear(3, 1))
+        self.rate, self.interrupt_in = rate, interrupt_in
+        if fail:
+            raise ValueError("fail must be false, got true")
+
+    def training_step(self, batch: list[Tensor], batch_idx: int) -> Tensor:
+        if self.interrupt_in == self.current_epoch and batch_idx == 1:
+            os.kill(os.getpid(), signal.SIGINT)
+        loss: Tensor = (self.net(batch[0]) - batch[0].sum(-1, keepdim=True)).square().mean()
+        self.log("train/loss", loss, on_step=False, on_epoch=True)
+        self.log("params/block.friction/estimate", self.net[1].weight.sum())
+        self.log("params/block.friction/true", 3.0)
+        return loss
+
+    def test_step(self, batch: list[Tensor], batch_idx: int) -> None:
+        self.log("test/position_error", (self.net(batch[0]) - 1).abs().mean())
+
+    validation_step = test_step
+
+    def configure_optimizers(self) -> torch.optim.Optimizer:
+        return torch.optim.Adam(self.parameters(), self.rate)
+
+
+class Points(L.LightningDataModule):
+    """Twelve points, shuffled."""
+
+    def train_dataloader(self) -> DataLoader[Any]:
+        return DataLoader(TensorDataset(torch.arange(36.0).reshape(12, 3) / 36), batch_size=4, shuffle=True)
+
+    def test_dataloader(self) -> DataLoader[Any]:
+        return DataLoader(TensorDataset(torch.ones(4, 3)))
+
+    val_dataloader = test_dataloader
+
+
+@pytest.fixture
+def config(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "noisy.yaml"
+    path.write_text(
+        f"seed_everything: 3\nmodel: {{class_path: {__name__}.Noisy}}\ndata: {{class_path: {__name__}.Points}}\n"
+        "trainer: {max_epochs: 4, accelerator: cpu}\n"
+    )
+    return str(path)
+
+
+def history(folder: Path) -> list[dict[str, str]]:
+    with (folder / "metrics.csv").open() as file:
+        return list(csv.DictReader(file))
+
+
+def figures(folder: Path) -> dict[str, float]:
+    read: dict[str, float] = json.loads((folder / "metrics.json").read_text())
+    del read["seconds"]
+    return read
+
+
+def test_a_fit_leaves_its_configuration_history_figures_and_checkpoint(
+    config: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["fit", "--config", config]) == 0
+    folder = Path("runs/noisy")
+    assert {"config.yaml", "metrics.csv", "metrics.json"} <= {path.name for path in folder.iterdir()}
+    assert (folder / "checkpoints" / "last.ckpt").exists()
+    assert {"train/loss", "params/block.friction/estimate", "test/position_error"} <= figures(folder).keys()
+    assert len(history(folder)) >= 4
+    assert figures(folder)["lr/0"] == pytest.approx(0.1)
+    printed = capsys.readouterr().out
+    assert "block.friction" in printed
+    assert "true 3" in printed
+
+
+def test_the_written_configuration_repeats_the_run(config: str) -> None:
+    assert main(["fit", "--config", config, "model.rate=0.05"]) == 0
+    assert main(["fit", "--config", "runs/noisy/config.yaml", "--run-dir", "runs/again"]) == 0
+    assert figures(Path("runs/again")) == figures(Path("runs/noisy"))
+
+
+def test_an_interrupted_run_goes_on_exactly_where_it_stopped(config: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["fit", "--config", config, "--run-dir=runs/whole"]) == 0
+    halves = ["fit", "--config", config, "--run-dir=runs/halves"]
+    assert main([*halves, "model.interrupt_in=2"]) == 130
+    message = capsys.readouterr().err.strip()
+    assert message.splitlines()[-1].startswith("interrupted: in epoch 2")
+    assert main([*halves, "--resume"]) == 0
+    assert figures(Path("runs/halves")) == figures(Path("runs/whole"))
+    assert history(Path("runs/halves")) == history(Path("runs/whole"))
+
+
+def test_a_run_interrupted_before_its_first_checkpoint_starts_again(config: str) -> None:
+    assert main(["fit", "--config", config, "model.interrupt_in=0"]) == 130
+    assert main(["fit", "--config", config, "--resume"]) == 0
+
+
+def test_an_earlier_run_is_neither_overwritten_nor_mixed_unless_asked(
+    config: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["fit", "--config", config, "trainer.max_epochs=1"]) == 0
+    before = figures(Path("runs/noisy"))
+    assert main(["fit", "--config", config, "trainer.max_epochs=2"]) == 2
+    assert "--resume" in capsys.readouterr().err
+    assert figures(Path("runs/noisy")) == before
+    assert main(["fit", "--config", config, "trainer.max_epochs=2", "--overwrite"]) == 0
+    assert figures(Path("runs/noisy")) != before
+
+
+def test_test_and_validate_measure_the_checkpoint_of_a_run(config: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["fit", "--config", config]) == 0
+    expected = f"{figures(Path('runs/noisy'))['test/position_error']:.6g}"
+    for stage in ("test", "validate"):
+        capsys.readouterr()
+        assert main([stage, "--run-dir", "runs/noisy"]) == 0
+        assert expected in capsys.readouterr().out
+
+
+def test_wandb_is_offline_unless_asked(config: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("WANDB_MODE")
+    assert main(["fit", "--config", config, "trainer.max_epochs=1"]) == 0
+    assert list(Path("runs/noisy/wandb").glob("offline-run-*"))
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["model.rat=1"], 'command line: unknown key "model.rat"; did you mean "rate"?'),
+        (["model.rate=abc"], "model.rate: expected float, got abc"),
+        (["trainer.max_epoch=1"], 'command line: unknown key "trainer.max_epoch"; did you mean "max_epochs"?'),
+        (["trainer.max_epochs=x"], "trainer.max_epochs: expected int or null, got x"),
+        (["modl.rate=1"], 'command line: unknown key "modl"; did you mean "model"?'),
+        (["model.fail=true"], "fail must be false, got true"),
+        (["wandb=sometimes"], "wandb must be one of offline, online, disabled, got 'sometimes'"),
+        (["--resum"], '--resum: no such option, or its value is missing; did you mean "--resume"?'),
+    ],
+)
+def test_a_mistake_ends_in_one_line_and_exit_code_2(
+    config: str, words: list[str], message: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if words[0].startswith("wandb"):
+        monkeypatch.delenv("WANDB_MODE")
+    assert main(["fit", "--config", config, *words]) == 2
+    error = capsys.readouterr().err.strip()
+    assert error.startswith(f"physid: {message}")
+    assert len(error.splitlines()) == 1
+
+
+def test_without_a_checkpoint_there_is_nothing_to_test(config: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["test", "--config", config]) == 2
+    assert "run `physid fit` first" in capsys.readouterr().err

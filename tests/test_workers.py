@@ -1,0 +1,125 @@
+"""Independent tasks on a Dask cluster: a scheduler and two workers, each a process of its own, on the loopback."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from physid.cli import main
+from physid.data.format import SUMS
+from physid.workers import ClusterError, running_on
+
+GENERATE = ["generate", "--config", str(Path(__file__).parent.parent / "configs" / "generate" / "push.yaml"), "--quiet"]
+SET = ["trajectories=24", "steps=40"]  # with video, so that a trajectory takes long enough to be interrupted
+PATIENCE = 60.0  # [s]
+
+
+@dataclass
+class Cluster:
+    """A scheduler and its workers."""
+
+    address: str
+    workers: list[subprocess.Popen[bytes]]
+
+
+def start(*words: str) -> subprocess.Popen[bytes]:
+    """Start one of Dask's programs, silently, in a process of its own."""
+    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+    command = [sys.executable, "-W", "ignore", "-m", "distributed.cli." + words[0], *words[1:]]
+    return subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@pytest.fixture
+def cluster(tmp_path: Path) -> Iterator[Cluster]:
+    pytest.importorskip("distributed", reason="needs the extra dask: pip install 'physid[dask]'")
+    from distributed import Client
+
+    address = f"tcp://127.0.0.1:{free_port()}"
+    port = address.rpartition(":")[2]
+    scheduler = start("dask_scheduler", "--host", "127.0.0.1", "--port", port, "--no-dashboard")
+    quiet = ["--no-nanny", "--no-dashboard", "--nthreads", "1", "--host", "127.0.0.1"]
+    workers = [start("dask_worker", address, *quiet, "--local-directory", str(tmp_path / name)) for name in "ab"]
+    try:
+        with Client(address, timeout=PATIENCE, set_as_default=False) as client:
+            client.wait_for_workers(2, timeout=PATIENCE)
+        yield Cluster(address, workers)
+    finally:
+        for process in (*workers, scheduler):
+            process.kill()
+            process.wait()
+
+
+def kill_when(process: subprocess.Popen[bytes], ready: Callable[[], bool]) -> Callable[[], None]:
+    """Start a thread that kills a process once something is so; returns what waits for it."""
+    import threading
+
+    def watch() -> None:
+        end = time.monotonic() + PATIENCE
+        while not ready() and time.monotonic() < end:
+            time.sleep(0.02)
+        process.send_signal(signal.SIGKILL)
+
+    thread = threading.Thread(target=watch)
+    thread.start()
+    return thread.join
+
+
+@pytest.mark.slow
+def test_a_worker_that_is_killed_half_way_costs_no_trajectory_and_changes_no_byte(
+    cluster: Cluster, tmp_path: Path
+) -> None:
+    made, expected = tmp_path / "dask", tmp_path / "alone"
+    written = lambda: len(list(made.glob("trajectories/*.h5")))  # noqa: E731
+    joined = kill_when(cluster.workers[0], lambda: written() >= 6)
+    words = ["--backend=dask", f"--scheduler={cluster.address}"]
+    assert main([*GENERATE, f"--out={made}", *words, *SET]) == 0
+    joined()
+    assert cluster.workers[0].poll() == -signal.SIGKILL
+    assert cluster.workers[1].poll() is None
+    assert main([*GENERATE, f"--out={expected}", "--workers=1", *SET]) == 0
+    assert (made / SUMS).read_text() == (expected / SUMS).read_text()
+    assert len((made / SUMS).read_text().splitlines()) == 1 + 24
+
+
+@pytest.mark.slow
+def test_cells_of_a_reproduction_spread_over_the_workers(cluster: Cluster, tmp_path: Path) -> None:
+    import json
+
+    configs = GENERATE[2].rpartition("/generate")[0]
+    words = ["reproduce", f"--configs={configs}", "--workers=1", "--cell=sysid/push_mass,sysid/push_friction"]
+    spread = [f"--out={tmp_path / 'spread'}", "--backend=dask", f"--scheduler={cluster.address}", "--at-once=2"]
+    assert main([*words, *spread]) == 0
+    assert main([*words, f"--out={tmp_path / 'alone'}"]) == 0
+    tables = [json.loads((tmp_path / name / "results.json").read_text()) for name in ("spread", "alone")]
+    figures = [[row for row in table if row["metric"] != "time"] for table in tables]
+    assert figures[0] == figures[1]
+    assert len(figures[0]) > 4
+
+
+def test_a_cluster_without_an_address_is_refused_with_the_remedy(capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("distributed", reason="needs the extra dask: pip install 'physid[dask]'")
+    assert main([*GENERATE, "--backend=dask"]) == 2
+    assert "--scheduler tcp://HOST:8786" in capsys.readouterr().err
+
+
+def test_a_scheduler_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("distributed", reason="needs the extra dask: pip install 'physid[dask]'")
+    monkeypatch.setattr("physid.workers.ANSWER", 1.0)
+    address = f"tcp://127.0.0.1:{free_port()}"
+    with pytest.raises(ClusterError, match=address), running_on("dask", address):
+        pass

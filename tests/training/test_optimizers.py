@@ -1,0 +1,72 @@
+"""Gauss-Newton and the search on a lattice."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+import torch
+from torch import Tensor, nn
+
+from physid.training.gauss_newton import GaussNewton
+from physid.training.pattern_search import PatternSearch
+
+CLOSE = 1e-6
+
+
+def closure_of(optimizer: torch.optim.Optimizer, loss: Callable[[], Tensor]) -> Callable[[], Tensor]:
+    def closure() -> Tensor:
+        optimizer.zero_grad()
+        value = loss()
+        value.backward()
+        return value
+
+    return closure
+
+
+def test_gauss_newton_solves_a_linear_problem_in_one_step() -> None:
+    matrix = torch.tensor([[2.0, 0.5], [0.0, 1.0], [1.0, 1.0]], dtype=torch.float64)
+    wanted = torch.tensor([0.3, -0.2], dtype=torch.float64)
+    x = nn.Parameter(torch.zeros(2, dtype=torch.float64))
+    optimizer = GaussNewton([x], damping=1e-9)
+    loss = closure_of(optimizer, lambda: (matrix @ (x - wanted)).square().sum())
+    optimizer.step(loss, lambda: 2 * matrix.T @ matrix)
+    assert (x - wanted).abs().max() < CLOSE
+
+
+def test_a_step_that_made_the_loss_worse_is_taken_back() -> None:
+    x = nn.Parameter(torch.tensor([1.0], dtype=torch.float64))
+    optimizer = GaussNewton([x], max_step=10.0)
+    loss = closure_of(optimizer, lambda: x.square().sum())
+    optimizer.step(loss, lambda: torch.tensor([[0.4]]).double())  # five times too small: jumps to -4
+    assert float(x.detach()) == pytest.approx(-4, abs=0.01)
+    for _ in range(40):
+        optimizer.step(loss, lambda: torch.tensor([[2.0]]).double())
+    assert abs(float(x.detach())) < CLOSE
+
+
+def test_a_parameter_without_influence_stays_and_hinders_no_other() -> None:
+    x = nn.Parameter(torch.tensor([1.0, 1.0], dtype=torch.float64))
+    optimizer = GaussNewton([x])
+    loss = closure_of(optimizer, lambda: x[0].square() + 1e-13 * x[1])
+    for _ in range(5):
+        optimizer.step(loss, lambda: torch.tensor([[2.0, 0.0], [0.0, 1e-18]]).double())
+    assert abs(float(x.detach()[0])) < CLOSE
+    assert abs(float(x.detach()[1]) - 1) < 1e-3
+
+
+def test_a_search_on_a_lattice_overlooks_ripples() -> None:
+    def rippled(point: Tensor) -> Tensor:
+        bowl = (point - torch.tensor([0.4, -0.7])).square().sum(-1)
+        return bowl + 1e-3 * torch.sin(3e4 * point.sum(-1))
+
+    x = nn.Parameter(torch.zeros(2, dtype=torch.float64))
+    optimizer = PatternSearch([x], spacing=0.25)
+    for _ in range(25):
+        optimizer.step(closure_of(optimizer, lambda: rippled(x)), rippled)
+    assert (x.detach() - torch.tensor([0.4, -0.7])).abs().max() < 0.05
+
+
+def test_networks_are_refused() -> None:
+    with pytest.raises(ValueError, match="one tensor"):
+        GaussNewton([nn.Parameter(torch.zeros(1)), nn.Parameter(torch.zeros(1))])

@@ -1,0 +1,50 @@
+"""Learned parameters: positive, shared by a material, batched."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from physid.physics.parameters import box_inertia
+from physid.scenes.catalogue import find_setup
+from physid.training.physical_parameters import PhysicalParameters
+
+EXACT = 1e-14
+COLLIDE = find_setup("collide").scene
+
+
+def test_bodies_of_one_material_share_their_friction() -> None:
+    physical = PhysicalParameters(COLLIDE, ["block.friction"], {"block.friction": 0.3})
+    assert physical().friction.tolist() == [[pytest.approx(0.3), pytest.approx(0.3)]]
+
+
+def test_the_inertia_follows_the_mass_of_its_body_alone() -> None:
+    physical = PhysicalParameters(COLLIDE, ["block.mass"])
+    with torch.no_grad():
+        physical.logarithm += 1.0
+        known = physical()
+    expected = box_inertia(known.mass, known.size)
+    assert torch.allclose(known.inertia, expected, atol=EXACT)
+    assert known.mass[0, 1] == COLLIDE.bodies[1].mass
+
+
+def test_a_batch_of_candidates_has_one_row_for_each() -> None:
+    physical = PhysicalParameters(COLLIDE, ["block.mass", "block.friction"])
+    candidates = torch.tensor([[0.0, -1.0], [1.0, -2.0]], dtype=torch.float64)
+    known = physical(candidates)
+    assert torch.allclose(known.mass[:, 0], candidates[:, 0].exp())
+    assert torch.allclose(known.friction, candidates[:, 1:].exp().expand(2, 2))
+
+
+@pytest.mark.parametrize(
+    ("learn", "message"),
+    [
+        ([], "say what to learn"),
+        (["block.fricton"], 'did you mean "block.friction"'),
+        (["block.friction", "other.friction"], "one material"),
+        (["block.restitution"], "must be positive"),
+    ],
+)
+def test_what_cannot_be_learned_is_refused(learn: list[str], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        PhysicalParameters(COLLIDE, learn)

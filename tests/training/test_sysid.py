@@ -1,0 +1,148 @@
+"""Identification of known parameters, its errors, and exact resume."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import lightning as L
+import pytest
+import torch
+from tests.training.pushed import SCENE, TRUE_FRICTION, push_batch
+from torch.optim import LBFGS, Adam
+from torch.utils.data import DataLoader
+
+from physid.cli import main
+from physid.training import baselines
+from physid.training.base import NonFiniteLossError, OptimizerFactory
+from physid.training.gauss_newton import GaussNewton
+from physid.training.sysid import SysID
+from physid.training.trajectories import Trajectories
+
+FOUND = 1e-3
+SMOOTHED = 1e-6  # contacts act a little across a gap
+CONFIG = Path(__file__).parents[2] / "configs" / "sysid" / "push_friction.yaml"
+
+
+class OneBatch(L.LightningDataModule):
+    """One batch of a known scene."""
+
+    def __init__(self, batch: dict[str, Any]) -> None:
+        super().__init__()
+        self.scene, self.batch = SCENE, batch
+
+    def train_dataloader(self) -> DataLoader[Any]:
+        return DataLoader([self.batch], batch_size=None)
+
+    test_dataloader = train_dataloader
+
+
+def trainer(folder: Path, epochs: int) -> L.Trainer:
+    quiet = {"logger": False, "enable_progress_bar": False, "enable_model_summary": False}
+    return L.Trainer(max_epochs=epochs, accelerator="cpu", default_root_dir=folder, enable_checkpointing=False, **quiet)
+
+
+@pytest.mark.filterwarnings("ignore::lightning.fabric.utilities.warnings.PossibleUserWarning")
+@pytest.mark.filterwarnings("ignore:.isinstance.treespec")  # Lightning's own use of torch
+@pytest.mark.parametrize(
+    ("optimizer", "epochs"),
+    [
+        (GaussNewton, 6),
+        (partial(LBFGS, line_search_fn="strong_wolfe"), 2),
+        (partial(Adam, lr=0.1, betas=(0.5, 0.9)), 80),
+    ],
+    ids=["Gauss-Newton", "L-BFGS", "Adam"],
+)
+def test_every_optimizer_finds_the_friction(optimizer: OptimizerFactory, epochs: int, tmp_path: Path) -> None:
+    module = SysID(values={"block.friction": 2 * TRUE_FRICTION}, optimizer=optimizer)
+    run = trainer(tmp_path, epochs)
+    run.fit(module, OneBatch(push_batch()))
+    assert module.physical.estimates()["block.friction"] == pytest.approx(TRUE_FRICTION, rel=FOUND)
+    with (tmp_path / "parameters.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == epochs + 1
+    assert float(rows[0]["block.friction"]) == pytest.approx(2 * TRUE_FRICTION)
+    assert float(rows[-1]["evaluations"]) == float(module.evaluations)
+
+
+@pytest.mark.filterwarnings("ignore::lightning.fabric.utilities.warnings.PossibleUserWarning")
+@pytest.mark.filterwarnings("ignore:.isinstance.treespec")
+def test_an_estimate_that_the_trajectories_cannot_tell_comes_with_a_warning(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    resting = push_batch() | {"wrench": torch.zeros(3, 25, 1, 6, dtype=torch.float64)}
+    trainer(tmp_path, 1).fit(SysID(), OneBatch(resting))
+    assert "block.friction: not at all" in caplog.text
+    caplog.clear()
+    trainer(tmp_path, 1).fit(SysID(), OneBatch(push_batch(frames=60)))
+    assert "not at all" not in caplog.text
+
+
+def test_the_gradient_of_the_loss_agrees_with_differences() -> None:
+    module = SysID(values={"block.friction": 1.5 * TRUE_FRICTION}, segment=8).attach(SCENE)
+    batch = push_batch()
+
+    def loss() -> torch.Tensor:
+        return torch.stack([value.mean() for value in module.losses(batch).values()]).sum()
+
+    (slope,) = torch.autograd.grad(loss(), [module.physical.logarithm])
+    values = []
+    for move in (1e-4, -2e-4):
+        with torch.no_grad():
+            module.physical.logarithm += move
+            values.append(float(loss()))
+    assert float(slope) == pytest.approx((values[0] - values[1]) / 2e-4, rel=1e-4)
+
+
+def test_a_loss_that_is_not_finite_names_the_trajectory() -> None:
+    module = SysID().attach(SCENE)
+    batch = push_batch() | {"index": torch.tensor([4, 7, 9])}
+    with pytest.raises(NonFiniteLossError, match="the loss position of trajectory 7 is not finite"):
+        module._require_finite({"position": torch.tensor([0.0, math.nan, 0.0])}, batch)
+
+
+def test_the_errors_of_a_perfect_model_are_zero_over_segments_and_over_whole_trajectories() -> None:
+    module = SysID(test_segment=6).attach(SCENE)
+    batch = push_batch()
+    with torch.no_grad():
+        module.validation_step(batch, 0)
+    for name in ("segments", "whole"):
+        assert float(module.errors[name].take()["position_error"]) < 1e-6
+
+
+def test_free_flight_is_the_ballistic_baseline_until_touch_down() -> None:
+    module = SysID().attach(SCENE)
+    batch = push_batch(count=1, frames=60)
+    batch["pose"] = batch["pose"].clone()
+    batch["pose"][:, 0, :, 2] += 0.05
+    batch["twist"][:, 0] = torch.tensor([0.0, 0.0, 1.0, 0.5, 0.0, 0.0])
+    batch["wrench"] = torch.zeros_like(batch["wrench"])
+    known = Trajectories.of(batch, SCENE.time_step)
+    with torch.no_grad():
+        predicted = module.layer.rollout(known.start, known.wrench[:, :-1], module.physical()).pose
+    flown = baselines.ballistic(known, SCENE)
+    assert torch.allclose(flown[:, :20], predicted[:, :20], atol=SMOOTHED)
+    assert torch.equal(flown[:, 40], flown[:, 59])
+    assert torch.equal(baselines.held(known)[:, 5], known.pose[:, 0])
+
+
+def test_a_resumed_identification_equals_one_in_one_go(recordings: Callable[[str], Path], tmp_path: Path) -> None:
+    common = ["--config", str(CONFIG), f"data.folder={recordings('push')}", "data.limit=2"]
+
+    def fit(name: str, epochs: int, *more: str) -> dict[str, float]:
+        folder = tmp_path / name
+        budget = [f"trainer.max_epochs={epochs}", "trainer.callbacks=[]"]
+        assert main(["fit", *common, *budget, f"--run-dir={folder}", *more]) == 0
+        figures: dict[str, float] = json.loads((folder / "metrics.json").read_text())
+        return figures
+
+    fit("parts", 2)
+    parts, whole = fit("parts", 4, "--resume"), fit("whole", 4)
+    del parts["seconds"], whole["seconds"]
+    assert parts == whole
+    assert (tmp_path / "parts/parameters.csv").read_text() == (tmp_path / "whole/parameters.csv").read_text()
