@@ -55,6 +55,17 @@ def test_a_second_call_runs_nothing_again_unless_told(tmp_path: Path) -> None:
     assert (tmp_path / "results.md").exists()
 
 
+def test_relative_folders_hold_where_worker_processes_outlive_a_call(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cells = [Counting(name="sysid/one"), Counting(name="sysid/two")]
+    for place in (tmp_path / "first", tmp_path / "second"):
+        place.mkdir()
+        monkeypatch.chdir(place)
+        assert reproduce(cells, Path("runs"), configs=CONFIGS, at_once=2) == [GOOD, GOOD]
+        assert (place / "runs/sysid/two").is_dir()
+
+
 def test_every_quick_cell_has_its_configuration() -> None:
     for cell in QUICK:
         if isinstance(cell, Fit):

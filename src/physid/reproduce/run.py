@@ -56,7 +56,9 @@ def reproduce(
         _record(recordings, out / "data", configs, workers)
     start = time.monotonic()
     parallel = joblib.Parallel(n_jobs=at_once, return_as="generator_unordered", batch_size=1)
-    done = parallel(joblib.delayed(_measure)(cell, out, configs) for cell in missing)
+    # Worker processes outlive a call and keep the folder they started in: a relative path would mislead them.
+    places = out.absolute(), configs.absolute()
+    done = parallel(joblib.delayed(_measure)(cell, *places) for cell in missing)
     for number, name in enumerate(done, 1):
         print(f"[{number}/{len(missing)}] {name}{_remaining(start, number, len(missing))}", flush=True)
     results = [result for cell in cells for result in read_results(out / cell.name / RESULTS)]
