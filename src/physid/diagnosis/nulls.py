@@ -31,8 +31,9 @@ class Nulls:
 
 
 def draw_nulls(
-    prepared: Prepared,
+    experiment: Experiment,
     fit: Fit,
+    noise: Noise,
     effects: tuple[Effect, ...],
     generator: torch.Generator,
     replays: int = REPLAYS,
