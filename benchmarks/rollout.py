@@ -21,6 +21,9 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
+# As `physid` itself does: idle threads of torch would spin and take the cores away. Read when torch loads.
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+
 import numpy as np
 import torch
 from torch import Tensor

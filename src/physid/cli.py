@@ -66,6 +66,8 @@ class Arguments:
 def main(words: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code: 0 done, 1 failed, 2 wrong input, 130 interrupted."""
     words = list(sys.argv[1:] if words is None else words)
+    # Read when torch loads: its idle threads would spin, and take the cores away from the threads of the rollout.
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     try:
         return _run(words)
     except KeyboardInterrupt as interrupt:
