@@ -22,7 +22,6 @@ HEAVY = (
     "h5py",
     "numba",
     "matplotlib",
-    "plotly",
     "wandb",
     "jsonargparse",
     "omegaconf",
