@@ -2,10 +2,14 @@
 # Build the image and run it for real, cut off from the network, on a read-only root; its figures must be those of this
 # machine. Starts an engine of its own where none runs; needs root and Debian's packages docker.io and debootstrap, which
 # it installs where it can. Skips with one line where that is not possible. Leaves nothing behind.
+#
+#   docker/check.sh        one cell of the quick profile
+#   docker/check.sh all    the whole quick profile
 set -euo pipefail
 cd "$(dirname "$0")/.."
 MOST_MEGABYTES=1600
-CELL=${CELL:-sysid/push_friction}
+cells=(--cell "${CELL:-sysid/push_friction}")
+if [ "${1:-}" = all ]; then cells=(); fi
 IMAGE=physid:check
 BASE=physid-base:check
 work=$(mktemp -d /tmp/physid-docker.XXXXXX)
@@ -80,24 +84,23 @@ find_base() {
     rm -rf "$work/base"
 }
 
-compare() {
-    .venv/bin/python - "$work/host" "$work/container" <<'PY'
-import json, sys
-from pathlib import Path
+# What the image holds must be what is pinned: a package that constraints-cpu.txt does not name could change unseen.
+locked() {
+    local loose
+    loose=$("$client" run --rm --network none --entrypoint cat "$IMAGE" /opt/venv/installed.txt |
+        grep -vixFf constraints-cpu.txt | grep -vE '^(physid @|pip==|wheel==)' || true)
+    [ -z "$loose" ] || { echo "in the image, but not in constraints-cpu.txt: $loose"; return 1; }
+    echo "packages: all as constraints-cpu.txt pins them"
+}
 
-host, container = map(Path, sys.argv[1:])
-different = []
-for path in sorted(host.rglob("metrics.json")):
-    mine, theirs = (json.loads((root / path.relative_to(host)).read_text()) for root in (host, container))
-    names = (mine.keys() | theirs.keys()) - {"seconds"}
-    different += [f"{path.parent.name} {name}: {mine.get(name)} here, {theirs.get(name)} there"
-                  for name in sorted(names) if mine.get(name) != theirs.get(name)]
-    print(f"{path.parent.name}: {len(names)} figures compared, {len(different)} differ")
-sums = [sorted(root.rglob("SHA256SUMS"))[0].read_text() for root in (host, container)]
-print("recordings:", "the same bytes" if sums[0] == sums[1] else "DIFFER")
-print(*different, sep="\n", end="")
-sys.exit(bool(different) or sums[0] != sums[1])
-PY
+# The services of compose.yaml, where compose is installed: the page about the runs of the container.
+composed() {
+    local compose=("$client" compose)
+    "${compose[@]}" version >/dev/null 2>&1 || compose=(docker-compose)
+    "${compose[@]}" version >/dev/null 2>&1 || { echo "compose: not installed, compose.yaml was not tried"; return; }
+    IMAGE=$IMAGE "${compose[@]}" --file compose.yaml --project-directory "$work/container" \
+        run --rm dashboard
+    [ -s "$work/container/runs/dashboard.html" ]
 }
 
 docker/wheels.sh >"$work/wheels.log" 2>&1 || skip "no wheel house: $(tail -n 1 "$work/wheels.log")"
@@ -111,10 +114,16 @@ megabytes=$(($("$client" image inspect --format '{{.Size}}' "$IMAGE") / 1000000)
 echo "image: $megabytes MB (at most $MOST_MEGABYTES), built without network in $((SECONDS - started)) s"
 [ "$megabytes" -le "$MOST_MEGABYTES" ]
 
-mkdir -m 777 "$work/container" "$work/host"
+locked
+
+mkdir -m 777 "$work/container" "$work/container/runs" "$work/container/data"
 started=$SECONDS
-"$client" run --rm --network none --read-only --tmpfs /tmp:exec --volume "$work/container:/app/runs" "$IMAGE" \
-    reproduce --profile quick --cell "$CELL" --workers 1 --out runs/reproduce
-echo "container: ran as user $(stat -c %u "$work/container/reproduce") in $((SECONDS - started)) s"
-OMP_NUM_THREADS=1 WANDB_MODE=offline .venv/bin/physid reproduce --profile quick --cell "$CELL" --workers 1 --out "$work/host/reproduce" >/dev/null
-compare
+"$client" run --rm --network none --read-only --tmpfs /tmp:exec --volume "$work/container/runs:/app/runs" "$IMAGE" \
+    reproduce --profile quick "${cells[@]}" --workers 1 --out runs/reproduce
+echo "container: ran as user $(stat -c %u "$work/container/runs/reproduce") in $((SECONDS - started)) s"
+composed
+started=$SECONDS
+OMP_NUM_THREADS=1 WANDB_MODE=offline .venv/bin/physid reproduce --profile quick "${cells[@]}" --workers 1 \
+    --out "$work/host/reproduce" >/dev/null
+echo "here: ran in $((SECONDS - started)) s"
+.venv/bin/python docker/compare.py "$work/host" "$work/container/runs"

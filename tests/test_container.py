@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import math
 import shutil
 import subprocess
 import sys
@@ -48,3 +50,37 @@ def test_what_is_generated_or_secret_does_not_reach_the_build() -> None:
     listed = {rule.removeprefix("!") for rule in rules if rule.startswith("!")}
     assert listed.isdisjoint({"data", "runs", ".git", ".venv"})
     assert all((ROOT / name).exists() for name in listed - {"docker/wheelhouse"})
+
+
+def write_reproduction(folder: Path, *, friction: float, seconds: float, sums: str = "ab  000000.h5") -> Path:
+    """Write what `physid reproduce` leaves, in small."""
+    rows = [{"metric": "friction", "value": friction}, {"metric": "time", "value": seconds}]
+    (folder / "data").mkdir(parents=True)
+    (folder / "results.json").write_text(json.dumps(rows))
+    (folder / "metrics.json").write_text(json.dumps({"friction": friction, "seconds": seconds, "psnr": float("nan")}))
+    (folder / "data" / "SHA256SUMS").write_text(sums)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("other", "status", "said"),
+    [
+        ({"friction": 0.1, "seconds": 9.0}, 0, "5 values compared, 0 differ"),
+        ({"friction": math.nextafter(0.1, 1), "seconds": 1.0}, 1, "metrics.json/friction: 0.1 here"),
+        ({"friction": 0.1, "seconds": 1.0, "sums": "ac  000000.h5"}, 1, "data/SHA256SUMS/0: ab"),
+        ({"friction": 0.1, "seconds": 1.0, "sums": "ab  000000.h5\nac  000001.h5"}, 1, "data/SHA256SUMS/1: None"),
+    ],
+)
+def test_two_reproductions_are_the_same_to_the_last_digit_but_for_time(
+    tmp_path: Path, other: dict[str, float], status: int, said: str
+) -> None:
+    one = write_reproduction(tmp_path / "one", friction=0.1, seconds=1.0)
+    two = write_reproduction(tmp_path / "two", **other)
+    words = [sys.executable, str(ROOT / "docker" / "compare.py"), str(one), str(two)]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert (done.returncode, said in done.stdout) == (status, True), done.stdout + done.stderr
+
+
+def test_a_comparison_of_nothing_is_no_success(tmp_path: Path) -> None:
+    words = [sys.executable, str(ROOT / "docker" / "compare.py"), str(tmp_path), str(tmp_path)]
+    assert subprocess.run(words, capture_output=True, check=False).returncode == 1
