@@ -6,8 +6,8 @@
 
 A block of 2 kg is pushed along x, slides down an incline of 20 degrees, or runs into a second block; the outcome is its
 last x. All engines take steps of 1/240 s, 300 per trajectory. The gradient is that by the mass and the friction of the
-block: by reverse mode in physid, by central differences in engines that have no gradient (of a relative width of 1e-3,
-or 1e-2 in MuJoCo, where it does better). The error is the largest deviation from the truth among all trajectories, over
+block: by reverse mode in physid and Brax, by central differences elsewhere (of a relative width of 1e-3, or 1e-2 in
+MuJoCo, where it does better). The error is the largest deviation from the truth among all trajectories, over
 the largest gradient: the truth is a closed form for the push and the incline (Coulomb friction, semi-implicit Euler
 steps), and for the collision the central differences of physid's torch implementation. A deviation there is a different
 model of contact, or noise; the last column tells noise: how far central differences of that and of twice that width
@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
 import statistics
 import time
 from abc import ABC, abstractmethod
@@ -196,20 +197,25 @@ class PyBullet(Engine):
         return np.array(last)
 
 
-def mujoco_model(case: Case) -> Any:
-    """Return the MuJoCo model of a case: elliptic friction cones, semi-implicit Euler."""
-    import mujoco
-
+def mujoco_text(case: Case) -> str:
+    """Return a case in MuJoCo's language: elliptic friction cones, semi-implicit Euler."""
     half, box = math.degrees(case.angle), " ".join(str(s / 2) for s in SIZE)
     blocks = "".join(
         f'<body pos="{" ".join(map(str, place))}" euler="0 {half} 0"><freejoint/>'
         f'<geom type="box" size="{box}" mass="{MASS if n == 0 else OTHER_MASS}" friction="{FRICTION}"/></body>'
         for n, place in enumerate(case.starts())
     )
-    return mujoco.MjModel.from_xml_string(
+    return (
         f'<mujoco><option timestep="{STEP}" cone="elliptic" gravity="0 0 {-G}"/><worldbody>'
         f'<geom type="plane" size="0 0 1" euler="0 {half} 0" friction="{FRICTION}"/>{blocks}</worldbody></mujoco>'
     )
+
+
+def mujoco_model(case: Case) -> Any:
+    """Return the MuJoCo model of a case."""
+    import mujoco
+
+    return mujoco.MjModel.from_xml_string(mujoco_text(case))
 
 
 class Mujoco(Engine):
@@ -243,7 +249,7 @@ class Mujoco(Engine):
 
 
 class Mjx(Engine):
-    """MuJoCo in JAX, all trajectories at once, compiled; one thread if XLA_FLAGS says so."""
+    """MuJoCo in JAX, all trajectories at once, compiled."""
 
     name = "mjx"
     width = 1e-2
@@ -275,8 +281,55 @@ class Mjx(Engine):
         return np.asarray(self._roll(mass, friction, self.case.force, self.case.speed), dtype=np.float64)
 
 
-ENGINES: dict[str, type[Engine]] = {"physid": Physid, "mujoco": Mujoco, "mjx": Mjx, "pybullet": PyBullet}
-MODULES = {"mjx": "jax", "mujoco": "mujoco", "pybullet": "pybullet"}
+class Brax(Engine):
+    """Brax's spring pipeline, all trajectories at once, compiled, with its own reverse mode."""
+
+    name = "brax"
+    most_bodies = 1  # like MJX
+
+    def __init__(self, case: Case) -> None:
+        import jax
+        import jax.numpy as jnp
+        from brax.io import mjcf
+        from brax.spring import pipeline
+
+        super().__init__(case)
+        jax.config.update("jax_enable_x64", True)
+        # Without these its spring pipeline changes masses and inertias, and damps.
+        plain = ("spring_mass_scale", "spring_inertia_scale", "ang_damping", "vel_damping", "elasticity")
+        numbers = "".join(f'<numeric name="{name}" data="0"/>' for name in plain)
+        system = mjcf.loads(mujoco_text(case).replace("<worldbody>", f"<custom>{numbers}</custom><worldbody>"))
+        along = np.array([math.cos(case.angle), 0.0, -math.sin(case.angle)])
+
+        def roll(mass: Any, friction: Any, force: Any, speed: Any) -> Any:
+            inertia = system.link.inertia
+            heavy = inertia.replace(mass=inertia.mass * mass / MASS, i=inertia.i * mass / MASS)
+            frictions = system.geom_friction.at[:, 0].set(friction)
+            changed = system.replace(link=system.link.replace(inertia=heavy), geom_friction=frictions)
+
+            def step(state: Any, _: Any) -> tuple[Any, None]:
+                vel = state.xd_i.vel.at[0, 0].add(force / mass * STEP)
+                state = state.replace(xd_i=state.xd_i.replace(vel=vel))
+                return pipeline.step(changed, state, jnp.zeros(changed.act_size())), None
+
+            first = pipeline.init(changed, changed.init_q, jnp.zeros(6).at[:3].set(speed * along))
+            return jax.lax.scan(step, first, None, length=STEPS)[0].x_i.pos[0, 0]
+
+        batch = (None, None, 0, 0)
+        self._roll = jax.jit(jax.vmap(roll, in_axes=batch))
+        self._slope = jax.jit(jax.vmap(jax.grad(roll, (0, 1)), in_axes=batch))
+
+    def last_x(self, mass: float, friction: float) -> Array:
+        """Roll out all at once."""
+        return np.asarray(self._roll(mass, friction, self.case.force, self.case.speed), dtype=np.float64)
+
+    def gradient(self, mass: float, friction: float, width: float) -> Array:
+        """Roll out and back."""
+        return np.stack(self._slope(mass, friction, self.case.force, self.case.speed), 1)
+
+
+ENGINES: dict[str, type[Engine]] = {engine.name: engine for engine in (Physid, Brax, Mujoco, Mjx, PyBullet)}
+MODULES = {"brax": "brax", "mjx": "jax", "mujoco": "mujoco", "pybullet": "pybullet"}
 
 
 def truth(case: Case) -> Array:
@@ -324,6 +377,7 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=3)
     options = parser.parse_args()
     torch.set_num_threads(1)
+    os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1")
     print("| scene | engine | forward [CPU ms] | with gradient [CPU ms] | error of the gradient | noise |")
     print("|---|---|---|---|---|---|")
     for case in cases(options.trajectories):
