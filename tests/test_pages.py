@@ -30,6 +30,7 @@ TINY = {
     "fit": ["trainer.max_epochs=1", "data.limit=2", "trainer.accelerator=cpu"],
     "validate": [],
     "test": [],
+    "predict": [],
     "observe": ["trajectories=2", "steps=20"],
     "effects": [],
     "reproduce": ["--cell=sysid/push_friction", "--workers=1"],

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
 from physid.configuration import Configuration, ConfigurationError
@@ -70,6 +71,38 @@ def open_folder(
     (folder / CONFIG).write_text(configuration.to_yaml(), encoding="utf-8")
     write_record(folder, configuration.values)
     return folder
+
+
+@contextmanager
+def fill_folder(folder: Path, *, marked_by: str, overwrite: bool = False) -> Iterator[Path]:
+    """Give a new folder to write a result into; it takes its name once all of it is there.
+
+    Args:
+        folder: Where the result shall be.
+        marked_by: A file that every such result holds; a folder without it is never deleted.
+        overwrite: Whether an earlier result there shall be replaced.
+
+    Yields:
+        The folder to write into.
+
+    Raises:
+        ConfigurationError: If there is an earlier result that shall not be replaced, or something else.
+    """
+    earlier = folder.exists() and any(folder.iterdir())
+    if earlier and not overwrite:
+        raise ConfigurationError(f"{folder} holds an earlier result; --overwrite replaces it, --out chooses another")
+    if earlier and not (folder / marked_by).is_file():
+        raise ConfigurationError(f"{folder} has no {marked_by}, so it is no earlier result, and is not deleted")
+    part = folder.with_name(folder.name + ".part")
+    shutil.rmtree(part, ignore_errors=True)
+    part.mkdir(parents=True)
+    try:
+        yield part
+        if folder.exists():
+            shutil.rmtree(folder)
+        part.replace(folder)
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
 
 
 def summarize(figures: Mapping[str, float], folder: Path) -> str:

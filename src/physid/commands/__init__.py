@@ -1,7 +1,8 @@
 """The commands of `physid`: one typed function each, whose docstring is its help. Heavy imports stay inside."""
 
 from physid.commands.command import Command
-from physid.commands.fits import fit, test, validate
+from physid.commands.diagnoses import diagnose
+from physid.commands.fits import fit, predict, test, validate
 from physid.commands.overviews import dashboard, reproduce
 from physid.commands.recordings import effects, generate, import_, observe
 
@@ -13,7 +14,9 @@ COMMANDS: tuple[Command, ...] = (
     Command(fit),
     Command(validate),
     Command(test),
+    Command(predict),
     Command(observe),
+    Command(diagnose),
     Command(effects),
     Command(reproduce),
     Command(dashboard),

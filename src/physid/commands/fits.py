@@ -69,6 +69,50 @@ def test(configuration: Configuration, *, run_dir: Path | None = None, checkpoin
     _evaluate("test", configuration, run_dir, checkpoint)
 
 
+def predict(
+    configuration: Configuration,
+    *,
+    run_dir: Path | None = None,
+    checkpoint: Path | None = None,
+    forces: Path | None = None,
+    out: Path | None = None,
+    overwrite: bool = False,
+) -> None:
+    """Predict recordings with a fitted model, or what would come of other forces.
+
+    Each trajectory is predicted from its first state, under the recorded forces or under planned ones. The result is a
+    recording set (docs/recordings.md): predicted poses, velocities and forces under the numbers of the trajectories, the
+    scene with the identified parameters; and parameters.json. Planned forces are a CSV file, one row for each
+    time step, with columns such as block.force_x [N] or block.torque_z [N m]; or a .npy array (n, bodies, 6).
+
+    Examples:
+      physid predict --run-dir runs/push_friction
+      physid predict --run-dir runs/push_friction data.folder=data/push_rich data.limit=null --out runs/rich
+      physid predict --run-dir runs/push_friction --forces planned.csv --out runs/planned
+
+    Args:
+        configuration: As for fit; RUN/config.yaml by default.
+        run_dir: Folder of the run; runs/NAME by default.
+        checkpoint: Weights to load; the last checkpoint of the run by default.
+        forces: File with planned forces, from the first frame on.
+        out: Folder of the result; RUN/predictions by default.
+        overwrite: Delete an earlier result in that folder.
+    """
+    from physid.runs import fill_folder, folder_of
+    from physid.schema import check_keys
+    from physid.training import run
+    from physid.training.callbacks.predictions import PARAMETERS, Predictions
+
+    check_keys(configuration, run.GROUPS)
+    if forces is not None:
+        configuration.values["data"]["init_args"] |= {"forces": str(forces)}
+    folder, writer = folder_of(configuration, run_dir), Predictions()
+    target = out or folder / "predictions"
+    with fill_folder(target, marked_by=PARAMETERS, overwrite=overwrite) as place:
+        run.evaluate("predict", configuration.values, folder, checkpoint, callbacks=[writer], out=place)
+    print(f"{target}: {writer.written} of {writer.total} trajectories predicted")
+
+
 def _evaluate(
     stage: Literal["validate", "test"], configuration: Configuration, run_dir: Path | None, checkpoint: Path | None
 ) -> None:

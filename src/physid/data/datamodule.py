@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+import torch
 from lightning.pytorch import LightningDataModule
 from torch.utils.data import DataLoader
 
 from physid.data.dataset import Item, Segments, Video, collate
 from physid.data.films import Films
+from physid.data.forces import read_forces
 from physid.data.format import RecordingSet
 from physid.data.video import check_video
 from physid.scenes.scene import Scene
@@ -23,7 +25,7 @@ class RecordingsDataModule(LightningDataModule):
         batch_size: Segments per batch; None for all of a split in one batch.
         segment: Frames of a segment; None for whole trajectories.
         stride: Frames between the starts of segments; None for segments that share only their end frames.
-        test_segment: Frames of a segment when testing and predicting; None for whole trajectories.
+        test_segment: Frames of a segment when testing; None for whole trajectories, which are always predicted whole.
         video: "none", "all", or which frames of each segment to decode, say [0, 1, 2]. When testing and predicting,
             all are decoded instead.
         draw: So many more frames, drawn from each segment anew in every epoch.
@@ -35,9 +37,11 @@ class RecordingsDataModule(LightningDataModule):
         limit: At most so many trajectories of each use.
         shuffle: Whether to shuffle what is fitted on.
         workers: Processes that load.
+        forces: File with planned forces (see `read_forces`) to predict under: batches then carry `future`, the wrenches
+            (B, n + 1, N, 6) from the first frame on, beside the recorded ones.
 
     Raises:
-        FileNotFoundError: If there is no such set.
+        FileNotFoundError: If there is no such set, or no such file.
         ValueError: If the set breaks the format, lacks a split to fit or test on, or lacks video that is asked for.
     """
 
@@ -58,10 +62,11 @@ class RecordingsDataModule(LightningDataModule):
         limit: int | None = None,
         shuffle: bool = True,
         workers: int = 0,
+        forces: Path | str | None = None,
     ) -> None:
         super().__init__()
-        # Checkpoints hold plain values only, so that they load safely; the folder may be a Path.
-        self.save_hyperparameters(ignore="folder")
+        # Checkpoints hold plain values only, so that they load safely; these may be a Path.
+        self.save_hyperparameters(ignore=("folder", "forces"))
         self.recordings = RecordingSet(folder)
         self._batch_size = batch_size
         self._segment, self._stride, self._test_segment = segment, stride, test_segment
@@ -72,6 +77,7 @@ class RecordingsDataModule(LightningDataModule):
             raise ValueError(f"video must name multiples of every ({every}) if frames are preloaded, got {list(video)}")
         self._splits = {"fit": tuple(fit), "validate": tuple(validate), "test": tuple(test)}
         self._limit, self._shuffle, self._workers = limit, shuffle, workers
+        self._future = None if forces is None else torch.from_numpy(read_forces(forces, self.scene))
 
     @property
     def scene(self) -> Scene:
@@ -95,7 +101,8 @@ class RecordingsDataModule(LightningDataModule):
     def segments(self, use: str) -> Segments:
         """Return the segments for "fit", "validate", "test" or "predict"."""
         fitting = use in ("fit", "validate")
-        length, stride = (self._segment, self._stride) if fitting else (self._test_segment, None)
+        length = self._test_segment if use == "test" else None
+        length, stride = (self._segment, self._stride) if fitting else (length, None)
         video, draw = (self._video, self._draw) if fitting or self._video == "none" else ("all", 0)
         return Segments(
             self.recordings, self.trajectories(use), length, stride, video, draw, self._every, decode=not self._preload
@@ -111,7 +118,10 @@ class RecordingsDataModule(LightningDataModule):
                 self._films = Films(self.recordings, used, self._every)
 
     def on_after_batch_transfer(self, batch: Item, dataloader_idx: int) -> Item:
-        """Add the video that is kept in memory."""
+        """Add the video that is kept in memory, and the planned forces where they are predicted under."""
+        if self._future is not None and self.trainer is not None and self.trainer.predicting:
+            future = self._future.to(batch["wrench"].device)
+            batch = {**batch, "future": future.expand(len(batch["wrench"]), *future.shape)}
         return batch if self._films is None else self._films.add_to(batch)
 
     def train_dataloader(self) -> DataLoader[Item]:

@@ -98,6 +98,10 @@ class RecordingSet:
             if found != wanted:
                 raise ValueError(f"{path}: expected SHA-256 {wanted[:12]}..., found {found[:12]}")
 
+    def labels(self, index: int) -> tuple[str | None, str | None]:
+        """Return split and protocol of trajectory `index`, None where the file names none."""
+        return self._attribute(self.paths[index], "split"), self._attribute(self.paths[index], "protocol")
+
     def _attribute(self, path: Path, name: str) -> str | None:
         with open_trajectory(path) as file:
             value = file.attrs.get(name)

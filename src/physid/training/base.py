@@ -12,7 +12,9 @@ from torch import Tensor, nn
 from torch.optim import LBFGS, Optimizer
 
 from physid.training.gauss_newton import GaussNewton
+from physid.training.physical_parameters import PhysicalParameters
 
+LEARNED = "learned"
 OptimizerFactory = Callable[[Iterable[nn.Parameter]], Optimizer]
 
 
@@ -78,6 +80,10 @@ class TrainingModule(L.LightningModule, ABC):
                 "processes; set trainer.devices=1, or choose an optimizer such as torch.optim.Adam"
             )
         return optimizer
+
+    def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        """Keep the names of the learned parameters: other recordings may not call them unknown."""
+        checkpoint[LEARNED] = list(PhysicalParameters.of(self).names)
 
     def _require_finite(self, losses: dict[str, Tensor], batch: Any) -> None:
         for name, value in losses.items():

@@ -8,7 +8,7 @@ import math
 import signal
 import sys
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -20,6 +20,7 @@ from lightning.pytorch.cli import LightningCLI
 from lightning.pytorch.utilities.model_helpers import is_overridden
 from torch import Tensor
 
+from physid.training.base import LEARNED
 from physid.training.callbacks.learning_rates import LearningRates
 from physid.training.callbacks.run_state import RunState
 from physid.training.loggers import build_loggers
@@ -102,7 +103,15 @@ def fit(config: Mapping[str, Any], folder: Path, *, resume: bool = False) -> dic
     return figures
 
 
-def evaluate(stage: Stage, config: Mapping[str, Any], folder: Path, weights: Path | None = None) -> dict[str, float]:
+def evaluate(
+    stage: Stage,
+    config: Mapping[str, Any],
+    folder: Path,
+    weights: Path | None = None,
+    *,
+    callbacks: Sequence[L.Callback] = (),
+    out: Path | None = None,
+) -> dict[str, float]:
     """Validate, test or predict with a trained model.
 
     Args:
@@ -110,9 +119,11 @@ def evaluate(stage: Stage, config: Mapping[str, Any], folder: Path, weights: Pat
         config: Resolved configuration, as for `fit`.
         folder: Run folder.
         weights: Checkpoint to load; the last one of the run by default.
+        callbacks: Further callbacks, say one that writes what is predicted.
+        out: Folder into which callbacks write; the run folder by default.
 
     Returns:
-        The figures that were logged; none for predict, whose callbacks write into the run folder.
+        The figures that were logged; none for predict, whose callbacks write.
 
     Raises:
         KeyboardInterrupt: If the run was interrupted.
@@ -122,9 +133,9 @@ def evaluate(stage: Stage, config: Mapping[str, Any], folder: Path, weights: Pat
     if not weights.exists():
         raise ValueError(f"{weights} does not exist: run `physid fit` first, or name another with --checkpoint")
     cli = _build(
-        {key: value for key, value in config.items() if key != "wandb"},
-        folder,
-        [],
+        {key: value for key, value in config.items() if key != "wandb"} | {"model": _as_learned(config, weights)},
+        out or folder,
+        list(callbacks),
         logger=False,
         enable_checkpointing=False,
     )
@@ -132,6 +143,14 @@ def evaluate(stage: Stage, config: Mapping[str, Any], folder: Path, weights: Pat
     options = {"return_predictions": False} if stage == "predict" else {"verbose": False}
     _until_interrupted(cli.trainer, lambda: run(cli.model, datamodule=cli.datamodule, ckpt_path=weights, **options))
     return _flat(cli.trainer.callback_metrics)
+
+
+def _as_learned(config: Mapping[str, Any], weights: Path) -> Any:
+    """Return the model's configuration, with the parameters that were learned where it names none."""
+    model, learned = config["model"], torch.load(weights, map_location="cpu", weights_only=True).get(LEARNED)
+    arguments = model.get("init_args") or {}
+    known = learned is None or arguments.get("learn")
+    return model if known else {**model, "init_args": {**arguments, "learn": learned}}
 
 
 def _build(config: Mapping[str, Any], folder: Path, callbacks: list[L.Callback], **fixed: Any) -> Cli:

@@ -144,9 +144,13 @@ class SysID(TrainingModule):
         """Keep the batch for the optimizer."""
         self._batch = batch
 
-    def predict_step(self, batch: Batch, batch_idx: int) -> Tensor:
-        """Predict the poses (B, T, N, 7) of whole trajectories from their first state."""
-        return self._predicted(self.trajectories(batch))
+    def predict_step(self, batch: Batch, batch_idx: int) -> Trajectories:
+        """Predict whole trajectories from their first state, under the recorded or the planned wrenches."""
+        known = self.trajectories(batch)
+        wrench, length = (batch["future"], None) if "future" in batch else (known.wrench, known.length)
+        rollout = self.layer.rollout(known.start, wrench[:, :-1], self.physical())
+        length = torch.full_like(known.length, wrench.shape[1]) if length is None else length
+        return Trajectories(rollout.pose, rollout.twist, wrench, length, known.index)
 
     def validation_step(self, batch: Batch, batch_idx: int) -> None:
         """Add the errors of the predictions over segments and over whole trajectories."""

@@ -1,0 +1,76 @@
+"""Forces that a user plans, in a file of their own."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physid.scenes.scene import Scene
+from physid.scenes.strict import nearest
+
+COMPONENTS = ("torque_x", "torque_y", "torque_z", "force_x", "force_y", "force_z")
+
+
+def read_forces(path: Path | str, scene: Scene) -> NDArray[np.float64]:
+    """Read planned wrenches: one row for each time step of the scene, held from its frame to the next.
+
+    A CSV file names its columns BODY.force_x [N] or BODY.torque_z [N m], world frame, at the centre of mass; what it does
+    not name is zero. A NumPy file (.npy) holds an array of shape (n, N, 6), torque before force.
+
+    Args:
+        path: The file.
+        scene: Names the bodies.
+
+    Returns:
+        Wrenches of n + 1 frames, the last one zero, shape (n + 1, N, 6).
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+        ValueError: If it is of another kind, names an unknown column, is empty, or holds what is not finite.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: expected planned forces, found no such file")
+    readers = {".csv": _read_csv, ".npy": _read_npy}
+    if path.suffix not in readers:
+        raise ValueError(f"{path}: expected planned forces as .csv or .npy, found {path.suffix or 'no suffix'}")
+    wrench = readers[path.suffix](path, scene)
+    if not len(wrench):
+        raise ValueError(f"{path}: expected a row of forces for each time step, found none")
+    if not np.isfinite(wrench).all():
+        row = int(np.argwhere(~np.isfinite(wrench))[0, 0])
+        raise ValueError(f"{path}: expected finite forces, found {wrench[row].tolist()} in row {row}")
+    return np.concatenate([wrench, np.zeros_like(wrench[:1])])
+
+
+def _read_csv(path: Path, scene: Scene) -> NDArray[np.float64]:
+    """Read named columns."""
+    places = {f"{body.name}.{one}": (n, k) for n, body in enumerate(scene.bodies) for k, one in enumerate(COMPONENTS)}
+    with path.open(newline="", encoding="utf-8-sig") as file:
+        names, *rows = [[cell.strip() for cell in row] for row in csv.reader(file) if row] or [[]]
+    for name in names:
+        if name not in places:
+            raise ValueError(f'{path}: unknown column "{name}"{nearest(name, places)}')
+    wrench = np.zeros((len(rows), len(scene.bodies), len(COMPONENTS)))
+    for number, row in enumerate(rows):
+        try:
+            for name, value in zip(names, row, strict=True):
+                wrench[number, *places[name]] = float(value)
+        except ValueError:
+            raise ValueError(f"{path}: expected {len(names)} numbers in row {number}, found {', '.join(row)}") from None
+    return wrench
+
+
+def _read_npy(path: Path, scene: Scene) -> NDArray[np.float64]:
+    """Read one array."""
+    try:
+        wrench = np.load(path, allow_pickle=False)
+    except (ValueError, EOFError) as error:
+        raise ValueError(f"{path}: expected a NumPy array, found what cannot be read ({error})") from None
+    shape = (len(scene.bodies), len(COMPONENTS))
+    if wrench.ndim != 3 or wrench.shape[1:] != shape or wrench.dtype.kind not in "fiu":
+        raise ValueError(f"{path}: expected numbers of shape (n, {shape[0]}, 6), found {wrench.dtype} {wrench.shape}")
+    return np.asarray(wrench, dtype=np.float64)

@@ -1,0 +1,72 @@
+"""What a model predicts, as a recording set of its own."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, final
+
+import lightning as L
+
+from physid.data.files import write_text
+from physid.data.format import FOLDER, write_scene, write_sums
+from physid.data.recording import Recording
+from physid.data.trajectory import write_trajectory
+from physid.scenes.catalogue import with_parameters
+from physid.training.physical_parameters import PhysicalParameters
+from physid.training.trajectories import Trajectories
+
+PARAMETERS = "parameters.json"
+
+
+@final
+class Predictions(L.Callback):
+    """Write what `predict_step` returns, `Trajectories`, as a recording set into the trainer's folder.
+
+    recording.yaml holds the scene with the identified parameters, each file the poses, twists and wrenches of one
+    predicted trajectory under the number that it has in the set it was predicted from; parameters.json the parameters.
+
+    Attributes:
+        written: How many trajectories were written.
+        total: How many the set holds from which they were predicted.
+    """
+
+    def __init__(self) -> None:
+        self.written = self.total = 0
+
+    def on_predict_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        """Write the scene and the parameters."""
+        folder, recordings = Path(trainer.default_root_dir), trainer.datamodule.recordings  # type: ignore[attr-defined]
+        found, self.total = PhysicalParameters.of(pl_module).estimates(), len(recordings)
+        scene = dataclasses.replace(with_parameters(recordings.scene, found), unknown=(), camera=None)
+        write_scene(folder, dataclasses.replace(scene, source=f"predicted by physid from {recordings.folder.name}"))
+        write_text(folder / PARAMETERS, json.dumps({name: {"estimate": value} for name, value in found.items()}) + "\n")
+
+    def on_predict_batch_end(
+        self,
+        trainer: L.Trainer,
+        pl_module: L.LightningModule,
+        outputs: Any,
+        batch: Mapping[str, Any],
+        batch_idx: int,
+        dataloader_idx: int = 0,
+    ) -> None:
+        """Write the trajectories of a batch."""
+        if not isinstance(outputs, Trajectories):
+            raise TypeError(f"predict_step of {type(pl_module).__name__} must return Trajectories, got {type(outputs)}")
+        folder, recordings = Path(trainer.default_root_dir), trainer.datamodule.recordings  # type: ignore[attr-defined]
+        for row, index in enumerate(outputs.index.tolist()):
+            arrays = {
+                name: getattr(outputs, name)[row, : int(outputs.length[row])].cpu().numpy()
+                for name in ("pose", "twist", "wrench")
+            }
+            split, protocol = recordings.labels(index)
+            known = Recording(**arrays, split=split, protocol=protocol)
+            write_trajectory(folder / FOLDER / recordings.paths[index].name, known)
+        self.written += len(outputs)
+
+    def on_predict_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        """Write the checksums."""
+        write_sums(Path(trainer.default_root_dir))
