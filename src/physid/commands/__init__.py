@@ -2,6 +2,7 @@
 
 from physid.commands.command import Command
 from physid.commands.diagnoses import diagnose
+from physid.commands.diagnoses import diagnose
 from physid.commands.fits import fit, predict, test, validate
 from physid.commands.overviews import dashboard, reproduce
 from physid.commands.recordings import effects, generate, import_, observe
@@ -16,6 +17,7 @@ COMMANDS: tuple[Command, ...] = (
     Command(test),
     Command(predict),
     Command(observe),
+    Command(diagnose),
     Command(diagnose),
     Command(effects),
     Command(reproduce),

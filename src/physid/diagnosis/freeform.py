@@ -34,6 +34,11 @@ class Cell:
     piece: int | None = None
 
 
+def piece_frames(time_step: float) -> int:
+    """Return the frames of one piece of a residual wrench."""
+    return max(2, round(PIECE_TIME / time_step))
+
+
 DOFS = ("rx", "ry", "rz", "x", "y", "z")
 PLANAR = ("rz", "x", "y")
 
@@ -54,7 +59,7 @@ def residual_wrenches(
         The cells, and their wrenches, shape (F, R, T, N, 6).
     """
     bodies = phases.shape[2]
-    piece = windows.position // max(2, round(PIECE_TIME / time_step))
+    piece = windows.position // piece_frames(time_step)
     pieces = int(piece.max()) + 1
     cells: list[Cell] = []
     masks: list[Tensor] = []

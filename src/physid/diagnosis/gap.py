@@ -31,12 +31,12 @@ class Closing:
 
     Attributes:
         before: Root mean square error of the nominal model, refitted [m].
-        after: With the effects [m].
+        after: With the effects [m]; None where none were added.
         shrink: S = (before - after) / (before - floor), None where there is no gap to close.
     """
 
     before: float
-    after: float
+    after: float | None
     shrink: Interval | None
 
 

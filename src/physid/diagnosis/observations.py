@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -56,14 +56,38 @@ class Observations:
         return torch.tensor([each == role for each in self.roles])
 
 
-def observe(recordings: RecordingSet) -> Observations:
+def observe(recordings: RecordingSet, transfer: RecordingSet | None = None) -> Observations:
     """Read a recording set.
 
+    Args:
+        recordings: The set.
+        transfer: Recordings of the same bodies under another protocol; all of them are for the transfer.
+
     Raises:
-        ValueError: If a trajectory has no poses; see also `require_sound`.
+        ValueError: If a trajectory has no poses, or the second set holds other bodies; see also `require_sound`.
     """
-    read = [recordings.read(index) for index in range(len(recordings))]
+    read = list(recordings)
+    if transfer is not None:
+        require_same_scene(recordings, transfer)
+        read += [replace(one, split="report_transfer") for one in transfer]
     return from_recordings(recordings.scene, read)
+
+
+def require_same_scene(recordings: RecordingSet, transfer: RecordingSet) -> None:
+    """Refuse a transfer set of other bodies, another ground or another frame rate."""
+    one, other = recordings.scene, transfer.scene
+    facts = {
+        "bodies": ([(body.name, body.size) for body in scene.bodies] for scene in (one, other)),
+        "ground": (scene.ground for scene in (one, other)),
+        "gravity": (scene.gravity for scene in (one, other)),
+        "time_step": (scene.time_step for scene in (one, other)),
+    }
+    for name, (first, second) in facts.items():
+        if first != second:
+            raise ValueError(
+                f"{transfer.folder}: expected the {name} of {recordings.folder}, {first}, found {second}; "
+                "a transfer set holds the same things, moved in another way"
+            )
 
 
 def from_recordings(scene: Scene, recordings: list[Recording]) -> Observations:

@@ -50,9 +50,8 @@ class Diagnosis:
         floor: [m].
         same: Closing on the same protocol.
         transfer: Closing on another protocol, None where there is none.
-        parameters: Nominal estimate, and with the effect, of each unknown parameter.
+        parameters: Nominal estimate, and with the effect (None without one), of each unknown parameter.
         next_experiment: What would tell a group apart.
-        seconds: How long it took.
     """
 
     verdict: Name
@@ -65,9 +64,8 @@ class Diagnosis:
     floor: float
     same: Closing | None
     transfer: Closing | None
-    parameters: dict[str, tuple[float, Estimate]]
-    next_experiment: dict[str, Any] | None
-    seconds: float = 0.0
+    parameters: dict[str, tuple[float, Estimate | None]]
+    next_experiment: str | None
 
     def to_mapping(self) -> dict[str, Any]:
         """Return the content of diagnosis.json."""
@@ -104,7 +102,7 @@ class Diagnosis:
             },
             "shrink": {"same": _shrink(self.same), "transfer": _shrink(self.transfer)},
             "parameters": {
-                name: {"nominal": _round(before), "with_effect": _estimate(after)}
+                name: {"nominal": _round(before), "with_effect": None if after is None else _estimate(after)}
                 for name, (before, after) in self.parameters.items()
             },
             "next_experiment": self.next_experiment,
@@ -129,8 +127,10 @@ def _estimate(one: Estimate) -> dict[str, Any]:
     return {"value": _round(one.value), "low": _round(one.low), "high": _round(one.high), "unit": one.unit}
 
 
-def _closing(one: Closing | None) -> dict[str, float] | None:
-    return None if one is None else {"before": _round(one.before), "after": _round(one.after)}
+def _closing(one: Closing | None) -> dict[str, float | None] | None:
+    if one is None:
+        return None
+    return {"before": _round(one.before), "after": None if one.after is None else _round(one.after)}
 
 
 def _shrink(one: Closing | None) -> dict[str, float] | None:

@@ -1,0 +1,54 @@
+"""The command that says what a nominal model lacks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+def diagnose(
+    recordings: Path,
+    *,
+    out: Path | None = None,
+    model: Path | None = None,
+    transfer: Path | None = None,
+    effects: list[str] | None = None,
+    seed: int = 0,
+    quiet: bool = False,
+) -> None:
+    """Tell where a model leaves recordings, which effect causes it, and how far the gap closes.
+
+    Fits the nominal model, looks for a gap beyond what effect-free data show, and tries all effects of the catalogue.
+    The verdict is none, named, group (these recordings cannot tell which), partial or unknown. It lands in OUT as
+    report.html for a person and as diagnosis.json for a machine; docs/diagnosis.md says how to read it.
+
+    Examples:
+      physid diagnose data/mine --out runs/diagnosis
+      physid diagnose data/mine --transfer data/mine_rich
+      physid diagnose data/mine --effects my_effects.py:MagneticBrake
+
+    Args:
+        recordings: Folder of the recording set.
+        out: Folder of the results; runs/diagnosis/NAME by default.
+        model: The nominal model: a configuration, run or checkpoint of `physid fit`; recording.yaml by default.
+        transfer: A second set, the same bodies moved in another way; it certifies a cause.
+        effects: Effects of your own as FILE.py:CLASS, several separated by commas.
+        seed: Seed of the effect-free data.
+        quiet: Hide the progress bar.
+    """
+    from tqdm import tqdm
+
+    from physid.configuration import compose
+    from physid.diagnosis.diagnose import diagnose as run
+    from physid.diagnosis.sentences import summary_lines
+    from physid.effects import CATALOGUE
+    from physid.effects.loading import with_own
+
+    folder = out or Path("runs/diagnosis") / recordings.resolve().name
+    own = with_own(effects or ())[len(CATALOGUE) :]
+    believed = compose([model]).values if model and model.suffix in (".yaml", ".yml") else model
+    with tqdm(desc="diagnosis", bar_format="{desc} [{elapsed}]", disable=quiet or None) as bar:
+        found = run(
+            recordings, folder, model=believed, transfer=transfer, effects=own, seed=seed, say=bar.set_description_str
+        )
+    print("\n".join(summary_lines(found)))
+    print(folder / "report.html")

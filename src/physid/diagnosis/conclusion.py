@@ -1,0 +1,125 @@
+"""From what the search found to the content of diagnosis.json."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+
+from physid.diagnosis.attribute import Attribution
+from physid.diagnosis.confidence import confidence
+from physid.diagnosis.gap import Closing, closing, floor_of, held_out_parts, position_errors
+from physid.diagnosis.hypothesis import Hypothesis
+from physid.diagnosis.locate import places, sites
+from physid.diagnosis.nulls import p_value
+from physid.diagnosis.prepare import Prepared
+from physid.diagnosis.verdict import Diagnosis, Estimate, Found, Name, judge
+
+NORMAL_90 = 1.645  # standard deviations of a normal distribution that hold 90 %, to either side
+
+
+@dataclass(frozen=True)
+class Conclusion:
+    """A diagnosis, and the hypotheses behind it.
+
+    Attributes:
+        diagnosis: What is said.
+        chosen: The hypothesis that is blamed; None where nothing or nobody is.
+    """
+
+    diagnosis: Diagnosis
+    chosen: Hypothesis | None
+
+
+def draw_conclusion(prepared: Prepared, found: Attribution, generator: torch.Generator) -> Conclusion:
+    """Judge what the search found: the verdict, the sizes with their intervals, and how far the gap closes.
+
+    Args:
+        prepared: The recordings and the fitted nominal model.
+        found: What the search found.
+        generator: Randomness of the bootstrap.
+    """
+    floor = floor_of(prepared.noise)
+    before = position_errors(found.nominal, prepared.observations)
+    after = before if found.best is None else position_errors(found.best, prepared.observations)
+    parts = held_out_parts(prepared.observations)
+    closings = {name: closing(before, after, floor, chosen, generator) for name, chosen in parts.items()}
+    verdict = judge(found, closings["transfer"])
+    chosen = found.best if verdict in ("named", "group", "partial") else None
+    if chosen is None:
+        closings = {name: _unclosed(one) for name, one in closings.items()}
+    where = places(found.stage, [body.name for body in prepared.observations.scene.bodies])
+    diagnosis = Diagnosis(
+        verdict=verdict,
+        effects=[] if chosen is None else _effects(chosen),
+        group=[] if chosen is None else _group(found, chosen, verdict),
+        confidence=confidence(verdict, found),
+        ranking=_ranking(found),
+        sites=dict.fromkeys(sites(found), 0.0) if verdict == "none" else sites(found),
+        places=[] if verdict == "none" else [place for place in where if place.evidence > 0],
+        floor=floor,
+        same=closings["same"],
+        transfer=closings["transfer"],
+        parameters=_parameters(found.nominal, chosen),
+        next_experiment=None,
+    )
+    return Conclusion(diagnosis, chosen)
+
+
+def _unclosed(one: Closing | None) -> Closing | None:
+    return None if one is None else Closing(one.before, None, None)
+
+
+def _group(found: Attribution, chosen: Hypothesis, verdict: Name) -> list[str]:
+    """Name every effect of the hypotheses that cannot be told from the chosen one, its own first."""
+    others = found.group if verdict == "group" else [chosen]
+    return list(dict.fromkeys(name for one in (chosen, *others) for name in one.names))
+
+
+def _ranking(found: Attribution) -> list[tuple[tuple[str, ...], float, float]]:
+    """List hypotheses with the squared residual that they explain: fitted ones by prediction, others by the score test.
+
+    The best fitted one comes first, for it may be a pair whose p-value is that of its gain among effect-free data.
+    """
+    base = float(found.nominal.held_out.sum())
+    rows = {row.names: row.gain for row in found.stage.rows}
+    rows |= {one.names: base - float(one.held_out.sum()) for one in found.tried}
+    ranked = sorted(rows.items(), key=lambda row: -row[1])
+    return [(names, gain, p_value(gain, found.stage.null_best)) for names, gain in ranked]
+
+
+def _effects(chosen: Hypothesis) -> list[Found]:
+    """Give the fitted effects with the 90 % intervals of their parameters."""
+    predictor, first = chosen.experiment.predictor, chosen.fit.point.nominal.shape[1] + 1
+    spread = chosen.covariance().diagonal().sqrt()[first:].tolist()
+    made = []
+    for name in chosen.names:
+        kind = next(kind for kind in predictor.candidates if kind.name == name)
+        parameters = {}
+        for place, column in enumerate(chosen.columns.tolist()):
+            term = predictor.terms[column]
+            if term.effect is kind:
+                known = kind.quantities()[term.name]
+                value = float(chosen.fit.point.effects[0, column])
+                low, high = value - NORMAL_90 * spread[place], value + NORMAL_90 * spread[place]
+                parameters[term.name] = Estimate(value, max(low, known.low), min(high, known.high), known.unit)
+        made.append(Found(name, kind.site, parameters))
+    return made
+
+
+def _parameters(nominal: Hypothesis, chosen: Hypothesis | None) -> dict[str, tuple[float, Estimate | None]]:
+    """Give the unknown parameters, refitted without and with the effects."""
+    before = _values(nominal)
+    after: Sequence[Estimate | None] = [None] * len(before) if chosen is None else _values(chosen)
+    names = nominal.experiment.predictor.model.unknown
+    return {name: (old.value, new) for name, old, new in zip(names, before, after, strict=True)}
+
+
+def _values(hypothesis: Hypothesis) -> list[Estimate]:
+    """Give the unknown parameters of a hypothesis with 90 % intervals, made in the coordinates of the fit."""
+    model, point = hypothesis.experiment.predictor.model, hypothesis.fit.point.nominal[0]
+    reach = NORMAL_90 * hypothesis.covariance().diagonal().sqrt()[: len(point)]
+    values = (model.to_values(each).tolist() for each in (point, point - reach, point + reach))
+    units = ["kg" if name.endswith(".mass") else "-" for name in model.unknown]
+    return [Estimate(*each) for each in zip(*values, units, strict=True)]

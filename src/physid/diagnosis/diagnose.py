@@ -1,0 +1,67 @@
+"""Diagnose the sim-to-real gap of a recording set: where it lies, which effect causes it, how far it closes."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from physid.data.format import RecordingSet
+from physid.diagnosis.attribute import attribute
+from physid.diagnosis.beliefs import believe
+from physid.diagnosis.conclusion import draw_conclusion
+from physid.diagnosis.document import check_diagnosis, write_diagnosis
+from physid.diagnosis.observations import observe
+from physid.diagnosis.pictures import draw
+from physid.diagnosis.prepare import prepare
+from physid.diagnosis.report import write_report
+from physid.effects import CATALOGUE
+from physid.physics.effect import Effect
+
+
+def diagnose(
+    recordings: Path,
+    out: Path,
+    *,
+    model: Path | Mapping[str, Any] | None = None,
+    transfer: Path | None = None,
+    effects: Sequence[type[Effect]] = (),
+    seed: int = 0,
+    say: Callable[[str], None] = lambda _: None,
+) -> Mapping[str, Any]:
+    """Diagnose a recording set and write diagnosis.json and report.html.
+
+    Args:
+        recordings: Folder of the recording set.
+        out: Folder for the results; made if it is not there.
+        model: What is believed of the system, see `believe`; None for what recording.yaml says.
+        transfer: Folder of a second set: the same bodies under another protocol, which certifies a cause.
+        effects: Candidates beside the catalogue.
+        seed: Seed of the effect-free data and of the bootstrap.
+        say: Told what is being done.
+
+    Returns:
+        The document, as diagnosis.json holds it.
+
+    Raises:
+        ValueError: If the recordings or the model cannot be used; the message says what is missing.
+    """
+    begun = time.perf_counter()
+    say("reading the recordings")
+    observations = observe(RecordingSet(recordings), None if transfer is None else RecordingSet(transfer))
+    believed = believe(observations.scene, model)
+    known = {effect.name for effect in believed.effects}
+    candidates = [kind for kind in (*CATALOGUE, *effects) if kind.name not in known]
+    generator = torch.Generator().manual_seed(seed)
+    prepared = prepare(observations, believed, candidates, generator, say)
+    found = attribute(prepared, generator, say)
+    conclusion = draw_conclusion(prepared, found, generator)
+    say("writing the report")
+    document = check_diagnosis(conclusion.diagnosis.to_mapping())
+    pictures = draw(recordings.name, prepared, found, conclusion, time.perf_counter() - begun)
+    write_report(out, document, pictures)
+    write_diagnosis(out, document)
+    return document
