@@ -10,6 +10,7 @@ import numpy as np
 import pybullet
 from numpy.typing import NDArray
 
+from physid.bullet.native import Settings
 from physid.scenes.placing import UP
 from physid.scenes.rotations import between, rotate
 from physid.scenes.scene import Body, Ground, Scene
@@ -125,6 +126,13 @@ class Engine:
         # A separate correction of overlaps would take back the deflection.
         pybullet.setPhysicsEngineParameter(useSplitImpulse=0, **self._on)
         self._soft = True
+
+    def alter(self, settings: Settings) -> None:
+        """Leave the textbook: change what PyBullet itself does with all bodies, the ground or the world."""
+        for body in self._bodies:
+            pybullet.changeDynamics(body, -1, **settings.bodies, **self._on)
+        pybullet.changeDynamics(self._ground, -1, **settings.ground, **self._on)
+        pybullet.setPhysicsEngineParameter(**settings.world, **self._on)
 
     def set_inertia(self, body: int, mass: float, moments: Sequence[float]) -> None:
         """Set the mass [kg] and the principal moments [kg m^2] of body `body` of the scene."""

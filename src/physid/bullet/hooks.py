@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from physid.bullet.engine import Engine, Rows
+from physid.bullet.native import Native
 from physid.physics.effect import Effect, StepInputs
 from physid.physics.rotations import rotate, to_matrix
 from physid.physics.state import State
@@ -54,7 +55,11 @@ class Hooks:
                 scene.bodies, first.size[0].tolist(), first.mass[0].tolist(), first.inertia[0].tolist(), strict=True
             )
         ]
-        return Engine(scene.with_bodies(bodies), time_step, first.centre_of_mass[0].numpy())
+        engine = Engine(scene.with_bodies(bodies), time_step, first.centre_of_mass[0].numpy())
+        for effect in self._effects:
+            if isinstance(effect, Native):
+                engine.alter(effect.settings())
+        return engine
 
     def start(self, pose: Array) -> Array:
         """Return first poses (N, 7) that keep the distance of each body from the ground although sizes differ."""

@@ -1,0 +1,59 @@
+"""The effects of the benchmark's own rings: they vanish at their null value, and show otherwise."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from physid.benchmark.native import NATIVE
+from physid.benchmark.outside import OUTSIDE
+from physid.bullet.native import Native
+from physid.bullet.world import observed, simulate
+from physid.effects import CATALOGUE
+from physid.effects.laws import batch_equals_loop, null_is_identity
+from physid.physics.effect import Effect
+from physid.scenes.catalogue import SETUPS, find_setup
+
+STEPS = 160  # by then a toss has bounced
+EXACT = 1e-9  # [m]
+VISIBLE = 1e-5  # [m] or [-]
+
+
+def seen(scene: str, effects: tuple[Effect, ...]) -> NDArray[np.float64]:
+    """Return the observed poses of a short trajectory of the rich protocol."""
+    setup = find_setup(scene)
+    excitation = setup.draw(setup.scene, "rich", np.random.default_rng(4), STEPS)
+    return observed(simulate(setup.scene, excitation, effects).pose, effects, setup.scene.time_step)
+
+
+def typical(kind: type[Effect]) -> Effect:
+    """Return the effect at twice its typical size, or the end of its range."""
+    sizes = {key: min(2 * q.typical, q.high) for key, q in kind.quantities().items()}
+    return kind().replace(**{key: getattr(kind(), key) + size for key, size in sizes.items()})
+
+
+@pytest.mark.parametrize("kind", [*NATIVE, *OUTSIDE], ids=lambda kind: kind.name)
+def test_an_effect_of_the_rings_vanishes_at_null_and_shows_in_some_scene(kind: type[Effect]) -> None:
+    shown = 0.0
+    for scene in (setup.scene.name for setup in SETUPS):
+        plain = seen(scene, ())
+        assert np.abs(seen(scene, (kind(),)) - plain).max() < EXACT, scene
+        shown = max(shown, float(np.abs(seen(scene, (typical(kind),)) - plain).max()))
+        assert np.array_equal(seen(scene, ()), plain), "PyBullet kept a setting for the next world"
+    assert shown > VISIBLE
+
+
+@pytest.mark.parametrize("kind", OUTSIDE, ids=lambda kind: kind.name)
+def test_an_effect_outside_the_catalogue_obeys_the_laws_of_effects(kind: type[Effect]) -> None:
+    null_is_identity(kind)
+    batch_equals_loop(kind)
+
+
+def test_the_rings_share_no_name_and_kin_stands_in_the_catalogue() -> None:
+    known = {kind.name for kind in CATALOGUE}
+    names = [kind.name for kind in (*NATIVE, *OUTSIDE)]
+    assert len({*names, *known}) == len(names) + len(known)
+    for kind in NATIVE:
+        assert isinstance(kind(), Native)
+        assert set(getattr(kind, "kin")) <= known  # noqa: B009
