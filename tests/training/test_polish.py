@@ -1,5 +1,9 @@
+import math
+
+import pytest
 import torch
 
+from physid.physics.rotations import angle_between
 from physid.scenes.catalogue import find_setup
 from physid.training.decoder import Decoder
 from physid.training.polish import Polish
@@ -9,19 +13,40 @@ SCENE = find_setup("push").scene
 TOLERANCE = 1e-3  # [m], [rad]; a pixel is 21 mm
 
 
-def test_a_pose_that_is_off_by_a_third_of_the_body_is_found_again() -> None:
+def painted() -> Decoder:
+    """Return a decoder of a block with faces of random colours."""
     torch.manual_seed(0)
-    chart, decoder = chart_of(SCENE, "planar"), Decoder(SCENE)
+    decoder = Decoder(SCENE)
     colours = torch.rand(1, 1, 6, 3, 4, 4)
     decoder.patches = torch.nn.functional.interpolate(colours.flatten(0, 2), size=32).view(1, 1, 6, 3, 32, 32)
-    background = torch.full((1, 3, 128, 128), 0.7)
-    numbers = torch.tensor([[0.3, -0.2, 0.8, 0.6], [-0.5, 0.4, 0.0, -1.0]])[None, :, None]
-    true = chart.to_pose(numbers)
-    start = chart.to_pose(numbers + torch.tensor([0.05, -0.04, 0.1, 0.1]))
-    image = decoder(true, background)
-    found = Polish(steps=12)(chart, decoder, start, image, background)
+    return decoder
+
+
+BACKGROUND = torch.full((1, 3, 128, 128), 0.7)
+NUMBERS = torch.tensor([[0.3, -0.2, 0.8, 0.6], [-0.5, 0.4, 0.0, -1.0]])[None, :, None]
+
+
+def test_a_pose_that_is_off_by_a_third_of_the_body_is_found_again() -> None:
+    chart, decoder = chart_of(SCENE, "planar"), painted()
+    true = chart.to_pose(NUMBERS)
+    start = chart.to_pose(NUMBERS + torch.tensor([0.05, -0.04, 0.1, 0.1]))
+    image = decoder(true, BACKGROUND)
+    found = Polish(steps=12)(chart, decoder, start, image, BACKGROUND)
     assert (start - true).abs().max() > 30 * TOLERANCE
     assert (found - true).abs().max() < TOLERANCE
+
+
+@pytest.mark.parametrize("turn", [1.57, 3.14])
+def test_any_heading_is_found_if_several_are_tried(turn: float) -> None:
+    chart, decoder = chart_of(SCENE, "planar"), painted()
+    turned = torch.tensor([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
+    start = torch.cat([NUMBERS[..., :2] + 0.03, NUMBERS[..., 2:] @ turned.T], -1)
+    true = chart.to_pose(NUMBERS)
+    image = decoder(true, BACKGROUND)
+    found = Polish(steps=12, headings=24)(chart, decoder, chart.to_pose(start), image, BACKGROUND)
+    assert angle_between(found[..., 3:], true[..., 3:]).max() < TOLERANCE
+    trusting = Polish(steps=12)(chart, decoder, chart.to_pose(start), image, BACKGROUND)
+    assert angle_between(trusting[..., 3:], true[..., 3:]).max() > 100 * TOLERANCE
 
 
 def test_no_steps_leave_the_poses_as_they_are() -> None:

@@ -34,6 +34,10 @@ class Polish:
     This is inference by the decoder, started by the encoder (Kim et al. 2018 call it semi-amortised): the encoder need
     only be right to half the size of a body, the result is as good as the decoder, a tenth of a pixel.
 
+    A heading that is wrong by more than some 30 degrees is out of reach of such steps. With several `headings`, all of
+    them are drawn where the first half of the steps has brought the bodies; the best one goes on, and once more with
+    the bodies turned half around, since a block and its opposite differ least.
+
     Attributes:
         steps: Gauss-Newton steps, the first half of them with a wider blur; 0 leaves the poses as they are.
         headings: Headings of each body that are tried, the encoder's and others evenly around; 1 trusts the encoder.
@@ -82,15 +86,16 @@ class Polish:
         wide, fine = (_Mismatch(sigma, decoder, chart, pose, image, background) for sigma in sigmas)
         numbers, _ = self._descend(chart, wide, chart.to_numbers(pose), self.steps // 2)
         rest = self.steps - self.steps // 2
+        if self.headings == 1 or not isinstance(chart, PlanarChart):
+            return chart.to_pose(self._descend(chart, fine, numbers, rest)[0])
+        for body in range(chart.bodies):
+            numbers = _best_heading(fine, numbers, body, self.headings)
         numbers, residual = self._descend(chart, fine, numbers, rest)
-        if isinstance(chart, PlanarChart):
-            for body in range(chart.bodies):
-                for turn in range(1, self.headings):
-                    start = _turned(numbers, body, 2 * math.pi * turn / self.headings)
-                    other, difference = self._descend(chart, fine, start, rest)
-                    better = difference.square().sum(-1) < residual.square().sum(-1)
-                    numbers = torch.where(better[:, None, None], other, numbers)
-                    residual = torch.where(better[:, None], difference, residual)
+        for body in range(chart.bodies):
+            other, difference = self._descend(chart, fine, _turned(numbers, body, math.pi), rest)
+            better = difference.square().sum(-1) < residual.square().sum(-1)
+            numbers = torch.where(better[:, None, None], other, numbers)
+            residual = torch.where(better[:, None], difference, residual)
         return chart.to_pose(numbers)
 
     def _descend(self, chart: PoseChart, mismatch: _Mismatch, numbers: Tensor, steps: int) -> tuple[Tensor, Tensor]:
@@ -106,6 +111,14 @@ class Polish:
             residual = torch.where(better[:, None], tried, residual)
             damping = torch.where(better[:, None], damping / 10, damping * 10)
         return numbers, residual
+
+
+def _best_heading(mismatch: _Mismatch, numbers: Tensor, body: int, headings: int) -> Tensor:
+    """Turn one body of numbers (M, N, K) to that of several headings at which drawn and given images differ least."""
+    turned = [_turned(numbers, body, 2 * math.pi * turn / headings) for turn in range(headings)]
+    tried = torch.stack(turned, 1)
+    best = mismatch(tried).square().sum(-1).argmin(1)
+    return tried[torch.arange(len(numbers), device=numbers.device), best]
 
 
 def _turned(numbers: Tensor, body: int, angle: float) -> Tensor:
