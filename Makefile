@@ -15,13 +15,14 @@ CPU_WHEELS := https://download.pytorch.org/whl/cpu
 export OMP_NUM_THREADS ?= 1
 export WANDB_MODE ?= offline
 
-.PHONY: help install reproduce test test-all lint types format docs clean
+.PHONY: help install reproduce test test-all lint types format docs picture clean
 
 help:
 	@echo 'make reproduce   identify the parameters of every scene and print them beside the truth'
 	@echo 'make test        run the tests (make test-all: the slow ones too)'
 	@echo 'make lint types  check style and types; make format mends the style'
 	@echo 'make docs        write the reference of the Python interface into site/'
+	@echo 'make picture     draw the picture of README.md from two runs'
 	@echo 'make install     only create .venv; make clean removes it'
 
 reproduce: $(STAMP)
@@ -47,6 +48,9 @@ format: $(STAMP)
 docs: $(STAMP)
 	$(BIN)/pdoc physid --docformat google --output-directory site
 
+picture: $(STAMP)
+	$(BIN)/python docs/pictures/overview.py
+
 install: $(STAMP)
 
 # torch comes first and alone: if pip's own sources lack the CPU build, only this one package is looked up in PyTorch's
@@ -55,6 +59,7 @@ $(STAMP): pyproject.toml constraints-cpu.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "physid needs Python 3.11 or newer: make PYTHON=...")'
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 ifeq ($(strip $(TORCH)),)
+	@echo 'installing torch into $(VENV), about one minute'
 	cp constraints-cpu.txt $(VENV)/constraints.txt
 	$(BIN)/pip install --quiet --no-deps -c $(VENV)/constraints.txt torch 2>$(VENV)/torch.log || \
 	    { echo 'pip finds no CPU build of torch: adding $(CPU_WHEELS)'; \
@@ -63,6 +68,7 @@ else
 	grep -v '^torch==' constraints-cpu.txt > $(VENV)/constraints.txt
 	$(BIN)/pip install $(TORCH)
 endif
+	@echo 'installing the other packages, about two minutes'
 	$(BIN)/pip install --quiet -c $(VENV)/constraints.txt -e '.[dev]'
 	touch $@
 
