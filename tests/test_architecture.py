@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -45,6 +46,7 @@ FILES = sorted(SOURCE.rglob("*.py"))
 NAMES = [path.relative_to(SOURCE).as_posix() for path in FILES]
 
 
+@cache
 def imports(path: Path) -> set[str]:
     """Return every module that a file imports, wherever in the file."""
     found: set[str] = set()
@@ -105,6 +107,29 @@ def test_the_truth_is_read_by_generation_by_scoring_and_by_callbacks_only(name: 
     assert not reading, f"{name} imports {reading[0]}"
     behind_its_back = rank(name) >= RANKS["training"] and "truth.yaml" in (SOURCE / name).read_text()
     assert not behind_its_back, f"{name} names the truth file"
+
+
+def reached(name: str) -> set[str]:
+    """Return every file of the project that a file imports, directly or through others, itself included."""
+    found, open_ends = {name}, [name]
+    while open_ends:
+        for other in imported_files(SOURCE / open_ends.pop()):
+            for path in (f"{other}.py", f"{other}/__init__.py"):
+                if (SOURCE / path).is_file() and path not in found:
+                    found.add(path)
+                    open_ends.append(path)
+    return found
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if name.startswith("diagnosis/")])
+def test_a_diagnosis_reaches_neither_the_benchmark_nor_the_reader_of_the_truth(name: str) -> None:
+    assert not [other for other in reached(name) if other.startswith("benchmark/")]
+    assert "data/truth.py" not in reached(name)
+
+
+def test_what_diagnoses_a_bank_does_not_reach_its_labels() -> None:
+    assert "benchmark/labels.py" in reached("benchmark/scoring.py")
+    assert not {"benchmark/labels.py", "benchmark/seal.py", "data/truth.py"} & reached("benchmark/verdicts.py")
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -212,7 +212,7 @@ def _build_parser(command: Command) -> ArgumentParser:
 def _parse(parser: ArgumentParser, words: Sequence[str], command: Command) -> dict[str, Any]:
     """Parse a command's own words into the arguments of its function."""
     try:
-        return dict(parser.parse_args(list(words)).as_dict())
+        return dict(parser.parse_args(command.place(words)).as_dict())
     except ArgumentError as error:
         raise UsageError(f"{command.name}: {shorten(str(error))}") from None
 
@@ -223,6 +223,7 @@ def _format_help(parser: ArgumentParser, command: Command) -> str:
     options = re.sub(r"(--\w+) \{true,false\}(?:\n {24}| +)", lambda flag: f"{flag[1]:<22}", options)
     options = re.sub(r"--\w+", lambda option: option[0].replace("_", "-"), options)
     positional = "".join(f" {each.upper()}" for each in command.positionals)
+    positional += "".join(f" [{each.upper()}]" for each in command.optional)
     configured = CONFIGURED if command.configurable else ""
     usage = " --config FILE [key=value ...]" if command.configurable else ""
     return f"usage: physid {command.name}{positional}{usage} [options]\n\n{command.guide}\n\n{options}{configured}"

@@ -1,7 +1,7 @@
 """The commands of `physid`: one typed function each, whose docstring is its help. Heavy imports stay inside."""
 
+from physid.commands.benchmark import benchmark
 from physid.commands.command import Command
-from physid.commands.diagnoses import diagnose
 from physid.commands.diagnoses import diagnose
 from physid.commands.fits import fit, predict, test, validate
 from physid.commands.overviews import dashboard, reproduce
@@ -18,7 +18,7 @@ COMMANDS: tuple[Command, ...] = (
     Command(predict),
     Command(observe),
     Command(diagnose),
-    Command(diagnose),
+    Command(benchmark),
     Command(effects),
     Command(reproduce),
     Command(dashboard),

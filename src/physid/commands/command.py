@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 
@@ -30,8 +30,12 @@ class Command:
     @property
     def positionals(self) -> list[str]:
         """The names of what must be given, in order."""
-        parameters = inspect.signature(self.function).parameters.values()
-        return [each.name for each in parameters if each.kind is not each.KEYWORD_ONLY and each.name != "configuration"]
+        return [each.name for each in self._places() if each.default is each.empty]
+
+    @property
+    def optional(self) -> list[str]:
+        """The names of what may follow, in order."""
+        return [each.name for each in self._places() if each.default is not each.empty]
 
     @property
     def options(self) -> dict[str, bool]:
@@ -48,3 +52,13 @@ class Command:
     def guide(self) -> str:
         """The docstring without its list of arguments."""
         return inspect.cleandoc(self.function.__doc__ or "").partition("\nArgs:")[0].strip()
+
+    def place(self, words: Sequence[str]) -> list[str]:
+        """Spell what may follow the positionals as options: `diagnosis seal` becomes `diagnosis --step=seal`."""
+        bare = [index for index, word in enumerate(words) if not word.startswith("-")][len(self.positionals) :]
+        names = dict(zip(bare, self.optional, strict=False))
+        return [f"--{names[index]}={word}" if index in names else word for index, word in enumerate(words)]
+
+    def _places(self) -> list[inspect.Parameter]:
+        parameters = inspect.signature(self.function).parameters.values()
+        return [each for each in parameters if each.kind is not each.KEYWORD_ONLY and each.name != "configuration"]

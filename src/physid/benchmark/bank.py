@@ -1,0 +1,100 @@
+"""A bank: what it shall be, and where its parts lie."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import yaml
+
+from physid.data.files import write_text
+from physid.scenes.strict import check_keys, whole
+
+Purpose = Literal["score", "calibration"]
+FORMAT, VERSION = "physid-bank", 1
+FILE, SETS, VERDICTS, SEALED = "bank.yaml", "sets", "verdicts", "sealed"
+
+
+@dataclass(frozen=True)
+class Size:
+    """How large a bank is.
+
+    Attributes:
+        sets: Recording sets.
+        trajectories: Trajectories of each.
+        steps: Frames of each trajectory.
+    """
+
+    sets: int = 150
+    trajectories: int = 24
+    steps: int = 300
+
+    def __post_init__(self) -> None:
+        whole(self.sets, "sets", low=1)
+        whole(self.trajectories, "trajectories", low=6)
+        whole(self.steps, "steps", low=60)
+
+
+QUICK = Size(sets=15, trajectories=12, steps=120)
+
+
+@dataclass(frozen=True)
+class Bank:
+    """What everybody may know of a bank; nothing of it depends on what is hidden.
+
+    Attributes:
+        folder: Where it lies.
+        purpose: score, or calibration: the thresholds that ship come from calibration banks alone.
+        sets: SHA-256 of each recording set, by name.
+        seal: SHA-256 of the labels with their salt.
+    """
+
+    folder: Path
+    purpose: Purpose
+    sets: Mapping[str, str]
+    seal: str
+
+    def recordings(self, name: str) -> Path:
+        """Return the folder of a recording set."""
+        return self.folder / SETS / name
+
+    def verdict(self, name: str) -> Path:
+        """Return the folder of the diagnosis of a set."""
+        return self.folder / VERDICTS / name
+
+
+def write_bank(bank: Bank) -> None:
+    """Write bank.yaml, whole or not at all."""
+    values = {"format": FORMAT, "version": VERSION, "purpose": bank.purpose, "seal": bank.seal, "sets": dict(bank.sets)}
+    write_text(bank.folder / FILE, yaml.safe_dump(values, sort_keys=False, width=200))
+
+
+def read_bank(folder: Path) -> Bank:
+    """Read bank.yaml.
+
+    Raises:
+        FileNotFoundError: If there is no sealed bank.
+        ValueError: If the file breaks the format.
+    """
+    path = folder / FILE
+    if not path.is_file():
+        raise FileNotFoundError(
+            f"{path}: expected a sealed bank, found none; make one: physid benchmark diagnosis seal --out {folder}"
+        )
+    try:
+        values = yaml.safe_load(path.read_text(encoding="utf-8"))
+        known = check_keys(values, FILE, ("format", "version", "purpose", "seal", "sets"))
+        if (known["format"], known["version"]) != (FORMAT, VERSION):
+            raise ValueError(f"expected format {FORMAT}, version {VERSION}, found {known['format']!r}")
+    except (yaml.YAMLError, ValueError) as error:
+        raise ValueError(f"{path}: {error}") from None
+    return Bank(folder, known["purpose"], known["sets"], known["seal"])
+
+
+def seal_of(labels: Mapping[str, Any]) -> str:
+    """Return the SHA-256 of labels, salt included, in their one canonical spelling."""
+    return hashlib.sha256(json.dumps(labels, sort_keys=True, separators=(",", ":")).encode()).hexdigest()

@@ -1,0 +1,74 @@
+"""Intervals for shares, and the severity at which half of all effects are seen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from statistics import NormalDist
+
+import numpy as np
+
+LEVEL = 0.95
+BOOTSTRAPS = 200
+RIDGE = 0.05  # keeps the logistic curve finite where it separates the sets completely
+STEPS = 30
+
+
+def wilson(hits: int, count: int, level: float = LEVEL) -> tuple[float, float]:
+    """Return the interval of a share (Wilson 1927).
+
+    (p + z^2 / 2n -+ z sqrt(p (1 - p) / n + z^2 / 4n^2)) / (1 + z^2 / n) with p = hits / n.
+
+    Args:
+        hits: Successes.
+        count: Trials n; without any the interval is 0 to 1.
+        level: Share of such intervals that hold the truth.
+    """
+    if not count:
+        return 0.0, 1.0
+    z, p = NormalDist().inv_cdf(0.5 + level / 2), hits / count
+    middle = p + z**2 / (2 * count)
+    reach = z * (p * (1 - p) / count + z**2 / (4 * count**2)) ** 0.5
+    scale = 1 + z**2 / count
+    return max(0.0, (middle - reach) / scale), min(1.0, (middle + reach) / scale)
+
+
+def half_power(severities: Sequence[float], seen: Sequence[bool]) -> float | None:
+    """Return the severity at which a logistic curve of log severity, fitted to what was seen, passes one half.
+
+    Returns:
+        The severity; None if nothing or everything was seen, or if what shows more is seen less.
+    """
+    x, y = np.log(np.asarray(severities, dtype=float)), np.asarray(seen, dtype=float)
+    if len(y) < 2 or y.min() == y.max():
+        return None
+    middle, spread = x.mean(), x.std() + 1e-9
+    design = np.stack([np.ones(len(x)), (x - middle) / spread], 1)
+    weights = np.zeros(2)
+    for _ in range(STEPS):
+        p = 1 / (1 + np.exp(-np.clip(design @ weights, -30, 30)))
+        slope = design.T @ (y - p) - RIDGE * weights
+        curve = (design.T * (p * (1 - p))) @ design + RIDGE * np.eye(2)
+        weights = weights + np.linalg.solve(curve, slope)
+    if weights[1] <= 0:
+        return None
+    return float(np.exp(middle - spread * weights[0] / weights[1]))
+
+
+def bootstrap_half_power(severities: Sequence[float], seen: Sequence[bool]) -> tuple[float, float] | None:
+    """Return the 95 % bootstrap interval of `half_power`; None where most draws have none."""
+    generator = np.random.default_rng(0)
+    draws = (generator.integers(len(seen), size=len(seen)) for _ in range(BOOTSTRAPS))
+    found = [half_power([severities[i] for i in draw], [seen[i] for i in draw]) for draw in draws]
+    values = [value for value in found if value is not None]
+    if 2 * len(values) < BOOTSTRAPS:
+        return None
+    low, high = np.quantile(values, [0.025, 0.975])
+    return float(low), float(high)
+
+
+def bootstrap_median(values: Sequence[float]) -> tuple[float, float]:
+    """Return the 95 % bootstrap interval of a median."""
+    generator, data = np.random.default_rng(0), np.asarray(values)
+    draws = data[generator.integers(len(data), size=(BOOTSTRAPS, len(data)))]
+    low, high = np.quantile(np.median(draws, 1), [0.025, 0.975])
+    return float(low), float(high)

@@ -1,0 +1,153 @@
+"""One verdict against the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from physid.benchmark.labels import Label
+from physid.physics.effect import Site
+
+MOST_MEMBERS = 8  # a group of more members says nothing: it counts as wrong
+WEAK, MEDIUM, STRONG = 0.1, 0.3, 1.0  # [standard deviations of the noise] severities from which on a set is called so
+NO_GAP = 1.02  # gaps below this multiple of the noise are not asked to close
+BINS = ("faint", "weak", "medium", "strong")
+SITES: tuple[Site, ...] = ("perception", "actuation", "dynamics", "contact")
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What became of one set.
+
+    Attributes:
+        name: The set.
+        label: Its truth.
+        verdict: none, named, group, partial, unknown, or failed.
+        named: Effects that were blamed.
+        group: Effects that the diagnosis could not tell apart.
+        confidence: How sure it was.
+        exact: Whether precisely the right effects were blamed (or `none`, or `unknown`, where that is right).
+        grouped: Whether the right effects are in the group (or the same).
+        site: Whether the strongest site is right; None where there is no effect or nothing was flagged.
+        phase: Whether the strongest cell lies in a phase in which the effect acts; None likewise.
+        covered: For each interval of a parameter, whether the truth is inside: those of effects, and all others.
+        same: Part of the gap that closed on the same protocol, relative to the true effect; None where undefined.
+        transfer: The same on the transfer protocol.
+        seconds: How long the diagnosis took.
+    """
+
+    name: str
+    label: Label
+    verdict: str
+    named: tuple[str, ...] = ()
+    group: tuple[str, ...] = ()
+    confidence: float = 0.0
+    exact: bool = False
+    grouped: bool = False
+    site: bool | None = None
+    phase: bool | None = None
+    covered: tuple[tuple[bool, ...], tuple[bool, ...]] = ((), ())
+    same: float | None = None
+    transfer: float | None = None
+    seconds: float | None = None
+
+    @property
+    def flagged(self) -> bool:
+        """Whether a gap was seen."""
+        return self.verdict not in ("none", "failed")
+
+    @property
+    def least(self) -> float:
+        """The severity of the weakest effect in the set; 0 without effects."""
+        return min((part.severity for part in self.label.effects), default=0.0)
+
+    @property
+    def answer(self) -> str:
+        """What was said, in one word, for the table of confusions."""
+        return " + ".join(sorted(self.named)) if self.named else self.verdict
+
+
+def bin_of(severity: float) -> str:
+    """Return the name of a severity."""
+    return BINS[sum(severity >= limit for limit in (WEAK, MEDIUM, STRONG))]
+
+
+def judge(name: str, document: Mapping[str, Any], label: Label, seconds: float | None = None) -> Judged:
+    """Compare a verdict with the truth.
+
+    Args:
+        name: The set.
+        document: What diagnosis.json holds.
+        label: The truth.
+        seconds: How long the diagnosis took.
+    """
+    verdict = str(document["verdict"])
+    named = tuple(effect["name"] for effect in document["effects"])
+    group = tuple(dict.fromkeys((*named, *document["group"])))
+    if label.right:
+        exact = any(sorted(right) == sorted(named) for right in label.right)
+        enough = [right for right in label.right if set(right) <= set(group) and len(named) >= len(right)]
+        grouped = exact or (bool(enough) and len(group) <= MOST_MEMBERS)
+    else:
+        exact = grouped = verdict == ("unknown" if label.effects else "none")
+    flagged = verdict != "none"
+    return Judged(
+        name,
+        label,
+        verdict,
+        named,
+        group,
+        float(document["confidence"]),
+        exact,
+        grouped,
+        _site(document, label) if flagged and label.effects else None,
+        _phase(document, label) if flagged and label.phases else None,
+        (_effect_coverage(document, label), _parameter_coverage(document, label)),
+        _closed(document, label, "same"),
+        _closed(document, label, "transfer"),
+        seconds,
+    )
+
+
+def _site(document: Mapping[str, Any], label: Label) -> bool:
+    shares = document["where"]["site"]
+    return max(SITES, key=lambda site: shares[site]) in {part.site for part in label.effects}
+
+
+def _phase(document: Mapping[str, Any], label: Label) -> bool:
+    cells = document["where"]["cells"]
+    return bool(cells) and max(cells, key=lambda cell: cell["evidence"])["phase"] in label.phases
+
+
+def _effect_coverage(document: Mapping[str, Any], label: Label) -> tuple[bool, ...]:
+    """Tell for each parameter of the rightly named effects whether its interval holds the truth."""
+    true = {part.name: part.parameters for part in label.effects}
+    if sorted(true) != sorted(effect["name"] for effect in document["effects"]):
+        return ()
+    return tuple(
+        estimate["low"] <= true[effect["name"]][key] <= estimate["high"]
+        for effect in document["effects"]
+        for key, estimate in effect["parameters"].items()
+    )
+
+
+def _parameter_coverage(document: Mapping[str, Any], label: Label) -> tuple[bool, ...]:
+    """Tell the same for the parameters of the scene, where the right effects were added."""
+    if sorted(part.name for part in label.effects) != sorted(effect["name"] for effect in document["effects"]):
+        return ()
+    found = {name: value["with_effect"] for name, value in document["parameters"].items()}
+    return tuple(
+        one["low"] <= label.parameters[name] <= one["high"]
+        for name, one in found.items()
+        if one is not None and name in label.parameters
+    )
+
+
+def _closed(document: Mapping[str, Any], label: Label, split: str) -> float | None:
+    """Return (before - after) / (before - floor): the true effect, at its true size, leaves but the sensor's noise."""
+    error, floor = document["gap"][split], 3**0.5 * label.noise
+    if error is None or not label.effects or error["before"] < NO_GAP * floor:
+        return None
+    after = error["before"] if error["after"] is None else error["after"]
+    return float((error["before"] - after) / (error["before"] - floor))

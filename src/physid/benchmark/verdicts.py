@@ -1,0 +1,102 @@
+"""Diagnose every set of a bank, from its recordings alone; resumable."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from physid.benchmark.bank import SEALED, Bank
+from physid.data.files import write_text
+from physid.diagnosis.document import FILE
+
+TIME, FAILURE = "time.json", "failure.json"
+Diagnose = Callable[..., Mapping[str, Any]]
+_closed: list[str] = []  # folders that no Python code of this process may open
+
+
+def diagnose_bank(
+    bank: Bank, workers: int = 1, *, diagnose: Diagnose | None = None, again: bool = False, quiet: bool = False
+) -> tuple[int, int]:
+    """Diagnose the sets that have no verdict yet.
+
+    Each set is its own task. While one runs, its process cannot open what is sealed. A diagnosis that raises an error
+    leaves failure.json instead of a verdict.
+
+    Args:
+        bank: The bank.
+        workers: Processes.
+        diagnose: What to test; `physid.diagnosis.diagnose.diagnose` by default.
+        again: Whether to diagnose again what failed before.
+        quiet: Whether to hide the progress bar.
+
+    Returns:
+        How many were diagnosed by this call, and how many of them failed.
+    """
+    import joblib
+    from tqdm import tqdm
+
+    missing = [name for name in bank.sets if is_open(bank, name, again=again)]
+    jobs = (joblib.delayed(diagnose_set)(bank, name, diagnose) for name in missing)
+    parallel = joblib.Parallel(n_jobs=workers, return_as="generator_unordered", batch_size=1)
+    bar = tqdm(parallel(jobs), total=len(missing), desc="diagnosing", disable=quiet or None)
+    return len(missing), sum(not done for done in bar)
+
+
+def is_open(bank: Bank, name: str, *, again: bool = False) -> bool:
+    """Tell whether a set still waits for its verdict."""
+    folder = bank.verdict(name)
+    failed = (folder / FAILURE).is_file() and not again
+    return not (failed or ((folder / FILE).is_file() and (folder / TIME).is_file()))
+
+
+def diagnose_set(bank: Bank, name: str, diagnose: Diagnose | None = None) -> bool:
+    """Diagnose one set and keep the time it took; tells whether it succeeded."""
+    from physid.diagnosis.diagnose import diagnose as shipped
+
+    tested: Diagnose = diagnose or shipped
+    out = bank.verdict(name)
+    begun = time.perf_counter()
+    try:
+        with closed(bank.folder / SEALED):
+            tested(bank.recordings(name), out)
+    except (ValueError, RuntimeError, OSError) as error:
+        write_text(out / FAILURE, json.dumps({"error": f"{type(error).__name__}: {error}"}) + "\n")
+        return False
+    (out / FAILURE).unlink(missing_ok=True)
+    write_text(out / TIME, json.dumps({"seconds": time.perf_counter() - begun}) + "\n")
+    return True
+
+
+@contextmanager
+def closed(folder: Path) -> Iterator[None]:
+    """Let every attempt of this process to open or list something in a folder fail.
+
+    Raises:
+        PermissionError: At such an attempt.
+    """
+    if _refuse not in _hooked:
+        sys.addaudithook(_refuse)
+        _hooked.append(_refuse)
+    _closed.append(str(folder.absolute()))
+    try:
+        yield
+    finally:
+        _closed.pop()
+
+
+def _refuse(event: str, arguments: tuple[Any, ...]) -> None:
+    """Look at what Python is about to open (PEP 578)."""
+    if not _closed or event not in ("open", "os.listdir", "os.scandir") or not arguments:
+        return
+    if isinstance(arguments[0], str | Path | bytes):
+        asked = Path(arguments[0].decode() if isinstance(arguments[0], bytes) else arguments[0]).absolute()
+        if any(asked.is_relative_to(each) for each in _closed):
+            raise PermissionError(f"{asked}: expected a diagnosis to see the recordings only, it asked for the labels")
+
+
+_hooked: list[Callable[[str, tuple[Any, ...]], None]] = []  # an audit hook cannot be taken away: one is enough

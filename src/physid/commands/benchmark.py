@@ -1,0 +1,97 @@
+"""The command that checks a diagnosis on recordings whose truth it cannot see."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    from physid.benchmark.seal import Plan
+
+
+def benchmark(
+    subject: Literal["diagnosis"],
+    step: Literal["all", "seal", "diagnose", "score", "calibrate"] = "all",
+    *,
+    out: Path | None = None,
+    bank: Path | None = None,
+    sets: int = 150,
+    trajectories: int = 24,
+    steps: int = 300,
+    seed: int = 0,
+    quick: bool = False,
+    calibration: bool = False,
+    workers: int = -1,
+    backend: Literal["loky", "dask"] = "loky",
+    scheduler: str | None = None,
+    again: bool = False,
+    quiet: bool = False,
+) -> None:
+    """Check the diagnosis on recordings with hidden effects.
+
+    `seal` makes recording sets with hidden effects and publishes the salted hash of their labels; `diagnose` sees the
+    recordings only; `score` opens the labels once every set has its verdict. Without a step, all three; each goes on
+    where it stopped. `calibrate` counts right verdicts on a calibration bank, whose seeds are never scored.
+
+    Examples:
+      physid benchmark diagnosis --quick
+      physid benchmark diagnosis seal --out banks/1 --seed 1
+      physid benchmark diagnosis diagnose --bank banks/1
+      physid benchmark diagnosis score --bank banks/1
+
+    Args:
+        subject: What to check.
+        step: all, seal, diagnose, score or calibrate.
+        out: What is written: the bank by seal, the results by score; BANK/score by default.
+        bank: The bank; runs/benchmark/diagnosis by default.
+        sets: Recording sets in a new bank.
+        trajectories: Trajectories of each set.
+        steps: Frames of each trajectory.
+        seed: Seed of a new bank.
+        quick: A tenth: 15 sets of 12 trajectories of 120 frames.
+        calibration: Make a calibration bank.
+        workers: Processes; -1 for one on each core.
+        backend: loky for processes of this machine, dask for a cluster (docs/scaling.md).
+        scheduler: Address of Dask's scheduler, tcp://HOST:8786.
+        again: Diagnose again what failed before.
+        quiet: Hide the progress bars.
+    """
+    from physid.benchmark.bank import QUICK, Size
+    from physid.benchmark.seal import Plan
+    from physid.workers import running_on
+
+    place = (out if step in ("all", "seal") else None) or bank or Path(f"runs/benchmark/{subject}")
+    size = QUICK if quick else Size(sets, trajectories, steps)
+    with running_on(backend, scheduler) as whole_path:
+        if step in ("all", "seal"):
+            _seal(whole_path(place), Plan("calibration" if calibration else "score", seed, size), workers, quiet)
+        if step in ("all", "diagnose"):
+            _diagnose(whole_path(place), workers, again, quiet)
+    _judge(step, place, (out if step == "score" else None) or place / "score")
+
+
+def _seal(place: Path, plan: Plan, workers: int, quiet: bool) -> None:
+    from physid.benchmark.seal import seal
+
+    bank = seal(place, plan, workers, quiet=quiet)
+    print(f"{place}: {len(bank.sets)} sets; SHA-256 of the sealed labels {bank.seal}")
+
+
+def _diagnose(place: Path, workers: int, again: bool, quiet: bool) -> None:
+    from physid.benchmark.bank import read_bank
+    from physid.benchmark.verdicts import diagnose_bank
+
+    done, failed = diagnose_bank(read_bank(place), workers, again=again, quiet=quiet)
+    print(f"{place}: {done} diagnosed now, {failed} of them failed")
+
+
+def _judge(step: str, place: Path, target: Path) -> None:
+    from physid.benchmark.bank import read_bank
+    from physid.benchmark.calibrate import calibrate
+    from physid.benchmark.scoring import report, score
+
+    if step in ("all", "score"):
+        print(f"{report(score(read_bank(place), target))}\n\n{target / 'results.html'}")
+    if step == "calibrate":
+        for verdict, (right, count) in calibrate(read_bank(place)).items():
+            print(f"{verdict}: {right} right of {count}")

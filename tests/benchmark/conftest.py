@@ -1,0 +1,16 @@
+"""One tiny bank for all tests of this folder."""
+
+from __future__ import annotations
+
+import pytest
+
+from physid.benchmark.bank import Bank, Size
+from physid.benchmark.seal import Plan, seal
+
+TINY = Plan("score", 3, Size(sets=8, trajectories=6, steps=60))
+
+
+@pytest.fixture(scope="session")
+def bank(tmp_path_factory: pytest.TempPathFactory) -> Bank:
+    """Return a sealed bank; tests that write verdicts copy it."""
+    return seal(tmp_path_factory.mktemp("bank"), TINY, quiet=True)

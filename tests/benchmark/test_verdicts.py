@@ -1,0 +1,96 @@
+"""The step that diagnoses sees the recordings only, and can be interrupted."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.benchmark.stub import cheating, failing, ignorant
+
+from physid.benchmark.bank import Bank
+from physid.benchmark.calibrate import calibrate
+from physid.benchmark.scoring import report, score
+from physid.benchmark.verdicts import closed, diagnose_bank, diagnose_set
+
+
+@pytest.fixture
+def own(bank: Bank, tmp_path: Path) -> Bank:
+    """Return a copy of the bank."""
+    shutil.copytree(bank.folder, tmp_path / "bank")
+    return replace(bank, folder=tmp_path / "bank")
+
+
+def test_a_diagnosis_that_opens_the_labels_fails(own: Bank) -> None:
+    assert not diagnose_set(own, "000", cheating)
+    error = json.loads((own.verdict("000") / "failure.json").read_text())["error"]
+    assert error.startswith("PermissionError")
+    assert "recordings only" in error
+    assert diagnose_set(own, "000", ignorant), "a failure is forgotten once a verdict is there"
+    assert not (own.verdict("000") / "failure.json").exists()
+
+
+def test_the_sealed_folder_is_closed_while_a_diagnosis_runs_and_open_afterwards(own: Bank) -> None:
+    labels = own.folder / "sealed" / "labels.json"
+    with closed(own.folder / "sealed"):
+        assert (own.folder / "bank.yaml").read_text()
+        for look in (labels.read_text, lambda: list(labels.parent.iterdir()), lambda: np.loadtxt(str(labels))):
+            with pytest.raises(PermissionError, match="recordings only"):
+                look()
+    assert labels.read_text()
+
+
+def test_only_sets_without_a_verdict_are_diagnosed(own: Bank) -> None:
+    assert diagnose_set(own, "003", ignorant)
+    assert not diagnose_set(own, "004", failing)
+    rest = len(own.sets) - 2
+    assert diagnose_bank(own, diagnose=ignorant, quiet=True) == (rest, 0)
+    assert diagnose_bank(own, diagnose=ignorant, quiet=True) == (0, 0)
+    assert diagnose_bank(own, diagnose=ignorant, again=True, quiet=True) == (1, 0)
+
+
+def test_the_labels_stay_closed_until_every_set_has_its_verdict(own: Bank, tmp_path: Path) -> None:
+    for name in list(own.sets)[:-1]:
+        diagnose_set(own, name, ignorant)
+    (own.folder / "sealed" / "labels.json").rename(tmp_path / "labels.json")  # not even looked for
+    with pytest.raises(ValueError, match=r"found none on 1 \(007\)"):
+        score(own, tmp_path / "score")
+    assert not (tmp_path / "score").exists()
+
+
+def test_a_bank_that_was_changed_after_sealing_is_not_scored(own: Bank, tmp_path: Path) -> None:
+    diagnose_bank(own, diagnose=ignorant, quiet=True)
+    sums = own.recordings("002") / "SHA256SUMS"
+    sums.write_text(sums.read_text().replace("0", "1", 1))
+    with pytest.raises(ValueError, match="expected the recordings that were sealed"):
+        score(own, tmp_path / "score")
+
+
+def test_a_diagnosis_that_always_says_none_raises_no_false_alarm_and_finds_nothing(own: Bank, tmp_path: Path) -> None:
+    diagnose_bank(own, diagnose=ignorant, quiet=True)
+    result = score(own, tmp_path / "score")
+    value = {figure.name: figure.value for figure in result.figures}
+    assert value["false alarms on effect-free sets"] == 0
+    assert value["flagged, medium and up"] == 0
+    assert value["group accuracy, medium and up"] == 0
+    assert value["diagnoses that failed"] == 0
+    assert {path.name for path in (tmp_path / "score").iterdir()} == {
+        *("results.json", "results.md", "results.html", "confusion.png", "power.png", "reliability.png")
+    }
+    values = json.loads((tmp_path / "score" / "results.json").read_text())
+    assert len(values["sets"]) == len(own.sets)
+    assert own.seal in (tmp_path / "score" / "results.md").read_text()
+    assert "false alarms" in report(result)
+
+
+def test_confidences_come_from_calibration_banks_alone(own: Bank) -> None:
+    diagnose_bank(own, diagnose=ignorant, quiet=True)
+    with pytest.raises(ValueError, match="expected a calibration bank"):
+        calibrate(own)
+    counts = calibrate(replace(own, purpose="calibration"))
+    right, count = counts["none"]
+    assert 0 < right < count
+    assert counts["named"] == (0, 0)
