@@ -15,6 +15,7 @@ from physid.benchmark.bank import Bank
 from physid.benchmark.calibrate import calibrate
 from physid.benchmark.scoring import report, score
 from physid.benchmark.verdicts import closed, diagnose_bank, diagnose_set
+from physid.cli import main
 
 
 @pytest.fixture
@@ -94,3 +95,22 @@ def test_confidences_come_from_calibration_banks_alone(own: Bank) -> None:
     right, count = counts["none"]
     assert 0 < right < count
     assert counts["named"] == (0, 0)
+
+
+def test_the_command_seals_and_refuses_what_is_out_of_order(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    place = str(tmp_path / "bank")
+    tiny = ["--sets=1", "--trajectories=6", "--steps=60", "--workers=1", "--quiet"]
+    assert main(["benchmark", "diagnosis", "seal", f"--out={place}", *tiny]) == 0
+    assert "SHA-256 of the sealed labels" in capsys.readouterr().out
+    for words, message in (
+        (["score", f"--bank={place}"], "expected a verdict on each of the 1 sets"),
+        (["calibrate", f"--bank={place}"], "expected a calibration bank"),
+        (["diagnose", f"--bank={tmp_path}"], "expected a sealed bank, found none"),
+        (["seal", f"--out={place}", *tiny, "--seed=4"], "holds a bank of another seed"),
+        (["seal", f"--out={place}", "--trajectories=3"], "trajectories must be a whole number of at least 6, got 3"),
+        (["open"], "expected one of 'all', 'seal', 'diagnose', 'score', 'calibrate', got open"),
+    ):
+        assert main(["benchmark", "diagnosis", *words]) == 2
+        error = capsys.readouterr().err
+        assert message in error
+        assert error.count("\n") == 1

@@ -35,6 +35,7 @@ class Judged:
         same: Part of the gap that closed on the same protocol, relative to the true effect; None where undefined.
         transfer: The same on the transfer protocol.
         seconds: How long the diagnosis took.
+        cpu_seconds: How long a processor worked on it.
     """
 
     name: str
@@ -51,6 +52,7 @@ class Judged:
     same: float | None = None
     transfer: float | None = None
     seconds: float | None = None
+    cpu_seconds: float | None = None
 
     @property
     def flagged(self) -> bool:
@@ -73,14 +75,14 @@ def bin_of(severity: float) -> str:
     return BINS[sum(severity >= limit for limit in (WEAK, MEDIUM, STRONG))]
 
 
-def judge(name: str, document: Mapping[str, Any], label: Label, seconds: float | None = None) -> Judged:
+def judge(name: str, document: Mapping[str, Any], label: Label, spent: Mapping[str, float] | None = None) -> Judged:
     """Compare a verdict with the truth.
 
     Args:
         name: The set.
         document: What diagnosis.json holds.
         label: The truth.
-        seconds: How long the diagnosis took.
+        spent: How long the diagnosis took: `seconds`, and `cpu_seconds` of work.
     """
     verdict = str(document["verdict"])
     named = tuple(effect["name"] for effect in document["effects"])
@@ -106,7 +108,7 @@ def judge(name: str, document: Mapping[str, Any], label: Label, seconds: float |
         (_effect_coverage(document, label), _parameter_coverage(document, label)),
         _closed(document, label, "same"),
         _closed(document, label, "transfer"),
-        seconds,
+        **(spent or {}),
     )
 
 

@@ -92,8 +92,8 @@ def _judged(bank: Bank, name: str, label: Label) -> Judged:
     folder = bank.verdict(name)
     if (folder / FAILURE).is_file():
         return Judged(name, label, "failed")
-    seconds = json.loads((folder / TIME).read_text(encoding="utf-8"))["seconds"]
-    return judge(name, read_diagnosis(folder / FILE), label, seconds)
+    spent = json.loads((folder / TIME).read_text(encoding="utf-8"))
+    return judge(name, read_diagnosis(folder / FILE), label, spent)
 
 
 def report(result: Score) -> str:

@@ -60,7 +60,7 @@ def diagnose_set(bank: Bank, name: str, diagnose: Diagnose | None = None) -> boo
 
     tested: Diagnose = diagnose or shipped
     out = bank.verdict(name)
-    begun = time.perf_counter()
+    begun, used = time.perf_counter(), time.process_time()
     try:
         with closed(bank.folder / SEALED):
             tested(bank.recordings(name), out)
@@ -68,7 +68,8 @@ def diagnose_set(bank: Bank, name: str, diagnose: Diagnose | None = None) -> boo
         write_text(out / FAILURE, json.dumps({"error": f"{type(error).__name__}: {error}"}) + "\n")
         return False
     (out / FAILURE).unlink(missing_ok=True)
-    write_text(out / TIME, json.dumps({"seconds": time.perf_counter() - begun}) + "\n")
+    spent = {"seconds": time.perf_counter() - begun, "cpu_seconds": time.process_time() - used}
+    write_text(out / TIME, json.dumps(spent) + "\n")
     return True
 
 
