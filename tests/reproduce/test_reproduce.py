@@ -6,10 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from physid.configuration import ConfigurationError
-from physid.reproduce.cells import QUICK, Cell, Fit, Recordings
+from physid.configuration import ConfigurationError, compose
+from physid.reproduce.cells import Cell, Fit, Recordings
+from physid.reproduce.profiles import PROFILES
 from physid.reproduce.results import Result, markdown, read_results, table, write_results
-from physid.reproduce.run import choose, report, reproduce
+from physid.reproduce.run import _remaining, choose, report, reproduce
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 GOOD = Result("sysid/push_mass", "block.mass, error", 0.02, "%", None, 0.1)
@@ -20,6 +21,7 @@ BAD = Result("sysid/push_mass", "position error", 0.7, "% of size", 0.7, 0.1)
 class Counting(Cell):
     name: str = "sysid/counting"
     recordings: Recordings | None = None
+    minutes: float = 1.0
     calls: list[Path] = field(default_factory=list)
 
     def run(self, configs: Path, data: Path, folder: Path) -> list[Result]:
@@ -66,11 +68,22 @@ def test_relative_folders_hold_where_worker_processes_outlive_a_call(
         assert (place / "runs/sysid/two").is_dir()
 
 
-def test_every_quick_cell_has_its_configuration() -> None:
-    for cell in QUICK:
+@pytest.mark.parametrize("profile", PROFILES)
+def test_every_cell_has_its_configuration_and_a_name_of_its_own(profile: str) -> None:
+    cells = PROFILES[profile]
+    assert len({cell.name for cell in cells}) == len(cells)
+    for cell in cells:
         if isinstance(cell, Fit):
-            assert (CONFIGS / f"{cell.name}.yaml").is_file()
+            compose([CONFIGS / cell.configuration], list(cell.overrides))
             assert (CONFIGS / "generate" / f"{cell.recordings.name}.yaml").is_file()
+
+
+def test_the_time_left_counts_what_cells_cost(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert _remaining(60.0, total=10.0, left=4.0) == "  (about 40 s left)"
+    assert _remaining(600.0, total=10.0, left=9.0) == "  (about 90 min left)"
+    assert _remaining(60.0, total=10.0, left=0.0) == ""
+    reproduce([Counting(name="sysid/one", minutes=1.0)], tmp_path, configs=CONFIGS)
+    assert "left" not in capsys.readouterr().out
 
 
 def test_an_unknown_cell_or_profile_is_refused_with_the_nearest_name() -> None:

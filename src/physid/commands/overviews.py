@@ -52,11 +52,12 @@ def reproduce(
     Examples:
       physid reproduce --profile quick
       physid reproduce --cell sysid/push_mass,sysid/push_friction
+      physid reproduce --profile paper --cell supervised/push_friction
 
     Args:
-        profile: quick: minutes on two cores.
+        profile: quick: minutes on two cores; paper: 1000 trajectories with video of each scene, hours.
         cell: Only these cells, separated by commas.
-        out: Folder of the results; runs/reproduce by default.
+        out: Folder of the results; runs/reproduce by default, runs/reproduce_paper for that profile.
         configs: The folder with the configurations.
         workers: Processes that generate recordings; -1 for one on each core.
         at_once: Cells that run at the same time; -1 for one on each core.
@@ -69,7 +70,7 @@ def reproduce(
     from physid.reproduce.run import reproduce as run
     from physid.workers import running_on
 
-    target = out or Path("runs/reproduce")
+    target = out or Path("runs", "reproduce" if profile == "quick" else f"reproduce_{profile}")
     if not (configs / "generate").is_dir():
         raise ConfigurationError(
             f"{configs} holds no generate/: run in the repository, or name its configs with --configs"

@@ -18,7 +18,7 @@ class Recordings:
     """A recording set that cells share.
 
     Attributes:
-        name: Its folder, and the file of configs/generate.
+        name: The file of configs/generate.
         trajectories: How many.
         video: Whether it has frames.
     """
@@ -27,12 +27,24 @@ class Recordings:
     trajectories: int
     video: bool = False
 
+    @property
+    def folder(self) -> str:
+        """The name of its folder: one set with frames and one without may be there."""
+        return f"{self.name}_film" if self.video else self.name
+
 
 class Cell(ABC):
-    """One experiment of a profile."""
+    """One experiment of a profile.
+
+    Attributes:
+        name: What it is called, and its folder.
+        recordings: What it is made with, if anything.
+        minutes: About how long it takes on one core; the ratios between cells give the remaining time.
+    """
 
     name: str
     recordings: Recordings | None
+    minutes: float
 
     @abstractmethod
     def run(self, configs: Path, data: Path, folder: Path) -> list[Result]:
@@ -54,8 +66,9 @@ class Fit(Cell):
     """A `physid fit` whose figures are compared.
 
     Attributes:
-        name: METHOD/CELL; the configuration is configs/METHOD/CELL.yaml.
+        name: METHOD/CELL.
         recordings: What it is fitted to.
+        file: METHOD/FILE if the configuration is not configs/METHOD/CELL.yaml.
         parameter: Largest relative error of a parameter [%].
         position: Largest position error relative to the size of the object [%].
         rotation: Largest rotation error [degrees].
@@ -63,10 +76,12 @@ class Fit(Cell):
         paper_position: The paper's position error [%].
         paper_rotation: The paper's rotation error [degrees].
         overrides: Further settings, key=value.
+        minutes: See `Cell`.
     """
 
     name: str
     recordings: Recordings
+    file: str | None = None
     parameter: float | None = None
     position: float | None = None
     rotation: float | None = None
@@ -74,6 +89,12 @@ class Fit(Cell):
     paper_position: float | None = None
     paper_rotation: float | None = None
     overrides: tuple[str, ...] = ()
+    minutes: float = 0.05
+
+    @property
+    def configuration(self) -> str:
+        """The path of the configuration within configs/."""
+        return f"{self.file or self.name}.yaml"
 
     def run(self, configs: Path, data: Path, folder: Path) -> list[Result]:
         """Fit, test and compare (see `Cell.run`)."""
@@ -82,30 +103,52 @@ class Fit(Cell):
         from physid.training.run import fit
 
         settings = [f"data.folder={data}", *self.overrides]
-        configuration = compose([str(configs / f"{self.name}.yaml")], settings)
+        configuration = compose([str(configs / self.configuration)], settings)
         open_folder(configuration, folder, resume=True)
         return self.results(fit(configuration.values, folder, resume=True))
 
     def results(self, figures: Mapping[str, float]) -> list[Result]:
         """Select what is compared from the figures of a run."""
+        found = self._parameters(figures)
+        for key, metric, scale, unit, paper, target in (
+            ("test/position_error", "position error", PERCENT, "% of size", self.paper_position, self.position),
+            (
+                "test/whole_position_error",
+                "position error, whole trajectory",
+                PERCENT,
+                "% of size",
+                self.paper_position,
+                None,
+            ),
+            ("test/encoded_position_error", "position error, encoder alone", PERCENT, "% of size", None, None),
+            ("test/predicted_position_error", "position error, rolled out", PERCENT, "% of size", None, None),
+            ("test/rotation_error", "rotation error", 1.0, "deg", self.paper_rotation, self.rotation),
+            ("test/encoded_rotation_error", "rotation error, encoder alone", 1.0, "deg", None, None),
+            ("test/predicted_rotation_error", "rotation error, rolled out", 1.0, "deg", None, None),
+            ("test/psnr", "rolled-out video, PSNR", 1.0, "dB", None, None),
+            ("test/ssim", "rolled-out video, SSIM", 1.0, "-", None, None),
+            ("evaluations", "evaluations", 1.0, "", None, self.evaluations),
+            ("seconds", "time", 1.0, "s", None, None),
+        ):
+            if key in figures:
+                found.append(Result(self.name, metric, scale * figures[key], unit, paper, target))
+        return found
+
+    def _parameters(self, figures: Mapping[str, float]) -> list[Result]:
+        """Return truth, estimate, error and, where there is one, interval of each parameter."""
         found = []
-        names = sorted({key.split("/")[1] for key in figures if key.endswith("/estimate")})
-        for name in names:
-            found.append(Result(self.name, f"{name}, true value", figures[f"params/{name}/true"], _unit(name)))
-            found.append(Result(self.name, f"{name}, estimate", figures[f"params/{name}/estimate"], _unit(name)))
+        for name in sorted({key.split("/")[1] for key in figures if key.endswith("/estimate")}):
+            for key, metric in (
+                ("true", "true value"),
+                ("estimate", "estimate"),
+                ("low", "90 % interval from"),
+                ("high", "90 % interval to"),
+            ):
+                value = figures.get(f"params/{name}/{key}")
+                if value is not None:
+                    found.append(Result(self.name, f"{name}, {metric}", value, _unit(name)))
             error = PERCENT * figures[f"params/{name}/relative_error"]
             found.append(Result(self.name, f"{name}, error", error, "%", target=self.parameter))
-        position = PERCENT * figures["test/position_error"]
-        found.append(Result(self.name, "position error", position, "% of size", self.paper_position, self.position))
-        if "test/whole_position_error" in figures:
-            whole = PERCENT * figures["test/whole_position_error"]
-            found.append(Result(self.name, "position error, whole trajectory", whole, "% of size", self.paper_position))
-        rotation = figures.get("test/rotation_error")
-        if rotation is not None:
-            found.append(Result(self.name, "rotation error", rotation, "deg", self.paper_rotation, self.rotation))
-        if "evaluations" in figures:
-            found.append(Result(self.name, "evaluations", figures["evaluations"], "", target=self.evaluations))
-        found.append(Result(self.name, "time", figures["seconds"], "s"))
         return found
 
 
@@ -118,12 +161,14 @@ class Observe(Cell):
         name: observe/CELL; the configuration is configs/observe/SCENE.yaml.
         scene: Which configuration.
         overrides: Further settings, key=value.
+        minutes: See `Cell`.
     """
 
     name: str
     scene: str
     overrides: tuple[str, ...] = ()
     recordings: Recordings | None = None
+    minutes: float = 0.05
 
     def run(self, configs: Path, data: Path, folder: Path) -> list[Result]:
         """Judge the scene (see `Cell.run`); a deviation that is not finite is a parameter that is not observed."""
@@ -141,22 +186,3 @@ class Observe(Cell):
 
 def _unit(parameter: str) -> str:
     return "kg" if parameter.endswith(".mass") else "-"
-
-
-PUSH, SLIDE, COLLIDE = (Recordings(name, 32) for name in ("push", "slide", "collide"))
-
-QUICK: tuple[Cell, ...] = (
-    Fit("sysid/push_mass", PUSH, parameter=0.1, position=0.1, evaluations=20, paper_position=0.7),
-    Fit("sysid/push_friction", PUSH, parameter=0.1, position=0.1, evaluations=20, paper_position=0.5),
-    Fit("sysid/slide_friction", SLIDE, parameter=0.1, position=0.1, evaluations=20, paper_position=0.7),
-    Fit("sysid/collide_mass", COLLIDE, parameter=1.0, position=1.0, paper_position=1.2),
-    Fit("sysid/collide_friction", COLLIDE, parameter=1.0, position=1.0),
-    Fit("sysid/collide_both", COLLIDE, parameter=1.0, position=1.0),
-    Fit("sysid/collide_paper", COLLIDE),
-    Observe("observe/push", "push"),
-    Observe("observe/push_constant_force", "push", ("constant_force=5.5",)),
-    Observe("observe/slide", "slide"),
-    Observe("observe/collide", "collide"),
-)
-
-PROFILES: dict[str, tuple[Cell, ...]] = {"quick": QUICK}

@@ -11,7 +11,8 @@ from physid.configuration import ConfigurationError, compose
 from physid.data.files import write_text
 from physid.data.generate import generate
 from physid.data.generation import GenerateConfig
-from physid.reproduce.cells import PROFILES, Cell, Recordings
+from physid.reproduce.cells import Cell, Recordings
+from physid.reproduce.profiles import PROFILES
 from physid.reproduce.results import Result, markdown, read_results, table, write_results
 
 RESULTS = "results.json"
@@ -54,13 +55,15 @@ def reproduce(
     missing = [cell for cell in cells if again or not (out / cell.name / RESULTS).exists()]
     for recordings in dict.fromkeys(cell.recordings for cell in missing if cell.recordings is not None):
         _record(recordings, out / "data", configs, workers)
-    start = time.monotonic()
+    left, start = sum(cell.minutes for cell in missing), time.monotonic()
+    costs, total = {cell.name: cell.minutes for cell in missing}, left
     parallel = joblib.Parallel(n_jobs=at_once, return_as="generator_unordered", batch_size=1)
     # Worker processes outlive a call and keep the folder they started in: a relative path would mislead them.
     places = out.absolute(), configs.absolute()
     done = parallel(joblib.delayed(_measure)(cell, *places) for cell in missing)
     for number, name in enumerate(done, 1):
-        print(f"[{number}/{len(missing)}] {name}{_remaining(start, number, len(missing))}", flush=True)
+        left -= costs[name]
+        print(f"[{number}/{len(missing)}] {name}{_remaining(time.monotonic() - start, total, left)}", flush=True)
     results = [result for cell in cells for result in read_results(out / cell.name / RESULTS)]
     write_results(out / RESULTS, results)
     write_text(out / "results.md", markdown(results))
@@ -69,15 +72,16 @@ def reproduce(
 
 def _measure(cell: Cell, out: Path, configs: Path) -> str:
     """Run a cell, write its results into its folder and return its name."""
-    data = out / "data" / (cell.recordings.name if cell.recordings else "")
+    data = out / "data" / (cell.recordings.folder if cell.recordings else "")
     write_results(out / cell.name / RESULTS, cell.run(configs, data, out / cell.name))
     return cell.name
 
 
-def _remaining(start: float, done: int, cells: int) -> str:
-    if done == cells:
+def _remaining(spent: float, total: float, left: float) -> str:
+    """Say how long it will still take, from the time spent [s] and the expected costs of all cells and of the rest."""
+    if left <= 0 or left >= total:
         return ""
-    seconds = (time.monotonic() - start) / done * (cells - done)
+    seconds = spent / (total - left) * left
     return f"  (about {seconds / 60:.0f} min left)" if seconds > 90 else f"  (about {seconds:.0f} s left)"
 
 
@@ -85,7 +89,7 @@ def _record(recordings: Recordings, data: Path, configs: Path, workers: int) -> 
     """Generate a recording set, or what is missing of it."""
     settings = [f"trajectories={recordings.trajectories}", f"video={str(recordings.video).lower()}"]
     configuration = compose([str(configs / "generate" / f"{recordings.name}.yaml")], settings)
-    generate(GenerateConfig.from_mapping(configuration.values), data / recordings.name, workers)
+    generate(GenerateConfig.from_mapping(configuration.values), data / recordings.folder, workers)
 
 
 def report(results: Sequence[Result], out: Path) -> str:
