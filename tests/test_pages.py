@@ -32,6 +32,7 @@ TINY = {
     "test": [],
     "predict": [],
     "observe": ["trajectories=2", "steps=20"],
+    "diagnose": ["--quiet"],
     "effects": [],
     "reproduce": ["--cell=sysid/push_friction", "--workers=1"],
     "dashboard": [],
@@ -49,7 +50,7 @@ OTHERS = [
     "git",
 ]
 OTHERS += ["pip", "sbatch", "sleep", "srun", "torchrun", "wandb"]
-TOO_LONG = {"diagnose", "benchmark"}  # tests/diagnosis and tests/benchmark run these
+TOO_LONG = {"benchmark"}  # tests/benchmark runs it
 # Several processes: tests/test_workers.py and tests/test_processes.py run these.
 SPREAD = ("--backend", "--scheduler", "trainer.strategy=")
 ONLINE = ("--wandb",)  # tests/dashboard/test_workspace.py builds what this publishes
@@ -177,6 +178,8 @@ def run(words: list[str], recordings: Callable[[str], Path]) -> None:
         wanted = Path(compose(files).values["data"]["init_args"]["folder"])
         if not wanted.exists():
             shutil.copytree(recordings(wanted.name), wanted)
+    if words[0] == "diagnose" and not Path(words[1]).exists():
+        shutil.copytree(recordings("push"), words[1])
     if words[0] == "dashboard" and not Path(words[1]).exists():
         write_fit(Path(words[1]) / "push_friction", estimate=0.1201, seconds=3.0)
     assert main([*words, *TINY[words[0]]]) == 0, f"physid {shlex.join(words)}"
