@@ -57,6 +57,21 @@ CELLS = [
     {"cell": "push", "metric": "relative error", "value": 1e-5, "unit": "-", "paper": 0.02, "target": 1e-3},
     {"cell": "collide", "metric": "relative error", "value": 0.02, "unit": "-", "paper": None, "target": 0.01},
 ]
+SCORE = {
+    "bank": {"purpose": "score", "sets": 150, "seal": "5c2f" * 16},
+    "figures": [
+        {"name": "false alarms on effect-free sets", "value": 3.3, "unit": "%", "count": 30, "low": 0.6, "high": 16.7}
+        | {"good": "<= 5", "wanted": "<= 1"},
+        {"name": "coverage of 90 % intervals, effects", "value": 91.0, "unit": "%", "count": 80, "low": 82, "high": 96}
+        | {"good": "80 to 97", "wanted": "87 to 93"},
+        {"name": "exact accuracy, medium and up", "value": 71.0, "unit": "%", "count": 60, "low": 58.0, "high": 81.0}
+        | {"good": ">= 85", "wanted": ">= 93"},
+        {"name": "longest diagnosis", "value": None, "unit": "s", "count": 0, "low": None, "high": None}
+        | {"good": "", "wanted": ""},
+    ],
+    "tables": {"By role": [["role", "sets", "flagged"], ["free", "30", "3 %"]], "Empty": [["hidden", "scene"]]},
+    "sets": [],
+}
 
 
 def write_fit(folder: Path, estimate: float, seconds: float, segment: int = 30, epochs: int = 8) -> None:
@@ -74,6 +89,8 @@ def write_fit(folder: Path, estimate: float, seconds: float, segment: int = 30, 
     figures = {
         "params/block.friction/estimate": estimate,
         "params/block.friction/true": 0.12,
+        "params/block.friction/low": estimate - 0.001,
+        "params/block.friction/high": estimate + 0.001,
         "test/position_error": abs(estimate - 0.12),
         "test/rotation_error": 0.2,
         "seconds": seconds,
@@ -91,12 +108,20 @@ def write_film(path: Path) -> None:
 
 
 def write_runs(root: Path) -> Path:
-    """Write two fits, one with films, one run of each other kind, and one whose files are damaged; returns `root`."""
+    """Write two fits, one with films, runs of each other kind, and one whose files are damaged; returns `root`."""
     write_fit(root / "push_good", 0.1201, 3.0)
     write_film(root / "push_good" / "prediction_000000.mp4")
     write_fit(root / "push_bad", 0.18, 40.0, segment=60)
-    written = (("reproduce", "results.json", CELLS), ("diagnosis", "diagnosis.json", DIAGNOSIS))
-    for name, file, content in (*written, ("observe", "observability.json", OBSERVABILITY)):
+    again = [row | {"value": 0.005} for row in CELLS]
+    none = DIAGNOSIS | {"verdict": "none", "effects": [], "group": [], "ranking": []}
+    for name, file, content in (
+        ("reproduce", "results.json", CELLS),
+        ("reproduce_again", "results.json", again),
+        ("score", "results.json", SCORE),
+        ("diagnosis", "diagnosis.json", DIAGNOSIS),
+        ("diagnosis_free", "diagnosis.json", none),
+        ("observe", "observability.json", OBSERVABILITY),
+    ):
         (root / name).mkdir()
         (root / name / file).write_text(json.dumps(content))
     (root / "diagnosis" / "report.html").write_text("<h1>The report</h1><script>document.body.append('drawn')</script>")

@@ -83,6 +83,7 @@ def test_the_table_sorts_by_number_in_both_directions_with_empty_cells_last(page
         ("seconds>10", {"push_bad"}),
         ("friction>0.15 sysid", {"push_bad"}),
         ("drag", {"diagnosis"}),
+        ("accuracy", {"score"}),
         ("segment: 60", {"push_bad"}),
         ("no such run", set()),
     ],
@@ -96,12 +97,14 @@ def test_a_kind_filters_the_table_until_it_is_pressed_again(page: Page) -> None:
     page.get_by_role("button", name="fit", exact=False).first.click()
     assert set(names(page)) == {"push_good", "push_bad", "damaged"}
     page.get_by_role("button", name="fit", exact=False).first.click()
-    assert len(names(page)) == 6
+    assert len(names(page)) == 9
 
 
 def test_a_fit_shows_the_parameter_beside_the_truth_its_curves_and_a_film_that_plays_by_itself(page: Page) -> None:
     page.get_by_role("link", name="push_good").click()
     expect(page.get_by_text("true 0.12")).to_be_visible()
+    expect(page.get_by_text("0.1191 to 0.1211")).to_be_visible()
+    assert page.locator("svg .band").count() == 1
     assert page.locator("svg .true").count() == 1
     titles = page.locator("figcaption h3").all_inner_texts()
     assert {"train/loss", "blur/sigma", "lr-Adam"} <= set(titles)
@@ -122,7 +125,7 @@ def test_a_curve_tells_its_values_and_changes_its_scale(page: Page) -> None:
 
 
 def test_a_diagnosis_says_its_verdict_in_a_sentence_and_opens_its_report(page: Page) -> None:
-    page.get_by_role("link", name="diagnosis").click()
+    page.get_by_role("link", name="diagnosis", exact=True).click()
     expect(page.locator(".verdict")).to_contain_text("caused by one of viscous drag or quadratic drag")
     expect(page.get_by_text("Predictive only")).to_be_visible()
     page.get_by_role("button", name="Full report").click()
@@ -132,7 +135,7 @@ def test_a_diagnosis_says_its_verdict_in_a_sentence_and_opens_its_report(page: P
 
 
 def test_a_benchmark_stands_beside_the_paper_and_its_targets(page: Page) -> None:
-    page.get_by_role("link", name="reproduce").click()
+    page.get_by_role("link", name="reproduce", exact=True).click()
     expect(page.locator("tbody td:last-child")).to_have_text(["met", "missed"])
 
 
@@ -156,6 +159,33 @@ def test_chosen_runs_are_compared_in_figures_curves_and_settings(page: Page) -> 
     assert page.get_by_role("row", name="model.segment").inner_text().split() == ["model.segment", "30", "60"]
 
 
+def test_diagnoses_are_compared_line_by_line(page: Page) -> None:
+    for name in ("diagnosis", "diagnosis_free"):
+        page.get_by_label(f"choose {name}", exact=True).check()
+    page.get_by_role("button", name="Compare").click()
+    assert page.get_by_role("row", name="Verdict").inner_text().split() == ["Verdict", "group", "none"]
+    expect(page.get_by_role("row", name="Effects")).to_contain_text(
+        "viscous drag, coefficient: 0.21 (0.19 to 0.23) N s/m"
+    )
+
+
+def test_reproductions_are_compared_beside_paper_and_target(page: Page) -> None:
+    for name in ("reproduce", "reproduce_again"):
+        page.get_by_label(f"choose {name}", exact=True).check()
+    page.get_by_role("button", name="Compare").click()
+    row = page.get_by_role("row", name="push: relative error")
+    assert row.locator("td").all_inner_texts() == ["push: relative error", "1e-5", "0.005", "0.02", "0.001"]
+    assert row.locator(".missed").all_inner_texts() == ["0.005"]
+
+
+def test_a_scored_bank_shows_its_figures_beside_what_is_asked(page: Page) -> None:
+    page.get_by_role("link", name="score").click()
+    marks = page.locator("section", has=page.get_by_role("heading", name="Figures")).locator("tbody td:last-child")
+    expect(marks).to_have_text(["good", "as wanted", "missed", ""])
+    expect(page.get_by_role("heading", name="By role")).to_be_visible()
+    assert page.get_by_role("heading", name="Empty").count() == 0
+
+
 def test_a_damaged_file_is_named(page: Page) -> None:
     page.get_by_role("link", name="damaged").click()
     expect(page.locator(".note")).to_contain_text("metrics.json cannot be read")
@@ -165,7 +195,15 @@ def test_a_damaged_file_is_named(page: Page) -> None:
 def test_on_a_phone_nothing_sticks_out_in_light_and_dark(browser: Browser, address: str, scheme: Any) -> None:
     page, trouble = open_page(browser, address, viewport=PHONE, color_scheme=scheme, has_touch=True)
     brightness = {}
-    for view in ("#/", "#/run/push_good", "#/run/diagnosis", "#/run/reproduce", "#/compare/push_good,push_bad"):
+    for view in (
+        "#/",
+        "#/run/push_good",
+        "#/run/diagnosis",
+        "#/run/reproduce",
+        "#/run/score",
+        "#/compare/push_good,push_bad",
+        "#/compare/diagnosis,diagnosis_free",
+    ):
         page.goto(address + view)
         page.wait_for_timeout(100)
         assert page.evaluate("document.documentElement.scrollWidth") <= PHONE["width"], view

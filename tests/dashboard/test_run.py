@@ -26,10 +26,13 @@ def test_every_kind_of_run_is_found_and_named_by_its_folder(root: Path) -> None:
     expected = {
         "damaged": "fit",
         "diagnosis": "diagnosis",
+        "diagnosis_free": "diagnosis",
         "observe": "observation",
         "push_bad": "fit",
         "push_good": "fit",
         "reproduce": "benchmark",
+        "reproduce_again": "benchmark",
+        "score": "benchmark",
     }
     assert kinds == expected
 
@@ -104,7 +107,7 @@ def test_no_text_of_a_run_can_leave_its_script_element(root: Path) -> None:
 
 def test_a_light_page_carries_no_films_images_or_reports(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["dashboard", str(root)]) == 0
-    assert "6 runs" in capsys.readouterr().out
+    assert "9 runs" in capsys.readouterr().out
     whole = (root / "dashboard.html").read_text()
     assert main(["dashboard", str(root), "--light", "--out", str(root / "light.html")]) == 0
     light = (root / "light.html").read_text()
@@ -112,6 +115,24 @@ def test_a_light_page_carries_no_films_images_or_reports(root: Path, capsys: pyt
     assert "The report" in whole
     assert "data:video/mp4" not in light
     assert "The report" not in light
+
+
+def test_a_scored_bank_gives_its_figures_and_what_is_neither_rows_nor_a_bank_is_named(root: Path) -> None:
+    run = read_run(root / "score", root)
+    assert run["figures"] == {
+        "false alarms on effect-free sets": 3.3,
+        "coverage of 90 % intervals, effects": 91.0,
+        "exact accuracy, medium and up": 71.0,
+    }
+    assert (run["cells"], run["state"]) == ([], "finished")
+    (root / "score" / "results.json").write_text('{"figures": 3}')
+    assert "expected rows of a reproduction or a scored bank" in read_run(root / "score", root)["notes"][0]
+
+
+def test_what_a_benchmark_has_sealed_is_not_opened(root: Path) -> None:
+    (root / "bank" / "sealed").mkdir(parents=True)
+    (root / "bank" / "sealed" / "metrics.json").write_text("{}")
+    assert not any("sealed" in folder.parts for folder in find_runs(root))
 
 
 def test_a_folder_without_runs_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

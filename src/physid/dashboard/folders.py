@@ -9,7 +9,7 @@ HISTORY, FIGURES, CONFIG, RECORD = "metrics.csv", "metrics.json", "config.yaml",
 PARAMETERS, DIAGNOSIS, CELLS, REPORT = "parameters.csv", "diagnosis.json", "results.json", "report.html"
 OBSERVABILITY = "observability.json"
 LEFT_BY_A_RUN = (HISTORY, FIGURES, DIAGNOSIS, OBSERVABILITY, CELLS)
-NOT_RUNS = ("wandb", "checkpoints", "trajectories", "__pycache__")
+NOT_RUNS = ("wandb", "checkpoints", "trajectories", "sealed", "__pycache__")
 
 
 def find_runs(root: Path) -> list[Path]:

@@ -13,7 +13,17 @@ from physid.dashboard.folders import find_runs
 from physid.dashboard.run import read_run
 from physid.data.files import write_text
 
-SCRIPTS = ("elements.js", "numbers.js", "chart.js", "table.js", "sections.js", "diagnosis.js", "compare.js", "page.js")
+SCRIPTS = (
+    "elements.js",
+    "numbers.js",
+    "chart.js",
+    "table.js",
+    "sections.js",
+    "diagnosis.js",
+    "score.js",
+    "compare.js",
+    "page.js",
+)
 
 
 def write_dashboard(folder: Path, out: Path, *, light: bool = False) -> list[dict[str, Any]]:

@@ -43,18 +43,19 @@ def read_run(folder: Path, root: Path, *, light: bool = False) -> dict[str, Any]
     diagnosis = _mapping(folder / DIAGNOSIS, notes)
     observability = _mapping(folder / OBSERVABILITY, notes)
     record = _mapping(folder / RECORD, notes)
-    cells = _read(folder / CELLS, notes)
+    cells, score = _results(folder / CELLS, notes)
     text, config = _config(folder / CONFIG, notes)
     config = config or observability.get("config") or {}
     curves = _curves(folder / HISTORY, notes)
     history = _curves(folder / PARAMETERS, notes)
     media, too_large = ([], []) if light else read_media(folder)
-    kind = _kind(bool(diagnosis), bool(observability), isinstance(cells, list) and not curves)
+    kind = _kind(bool(diagnosis), bool(observability), bool(cells or score) and not curves)
     figures = {name: value for name, value in figures.items() if isinstance(value, int | float)}
+    figures |= {each["name"]: each["value"] for each in score.get("figures", ()) if each.get("value") is not None}
     return {
         "id": folder.relative_to(root).as_posix() if folder != root else folder.resolve().name,
         "kind": kind,
-        "state": "finished" if figures or diagnosis or observability or cells else "unfinished",
+        "state": "finished" if figures or diagnosis or observability or cells or score else "unfinished",
         "date": _date(folder),
         "method": _last_word(config.get("model")),
         "data": _data(config),
@@ -65,7 +66,8 @@ def read_run(folder: Path, root: Path, *, light: bool = False) -> dict[str, Any]
         "diagnosis": diagnosis or None,
         "observability": observability or None,
         "report": None if light else _report(folder / REPORT, notes),
-        "cells": cells if isinstance(cells, list) else [],
+        "cells": cells,
+        "score": score or None,
         "config": text,
         "settings": flatten(config),
         "record": record or None,
@@ -142,6 +144,16 @@ def _mapping(path: Path, notes: list[str]) -> dict[str, Any]:
     if value is not None and not isinstance(value, dict):
         notes.append(f"{path.name} cannot be read: expected a mapping, got a {type(value).__name__}")
     return value if isinstance(value, dict) else {}
+
+
+def _results(path: Path, notes: list[str]) -> tuple[list[Any], dict[str, Any]]:
+    """Read results.json: the rows of a reproduction, or figures and tables of a scored bank; else empty."""
+    value = _read(path, notes)
+    if isinstance(value, dict) and all(name in value for name in ("bank", "figures", "tables")):
+        return [], {name: value[name] for name in ("bank", "figures", "tables")}
+    if value is not None and not isinstance(value, list):
+        notes.append(f"{path.name} cannot be read: expected rows of a reproduction or a scored bank")
+    return value if isinstance(value, list) else [], {}
 
 
 def _curves(path: Path, notes: list[str]) -> list[Curve]:

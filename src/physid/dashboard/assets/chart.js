@@ -47,10 +47,10 @@ function xScale(values, from, to) {
   return { at: (value) => from + ((value - low) / span) * (to - from), ticks };
 }
 
-/* title, axis, series: [{ label, color, x, y }], truths: [number], show: (value) => text */
-function chart({ title, axis, series, truths = [], show = figure, logarithmic = null }) {
+/* title, axis, series: [{ label, color, x, y }], truths: [number], band: [low, high], show: (value) => text */
+function chart({ title, axis, series, truths = [], band = null, show = figure, logarithmic = null }) {
   const drawn = series.filter((each) => each.x.length);
-  const values = [...drawn.flatMap((each) => each.y), ...truths].filter(isNumber);
+  const values = [...drawn.flatMap((each) => each.y), ...truths, ...(band || [])].filter(isNumber);
   const positive = values.length > 0 && values.every((value) => value > 0);
   let log = logarithmic ?? (positive && Math.max(...values) / Math.min(...values) > FROM_HERE_LOGARITHMIC);
   const plot = h("div", {});
@@ -76,6 +76,7 @@ function chart({ title, axis, series, truths = [], show = figure, logarithmic = 
       ]),
       x.ticks.map((tick) => s("text", { x: x.at(tick), y: HEIGHT - 12, "text-anchor": "middle" }, figure(tick, 6))),
       s("text", { x: width - MARGIN.right, y: HEIGHT, "text-anchor": "end" }, axis),
+      band && s("rect", { class: "band", x: MARGIN.left, width: width - MARGIN.left - MARGIN.right, y: y.at(band[1]), height: Math.max(y.at(band[0]) - y.at(band[1]), 1) }),
       truths.map((each) => s("line", { class: "true", x1: MARGIN.left, x2: width - MARGIN.right, y1: y.at(each), y2: y.at(each) })),
       drawn.map((each) => lineOf(each, x, y)),
     ];
@@ -113,7 +114,7 @@ function chart({ title, axis, series, truths = [], show = figure, logarithmic = 
 
   new ResizeObserver((entries) => draw(Math.floor(entries[0].contentRect.width))).observe(plot);
   const caption = h("figcaption", {}, h("h3", {}, title), positive && toggle);
-  return h("figure", { class: "chart" }, caption, plot, tip, legendOf(drawn, truths));
+  return h("figure", { class: "chart" }, caption, plot, tip, legendOf(drawn, truths, band));
 }
 
 function lineOf(each, x, y) {
@@ -125,9 +126,10 @@ function lineOf(each, x, y) {
   return [s("polyline", { class: "line", points: points.join(" "), stroke: `var(${each.color})` }), dots];
 }
 
-function legendOf(drawn, truths) {
-  if (drawn.length < 2 && !truths.length) return null;
+function legendOf(drawn, truths, band) {
+  if (drawn.length < 2 && !truths.length && !band) return null;
   const keys = drawn.map((each) => h("span", {}, h("i", { style: `border-color: var(${each.color})` }), each.label));
   const truth = truths.length > 0 && h("span", {}, h("i", { class: "true" }), "truth");
-  return h("div", { class: "legend" }, keys, truth);
+  const interval = band && h("span", {}, h("i", { class: "band" }), "90 % interval");
+  return h("div", { class: "legend" }, keys, truth, interval);
 }

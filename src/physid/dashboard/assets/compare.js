@@ -1,4 +1,4 @@
-/* Chosen runs side by side: parameters, curves, figures, films, and where their configurations differ. */
+/* Chosen runs side by side: diagnoses, parameters, curves, figures, films, and where their configurations differ. */
 const color = (index) => `--s${index % 8}`;
 
 function comparePage(runs) {
@@ -8,11 +8,61 @@ function comparePage(runs) {
       h("div", { class: "titles" }, h("a", { href: "#/" }, "← all runs"), h("h1", {}, `Comparison of ${plural(runs.length, "run")}`),
         h("div", { class: "legend" }, legend)),
       themeButton()),
+    comparedDiagnoses(runs),
     comparedParameters(runs),
     comparedFigures(runs),
+    comparedCells(runs),
     comparedCurves(runs),
     comparedFilms(runs),
     comparedSettings(runs));
+}
+
+const headOf = (run, index) => [h("i", { class: "swatch", style: `background: var(${color(index)})` }), run.id];
+
+/* What each diagnosis says, line by line. */
+function comparedDiagnoses(runs) {
+  if (!runs.some((run) => run.diagnosis)) return null;
+  const closed = (key) => (diagnosis) => percent(diagnosis.shrink?.[key]?.value);
+  const size = (key) => ({ gap }) => (gap?.[key] ? `${figure(gap[key].before, 3)} → ${figure(gap[key].after, 3)} ${gap.unit}` : "–");
+  const rows = [
+    ["Verdict", (diagnosis) => badge(diagnosis.verdict, verdictOf(diagnosis).kind)],
+    ["Confidence", (diagnosis) => percent(diagnosis.confidence)],
+    ["Effects", (diagnosis) => (diagnosis.effects || []).flatMap((effect) => Object.entries(effect.parameters || {}).map(([name, value]) =>
+      h("div", {}, `${words(effect.name)}, ${name}: ${interval(value)}`)))],
+    ["Not told apart", (diagnosis) => ((diagnosis.group || []).length > 1 ? diagnosis.group.map(words).join(", ") : "–")],
+    ["Site", ({ where }) => Object.entries(where?.site || {}).filter(([, share]) => share >= 0.1).sort((a, b) => b[1] - a[1]).map(([name, share]) => `${name} ${percent(share)}`).join(", ") || "–"],
+    ["Error, same protocol", size("same")],
+    ["Closed, same protocol", closed("same")],
+    ["Error, transfer", size("transfer")],
+    ["Closed, transfer", closed("transfer")],
+  ];
+  const columns = [
+    { title: "Diagnosis", cell: ([title]) => title },
+    ...runs.map((run, index) => ({ title: headOf(run, index), cell: ([, show]) => (run.diagnosis ? show(run.diagnosis) : "–") })),
+  ];
+  return section("Diagnoses", table(columns, rows));
+}
+
+/* The same figures of several reproductions, beside the paper's. */
+function comparedCells(runs) {
+  const name = (cell) => `${cell.cell}: ${cell.metric}`;
+  const names = [...new Set(runs.flatMap((run) => run.cells.map(name)))];
+  if (!names.length || runs.filter((run) => run.cells.length).length < 2) return null;
+  const mine = (run, key) => run.cells.find((cell) => name(cell) === key);
+  const any = (key) => runs.map((run) => mine(run, key)).find(Boolean);
+  const columns = [
+    { title: "Result", cell: breakable },
+    ...runs.map((run, index) => ({
+      title: headOf(run, index), right: true,
+      cell: (key) => {
+        const cell = mine(run, key);
+        return cell ? h("span", { class: met(cell) === false ? "missed" : "" }, `${figure(cell.value)} ${cell.unit === "-" ? "" : cell.unit}`.trim()) : "–";
+      },
+    })),
+    { title: "Paper", right: true, cell: (key) => figure(any(key).paper) },
+    { title: "Target", right: true, cell: (key) => figure(any(key).target) },
+  ];
+  return section("Results", table(columns, names));
 }
 
 const namesOf = (runs, take) => [...new Set(runs.flatMap(take))].sort();
@@ -48,7 +98,7 @@ function comparedFigures(runs) {
   const columns = [
     { title: "Figure", cell: (row) => breakable(row.name) },
     ...runs.map((run, index) => ({
-      title: [h("i", { class: "swatch", style: `background: var(${color(index)})` }), run.id], right: true,
+      title: headOf(run, index), right: true,
       cell: (row) => h("span", { class: isNumber(row.values[index]) && row.values[index] === best(row) ? "best" : "" }, row.show(row.values[index])),
     })),
   ];
@@ -86,7 +136,7 @@ function comparedSettings(runs) {
   if (!keys.length) return null;
   const columns = [
     { title: "Setting", cell: breakable },
-    ...runs.map((run, index) => ({ title: [h("i", { class: "swatch", style: `background: var(${color(index)})` }), run.id], cell: (key) => text(run, key) })),
+    ...runs.map((run, index) => ({ title: headOf(run, index), cell: (key) => text(run, key) })),
   ];
   return section("Where the configurations differ", table(columns, keys));
 }

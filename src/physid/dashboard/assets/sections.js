@@ -13,12 +13,13 @@ function runPage(run) {
     run.notes.map((note) => h("p", { class: "note" }, note)),
     run.diagnosis && diagnosisSections(run),
     run.report && reportSection(run),
+    run.score && scoreSections(run),
     run.observability && observationSection(run.observability),
     run.parameters.length > 0 && parameterSection(run),
     run.cells.length > 0 && cellSection(run),
     run.media.length > 0 && mediaSection(run.media),
     GROUPS.map(([group, title]) => curveSection(title, run.curves.filter((curve) => curve.group === group && curve.x.length > 1))),
-    figureSection(run),
+    !run.score && figureSection(run),
     recordSection(run));
 }
 
@@ -41,12 +42,13 @@ function parameterSection(run) {
     h("h3", {}, each.name),
     h("div", { class: "pair" },
       h("span", { class: "big" }, `${figure(each.estimate, 5)} ${each.unit}`),
-      isNumber(each.low) && isNumber(each.high) && h("span", { class: "soft" }, `${figure(each.low)} to ${figure(each.high)}`),
+      isNumber(each.low) && isNumber(each.high) && h("span", { class: "soft", title: "90 % interval" }, `${figure(each.low, 5)} to ${figure(each.high, 5)}`),
       isNumber(each.true) && h("span", { class: "soft" }, `true ${figure(each.true, 5)}`),
       isNumber(each.error) && badge(`${percent(each.error)} off`, grade(each.error))),
     each.x.length > 0 && chart({
       title: "estimate", axis: each.axis, logarithmic: false,
       series: [{ label: "estimate", color: "--estimate", x: each.x, y: each.y }],
+      band: isNumber(each.low) && isNumber(each.high) ? [each.low, each.high] : null,
       truths: isNumber(each.true) ? [each.true] : [],
     })))));
 }

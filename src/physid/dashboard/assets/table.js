@@ -39,6 +39,7 @@ function nameCell(run) {
 function summaryOf(run) {
   if (run.diagnosis) return verdictOf(run.diagnosis).short;
   if (run.observability) return Object.entries(run.observability.verdicts || {}).map(([name, each]) => `${name} ${each.kind}`).join(" ");
+  if (run.score) return run.score.figures.map((each) => each.name).join(" ");
   if (run.cells.length) return `${run.cells.filter((cell) => met(cell)).length}`;
   return run.parameters.map((each) => each.name).join(" ");
 }
@@ -56,7 +57,7 @@ function resultCell(run) {
     h("span", { class: "soft small" }, each.name),
     h("span", { class: "number" }, `${figure(each.estimate)} ${each.unit}`.trim()),
     isNumber(each.error) && badge(percent(each.error), grade(each.error))));
-  const judged = run.cells.map(met).filter((each) => each !== null);
+  const judged = run.score ? judgedFigures(run) : run.cells.map(met).filter((each) => each !== null);
   const good = judged.filter(Boolean).length;
   if (judged.length) lines.push(h("div", {}, badge(`${good} of ${judged.length} targets met`, good === judged.length ? "good" : "warn")));
   else if (run.cells.length && !lines.length) lines.push(plural(run.cells.length, "figure"));
