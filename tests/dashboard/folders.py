@@ -23,7 +23,7 @@ DIAGNOSIS: dict[str, Any] = {
         {
             "name": "viscous_drag",
             "site": "dynamics",
-            "parameters": {"coefficient": {"value": 0.21, "low": 0.19, "high": 0.23, "unit": "N s/m"}},
+            "parameters": {"coefficient": {"value": 0.2103, "low": 0.1905, "high": 0.2302, "unit": "N s/m"}},
         }
     ],
     "group": ["viscous_drag", "quadratic_drag"],

@@ -126,7 +126,8 @@ def test_a_curve_tells_its_values_and_changes_its_scale(page: Page) -> None:
 
 def test_a_diagnosis_says_its_verdict_in_a_sentence_and_opens_its_report(page: Page) -> None:
     page.get_by_role("link", name="diagnosis", exact=True).click()
-    expect(page.locator(".verdict")).to_contain_text("caused by one of viscous drag or quadratic drag")
+    expect(page.locator(".verdict")).to_contain_text("One of viscous drag or quadratic drag accounts for the gap")
+    expect(page.get_by_text("21 mm")).to_be_visible()
     expect(page.get_by_text("Predictive only")).to_be_visible()
     page.get_by_role("button", name="Full report").click()
     report = page.frame_locator("iframe")
@@ -165,7 +166,7 @@ def test_diagnoses_are_compared_line_by_line(page: Page) -> None:
     page.get_by_role("button", name="Compare").click()
     assert page.get_by_role("row", name="Verdict").inner_text().split() == ["Verdict", "group", "none"]
     expect(page.get_by_role("row", name="Effects")).to_contain_text(
-        "viscous drag, coefficient: 0.21 (0.19 to 0.23) N s/m"
+        "viscous drag, coefficient: 0.2103 (0.1905 to 0.2302) N s/m"
     )
 
 

@@ -23,7 +23,7 @@ const headOf = (run, index) => [h("i", { class: "swatch", style: `background: va
 function comparedDiagnoses(runs) {
   if (!runs.some((run) => run.diagnosis)) return null;
   const closed = (key) => (diagnosis) => percent(diagnosis.shrink?.[key]?.value);
-  const size = (key) => ({ gap }) => (gap?.[key] ? `${figure(gap[key].before, 3)} → ${figure(gap[key].after, 3)} ${gap.unit}` : "–");
+  const size = (key) => ({ gap }) => (gap?.[key] ? `${measure(gap[key].before, gap.unit)} → ${measure(gap[key].after, gap.unit)}` : "–");
   const rows = [
     ["Verdict", (diagnosis) => badge(diagnosis.verdict, verdictOf(diagnosis).kind)],
     ["Confidence", (diagnosis) => percent(diagnosis.confidence)],
@@ -56,7 +56,7 @@ function comparedCells(runs) {
       title: headOf(run, index), right: true,
       cell: (key) => {
         const cell = mine(run, key);
-        return cell ? h("span", { class: met(cell) === false ? "missed" : "" }, `${figure(cell.value)} ${cell.unit === "-" ? "" : cell.unit}`.trim()) : "–";
+        return cell ? h("span", { class: met(cell) === false ? "missed" : "" }, measure(cell.value, cell.unit, 4)) : "–";
       },
     })),
     { title: "Paper", right: true, cell: (key) => figure(any(key).paper) },

@@ -2,19 +2,21 @@
 const words = (name) => String(name).replaceAll("_", " ");
 const list = (names) => names.map(words).join(", ").replace(/, ([^,]*)$/, " or $1");
 
+const sentence = (text) => text.charAt(0).toUpperCase() + text.slice(1);
+
 function verdictOf(diagnosis) {
   const effects = (diagnosis.effects || []).map((each) => each.name);
   const group = diagnosis.group || [];
   const named = effects.map(words).join(" + ");
   const sentences = {
     none: ["no gap beyond the floors", "good", "The model explains these recordings: no gap beyond the floors."],
-    named: [named, "", `The gap is caused by ${effects.map(words).join(" and ")}.`],
-    group: [`one of ${group.length}: ${list(group)}`, "warn", `The gap is caused by one of ${list(group)}; these recordings cannot tell which.`],
-    partial: [`${named}, and more`, "warn", `Part of the gap is caused by ${effects.map(words).join(" and ")}; something else is left.`],
+    named: [named, "", `${sentence(effects.map(words).join(" and "))} accounts for the gap between model and recordings.`],
+    group: [`one of ${group.length}: ${list(group)}`, "warn", `One of ${list(group)} accounts for the gap; these recordings cannot tell which.`],
+    partial: [`${named}, and more`, "warn", `${sentence(effects.map(words).join(" and "))} accounts for part of the gap; something is left that no candidate explains.`],
     unknown: ["a gap that no effect explains", "bad", "There is a gap, and no effect of the catalogue explains it."],
   };
-  const [short, kind, sentence] = sentences[diagnosis.verdict] || [String(diagnosis.verdict ?? "no verdict"), "plain", String(diagnosis.verdict ?? "No verdict.")];
-  return { short, kind, sentence };
+  const [short, kind, said] = sentences[diagnosis.verdict] || [String(diagnosis.verdict ?? "no verdict"), "plain", String(diagnosis.verdict ?? "No verdict.")];
+  return { short, kind, sentence: said };
 }
 
 function diagnosisSections(run) {
@@ -37,7 +39,7 @@ const textOf = (value) => (typeof value === "string" ? value : JSON.stringify(va
 function interval(value) {
   if (isNumber(value)) return figure(value);
   const range = isNumber(value.low) && isNumber(value.high) ? ` (${figure(value.low)} to ${figure(value.high)})` : "";
-  return `${figure(value.value)}${range} ${value.unit || ""}`.trim();
+  return `${figure(value.value)}${range} ${value.unit && value.unit !== "-" ? value.unit : ""}`.trim();
 }
 
 /* rows: [{ label, value, text, mark, muted }]; every bar is a share of the largest value */
@@ -77,7 +79,7 @@ function whichCard(diagnosis) {
 function howFarCard(diagnosis) {
   const gap = diagnosis.gap || {};
   const splits = [["same", "same protocol"], ["transfer", "transfer"]].filter(([key]) => gap[key]);
-  const show = (value) => `${figure(value, 3)} ${gap.unit || ""}`.trim();
+  const show = (value) => measure(value, gap.unit);
   return card(h("h3", {}, "How far"),
     splits.length > 0 && bars(splits.flatMap(([key, label]) => [
       { label: `${label}, before`, value: gap[key].before, text: show(gap[key].before), muted: true },

@@ -20,6 +20,14 @@ function percent(value) {
   return `${Number((100 * value).toPrecision(size >= 1 ? 3 : 2))} %`;
 }
 
+/* A value with its unit; lengths in the unit that needs no power of ten. */
+function measure(value, unit, digits = 3) {
+  if (!isNumber(value)) return "–";
+  if (unit !== "m") return `${figure(value, digits)} ${unit && unit !== "-" ? unit : ""}`.trim();
+  const [scale, name] = [[1, "m"], [1e3, "mm"], [1e6, "µm"]].find(([scale]) => Math.abs(value) * scale >= 0.1) || [1, "m"];
+  return `${figure(value * scale, digits)} ${name}`;
+}
+
 function duration(seconds) {
   if (!isNumber(seconds)) return "–";
   if (seconds < 120) return `${figure(seconds, 3)} s`;

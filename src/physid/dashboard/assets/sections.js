@@ -63,8 +63,9 @@ function curveSection(title, curves) {
 
 function cellSection(run) {
   const mark = (cell) => ({ true: badge("met", "good"), false: badge("missed", "bad"), null: "" })[String(met(cell))];
+  const several = new Set(run.cells.map((cell) => cell.cell)).size > 1;
   const columns = [
-    { title: "What", cell: (cell) => cell.cell },
+    ...(several ? [{ title: "What", cell: (cell) => cell.cell }] : []),
     { title: "Figure", cell: (cell) => cell.metric },
     { title: "Value", right: true, cell: (cell) => [isNumber(cell.value) ? figure(cell.value) : String(cell.value ?? "–"), cell.unit && cell.unit !== "-" ? ` ${cell.unit}` : ""] },
     { title: "Paper", right: true, cell: (cell) => isNumber(cell.paper) ? figure(cell.paper) : String(cell.paper ?? "–") },
@@ -75,7 +76,7 @@ function cellSection(run) {
 }
 
 function mediaSection(media) {
-  return section("Films and images", grid(media.map((each) => h("div", { class: "card media" }, h("h3", {}, each.title), mediumOf(each)))));
+  return section("Films and images", h("div", { class: "grid wide" }, media.map((each) => h("div", { class: "card media" }, h("h3", {}, each.title), mediumOf(each)))));
 }
 
 /* Films play by themselves, without sound, unless the viewer's system asks for little motion. */
