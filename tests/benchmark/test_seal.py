@@ -162,3 +162,5 @@ def test_every_confusion_names_effects_and_a_protocol_that_exist() -> None:
         assert all(find(name) for name in one.effects)
         for protocol in one.protocols:
             assert len(candidates("alias", one.scene, protocol)) >= len(one.effects)
+            plain = {kind.name for hidden in candidates("catalogue", one.scene, protocol) for kind in hidden.kinds}
+            assert not plain & set(one.effects), "exactly one effect is asked for only where it can be told"

@@ -88,7 +88,9 @@ def candidates(role: Role, scene: str, protocol: str) -> list[Hidden]:
             for two in CATALOGUE[index + 1 :]
             if one.site != two.site and not confused(one.name, two.name)
         ]
-    kinds: Sequence[type[Effect]] = {"catalogue": CATALOGUE, "native": NATIVE, "outside": OUTSIDE}[role]
+    near = {name for one in CONFUSIONS if one.scene == scene and protocol in one.protocols for name in one.effects}
+    clear = [kind for kind in CATALOGUE if kind.name not in near]
+    kinds: Sequence[type[Effect]] = {"catalogue": clear, "native": NATIVE, "outside": OUTSIDE}[role]
     return [Hidden(role, (kind,)) for kind in kinds]
 
 

@@ -41,7 +41,8 @@ def draw_confusion(judged: Sequence[Judged]) -> Canvas:
     share = counts / np.maximum(counts.sum(1, keepdims=True), 1)
     axes.imshow(share, cmap="Blues", vmin=0, vmax=1.3, aspect="auto")
     for row, column in zip(*counts.nonzero(), strict=True):
-        axes.text(column, row, f"{counts[row, column]:.0f}", ha="center", va="center", color=INK, fontsize=7)
+        ink = "white" if share[row, column] > 0.6 else INK
+        axes.text(column, row, f"{counts[row, column]:.0f}", ha="center", va="center", color=ink, fontsize=7)
     for row, (_, role, truth) in enumerate(rows):
         for column, answer in enumerate(columns):
             if answer in _right(clear, role, truth):
