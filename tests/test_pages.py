@@ -36,6 +36,7 @@ TINY = {
     "effects": [],
     "reproduce": ["--cell=sysid/push_friction", "--workers=1"],
     "dashboard": [],
+    "completion": [],
 }
 # Programs that a page may name without a test running them here; others test some of them.
 OTHERS = [

@@ -221,6 +221,7 @@ def _format_help(parser: ArgumentParser, command: Command) -> str:
     """Return the help of one command: what it does, examples, its options, how its configuration is given."""
     _, _, options = parser.format_help().partition("\n\n")
     options = re.sub(r"(--\w+) \{true,false\}(?:\n {24}| +)", lambda flag: f"{flag[1]:<22}", options)
+    options = re.sub(r", --\w+\+ \w+", "", options)  # jsonargparse's way to append to a list
     options = re.sub(r"--\w+", lambda option: option[0].replace("_", "-"), options)
     positional = "".join(f" {each.upper()}" for each in command.positionals)
     positional += "".join(f" [{each.upper()}]" for each in command.optional)

@@ -2,6 +2,7 @@
 
 from physid.commands.benchmark import benchmark
 from physid.commands.command import Command
+from physid.commands.completion import completion
 from physid.commands.diagnoses import diagnose
 from physid.commands.fits import fit, predict, test, validate
 from physid.commands.overviews import dashboard, reproduce
@@ -22,4 +23,5 @@ COMMANDS: tuple[Command, ...] = (
     Command(effects),
     Command(reproduce),
     Command(dashboard),
+    Command(completion),
 )
