@@ -103,7 +103,7 @@ def test_a_loss_that_is_not_finite_names_the_trajectory() -> None:
     module = SysID().attach(SCENE)
     batch = push_batch() | {"index": torch.tensor([4, 7, 9])}
     with pytest.raises(NonFiniteLossError, match="the loss position of trajectory 7 is not finite"):
-        module._require_finite({"position": torch.tensor([0.0, math.nan, 0.0])}, batch)
+        module.require_finite({"position": torch.tensor([0.0, math.nan, 0.0])}, batch)
 
 
 def test_the_errors_of_a_perfect_model_are_zero_over_segments_and_over_whole_trajectories() -> None:

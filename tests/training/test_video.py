@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
+import torch
 
 from physid.cli import main
+from physid.training.self_supervised import SelfSupervisedID
+from physid.training.supervised import SupervisedID
 
 CONFIGS = Path(__file__).parent.parent.parent / "configs"
+MISSED = 10.0  # block sizes: after a step of learning anything in view will do
+CLASSES = {"supervised": SupervisedID, "self_supervised": SelfSupervisedID}
 TINY = [
     "data.batch_size=4",
     "data.every=5",
@@ -44,6 +50,88 @@ def test_all_phases_run_within_one_fit_and_leave_films(method: str, films: Path,
     assert {"test/position_error", "test/encoded_position_error", "test/psnr", "test/ssim"} <= figures.keys()
     assert list(run.glob("frames_*.png"))
     assert list(run.glob("prediction_*.mp4"))
+
+
+class Killed(Exception):
+    """What stops a run in a test."""
+
+
+@pytest.mark.parametrize(("method", "epochs"), [("supervised", (1, 2, 3)), ("self_supervised", (2,))])
+def test_a_run_that_is_killed_within_its_phases_and_resumed_ends_as_one_that_is_not(
+    method: str, epochs: tuple[int, ...], films: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = CLASSES[method]
+    phases = ["trainer.max_epochs=4", "model.phases.warm_up=2", "model.phases.refine=1"]
+    fit = ["fit", "--config", str(CONFIGS / method / "push_friction.yaml"), f"data.folder={films}", *TINY, *phases]
+    assert main([*fit, f"--run-dir={tmp_path / 'whole'}"]) == 0
+    step = module.training_step
+    for epoch in epochs:  # warming up, learning together, refining
+
+        def killed(self: Any, batch: Any, batch_idx: int, last: int = epoch) -> None:
+            if (self.current_epoch, batch_idx) == (last, 1):
+                raise Killed
+            step(self, batch, batch_idx)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(module, "training_step", killed)
+            with pytest.raises(Killed):
+                main([*fit, f"--run-dir={tmp_path / 'parts'}", "--resume"])
+    assert main([*fit, f"--run-dir={tmp_path / 'parts'}", "--resume"]) == 0
+    whole, parts = (json.loads((tmp_path / name / "metrics.json").read_text()) for name in ("whole", "parts"))
+    assert {**parts, "seconds": 0} == {**whole, "seconds": 0}
+
+
+@pytest.mark.parametrize(("epoch", "loss"), [(1, "encoded_position"), (2, "refined")])
+def test_a_loss_that_is_not_finite_names_the_trajectory_and_leaves_the_last_good_state(
+    epoch: int,
+    loss: str,
+    films: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    run, config = tmp_path / "run", str(CONFIGS / "supervised" / "push_friction.yaml")
+    spoiled, step = 3, SupervisedID.training_step
+
+    def spoil(self: Any, batch: Any, batch_idx: int) -> None:
+        if self.current_epoch == epoch:
+            batch["pose"][batch["index"] == spoiled] = torch.nan
+        step(self, batch, batch_idx)
+
+    monkeypatch.setattr(SupervisedID, "training_step", spoil)
+    assert main(["fit", "--config", config, f"--run-dir={run}", f"data.folder={films}", *TINY]) == 2
+    said = capsys.readouterr().err
+    assert f"the loss {loss} of trajectory {spoiled} is not finite in epoch {epoch}" in said
+    assert "last.ckpt" in said
+    assert torch.load(run / "checkpoints" / "last.ckpt", weights_only=True)["epoch"] == epoch - 1
+
+
+def test_first_velocities_come_from_three_frames_where_nothing_rests(films: Path, tmp_path: Path) -> None:
+    config = str(CONFIGS / "supervised" / "push_friction.yaml")
+    fit = ["fit", "--config", config, f"data.folder={films}", *TINY, "model.start={at_rest: false, spacing: 5}"]
+    assert main([*fit, f"--run-dir={tmp_path / 'run'}", "data.video=[0, 5, 10]"]) == 0
+    figures = json.loads((tmp_path / "run" / "metrics.json").read_text())
+    assert figures["test/predicted_position_error"] < MISSED
+
+
+def test_first_velocities_without_their_frames_are_refused(
+    films: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = str(CONFIGS / "supervised" / "push_friction.yaml")
+    fit = ["fit", "--config", config, f"data.folder={films}", *TINY, "model.start={at_rest: false, spacing: 5}"]
+    assert main([*fit, f"--run-dir={tmp_path / 'run'}", "data.video=[0]", "data.draw=0"]) == 2
+    assert "name them in data.video" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("cell", ["collide", "slide_friction"])
+@pytest.mark.parametrize("method", ["supervised", "self_supervised"])
+def test_two_blocks_and_an_incline_go_through_all_phases(cell: str, method: str, tmp_path: Path) -> None:
+    films, config = tmp_path / "films", str(CONFIGS / "generate" / f"{cell.split('_')[0]}.yaml")
+    tiny = ["trajectories=10", "steps=11", "--workers=1", "--quiet", f"--out={films}"]
+    assert main(["generate", "--config", config, *tiny]) == 0
+    run, config = tmp_path / "run", str(CONFIGS / method / f"{cell}.yaml")
+    assert main(["fit", "--config", config, f"--run-dir={run}", f"data.folder={films}", *TINY]) == 0
+    assert "test/psnr" in json.loads((run / "metrics.json").read_text())
 
 
 def test_recordings_without_video_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import lightning as L
@@ -50,7 +50,7 @@ class TrainingModule(L.LightningModule, ABC):
     def training_step(self, batch: Any, batch_idx: int) -> Tensor:
         """Return the sum of the losses, averaged over the batch."""
         losses = self.losses(batch)
-        self._require_finite(losses, batch)
+        self.require_finite(losses, batch)
         self.count_evaluations(1)
         means = {name: value.mean() for name, value in losses.items()}
         total = torch.stack(list(means.values())).sum()
@@ -85,7 +85,12 @@ class TrainingModule(L.LightningModule, ABC):
         """Keep the names of the learned parameters: other recordings may not call them unknown."""
         checkpoint[LEARNED] = list(PhysicalParameters.of(self).names)
 
-    def _require_finite(self, losses: dict[str, Tensor], batch: Any) -> None:
+    def require_finite(self, losses: Mapping[str, Tensor], batch: Any) -> None:
+        """Check losses of a batch, each of shape (B,).
+
+        Raises:
+            NonFiniteLossError: If one is not finite; the message names it and the trajectories.
+        """
         for name, value in losses.items():
             bad = ~torch.isfinite(value)
             if bool(bad.any()):

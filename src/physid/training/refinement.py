@@ -45,8 +45,14 @@ class Refinement:
             batch: A batch of the data module, or the part of it that is rolled out.
             goal: The poses that should come out, shape (B, T, N, 7).
             real: Which of them count, shape (B, T).
+
+        Raises:
+            NonFiniteLossError: If the loss of a trajectory is not finite.
         """
+        # Poses that are not finite have no loss at all: the physics refuses them without naming the trajectory.
+        module.require_finite({"refined": encoded.double().sum((1, 2, 3)) + goal.double().sum((1, 2, 3))}, batch)
         loss = self._add(model, encoded, batch, goal, real)
+        module.require_finite({"refined": loss}, batch)
         many = module.trainer.num_training_batches > 1
         module.log("train/loss", loss.mean(), on_step=not many, on_epoch=many, prog_bar=True, batch_size=len(loss))
         if module.trainer.is_last_batch:

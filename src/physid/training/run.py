@@ -93,7 +93,7 @@ def fit(config: Mapping[str, Any], folder: Path, *, resume: bool = False) -> dic
     cli = _build(config, folder, [keep, state, LearningRates()], logger=loggers)
     trainer, model, data = cli.trainer, cli.model, cli.datamodule
     _until_interrupted(trainer, lambda: trainer.fit(model, datamodule=data, ckpt_path=checkpoint))
-    figures = _flat(trainer.callback_metrics)
+    figures = _flat({**state.figures, **trainer.callback_metrics})
     if is_overridden("test_step", model) and _has_test_split(data):
         _until_interrupted(trainer, lambda: trainer.test(model, datamodule=data, verbose=False))
         figures |= _flat(trainer.callback_metrics)
@@ -197,7 +197,7 @@ def _epoch(checkpoint: Path | None) -> int | None:
     return int(torch.load(checkpoint, map_location="cpu", weights_only=True)["epoch"])
 
 
-def _flat(figures: Mapping[str, Tensor]) -> dict[str, float]:
+def _flat(figures: Mapping[str, Tensor | float]) -> dict[str, float]:
     """Return the figures as floats; what is not finite is left out, since JSON has no word for it."""
     values = {name: float(value) for name, value in figures.items()}
     return {name: value for name, value in values.items() if math.isfinite(value)}

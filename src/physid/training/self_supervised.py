@@ -150,6 +150,7 @@ class SelfSupervisedID(TrainingModule):
             return values
         image = as_image(batch["frames"])
         encoding = self.model.encode(image, background)
+        self.require_finite({"encoded": encoding.pose.sum((1, 2, 3))}, batch)
         seen, real = self.blur(image), shown < batch["length"][:, None]
         values["encoded_image"] = mean_over_time(self._mismatch(encoding.pose, seen, background), real)
         values["divergence"] = self.beta * mean_over_time(encoding.divergence, real)

@@ -142,6 +142,7 @@ class SupervisedID(TrainingModule):
             }
             return values | imagined
         values = self.loss(pose_residual(encoding.pose, recorded), real)
+        self.require_finite({f"encoded_{name}": value for name, value in values.items()}, batch)
         rolled = self.loss(*self._rolled(encoding.pose, batch))
         return (
             {f"encoded_{name}": value for name, value in values.items()}

@@ -19,10 +19,13 @@ class RunState(L.Callback):
 
     Attributes:
         seconds: Time spent in training, over all sessions of the run [s].
+        figures: The last value of every figure that was logged up to the checkpoint. A later session need not log all
+            of them again: learning from video has phases with figures of their own.
     """
 
     def __init__(self) -> None:
         self.seconds = 0.0
+        self.figures: dict[str, float] = {}
         self._started = time.perf_counter()
         self._random: dict[str, Any] | None = None
 
@@ -40,8 +43,13 @@ class RunState(L.Callback):
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
         """Remember the state; it is set once everything else has been built."""
-        self.seconds = state_dict["seconds"]
+        self.seconds, self.figures = state_dict["seconds"], dict(state_dict.get("figures", {}))
         self._random = state_dict
+
+    def on_save_checkpoint(self, trainer: L.Trainer, pl_module: L.LightningModule, checkpoint: dict[str, Any]) -> None:
+        """Keep the figures."""
+        self.figures |= {name: float(value) for name, value in trainer.callback_metrics.items()}
+        checkpoint["callbacks"][self.state_key]["figures"] = self.figures
 
     def on_fit_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         """Set the generators to where the checkpoint left them, before the loader draws its first batch."""
