@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import io
 import os
 import signal
 import subprocess
@@ -12,6 +13,7 @@ import pytest
 
 from physid.cli import main, shorten, sort_words
 from physid.commands import COMMANDS, Command
+from physid.commands.terminal import styled
 from physid.configuration import compose
 
 HELP_SECONDS = 0.5
@@ -71,7 +73,15 @@ def test_the_help_of_a_command_teaches_it(command: Command, capsys: pytest.Captu
         (["generate", "--config", PUSH, "scene=pusk"], 'unknown scene "pusk"; did you mean "push"?'),
         (["generate", "--config", PUSH, "--worker", "2"], 'no option --worker; did you mean "--workers"?'),
         (["generate", "--config", PUSH, "--workers=two"], "generate: workers: expected int, got two"),
-        (["generate", "--config", PUSH, "stray"], "generate: unrecognized arguments: stray"),
+        (["generate", "--config", PUSH, "stray"], "unrecognized arguments: stray; physid generate --help shows what"),
+        (["generate", PUSH], f"unrecognized arguments: {PUSH}; did you mean --config {PUSH}?"),
+        (["predict"], "predict needs a configuration: --config FILE or --run-dir RUN"),
+        (
+            ["predict", "--run-dir", "no"],
+            "no holds no run; predict needs a configuration: --config FILE (see configs/)",
+        ),
+        (["diagnose", "no"], "expected a recording set, found no recording.yaml there; make one with physid generate"),
+        (["dashboard"], "runs: expected a folder with runs"),
         (["import", "cube-toss", "x"], "import: kind: expected one of 'cube-tosses', got cube-toss"),
         (["import", "cube-tosses"], "import: the following arguments are required: folder"),
         (["effects", "--site=contacts"], "effects: site: expected one of"),
@@ -131,6 +141,25 @@ def test_generate_makes_a_recording_set_that_can_be_read(recordings: Callable[[s
 
     made = RecordingSet(recordings("push"))
     assert (len(made), made.scene.name) == (10, "push")
+
+
+class Screen(io.StringIO):
+    """What is written to a terminal."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def test_colours_are_for_terminals_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    monkeypatch.setenv("TERM", "xterm")
+    assert styled("physid:", "red", Screen()) == "\x1b[31mphysid:\x1b[0m"
+    assert styled("physid:", "red", io.StringIO()) == "physid:"
+    monkeypatch.setattr("sys.stderr", screen := Screen())
+    assert main(["genrate"]) == 2
+    assert screen.getvalue().startswith("\x1b[31mphysid:\x1b[0m unknown command")
+    monkeypatch.setenv("NO_COLOR", "1")
+    assert styled("physid:", "red", Screen()) == "physid:"
 
 
 def test_a_reader_that_has_seen_enough_is_no_error() -> None:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from physid.commands import COMMANDS, Command
+from physid.commands.terminal import styled
 from physid.scenes.strict import nearest
 
 if TYPE_CHECKING:
@@ -87,7 +88,7 @@ def main(words: Sequence[str] | None = None) -> int:
 
 def overview() -> str:
     """Return the help of `physid` itself."""
-    lines = [f"  {command.name:<11}{command.summary}\n" for command in COMMANDS]
+    lines = [f"  {styled(f'{command.name:<11}', 'bold', sys.stdout)}{command.summary}\n" for command in COMMANDS]
     return OVERVIEW.format(commands="".join(lines))
 
 
@@ -182,9 +183,12 @@ def _run_command(command: Command, words: list[str]) -> int:
     arguments = sort_words([word for word in words if not (shown and word == PRINT)], command.options)
     values = _parse(parser, arguments.own, command)
     if command.configurable:
-        files = arguments.files or recorded_config(values.get("run_dir"))
+        run_dir = values.get("run_dir")
+        files = arguments.files or recorded_config(run_dir)
         if not files:
-            raise UsageError(f"{command.name} needs a configuration: --config FILE (see configs/)")
+            there = f"{run_dir} holds no run; " if run_dir else ""
+            recorded = " or --run-dir RUN" if "run_dir" in values and not run_dir else ""
+            raise UsageError(f"{there}{command.name} needs a configuration: --config FILE{recorded} (see configs/)")
         values["configuration"] = compose(files, arguments.overrides)
         if shown:
             print(values["configuration"].to_yaml(), end="")
@@ -214,7 +218,13 @@ def _parse(parser: ArgumentParser, words: Sequence[str], command: Command) -> di
     try:
         return dict(parser.parse_args(command.place(words)).as_dict())
     except ArgumentError as error:
-        raise UsageError(f"{command.name}: {shorten(str(error))}") from None
+        message = shorten(str(error))
+        stray = message.partition("unrecognized arguments: ")[2]
+        if stray.endswith((".yaml", ".yml")) and command.configurable:
+            message += f"; did you mean --config {stray}?"
+        elif stray:
+            message += f"; physid {command.name} --help shows what it takes"
+        raise UsageError(f"{command.name}: {message}") from None
 
 
 def _format_help(parser: ArgumentParser, command: Command) -> str:
@@ -241,7 +251,7 @@ def _explain(error: Exception, code: int) -> int:
         raise error
     message = str(error) or type(error).__name__
     many = isinstance(error, ArgumentError) or "Does not validate against" in message
-    print(f"physid: {shorten(message) if many else message}", file=sys.stderr)
+    print(f"{styled('physid:', 'red', sys.stderr)} {shorten(message) if many else message}", file=sys.stderr)
     return code
 
 

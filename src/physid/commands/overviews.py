@@ -6,17 +6,20 @@ from pathlib import Path
 from typing import Literal
 
 
-def dashboard(folder: Path, *, out: Path | None = None, light: bool = False, wandb: str | None = None) -> None:
+def dashboard(
+    folder: Path = Path("runs"), *, out: Path | None = None, light: bool = False, wandb: str | None = None
+) -> None:
     """Write one page about every run in a folder.
 
     Fits, benchmarks and diagnoses in a table that sorts and filters; for each its parameters beside the truth, curves,
     films and report; chosen runs side by side. The page needs no network and can be sent as one file.
 
     Examples:
-      physid dashboard runs
+      physid dashboard
+      physid dashboard runs/reproduce --out page.html
 
     Args:
-        folder: The folder with the runs.
+        folder: The folder with the runs; runs by default.
         out: The HTML file to write; FOLDER/dashboard.html by default.
         light: Leave out films, images and reports.
         wandb: ENTITY/PROJECT of Weights & Biases, to publish a workspace with the same panels there.

@@ -50,7 +50,7 @@ def import_(kind: Literal["cube-tosses"], folder: Path, *, out: Path | None = No
     """Convert real recordings to a recording set.
 
     cube-tosses: the real tosses of a cube that were published with ContactNets (files N.pt, 148 Hz). Recordings of your
-    own are easily written by hand: docs/your_own_recordings.md describes the format.
+    own are easily written by hand: docs/recordings.md describes the format.
 
     Examples:
       physid import cube-tosses FOLDER --out data/cube

@@ -122,7 +122,10 @@ def read_scene(folder: Path) -> Scene:
     """
     path = folder / DESCRIPTION
     if not path.is_file():
-        raise FileNotFoundError(f"{path}: expected a recording set, found no {DESCRIPTION} there")
+        raise FileNotFoundError(
+            f"{path}: expected a recording set, found no {DESCRIPTION} there; "
+            "make one with physid generate, or write one (docs/recordings.md)"
+        )
     try:
         return Scene.from_mapping(yaml.safe_load(path.read_text(encoding="utf-8")))
     except (yaml.YAMLError, ValueError) as error:
