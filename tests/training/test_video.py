@@ -6,15 +6,19 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 
 from physid.cli import main
+from physid.data.format import RecordingSet
+from physid.data.recording import Recording
 from physid.training.self_supervised import SelfSupervisedID
 from physid.training.supervised import SupervisedID
 
 CONFIGS = Path(__file__).parent.parent.parent / "configs"
 MISSED = 10.0  # block sizes: after a step of learning anything in view will do
+MOVED = 0.01  # [m]
 CLASSES = {"supervised": SupervisedID, "self_supervised": SelfSupervisedID}
 TINY = [
     "data.batch_size=4",
@@ -132,6 +136,36 @@ def test_two_blocks_and_an_incline_go_through_all_phases(cell: str, method: str,
     run, config = tmp_path / "run", str(CONFIGS / method / f"{cell}.yaml")
     assert main(["fit", "--config", config, f"--run-dir={run}", f"data.folder={films}", *TINY]) == 0
     assert "test/psnr" in json.loads((run / "metrics.json").read_text())
+
+
+def pose(recording: Recording) -> np.ndarray:
+    assert recording.pose is not None
+    return recording.pose
+
+
+def test_what_is_predicted_lands_in_a_recording_set_with_films(films: Path, tmp_path: Path) -> None:
+    run, config = tmp_path / "run", str(CONFIGS / "supervised" / "push_friction.yaml")
+    assert main(["fit", "--config", config, f"--run-dir={run}", f"data.folder={films}", *TINY]) == 0
+    few = ["data.limit=2", "trainer.accelerator=cpu"]
+    assert main(["predict", f"--run-dir={run}", f"--out={tmp_path / 'seen'}", *few]) == 0
+    seen = RecordingSet(tmp_path / "seen")
+    seen.verify()
+    assert [path.name for path in seen.paths] == ["000000.h5", "000001.h5"]
+    assert all(pose(made).shape == pose(known).shape for made, known in zip(seen, RecordingSet(films), strict=False))
+    assert len(list((tmp_path / "seen").rglob("prediction_*.mp4"))) == 2
+    assert "block.friction" in json.loads((tmp_path / "seen" / "parameters.json").read_text())
+
+    # Planned forces: two that are alike at first predict alike as long as they are, and as far as they go.
+    pushes = {"weak": [5.0] * 8 + [0.0] * 6, "strong": [5.0] * 8 + [20.0] * 22}
+    for name, force in pushes.items():
+        table = tmp_path / f"{name}.csv"
+        table.write_text("\n".join(["block.force_x", *map(str, force)]))
+        assert main(["predict", f"--run-dir={run}", f"--out={tmp_path / name}", f"--forces={table}", *few]) == 0
+        assert len(list((tmp_path / name).rglob("prediction_*.mp4"))) == 2
+    weak, strong = (pose(RecordingSet(tmp_path / name).read(0)) for name in pushes)
+    assert (len(weak), len(strong)) == (15, 31)
+    assert np.allclose(weak[:9], strong[:9], atol=1e-9)
+    assert strong[-1, 0, 0] > strong[0, 0, 0] + MOVED
 
 
 def test_recordings_without_video_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

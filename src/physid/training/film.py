@@ -1,4 +1,4 @@
-"""Predicted video beside the recorded one, as pictures and as a film."""
+"""Predicted video, beside the recorded one where there is one, as pictures and as a film."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ from physid.training.video_model import VideoModel, at_frames
 Pixels = NDArray[np.uint8]
 SCALE = 2
 """Pixels of a film for one of the recording."""
-ROWS = ("recorded", "predicted", "difference")
+ROWS = {3: ("recorded", "predicted", "difference"), 1: ("predicted",)}
+"""What panels are called, by their number."""
 
 
 @torch.no_grad()
@@ -34,11 +35,26 @@ def compare(model: VideoModel, pose: Tensor, batch: Mapping[str, Any], row: int)
     Returns:
         Recorded, predicted, and the middle grey plus half of predicted less recorded; shape (f, 3, H, W, 3).
     """
+    drawn, recorded = _drawn(model, pose, batch, row, batch["shown"][row]), as_image(batch["frames"][row])
+    return _pixels(torch.stack([recorded, drawn, (1 + drawn - recorded) / 2], 1))
+
+
+@torch.no_grad()
+def foresee(model: VideoModel, pose: Tensor, batch: Mapping[str, Any], row: int, shown: Sequence[int]) -> Pixels:
+    """Draw some frames of one trajectory that nobody has recorded (see `compare`); shape (f, 1, H, W, 3)."""
+    return _pixels(_drawn(model, pose, batch, row, torch.tensor(shown))[:, None])
+
+
+def _drawn(model: VideoModel, pose: Tensor, batch: Mapping[str, Any], row: int, shown: Tensor) -> Tensor:
+    """Draw the frames `shown` (f,) of one trajectory of poses (B, T, N, 7): (f, 3, H, W)."""
     only = slice(row, row + 1)
     background = as_image(batch["background"][only])
-    drawn = model.decoder(at_frames(pose[only].to(background.device), batch["shown"][only]), background)[0]
-    recorded = as_image(batch["frames"][row])
-    panels = torch.stack([recorded, drawn, (1 + drawn - recorded) / 2], 1)
+    drawn: Tensor = model.decoder(at_frames(pose[only].to(background.device), shown[None]), background)[0]
+    return drawn
+
+
+def _pixels(panels: Tensor) -> Pixels:
+    """Turn images (..., 3, H, W) in [0, 1] into pixels (..., H, W, 3)."""
     pixels: Pixels = (255 * panels.clamp(0, 1)).round().to(torch.uint8).movedim(-3, -1).cpu().numpy()
     return pixels
 
@@ -67,7 +83,7 @@ def write_rows(panels: Pixels, shown: Sequence[int], wanted: Sequence[int], path
     """Draw one row of frames for each panel, as the paper does.
 
     Args:
-        panels: Shape (f, n, H, W, 3), n at most 3.
+        panels: Shape (f, n, H, W, 3), see `ROWS`.
         shown: Which frames of the trajectory they are.
         wanted: Which of them to draw; the nearest that is shown.
         path: The image to write.
@@ -83,7 +99,7 @@ def write_rows(panels: Pixels, shown: Sequence[int], wanted: Sequence[int], path
             axes.imshow(enlarge(panels[place, line]))
             axes.set(xticks=[], yticks=[])
         grid[0, column].set_title(f"frame {shown[place]}", fontsize=8)
-    for line, name in enumerate(ROWS[:count]):
+    for line, name in enumerate(ROWS[count]):
         grid[line, 0].set_ylabel(name, fontsize=8)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=120)

@@ -27,6 +27,7 @@ from physid.training.physical_parameters import PhysicalParameters
 from physid.training.polish import Polish
 from physid.training.pose_loss import PoseLoss, mean_over_time
 from physid.training.refinement import Refinement
+from physid.training.trajectories import Trajectories
 from physid.training.video_model import ChartName, VideoModel, at_frames
 from physid.training.video_scores import VideoScores
 
@@ -184,6 +185,10 @@ class SelfSupervisedID(TrainingModule):
         part = self.horizon.cut(batch, all_trajectories=True)
         _, pose = self.model.read(as_image(batch["frames"]), as_image(batch["background"]))
         self.refinement.add(self, self.model, pose, part, *_as_goal(pose, part))
+
+    def predict_step(self, batch: Batch, batch_idx: int) -> Trajectories:
+        """Predict whole trajectories from their first frames, under the recorded or the planned wrenches."""
+        return self.model.foresee(batch)
 
     def validation_step(self, batch: Batch, batch_idx: int) -> None:
         """Add the errors of poses and video."""

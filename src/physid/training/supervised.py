@@ -25,6 +25,7 @@ from physid.training.physical_parameters import PhysicalParameters
 from physid.training.polish import Polish
 from physid.training.pose_loss import PoseLoss, mean_over_time, pose_residual
 from physid.training.refinement import Refinement
+from physid.training.trajectories import Trajectories
 from physid.training.video_model import ChartName, VideoModel, at_frames
 from physid.training.video_scores import VideoScores
 
@@ -177,6 +178,10 @@ class SupervisedID(TrainingModule):
         part["shown"] = part["shown"][row, place]
         real = torch.arange(part["pose"].shape[1], device=pose.device) < part["length"][:, None]
         self.refinement.add(self, self.model, pose, part, part["pose"], real)
+
+    def predict_step(self, batch: Batch, batch_idx: int) -> Trajectories:
+        """Predict whole trajectories from their first frames, under the recorded or the planned wrenches."""
+        return self.model.foresee(batch)
 
     def validation_step(self, batch: Batch, batch_idx: int) -> None:
         """Add the errors of poses and video."""

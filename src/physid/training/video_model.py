@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from physid.networks.chart import PlanarChart, PoseChart, SpatialChart
 from physid.networks.encoder import Encoding, PoseEncoder, VariationalPoseEncoder, as_image
-from physid.physics.layer import PhysicsLayer
+from physid.physics.layer import PhysicsLayer, Rollout
 from physid.physics.parameters import Parameters
 from physid.physics.state import State
 from physid.scenes.scene import Scene
@@ -20,6 +20,7 @@ from physid.training.decoder import Decoder, camera_of
 from physid.training.first_state import Start
 from physid.training.physical_parameters import PhysicalParameters
 from physid.training.polish import Polish
+from physid.training.trajectories import Trajectories
 
 ChartName = Literal["planar", "hovering", "spatial"]
 AT_ONCE = 1024
@@ -149,15 +150,38 @@ class VideoModel(nn.Module):
         Returns:
             Poses, shape (B, T, N, 7), float64, on the device of the physics.
         """
-        state = self.first_state(pose, shown, wrench)
-        wrench = wrench.to(self.physics_device, torch.float64)
-        rolled: Tensor = self.layer.rollout(state, wrench[:, :-1], self.parameters_there()).pose
-        return rolled
+        return self._rolled(self.first_state(pose, shown, wrench), wrench).pose
+
+    def _rolled(self, state: State, wrench: Tensor) -> Rollout:
+        """Roll out states under wrenches (B, T, N, 6), the last of which is not used."""
+        rollout: Rollout = self.layer.rollout(
+            state, wrench[:, :-1].to(self.physics_device, torch.float64), self.parameters_there()
+        )
+        return rollout
 
     def predict(self, batch: Mapping[str, Any]) -> Prediction:
         """Encode the frames of a batch of the data module, and roll out its trajectories from the first one."""
         encoded, polished = self.read(as_image(batch["frames"]), as_image(batch["background"]))
         return Prediction(encoded, polished, self.roll_out(polished, batch["shown"], batch["wrench"]))
+
+    @torch.no_grad()
+    def foresee(self, batch: Mapping[str, Any]) -> Trajectories:
+        """Predict whole trajectories from their first frames, under the recorded wrenches or planned ones.
+
+        Args:
+            batch: A batch of the data module; with `future`, planned wrenches (B, T', N, 6), these count, from the
+                first frame on.
+        """
+        place = self.start.places(batch["shown"])
+        row = torch.arange(len(place), device=place.device)[:, None]
+        _, pose = self.read(as_image(batch["frames"][row, place]), as_image(batch["background"]))
+        state = self.first_state(pose, batch["shown"][row, place], batch["wrench"])
+        wrench, length = batch["wrench"], batch["length"]
+        if "future" in batch:
+            wrench, length = batch["future"], torch.full_like(length, batch["future"].shape[1])
+        rollout = self._rolled(state, wrench)
+        there = rollout.pose.device
+        return Trajectories(rollout.pose, rollout.twist, wrench.to(rollout.pose), length.to(there), batch["index"])
 
 
 def at_frames(pose: Tensor, shown: Tensor) -> Tensor:

@@ -1,31 +1,35 @@
-"""What a model predicts of the first tested trajectories: films, and the paper's rows of frames."""
+"""What a model predicts, drawn: films, and the paper's rows of frames."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, final
 
 import lightning as L
 import torch
 from lightning.pytorch.loggers import WandbLogger
+from torch import Tensor
 
-from physid.training.film import compare, write_film, write_rows
+from physid.training.film import Pixels, compare, foresee, write_film, write_rows
 from physid.training.video_model import VideoModel
 
 PAPER = (0, 30, 60, 120, 180)
 """The frames that the paper shows."""
+FILMS = "films"
+"""Folder of the films of what was predicted."""
 
 
 @final
 class PredictedFilm(L.Callback):
-    """Write prediction_N.mp4 (recorded, predicted, difference) and frames_N.png for the first tested trajectories.
+    """Write prediction_N.mp4 (recorded, predicted, difference) of trajectories N.
 
-    Every frame is drawn from poses that the physics has rolled out from the first frame alone. wandb gets the same
-    files.
+    Every frame is drawn from poses that the physics has rolled out from the first frame alone. Testing shows the first
+    trajectories, with the paper's rows of frames in frames_N.png, and wandb gets the same files. Predicting shows all
+    of them in films/; under planned forces there are predicted frames alone.
 
     Args:
-        count: Of how many trajectories.
+        count: How many trajectories testing shows.
     """
 
     def __init__(self, count: int = 2) -> None:
@@ -43,13 +47,11 @@ class PredictedFilm(L.Callback):
         """Write the files of the first batch."""
         if batch_idx or not trainer.is_global_zero:
             return
-        model, folder = pl_module.model, Path(trainer.default_root_dir)
-        if not isinstance(model, VideoModel):
-            raise TypeError(f"PredictedFilm needs a module with a VideoModel, got {type(model).__name__}")
+        model, folder = _model_of(pl_module), Path(trainer.default_root_dir)
         with torch.no_grad():
             prediction = model.predict({name: value[: self.count] for name, value in batch.items()})
         for row, index in enumerate(batch["index"][: self.count].tolist()):
-            panels, shown = compare(model, prediction.rolled, batch, row), batch["shown"][row].tolist()
+            panels, shown = _panels(model, prediction.rolled, batch, row)
             film, rows = folder / f"prediction_{index:06d}.mp4", folder / f"frames_{index:06d}.png"
             written = write_film(panels, frames_per_second(shown, model.layer.world.time_step), film)
             write_rows(panels, shown, PAPER, rows)
@@ -59,7 +61,41 @@ class PredictedFilm(L.Callback):
                     if written:
                         logger.log_video(f"prediction/{index}", [str(film)])
 
+    def on_predict_batch_end(
+        self,
+        trainer: L.Trainer,
+        pl_module: L.LightningModule,
+        outputs: Any,
+        batch: Mapping[str, Any],
+        batch_idx: int,
+        dataloader_idx: int = 0,
+    ) -> None:
+        """Write the films of every trajectory."""
+        model, folder = _model_of(pl_module), Path(trainer.default_root_dir) / FILMS
+        for row, index in enumerate(batch["index"].tolist()):
+            panels, shown = _panels(model, outputs.pose, batch, row)
+            rate = frames_per_second(shown, model.layer.world.time_step)
+            write_film(panels, rate, folder / f"prediction_{index:06d}.mp4")
 
-def frames_per_second(shown: list[int], time_step: float) -> float:
+
+def _model_of(module: L.LightningModule) -> VideoModel:
+    """Return the model of a module."""
+    model = getattr(module, "model", None)
+    if not isinstance(model, VideoModel):
+        raise TypeError(f"PredictedFilm needs a module with a VideoModel, got {type(model).__name__}")
+    return model
+
+
+def _panels(model: VideoModel, pose: Tensor, batch: Mapping[str, Any], row: int) -> tuple[Pixels, list[int]]:
+    """Draw one trajectory of poses (B, T, N, 7), beside the recorded frames where it follows them; and say which."""
+    shown = [frame for frame in batch["shown"][row].tolist() if frame < int(batch["length"][row])]
+    if "future" in batch:
+        apart = shown[-1] - shown[-2] if len(shown) > 1 else 1
+        shown = list(range(0, pose.shape[1], apart))
+        return foresee(model, pose, batch, row, shown), shown
+    return compare(model, pose, batch, row)[: len(shown)], shown
+
+
+def frames_per_second(shown: Sequence[int], time_step: float) -> float:
     """Return the rate at which a film of the frames `shown` runs as fast as what it shows [1/s]."""
     return max(len(shown) - 1, 1) / (time_step * max(shown[-1] - shown[0], 1))
