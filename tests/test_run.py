@@ -112,6 +112,25 @@ def test_an_interrupted_run_goes_on_exactly_where_it_stopped(config: str, capsys
     assert history(Path("runs/halves")) == history(Path("runs/whole"))
 
 
+def test_a_run_that_is_resumed_for_fewer_epochs_than_it_has_is_refused_in_one_line(
+    config: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["fit", "--config", config]) == 0
+    capsys.readouterr()
+    assert main(["fit", "--config", config, "--resume", "trainer.max_epochs=2"]) == 2
+    error = capsys.readouterr().err.strip().splitlines()[-1]
+    assert error.startswith("physid: trainer: You restored a checkpoint with current_epoch=3")
+
+
+def test_the_bar_counts_epochs_and_leaves_out_what_tells_nothing(
+    config: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["fit", "--config", config, "trainer.enable_progress_bar=true"]) == 0
+    shown = capsys.readouterr().out
+    assert "Epoch 3/3" in shown
+    assert "v_num" not in shown
+
+
 def test_a_run_interrupted_before_its_first_checkpoint_starts_again(config: str) -> None:
     assert main(["fit", "--config", config, "model.interrupt_in=0"]) == 130
     assert main(["fit", "--config", config, "--resume"]) == 0

@@ -14,6 +14,7 @@ from typing import Any, Literal
 
 import lightning as L
 import torch
+from lightning.fabric.utilities.exceptions import MisconfigurationException
 from lightning.fabric.utilities.warnings import PossibleUserWarning
 from lightning.pytorch.callbacks import ModelCheckpoint
 from lightning.pytorch.cli import LightningCLI
@@ -22,6 +23,7 @@ from torch import Tensor
 
 from physid.training.base import LEARNED
 from physid.training.callbacks.learning_rates import LearningRates
+from physid.training.callbacks.progress import Progress
 from physid.training.callbacks.run_state import RunState
 from physid.training.loggers import build_loggers
 
@@ -166,14 +168,21 @@ def _build(config: Mapping[str, Any], folder: Path, callbacks: list[L.Callback],
     warnings.filterwarnings("ignore", "`isinstance\\(treespec, LeafSpec\\)` is deprecated")
     default = {"enable_progress_bar": sys.stderr.isatty(), "enable_model_summary": False, "log_every_n_steps": 1}
     trainer = {**default, **(config.get("trainer") or {})}
+    if trainer["enable_progress_bar"]:
+        callbacks = [*callbacks, Progress()]
     return Cli({**config, "trainer": trainer}, {"default_root_dir": folder, **fixed}, callbacks)
 
 
 def _until_interrupted(trainer: L.Trainer, action: Callable[[], object]) -> None:
-    """Run a part of the Trainer; Ctrl-C ends it with a KeyboardInterrupt that says how to go on."""
+    """Run a part of the Trainer; Ctrl-C ends it with a KeyboardInterrupt that says how to go on.
+
+    What the Trainer finds wrong in its own settings, say fewer epochs than a checkpoint has, is the user's to mend.
+    """
     handler = signal.getsignal(signal.SIGINT)
     try:
         action()
+    except MisconfigurationException as error:
+        raise ValueError(f"trainer: {error}") from None
     except SystemExit:
         if not trainer.interrupted:
             raise
