@@ -181,6 +181,6 @@ def test_an_interrupted_generation_exits_with_130_and_goes_on(tmp_path: Path) ->
     running.send_signal(signal.SIGINT)
     _, error = running.communicate(timeout=30)
     assert running.returncode == 130
-    assert error.strip() == "interrupted"
+    assert error.strip() == "interrupted: the same command goes on where it stopped"
     count = len(list(tmp_path.glob("set/trajectories/*.h5")))
     assert main([*words, f"trajectories={count + 1}", "steps=20"]) == 0

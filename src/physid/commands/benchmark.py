@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+from physid.commands.terminal import resumable
+
 if TYPE_CHECKING:
     from physid.benchmark.seal import Plan
 
@@ -62,7 +64,7 @@ def benchmark(
 
     place = (out if step in ("all", "seal") else None) or bank or Path(f"runs/benchmark/{subject}")
     size = QUICK if quick else Size(sets, trajectories, steps)
-    with running_on(backend, scheduler) as whole_path:
+    with resumable(), running_on(backend, scheduler) as whole_path:
         if step in ("all", "seal"):
             _seal(whole_path(place), Plan("calibration" if calibration else "score", seed, size), workers, quiet)
         if step in ("all", "diagnose"):

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
+from physid.commands.terminal import resumable
+
 
 def dashboard(
     folder: Path = Path("runs"), *, out: Path | None = None, light: bool = False, wandb: str | None = None
@@ -79,7 +81,7 @@ def reproduce(
             f"{configs} holds no generate/: run in the repository, or name its configs with --configs"
         )
     cells = choose(profile, cell.split(",") if cell else ())
-    with running_on(backend, scheduler) as whole_path:
+    with resumable(), running_on(backend, scheduler) as whole_path:
         place = {"out": whole_path(target), "configs": whole_path(configs)}
         results = run(cells, **place, workers=workers, at_once=at_once, again=again)
     print(report(results, target))

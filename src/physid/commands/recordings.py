@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+from physid.commands.terminal import resumable
+
 if TYPE_CHECKING:
     from physid.configuration import Configuration
 
@@ -41,7 +43,7 @@ def generate(
     from physid.workers import running_on
 
     config = GenerateConfig.from_mapping(configuration.values)
-    with running_on(backend, scheduler) as whole_path:
+    with resumable(), running_on(backend, scheduler) as whole_path:
         done = run(config, whole_path(out or Path("data") / configuration.name), workers, quiet=quiet)
     print(f"{done.folder}: {done.written} trajectories written, {done.kept} kept, {done.redrawn} draws left the view")
 

@@ -1,8 +1,10 @@
-"""Colours: on a terminal, never in a pipe or a file, and not where NO_COLOR asks for none (no-color.org)."""
+"""What a terminal shows: colours (not in a pipe, nor where NO_COLOR asks for none), and how to go on after Ctrl-C."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Literal, TextIO
 
 CODES = {"bold": 1, "red": 31, "green": 32}
@@ -12,3 +14,16 @@ def styled(text: str, style: Literal["bold", "red", "green"], stream: TextIO) ->
     """Return a text as a stream can show it: with ECMA-48's escape sequences on a terminal, else unchanged."""
     plain = os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb" or not stream.isatty()
     return text if plain else f"\x1b[{CODES[style]}m{text}\x1b[0m"
+
+
+@contextmanager
+def resumable() -> Iterator[None]:
+    """Let Ctrl-C say that the same command goes on where it stopped.
+
+    Raises:
+        KeyboardInterrupt: If it was pressed.
+    """
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt("the same command goes on where it stopped") from None
