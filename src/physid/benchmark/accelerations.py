@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import minimum_filter
 from scipy.signal import savgol_filter
 
 from physid.data.format import RecordingSet
@@ -30,7 +31,7 @@ class Samples:
         position: [m], shape (n, 2).
         velocity: [m/s], shape (n, 2).
         acceleration: Without gravity [m/s^2], shape (n, 2).
-        force: Commanded [N], shape (n, 2).
+        force: Commanded, averaged as the accelerations are [N], shape (n, 2).
         change: Its rate of change [N/s], shape (n, 2).
         load: Normal force over mass, 0 in flight [m/s^2], shape (n,).
         gravity: In the plane [m/s^2], shape (n, 2).
@@ -67,16 +68,17 @@ def _differentiate(scene: Scene, recording: Recording) -> dict[str, Array]:
     wrench = np.zeros((len(place), 6)) if recording.wrench is None else recording.wrench[:, 0]
     velocity, acceleration = _smooth(place, step, 1), _smooth(place, step, 2)
     free = acceleration - np.array(scene.gravity)
-    force = wrench[:, 3:] @ axes.T
+    force = _averaged(wrench[:, 3:] @ axes.T, step)
     load = free @ normal
     good = (np.linalg.norm(velocity @ axes.T, axis=1) > MOVING) & (np.linalg.norm(acceleration, axis=1) < HARD)
+    good = minimum_filter(good, _length(len(place), step))  # no frame of the cubic may be a stop or an impact
     found = {
         "time": np.arange(len(place)) * step,
         "position": place @ axes.T,
         "velocity": velocity @ axes.T,
         "acceleration": free @ axes.T,
         "force": force,
-        "change": np.gradient(_smooth(force, step, 0), step, axis=0),
+        "change": np.gradient(force, step, axis=0),
         "load": np.where(load > LIFTED * np.linalg.norm(scene.gravity), load, 0.0),
         "gravity": np.tile(np.array(scene.gravity) @ axes.T, (len(place), 1)),
     }
@@ -85,6 +87,16 @@ def _differentiate(scene: Scene, recording: Recording) -> dict[str, Array]:
 
 def _smooth(values: Array, step: float, order: int) -> Array:
     """Return a derivative of a cubic through the neighbours of each frame, shape (T, k)."""
-    length = min(round(SMOOTHING / step), len(values) - 1) // 2 * 2 + 1
-    found: Array = savgol_filter(values, length, 3, deriv=order, delta=step, axis=0)
+    found: Array = savgol_filter(values, _length(len(values), step), 3, deriv=order, delta=step, axis=0)
     return found
+
+
+def _length(frames: int, step: float) -> int:
+    """Return the odd number of frames that the cubic is laid through."""
+    return min(round(SMOOTHING / step), frames - 1) // 2 * 2 + 1
+
+
+def _averaged(values: Array, step: float) -> Array:
+    """Average accelerations (T, k) as differentiating their positions does: integrate twice, then differentiate."""
+    held = np.concatenate([np.zeros_like(values[:1]), values[:-1]])  # x_{t+1} - 2 x_t + x_{t-1} = h^2 a_t
+    return _smooth(step**2 * held.cumsum(0).cumsum(0), step, 2)

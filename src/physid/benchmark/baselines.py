@@ -20,8 +20,9 @@ Array = NDArray[np.float64]
 NATS = 5.0  # gain of the logarithm of the likelihood that an uncalibrated search takes for a discovery
 THRESHOLD = 0.1  # part of the residual acceleration below which sparse regression drops a term
 ROUNDS = 10
-RIDGE = 1e-3
+RIDGES = (1e-3, 1e-2, 1e-1, 1.0, 10.0)
 FITTED = ("fit", "select")
+SPLITS = {"fit": ("fit",), "select": ("select",), "same": ("report_same",), "transfer": ("report_transfer",)}
 METHODS = ("plain BIC", "uncalibrated likelihood", "sparse regression", "free residual")
 
 
@@ -52,16 +53,13 @@ def answers(recordings: RecordingSet, document: Mapping[str, Any], noise: float)
     """
     fitted = [recordings.read(index) for index in recordings.indices(FITTED)]
     numbers = sum(6 * one.length * len(recordings.scene.bodies) for one in fitted)
-    data = {name: samples(recordings, splits) for name, splits in _SPLITS.items()}
+    data = {name: samples(recordings, splits) for name, splits in SPLITS.items()}
     return {
         "plain BIC": bic(document, numbers),
         "uncalibrated likelihood": likelihood(document),
         "sparse regression": sparse_regression(recordings.scene, data["fit"]),
         "free residual": free_residual(recordings.scene, data, noise),
     }
-
-
-_SPLITS = {"fit": FITTED, "same": ("report_same",), "transfer": ("report_transfer",)}
 
 
 def bic(document: Mapping[str, Any], numbers: int) -> Answer:
@@ -113,23 +111,37 @@ def sparse_regression(scene: Scene, data: Samples) -> Answer:
 
 
 def free_residual(scene: Scene, data: Mapping[str, Samples], noise: float) -> Answer:
-    """Fit the residual acceleration by all quadratic functions of force, velocity, position and time."""
-    residual, _ = _residual(scene, data["fit"])
-    basis = _quadratic(data["fit"])
-    scale = basis.std(0) + 1e-9
-    gram = (basis / scale).T @ (basis / scale)
-    ridge = RIDGE * len(basis) * np.eye(len(gram))
-    target = residual.reshape(2, -1).T
-    weights = np.linalg.solve(gram + ridge, (basis / scale).T @ target)
+    """Fit the residual acceleration by free functions of force, velocity, position and time (see `_basis`).
+
+    The ridge is the one that predicts the trajectories to select by best.
+
+    Args:
+        scene: The scene.
+        data: Samples to fit, to select, and of the two protocols to report on.
+        noise: Standard deviation of the noise of a position [m].
+    """
     parameters = np.linalg.lstsq(_nominal(scene, data["fit"]), _known(scene, data["fit"]), rcond=None)[0]
+    left = {
+        name: (_known(scene, each) - _nominal(scene, each) @ parameters).reshape(2, -1).T for name, each in data.items()
+    }
+    basis = {name: _basis(each) for name, each in data.items()}
+    scale = np.linalg.norm(basis["fit"], axis=0) / len(basis["fit"]) ** 0.5 + 1e-9
+    x = basis["fit"] / scale
+    tried = [
+        np.linalg.solve(x.T @ x + ridge * len(x) * np.eye(x.shape[1]), x.T @ left["fit"]) / scale[:, None]
+        for ridge in RIDGES
+    ]
+    weights = min(tried, key=lambda each: _rms(left["select"] - basis["select"] @ each))
     closed = {}
     for split in ("same", "transfer"):
-        left = (_known(scene, data[split]) - _nominal(scene, data[split]) @ parameters).reshape(2, -1).T
-        after = left - (_quadratic(data[split]) / scale) @ weights
-        before, floor = float(np.sqrt(np.mean(left**2))), noise * data[split].spread
-        explained = before - float(np.sqrt(np.mean(after**2)))
+        before, floor = _rms(left[split]), noise * data[split].spread
+        explained = before - _rms(left[split] - basis[split] @ weights)
         closed[split] = explained / (before - floor) if before > NO_GAP * floor else None
-    return Answer(bool((closed["same"] or 0) > THRESHOLD), None, closed["same"], closed["transfer"])
+    return Answer((closed["same"] or 0) > THRESHOLD, None, closed["same"], closed["transfer"])
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2))) if values.size else 0.0
 
 
 def _residual(scene: Scene, data: Samples) -> tuple[Array, Array]:
@@ -181,11 +193,11 @@ def _library(scene: Scene, data: Samples) -> dict[str, Array]:
     }
 
 
-def _quadratic(data: Samples) -> Array:
-    """Return 1, x_i and x_i x_j for force, velocity, position and time, shape (n, F)."""
-    x = np.concatenate([data.force, data.velocity, data.position, data.time[:, None]], 1)
-    pairs = [x[:, i] * x[:, j] for i in range(x.shape[1]) for j in range(i, x.shape[1])]
-    return np.concatenate([np.ones((len(x), 1)), x, np.stack(pairs, 1)], 1)
+def _basis(data: Samples) -> Array:
+    """Return 1, the direction of friction, force, velocity, position, time, and f |f| and v |v|, shape (n, F)."""
+    odd = [each * np.linalg.norm(each, axis=1, keepdims=True) for each in (data.force, data.velocity)]
+    rub, one = data.load[:, None] * _heading(data), np.ones((len(data.time), 1))
+    return np.concatenate([one, rub, data.force, data.velocity, data.position, data.time[:, None], *odd], 1)
 
 
 def _heading(data: Samples) -> Array:
