@@ -15,9 +15,9 @@ from physid.physics.layer import SolverError
 
 FIRST_DAMPING = 1e-3
 DAMPINGS = (0.1, 10.0)  # times the damping of a window: its first state tries both
-SHARES = (1.0, 0.3, 0.0)  # parts of the step of the shared parameters that are tried
+WHOLE, PARTS = (1.0,), (0.3, 0.0)  # parts of the step of the shared parameters: the first, and those tried if it fails
 LARGEST = 1.0  # change of an unknown parameter in one step, in the coordinates of the fit
-CONVERGED = 1e-3  # a step that gains less than this share of a standard deviation of the loss is the last
+CONVERGED = 1e-2  # a step that gains less than this share of a standard deviation of the loss is the last
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,7 @@ class Experiment:
         fitted: Trajectories that determine shared parameters (the others only have their first states fitted), (R,).
         directions: Free changes of first states.
         engine: How far the other engine leaves this one (a shared column with a prior of 0 +- 1), (R, T, N, 6).
+        follow: Windows in which the other engine is followed, shape (K,); where small errors grow fast it cannot be.
     """
 
     predictor: Predictor
@@ -39,6 +40,7 @@ class Experiment:
     fitted: Tensor
     directions: Directions
     engine: Tensor
+    follow: Tensor
 
     def residual(self, predicted: Tensor, point: Variants) -> Tensor:
         """Return observed minus predicted poses, as rotation vectors and positions; (C, R, T, N, 6)."""
@@ -102,8 +104,8 @@ def solve_shared(normal: Normal, fitted: Tensor, ridge: Tensor) -> Tensor:
 def gauss_newton(experiment: Experiment, start: Variants, effects: Tensor, steps: int = 10) -> Fit:
     """Minimise the squared residuals over first states, unknown parameters and some parameters of effects.
 
-    Every window has a damping of its own, for its first state; the shared parameters take the whole step, a part of it
-    or none. All combinations are tried in one batch, and each window keeps the best state.
+    Every window has a damping of its own, for its first state; the shared parameters take the whole step or, if that
+    does not help, a part of it or none. All dampings are tried in one batch, and each window keeps the best state.
 
     Args:
         experiment: What to explain.
@@ -119,8 +121,12 @@ def gauss_newton(experiment: Experiment, start: Variants, effects: Tensor, steps
     ridge = prior(experiment, effects)
     for _ in range(steps):
         change = solve_shared(fit.normal(), experiment.fitted, ridge)
-        better, loss, damping = best_step(experiment, fit, effects, change, damping)
-        gain = float((fit.loss - loss).sum())
+        for shares in (WHOLE, PARTS):
+            better, loss, tried = best_step(experiment, fit, effects, change, damping, shares)
+            gain = float((fit.loss - loss).sum())
+            if gain > 0:
+                break
+        damping = tried
         if gain <= 0:
             break
         fit = experiment.linearise(better, effects)
@@ -130,7 +136,7 @@ def gauss_newton(experiment: Experiment, start: Variants, effects: Tensor, steps
 
 
 def best_step(
-    experiment: Experiment, fit: Fit, effects: Tensor, change: Tensor, damping: Tensor, shares: Sequence[float] = SHARES
+    experiment: Experiment, fit: Fit, effects: Tensor, change: Tensor, damping: Tensor, shares: Sequence[float]
 ) -> tuple[Variants, Tensor, Tensor]:
     """Try parts of a step, each with all dampings of the first states and with states left alone.
 

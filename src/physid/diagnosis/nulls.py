@@ -39,7 +39,9 @@ def draw_nulls(
     replays: int = REPLAYS,
     draws: int = DRAWS,
 ) -> Nulls:
-    """Replay the recorded forces in PyBullet from states and parameters as uncertain as the fit, and add noise.
+    """Make data as they would be if the fit were the truth.
+
+    The recorded forces are replayed in PyBullet from states and parameters as uncertain as the fit, and noise is added.
 
     Args:
         experiment: The experiment.

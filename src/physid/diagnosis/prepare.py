@@ -17,13 +17,14 @@ from physid.diagnosis.nulls import floors
 from physid.diagnosis.observations import Observations
 from physid.diagnosis.phases import phases_of
 from physid.diagnosis.prediction import Predictor, Variants
-from physid.diagnosis.settle import Say, settle
+from physid.diagnosis.settle import Say, between, settle
 from physid.diagnosis.starts import guess_starts
 from physid.diagnosis.windows import SHORT, Windows
 from physid.physics.effect import Effect
 
 FIRST_NOISE = Noise(rotation=5e-3, position=2e-3)
 FACTORS = (1.0, 0.5, 0.25, 2.0, 4.0)  # first guesses of unknown parameters that are tried, times the one given
+LOST = 1.5  # times the usual misfit of busy windows, from which on one does not follow the other engine
 NONE = torch.zeros(0, dtype=torch.int64)
 
 
@@ -75,30 +76,67 @@ def prepare(
     first = gauss_newton(experiment, point, NONE, steps=5)
     noise = estimate_noise(first.residual, present)
     phases = phases_of(first.jacobian.base, observations.wrench, model.scene)
-    windows = Windows.around(find_events(phases, observations.pose, model.scene))
+    windows = Windows.around(find_events(phases, observations.pose, present, noise, model.scene))
     say("fitting the nominal model")
     predictor = Predictor(model, observations.wrench, windows, candidates)
     experiment, point = _begin(predictor, observations, present, noise, first.point.nominal)
     fit = gauss_newton(experiment, point, NONE)
-    for _ in range(2):
-        noise = estimate_noise(fit.residual, present)
-        weight = frame_weights(fit.residual, present, noise)
-        experiment = experiment.replace(scale=weight[..., None].sqrt() / noise.spread())
-        experiment, fit = settle(experiment, fit, NONE, (), say)
+    experiment, fit, noise = _follow(experiment, fit, present, say)
     say("measuring where the numerics disturb")
     extra = (1 + floors(experiment, fit, noise, generator)).rsqrt()
-    experiment = experiment.replace(scale=experiment.scale * _per_frame(windows, extra)[..., None, None])
+    experiment = experiment.replace(scale=experiment.scale * windows.spread(extra)[..., None, None])
     experiment, fit = settle(experiment, fit, NONE, (), say)
     phases = phases_of(fit.jacobian.base, observations.wrench, model.scene)
     return Prepared(observations, experiment, fit, noise, phases)
 
 
-def _per_frame(windows: Windows, value: Tensor) -> Tensor:
-    """Give every frame the value (K,) of its window, shape (R, T)."""
-    table = torch.zeros(1, windows.trajectories, windows.frames, dtype=value.dtype)
-    for batch in windows.batches:
-        batch.put(value[None, batch.windows, None].expand(1, *batch.frame.shape), table)
-    return table[0]
+def _follow(experiment: Experiment, alone: Fit, present: Tensor, say: Say) -> tuple[Experiment, Fit, Noise]:
+    """Follow the other engine from a fit without it, and give up the busy windows in which that does not succeed.
+
+    After a hit the state depends on tiny differences before it, so that in some windows no first state makes the other
+    engine go where the recording went. They return to their fit without it, and `floors` tells how little they count.
+    """
+    windows = experiment.predictor.windows
+    noise, experiment = _weighed(experiment, alone, present)
+    own = _own_weight(windows, _misfit(experiment, alone), windows.busy)
+    fit = experiment.linearise(alone.point.replace(engine=torch.ones_like(alone.point.engine)), NONE)
+    followed, fit = settle(experiment.replace(scale=experiment.scale * own), fit, NONE, (), say)
+    misfit = _misfit(experiment.replace(engine=followed.engine), fit)
+    lost = windows.busy & (misfit > LOST * _usual(windows, misfit))
+    point = between(alone.point, fit.point, (~lost).double())
+    engine = torch.where(windows.spread(lost)[..., None, None], torch.zeros((), dtype=torch.float64), followed.engine)
+    experiment = experiment.replace(follow=~lost, engine=engine)
+    fit = experiment.linearise(point, NONE)
+    noise, experiment = _weighed(experiment, fit, present)
+    own = _own_weight(windows, _misfit(experiment, fit), lost)
+    experiment = experiment.replace(scale=experiment.scale * own)
+    return experiment, experiment.linearise(point, NONE), noise
+
+
+def _own_weight(windows: Windows, misfit: Tensor, doubtful: Tensor) -> Tensor:
+    """Let doubtful windows (K,) count as if their noise were as large as their misfit; shape (R, T, 1, 1)."""
+    own = torch.where(doubtful, _usual(windows, misfit) / misfit.clamp_min(1e-9), torch.ones_like(misfit))
+    return windows.spread(own.clamp_max(1).sqrt())[..., None, None]
+
+
+def _usual(windows: Windows, misfit: Tensor) -> Tensor:
+    """Return the median misfit of busy windows, at least 1: what an effect does to all of them is usual."""
+    busy = misfit[windows.busy]
+    return busy.median().clamp_min(1) if len(busy) else torch.ones((), dtype=misfit.dtype)
+
+
+def _weighed(experiment: Experiment, fit: Fit, present: Tensor) -> tuple[Noise, Experiment]:
+    """Estimate the noise from the residuals of a fit, and weigh its frames."""
+    noise = estimate_noise(fit.residual, present)
+    weight = frame_weights(fit.residual, present, noise)
+    return noise, experiment.replace(scale=weight[..., None].sqrt() / noise.spread())
+
+
+def _misfit(experiment: Experiment, fit: Fit) -> Tensor:
+    """Return the mean squared residual of each window, in units of the noise, shape (K,)."""
+    windows = experiment.predictor.windows
+    count = windows.sum_frames((experiment.scale > 0).sum((2, 3))[None].double())[0]
+    return experiment.losses(fit.point)[0] / count.clamp_min(1)
 
 
 def _begin(
@@ -115,6 +153,7 @@ def _begin(
         observations.fitted,
         Directions.of(normal, starts.resting),
         torch.zeros(*observations.pose.shape[:-1], 6, dtype=torch.float64),
+        torch.ones(len(windows), dtype=torch.bool),
     )
     one = Variants(
         starts.pose[:1],

@@ -18,9 +18,14 @@ from physid.scenes.setup import Excitation
 
 
 def replay(
-    model: NominalModel, wrench: Tensor, windows: Windows, point: Variants, effects: Sequence[Effect] = ()
+    model: NominalModel,
+    wrench: Tensor,
+    windows: Windows,
+    point: Variants,
+    effects: Sequence[Effect] = (),
+    chosen: Tensor | None = None,
 ) -> Tensor:
-    """Simulate every window in PyBullet.
+    """Simulate windows in PyBullet.
 
     Args:
         model: The nominal model.
@@ -28,9 +33,10 @@ def replay(
         windows: How trajectories are cut.
         point: First states and unknown parameters, a single variant.
         effects: Effects beside those of the nominal model.
+        chosen: Which windows, shape (K,); None for all.
 
     Returns:
-        Poses that the camera would report, shape (R, T, N, 7).
+        Poses that the camera would report, shape (R, T, N, 7); zeros outside the chosen windows.
     """
     from physid.bullet.world import simulate
 
@@ -41,9 +47,9 @@ def replay(
         wrench = effect.actuate(wrench, scene.time_step)
     steps = [_AtStep(effect) for effect in working]
     seen = torch.zeros(*wrench.shape[:-1], 7, dtype=wrench.dtype)
-    for window, (row, first, size) in enumerate(
-        zip(windows.trajectory.tolist(), windows.start.tolist(), windows.size.tolist(), strict=True)
-    ):
+    wanted = range(len(windows)) if chosen is None else chosen.nonzero()[:, 0].tolist()
+    for window in wanted:
+        row, first, size = (int(value[window]) for value in (windows.trajectory, windows.start, windows.size))
         loads = wrench[row, first : first + size].numpy()
         start = Excitation(point.pose[0, window].numpy(), point.twist[0, window].numpy(), loads)
         later: list[Effect] = [dataclasses.replace(step, start=first * scene.time_step) for step in steps]

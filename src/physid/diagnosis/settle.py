@@ -13,7 +13,7 @@ from physid.diagnosis.replay import replay
 from physid.diagnosis.windows import Windows
 from physid.physics.effect import Effect
 
-ROUNDS = 8  # most replays
+ROUNDS = 5  # most replays
 SETTLED = 0.1  # a change of the loss by less than this share of its standard deviation ends the rounds
 SHORTER = 0.4  # a step of a first state that did not help is tried again, shortened by this
 STEADY = 0.85  # largest ratio of successive steps of the shared parameters that is extrapolated
@@ -53,9 +53,9 @@ def settle(
     stride = torch.ones(len(windows), dtype=torch.float64)
     loss = torch.full_like(stride, torch.inf)
     path: list[Tensor] = []
-    for _ in range(rounds):
+    for turn in range(rounds):
         before = float(loss.clamp_max(1e12).sum())
-        fit = gauss_newton(experiment.replace(engine=engine), best, effects, steps=3)
+        fit = gauss_newton(experiment.replace(engine=engine), best, effects, steps=1 if turn else 3)
         trial = between(best, fit.point, stride)
         path.append(_shared(trial, effects))
         if (further := _aitken(path)) is not None:
@@ -77,10 +77,22 @@ def settle(
     return experiment, fit
 
 
-def engine_gap(predictor: Predictor, fit: Fit, working: Sequence[Effect] = ()) -> Tensor:
-    """Compute how far PyBullet leaves the prediction of a fit, from the same states; shape (R, T, N, 6)."""
-    other = replay(predictor.model, predictor.wrench, predictor.windows, fit.point, working)
-    return difference(other, fit.jacobian.base.pose[0])
+def engine_gap(predictor: Predictor, fit: Fit, follow: Tensor, working: Sequence[Effect] = ()) -> Tensor:
+    """Compute how far PyBullet leaves the prediction of a fit, from the same states; zero where it is not followed.
+
+    Args:
+        predictor: The experiment.
+        fit: First states and parameters.
+        follow: Which windows, shape (K,).
+        working: Effects at work.
+
+    Returns:
+        Shape (R, T, N, 6).
+    """
+    other = replay(predictor.model, predictor.wrench, predictor.windows, fit.point, working, follow)
+    seen = fit.jacobian.base.pose[0]
+    inside = predictor.windows.spread(follow)[..., None, None]
+    return difference(torch.where(inside, other, seen), seen)
 
 
 def working_effects(predictor: Predictor, point: Variants, names: Sequence[str]) -> tuple[Effect, ...]:
@@ -106,7 +118,7 @@ def between(one: Variants, other: Variants, share: Tensor) -> Variants:
 
 def _renewed(experiment: Experiment, fit: Fit, names: Sequence[str]) -> Experiment:
     working = working_effects(experiment.predictor, fit.point, names)
-    return experiment.replace(engine=engine_gap(experiment.predictor, fit, working))
+    return experiment.replace(engine=engine_gap(experiment.predictor, fit, experiment.follow, working))
 
 
 def _by_window(windows: Windows, mask: Tensor, first: Tensor, second: Tensor) -> Tensor:

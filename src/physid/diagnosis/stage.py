@@ -15,6 +15,7 @@ from physid.diagnosis.nulls import draw_nulls, p_value
 from physid.diagnosis.prepare import Prepared
 from physid.diagnosis.score import Conditional, Group, condition, gains, groups_of
 
+MOST_LOST = 0.1  # share of the busy windows that may be beyond any fit, if the others shall count
 CELL_DRAWS = 10  # every so many effect-free data sets serve for the cells
 
 
@@ -50,7 +51,7 @@ class Stage:
         null_free: The same for effect-free data: fitted trajectories together, shape (Z,).
         conditional: Normal equations of all effects after the nuisances.
         groups: Columns of the effects.
-        counted: Windows of the fitted trajectories, shape (K,).
+        counted: Windows of the fitted trajectories that a free residual wrench may speak about, shape (K,).
         cell_gain: What a residual wrench in each cell alone explains, by window, beyond the mean of effect-free data;
             in the order of `cells`, shape (F, K).
     """
@@ -120,7 +121,7 @@ def examine(prepared: Prepared, hypothesis: Hypothesis, generator: torch.Generat
         [gains(_given(respond, shared, experiment.fitted, nuisance, ridge), g)[0] for g in groups]
     ).amax(0)
     cleaned = _cleaned(fit, nulls.residual, respond, nuisance, ridge, experiment)
-    counted = experiment.fitted[predictor.windows.trajectory]
+    counted = experiment.fitted[predictor.windows.trajectory] & _sound(experiment)
     null_free = local_gain(fit.linear, free, cleaned, experiment.scale)[counted].sum(0)
     conditional = _given(fit.normal(), shared, experiment.fitted, nuisance, ridge)
     rows = []
@@ -141,6 +142,13 @@ def examine(prepared: Prepared, hypothesis: Hypothesis, generator: torch.Generat
         counted,
         _cell_gains(fit, offset + count + torch.arange(len(cells)), cleaned[::CELL_DRAWS], experiment.scale),
     )
+
+
+def _sound(experiment: Experiment) -> Tensor:
+    """Return the windows whose misfit tells about the model: calm ones, and busy ones if nearly all can be fitted."""
+    busy, follow = experiment.predictor.windows.busy, experiment.follow
+    many = float((busy & ~follow).sum()) > MOST_LOST * float(busy.sum())
+    return ~busy if many else follow
 
 
 def _given(normal: Normal, shared: Tensor, fitted: Tensor, nuisance: Tensor, ridge: Tensor) -> Conditional:

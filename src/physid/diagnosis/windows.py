@@ -13,6 +13,7 @@ SHORT = 30  # frames of a window in which bodies hit each other or tumble
 LEAD = 4  # frames before such an event that belong to its window
 TRAIL = 16  # frames after it: overlaps of the bodies are gone by then
 LEAST = 12  # a calm stretch of fewer frames is no window of its own
+Cut = tuple[int, int, bool]  # first frame, frames, whether it is busy
 CLASSES = (16, 32, 64, 128)  # windows of up to so many frames are simulated together
 
 
@@ -56,6 +57,7 @@ class Windows:
         trajectory: Whose each window is, shape (K,).
         start: First frame, shape (K,).
         size: Number of frames, shape (K,).
+        busy: Windows with events, in which small errors grow fast, shape (K,).
     """
 
     trajectories: int
@@ -63,11 +65,12 @@ class Windows:
     trajectory: Tensor
     start: Tensor
     size: Tensor
+    busy: Tensor
 
     @classmethod
     def equal(cls, trajectories: int, frames: int, length: int) -> Windows:
         """Cut all trajectories alike."""
-        cuts = [(first, min(length, frames - first)) for first in range(0, frames, length)]
+        cuts = [(first, min(length, frames - first), False) for first in range(0, frames, length)]
         return cls._of([cuts] * trajectories, frames)
 
     @classmethod
@@ -80,9 +83,9 @@ class Windows:
         return cls._of([_cuts(row) for row in events], events.shape[1])
 
     @classmethod
-    def _of(cls, cuts: list[list[tuple[int, int]]], frames: int) -> Windows:
-        table = torch.tensor([(row, *cut) for row, own in enumerate(cuts) for cut in own])
-        return cls(len(cuts), frames, *table.T.contiguous())
+    def _of(cls, cuts: list[list[Cut]], frames: int) -> Windows:
+        row, start, size, busy = torch.tensor([(row, *cut) for row, own in enumerate(cuts) for cut in own]).T
+        return cls(len(cuts), frames, row.contiguous(), start.contiguous(), size.contiguous(), busy.bool())
 
     def __len__(self) -> int:
         return len(self.start)
@@ -113,6 +116,13 @@ class Windows:
             batch.put((batch.frame - self.start[batch.windows, None])[None], into)
         return into[0]
 
+    def spread(self, value: Tensor) -> Tensor:
+        """Give every frame the value (K,) of its window, shape (R, T)."""
+        table = torch.zeros(1, self.trajectories, self.frames, dtype=value.dtype)
+        for batch in self.batches:
+            batch.put(value[None, batch.windows, None].expand(1, *batch.frame.shape), table)
+        return table[0]
+
     def sum_frames(self, value: Tensor) -> Tensor:
         """Sum (C, R, T) over the frames of each window, shape (C, K)."""
         total = value.new_zeros(len(value), len(self))
@@ -125,8 +135,8 @@ class Windows:
         return value.new_zeros(self.trajectories, *value.shape[1:]).index_add(0, self.trajectory, value)
 
 
-def _cuts(events: Tensor) -> list[tuple[int, int]]:
-    """Return (first frame, frames) of the windows of one trajectory; events has shape (T,)."""
+def _cuts(events: Tensor) -> list[Cut]:
+    """Return the windows of one trajectory; events has shape (T,)."""
     busy = events.clone()
     for frame in events.nonzero()[:, 0].tolist():
         busy[max(0, frame - LEAD) : frame + TRAIL + 1] = True
@@ -134,11 +144,11 @@ def _cuts(events: Tensor) -> list[tuple[int, int]]:
     for first, count in runs:
         if not busy[first] and count < LEAST and len(runs) > 1:
             busy[first : first + count] = True
-    cuts: list[tuple[int, int]] = []
+    cuts: list[Cut] = []
     for first, count in _runs(busy):
         parts = -(-count // SHORT) if busy[first] else 1
         edges = [first + count * k // parts for k in range(parts + 1)]
-        cuts += [(a, b - a) for a, b in pairwise(edges)]
+        cuts += [(a, b - a, bool(busy[first])) for a, b in pairwise(edges)]
     return cuts
 
 
