@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
     from matplotlib.patches import Patch
 
+LETTER = 0.075  # [inch] width of a letter of the names
 INK, GRID, DOT = "#1f2933", "#d9dee3", "#2b6cb0"
 
 
@@ -36,7 +37,9 @@ def draw_confusion(judged: Sequence[Judged]) -> Canvas:
     for one in clear:
         row = rows.index((order[one.label.role], one.label.role, truth_of(one)))
         counts[row, columns.index(one.answer)] += 1
-    canvas = _canvas(4.2 + 0.27 * len(columns), 2.8 + 0.24 * len(rows))
+    names = [f"{role}: {truth} ({n:.0f})" for (_, role, truth), n in zip(rows, counts.sum(1), strict=True)]
+    beside, below = (LETTER * max(map(len, words)) for words in (names, columns))
+    canvas = _canvas(max(7.0, 0.8 + beside + 0.27 * len(columns)), 1.2 + below + 0.24 * len(rows))
     axes = canvas.add_subplot()
     share = counts / np.maximum(counts.sum(1, keepdims=True), 1)
     axes.imshow(share, cmap="Blues", vmin=0, vmax=1.3, aspect="auto")
@@ -47,7 +50,6 @@ def draw_confusion(judged: Sequence[Judged]) -> Canvas:
         for column, answer in enumerate(columns):
             if answer in _right(clear, role, truth):
                 axes.add_patch(_frame(column, row))
-    names = [f"{role}: {truth} ({n:.0f})" for (_, role, truth), n in zip(rows, counts.sum(1), strict=True)]
     axes.set_yticks(range(len(rows)), names)
     axes.set_xticks(range(len(columns)), columns, rotation=90)
     axes.tick_params(labelsize=7, length=0)
