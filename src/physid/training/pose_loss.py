@@ -77,12 +77,25 @@ class PoseLoss:
         Returns:
             Shape (P, P).
         """
-        weight = real / real.sum(1, keepdim=True) / len(real)
+        scaled = sensitivity * self.weights(residual, real).sqrt()
+        return 2 * torch.einsum("pbtni,qbtni->pq", scaled, scaled) / len(real)
+
+    def weights(self, residual: Tensor, real: Tensor) -> Tensor:
+        """Compute W, by which the squares of the residuals sum up to the loss near where they are.
+
+        Args:
+            residual: Shape (B, T, N, 6); a robust loss weighs each frame by its slope there.
+            real: Which frames count, shape (B, T).
+
+        Returns:
+            Shape (B, T, N, 6).
+        """
+        weight = (real / real.sum(1, keepdim=True)).to(residual)
         if self.robust is not None:
             position, rotation = self._squares(residual)
             weight = weight / (1 + (position + rotation) / self.robust**2)
-        scaled = sensitivity * sensitivity.new_tensor([1.0] * 3 + [self.rotation_weight**0.5] * 3)
-        return 2 * torch.einsum("pbtni,qbtni,bt->pq", scaled, scaled, weight.to(scaled))
+        parts = residual.new_tensor([1.0] * 3 + [self.rotation_weight] * 3)
+        return (weight[..., None, None] * parts).expand_as(residual)
 
     def _squares(self, residual: Tensor) -> tuple[Tensor, Tensor]:
         """Return the position and the rotation part of e, each (B, T)."""

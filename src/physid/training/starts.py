@@ -57,7 +57,7 @@ def _moved(
     moves = difference * torch.eye(count, dtype=trajectories.pose.dtype).reshape(count, bodies, 12)
     moves = torch.cat([moves, -moves]).repeat_interleave(batch, 0)
     many = trajectories.repeated(2 * count)
-    pose, twist = many.pose[:, 0], many.twist[:, 0] + moves[..., 6:]
+    pose, twist = many.start.pose, many.start.twist + moves[..., 6:]
     attitude = multiply(exponential(moves[..., 3:6]), pose[..., 3:])
     first = torch.cat([pose[..., :3] + moves[..., :3], attitude], -1)
     rollout = layer.rollout(State(first, twist), many.wrench[:, :-1], parameters())

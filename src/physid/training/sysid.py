@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any, Literal, final
@@ -10,33 +11,44 @@ import lightning as L
 import torch
 from torch import Tensor
 
-from physid.physics.layer import PhysicsLayer
+from physid.physics.layer import PhysicsLayer, Rollout, SolverError
 from physid.scenes.scene import Scene
 from physid.training.base import OptimizerFactory, TrainingModule
 from physid.training.callbacks.observability_warning import ObservabilityWarning
 from physid.training.callbacks.parameter_history import ParameterHistory
 from physid.training.engine import Engine
+from physid.training.fitted_starts import Explaining, Following, Starts
 from physid.training.gauss_newton import GaussNewton
 from physid.training.metrics import PoseErrors
 from physid.training.observability import Observability, SensorNoise
 from physid.training.pattern_search import PatternSearch
 from physid.training.physical_parameters import PhysicalParameters
 from physid.training.pose_loss import PoseLoss
+from physid.training.pose_noise import pose_noise
 from physid.training.sensitivity import residuals, sensitivity
+from physid.training.starts import without_starts
 from physid.training.trajectories import Trajectories
 
 Batch = Mapping[str, Any]
 JUDGED = 8
 """Trajectories that suffice to judge what can be told."""
+MOST_UNEQUAL = 100.0
+"""Largest ratio of noises [m/rad], or of its inverse, by which the loss is weighed."""
+IMPROVE = 2
+"""Steps of fitted first states for each step of the parameters."""
+AFRESH = 3
+"""Every so many epochs first states are also fitted from the first guess again, to leave a local minimum."""
 
 
 @final
 class SysID(TrainingModule):
     """Identify physical parameters by matching predicted to recorded trajectories.
 
-    The loss is the paper's (see `PoseLoss`), with each trajectory predicted from its first recorded state. With
-    `segment` it is cut into short ones, each predicted from its own first recorded state: collisions and tumbling
-    amplify every error, so that over long trajectories the loss has no usable slope.
+    The loss is the paper's (see `PoseLoss`), with each trajectory predicted from its first state. With `segment` it is
+    cut into short ones, each predicted from its own first state: collisions and tumbling amplify every error, so that
+    over long trajectories the loss has no usable slope. First states are those recorded, or, where only poses were
+    recorded, unknowns of each trajectory, fitted anew for every value of the parameters (variable projection, Golub &
+    Pereyra 1973): the noise of one pose would otherwise pull the parameters.
 
     Args:
         learn: Names of the parameters to learn ("block.friction"); None for the scene's unknown ones.
@@ -44,7 +56,12 @@ class SysID(TrainingModule):
         segment: Steps of a segment in training; None for whole trajectories, as in the paper.
         test_segment: The same in validation and test, where errors over whole trajectories are reported as well.
         twist: Where first velocities come from: the recording (estimated where it has none), or always from its poses.
+        start: Whether first states are taken as recorded or fitted; None for fitted where the recording has no twists.
+        seen: Frames (at most half of them) to which first states are fitted in tests and predictions.
         loss: What an error of the poses costs; None for the paper's loss.
+        warm_up: Where no loss is given and first states are fitted: epochs with the paper's loss, before its rotations
+            are weighed by the noise of the poses. They hold the spin, which would else hide that the friction is far
+            off.
         engine: Rules of the physics; None for the layer's own.
         optimizer: Adam, LBFGS, GaussNewton or PatternSearch; None for GaussNewton.
 
@@ -65,15 +82,23 @@ class SysID(TrainingModule):
         segment: int | None = None,
         test_segment: int | None = None,
         twist: Literal["recorded", "estimated"] = "recorded",
+        start: Literal["recorded", "fitted"] | None = None,
+        seen: int = 60,
         loss: PoseLoss | None = None,
+        warm_up: int = 4,
         engine: Engine | None = None,
         optimizer: OptimizerFactory | None = None,
     ) -> None:
         super().__init__(optimizer or GaussNewton)
         self.learn, self.values = learn, values
         self.segment, self.test_segment, self.twist = segment, test_segment, twist
+        self.start, self.seen, self.warm_up = start, seen, warm_up
         self.loss, self.engine = loss or PoseLoss(), engine or Engine()
+        self._weighs = loss is None
         self._known: tuple[Batch, Trajectories] | None = None  # the last batch, asked for again and again
+        self._last: Following | None = None  # the first states of the last training segments, ...
+        self._last_index = self._last_point = torch.empty(0)  # ... their trajectories, and the parameters there
+        self._resumed: dict[str, Tensor] | None = None
 
     def setup(self, stage: str) -> None:
         """Take the scene from the data module, the first time."""
@@ -98,9 +123,17 @@ class SysID(TrainingModule):
             self._known = (batch, Trajectories.of(seen, self.layer.world.time_step))
         return self._known[1].segments(segment)
 
+    def fits_starts(self, batch: Batch) -> bool:
+        """Tell whether first states are fitted."""
+        return self.start == "fitted" or (self.start is None and "twist" not in batch)
+
     def losses(self, batch: Batch) -> dict[str, Tensor]:
-        """Compute the losses of each training segment (see `PoseLoss`)."""
+        """Compute the losses of each training segment (see `PoseLoss`), its first state following the parameters."""
         cut = self.trajectories(batch, self.segment)
+        if self.fits_starts(batch):
+            self._weigh(batch)
+            follow, here = self._follow(cut), self.physical.logarithm
+            cut = follow.at(here - here.detach()).of(cut)
         return self.loss(residuals(self.layer, self.physical, cut), cut.real)
 
     def indices(self, batch: Batch) -> Tensor:
@@ -109,26 +142,48 @@ class SysID(TrainingModule):
 
     @torch.no_grad()
     def curvature(self, batch: Batch) -> Tensor:
-        """Approximate the second derivative of the loss, (P, P); costs 2 P evaluations."""
-        cut = self.trajectories(batch, self.segment)
-        self.count_evaluations(2 * len(self.physical.names))
-        answer = sensitivity(self.layer, self.physical, cut)
+        """Approximate the second derivative of the loss where it was computed last, (P, P); costs 2 P evaluations."""
+        cut, slopes = self.answer(batch)
         weighing = residuals(self.layer, self.physical, cut) if self.loss.robust else cut.pose[..., :6]
-        return self.loss.curvature(weighing, answer, cut.real)
+        return self.loss.curvature(weighing, slopes, cut.real)
+
+    @torch.no_grad()
+    def answer(self, batch: Batch) -> tuple[Trajectories, Tensor]:
+        """Return the training segments where they were predicted last, and how they answer to the parameters.
+
+        Returns:
+            The segments, and the derivatives of their residuals by the logarithms, shape (P, B, T, N, 6).
+        """
+        cut = self.trajectories(batch, self.segment)
+        if self.fits_starts(batch):
+            follow = self._last or self._follow(cut)
+            return follow.starts.of(cut), follow.slopes
+        self.count_evaluations(2 * len(self.physical.names))
+        return cut, sensitivity(self.layer, self.physical, cut)
 
     @torch.no_grad()
     def values_at(self, batch: Batch, points: Tensor) -> Tensor:
         """Compute the mean loss at K points ln(parameter) (K, P), shape (K,); costs K evaluations."""
         cut = self.trajectories(batch, self.segment)
-        self.count_evaluations(len(points))
-        each = residuals(self.layer, self.physical, cut.repeated(len(points)), points.repeat_interleave(len(cut), 0))
-        losses = self.loss(each, cut.real.repeat(len(points), 1))
+        many, every = cut.repeated(len(points)), points.repeat_interleave(len(cut), 0)
+        rollouts = 0
+        if self.fits_starts(batch):
+            starts, rollouts = self._explaining(many, every).fit(self._starts(cut).repeated(len(points)))
+            many = starts.of(many)
+        self.count_evaluations(len(points) * (rollouts + 1))
+        losses = self.loss(residuals(self.layer, self.physical, many, every), many.real)
         return torch.stack([value.unflatten(0, (len(points), -1)).mean(1) for value in losses.values()]).sum(0)
 
     def observability(self, noise: SensorNoise) -> Observability:
         """Judge what some trajectories of the last training batch tell about the learned parameters."""
-        cut = self.trajectories(self._batch).first(JUDGED).segments(self.segment)
-        return Observability.of(self.physical.names, sensitivity(self.layer, self.physical, cut), cut.real, noise)
+        cut = self.trajectories(self._batch, self.segment)
+        if self.fits_starts(self._batch):
+            cut = self._starts(cut).of(cut)
+        cut = cut.chosen((cut.index[:, None] == cut.index.unique()[:JUDGED]).any(1))
+        answer = sensitivity(self.layer, self.physical, cut)
+        if self.fits_starts(self._batch):
+            answer = without_starts(self.layer, self.physical, cut, answer, noise.weights)
+        return Observability.of(self.physical.names, answer, cut.real, noise)
 
     def optimizer_step(self, epoch: int, batch_idx: int, optimizer: Any, optimizer_closure: Any = None) -> None:
         """Give GaussNewton the curvature, PatternSearch the losses of other points; others step as ever."""
@@ -146,7 +201,7 @@ class SysID(TrainingModule):
 
     def predict_step(self, batch: Batch, batch_idx: int) -> Trajectories:
         """Predict whole trajectories from their first state, under the recorded or the planned wrenches."""
-        known = self.trajectories(batch)
+        known = self._started(self.trajectories(batch), batch)
         wrench, length = (batch["future"], None) if "future" in batch else (known.wrench, known.length)
         rollout = self.layer.rollout(known.start, wrench[:, :-1], self.physical())
         length = torch.full_like(known.length, wrench.shape[1]) if length is None else length
@@ -154,9 +209,10 @@ class SysID(TrainingModule):
 
     def validation_step(self, batch: Batch, batch_idx: int) -> None:
         """Add the errors of the predictions over segments and over whole trajectories."""
-        for name, segment in self._shots().items():
+        for name, segment in self._lengths().items():
             cut = self.trajectories(batch, segment)
-            self.errors[name].update(self._predicted(cut), cut.pose, cut.real)  # type: ignore[operator]
+            rollout = self._rolled(self._started(cut, batch))
+            self.errors[name].update(rollout.pose, cut.pose, cut.real)  # type: ignore[operator]
 
     test_step = validation_step
 
@@ -168,17 +224,75 @@ class SysID(TrainingModule):
         """Log the errors."""
         self._log_errors("test")
 
-    def _shots(self) -> dict[str, int | None]:
+    def _lengths(self) -> dict[str, int | None]:
         """Return the segments to predict; whole trajectories once."""
-        shots: dict[str, int | None] = {"segments": self.test_segment}
-        return shots | {"whole": None} if self.test_segment is not None else shots
+        lengths: dict[str, int | None] = {"segments": self.test_segment}
+        return lengths | {"whole": None} if self.test_segment is not None else lengths
 
-    def _predicted(self, trajectories: Trajectories) -> Tensor:
-        rollout = self.layer.rollout(trajectories.start, trajectories.wrench[:, :-1], self.physical())
-        return rollout.pose
+    def _rolled(self, trajectories: Trajectories) -> Rollout:
+        return self.layer.rollout(trajectories.start, trajectories.wrench[:, :-1], self.physical())
+
+    def _started(self, cut: Trajectories, batch: Batch) -> Trajectories:
+        """Return trajectories with first states from their beginnings alone, where these are to be fitted."""
+        if not self.fits_starts(batch):
+            return cut
+        self._weigh(batch)
+        seen = cut.beginnings(self.seen)
+        return self._explaining(seen).fit(Starts.guess(seen, self.scene))[0].of(cut)
+
+    def _weigh(self, batch: Batch) -> None:
+        """Weigh rotations by the noise of the poses, if no loss is given and the warm-up is over."""
+        if self._weighs and self._epochs_after >= 0:
+            noise = pose_noise(self.trajectories(batch))
+            ratio = min(max(noise.position / noise.rotation, MOST_UNEQUAL**-1), MOST_UNEQUAL)
+            self.loss = PoseLoss(rotation_weight=ratio**2)
+
+    @property
+    def _epochs_after(self) -> int:
+        """How many epochs of training came after the warm-up; negative before its end, 1 outside of training."""
+        return self.current_epoch - self.warm_up if self._trainer is not None and self._trainer.training else 1
+
+    def _explaining(self, cut: Trajectories, logarithm: Tensor | None = None) -> Explaining:
+        return Explaining(self.layer, self.physical, self.loss, cut, logarithm)
+
+    def _follow(self, cut: Trajectories) -> Following:
+        """Improve the first states of training segments, and find how they follow the parameters."""
+        explaining = self._explaining(cut)
+        try:
+            starts, spent = explaining.fit(self._starts(cut), IMPROVE)
+        except SolverError:  # moved along with a step of the parameters that was too long
+            starts, spent = explaining.fit(Starts.guess(cut, self.scene), IMPROVE)
+        if self._epochs_after > 0 and self._epochs_after % AFRESH == AFRESH - 1:
+            starts, more = explaining.better(starts, Starts.guess(cut, self.scene))
+            spent += more
+        answer = sensitivity(self.layer, self.physical, starts.of(cut))
+        self._last = explaining.follow(starts, answer)
+        self._last_index, self._last_point = cut.index, self.physical.logarithm.detach().clone()
+        self.count_evaluations(spent + 2 * len(answer) + self._last.rollouts)
+        return self._last
+
+    def _starts(self, cut: Trajectories) -> Starts:
+        """Return the first states to begin with: the last ones, moved along with the parameters; else a guess."""
+        if self._last is not None and torch.equal(self._last_index, cut.index):
+            return self._last.at(self.physical.logarithm.detach() - self._last_point)
+        starts = Starts.guess(cut, self.scene)
+        if self._resumed is not None and torch.equal(self._resumed["index"], cut.index):
+            starts = dataclasses.replace(starts, pose=self._resumed["pose"], twist=self._resumed["twist"])
+        return starts
+
+    def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        """Keep the first states too: a resumed run begins from them."""
+        super().on_save_checkpoint(checkpoint)
+        if self._last is not None:
+            starts = self._last.at(self.physical.logarithm.detach() - self._last_point)
+            checkpoint["starts"] = {"index": self._last_index, "pose": starts.pose, "twist": starts.twist}
+
+    def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        """Take the first states of the run that is resumed."""
+        self._resumed = checkpoint.get("starts")
 
     def _log_errors(self, stage: str) -> None:
-        for name in self._shots():
+        for name in self._lengths():
             prefix = f"{stage}/" if name == "segments" else f"{stage}/whole_"
             values = self.errors[name].take()  # type: ignore[operator]
             self.log_dict({f"{prefix}{key}": value.float() for key, value in values.items()})

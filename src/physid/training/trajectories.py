@@ -24,6 +24,7 @@ class Trajectories:
         wrench: Torque [N m] and force [N], held from frame t to t + 1; shape (B, T, N, 6).
         length: Frames that are real, shape (B,).
         index: Which trajectory of the recording set it is, shape (B,).
+        origin: State that it is predicted from, pose and twist, shape (B, N, 13); None for that of the first frame.
 
     Raises:
         ValueError: If a shape is off.
@@ -34,6 +35,7 @@ class Trajectories:
     wrench: Tensor
     length: Tensor
     index: Tensor
+    origin: Tensor | None = None
 
     def __post_init__(self) -> None:
         check_shape("pose", self.pose, (None, None, None, 7))
@@ -60,7 +62,9 @@ class Trajectories:
 
     @property
     def start(self) -> State:
-        """States at the first frames."""
+        """States to predict from."""
+        if self.origin is not None:
+            return State(self.origin[..., :7], self.origin[..., 7:])
         return State(self.pose[:, 0], self.twist[:, 0])
 
     @property
@@ -72,9 +76,9 @@ class Trajectories:
         """Return the batch `copies` times in a row, (copies * B, ...): one for each candidate of the parameters."""
         return self._map(lambda value: value.repeat(copies, *[1] * (value.ndim - 1)))
 
-    def first(self, count: int) -> Trajectories:
-        """Return the first trajectories."""
-        return self._map(lambda value: value[:count])
+    def chosen(self, which: Tensor) -> Trajectories:
+        """Return some of the trajectories, by a mask (B,)."""
+        return self._map(lambda value: value[which])
 
     def segments(self, steps: int | None) -> Trajectories:
         """Cut every trajectory into segments of `steps` steps; each ends in the frame in which the next begins.
@@ -106,5 +110,12 @@ class Trajectories:
             index=self.index.repeat_interleave(len(starts))[keep],
         )
 
+    def beginnings(self, frames: int) -> Trajectories:
+        """Return the first frames of every trajectory, at most half of the longest."""
+        frames = max(2, min(frames, self.pose.shape[1] // 2))
+        cut = {name: getattr(self, name)[:, :frames] for name in ("pose", "twist", "wrench")}
+        return dataclasses.replace(self, **cut, length=self.length.clamp_max(frames))
+
     def _map(self, change: Any) -> Trajectories:
-        return Trajectories(**{field.name: change(getattr(self, field.name)) for field in dataclasses.fields(self)})
+        values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        return Trajectories(**{name: change(value) for name, value in values.items() if value is not None})
