@@ -9,6 +9,7 @@ from typing import final
 import torch
 from torch import Tensor
 
+from physid.training.heights import Landing
 from physid.training.pose_loss import PoseLoss
 from physid.training.sensitivity import residuals, sensitivity
 from physid.training.trajectories import Trajectories
@@ -36,7 +37,14 @@ class NormalEquations:
         """Begin without any trajectory."""
         return cls([], torch.zeros(parameters, parameters, dtype=torch.float64))
 
-    def add(self, model: VideoModel, loss: PoseLoss, trajectories: Trajectories, real: Tensor) -> Tensor:
+    def add(
+        self,
+        model: VideoModel,
+        loss: PoseLoss,
+        trajectories: Trajectories,
+        real: Tensor,
+        landing: Landing | None = None,
+    ) -> Tensor:
         """Add a batch of trajectories.
 
         Args:
@@ -44,6 +52,7 @@ class NormalEquations:
             loss: What errors of predicted poses cost.
             trajectories: First states, wrenches, and the poses that should come out; on the device of the physics.
             real: Which frames count, shape (B, T).
+            landing: What the trajectories' own unknowns explain, if they have any.
 
         Returns:
             The loss of each trajectory, shape (B,).
@@ -52,6 +61,8 @@ class NormalEquations:
         with torch.no_grad():
             residual = residuals(model.layer, physical, trajectories)
         answer = sensitivity(model.layer, physical, trajectories)
+        if landing is not None:
+            answer = landing.reduce(answer, loss, real)
         with torch.enable_grad():
             residual.requires_grad_()
             value = torch.stack(list(loss(residual, real).values())).sum(0)

@@ -7,7 +7,9 @@ from typing import Any, final
 import torch
 from torch import Tensor
 
+from physid.networks.chart import PlanarChart
 from physid.training.base import TrainingModule
+from physid.training.heights import land
 from physid.training.horizon import Batch
 from physid.training.normal_equations import NormalEquations
 from physid.training.pose_loss import PoseLoss
@@ -33,7 +35,15 @@ class Refinement:
         self._equations: NormalEquations | None = None
 
     def add(
-        self, module: TrainingModule, model: VideoModel, encoded: Tensor, batch: Batch, goal: Tensor, real: Tensor
+        self,
+        module: TrainingModule,
+        model: VideoModel,
+        encoded: Tensor,
+        batch: Batch,
+        goal: Tensor,
+        real: Tensor,
+        *,
+        from_images: bool = False,
     ) -> None:
         """Add a batch of trajectories, and take the step after the last one of the epoch.
 
@@ -45,13 +55,14 @@ class Refinement:
             batch: A batch of the data module, or the part of it that is rolled out.
             goal: The poses that should come out, shape (B, T, N, 7).
             real: Which of them count, shape (B, T).
+            from_images: Whether these poses were read from images: where bodies may hover, their depth is hardly known.
 
         Raises:
             NonFiniteLossError: If the loss of a trajectory is not finite.
         """
         # Poses that are not finite have no loss at all: the physics refuses them without naming the trajectory.
         module.require_finite({"refined": encoded.double().sum((1, 2, 3)) + goal.double().sum((1, 2, 3))}, batch)
-        loss = self._add(model, encoded, batch, goal, real)
+        loss = self._add(model, encoded, batch, goal, real, from_images)
         module.require_finite({"refined": loss}, batch)
         many = module.trainer.num_training_batches > 1
         module.log("train/loss", loss.mean(), on_step=not many, on_epoch=many, prog_bar=True, batch_size=len(loss))
@@ -59,7 +70,9 @@ class Refinement:
             module.log_dict(self._finish(module, model))
 
     @torch.no_grad()
-    def _add(self, model: VideoModel, encoded: Tensor, batch: Batch, goal: Tensor, real: Tensor) -> Tensor:
+    def _add(
+        self, model: VideoModel, encoded: Tensor, batch: Batch, goal: Tensor, real: Tensor, from_images: bool
+    ) -> Tensor:
         """Add a batch, and return the loss of each trajectory (B,)."""
         there = model.physics_device
         if self._equations is None:
@@ -73,7 +86,11 @@ class Refinement:
             length=batch["length"].to(there),
             index=batch["index"].to(there),
         )
-        return self._equations.add(model, self._loss, trajectories, real.to(there))
+        real, landing = real.to(there), None
+        if isinstance(model.chart, PlanarChart) and model.chart.hovering:
+            landing = land(model, self._loss, trajectories, real, from_images=from_images)
+            trajectories = landing.trajectories
+        return self._equations.add(model, self._loss, trajectories, real, landing)
 
     def _finish(self, module: TrainingModule, model: VideoModel) -> dict[str, float]:
         """Take the step, forget the sums, and return the intervals."""

@@ -28,7 +28,7 @@ from physid.training.polish import Polish
 from physid.training.pose_loss import PoseLoss, mean_over_time
 from physid.training.refinement import Refinement
 from physid.training.trajectories import Trajectories
-from physid.training.video_model import ChartName, VideoModel, at_frames
+from physid.training.video_model import ChartName, VideoModel, at_frames, over_time
 from physid.training.video_scores import VideoScores
 
 
@@ -184,7 +184,7 @@ class SelfSupervisedID(TrainingModule):
             return
         part = self.horizon.cut(batch, all_trajectories=True)
         _, pose = self.model.read(as_image(batch["frames"]), as_image(batch["background"]))
-        self.refinement.add(self, self.model, pose, part, *_as_goal(pose, part))
+        self.refinement.add(self, self.model, pose, part, *over_time(pose, part), from_images=True)
 
     def predict_step(self, batch: Batch, batch_idx: int) -> Trajectories:
         """Predict whole trajectories from their first frames, under the recorded or the planned wrenches."""
@@ -203,20 +203,3 @@ class SelfSupervisedID(TrainingModule):
     def on_test_epoch_end(self) -> None:
         """Log the errors."""
         self.log_dict(self.scores.take("test"))
-
-
-def _as_goal(encoded: Tensor, part: Batch) -> tuple[Tensor, Tensor]:
-    """Spread encoded poses (B, f, N, 7) over the frames of a trajectory.
-
-    Returns:
-        Poses (B, T, N, 7), unturned bodies at the origin where none was encoded, and where one was (B, T).
-    """
-    rows, frames = part["wrench"].shape[:2]
-    shown = part["shown"]
-    row, reached = torch.arange(rows, device=shown.device)[:, None].expand_as(shown), shown < part["length"][:, None]
-    goal = encoded.new_zeros(rows, frames, *encoded.shape[2:])
-    goal[..., 6] = 1.0
-    goal[row[reached], shown[reached]] = encoded[reached]
-    real = torch.zeros(rows, frames, dtype=torch.bool, device=shown.device)
-    real[row[reached], shown[reached]] = True
-    return goal, real

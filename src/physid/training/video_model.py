@@ -18,8 +18,10 @@ from physid.physics.state import State
 from physid.scenes.scene import Scene
 from physid.training.decoder import Decoder, camera_of
 from physid.training.first_state import Start
+from physid.training.heights import land
 from physid.training.physical_parameters import PhysicalParameters
 from physid.training.polish import Polish
+from physid.training.pose_loss import PoseLoss
 from physid.training.trajectories import Trajectories
 
 ChartName = Literal["planar", "hovering", "spatial"]
@@ -51,7 +53,7 @@ class Prediction:
 
     Attributes:
         encoded: Poses as the encoder reads them from the frames, shape (B, f, N, 7).
-        polished: The same, polished.
+        polished: The same, polished; of bodies that may hover, as far away as the motion over all frames says.
         rolled: Poses rolled out from the first polished one, shape (B, T, N, 7), float64, on the physics' device.
     """
 
@@ -162,7 +164,22 @@ class VideoModel(nn.Module):
     def predict(self, batch: Mapping[str, Any]) -> Prediction:
         """Encode the frames of a batch of the data module, and roll out its trajectories from the first one."""
         encoded, polished = self.read(as_image(batch["frames"]), as_image(batch["background"]))
-        return Prediction(encoded, polished, self.roll_out(polished, batch["shown"], batch["wrench"]))
+        rolled = self.roll_out(polished, batch["shown"], batch["wrench"])
+        if isinstance(self.chart, PlanarChart) and self.chart.hovering:
+            polished = self._landed(polished, batch)
+        return Prediction(encoded, polished, rolled)
+
+    @torch.no_grad()
+    def _landed(self, pose: Tensor, batch: Mapping[str, Any]) -> Tensor:
+        """Move polished poses (B, f, N, 7) along the rays from the camera to where the motion says they are."""
+        there, shown = self.physics_device, batch["shown"]
+        state = self.first_state(pose, shown, batch["wrench"])
+        goal, real = over_time(pose.to(there, torch.float64), batch)
+        wrench = batch["wrench"].to(state.pose)
+        twist = state.twist[:, None].expand(-1, goal.shape[1], -1, -1)
+        given = Trajectories(goal, twist, wrench, batch["length"].to(there), batch["index"].to(there))
+        landing = land(self, PoseLoss(), given, real.to(there), from_images=True)
+        return at_frames(landing.trajectories.pose, shown).to(pose)
 
     @torch.no_grad()
     def foresee(self, batch: Mapping[str, Any]) -> Trajectories:
@@ -188,3 +205,20 @@ def at_frames(pose: Tensor, shown: Tensor) -> Tensor:
     """Pick frames (B, f) of poses (B, T, N, 7); frames beyond the end give the last one. Shape (B, f, N, 7)."""
     shown = shown.to(pose.device).clamp_max(pose.shape[1] - 1)
     return pose[torch.arange(len(pose), device=pose.device)[:, None], shown]
+
+
+def over_time(encoded: Tensor, batch: Mapping[str, Any]) -> tuple[Tensor, Tensor]:
+    """Spread encoded poses (B, f, N, 7) over the frames of a trajectory.
+
+    Returns:
+        Poses (B, T, N, 7), unturned bodies at the origin where none was encoded, and where one was (B, T).
+    """
+    rows, frames = batch["wrench"].shape[:2]
+    shown = batch["shown"]
+    row, reached = torch.arange(rows, device=shown.device)[:, None].expand_as(shown), shown < batch["length"][:, None]
+    goal = encoded.new_zeros(rows, frames, *encoded.shape[2:])
+    goal[..., 6] = 1.0
+    goal[row[reached], shown[reached]] = encoded[reached]
+    real = torch.zeros(rows, frames, dtype=torch.bool, device=shown.device)
+    real[row[reached], shown[reached]] = True
+    return goal, real
