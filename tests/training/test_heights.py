@@ -23,8 +23,8 @@ FOUND = 2e-3  # relative, of the friction
 HIGH = 2e-3  # [m], of first heights
 
 
-def sliding() -> tuple[VideoModel, Tensor, Tensor]:
-    """Return a model whose friction is a third too high, true heights (B, 1) and true poses (B, T, 1, 7)."""
+def sliding() -> tuple[VideoModel, Tensor]:
+    """Return a model whose friction is a third too high, and true poses (B, T, 1, 7)."""
     torch.manual_seed(0)
     scene = find_setup("slide").scene
     model = SupervisedID(["block.friction"], chart="hovering", fast=False).attach(scene).model
@@ -38,7 +38,7 @@ def sliding() -> tuple[VideoModel, Tensor, Tensor]:
         state = State(first, torch.zeros(len(height), 1, 6, dtype=torch.float64))
         true = model.layer.rollout(state, calm, model.parameters_there()).pose
         model.physical.logarithm.add_(math.log(4 / 3))
-    return model, height, true
+    return model, true
 
 
 def farther(model: VideoModel, pose: Tensor, by: Tensor) -> Tensor:
@@ -50,7 +50,7 @@ def farther(model: VideoModel, pose: Tensor, by: Tensor) -> Tensor:
 
 @pytest.mark.parametrize("from_images", [True, False])
 def test_friction_and_first_heights_are_found_though_images_mistake_the_depth(from_images: bool) -> None:
-    model, height, true = sliding()
+    model, true = sliding()
     mistaken = torch.tensor([DEPTH, 0.5 * DEPTH, -DEPTH, 0.8 * DEPTH], dtype=torch.float64)[:, None]
     goal = farther(model, true, mistaken[:, None] * torch.rand(true.shape[:3]).to(true)) if from_images else true
     goal = torch.cat([farther(model, true[:, :1], mistaken[:, None]), goal[:, 1:]], 1)
@@ -73,7 +73,7 @@ def test_friction_and_first_heights_are_found_though_images_mistake_the_depth(fr
 
 
 def test_without_the_motion_the_wrong_heights_spoil_the_friction() -> None:
-    model, _, true = sliding()
+    model, true = sliding()
     goal = torch.cat([farther(model, true[:, :1], torch.full((4, 1, 1), DEPTH).to(true)), true[:, 1:]], 1)
     calm, real = torch.zeros(*goal.shape[:3], 6).to(goal), torch.ones(goal.shape[:2], dtype=torch.bool)
     given = Trajectories(goal, calm, calm, torch.full((4,), FRAMES), torch.arange(4))
