@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import socket
 import subprocess
@@ -109,6 +110,25 @@ def test_cells_of_a_reproduction_spread_over_the_workers(cluster: Cluster, tmp_p
     figures = [[row for row in table if row["metric"] != "time"] for table in tables]
     assert figures[0] == figures[1]
     assert len(figures[0]) > 4
+
+
+@pytest.mark.slow
+def test_a_bank_is_diagnosed_by_the_workers_as_by_one_process_though_one_of_them_is_killed(
+    cluster: Cluster, tmp_path: Path
+) -> None:
+    spread, alone = tmp_path / "spread", tmp_path / "alone"
+    words = ["benchmark", "diagnosis"]
+    small = ["--sets=3", "--trajectories=6", "--steps=60", "--seed=99", "--workers=1", "--quiet"]
+    assert main([*words, "seal", f"--out={spread}", *small]) == 0
+    shutil.copytree(spread, alone)
+    joined = kill_when(cluster.workers[0], lambda: any(spread.glob("verdicts/*/time.json")))
+    assert main([*words, "diagnose", f"--bank={spread}", "--backend=dask", f"--scheduler={cluster.address}"]) == 0
+    joined()
+    assert cluster.workers[0].poll() == -signal.SIGKILL
+    assert main([*words, "diagnose", f"--bank={alone}", "--workers=1", "--quiet"]) == 0
+    found = [[path.read_text() for path in sorted(bank.glob("verdicts/*/diagnosis.json"))] for bank in (spread, alone)]
+    assert found[0] == found[1]
+    assert len(found[0]) == 3
 
 
 def test_a_cluster_without_an_address_is_refused_with_the_remedy(capsys: pytest.CaptureFixture[str]) -> None:
