@@ -60,7 +60,8 @@ def reproduce(
       physid reproduce --profile paper --cell supervised/push_friction
 
     Args:
-        profile: quick: minutes on two cores; paper: 1000 trajectories with video of each scene, hours.
+        profile: quick: minutes on two cores; reduced: every video cell on 64 trajectories, a quarter of an hour; paper:
+            1000 trajectories with video of each scene, hours.
         cell: Only these cells, separated by commas.
         out: Folder of the results; runs/reproduce by default, runs/reproduce_paper for that profile.
         configs: The folder with the configurations.

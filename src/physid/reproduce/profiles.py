@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from physid.reproduce.cells import Cell, Fit, Observe, Recordings
 
 FEW = {name: Recordings(name, 32) for name in ("push", "slide", "collide")}
-FEW_FILMS = Recordings("push", 64, video=True)
+FEW_FILMS = {name: Recordings(name, 64, video=True) for name in ("push", "slide", "collide")}
 ALL = {name: Recordings(name, 1000, video=True) for name in ("push", "slide", "collide")}
 """The paper's sets: 1000 trajectories of 300 frames."""
-QUICK_MINUTES, PAPER_MINUTES = 2.5, 25.0
+QUICK_MINUTES, PAPER_MINUTES = 1.5, 12.0
+"""Of a video cell with one body, on one core."""
 
 
 def sysid(sets: dict[str, Recordings]) -> tuple[Cell, ...]:
@@ -25,51 +28,33 @@ def sysid(sets: dict[str, Recordings]) -> tuple[Cell, ...]:
     )
 
 
-def quick_video() -> tuple[Cell, ...]:
-    """Return both ways to learn from video, on reduced data, with the targets of the full profile."""
-    return tuple(
-        Fit(
-            f"{method}/push_friction",
-            FEW_FILMS,
-            f"{method}/push_friction_quick",
-            parameter=parameter,
-            position=position,
-            paper_position=paper,
-            minutes=QUICK_MINUTES,
-        )
-        for method, parameter, position, paper in (("supervised", 0.5, 1.0, 2.0), ("self_supervised", 2.0, 2.0, 8.0))
+def video(sets: dict[str, Recordings], minutes: float, suffix: str = "") -> tuple[Cell, ...]:
+    """Return the video cells of the paper's tables, and the incline without supervision, which the paper had not.
+
+    Args:
+        sets: The recordings by scene.
+        minutes: What a cell with one body costs.
+        suffix: Of the configurations' names.
+    """
+
+    def cell(name: str, parameter: float, position: float, paper: float | None, **rest: Any) -> Fit:
+        cost = rest.pop("cost", 1.0) * minutes
+        scene = name.split("/")[1].split("_")[0]
+        return Fit(
+            name, sets[scene], name + suffix, parameter=parameter, position=position, paper_position=paper,
+            minutes=cost, **rest,
+        )  # fmt: skip
+
+    return (
+        cell("supervised/push_mass", 0.5, 1.0, 4.0),
+        cell("supervised/push_friction", 0.5, 1.0, 2.0),
+        cell("supervised/slide_friction", 0.5, 1.0, 5.0),
+        cell("supervised/collide", 2.0, 2.0, 8.0, rotation=1.0, paper_rotation=8.0, cost=2.0),
+        cell("self_supervised/push_mass", 2.0, 2.0, 7.0),
+        cell("self_supervised/push_friction", 2.0, 2.0, 8.0),
+        cell("self_supervised/collide", 5.0, 4.0, 12.0, rotation=2.0, paper_rotation=8.0, cost=2.0),
+        cell("self_supervised/slide_friction", 2.0, 5.0, None),
     )
-
-
-def paper_video() -> tuple[Cell, ...]:
-    """Return the video cells of the paper's tables, and the incline without supervision, which the paper had not."""
-    push, slide, collide = (ALL[name] for name in ("push", "slide", "collide"))
-    supervised = (
-        Fit("supervised/push_mass", push, parameter=0.5, position=1.0, paper_position=4.0, minutes=PAPER_MINUTES),
-        Fit("supervised/push_friction", push, parameter=0.5, position=1.0, paper_position=2.0, minutes=PAPER_MINUTES),
-        Fit("supervised/slide_friction", slide, parameter=0.5, position=1.0, paper_position=5.0, minutes=PAPER_MINUTES),
-        Fit(
-            "supervised/collide", collide, parameter=2.0, position=2.0, rotation=1.0, paper_position=8.0,
-            paper_rotation=8.0, minutes=2 * PAPER_MINUTES,
-        ),
-        Fit(
-            "supervised/push_without_physics", push, "supervised/push_friction",
-            overrides=("model.alpha=0.0",), minutes=PAPER_MINUTES,
-        ),
-    )  # fmt: skip
-    alone = (
-        Fit("self_supervised/push_mass", push, parameter=2.0, position=2.0, paper_position=7.0, minutes=PAPER_MINUTES),
-        Fit(
-            "self_supervised/push_friction", push, parameter=2.0, position=2.0, paper_position=8.0,
-            minutes=PAPER_MINUTES,
-        ),
-        Fit(
-            "self_supervised/collide", collide, parameter=5.0, position=4.0, rotation=2.0, paper_position=12.0,
-            paper_rotation=8.0, minutes=2 * PAPER_MINUTES,
-        ),
-        Fit("self_supervised/slide_friction", slide, parameter=2.0, position=5.0, minutes=PAPER_MINUTES),
-    )  # fmt: skip
-    return supervised + alone
 
 
 OBSERVE: tuple[Cell, ...] = (
@@ -79,6 +64,11 @@ OBSERVE: tuple[Cell, ...] = (
     Observe("observe/collide", "collide"),
 )
 
-QUICK = (*sysid(FEW), *OBSERVE, *quick_video())
-PAPER = (*sysid(ALL), *OBSERVE, *paper_video())
-PROFILES: dict[str, tuple[Cell, ...]] = {"quick": QUICK, "paper": PAPER}
+REDUCED = video(FEW_FILMS, QUICK_MINUTES, "_quick")
+QUICK = (*sysid(FEW), *OBSERVE, *(cell for cell in REDUCED if cell.name.endswith("/push_friction")))
+WITHOUT_PHYSICS = Fit(
+    "supervised/push_without_physics", ALL["push"], "supervised/push_friction",
+    overrides=("model.alpha=0.0",), minutes=PAPER_MINUTES,
+)  # fmt: skip
+PAPER = (*sysid(ALL), *OBSERVE, *video(ALL, PAPER_MINUTES), WITHOUT_PHYSICS)
+PROFILES: dict[str, tuple[Cell, ...]] = {"quick": QUICK, "reduced": REDUCED, "paper": PAPER}
