@@ -15,9 +15,11 @@ from typing import Any
 
 import pytest
 import torch
+import yaml
 from tests.conftest import write_tosses
 from tests.dashboard.folders import write_fit
 
+from physid import __version__
 from physid.cli import main
 from physid.configuration import compose
 
@@ -224,3 +226,9 @@ def test_other_programs_that_a_page_names_are_known_and_their_files_exist(page: 
                 assert (ROOT / words[1]).is_file(), words
             else:
                 assert words[0] in {"physid", "python", *OTHERS}, words
+
+
+def test_what_is_cited_is_this_version() -> None:
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert citation["version"] == __version__
+    assert citation["references"][0]["doi"].startswith("10.")
