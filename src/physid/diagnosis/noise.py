@@ -11,9 +11,10 @@ from physid.diagnosis.prediction import difference
 
 NORMAL_MAD = 1.4826  # standard deviation over median absolute deviation, for a normal distribution
 SOFT, WILD = 3.0, 6.0  # [standard deviations] beyond the first a frame counts less, beyond the second not at all
+TRIM, TRIMMED = 3.0, 0.98661  # cut [standard deviations], and what it leaves of a normal standard deviation
 JUMP = (0.1, 0.015)  # [rad], [m] least deviation of a pose from its neighbours that no motion explains
 JUMP_SIGMAS = 10.0
-FLOOR = (1e-6, 1e-6)  # [rad], [m] noise that is assumed at least
+FLOOR = (3e-4, 1e-4)  # [rad], [m] noise that is assumed at least: below, integrators differ by more than sensors
 
 
 @dataclass(frozen=True)
@@ -50,16 +51,12 @@ def wild_poses(pose: Tensor, present: Tensor) -> Tensor:
     index = torch.arange(frames)
     deviations = []
     for k in (1, 2, 3):
-        # At the ends both neighbours lie on the same side, and the line through them is continued.
-        before, after = index - k, index + k
-        low, high = before < 0, after >= frames
-        before, after = torch.where(low, index + 2 * k, before), torch.where(high, index - 2 * k, after)
-        first = torch.where(low, index + k, before).clamp(0, frames - 1)
-        second = torch.where(high, index - k, after).clamp(0, frames - 1)
-        near = difference(pose[:, first], pose)
-        far = difference(pose[:, torch.where(high, before, torch.where(low, after, second))], pose)
-        ends = (low | high)[:, None, None]
-        deviations.append(torch.where(ends, near, (near + far) / 2))
+        # At an end both neighbours lie on the same side, and the line through them is continued.
+        low, high = index < k, index >= frames - k
+        near = torch.where(low, index + k, index - k).clamp(0, frames - 1)
+        far = torch.where(low, index + 2 * k, torch.where(high, index - 2 * k, index + k)).clamp(0, frames - 1)
+        one, other = difference(pose[:, near], pose), difference(pose[:, far], pose)
+        deviations.append(torch.where((low | high)[:, None, None], 2 * one - other, (one + other) / 2))
     odd = torch.stack(deviations).median(0).values.unflatten(-1, (2, 3)).norm(dim=-1)
     scale = NORMAL_MAD * odd[present.bool()].median(0).values
     limit = torch.maximum(JUMP_SIGMAS * scale, torch.tensor(JUMP, dtype=pose.dtype))
@@ -76,9 +73,15 @@ def estimate_noise(residual: Tensor, weight: Tensor) -> Noise:
     """
     bent = residual[:, 1:-1] - (residual[:, :-2] + residual[:, 2:]) / 2
     good = (weight[:, 1:-1] > 0) & (weight[:, :-2] > 0) & (weight[:, 2:] > 0)
-    values = bent[good].unflatten(-1, (2, 3)).abs()
-    sigma = [NORMAL_MAD * float(values[:, k].median()) / 1.5**0.5 for k in (0, 1)]
-    return Noise(max(sigma[0], FLOOR[0]), max(sigma[1], FLOOR[1]))
+    values = bent[good].unflatten(-1, (2, 3)).abs() / 1.5**0.5
+    return Noise(*(max(_spread(values[:, k].flatten()), FLOOR[k]) for k in (0, 1)))
+
+
+def _spread(values: Tensor) -> float:
+    """Estimate a standard deviation from absolute values: by their median, then by those within a few of it."""
+    rough = NORMAL_MAD * values.median()
+    normal = values[values <= TRIM * rough]
+    return float(normal.square().mean().sqrt()) / TRIMMED
 
 
 def frame_weights(residual: Tensor, present: Tensor, noise: Noise) -> Tensor:

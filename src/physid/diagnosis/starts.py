@@ -37,7 +37,8 @@ def guess_starts(pose: Tensor, seen: Tensor, windows: Windows, scene: Scene) -> 
     """Guess first states from the first frames of each window.
 
     A body that lies on the ground is put exactly there, without tumbling: then only its motion in the ground's plane
-    is free. Others are taken to fall freely for a while; the shorter the while, the less an impact disturbs.
+    is free. The last guess lets it be at rest, for the way back to rest from a wrong first velocity has no slope. Other
+    bodies are taken to fall freely for a while; the shorter the while, the less an impact disturbs.
 
     Args:
         pose: Observed poses, shape (R, T, N, 7).
@@ -72,10 +73,10 @@ def _guess(cut: Tensor, weight: Tensor, scene: Scene) -> Starts:
     dropped = torch.cat([torch.zeros(3, dtype=cut.dtype), gravity / 2]) * time[:, None, None] ** 2
     lying, resting = _lying(motion[:, : frames[0]], weight, time, anchor, scene)
     poses, twists = [], []
-    for count in frames:
+    for guess, count in enumerate(frames):
         value, slope, _ = _polynomial((motion - dropped)[:, :count], weight, time, 1)
         poses.append(torch.where(resting[..., None], lying[0], _compose(value, anchor)))
-        twists.append(torch.where(resting[..., None], lying[1], slope))
+        twists.append(torch.where(resting[..., None], lying[1] if guess < len(frames) - 1 else 0 * lying[1], slope))
     return Starts(torch.stack(poses), torch.stack(twists), resting)
 
 

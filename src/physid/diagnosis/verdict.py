@@ -12,7 +12,7 @@ from physid.diagnosis.locate import Place
 
 Name = Literal["none", "named", "group", "partial", "unknown"]
 PARTLY = 0.4  # share of the gap that may be left for `partial`; with more the cause is unknown
-CARRIES = 0.5  # share of the gap that must close on the transfer protocol, as well
+CARRIES = 0.5  # share of the gap on the transfer protocol that must close as well; the interval must reach it
 MOST_CELLS, MOST_RANKS = 12, 20
 
 
@@ -115,7 +115,7 @@ def judge(found: Attribution, transfer: Closing | None) -> Name:
         return "none"
     open_share = max(0.0, found.left.excess) / max(found.stage.excess, 1e-9)
     complete = found.left.p_value > ALPHA or open_share < CLOSED
-    carries = transfer is None or transfer.shrink is None or transfer.shrink.value > CARRIES
+    carries = transfer is None or transfer.shrink is None or transfer.shrink.high > CARRIES
     if not carries or (not complete and open_share > PARTLY):
         return "unknown"
     if not complete:
