@@ -7,6 +7,7 @@ import dataclasses
 import re
 import shlex
 import shutil
+import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from typing import Any
 import pytest
 import torch
 import yaml
+from PIL import Image
 from tests.conftest import write_tosses
 from tests.dashboard.folders import write_fit
 
@@ -232,3 +234,13 @@ def test_what_is_cited_is_this_version() -> None:
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
     assert citation["version"] == __version__
     assert citation["references"][0]["doi"].startswith("10.")
+
+
+@pytest.mark.slow
+def test_the_picture_of_the_readme_can_be_drawn(tmp_path: Path) -> None:
+    script = ROOT / "docs" / "pictures" / "overview.py"
+    words = [sys.executable, str(script), f"--out={tmp_path / 'drawn.png'}", "--trajectories=10"]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    with Image.open(tmp_path / "drawn.png") as drawn, Image.open(script.with_suffix(".png")) as shown:
+        assert drawn.size == shown.size

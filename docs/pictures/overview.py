@@ -145,8 +145,8 @@ def draw_diagnosis(ax: Axes, diagnosis: dict[str, Any]) -> None:
     names = [each["effects"][0] for each in ranking]
     colors = [FOUND if name in blamed else "#c3cad5" for name in names]
     ax.barh([name.replace("_", " ") for name in names], [each["score"] for each in ranking], color=colors, height=0.65)
-    for effect in diagnosis["effects"]:
-        value = effect["parameters"]["coefficient"]
+    for effect in diagnosis["effects"][:1]:
+        value = next(iter(effect["parameters"].values()))
         words = f"{value['value']:.3f} {value['unit']}  (true {HIDDEN_DRAG})"
         interval = f"90 % interval {value['low']:.3f} to {value['high']:.3f}"
         ax.text(0.98, 0.08, f"{words}\n{interval}", transform=ax.transAxes, ha="right", color=FOUND, fontsize=9)
