@@ -8,12 +8,15 @@ from torch import Tensor
 
 from physid.physics.rotations import conjugate, logarithm, multiply
 from physid.training.observability import SensorNoise
+from physid.training.pose_loss import PoseLoss
 from physid.training.trajectories import Trajectories
 
 GAIN = math.sqrt(20.0)  # third differences of white noise: 1 + 9 + 9 + 1
 MEDIAN = 0.6745  # of the magnitude of a normal variable of deviation 1
-LEAST = 1e-9
-"""Noise [m, rad] that counts as none."""
+MOST_UNEQUAL = 100.0
+"""Largest ratio of the two noises [m/rad], or of its inverse, that is believed."""
+LEAST = SensorNoise(1e-5, 1e-4)
+"""Below this the engine's own errors count, not noise."""
 
 
 def pose_noise(trajectories: Trajectories) -> SensorNoise:
@@ -33,11 +36,16 @@ def pose_noise(trajectories: Trajectories) -> SensorNoise:
         return SensorNoise()
     inside = real[:, 3:]
     turn = logarithm(multiply(conjugate(pose[:, :-1, :, 3:]), pose[:, 1:, :, 3:]))
-    return SensorNoise(_deviation(pose[..., :3].diff(n=3, dim=1)[inside]), _deviation(turn.diff(n=2, dim=1)[inside]))
+    position, rotation = _deviation(pose[..., :3].diff(n=3, dim=1)[inside]), _deviation(turn.diff(n=2, dim=1)[inside])
+    return SensorNoise(max(position, LEAST.position), max(rotation, LEAST.rotation))
+
+
+def weighed_by(noise: SensorNoise) -> PoseLoss:
+    """Return the loss in which a deviation of a rotation counts as much as one of a position."""
+    ratio = min(max(noise.position / noise.rotation, 1 / MOST_UNEQUAL), MOST_UNEQUAL)
+    return PoseLoss(rotation_weight=ratio**2)
 
 
 def _deviation(difference: Tensor) -> float:
     """Return the deviation of what was differenced, the largest over the axes (one axis may be still)."""
-    if not len(difference):
-        return LEAST
-    return max(float(difference.abs().flatten(0, 1).median(0).values.max()) / MEDIAN / GAIN, LEAST)
+    return float(difference.abs().flatten(0, 1).median(0).values.max()) / MEDIAN / GAIN if len(difference) else 0.0

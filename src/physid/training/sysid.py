@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
+import copy
 from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any, Literal, final
@@ -11,31 +11,31 @@ import lightning as L
 import torch
 from torch import Tensor
 
-from physid.physics.layer import PhysicsLayer, Rollout, SolverError
+from physid.physics.layer import PhysicsLayer, Rollout
 from physid.scenes.scene import Scene
 from physid.training.base import OptimizerFactory, TrainingModule
+from physid.training.callbacks.intervals import Intervals
 from physid.training.callbacks.observability_warning import ObservabilityWarning
 from physid.training.callbacks.parameter_history import ParameterHistory
 from physid.training.engine import Engine
-from physid.training.fitted_starts import Explaining, Following, Starts
+from physid.training.fitted_starts import Explaining, Starts
+from physid.training.followed_starts import FollowedStarts
 from physid.training.gauss_newton import GaussNewton
+from physid.training.intervals import Pull, coarse_pull
 from physid.training.metrics import PoseErrors
 from physid.training.observability import Observability, SensorNoise
 from physid.training.pattern_search import PatternSearch
 from physid.training.physical_parameters import PhysicalParameters
 from physid.training.pose_loss import PoseLoss
-from physid.training.pose_noise import pose_noise
+from physid.training.pose_noise import pose_noise, weighed_by
 from physid.training.sensitivity import residuals, sensitivity
+from physid.training.slopes import slopes
 from physid.training.starts import without_starts
 from physid.training.trajectories import Trajectories
 
 Batch = Mapping[str, Any]
 JUDGED = 8
 """Trajectories that suffice to judge what can be told."""
-MOST_UNEQUAL = 100.0
-"""Largest ratio of noises [m/rad], or of its inverse, by which the loss is weighed."""
-IMPROVE = 2
-"""Steps of fitted first states for each step of the parameters."""
 AFRESH = 3
 """Every so many epochs first states are also fitted from the first guess again, to leave a local minimum."""
 
@@ -96,9 +96,6 @@ class SysID(TrainingModule):
         self.loss, self.engine = loss or PoseLoss(), engine or Engine()
         self._weighs = loss is None
         self._known: tuple[Batch, Trajectories] | None = None  # the last batch, asked for again and again
-        self._last: Following | None = None  # the first states of the last training segments, ...
-        self._last_index = self._last_point = torch.empty(0)  # ... their trajectories, and the parameters there
-        self._resumed: dict[str, Tensor] | None = None
 
     def setup(self, stage: str) -> None:
         """Take the scene from the data module, the first time."""
@@ -108,13 +105,13 @@ class SysID(TrainingModule):
     def attach(self, scene: Scene) -> SysID:
         """Build physics, parameters and metrics for a scene; returns itself."""
         self.scene, self.layer = scene, self.engine.layer(scene)
-        self.physical = PhysicalParameters(scene, self.learn, self.values)
+        self.physical, self.starts = PhysicalParameters(scene, self.learn, self.values), FollowedStarts(scene)
         self.errors = torch.nn.ModuleDict({name: PoseErrors(scene) for name in ("segments", "whole")})
         return self
 
     def configure_callbacks(self) -> list[L.Callback]:
-        """Keep and draw the history of the parameters, and warn of those that cannot be told."""
-        return [ParameterHistory(), ObservabilityWarning()]
+        """Find intervals, keep and draw the history of the parameters, and warn of those that cannot be told."""
+        return [Intervals(), ParameterHistory(), ObservabilityWarning()]
 
     def trajectories(self, batch: Batch, segment: int | None = None) -> Trajectories:
         """Return a batch of the data module as trajectories, cut into segments."""
@@ -132,8 +129,10 @@ class SysID(TrainingModule):
         cut = self.trajectories(batch, self.segment)
         if self.fits_starts(batch):
             self._weigh(batch)
-            follow, here = self._follow(cut), self.physical.logarithm
-            cut = follow.at(here - here.detach()).of(cut)
+            afresh = self._epochs_after > 0 and self._epochs_after % AFRESH == AFRESH - 1
+            follow, rollouts = self.starts.improve(self._explaining(cut), afresh=afresh)
+            self.count_evaluations(rollouts)
+            cut = follow.at(self.physical.logarithm - self.physical.logarithm.detach()).of(cut)
         return self.loss(residuals(self.layer, self.physical, cut), cut.real)
 
     def indices(self, batch: Batch) -> Tensor:
@@ -156,7 +155,7 @@ class SysID(TrainingModule):
         """
         cut = self.trajectories(batch, self.segment)
         if self.fits_starts(batch):
-            follow = self._last or self._follow(cut)
+            follow = self.starts.last(self._explaining(cut))
             return follow.starts.of(cut), follow.slopes
         self.count_evaluations(2 * len(self.physical.names))
         return cut, sensitivity(self.layer, self.physical, cut)
@@ -164,26 +163,53 @@ class SysID(TrainingModule):
     @torch.no_grad()
     def values_at(self, batch: Batch, points: Tensor) -> Tensor:
         """Compute the mean loss at K points ln(parameter) (K, P), shape (K,); costs K evaluations."""
+        losses, rollouts = self.losses_at(batch, points)
+        self.count_evaluations(rollouts)
+        return losses.mean(1)
+
+    @torch.no_grad()
+    def losses_at(self, batch: Batch, points: Tensor) -> tuple[Tensor, int]:
+        """Compute the loss of each segment at K points ln(parameter) (K, P), shape (K, B), and count the rollouts."""
         cut = self.trajectories(batch, self.segment)
         many, every = cut.repeated(len(points)), points.repeat_interleave(len(cut), 0)
         rollouts = 0
         if self.fits_starts(batch):
-            starts, rollouts = self._explaining(many, every).fit(self._starts(cut).repeated(len(points)))
+            begin = self.starts.starts(self._explaining(cut)).repeated(len(points))
+            starts, rollouts = self._explaining(many, every).fit(begin)
             many = starts.of(many)
-        self.count_evaluations(len(points) * (rollouts + 1))
         losses = self.loss(residuals(self.layer, self.physical, many, every), many.real)
-        return torch.stack([value.unflatten(0, (len(points), -1)).mean(1) for value in losses.values()]).sum(0)
+        total = torch.stack(list(losses.values())).sum(0).unflatten(0, (len(points), -1))
+        return total, len(points) * (rollouts + 1)
 
-    def observability(self, noise: SensorNoise) -> Observability:
-        """Judge what some trajectories of the last training batch tell about the learned parameters."""
+    def observability(self, noise: SensorNoise | None = None) -> Observability:
+        """Judge what some trajectories of the last training batch tell, under their own noise if none is given."""
         cut = self.trajectories(self._batch, self.segment)
+        noise = noise or pose_noise(cut)
         if self.fits_starts(self._batch):
-            cut = self._starts(cut).of(cut)
+            cut = self.starts.starts(self._explaining(cut)).of(cut)
         cut = cut.chosen((cut.index[:, None] == cut.index.unique()[:JUDGED]).any(1))
-        answer = sensitivity(self.layer, self.physical, cut)
+        found = slopes(self.layer, self.physical, cut)
+        cut = cut.chosen(found.usable | ~found.usable.any())  # better all than none
+        answer = found.sensitivity[:, found.usable | ~found.usable.any()]
         if self.fits_starts(self._batch):
             answer = without_starts(self.layer, self.physical, cut, answer, noise.weights)
         return Observability.of(self.physical.names, answer, cut.real, noise)
+
+    @torch.no_grad()
+    def pull(self) -> Pull:
+        """Compute how much each trajectory of the last training batch pulls at the parameters."""
+        batch, cut = self._batch, self.trajectories(self._batch, self.segment)
+        if isinstance(self.optimizers(use_pl_optimizer=False), PatternSearch):
+            pull = coarse_pull(lambda points: self.losses_at(batch, points)[0], self.physical.logarithm.detach())
+        elif self.fits_starts(batch):
+            # Not the states themselves: a run that goes on must not depend on where it was looked at.
+            follow, _ = copy.copy(self.starts).improve(self._explaining(cut), afresh=False)
+            cut = follow.starts.of(cut)
+            pull = Pull.of(self.loss, residuals(self.layer, self.physical, cut), follow.slopes, cut.real)
+        else:
+            answer = sensitivity(self.layer, self.physical, cut)
+            pull = Pull.of(self.loss, residuals(self.layer, self.physical, cut), answer, cut.real)
+        return pull.of_trajectories(cut.index)
 
     def optimizer_step(self, epoch: int, batch_idx: int, optimizer: Any, optimizer_closure: Any = None) -> None:
         """Give GaussNewton the curvature, PatternSearch the losses of other points; others step as ever."""
@@ -243,9 +269,7 @@ class SysID(TrainingModule):
     def _weigh(self, batch: Batch) -> None:
         """Weigh rotations by the noise of the poses, if no loss is given and the warm-up is over."""
         if self._weighs and self._epochs_after >= 0:
-            noise = pose_noise(self.trajectories(batch))
-            ratio = min(max(noise.position / noise.rotation, MOST_UNEQUAL**-1), MOST_UNEQUAL)
-            self.loss = PoseLoss(rotation_weight=ratio**2)
+            self.loss = weighed_by(pose_noise(self.trajectories(batch)))
 
     @property
     def _epochs_after(self) -> int:
@@ -255,41 +279,14 @@ class SysID(TrainingModule):
     def _explaining(self, cut: Trajectories, logarithm: Tensor | None = None) -> Explaining:
         return Explaining(self.layer, self.physical, self.loss, cut, logarithm)
 
-    def _follow(self, cut: Trajectories) -> Following:
-        """Improve the first states of training segments, and find how they follow the parameters."""
-        explaining = self._explaining(cut)
-        try:
-            starts, spent = explaining.fit(self._starts(cut), IMPROVE)
-        except SolverError:  # moved along with a step of the parameters that was too long
-            starts, spent = explaining.fit(Starts.guess(cut, self.scene), IMPROVE)
-        if self._epochs_after > 0 and self._epochs_after % AFRESH == AFRESH - 1:
-            starts, more = explaining.better(starts, Starts.guess(cut, self.scene))
-            spent += more
-        answer = sensitivity(self.layer, self.physical, starts.of(cut))
-        self._last = explaining.follow(starts, answer)
-        self._last_index, self._last_point = cut.index, self.physical.logarithm.detach().clone()
-        self.count_evaluations(spent + 2 * len(answer) + self._last.rollouts)
-        return self._last
-
-    def _starts(self, cut: Trajectories) -> Starts:
-        """Return the first states to begin with: the last ones, moved along with the parameters; else a guess."""
-        if self._last is not None and torch.equal(self._last_index, cut.index):
-            return self._last.at(self.physical.logarithm.detach() - self._last_point)
-        starts = Starts.guess(cut, self.scene)
-        if self._resumed is not None and torch.equal(self._resumed["index"], cut.index):
-            starts = dataclasses.replace(starts, pose=self._resumed["pose"], twist=self._resumed["twist"])
-        return starts
-
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Keep the first states too: a resumed run begins from them."""
         super().on_save_checkpoint(checkpoint)
-        if self._last is not None:
-            starts = self._last.at(self.physical.logarithm.detach() - self._last_point)
-            checkpoint["starts"] = {"index": self._last_index, "pose": starts.pose, "twist": starts.twist}
+        checkpoint["starts"] = self.starts.state_dict(self.physical.logarithm)
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Take the first states of the run that is resumed."""
-        self._resumed = checkpoint.get("starts")
+        self.starts.load_state_dict(checkpoint.get("starts", {}))
 
     def _log_errors(self, stage: str) -> None:
         for name in self._lengths():

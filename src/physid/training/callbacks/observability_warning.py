@@ -16,7 +16,7 @@ logger = logging.getLogger("physid")
 class Judging(Protocol):
     """A module that can tell what its last batch reveals."""
 
-    def observability(self, noise: SensorNoise) -> Observability:
+    def observability(self, noise: SensorNoise | None) -> Observability:
         """Return what is known of the learned parameters."""
 
 
@@ -24,15 +24,16 @@ class Judging(Protocol):
 class ObservabilityWarning(L.Callback):
     """After the last epoch, judge each learned parameter as `physid observe` does, and warn of those that fail.
 
-    Logs params/NAME/expected_deviation, relative, for the noise that is assumed. Its rollouts are no part of the
+    Logs params/NAME/expected_deviation, relative, for the noise that is assumed, and params/NAME/observable, 1 if the
+    parameter is identified, else 0. Its rollouts are no part of the
     identification and are not counted as evaluations.
 
     Args:
-        noise: What the sensor is assumed to add; None for 1 mm and 10 mrad.
+        noise: What the sensor is assumed to add; None for what the recorded poses show.
     """
 
     def __init__(self, noise: SensorNoise | None = None) -> None:
-        self.noise = noise or SensorNoise()
+        self.noise = noise
 
     def on_train_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         """Judge, if this was the last epoch."""
@@ -42,5 +43,7 @@ class ObservabilityWarning(L.Callback):
         for verdict in judge.observability(self.noise).verdicts():
             deviation = torch.tensor(verdict.deviation, dtype=torch.float64)
             pl_module.log(f"params/{verdict.name}/expected_deviation", deviation)
-            if verdict.kind != "identified":
+            identified = verdict.kind == "identified"
+            pl_module.log(f"params/{verdict.name}/observable", float(identified))
+            if not identified:
                 logger.warning("do not rely on the estimate of %s", verdict)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import io
+import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, cast, final
 
@@ -62,7 +64,7 @@ class ParameterHistory(L.Callback):
         writer.writeheader()
         writer.writerows(self.rows)
         write_text(folder / "parameters.csv", table.getvalue())
-        draw(self.rows, self._true(pl_module), folder / "parameters.png")
+        draw(self.rows, self._true(pl_module), folder / "parameters.png", _intervals(trainer.callback_metrics))
 
     def state_dict(self) -> dict[str, Any]:
         """Return the rows, so that a resumed run continues the curve."""
@@ -96,13 +98,26 @@ class ParameterHistory(L.Callback):
         return {name: known[name] for name in PhysicalParameters.of(module).names if known.get(name)}
 
 
-def draw(rows: list[dict[str, float]], true: dict[str, float], path: Path) -> None:
-    """Draw each parameter over the epochs in blue, and the truth in red.
+def _intervals(figures: Mapping[str, Tensor]) -> dict[str, tuple[float, float]]:
+    """Return the intervals that were logged, by parameter."""
+    names = [key.split("/")[1] for key in figures if key.startswith("params/") and key.endswith("/low")]
+    found = {name: (float(figures[f"params/{name}/low"]), float(figures[f"params/{name}/high"])) for name in names}
+    return {name: ends for name, ends in found.items() if math.isfinite(ends[1])}
+
+
+def draw(
+    rows: list[dict[str, float]],
+    true: dict[str, float],
+    path: Path,
+    intervals: Mapping[str, tuple[float, float]] | None = None,
+) -> None:
+    """Draw each parameter over the epochs in blue, its final interval, and the truth in red.
 
     Args:
         rows: See `ParameterHistory`.
         true: True values by name, as far as they are known.
         path: The image to write.
+        intervals: 90 % intervals by name, as far as they are known.
     """
     from matplotlib.figure import Figure
 
@@ -110,6 +125,11 @@ def draw(rows: list[dict[str, float]], true: dict[str, float], path: Path) -> No
     figure = Figure(figsize=(4 * len(names), 3), layout="constrained")
     for axes, name in zip(figure.subplots(1, len(names), squeeze=False)[0], names, strict=True):
         axes.plot([row["epoch"] for row in rows], [row[name] for row in rows], color=BLUE, marker=".", label="estimate")
+        if intervals and name in intervals:
+            low, high = intervals[name]
+            last, value = rows[-1]["epoch"], rows[-1][name]
+            spread = [[value - low], [high - value]]
+            axes.errorbar([last], [value], spread, color=BLUE, capsize=4, label="90 % interval")
         if name in true:
             axes.axhline(true[name], color=RED, label="truth")
         axes.set(xlabel="epoch", ylabel=name)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, final
@@ -26,7 +27,8 @@ class Predictions(L.Callback):
     """Write what `predict_step` returns, `Trajectories`, as a recording set into the trainer's folder.
 
     recording.yaml holds the scene with the identified parameters, each file the poses, twists and wrenches of one
-    predicted trajectory under the number that it has in the set it was predicted from; parameters.json the parameters.
+    predicted trajectory under the number that it has in the set it was predicted from; parameters.json the parameters
+    with their intervals.
 
     Attributes:
         written: How many trajectories were written.
@@ -35,6 +37,15 @@ class Predictions(L.Callback):
 
     def __init__(self) -> None:
         self.written = self.total = 0
+        self._intervals: dict[str, dict[str, float]] = {}
+
+    def on_load_checkpoint(self, trainer: L.Trainer, pl_module: L.LightningModule, checkpoint: dict[str, Any]) -> None:
+        """Take the intervals from the figures that the fit has left in its checkpoint."""
+        for key, value in checkpoint["callbacks"].get("RunState", {}).get("figures", {}).items():
+            group, _, rest = key.partition("/")
+            name, _, word = rest.partition("/")
+            if group == "params" and word in ("low", "high") and math.isfinite(value):
+                self._intervals.setdefault(name, {})[word] = value
 
     def on_predict_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         """Write the scene and the parameters."""
@@ -42,7 +53,8 @@ class Predictions(L.Callback):
         found, self.total = PhysicalParameters.of(pl_module).estimates(), len(recordings)
         scene = dataclasses.replace(with_parameters(recordings.scene, found), unknown=(), camera=None)
         write_scene(folder, dataclasses.replace(scene, source=f"predicted by physid from {recordings.folder.name}"))
-        write_text(folder / PARAMETERS, json.dumps({name: {"estimate": value} for name, value in found.items()}) + "\n")
+        parameters = {name: {"estimate": value} | self._intervals.get(name, {}) for name, value in found.items()}
+        write_text(folder / PARAMETERS, json.dumps(parameters, indent=2) + "\n")
 
     def on_predict_batch_end(
         self,
