@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Literal
 
-from physid.commands.terminal import resumable
+from physid.commands.terminal import resumable, styled
 
 
 def dashboard(
@@ -85,4 +86,6 @@ def reproduce(
     with resumable(), running_on(backend, scheduler) as whole_path:
         place = {"out": whole_path(target), "configs": whole_path(configs)}
         results = run(cells, **place, workers=workers, at_once=at_once, again=again)
-    print(report(results, target))
+    figures, _, verdict = report(results, target).rpartition("\n")
+    missed = any(result.misses for result in results)
+    print(f"{figures}\n{styled(verdict, 'red' if missed else 'green', sys.stdout)}")
