@@ -133,6 +133,9 @@ def test_a_diagnosis_says_its_verdict_in_a_sentence_and_opens_its_report(page: P
     report = page.frame_locator("iframe")
     expect(report.get_by_role("heading", name="The report")).to_be_visible()
     expect(report.get_by_text("drawn")).to_be_visible()
+    expect(report.locator("body")).to_have_css("background-color", "rgb(255, 255, 255)")
+    page.get_by_role("button", name="light or dark").click()
+    expect(report.locator("body")).to_have_css("background-color", "rgb(0, 0, 0)")
 
 
 def test_a_benchmark_stands_beside_the_paper_and_its_targets(page: Page) -> None:

@@ -102,6 +102,12 @@ function parameterTable(diagnosis) {
   return section("Parameters, before and after", table(columns, rows));
 }
 
+/* A report follows the system's colours; in this page it shall follow the page's. */
+function themed(report) {
+  const dark = document.documentElement.dataset.theme === "dark";
+  return report.replaceAll("(prefers-color-scheme: dark)", dark ? "(min-width: 0)" : "(max-width: 0)");
+}
+
 function reportSection(run) {
   const place = h("div", {});
   const open = h("button", {
@@ -109,7 +115,9 @@ function reportSection(run) {
     onclick: () => {
       const shown = place.childElementCount > 0;
       open.setAttribute("aria-pressed", String(!shown));
-      place.replaceChildren(...(shown ? [] : [h("iframe", { srcdoc: run.report, sandbox: "allow-scripts", title: `report of ${run.id}` })]));
+      const frame = h("iframe", { srcdoc: themed(run.report), sandbox: "allow-scripts", title: `report of ${run.id}` });
+      addEventListener("theme", () => { frame.srcdoc = themed(run.report); });
+      place.replaceChildren(...(shown ? [] : [frame]));
     },
   }, "Full report");
   return h("div", { style: "margin-top: 14px" }, open, place);

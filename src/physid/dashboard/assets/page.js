@@ -9,6 +9,7 @@ const find = (id) => RUNS.find((run) => run.id === id);
 
 function setTheme(theme) {
   document.documentElement.dataset.theme = theme;
+  dispatchEvent(new Event("theme"));
 }
 
 function themeButton() {
