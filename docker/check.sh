@@ -115,6 +115,8 @@ echo "image: $megabytes MB (at most $MOST_MEGABYTES), built without network in $
 [ "$megabytes" -le "$MOST_MEGABYTES" ]
 
 locked
+IMAGE=$IMAGE DOCKER=$client docker/reproduce.sh effects --site contact >"$work/effects.txt"
+grep -q friction "$work/effects.txt" && echo "docker/reproduce.sh: runs another command"
 
 mkdir -m 777 "$work/container" "$work/container/runs" "$work/container/data"
 started=$SECONDS
