@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from physid.diagnosis.fit import Experiment, Fit, prior
+from physid.diagnosis.fit import Experiment, Fit, prior, try_losses
 from physid.diagnosis.linear import Part
 from physid.diagnosis.noise import Noise
 from physid.diagnosis.prediction import Variants
@@ -16,6 +16,8 @@ from physid.diagnosis.starts import SPANS
 from physid.physics.effect import Effect
 
 REPLAYS = 4  # runs of the other engine, each from other first states and parameters
+SURE = 3.0  # standard deviations by which a draw of first states may fit worse than expected
+HALVINGS = 6
 DRAWS = 75  # draws of the noise on top of each
 
 
@@ -115,8 +117,26 @@ def _jitter(experiment: Experiment, fit: Fit, noise: Noise, generator: torch.Gen
         follow = torch.cholesky_solve(part.state.mT @ (part.shared @ shared)[..., None], factor)
         states.append((torch.linalg.solve_triangular(factor.mT, free, upper=True) - follow)[..., 0])
     order = torch.cat([part.batch.windows for part in fit.linear.parts]).argsort()
-    pose, twist = experiment.directions.move(fit.point.pose, fit.point.twist, torch.cat(states)[order][None])
-    return fit.point.replace(pose=pose, twist=twist, nominal=fit.point.nominal + shift)
+    drawn = fit.point.replace(nominal=fit.point.nominal + shift)
+    return _believable(experiment, fit, drawn, torch.cat(states)[order])
+
+
+def _believable(experiment: Experiment, fit: Fit, drawn: Variants, change: Tensor) -> Variants:
+    """Move first states by a draw (K, D), shortened in calm windows as long as the data contradict it.
+
+    A body that starts near rest takes small velocities in its stride or slips for long; a line knows nothing of that.
+    """
+    calm = ~experiment.predictor.windows.busy
+    free = change.shape[1]
+    most = fit.loss + free + SURE * (2 * free) ** 0.5
+    for _ in range(HALVINGS):
+        pose, twist = experiment.directions.move(fit.point.pose, fit.point.twist, change[None])
+        moved = drawn.replace(pose=pose, twist=twist)
+        wrong = calm & (try_losses(experiment, moved)[0] > most)
+        if not bool(wrong.any()):
+            break
+        change = torch.where(wrong[:, None], change / 2, change)
+    return moved
 
 
 def _first_frames(experiment: Experiment, noise: Noise) -> Tensor:
