@@ -4,8 +4,8 @@
     python benchmarks/coverage.py --sets 10 --cases push_friction
 
 Each set has its own seed, forces, starts and noise (1 mm and 10 mrad on every pose, no velocities). First guesses are
-twice the truth, first states are fitted. "covered" is the share of the intervals that hold the truth, with Wilson's 95 %
-interval; "error / half width" is the median.
+twice the truth, first states are fitted. "covered" is the share of the intervals that hold the truth, with Wilson's
+95 % interval; "error / half width" is the median.
 """
 
 from __future__ import annotations
