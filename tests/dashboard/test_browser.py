@@ -110,6 +110,9 @@ def test_a_fit_shows_the_parameter_beside_the_truth_its_curves_and_a_film_that_p
     assert {"train/loss", "blur/sigma", "lr-Adam"} <= set(titles)
     played = page.locator("video").evaluate(WATCH)
     assert played > PLAYED
+    assert not page.locator("video").evaluate("film => film.controls")
+    page.locator("video").hover()
+    assert page.locator("video").evaluate("film => film.controls")
 
 
 def test_a_curve_tells_its_values_and_changes_its_scale(page: Page) -> None:
@@ -180,6 +183,13 @@ def test_reproductions_are_compared_beside_paper_and_target(page: Page) -> None:
     row = page.get_by_role("row", name="push: relative error")
     assert row.locator("td").all_inner_texts() == ["push: relative error", "1e-5", "0.005", "0.02", "0.001"]
     assert row.locator(".missed").all_inner_texts() == ["0.005"]
+
+
+def test_figures_that_one_run_alone_has_are_not_compared(page: Page) -> None:
+    for name in ("reproduce", "push_good"):
+        page.get_by_label(f"choose {name}", exact=True).check()
+    page.get_by_role("button", name="Compare").click()
+    assert page.get_by_role("heading", name="Results").count() == 0
 
 
 def test_a_scored_bank_shows_its_figures_beside_what_is_asked(page: Page) -> None:

@@ -43,12 +43,12 @@ function comparedDiagnoses(runs) {
   return section("Diagnoses", table(columns, rows));
 }
 
-/* The same figures of several reproductions, beside the paper's. */
+/* Figures that several reproductions have, beside the paper's. */
 function comparedCells(runs) {
   const name = (cell) => `${cell.cell}: ${cell.metric}`;
-  const names = [...new Set(runs.flatMap((run) => run.cells.map(name)))];
-  if (!names.length || runs.filter((run) => run.cells.length).length < 2) return null;
   const mine = (run, key) => run.cells.find((cell) => name(cell) === key);
+  const names = [...new Set(runs.flatMap((run) => run.cells.map(name)))].filter((key) => runs.filter((run) => mine(run, key)).length > 1);
+  if (!names.length) return null;
   const any = (key) => runs.map((run) => mine(run, key)).find(Boolean);
   const columns = [
     { title: "Result", cell: breakable },

@@ -79,11 +79,19 @@ function mediaSection(media) {
   return section("Films and images", h("div", { class: "grid wide" }, media.map((each) => h("div", { class: "card media" }, h("h3", {}, each.title), mediumOf(each)))));
 }
 
-/* Films play by themselves, without sound, unless the viewer's system asks for little motion. */
+/* Films play by themselves, without sound, unless the viewer's system asks for little motion. They are small: what steers
+   them would hide them, and comes when it is asked for. */
 const STILL = matchMedia("(prefers-reduced-motion: reduce)").matches;
-const mediumOf = (each) => each.type === "video"
-  ? h("video", { src: each.uri, controls: true, autoplay: !STILL, loop: true, muted: true, playsinline: true, title: each.title })
-  : h("img", { src: each.uri, alt: each.title, loading: "lazy" });
+
+function mediumOf(each) {
+  if (each.type !== "video") return h("img", { src: each.uri, alt: each.title, loading: "lazy" });
+  const steer = (event) => { event.currentTarget.controls = true; };
+  return h("video", {
+    src: each.uri, controls: STILL, autoplay: !STILL, loop: true, muted: true, playsinline: true, tabindex: 0, title: each.title,
+    onpointerenter: steer, onpointerdown: steer, onfocus: steer,
+    onpointerleave: (event) => { event.currentTarget.controls = STILL || event.currentTarget.paused; },
+  });
+}
 
 function figureSection(run) {
   const names = Object.keys(run.figures).sort();
