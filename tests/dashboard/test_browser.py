@@ -110,6 +110,7 @@ def test_a_fit_shows_the_parameter_beside_the_truth_its_curves_and_a_film_that_p
     assert {"train/loss", "blur/sigma", "lr-Adam"} <= set(titles)
     played = page.locator("video").evaluate(WATCH)
     assert played > PLAYED
+    page.mouse.move(0, 0)
     assert not page.locator("video").evaluate("film => film.controls")
     page.locator("video").hover()
     assert page.locator("video").evaluate("film => film.controls")
