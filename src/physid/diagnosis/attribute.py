@@ -65,7 +65,7 @@ def attribute(prepared: Prepared, generator: torch.Generator, say: Say = lambda 
     say(f"looking at what {' + '.join(best.names)} leaves")
     left = examine(prepared, best, generator)
     tried = singles
-    if left.p_value <= ALPHA and left.excess > CLOSED * stage.excess:
+    if left.p_value <= ALPHA and max(left.excess, left.rows[0].gain) > CLOSED * stage.excess:
         pairs = _fit_all(prepared, nominal, stage, _pairs(stage, singles, left), say)
         sound = [pair for pair in pairs if _both_needed(pair, singles, left)]
         tried = _sorted([*singles, *sound])

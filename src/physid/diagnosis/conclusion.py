@@ -9,7 +9,7 @@ import torch
 
 from physid.diagnosis.attribute import Attribution
 from physid.diagnosis.confidence import confidence
-from physid.diagnosis.gap import Closing, closing, floor_of, held_out_parts, position_errors
+from physid.diagnosis.gap import Closing, closing, floor_of, held_out_parts, position_errors, position_floors
 from physid.diagnosis.hypothesis import Hypothesis
 from physid.diagnosis.locate import places, sites
 from physid.diagnosis.nulls import p_value
@@ -44,7 +44,8 @@ def draw_conclusion(prepared: Prepared, found: Attribution, generator: torch.Gen
     before = position_errors(found.nominal, prepared.observations)
     after = before if found.best is None else position_errors(found.best, prepared.observations)
     parts = held_out_parts(prepared.observations)
-    closings = {name: closing(before, after, floor, chosen, generator) for name, chosen in parts.items()}
+    floors = position_floors(prepared.experiment, prepared.noise)
+    closings = {name: closing(before, after, floors, chosen, generator) for name, chosen in parts.items()}
     verdict = judge(found, closings["transfer"])
     chosen = found.best if verdict in ("named", "group", "partial") else None
     if chosen is None:

@@ -18,8 +18,10 @@ from physid.diagnosis.observations import observe
 from physid.diagnosis.pictures import draw
 from physid.diagnosis.prepare import prepare
 from physid.diagnosis.report import write_report
+from physid.diagnosis.soundness import require_sound
 from physid.effects import CATALOGUE
 from physid.physics.effect import Effect
+from physid.physics.layer import SolverError
 
 
 def diagnose(
@@ -52,11 +54,17 @@ def diagnose(
     begun = time.perf_counter()
     say("reading the recordings")
     observations = observe(RecordingSet(recordings), None if transfer is None else RecordingSet(transfer))
+    require_sound(observations)
     believed = believe(observations.scene, model)
     known = {effect.name for effect in believed.effects}
     candidates = [kind for kind in (*CATALOGUE, *effects) if kind.name not in known]
     generator = torch.Generator().manual_seed(seed)
-    prepared = prepare(observations, believed, candidates, generator, say)
+    try:
+        prepared = prepare(observations, believed, candidates, generator, say)
+    except SolverError as error:
+        raise ValueError(
+            f"the nominal model cannot go where the recordings go: {error}; check sizes, units and forces"
+        ) from error
     found = attribute(prepared, generator, say)
     conclusion = draw_conclusion(prepared, found, generator)
     say("writing the report")

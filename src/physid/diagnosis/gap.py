@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from physid.diagnosis.fit import Experiment
 from physid.diagnosis.hypothesis import Hypothesis
 from physid.diagnosis.noise import Noise
 from physid.diagnosis.observations import SAME, SELECT, TRANSFER, Observations
@@ -45,19 +46,37 @@ def floor_of(noise: Noise) -> float:
     return 3**0.5 * noise.position
 
 
+def position_floors(experiment: Experiment, noise: Noise) -> Tensor:
+    """Compute the mean square position error that each trajectory would have under the true model [m^2], shape (R,).
+
+    Noise gives 3 sigma^2; frames whose numerics disturb more have a larger variance and, in `position_errors`, a weight
+    that is smaller by the same factor.
+    """
+    weight = _weights(experiment)
+    count = (weight > 0).sum((1, 2))
+    return 3 * noise.position**2 * count / weight.sum((1, 2)).clamp_min(1e-9)
+
+
+def _weights(experiment: Experiment) -> Tensor:
+    """Return the weights of the positions in each frame, 1 at most, shape (R, T, N)."""
+    scale = experiment.scale[..., 3]
+    return (scale / scale.amax().clamp_min(1e-30)) ** 2
+
+
 def position_errors(hypothesis: Hypothesis, observations: Observations) -> Tensor:
     """Compute the mean square position error of each trajectory [m^2], shape (R,).
 
     First states are fitted to each window; frames count by their robust weights.
     """
-    scale = hypothesis.experiment.scale[..., 3]
-    weight = (scale / scale.amax().clamp_min(1e-30)) ** 2
+    weight = _weights(hypothesis.experiment)
     square = hypothesis.fit.residual[..., 3:].square().sum(-1) * weight
     total: Tensor = square.sum((1, 2)) / weight.sum((1, 2)).clamp_min(1e-9)
     return total
 
 
-def closing(before: Tensor, after: Tensor, floor: float, chosen: Tensor, generator: torch.Generator) -> Closing | None:
+def closing(
+    before: Tensor, after: Tensor, floors: Tensor, chosen: Tensor, generator: torch.Generator
+) -> Closing | None:
     """Compare mean square errors (R,) [m^2] of the chosen trajectories; the interval is a bootstrap over them."""
     rows = chosen.nonzero()[:, 0]
     if not len(rows):
@@ -67,6 +86,7 @@ def closing(before: Tensor, after: Tensor, floor: float, chosen: Tensor, generat
         return before[index].mean(-1).sqrt(), after[index].mean(-1).sqrt()
 
     old, new = (float(value) for value in errors(rows))
+    floor = float(floors[rows].mean().sqrt())
     if old < NO_GAP * floor:
         return Closing(old, new, None)
     draws = rows[torch.randint(len(rows), (BOOTSTRAPS, len(rows)), generator=generator)]

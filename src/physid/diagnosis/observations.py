@@ -23,6 +23,7 @@ ROLES = {
     "test": SAME,
 }
 ENOUGH = 4  # from so many trajectories of another protocol on, every second one joins the fit as a probe
+JITTER = 0.02  # share of the time step by which time stamps may be off
 UNSPLIT = (FIT, SELECT, SAME)  # trajectories without a split play these parts in turn
 
 
@@ -70,7 +71,27 @@ def observe(recordings: RecordingSet, transfer: RecordingSet | None = None) -> O
     if transfer is not None:
         require_same_scene(recordings, transfer)
         read += [replace(one, split="report_transfer") for one in transfer]
+    require_even_time(read, recordings.scene.time_step)
     return from_recordings(recordings.scene, read)
+
+
+def require_even_time(recordings: list[Recording], time_step: float) -> None:
+    """Refuse time stamps that are not one time step apart.
+
+    Raises:
+        ValueError: Names trajectory and frame, what was expected and what was found.
+    """
+    for index, one in enumerate(recordings):
+        if one.time is None:
+            continue
+        steps = np.diff(one.time)
+        off = np.abs(steps - time_step) > JITTER * time_step
+        if off.any():
+            frame = int(off.argmax())
+            raise ValueError(
+                f"trajectory {index}: expected frames {time_step:.6g} s apart (time_step), found {steps[frame]:.6g} s "
+                f"between frames {frame} and {frame + 1}; resample the trajectory, or cut it there"
+            )
 
 
 def require_same_scene(recordings: RecordingSet, transfer: RecordingSet) -> None:
