@@ -55,7 +55,7 @@ class Decoder(nn.Module):
         unknown = torch.full((1, len(scene.bodies), 6, 3, TEXELS, TEXELS), torch.nan)
         self.register_buffer("patches", unknown)
 
-    def model(self, recordings: RecordingSet, trajectories: Sequence[int]) -> None:
+    def model(self, recordings: RecordingSet, trajectories: Sequence[int]) -> tuple[Tensor, Tensor, Tensor]:
         """Cut the appearance out of the first frames of some trajectories, by their masks and first poses.
 
         The paper takes shape and appearance of the objects as known in the same way; no other pose is looked at.
@@ -64,12 +64,15 @@ class Decoder(nn.Module):
             recordings: The set.
             trajectories: Which of its trajectories; the first 16 are used.
 
+        Returns:
+            What it looked at: poses (M, 1, N, 7), images (M, 1, 3, H, W) and backgrounds (M, 3, H, W).
+
         Raises:
             ValueError: If a trajectory has no poses, or a mask does not lie where the first pose says.
         """
         chosen = trajectories[:MODELS]
         films = [recordings.film(index, [0]) for index in chosen]
-        frame, mask = (torch.stack([torch.from_numpy(film[place]) for film in films]) for place in (0, 1))
+        frame, mask, background = (torch.stack([torch.from_numpy(film[place]) for film in films]) for place in range(3))
         poses = [recordings.read(index).pose for index in chosen]
         pose = torch.stack([torch.from_numpy(one[0]) for one in poses if one is not None])
         if len(pose) < len(chosen):
@@ -85,6 +88,8 @@ class Decoder(nn.Module):
             names = ", ".join(recordings.paths[index].name for index in chosen)
             raise ValueError(f"{recordings.folder}: {error} (samples in order: {names})") from None
         self.patches = appearance.patches.to(self.patches)
+        like = self.patches
+        return pose[:, None].to(like), as_image(frame).to(like), as_image(background).to(like)
 
     def forward(self, pose: Tensor, background: Tensor) -> Tensor:
         """Draw frames.

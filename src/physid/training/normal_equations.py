@@ -27,15 +27,19 @@ class NormalEquations:
     Attributes:
         gradients: Derivative of each trajectory's loss by the P parameters, pieces of shape (B, P).
         curvature: 2 J^T W J summed over trajectories, shape (P, P).
+        common: 2 J^T W e summed over trajectories, shape (P,): e is what an error that all of them share, such as that
+            of the scale of an image, adds to the residuals within a standard deviation.
     """
 
     gradients: list[Tensor]
     curvature: Tensor
+    common: Tensor
 
     @classmethod
     def empty(cls, parameters: int) -> NormalEquations:
         """Begin without any trajectory."""
-        return cls([], torch.zeros(parameters, parameters, dtype=torch.float64))
+        zero = torch.zeros(parameters, dtype=torch.float64)
+        return cls([], torch.diag(zero), zero)
 
     def add(
         self,
@@ -44,6 +48,7 @@ class NormalEquations:
         trajectories: Trajectories,
         real: Tensor,
         landing: Landing | None = None,
+        shifted: Trajectories | None = None,
     ) -> Tensor:
         """Add a batch of trajectories.
 
@@ -53,6 +58,7 @@ class NormalEquations:
             trajectories: First states, wrenches, and the poses that should come out; on the device of the physics.
             real: Which frames count, shape (B, T).
             landing: What the trajectories' own unknowns explain, if they have any.
+            shifted: The same trajectories with a standard deviation of the error that all of them share.
 
         Returns:
             The loss of each trajectory, shape (B,).
@@ -68,7 +74,12 @@ class NormalEquations:
             value = torch.stack(list(loss(residual, real).values())).sum(0)
             (slope,) = torch.autograd.grad(value.sum(), residual)
         self.gradients.append(torch.einsum("pbtni,btni->bp", answer, slope))
-        self.curvature += len(residual) * loss.curvature(residual.detach(), answer, real)
+        residual = residual.detach()
+        self.curvature += len(residual) * loss.curvature(residual, answer, real)
+        if shifted is not None:
+            with torch.no_grad():
+                added = residuals(model.layer, physical, shifted) - residual
+            self.common += 2 * torch.einsum("pbtni,btni->p", answer, loss.weights(residual, real) * added)
         return value.detach()
 
     def step(self, largest: float) -> Tensor:
@@ -77,15 +88,17 @@ class NormalEquations:
         return step * min(1.0, largest / max(float(step.abs().max()), FLOOR))
 
     def covariance(self) -> Tensor:
-        """Estimate the covariance of the parameters, H^-1 (sum_b g_b g_b^T) H^-1, shape (P, P).
+        """Estimate the covariance of the parameters, H^-1 (sum_b g_b g_b^T + c c^T) H^-1, shape (P, P).
 
         The spread of the gradients over trajectories stands for all that their residuals hold, noise and misfit, which
-        only need to be independent between trajectories (Huber 1967, White 1982). An error that all trajectories share,
-        a biased encoder say, does not show.
+        only need to be independent between trajectories (Huber 1967, White 1982). An error that all trajectories share
+        does not show there; c is what is known of it, `common`.
         """
         gradients, inverse = torch.cat(self.gradients), torch.linalg.inv(self._stiff())
         share = len(gradients) / max(len(gradients) - len(self.curvature), 1)
-        covariance: Tensor = share * inverse @ (gradients.T @ gradients) @ inverse
+        covariance: Tensor = (
+            inverse @ (share * gradients.T @ gradients + torch.outer(self.common, self.common)) @ inverse
+        )
         return covariance
 
     def _stiff(self) -> Tensor:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any, final
 
 import torch
@@ -9,6 +10,7 @@ from torch import Tensor
 
 from physid.networks.chart import PlanarChart
 from physid.training.base import TrainingModule
+from physid.training.calibration import stretched
 from physid.training.heights import land
 from physid.training.horizon import Batch
 from physid.training.normal_equations import NormalEquations
@@ -62,35 +64,14 @@ class Refinement:
         """
         # Poses that are not finite have no loss at all: the physics refuses them without naming the trajectory.
         module.require_finite({"refined": encoded.double().sum((1, 2, 3)) + goal.double().sum((1, 2, 3))}, batch)
-        loss = self._add(model, encoded, batch, goal, real, from_images)
+        if self._equations is None:
+            self._equations = NormalEquations.empty(len(model.physical.names))
+        loss = add_to(self._equations, model, self._loss, encoded, batch, goal, real, from_images=from_images)
         module.require_finite({"refined": loss}, batch)
         many = module.trainer.num_training_batches > 1
         module.log("train/loss", loss.mean(), on_step=not many, on_epoch=many, prog_bar=True, batch_size=len(loss))
         if module.trainer.is_last_batch:
             module.log_dict(self._finish(module, model))
-
-    @torch.no_grad()
-    def _add(
-        self, model: VideoModel, encoded: Tensor, batch: Batch, goal: Tensor, real: Tensor, from_images: bool
-    ) -> Tensor:
-        """Add a batch, and return the loss of each trajectory (B,)."""
-        there = model.physics_device
-        if self._equations is None:
-            self._equations = NormalEquations.empty(len(model.physical.names))
-        state = model.first_state(encoded, batch["shown"], batch["wrench"])
-        goal = torch.cat([state.pose[:, None], goal[:, 1:].to(state.pose)], 1)
-        trajectories = Trajectories(
-            pose=goal,
-            twist=state.twist[:, None].expand(-1, goal.shape[1], -1, -1),
-            wrench=batch["wrench"].to(state.pose),
-            length=batch["length"].to(there),
-            index=batch["index"].to(there),
-        )
-        real, landing = real.to(there), None
-        if isinstance(model.chart, PlanarChart) and model.chart.hovering:
-            landing = land(model, self._loss, trajectories, real, from_images=from_images)
-            trajectories = landing.trajectories
-        return self._equations.add(model, self._loss, trajectories, real, landing)
 
     def _finish(self, module: TrainingModule, model: VideoModel) -> dict[str, float]:
         """Take the step, forget the sums, and return the intervals."""
@@ -102,6 +83,45 @@ class Refinement:
         self._equations = None
         _count_a_step(module.optimizers())
         return interval(physical.estimates(), spread)
+
+
+@torch.no_grad()
+def add_to(
+    equations: NormalEquations,
+    model: VideoModel,
+    loss: PoseLoss,
+    encoded: Tensor,
+    batch: Batch,
+    goal: Tensor,
+    real: Tensor,
+    *,
+    from_images: bool,
+) -> Tensor:
+    """Add a batch of trajectories to normal equations (see `Refinement.add`); returns the loss of each (B,)."""
+    there = model.physics_device
+    state = model.first_state(encoded, batch["shown"], batch["wrench"])
+    goal, real = torch.cat([state.pose[:, None], goal[:, 1:].to(state.pose)], 1), real.to(there)
+    trajectories = Trajectories(
+        pose=goal,
+        twist=state.twist[:, None].expand(-1, goal.shape[1], -1, -1),
+        wrench=batch["wrench"].to(state.pose),
+        length=batch["length"].to(there),
+        index=batch["index"].to(there),
+    )
+    landing = None
+    if isinstance(model.chart, PlanarChart) and model.chart.hovering:
+        landing = land(model, loss, trajectories, real, from_images=from_images)
+        trajectories = landing.trajectories
+    shifted = _stretched(model, trajectories, from_images)
+    return equations.add(model, loss, trajectories, real, landing, shifted)
+
+
+def _stretched(model: VideoModel, trajectories: Trajectories, from_images: bool) -> Trajectories:
+    """Shift what was read from images by a standard deviation of their scale."""
+    share, start, goal = float(model.calibration.deviation), trajectories.start, trajectories.pose
+    origin = torch.cat([stretched(model.chart, start.pose, share), start.twist], -1)
+    goal = stretched(model.chart, goal, share) if from_images else goal
+    return dataclasses.replace(trajectories, pose=goal, origin=origin)
 
 
 def _count_a_step(optimizer: Any) -> None:

@@ -120,7 +120,7 @@ class SelfSupervisedID(TrainingModule):
             self.attach(data.scene)
         if stage == "fit":
             self.phases.check(self.trainer.max_epochs)
-            self.model.decoder.model(data.recordings, data.trajectories("fit"))
+            self.model.look_at(data.recordings, data.trajectories("fit"))
 
     def attach(self, scene: Scene) -> SelfSupervisedID:
         """Build encoder, physics, parameters and metrics for a scene; returns itself."""

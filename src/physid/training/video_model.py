@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, final
 
 import torch
 from torch import Tensor, nn
 
+from physid.data.format import RecordingSet
 from physid.networks.chart import PlanarChart, PoseChart, SpatialChart
 from physid.networks.encoder import Encoding, PoseEncoder, VariationalPoseEncoder, as_image
 from physid.physics.layer import PhysicsLayer, Rollout
 from physid.physics.parameters import Parameters
 from physid.physics.state import State
 from physid.scenes.scene import Scene
+from physid.training.calibration import Calibration
 from physid.training.decoder import Decoder, camera_of
 from physid.training.first_state import Start
 from physid.training.heights import land
@@ -96,7 +98,7 @@ class VideoModel(nn.Module):
     ) -> None:
         super().__init__()
         self.physical, self.layer, self.start, self.polish = physical, layer, start, polish
-        self.chart, self.decoder = chart_of(scene, chart), Decoder(scene)
+        self.chart, self.decoder, self.calibration = chart_of(scene, chart), Decoder(scene), Calibration()
         camera = self.decoder.renderer.camera
         if latent is None:
             self.encoder = PoseEncoder(self.chart, camera.height, camera.width, fast=fast)
@@ -128,7 +130,14 @@ class VideoModel(nn.Module):
     def read(self, image: Tensor, background: Tensor) -> tuple[Tensor, Tensor]:
         """Read poses (B, f, N, 7) from images (see `encode`), as the encoder gives them, and polished."""
         encoded = self.encode(image, background).pose
-        return encoded, self.polish(self.chart, self.decoder, encoded, image, background)
+        polished = self.polish(self.chart, self.decoder, encoded, image, background)
+        return encoded, self.calibration(self.chart, polished)
+
+    def look_at(self, recordings: RecordingSet, trajectories: Sequence[int]) -> None:
+        """Learn what the bodies look like, and how exactly they are found, from some first frames (see `Decoder`)."""
+        pose, image, background = self.decoder.model(recordings, trajectories)
+        found = self.polish(self.chart, self.decoder, pose, image, background)
+        self.calibration.measure(self.decoder.renderer.camera, found[:, 0], pose[:, 0])
 
     def parameters_there(self) -> Parameters:
         """Return the physical parameters on the device of the physics."""

@@ -1,0 +1,86 @@
+"""An error of scale that all polished poses share is measured, taken out, and stands in the interval."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+from torch import Tensor
+
+from physid.physics.state import State
+from physid.scenes.catalogue import find_setup
+from physid.training.calibration import Calibration, stretched
+from physid.training.normal_equations import NormalEquations
+from physid.training.pose_loss import PoseLoss
+from physid.training.supervised import SupervisedID
+from physid.training.trajectories import Trajectories
+from physid.training.video_model import VideoModel
+
+SHARE = 0.003
+ROUNDING = 1e-4  # relative
+
+
+def model_of() -> VideoModel:
+    return SupervisedID(["block.friction"], fast=False).attach(find_setup("push").scene).model
+
+
+def anywhere(model: VideoModel, count: int) -> Tensor:
+    torch.manual_seed(0)
+    numbers = torch.rand(count, 1, 4, dtype=torch.float64) - 0.5
+    return model.chart.to_pose(numbers)
+
+
+def test_a_scale_is_measured_and_taken_out() -> None:
+    model, calibration = model_of(), Calibration()
+    true = anywhere(model, 16)
+    found = stretched(model.chart, true, -SHARE)
+    calibration.measure(model.decoder.renderer.camera, found, true)
+    assert float(calibration.stretch) == pytest.approx(SHARE, rel=2 * SHARE)
+    assert float(calibration.deviation) < ROUNDING * SHARE
+    assert (calibration(model.chart, found) - true).abs().max() < ROUNDING
+
+
+def test_the_deviation_is_that_of_the_scale_over_many_draws() -> None:
+    model, calibration = model_of(), Calibration()
+    true = anywhere(model, 16)
+    torch.manual_seed(1)
+    measured = []
+    for _ in range(200):
+        noise = torch.cat([0.002 * torch.randn(16, 1, 2), torch.zeros(16, 1, 5)], -1)
+        calibration.measure(model.decoder.renderer.camera, true + noise, true)
+        measured.append((float(calibration.stretch), float(calibration.deviation)))
+    stretch, deviation = torch.tensor(measured).unbind(1)
+    assert float(stretch.std()) == pytest.approx(float(deviation.mean()), rel=0.2)
+
+
+def test_a_shared_scale_widens_the_interval_by_what_it_does_to_the_parameter() -> None:
+    model = model_of()
+    first = anywhere(model, 3)
+    push = torch.zeros(3, 60, 1, 6, dtype=torch.float64)
+    push[..., 3] = 6.0
+    rest = torch.zeros(3, 1, 6, dtype=torch.float64)
+    with torch.no_grad():
+        pose = model.layer.rollout(State(first, rest), push[:, :-1], model.parameters_there()).pose
+    real = torch.ones(pose.shape[:2], dtype=torch.bool)
+    length, index = torch.full((3,), 60), torch.arange(3)
+
+    def fitted(share: float) -> tuple[float, float]:
+        """Return ln(friction) fitted to poses of another scale, and its deviation if that scale is the uncertainty."""
+        goal = stretched(model.chart, pose, share)
+        there = Trajectories(goal, torch.zeros_like(push), push, length, index)
+        shifted = Trajectories(stretched(model.chart, goal, SHARE), torch.zeros_like(push), push, length, index)
+        physical = model.physical.logarithm.detach().clone()
+        for _ in range(6):
+            equations = NormalEquations.empty(1)
+            equations.add(model, PoseLoss(), there, real, shifted=shifted)
+            with torch.no_grad():
+                model.physical.logarithm.add_(equations.step(0.5))
+        found = float(model.physical.logarithm.detach())
+        with torch.no_grad():
+            model.physical.logarithm.copy_(physical)
+        return found, math.sqrt(float(equations.covariance()))
+
+    (exact, deviation), (other, _) = fitted(0.0), fitted(SHARE)
+    assert abs(other - exact) > ROUNDING
+    assert deviation == pytest.approx(abs(other - exact), rel=0.05)
