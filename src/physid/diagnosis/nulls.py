@@ -7,12 +7,11 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from physid.diagnosis.fit import Experiment, Fit, prior, try_losses
+from physid.diagnosis.fit import Experiment, Fit, first_frames, prior, try_losses
 from physid.diagnosis.linear import Part
 from physid.diagnosis.noise import Noise
 from physid.diagnosis.prediction import Variants
 from physid.diagnosis.replay import replay
-from physid.diagnosis.starts import SPANS
 from physid.physics.effect import Effect
 
 REPLAYS = 4  # runs of the other engine, each from other first states and parameters
@@ -44,7 +43,6 @@ def draw_nulls(
     """Make data as they would be if the fit were the truth.
 
     The recorded forces are replayed in PyBullet from states and parameters as uncertain as the fit, and noise is added.
-
     Args:
         experiment: The experiment.
         fit: The model that is taken to be true.
@@ -59,23 +57,37 @@ def draw_nulls(
     """
     residuals = []
     for _ in range(replays):
-        clean = noiseless(experiment, fit, noise, effects, generator)
+        clean = noiseless(experiment, fit, effects, generator)
         white = torch.randn(draws, *clean.shape, generator=generator, dtype=clean.dtype)
         residuals.append(clean + white * noise.spread())
     return Nulls(torch.cat(residuals))
 
 
-def noiseless(
-    experiment: Experiment, fit: Fit, noise: Noise, effects: tuple[Effect, ...], generator: torch.Generator
-) -> Tensor:
+def with_signs(nulls: Nulls, fit: Fit, generator: torch.Generator) -> Nulls:
+    """Put the residuals of a fit into the busy windows, each window's with a random sign.
+
+    This is the wild bootstrap (Wu 1986): what an effect does to all hits has the same sign everywhere, what chaos does
+    has not. It holds whatever makes the busy windows fit badly.
+    """
+    windows, residuals = fit.linear.windows, nulls.residual.clone()
+    signs = 2.0 * torch.randint(2, (len(residuals), len(windows)), generator=generator) - 1
+    for batch in windows.batches:
+        busy = batch.inside & windows.busy[batch.windows, None]
+        rows, frames = batch.trajectory[:, None].expand_as(batch.frame)[busy], batch.frame[busy]
+        own = signs[:, batch.windows[:, None].expand_as(batch.frame)[busy]].to(residuals.dtype)
+        residuals[:, rows, frames] = own[..., None, None] * fit.residual[rows, frames]
+    return Nulls(residuals)
+
+
+def noiseless(experiment: Experiment, fit: Fit, effects: tuple[Effect, ...], generator: torch.Generator) -> Tensor:
     """Return the residuals of one replay without noise, shape (R, T, N, 6); see `draw_nulls`."""
     predictor = experiment.predictor
-    point = _jitter(experiment, fit, noise, generator)
+    point = _jitter(experiment, fit, generator)
     real = replay(predictor.model, predictor.wrench, predictor.windows, point, effects)
     return experiment.replace(pose=real).residual(fit.jacobian.base.pose, fit.point)[0]
 
 
-def floors(experiment: Experiment, fit: Fit, noise: Noise, generator: torch.Generator, replays: int = 4) -> Tensor:
+def floors(experiment: Experiment, fit: Fit, generator: torch.Generator, replays: int = 4) -> Tensor:
     """Compute how much the numerics disturb each window: squared residuals per frame that replays leave.
 
     Where small differences grow (impacts, a body that just stops), two runs of one engine from states that the data
@@ -85,7 +97,7 @@ def floors(experiment: Experiment, fit: Fit, noise: Noise, generator: torch.Gene
         Mean square in units of the noise, after first states and unknown parameters are fitted again; shape (K,).
     """
     unknown = torch.arange(fit.point.nominal.shape[1] + 1)
-    clean = torch.stack([noiseless(experiment, fit, noise, (), generator) for _ in range(replays)])
+    clean = torch.stack([noiseless(experiment, fit, (), generator) for _ in range(replays)])
     respond = fit.linear.respond(clean, experiment.scale).select(unknown).of(experiment.fitted)
     matrix = respond.matrix.sum(0) + torch.diag(prior(experiment, torch.zeros(0, dtype=torch.int64)))
     change = torch.linalg.solve(matrix, respond.vector.sum(0))
@@ -99,7 +111,7 @@ def floors(experiment: Experiment, fit: Fit, noise: Noise, generator: torch.Gene
     return fit.linear.gather(left) / count.clamp_min(1)
 
 
-def _jitter(experiment: Experiment, fit: Fit, noise: Noise, generator: torch.Generator) -> Variants:
+def _jitter(experiment: Experiment, fit: Fit, generator: torch.Generator) -> Variants:
     """Draw first states and unknown parameters around a fit, as far as the data leave them open."""
     unknown = fit.point.nominal.shape[1]
     normal = fit.normal().of(experiment.fitted)
@@ -110,7 +122,7 @@ def _jitter(experiment: Experiment, fit: Fit, noise: Noise, generator: torch.Gen
     shared[:unknown] = shift
     states = []
     # A first velocity that friction stops at once leaves no trace; then what the first frames show bounds the draw.
-    sure = torch.diag(1 / _first_frames(experiment, noise) ** 2)
+    sure = torch.diag(1 / first_frames(experiment) ** 2)
     for part in fit.linear.parts:
         free = torch.randn(*part.factor.shape[:2], 1, generator=generator, dtype=torch.float64)
         factor = torch.linalg.cholesky(part.factor @ part.factor.mT + sure)
@@ -137,16 +149,6 @@ def _believable(experiment: Experiment, fit: Fit, drawn: Variants, change: Tenso
             break
         change = torch.where(wrong[:, None], change / 2, change)
     return moved
-
-
-def _first_frames(experiment: Experiment, noise: Noise) -> Tensor:
-    """Return the standard deviations of first states that a line through the first frames would leave, shape (D,)."""
-    step = experiment.predictor.model.scene.time_step
-    count = max(5.0, SPANS[0] / step)
-    still = {0: noise.rotation, 1: noise.position}
-    slope = (12 / count**3) ** 0.5 / step
-    kinds = [k // 3 for _, k in experiment.directions.used]
-    return torch.tensor([still[kind % 2] * (1.0 if kind < 2 else slope) for kind in kinds], dtype=torch.float64)
 
 
 def p_value(observed: float, null: Tensor) -> float:

@@ -83,7 +83,7 @@ def prepare(
     fit = gauss_newton(experiment, point, NONE)
     experiment, fit, noise = _follow(experiment, fit, present, say)
     say("measuring where the numerics disturb")
-    extra = (1 + floors(experiment, fit, noise, generator)).rsqrt()
+    extra = (1 + floors(experiment, fit, generator)).rsqrt()
     experiment = experiment.replace(scale=experiment.scale * windows.spread(extra)[..., None, None])
     experiment, fit = settle(experiment, fit, NONE, (), say)
     phases = phases_of(fit.jacobian.base, observations.wrench, model.scene)

@@ -11,11 +11,11 @@ from physid.diagnosis.fit import Experiment, Fit, prior
 from physid.diagnosis.freeform import Cell, local_gain, residual_wrenches
 from physid.diagnosis.hypothesis import Hypothesis
 from physid.diagnosis.linear import Normal
-from physid.diagnosis.nulls import draw_nulls, p_value
+from physid.diagnosis.nulls import draw_nulls, p_value, with_signs
 from physid.diagnosis.prepare import Prepared
 from physid.diagnosis.score import Conditional, Group, condition, gains, groups_of
 
-MOST_LOST = 0.1  # share of the busy windows that may be beyond any fit, if the others shall count
+BAD = 2.0  # mean squared residual, in units of the noise, that the numerics of a hit do not explain
 CELL_DRAWS = 10  # every so many effect-free data sets serve for the cells
 
 
@@ -46,7 +46,8 @@ class Stage:
         fit: The hypothesis' fit, linearised with all candidates and residual wrenches.
         cells: What the residual wrenches are.
         rows: What each effect that it lacks would gain, best first.
-        null_best: The largest gain in each effect-free data set, shape (Z,).
+        null_best: The largest gain in effect-free data sets, ascending, shape (Z,); of two ways to make such data, the
+            larger ones.
         free: What a free residual wrench explains, by window, shape (K,).
         null_free: The same for effect-free data: fitted trajectories together, shape (Z,).
         conditional: Normal equations of all effects after the nuisances.
@@ -117,11 +118,17 @@ def examine(prepared: Prepared, hypothesis: Hypothesis, generator: torch.Generat
     nulls = draw_nulls(experiment, hypothesis.fit, prepared.noise, hypothesis.working, generator)
     respond = fit.linear.respond(nulls.residual, experiment.scale)
     free = torch.tensor([offset + count + k for k, cell in enumerate(cells) if cell.piece is not None])
-    null_best = torch.stack(
-        [gains(_given(respond, shared, experiment.fitted, nuisance, ridge), g)[0] for g in groups]
-    ).amax(0)
+
+    def largest(response: Normal) -> Tensor:
+        given = _given(response, shared, experiment.fitted, nuisance, ridge)
+        return torch.stack([gains(given, group)[0] for group in groups]).amax(0).sort().values
+
+    null_best = largest(respond)
+    if bool(predictor.windows.busy.any()):
+        wild = with_signs(nulls, fit, generator)
+        null_best = torch.maximum(null_best, largest(fit.linear.respond(wild.residual, experiment.scale)))
     cleaned = _cleaned(fit, nulls.residual, respond, nuisance, ridge, experiment)
-    counted = experiment.fitted[predictor.windows.trajectory] & _sound(experiment)
+    counted = experiment.fitted[predictor.windows.trajectory] & _sound(experiment, hypothesis.fit)
     null_free = local_gain(fit.linear, free, cleaned, experiment.scale)[counted].sum(0)
     conditional = _given(fit.normal(), shared, experiment.fitted, nuisance, ridge)
     rows = []
@@ -144,11 +151,13 @@ def examine(prepared: Prepared, hypothesis: Hypothesis, generator: torch.Generat
     )
 
 
-def _sound(experiment: Experiment) -> Tensor:
-    """Return the windows whose misfit tells about the model: calm ones, and busy ones if nearly all can be fitted."""
-    busy, follow = experiment.predictor.windows.busy, experiment.follow
-    many = float((busy & ~follow).sum()) > MOST_LOST * float(busy.sum())
-    return ~busy if many else follow
+def _sound(experiment: Experiment, fit: Fit) -> Tensor:
+    """Return the windows whose misfit tells about the model: calm ones, and busy ones if most of them fit badly."""
+    windows = experiment.predictor.windows
+    count = windows.sum_frames((experiment.scale > 0).sum((2, 3))[None].double())[0].clamp_min(1)
+    misfit = (fit.loss / count)[windows.busy & experiment.follow]
+    badly = len(misfit) > 0 and float(misfit.median()) > BAD
+    return ~windows.busy | (experiment.follow & badly)
 
 
 def _given(normal: Normal, shared: Tensor, fitted: Tensor, nuisance: Tensor, ridge: Tensor) -> Conditional:
