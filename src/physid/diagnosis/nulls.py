@@ -43,6 +43,7 @@ def draw_nulls(
     """Make data as they would be if the fit were the truth.
 
     The recorded forces are replayed in PyBullet from states and parameters as uncertain as the fit, and noise is added.
+
     Args:
         experiment: The experiment.
         fit: The model that is taken to be true.

@@ -15,6 +15,7 @@ from physid.diagnosis.nulls import draw_nulls, p_value, with_signs
 from physid.diagnosis.prepare import Prepared
 from physid.diagnosis.score import Conditional, Group, condition, gains, groups_of
 
+MARGIN = 1.5  # by which a gain must exceed those in effect-free data
 BAD = 2.0  # mean squared residual, in units of the noise, that the numerics of a hit do not explain
 CELL_DRAWS = 10  # every so many effect-free data sets serve for the cells
 
@@ -80,9 +81,13 @@ class Stage:
 
     @property
     def p_value(self) -> float:
-        """How often effect-free data look at least as suspicious: by one effect, or by a free residual wrench."""
-        best = self.rows[0].p_value if self.rows else 1.0
-        return min(1.0, 2 * min(best, p_value(self.left, self.null_free)))
+        """How often effect-free data look at least as suspicious: by one effect, or by a free residual wrench.
+
+        Effect-free data come from one other engine, and reality is a third: what is found must exceed them by a margin.
+        """
+        best = p_value(self.rows[0].gain / MARGIN, self.null_best) if self.rows else 1.0
+        usual = float(self.null_free.mean())
+        return min(1.0, 2 * min(best, p_value(usual + self.excess / MARGIN, self.null_free)))
 
     @property
     def threshold(self) -> float:
