@@ -125,7 +125,7 @@ def test_a_scored_bank_gives_its_figures_and_what_is_neither_rows_nor_a_bank_is_
         "exact accuracy, medium and up": 71.0,
     }
     assert (run["cells"], run["state"]) == ([], "finished")
-    (root / "score" / "results.json").write_text('{"figures": 3}')
+    (root / "score" / "results.json").write_text('{"bank": {}, "figures": 3, "tables": {}}')
     assert "expected rows of a reproduction or a scored bank" in read_run(root / "score", root)["notes"][0]
 
 

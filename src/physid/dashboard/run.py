@@ -24,6 +24,8 @@ from physid.dashboard.folders import (
 )
 from physid.dashboard.media import MOST_BYTES, read_media
 
+SCORE = {"bank": dict, "figures": list, "tables": dict}  # what of a scored bank is shown
+
 
 def read_run(folder: Path, root: Path, *, light: bool = False) -> dict[str, Any]:
     """Read everything that the page shows of a run.
@@ -149,8 +151,8 @@ def _mapping(path: Path, notes: list[str]) -> dict[str, Any]:
 def _results(path: Path, notes: list[str]) -> tuple[list[Any], dict[str, Any]]:
     """Read results.json: the rows of a reproduction, or figures and tables of a scored bank; else empty."""
     value = _read(path, notes)
-    if isinstance(value, dict) and all(name in value for name in ("bank", "figures", "tables")):
-        return [], {name: value[name] for name in ("bank", "figures", "tables")}
+    if isinstance(value, dict) and all(isinstance(value.get(name), kind) for name, kind in SCORE.items()):
+        return [], {name: value[name] for name in SCORE}
     if value is not None and not isinstance(value, list):
         notes.append(f"{path.name} cannot be read: expected rows of a reproduction or a scored bank")
     return value if isinstance(value, list) else [], {}
