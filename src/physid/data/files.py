@@ -17,17 +17,13 @@ def write_whole(path: Path, write: Callable[[Path], None]) -> None:
         path: Where the file shall be.
         write: Writes the content to the path that it is given.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
+    if not path.parent.is_dir():
+        path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(path.name + ".part")
     write(part)
     with part.open("rb+") as file:
         os.fsync(file.fileno())
-    part.replace(path)
-    folder = os.open(path.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)
+    part.replace(path)  # the folder is not flushed: should the power fail now, the file is simply not there
 
 
 def write_text(path: Path, text: str) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from physid.data.recording import SPLITS
@@ -120,6 +121,10 @@ class GenerateConfig:
 
     def true_scene(self) -> Scene:
         """Return the scene with its true parameters."""
+        return self._true_scene
+
+    @cached_property
+    def _true_scene(self) -> Scene:
         scene = with_parameters(find_setup(self.scene).scene, self.true_values)
         return scene if self.video else dataclasses.replace(scene, camera=None)
 
