@@ -14,7 +14,7 @@ from physid.diagnosis.hypothesis import Hypothesis
 from physid.diagnosis.locate import places, sites
 from physid.diagnosis.nulls import p_value
 from physid.diagnosis.prepare import Prepared
-from physid.diagnosis.verdict import Diagnosis, Estimate, Found, Name, judge
+from physid.diagnosis.verdict import Diagnosis, Estimate, Found, judge
 
 NORMAL_90 = 1.645  # standard deviations of a normal distribution that hold 90 %, to either side
 
@@ -54,7 +54,7 @@ def draw_conclusion(prepared: Prepared, found: Attribution, generator: torch.Gen
     diagnosis = Diagnosis(
         verdict=verdict,
         effects=[] if chosen is None else _effects(chosen),
-        group=[] if chosen is None else _group(found, chosen, verdict),
+        group=[] if chosen is None else _group(found, chosen),
         confidence=confidence(verdict, found),
         ranking=_ranking(found),
         sites=dict.fromkeys(sites(found), 0.0) if verdict == "none" else sites(found),
@@ -72,10 +72,9 @@ def _unclosed(one: Closing | None) -> Closing | None:
     return None if one is None else Closing(one.before, None, None)
 
 
-def _group(found: Attribution, chosen: Hypothesis, verdict: Name) -> list[str]:
+def _group(found: Attribution, chosen: Hypothesis) -> list[str]:
     """Name every effect of the hypotheses that cannot be told from the chosen one, its own first."""
-    others = found.group if verdict == "group" else [chosen]
-    return list(dict.fromkeys(name for one in (chosen, *others) for name in one.names))
+    return list(dict.fromkeys(name for one in (chosen, *found.group) for name in one.names))
 
 
 def _ranking(found: Attribution) -> list[tuple[tuple[str, ...], float, float]]:

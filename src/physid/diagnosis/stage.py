@@ -47,8 +47,7 @@ class Stage:
         fit: The hypothesis' fit, linearised with all candidates and residual wrenches.
         cells: What the residual wrenches are.
         rows: What each effect that it lacks would gain, best first.
-        null_best: The largest gain in effect-free data sets, ascending, shape (Z,); of two ways to make such data, the
-            larger ones.
+        null_best: The largest gain in each effect-free data set, shape (Z,).
         free: What a free residual wrench explains, by window, shape (K,).
         null_free: The same for effect-free data: fitted trajectories together, shape (Z,).
         conditional: Normal equations of all effects after the nuisances.
@@ -126,12 +125,10 @@ def examine(prepared: Prepared, hypothesis: Hypothesis, generator: torch.Generat
 
     def largest(response: Normal) -> Tensor:
         given = _given(response, shared, experiment.fitted, nuisance, ridge)
-        return torch.stack([gains(given, group)[0] for group in groups]).amax(0).sort().values
+        return torch.stack([gains(given, group)[0] for group in groups]).amax(0)
 
-    null_best = largest(respond)
-    if bool(predictor.windows.busy.any()):
-        wild = with_signs(nulls, fit, generator)
-        null_best = torch.maximum(null_best, largest(fit.linear.respond(wild.residual, experiment.scale)))
+    wild = fit.linear.respond(with_signs(nulls, fit, generator).residual, experiment.scale)
+    null_best = largest(wild if bool(predictor.windows.busy.any()) else respond)
     cleaned = _cleaned(fit, nulls.residual, respond, nuisance, ridge, experiment)
     counted = experiment.fitted[predictor.windows.trajectory] & _sound(experiment, hypothesis.fit)
     null_free = local_gain(fit.linear, free, cleaned, experiment.scale)[counted].sum(0)
