@@ -61,7 +61,9 @@ def test_first_states_are_recovered_from_poses_alone(
     batch = next(iter(data.train_dataloader()))
     module = SysID(values={name: data.scene.value(name) / 2 for name in data.scene.unknown}).attach(data.scene)
     known, poses = module.trajectories(batch), module.trajectories(without_twists(batch))
-    rollout = module._rolled(known)  # the layer's own motion, so that nothing but the state is unknown
+    rollout = known.rolled(
+        module.layer, module.physical()
+    )  # the layer's own motion, so that nothing but the state is unknown
     own = type(poses)(rollout.pose, poses.twist, known.wrench, known.length, known.index)
     starts, _ = module._explaining(own).fit(Starts.guess(own, data.scene))
     assert torch.allclose(starts.pose[..., :3], known.pose[:, 0, :, :3], atol=1e-5)

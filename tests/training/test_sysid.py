@@ -18,8 +18,11 @@ from torch.optim import LBFGS, Adam
 from torch.utils.data import DataLoader
 
 from physid.cli import main
+from physid.physics.layer import PhysicsLayer, SolverError
+from physid.physics.lcp import SolverSettings
 from physid.training import baselines
 from physid.training.base import NonFiniteLossError, OptimizerFactory
+from physid.training.engine import Engine
 from physid.training.gauss_newton import GaussNewton
 from physid.training.sysid import SysID
 from physid.training.trajectories import Trajectories
@@ -104,6 +107,14 @@ def test_a_loss_that_is_not_finite_names_the_trajectory() -> None:
     batch = push_batch() | {"index": torch.tensor([4, 7, 9])}
     with pytest.raises(NonFiniteLossError, match="the loss position of trajectory 7 is not finite"):
         module.require_finite({"position": torch.tensor([0.0, math.nan, 0.0])}, batch)
+
+
+def test_a_contact_problem_without_a_solution_names_the_trajectory() -> None:
+    module = SysID(engine=Engine()).attach(SCENE)
+    module.layer = PhysicsLayer(module.layer.world, solver=SolverSettings(max_steps=1))
+    batch = push_batch() | {"index": torch.tensor([4, 7, 9])}
+    with pytest.raises(SolverError, match=r"^trajectory 4, 7, 9: 3 of 3 contact problems were not solved at step 0"):
+        module.losses(batch)
 
 
 def test_the_errors_of_a_perfect_model_are_zero_over_segments_and_over_whole_trajectories() -> None:

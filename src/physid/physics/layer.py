@@ -22,7 +22,16 @@ from physid.physics.world import World
 
 
 class SolverError(RuntimeError):
-    """A step whose contact problem was not solved; the message says where, how badly, and what to change."""
+    """A step whose contact problem was not solved; the message says where, how badly, and what to change.
+
+    Args:
+        message: The same.
+        samples: Which worlds of the batch failed.
+    """
+
+    def __init__(self, message: str, samples: Sequence[int] = ()) -> None:
+        super().__init__(message)
+        self.samples = tuple(samples)
 
 
 @dataclass(frozen=True)
@@ -226,7 +235,8 @@ def require_converged(step: Step, frame: int, settings: SolverSettings) -> None:
         f"{int(failed.sum())} of {failed.numel()} contact problems were not solved at step {frame}: worst residual "
         f"{worst:.3g} of the smoothing {settings.smoothing:.1g} after {settings.max_steps} Newton steps (first sample: "
         f"{int(failed.nonzero()[0])}); check the parameters and the initial state, lower the time step (more "
-        "substeps), or raise solver.max_steps"
+        "substeps), or raise solver.max_steps",
+        failed.nonzero()[:, 0].tolist(),
     )
 
 

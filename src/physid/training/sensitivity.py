@@ -29,8 +29,7 @@ def residuals(
     Returns:
         Residuals (see `pose_residual`), shape (B, T, N, 6).
     """
-    rollout = layer.rollout(trajectories.start, trajectories.wrench[:, :-1], parameters(logarithm))
-    return pose_residual(rollout.pose, trajectories.pose)
+    return pose_residual(trajectories.rolled(layer, parameters(logarithm)).pose, trajectories.pose)
 
 
 @torch.no_grad()

@@ -11,7 +11,7 @@ import lightning as L
 import torch
 from torch import Tensor
 
-from physid.physics.layer import PhysicsLayer, Rollout
+from physid.physics.layer import PhysicsLayer
 from physid.scenes.scene import Scene
 from physid.training.base import OptimizerFactory, TrainingModule
 from physid.training.callbacks.intervals import Intervals
@@ -229,7 +229,7 @@ class SysID(TrainingModule):
         """Predict whole trajectories from their first state, under the recorded or the planned wrenches."""
         known = self._started(self.trajectories(batch), batch)
         wrench, length = (batch["future"], None) if "future" in batch else (known.wrench, known.length)
-        rollout = self.layer.rollout(known.start, wrench[:, :-1], self.physical())
+        rollout = known.rolled(self.layer, self.physical(), wrench)
         length = torch.full_like(known.length, wrench.shape[1]) if length is None else length
         return Trajectories(rollout.pose, rollout.twist, wrench, length, known.index)
 
@@ -237,7 +237,7 @@ class SysID(TrainingModule):
         """Add the errors of the predictions over segments and over whole trajectories."""
         for name, segment in self._lengths().items():
             cut = self.trajectories(batch, segment)
-            rollout = self._rolled(self._started(cut, batch))
+            rollout = self._started(cut, batch).rolled(self.layer, self.physical())
             self.errors[name].update(rollout.pose, cut.pose, cut.real)  # type: ignore[operator]
 
     test_step = validation_step
@@ -254,9 +254,6 @@ class SysID(TrainingModule):
         """Return the segments to predict; whole trajectories once."""
         lengths: dict[str, int | None] = {"segments": self.test_segment}
         return lengths | {"whole": None} if self.test_segment is not None else lengths
-
-    def _rolled(self, trajectories: Trajectories) -> Rollout:
-        return self.layer.rollout(trajectories.start, trajectories.wrench[:, :-1], self.physical())
 
     def _started(self, cut: Trajectories, batch: Batch) -> Trajectories:
         """Return trajectories with first states from their beginnings alone, where these are to be fitted."""

@@ -10,6 +10,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from physid.physics.layer import PhysicsLayer, Rollout, SolverError
+from physid.physics.parameters import Parameters
 from physid.physics.state import State, check_shape
 from physid.training.twist import twist_from_poses
 
@@ -71,6 +73,25 @@ class Trajectories:
     def real(self) -> Tensor:
         """Which frames are real, shape (B, T)."""
         return torch.arange(self.pose.shape[1], device=self.pose.device) < self.length[:, None]
+
+    def rolled(self, layer: PhysicsLayer, parameters: Parameters, wrench: Tensor | None = None) -> Rollout:
+        """Predict them from their first states.
+
+        Args:
+            layer: The physics.
+            parameters: Of all, or of each trajectory.
+            wrench: Other wrenches than those recorded, shape (B, T', N, 6).
+
+        Raises:
+            SolverError: If a contact problem cannot be solved; the message begins with the trajectories.
+        """
+        wrench = self.wrench if wrench is None else wrench
+        try:
+            return layer.rollout(self.start, wrench[:, :-1], parameters)
+        except SolverError as error:
+            which = sorted({int(self.index[sample]) for sample in error.samples})
+            shown = ", ".join(map(str, which[:5])) + (", ..." if len(which) > 5 else "")
+            raise SolverError(f"trajectory {shown}: {error}", error.samples) from None
 
     def repeated(self, copies: int) -> Trajectories:
         """Return the batch `copies` times in a row, (copies * B, ...): one for each candidate of the parameters."""
