@@ -12,6 +12,7 @@ def diagnose(
     model: Path | None = None,
     transfer: Path | None = None,
     effects: list[str] | None = None,
+    save_model: Path | None = None,
     seed: int = 0,
     quiet: bool = False,
 ) -> None:
@@ -32,6 +33,7 @@ def diagnose(
         model: The nominal model: a configuration, run or checkpoint of `physid fit`; recording.yaml by default.
         transfer: A second set, the same bodies moved in another way; it certifies a cause.
         effects: Effects of your own as FILE.py:CLASS, several separated by commas.
+        save_model: Where to write the model with what was found, as a configuration of `physid fit`.
         seed: Seed of the effect-free data.
         quiet: Hide the progress bar.
     """
@@ -48,7 +50,14 @@ def diagnose(
     believed = compose([model]).values if model and model.suffix in (".yaml", ".yml") else model
     with tqdm(desc="diagnosis", bar_format="{desc} [{elapsed}]", disable=quiet or None) as bar:
         found = run(
-            recordings, folder, model=believed, transfer=transfer, effects=own, seed=seed, say=bar.set_description_str
+            recordings,
+            folder,
+            model=believed,
+            transfer=transfer,
+            effects=own,
+            seed=seed,
+            save=save_model,
+            say=bar.set_description_str,
         )
     print("\n".join(summary_lines(found)))
     print(folder / "report.html")

@@ -12,6 +12,7 @@ from physid.diagnosis.confidence import confidence
 from physid.diagnosis.gap import Closing, closing, floor_of, held_out_parts, position_errors, position_floors
 from physid.diagnosis.hypothesis import Hypothesis
 from physid.diagnosis.locate import places, sites
+from physid.diagnosis.next_experiment import NextExperiment, next_experiment
 from physid.diagnosis.nulls import p_value
 from physid.diagnosis.prepare import Prepared
 from physid.diagnosis.verdict import Diagnosis, Estimate, Found, judge
@@ -26,10 +27,12 @@ class Conclusion:
     Attributes:
         diagnosis: What is said.
         chosen: The hypothesis that is blamed; None where nothing or nobody is.
+        further: The experiment that would tell the members of a group apart; None where there is no group.
     """
 
     diagnosis: Diagnosis
     chosen: Hypothesis | None
+    further: NextExperiment | None = None
 
 
 def draw_conclusion(prepared: Prepared, found: Attribution, generator: torch.Generator) -> Conclusion:
@@ -51,6 +54,7 @@ def draw_conclusion(prepared: Prepared, found: Attribution, generator: torch.Gen
     if chosen is None:
         closings = {name: _unclosed(one) for name, one in closings.items()}
     where = places(found.stage, [body.name for body in prepared.observations.scene.bodies])
+    further = None if chosen is None else next_experiment(prepared, found)
     diagnosis = Diagnosis(
         verdict=verdict,
         effects=[] if chosen is None else _effects(chosen),
@@ -63,9 +67,9 @@ def draw_conclusion(prepared: Prepared, found: Attribution, generator: torch.Gen
         same=closings["same"],
         transfer=closings["transfer"],
         parameters=_parameters(found.nominal, chosen),
-        next_experiment=None,
+        next_experiment=further.sentence if further else None,
     )
-    return Conclusion(diagnosis, chosen)
+    return Conclusion(diagnosis, chosen, further)
 
 
 def _unclosed(one: Closing | None) -> Closing | None:

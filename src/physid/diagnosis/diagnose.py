@@ -9,6 +9,7 @@ from typing import Any
 
 import torch
 
+from physid.data.files import write_text
 from physid.data.format import RecordingSet
 from physid.diagnosis.attribute import attribute
 from physid.diagnosis.beliefs import believe
@@ -18,10 +19,13 @@ from physid.diagnosis.observations import observe
 from physid.diagnosis.pictures import draw
 from physid.diagnosis.prepare import prepare
 from physid.diagnosis.report import write_report
+from physid.diagnosis.saving import save_model
 from physid.diagnosis.soundness import require_sound
 from physid.effects import CATALOGUE
 from physid.physics.effect import Effect
 from physid.physics.layer import SolverError
+
+NEXT = "next_experiment.yaml"
 
 
 def diagnose(
@@ -32,6 +36,7 @@ def diagnose(
     transfer: Path | None = None,
     effects: Sequence[type[Effect]] = (),
     seed: int = 0,
+    save: Path | None = None,
     say: Callable[[str], None] = lambda _: None,
 ) -> Mapping[str, Any]:
     """Diagnose a recording set and write diagnosis.json and report.html.
@@ -43,6 +48,7 @@ def diagnose(
         transfer: Folder of a second set: the same bodies under another protocol, which certifies a cause.
         effects: Candidates beside the catalogue.
         seed: Seed of the effect-free data and of the bootstrap.
+        save: Where to write the model with what was found, as a configuration of `physid fit`.
         say: Told what is being done.
 
     Returns:
@@ -72,4 +78,8 @@ def diagnose(
     pictures = draw(recordings.name, prepared, found, conclusion, time.perf_counter() - begun)
     write_report(out, document, pictures)
     write_diagnosis(out, document)
+    if conclusion.further and conclusion.further.config:
+        write_text(out / NEXT, conclusion.further.config)
+    if save is not None:
+        save_model(save, recordings, believed, conclusion)
     return document

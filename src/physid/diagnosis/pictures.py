@@ -52,6 +52,7 @@ def draw(title: str, prepared: Prepared, found: Attribution, conclusion: Conclus
         threshold=found.stage.threshold,
         replicates=len(found.stage.null_best),
         formulas={kind.name: (kind.__doc__ or "").strip().splitlines()[0] for kind in kinds},
+        next_config=conclusion.further.config if conclusion.further else None,
         facts={
             "recordings": f"{trajectories} trajectories of {frames} frames",
             "candidates": str(len(kinds)),
