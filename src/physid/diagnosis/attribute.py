@@ -32,7 +32,7 @@ class Attribution:
         nominal: The model without effects.
         stage: What it leaves unexplained.
         tried: All hypotheses that were fitted, best predictions first.
-        best: The best of them; None if nothing is missing.
+        best: The best of them; None if nothing is missing, or no effect is confirmed by held-out trajectories.
         left: What the best leaves unexplained; None if nothing is missing.
         group: Hypotheses that predict as well as the best, itself included.
     """
@@ -58,7 +58,7 @@ def attribute(prepared: Prepared, generator: torch.Generator, say: Say = lambda 
     stage = examine(prepared, nominal, generator)
     if stage.p_value > ALPHA:
         return Attribution(nominal, stage, [], None, None, [])
-    singles = _fit_all(prepared, nominal, stage, _survivors(stage), say)
+    singles = [one for one in _fit_all(prepared, nominal, stage, _survivors(stage), say) if confirmed(nominal, one)]
     if not singles:
         return Attribution(nominal, stage, [], None, None, [])
     best = singles[0]
@@ -75,6 +75,13 @@ def attribute(prepared: Prepared, generator: torch.Generator, say: Say = lambda 
             left = examine(prepared, best, generator)
     group = [one for one in tried if one is best or not distinguishable(best, one, left)]
     return Attribution(nominal, stage, tried, best, left, group)
+
+
+def confirmed(nominal: Hypothesis, one: Hypothesis) -> bool:
+    """Tell whether a hypothesis predicts better than the nominal model where nothing was fitted to."""
+    reported = ~nominal.experiment.fitted
+    better = (nominal.held_out - one.held_out)[reported]
+    return len(better) == 0 or float(better.sum()) > 0
 
 
 def distinguishable(best: Hypothesis, other: Hypothesis, left: Stage) -> bool:

@@ -80,13 +80,21 @@ class Stage:
 
     @property
     def p_value(self) -> float:
-        """How often effect-free data look at least as suspicious: by one effect, or by a free residual wrench.
+        """How often effect-free data look at least as suspicious: by one effect, or by a free residual wrench."""
+        return min(1.0, 2 * min(self.p_best, self.p_free))
+
+    @property
+    def p_best(self) -> float:
+        """How often effect-free data gain as much by any one effect.
 
         Effect-free data come from one other engine, and reality is a third: what is found must exceed them by a margin.
         """
-        best = p_value(self.rows[0].gain / MARGIN, self.null_best) if self.rows else 1.0
-        usual = float(self.null_free.mean())
-        return min(1.0, 2 * min(best, p_value(usual + self.excess / MARGIN, self.null_free)))
+        return p_value(self.rows[0].gain / MARGIN, self.null_best) if self.rows else 1.0
+
+    @property
+    def p_free(self) -> float:
+        """How often effect-free data leave as much to a free residual wrench, with the same margin."""
+        return p_value(float(self.null_free.mean()) + self.excess / MARGIN, self.null_free)
 
     @property
     def threshold(self) -> float:

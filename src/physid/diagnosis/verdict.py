@@ -112,7 +112,7 @@ class Diagnosis:
 def judge(found: Attribution, transfer: Closing | None) -> Name:
     """Turn what the search found into a verdict."""
     if found.best is None or found.left is None:
-        return "none"
+        return "unknown" if found.stage.p_free <= ALPHA else "none"
     open_share = max(0.0, found.left.excess) / max(found.stage.excess, 1e-9)
     complete = found.left.p_value > ALPHA or open_share < CLOSED
     carries = transfer is None or transfer.shrink is None or transfer.shrink.high > CARRIES
