@@ -61,10 +61,10 @@ def reproduce(
       physid reproduce --profile paper --cell supervised/push_friction
 
     Args:
-        profile: quick: minutes on two cores; reduced: every video cell on 64 trajectories, a quarter of an hour; paper:
-            1000 trajectories with video of each scene, hours.
+        profile: quick: minutes on two cores; reduced: all cells of the tables, those with video on 64
+            trajectories, half an hour; paper: 1000 trajectories with video of each scene, hours.
         cell: Only these cells, separated by commas.
-        out: Folder of the results; runs/reproduce by default, runs/reproduce_paper for that profile.
+        out: Folder of the results; by default runs/reproduce, or runs/reproduce_PROFILE for one that is not quick.
         configs: The folder with the configurations.
         workers: Processes that generate recordings; -1 for one on each core.
         at_once: Cells that run at the same time; -1 for one on each core.

@@ -64,8 +64,9 @@ OBSERVE: tuple[Cell, ...] = (
     Observe("observe/collide", "collide"),
 )
 
-REDUCED = video(FEW_FILMS, QUICK_MINUTES, "_quick")
-QUICK = (*sysid(FEW), *OBSERVE, *(cell for cell in REDUCED if cell.name.endswith("/push_friction")))
+VIDEO = video(FEW_FILMS, QUICK_MINUTES, "_quick")
+QUICK = (*sysid(FEW), *OBSERVE, *(cell for cell in VIDEO if cell.name.endswith("/push_friction")))
+REDUCED = (*sysid(FEW), *VIDEO)
 WITHOUT_PHYSICS = Fit(
     "supervised/push_without_physics", ALL["push"], "supervised/push_friction",
     overrides=("model.alpha=0.0",), minutes=PAPER_MINUTES,
