@@ -129,6 +129,12 @@ def test_a_scored_bank_gives_its_figures_and_what_is_neither_rows_nor_a_bank_is_
     assert "expected rows of a reproduction or a scored bank" in read_run(root / "score", root)["notes"][0]
 
 
+def test_a_diagnosis_without_all_of_its_parts_is_shown_all_the_same(root: Path) -> None:
+    assert "viscous drag or quadratic drag" in read_run(root / "diagnosis", root)["sentence"]
+    (root / "diagnosis" / "diagnosis.json").write_text('{"verdict": "group"}')
+    assert read_run(root / "diagnosis", root)["sentence"] == "group"
+
+
 def test_what_a_benchmark_has_sealed_is_not_opened(root: Path) -> None:
     (root / "bank" / "sealed").mkdir(parents=True)
     (root / "bank" / "sealed" / "metrics.json").write_text("{}")

@@ -23,6 +23,7 @@ from physid.dashboard.folders import (
     REPORT,
 )
 from physid.dashboard.media import MOST_BYTES, read_media
+from physid.diagnosis.sentences import verdict_sentence
 
 SCORE = {"bank": dict, "figures": list, "tables": dict}  # what of a scored bank is shown
 
@@ -66,6 +67,7 @@ def read_run(folder: Path, root: Path, *, light: bool = False) -> dict[str, Any]
         "curves": [curve.to_mapping() for curve in curves if curve.group != "parameter"],
         "media": media,
         "diagnosis": diagnosis or None,
+        "sentence": _sentence(diagnosis),
         "observability": observability or None,
         "report": None if light else _report(folder / REPORT, notes),
         "cells": cells,
@@ -156,6 +158,14 @@ def _results(path: Path, notes: list[str]) -> tuple[list[Any], dict[str, Any]]:
     if value is not None and not isinstance(value, list):
         notes.append(f"{path.name} cannot be read: expected rows of a reproduction or a scored bank")
     return value if isinstance(value, list) else [], {}
+
+
+def _sentence(diagnosis: Mapping[str, Any]) -> str:
+    """Say the verdict in a sentence; the verdict itself where parts of the document are missing."""
+    try:
+        return verdict_sentence(diagnosis) if diagnosis else ""
+    except (KeyError, TypeError):
+        return str(diagnosis.get("verdict", "no verdict"))
 
 
 def _curves(path: Path, notes: list[str]) -> list[Curve]:

@@ -2,21 +2,17 @@
 const words = (name) => String(name).replaceAll("_", " ");
 const list = (names) => names.map(words).join(", ").replace(/, ([^,]*)$/, " or $1");
 
-const sentence = (text) => text.charAt(0).toUpperCase() + text.slice(1);
-
 function verdictOf(diagnosis) {
-  const effects = (diagnosis.effects || []).map((each) => each.name);
   const group = diagnosis.group || [];
-  const named = effects.map(words).join(" + ");
-  const sentences = {
-    none: ["no gap beyond the floors", "good", "The model explains these recordings: no gap beyond the floors."],
-    named: [named, "", `${sentence(effects.map(words).join(" and "))} accounts for the gap between model and recordings.`],
-    group: [`one of ${group.length}: ${list(group)}`, "warn", `One of ${list(group)} accounts for the gap; these recordings cannot tell which.`],
-    partial: [`${named}, and more`, "warn", `${sentence(effects.map(words).join(" and "))} accounts for part of the gap; something is left that no candidate explains.`],
-    unknown: ["a gap that no effect explains", "bad", "There is a gap, and no effect of the catalogue explains it."],
-  };
-  const [short, kind, said] = sentences[diagnosis.verdict] || [String(diagnosis.verdict ?? "no verdict"), "plain", String(diagnosis.verdict ?? "No verdict.")];
-  return { short, kind, sentence: said };
+  const named = (diagnosis.effects || []).map((each) => words(each.name)).join(" + ");
+  const [short, kind] = {
+    none: ["no gap beyond the floors", "good"],
+    named: [named, ""],
+    group: [`one of ${group.length}: ${list(group)}`, "warn"],
+    partial: [`${named}, and more`, "warn"],
+    unknown: ["a gap that no effect explains", "bad"],
+  }[diagnosis.verdict] || [String(diagnosis.verdict ?? "no verdict"), "plain"];
+  return { short, kind };
 }
 
 function diagnosisSections(run) {
@@ -24,7 +20,7 @@ function diagnosisSections(run) {
   const verdict = verdictOf(diagnosis);
   return [
     h("div", { class: "card verdict" },
-      h("p", {}, badge(diagnosis.verdict || "?", verdict.kind), " ", verdict.sentence,
+      h("p", {}, badge(diagnosis.verdict || "?", verdict.kind), " ", run.sentence,
         isNumber(diagnosis.confidence) && h("span", { class: "soft" }, ` Confidence ${percent(diagnosis.confidence)}.`)),
       (diagnosis.effects || []).map((effect) => h("p", { class: "small" }, Object.entries(effect.parameters || {}).map(([name, value]) =>
         h("span", { class: "number" }, `${words(effect.name)}, ${name}: ${interval(value)} `)))),
