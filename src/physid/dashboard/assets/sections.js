@@ -85,11 +85,11 @@ const STILL = matchMedia("(prefers-reduced-motion: reduce)").matches;
 
 function mediumOf(each) {
   if (each.type !== "video") return h("img", { src: each.uri, alt: each.title, loading: "lazy" });
-  const steer = (event) => { event.currentTarget.controls = true; };
+  const steer = ({ currentTarget }) => { currentTarget.controls = true; };
+  const settle = ({ currentTarget }) => { currentTarget.controls = STILL || currentTarget.paused || currentTarget.matches(":hover, :focus"); };
   return h("video", {
     src: each.uri, controls: STILL, autoplay: !STILL, loop: true, muted: true, playsinline: true, tabindex: 0, title: each.title,
-    onpointerenter: steer, onpointerdown: steer, onfocus: steer,
-    onpointerleave: (event) => { event.currentTarget.controls = STILL || event.currentTarget.paused; },
+    onpointerenter: steer, onpointerdown: steer, onfocus: steer, onpointerleave: settle, onplay: settle,
   });
 }
 
