@@ -73,7 +73,7 @@ def draw_conclusion(prepared: Prepared, found: Attribution, generator: torch.Gen
 
 
 def _unclosed(one: Closing | None) -> Closing | None:
-    return None if one is None else Closing(one.before, None, None)
+    return None if one is None else Closing(one.before, None, None, one.floor)
 
 
 def _group(found: Attribution, chosen: Hypothesis) -> list[str]:

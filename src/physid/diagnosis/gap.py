@@ -34,11 +34,13 @@ class Closing:
         before: Root mean square error of the nominal model, refitted [m].
         after: With the effects [m]; None where none were added.
         shrink: S = (before - after) / (before - floor), None where there is no gap to close.
+        floor: What the true model would leave on these trajectories [m].
     """
 
     before: float
     after: float | None
     shrink: Interval | None
+    floor: float
 
 
 def floor_of(noise: Noise) -> float:
@@ -88,12 +90,12 @@ def closing(
     old, new = (float(value) for value in errors(rows))
     floor = float(floors[rows].mean().sqrt())
     if old < NO_GAP * floor:
-        return Closing(old, new, None)
+        return Closing(old, new, None, floor)
     draws = rows[torch.randint(len(rows), (BOOTSTRAPS, len(rows)), generator=generator)]
     olds, news = errors(draws)
     shrinks = (olds - news) / (olds - floor).clamp_min(1e-3 * floor)
     low, high = (float(shrinks.quantile(q)) for q in INTERVAL)
-    return Closing(old, new, Interval((old - new) / (old - floor), low, high))
+    return Closing(old, new, Interval((old - new) / (old - floor), low, high), floor)
 
 
 def held_out_parts(observations: Observations) -> dict[str, Tensor]:

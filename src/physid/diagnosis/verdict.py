@@ -13,6 +13,7 @@ from physid.diagnosis.locate import Place
 Name = Literal["none", "named", "group", "partial", "unknown"]
 PARTLY = 0.4  # share of the gap that may be left for `partial`; with more the cause is unknown
 CARRIES = 0.5  # share of the gap on the transfer protocol that must close as well; the interval must reach it
+NEARLY = 1.1  # times the floor: a gap that is left there contradicts nothing
 MOST_CELLS, MOST_RANKS = 12, 20
 
 
@@ -115,12 +116,18 @@ def judge(found: Attribution, transfer: Closing | None) -> Name:
         return "unknown" if found.stage.p_free <= ALPHA else "none"
     open_share = max(0.0, found.left.excess) / max(found.stage.excess, 1e-9)
     complete = found.left.p_value > ALPHA or open_share < CLOSED
-    carries = transfer is None or transfer.shrink is None or transfer.shrink.high > CARRIES
-    if not carries or (not complete and open_share > PARTLY):
+    if not _carries(transfer) or (not complete and open_share > PARTLY):
         return "unknown"
     if not complete:
         return "partial"
     return "group" if len(found.group) > 1 else "named"
+
+
+def _carries(transfer: Closing | None) -> bool:
+    """Tell whether another protocol contradicts what was found: a gap is left there, and less than a half closes."""
+    if transfer is None or transfer.shrink is None or transfer.after is None:
+        return True
+    return transfer.after < NEARLY * transfer.floor or transfer.shrink.high > CARRIES
 
 
 def _estimate(one: Estimate) -> dict[str, Any]:
