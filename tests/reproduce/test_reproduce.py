@@ -1,7 +1,7 @@
 """Cells and results of `physid reproduce`."""
 
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import pytest
@@ -9,7 +9,7 @@ import pytest
 from physid.configuration import ConfigurationError, compose
 from physid.reproduce.cells import Cell, Fit, Recordings
 from physid.reproduce.profiles import PROFILES
-from physid.reproduce.results import Result, markdown, read_results, table, write_results
+from physid.reproduce.results import Result, markdown, over_seeds, read_results, table, write_results
 from physid.reproduce.run import _remaining, choose, report, reproduce
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -34,7 +34,7 @@ def test_results_read_back_as_they_were_written(tmp_path: Path) -> None:
     write_results(tmp_path / "results.json", [GOOD, BAD])
     assert read_results(tmp_path / "results.json") == [GOOD, BAD]
     entries = json.loads((tmp_path / "results.json").read_text())
-    assert set(entries[0]) == {"cell", "metric", "value", "unit", "paper", "target"}
+    assert set(entries[0]) == {"cell", "metric", "value", "unit", "paper", "target", "spread"}
 
 
 def test_a_missed_target_is_marked_and_named() -> None:
@@ -47,6 +47,24 @@ def test_a_missed_target_is_marked_and_named() -> None:
     assert "0.7 x" in markdown([GOOD, BAD])
     assert "missed: sysid/push_mass position error" in report([GOOD, BAD], Path("out"))
     assert "every target is met" in report([GOOD], Path("out"))
+
+
+def test_several_seeds_give_mean_and_standard_deviation() -> None:
+    runs = [[replace(GOOD, value=value)] for value in (1.0, 2.0, 3.0)]
+    (merged,) = over_seeds(runs)
+    assert (merged.value, merged.spread) == (2.0, 1.0)
+    assert merged.row()[2].startswith("2 ± 1")
+    assert over_seeds(runs[:1]) == runs[0]
+    assert over_seeds([[GOOD], [replace(GOOD, value=None)]])[0].value is None
+
+
+def test_only_what_learns_from_video_is_repeated() -> None:
+    film, poses = choose("quick", ["supervised/push_friction", "sysid/push_friction"], seeds=3)
+    assert isinstance(film, Fit)
+    assert isinstance(poses, Fit)
+    assert (film.seeds, poses.seeds) == (3, 1)
+    with pytest.raises(ConfigurationError, match="--seeds"):
+        choose("quick", [], seeds=0)
 
 
 def test_a_second_call_runs_nothing_again_unless_told(tmp_path: Path) -> None:

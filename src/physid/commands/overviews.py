@@ -42,6 +42,7 @@ def reproduce(
     *,
     profile: str = "quick",
     cell: str | None = None,
+    seeds: int = 1,
     out: Path | None = None,
     configs: Path = Path("configs"),
     workers: int = -1,
@@ -64,6 +65,7 @@ def reproduce(
         profile: quick: minutes on two cores; reduced: all cells of the tables, those with video on 64
             trajectories, half an hour; paper: 1000 trajectories with video of each scene, hours.
         cell: Only these cells, separated by commas.
+        seeds: Runs of each cell that learns from video; of several, mean and standard deviation are shown.
         out: Folder of the results; by default runs/reproduce, or runs/reproduce_PROFILE for one that is not quick.
         configs: The folder with the configurations.
         workers: Processes that generate recordings; -1 for one on each core.
@@ -82,7 +84,7 @@ def reproduce(
         raise ConfigurationError(
             f"{configs} holds no generate/: run in the repository, or name its configs with --configs"
         )
-    cells = choose(profile, cell.split(",") if cell else ())
+    cells = choose(profile, cell.split(",") if cell else (), seeds)
     with resumable(), running_on(backend, scheduler) as whole_path:
         place = {"out": whole_path(target), "configs": whole_path(configs)}
         results = run(cells, **place, workers=workers, at_once=at_once, again=again)

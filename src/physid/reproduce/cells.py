@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import final
 
-from physid.reproduce.results import Result
+from physid.reproduce.results import Result, over_seeds
 
 PERCENT = 100.0
 
@@ -77,6 +77,7 @@ class Fit(Cell):
         paper_rotation: The paper's rotation error [degrees].
         overrides: Further settings, key=value.
         minutes: See `Cell`.
+        seeds: How many runs with seeds 0, 1, ... there are; each has a folder of its own if they are several.
     """
 
     name: str
@@ -90,6 +91,7 @@ class Fit(Cell):
     paper_rotation: float | None = None
     overrides: tuple[str, ...] = ()
     minutes: float = 0.05
+    seeds: int = 1
 
     @property
     def configuration(self) -> str:
@@ -98,12 +100,19 @@ class Fit(Cell):
 
     def run(self, configs: Path, data: Path, folder: Path) -> list[Result]:
         """Fit, test and compare (see `Cell.run`)."""
+        if self.seeds == 1:
+            return self._run(configs, data, folder)
+        seeds = range(self.seeds)
+        return over_seeds([self._run(configs, data, folder / f"seed_{n}", f"seed_everything={n}") for n in seeds])
+
+    def _run(self, configs: Path, data: Path, folder: Path, *settings: str) -> list[Result]:
+        """Carry out one fit; one that was interrupted goes on."""
         from physid.configuration import compose
         from physid.runs import open_folder
         from physid.training.run import fit
 
-        settings = [f"data.folder={data}", *self.overrides]
-        configuration = compose([str(configs / self.configuration)], settings)
+        overrides = [f"data.folder={data}", *self.overrides, *settings]
+        configuration = compose([str(configs / self.configuration)], overrides)
         open_folder(configuration, folder, resume=True)
         return self.results(fit(configuration.values, folder, resume=True))
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from statistics import fmean, stdev
 
 from physid.data.files import write_text
 
@@ -24,6 +25,7 @@ class Result:
         unit: Its unit.
         paper: The paper's figure in the same unit, if it has one.
         target: The largest value that is good enough, if there is one.
+        spread: Standard deviation over runs with other seeds, if there are several; the value is their mean then.
     """
 
     cell: str
@@ -32,6 +34,7 @@ class Result:
     unit: str
     paper: float | None = None
     target: float | None = None
+    spread: float | None = None
 
     def __post_init__(self) -> None:
         if self.value is not None and not math.isfinite(self.value):
@@ -45,7 +48,7 @@ class Result:
     def row(self) -> tuple[str, ...]:
         """Return the cells of the table, a missed target marked by a cross."""
         texts = [
-            "none" if self.value is None else f"{self.value:.4g}",
+            "none" if self.value is None else f"{self.value:.4g}" + (f" ± {self.spread:.2g}" if self.spread else ""),
             self.unit,
             *("" if x is None else f"{x:g}" for x in (self.paper, self.target)),
         ]
@@ -53,8 +56,20 @@ class Result:
         return (self.cell, self.metric, texts[0] + mark, *texts[1:])
 
 
+def over_seeds(runs: Sequence[Sequence[Result]]) -> list[Result]:
+    """Return mean and standard deviation of each figure over runs of one cell; of one run the figures as they are."""
+    if len(runs) == 1:
+        return list(runs[0])
+    merged = []
+    for same in zip(*runs, strict=True):
+        values = [result.value for result in same if result.value is not None]
+        whole = len(values) == len(same)
+        merged.append(replace(same[0], value=fmean(values) if whole else None, spread=stdev(values) if whole else None))
+    return merged
+
+
 def write_results(path: Path, results: Sequence[Result]) -> None:
-    """Write results as a JSON list of {cell, metric, value, unit, paper, target}."""
+    """Write results as a JSON list of {cell, metric, value, unit, paper, target, spread}."""
     write_text(path, json.dumps([asdict(result) for result in results], indent=2) + "\n")
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
 
@@ -11,15 +12,17 @@ from physid.configuration import ConfigurationError, compose
 from physid.data.files import write_text
 from physid.data.generate import generate
 from physid.data.generation import GenerateConfig
-from physid.reproduce.cells import Cell, Recordings
+from physid.reproduce.cells import Cell, Fit, Recordings
 from physid.reproduce.profiles import PROFILES
 from physid.reproduce.results import Result, markdown, read_results, table, write_results
 
 RESULTS = "results.json"
+LEARNED = ("supervised/", "self_supervised/")
+"""Where an encoder is learned: the outcome depends on the seed."""
 
 
-def choose(profile: str, names: Sequence[str]) -> list[Cell]:
-    """Return the cells of a profile, or those of them that are named.
+def choose(profile: str, names: Sequence[str], seeds: int = 1) -> list[Cell]:
+    """Return the cells of a profile, or those of them that are named; those with video with so many seeds.
 
     Raises:
         ConfigurationError: If the profile or a cell does not exist; names the nearest.
@@ -31,7 +34,17 @@ def choose(profile: str, names: Sequence[str]) -> list[Cell]:
         if name not in cells:
             nearest = get_close_matches(name, cells, 1, 0)
             raise ConfigurationError(f"unknown cell {name!r} of profile {profile}; did you mean {nearest[0]!r}?")
-    return [cells[name] for name in names] or list(cells.values())
+    chosen = [cells[name] for name in names] or list(cells.values())
+    return [_with_seeds(cell, seeds) for cell in chosen]
+
+
+def _with_seeds(cell: Cell, seeds: int) -> Cell:
+    """Repeat a cell that learns from video; the others leave nothing to chance."""
+    if seeds < 1:
+        raise ConfigurationError(f"--seeds must be at least 1, got {seeds}")
+    if isinstance(cell, Fit) and cell.recordings.video and cell.name.startswith(LEARNED):
+        return replace(cell, seeds=seeds, minutes=seeds * cell.minutes)
+    return cell
 
 
 def reproduce(
