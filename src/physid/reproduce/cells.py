@@ -46,6 +46,10 @@ class Cell(ABC):
     recordings: Recordings | None
     minutes: float
 
+    def absent(self) -> str | None:
+        """Say what is missing that this project cannot make, and where to get it; None if nothing is."""
+        return None
+
     @abstractmethod
     def run(self, configs: Path, data: Path, folder: Path) -> list[Result]:
         """Run the experiment.

@@ -61,10 +61,16 @@ def reproduce(
         again: Whether to run cells again that have been run.
 
     Returns:
-        The results of all cells.
+        The results of all cells, but for those that lack something which the project cannot make.
     """
     import joblib
 
+    for cell in cells:
+        if lacking := cell.absent():
+            print(f"{cell.name} is left out: {lacking}", flush=True)
+    left_out, cells = cells, [cell for cell in cells if not cell.absent()]
+    if left_out and not cells:
+        raise ConfigurationError("nothing is left to run")
     missing = [cell for cell in cells if again or not (out / cell.name / RESULTS).exists()]
     for recordings in dict.fromkeys(cell.recordings for cell in missing if cell.recordings is not None):
         _record(recordings, out / "data", configs, workers)
