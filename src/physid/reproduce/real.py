@@ -13,6 +13,7 @@ from physid.reproduce.results import Result
 
 VARIABLE = "PHYSID_CUBE_TOSSES"
 """Names the folder with the tosses."""
+SOURCE = "assets/contactnets_cube of github.com/DAIRLab/dair_pll"
 PUBLISHED = {"position": 13.5, "rotation": 16.5}
 """Drake's and Bullet's best, time means [% of the edge, deg]; quoted by third parties, probably in sample."""
 OTHERS = {
@@ -41,7 +42,7 @@ class Tosses(Cell):
         """Say where to get the tosses, if there are none."""
         if any(_folder().glob("*.pt")):
             return None
-        return f"no tosses in {_folder()}: get assets/contactnets_cube of github.com/DAIRLab/dair_pll, set {VARIABLE} to it"
+        return f"no tosses in {_folder()}: get {SOURCE}, and set {VARIABLE} to its folder"
 
     def run(self, configs: Path, data: Path, folder: Path) -> list[Result]:
         """Import, fit, test and compare (see `Cell.run`)."""
