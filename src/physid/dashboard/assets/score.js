@@ -23,7 +23,7 @@ function scoreSections(run) {
   const { bank, figures, tables } = run.score;
   const columns = [
     { title: "Figure", cell: (each) => each.name },
-    { title: "Value", right: true, cell: (each) => `${figure(each.value, 3)} ${isNumber(each.value) ? each.unit : ""}`.trim() },
+    { title: "Value", right: true, cell: (each) => measure(each.value, each.unit) },
     { title: "95 % interval", right: true, cell: (each) => (isNumber(each.low) ? `${figure(each.low, 3)} to ${figure(each.high, 3)}` : "") },
     { title: "Sets", right: true, cell: (each) => each.count },
     { title: "Good", right: true, cell: (each) => each.good },

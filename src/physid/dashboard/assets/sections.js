@@ -84,7 +84,7 @@ function mediaSection(media) {
 const STILL = matchMedia("(prefers-reduced-motion: reduce)").matches;
 
 function mediumOf(each) {
-  if (each.type !== "video") return h("img", { src: each.uri, alt: each.title, loading: "lazy" });
+  if (each.type !== "video") return h("img", { src: each.uri, alt: each.title, decoding: "async" });
   const steer = ({ currentTarget }) => { currentTarget.controls = true; };
   const settle = ({ currentTarget }) => { currentTarget.controls = STILL || currentTarget.paused || currentTarget.matches(":hover, :focus"); };
   return h("video", {
