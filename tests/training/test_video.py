@@ -60,12 +60,12 @@ class Killed(Exception):
     """What stops a run in a test."""
 
 
-@pytest.mark.parametrize(("method", "epochs"), [("supervised", (1, 2, 3)), ("self_supervised", (2,))])
+@pytest.mark.parametrize(("method", "epochs"), [("supervised", (1, 2, 4)), ("self_supervised", (4,))])
 def test_a_run_that_is_killed_within_its_phases_and_resumed_ends_as_one_that_is_not(
     method: str, epochs: tuple[int, ...], films: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     module = CLASSES[method]
-    phases = ["trainer.max_epochs=4", "model.phases.warm_up=2", "model.phases.refine=1"]
+    phases = ["trainer.max_epochs=5", "model.phases.warm_up=2", "model.phases.refine=2"]
     fit = ["fit", "--config", str(CONFIGS / method / "push_friction.yaml"), f"data.folder={films}", *TINY, *phases]
     assert main([*fit, f"--run-dir={tmp_path / 'whole'}"]) == 0
     step = module.training_step

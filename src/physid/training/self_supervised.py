@@ -26,6 +26,7 @@ from physid.training.phases import Phase, Phases, epochs_of
 from physid.training.physical_parameters import PhysicalParameters
 from physid.training.polish import Polish
 from physid.training.pose_loss import PoseLoss, mean_over_time
+from physid.training.pose_memory import PoseMemory
 from physid.training.refinement import Refinement
 from physid.training.trajectories import Trajectories
 from physid.training.video_model import ChartName, VideoModel, at_frames, over_time
@@ -100,7 +101,7 @@ class SelfSupervisedID(TrainingModule):
         self.imagination, self.polish = imagination or Imagination(), polish or Polish()
         self.schedule = blur or BlurSchedule()
         self.horizon, self.engine = horizon or Horizon(), engine or Engine()
-        self.refinement, self.blur = Refinement(self.loss), GaussianBlur()
+        self.refinement, self.memory, self.blur = Refinement(self.loss), PoseMemory(), GaussianBlur()
         self.parameter_rate, self.physics_device, self.fast = parameter_rate, physics_device, fast
 
     @property
@@ -183,7 +184,7 @@ class SelfSupervisedID(TrainingModule):
             take_step(self, super().training_step(batch, batch_idx), self.phases, batch_idx)
             return
         part = self.horizon.cut(batch, all_trajectories=True)
-        _, pose = self.model.read(as_image(batch["frames"]), as_image(batch["background"]))
+        pose = self.memory(self.model, batch)
         self.refinement.add(self, self.model, pose, part, *over_time(pose, part), from_images=True)
 
     def predict_step(self, batch: Batch, batch_idx: int) -> Trajectories:

@@ -24,6 +24,7 @@ from physid.training.phases import Phase, Phases, epochs_of
 from physid.training.physical_parameters import PhysicalParameters
 from physid.training.polish import Polish
 from physid.training.pose_loss import PoseLoss, mean_over_time, pose_residual
+from physid.training.pose_memory import PoseMemory
 from physid.training.refinement import Refinement
 from physid.training.trajectories import Trajectories
 from physid.training.video_model import ChartName, VideoModel, at_frames
@@ -88,7 +89,7 @@ class SupervisedID(TrainingModule):
         self.start, self.phases, self.loss = start or Start(), phases or Phases(), loss or PoseLoss()
         self.imagination, self.polish = imagination or Imagination(), polish or Polish()
         self.alpha, self.horizon, self.engine = alpha, horizon or Horizon(), engine or Engine()
-        self.refinement = Refinement(self.loss)
+        self.refinement, self.memory = Refinement(self.loss), PoseMemory()
         self.parameter_rate, self.physics_device, self.fast = parameter_rate, physics_device, fast
 
     @property
@@ -174,8 +175,8 @@ class SupervisedID(TrainingModule):
         part = self.horizon.cut(batch, all_trajectories=True)
         place = self.start.places(batch["shown"])
         row = torch.arange(len(place), device=place.device)[:, None]
-        _, pose = self.model.read(as_image(batch["frames"][row, place]), as_image(batch["background"]))
-        part["shown"] = part["shown"][row, place]
+        part |= {name: batch[name][row, place] for name in ("frames", "shown")}
+        pose = self.memory(self.model, part)
         real = torch.arange(part["pose"].shape[1], device=pose.device) < part["length"][:, None]
         self.refinement.add(self, self.model, pose, part, part["pose"], real)
 
