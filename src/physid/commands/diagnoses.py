@@ -11,7 +11,7 @@ def diagnose(
     out: Path | None = None,
     model: Path | None = None,
     transfer: Path | None = None,
-    effects: list[str] | None = None,
+    effects: str = "",
     save_model: Path | None = None,
     seed: int = 0,
     quiet: bool = False,
@@ -46,7 +46,7 @@ def diagnose(
     from physid.effects.loading import with_own
 
     folder = out or Path("runs/diagnosis") / recordings.resolve().name
-    own = with_own(effects or ())[len(CATALOGUE) :]
+    own = with_own([place for place in effects.split(",") if place])[len(CATALOGUE) :]
     believed = compose([model]).values if model and model.suffix in (".yaml", ".yml") else model
     with tqdm(desc="diagnosis", bar_format="{desc} [{elapsed}]", disable=quiet or None) as bar:
         found = run(

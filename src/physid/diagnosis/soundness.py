@@ -13,6 +13,7 @@ STILL = (0.02, 0.005)  # [rad], [m] motion below which nothing moves
 FASTEST = 100.0  # [m/s] beyond this it is the unit that is wrong
 FARTHEST = 100.0  # times the largest edge: so far from the ground nothing is thrown
 TOO_WILD = 0.1  # share of wild poses that no robust fit survives
+ROUGH = 0.2  # share of the whole motion by which poses may leave the middle of their neighbours
 STARTS, WAY = 5, 0.02  # first frames and [m]: who lies still in these and has gone so far was pushed
 
 
@@ -31,13 +32,22 @@ def require_sound(observations: Observations) -> None:
         )
     _require_units(observations)
     _require_motion(observations)
-    wild = float(wild_poses(observations.pose, observations.present).double().mean())
-    if wild > TOO_WILD:
-        raise ValueError(
-            f"expected poses of a motion, found {100 * wild:.0f} % that leave their neighbours further than any motion "
-            "could; check the tracker, and that the order of the frames is that of time"
-        )
+    _require_order(observations)
     _require_forces(observations)
+
+
+def _require_order(observations: Observations) -> None:
+    """Refuse poses that jump about."""
+    wild = float(wild_poses(observations.pose, observations.present).double().mean())
+    position = observations.pose[..., :3]
+    bent = (position[:, 1:-1] - (position[:, :-2] + position[:, 2:]) / 2).norm(dim=-1)
+    spread = (position - position.mean(1, keepdim=True)).norm(dim=-1).median()
+    rough = float(bent.median())
+    if wild > TOO_WILD or rough > max(ROUGH * float(spread), STILL[1]):
+        raise ValueError(
+            f"expected poses of a motion, found jumps: {100 * wild:.0f} % leave their neighbours further than any "
+            f"motion could, half of all by {1000 * rough:.1f} mm or more; check the tracker and the order of the frames"
+        )
 
 
 def _require_units(observations: Observations) -> None:
