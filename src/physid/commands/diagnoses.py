@@ -12,6 +12,7 @@ def diagnose(
     model: Path | None = None,
     transfer: Path | None = None,
     effects: str = "",
+    limit: int | None = None,
     save_model: Path | None = None,
     seed: int = 0,
     quiet: bool = False,
@@ -33,6 +34,7 @@ def diagnose(
         model: The nominal model: a configuration, run or checkpoint of `physid fit`; recording.yaml by default.
         transfer: A second set, the same bodies moved in another way; it certifies a cause.
         effects: Effects of your own as FILE.py:CLASS, several separated by commas.
+        limit: At most so many trajectories of each set, the first ones.
         save_model: Where to write the model with what was found, as a configuration of `physid fit`.
         seed: Seed of the effect-free data.
         quiet: Hide the progress bar.
@@ -55,6 +57,7 @@ def diagnose(
             model=believed,
             transfer=transfer,
             effects=own,
+            limit=limit,
             seed=seed,
             save=save_model,
             say=bar.set_description_str,

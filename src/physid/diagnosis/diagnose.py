@@ -35,6 +35,7 @@ def diagnose(
     model: Path | Mapping[str, Any] | None = None,
     transfer: Path | None = None,
     effects: Sequence[type[Effect]] = (),
+    limit: int | None = None,
     seed: int = 0,
     save: Path | None = None,
     say: Callable[[str], None] = lambda _: None,
@@ -47,6 +48,7 @@ def diagnose(
         model: What is believed of the system, see `believe`; None for what recording.yaml says.
         transfer: Folder of a second set: the same bodies under another protocol, which certifies a cause.
         effects: Candidates beside the catalogue.
+        limit: At most so many trajectories of each set, the first ones.
         seed: Seed of the effect-free data and of the bootstrap.
         save: Where to write the model with what was found, as a configuration of `physid fit`.
         say: Told what is being done.
@@ -59,7 +61,7 @@ def diagnose(
     """
     begun = time.perf_counter()
     say("reading the recordings")
-    observations = observe(RecordingSet(recordings), None if transfer is None else RecordingSet(transfer))
+    observations = observe(RecordingSet(recordings), None if transfer is None else RecordingSet(transfer), limit)
     require_sound(observations)
     believed = believe(observations.scene, model)
     known = {effect.name for effect in believed.effects}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 import torch
@@ -57,20 +58,21 @@ class Observations:
         return torch.tensor([each == role for each in self.roles])
 
 
-def observe(recordings: RecordingSet, transfer: RecordingSet | None = None) -> Observations:
+def observe(recordings: RecordingSet, transfer: RecordingSet | None = None, limit: int | None = None) -> Observations:
     """Read a recording set.
 
     Args:
         recordings: The set.
         transfer: Recordings of the same bodies under another protocol; all of them are for the transfer.
+        limit: At most so many trajectories of each set, the first ones.
 
     Raises:
         ValueError: If a trajectory has no poses, or the second set holds other bodies; see also `require_sound`.
     """
-    read = list(recordings)
+    read = list(islice(recordings, limit))
     if transfer is not None:
         require_same_scene(recordings, transfer)
-        read += [replace(one, split="report_transfer") for one in transfer]
+        read += [replace(one, split="report_transfer") for one in islice(transfer, limit)]
     require_even_time(read, recordings.scene.time_step)
     return from_recordings(recordings.scene, read)
 
