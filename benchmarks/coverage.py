@@ -20,6 +20,7 @@ from pathlib import Path
 from statistics import median
 
 import lightning as L
+from tqdm import tqdm
 
 from physid.data.datamodule import RecordingsDataModule
 from physid.data.generate import generate
@@ -45,8 +46,8 @@ class Case:
     scene: str
     protocol: str
     learn: tuple[str, ...]
-    trajectories: int = 16
-    steps: int = 150
+    trajectories: int = 10
+    steps: int = 100
 
 
 CASES = {
@@ -97,7 +98,7 @@ def main() -> None:
     print("| case | parameter | sets | covered | Wilson | width | error / half width |")
     print("|---|---|---:|---:|---|---:|---:|")
     for name in options.cases:
-        runs = [identify(CASES[name], seed) for seed in range(options.sets)]
+        runs = [identify(CASES[name], seed) for seed in tqdm(range(options.sets), desc=name)]
         for parameter in CASES[name].learn:
             rows = [run[parameter] for run in runs]
             hits = sum(low <= true <= high for true, _, low, high in rows)

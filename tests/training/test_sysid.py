@@ -66,6 +66,7 @@ def test_every_optimizer_finds_the_friction(optimizer: OptimizerFactory, epochs:
     run = trainer(tmp_path, epochs)
     run.fit(module, OneBatch(push_batch()))
     assert module.physical.estimates()["block.friction"] == pytest.approx(TRUE_FRICTION, rel=FOUND)
+    assert float(run.callback_metrics["train/position_error"]) < FOUND
     with (tmp_path / "parameters.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == epochs + 1
@@ -100,6 +101,34 @@ def test_the_gradient_of_the_loss_agrees_with_differences() -> None:
             module.physical.logarithm += move
             values.append(float(loss()))
     assert float(slope) == pytest.approx((values[0] - values[1]) / 2e-4, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("word", "message"),
+    [
+        ("model.segment=0", "model.segment must be at least 1, got 0"),
+        ("model.seen=1", "model.seen must be at least 2, got 1"),
+    ],
+)
+def test_an_impossible_setting_is_named(
+    word: str,
+    message: str,
+    recordings: Callable[[str], Path],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    data, folder = f"data.folder={recordings('push')}", f"--run-dir={tmp_path}"
+    assert main(["fit", "--config", str(CONFIG), data, folder, word]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_recordings_without_a_validation_split_cannot_be_validated_on(
+    recordings: Callable[[str], Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data, folder = f"data.folder={recordings('push')}", f"--run-dir={tmp_path}"
+    assert main(["fit", "--config", str(CONFIG), data, folder, "trainer.max_epochs=1"]) == 0
+    assert main(["validate", folder]) == 2
+    assert "there are no trajectories to validate on" in capsys.readouterr().err
 
 
 def test_a_loss_that_is_not_finite_names_the_trajectory() -> None:

@@ -44,7 +44,7 @@ def validate(configuration: Configuration, *, run_dir: Path | None = None, check
     """Measure a fitted model on the validation split of its recordings.
 
     Examples:
-      physid validate --run-dir runs/push_friction
+      physid validate --run-dir runs/cube_tosses
 
     Args:
         configuration: As for fit; RUN/config.yaml by default.

@@ -54,8 +54,10 @@ class FollowedStarts:
         self._index, self._point = cut.index, physical.logarithm.detach().clone()
         return self._last, spent + 2 * len(answer) + self._last.rollouts
 
-    def last(self, explaining: Explaining) -> Following:
-        """Return what was found last; where nothing was, improve."""
+    def last(self, explaining: Explaining, *, fitted: bool) -> Following | None:
+        """Return what was found last; where nothing was, improve. None if first states are not fitted."""
+        if not fitted:
+            return None
         return self.improve(explaining, afresh=False)[0] if self._last is None else self._last
 
     def starts(self, explaining: Explaining) -> Starts:

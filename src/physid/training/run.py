@@ -141,6 +141,8 @@ def evaluate(
         logger=False,
         enable_checkpointing=False,
     )
+    if stage == "validate" and not cli.datamodule.val_dataloader():
+        raise ValueError("there are no trajectories to validate on (split val or select); use `physid test`")
     run: Callable[..., Any] = getattr(cli.trainer, stage)
     options = {"return_predictions": False} if stage == "predict" else {"verbose": False}
     _until_interrupted(cli.trainer, lambda: run(cli.model, datamodule=cli.datamodule, ckpt_path=weights, **options))

@@ -18,7 +18,7 @@ from physid.training.callbacks.intervals import Intervals
 from physid.training.callbacks.observability_warning import ObservabilityWarning
 from physid.training.callbacks.parameter_history import ParameterHistory
 from physid.training.engine import Engine
-from physid.training.fitted_starts import Explaining, Starts
+from physid.training.fitted_starts import Explaining, Following, Starts
 from physid.training.followed_starts import FollowedStarts
 from physid.training.gauss_newton import GaussNewton
 from physid.training.intervals import Pull, coarse_pull
@@ -26,7 +26,7 @@ from physid.training.metrics import PoseErrors
 from physid.training.observability import Observability, SensorNoise
 from physid.training.pattern_search import PatternSearch
 from physid.training.physical_parameters import PhysicalParameters
-from physid.training.pose_loss import PoseLoss
+from physid.training.pose_loss import PoseLoss, pose_residual
 from physid.training.pose_noise import pose_noise, weighed_by
 from physid.training.sensitivity import residuals, sensitivity
 from physid.training.slopes import slopes
@@ -89,6 +89,9 @@ class SysID(TrainingModule):
         engine: Engine | None = None,
         optimizer: OptimizerFactory | None = None,
     ) -> None:
+        for name, value, least in (("segment", segment, 1), ("test_segment", test_segment, 1), ("seen", seen, 2)):
+            if value is not None and value < least:
+                raise ValueError(f"model.{name} must be at least {least}, got {value}")
         super().__init__(optimizer or GaussNewton)
         self.learn, self.values = learn, values
         self.segment, self.test_segment, self.twist = segment, test_segment, twist
@@ -106,7 +109,7 @@ class SysID(TrainingModule):
         """Build physics, parameters and metrics for a scene; returns itself."""
         self.scene, self.layer = scene, self.engine.layer(scene)
         self.physical, self.starts = PhysicalParameters(scene, self.learn, self.values), FollowedStarts(scene)
-        self.errors = torch.nn.ModuleDict({name: PoseErrors(scene) for name in ("segments", "whole")})
+        self.errors = torch.nn.ModuleDict({name: PoseErrors(scene) for name in ("fitted", "segments", "whole")})
         return self
 
     def configure_callbacks(self) -> list[L.Callback]:
@@ -133,7 +136,9 @@ class SysID(TrainingModule):
             follow, rollouts = self.starts.improve(self._explaining(cut), afresh=afresh)
             self.count_evaluations(rollouts)
             cut = follow.at(self.physical.logarithm - self.physical.logarithm.detach()).of(cut)
-        return self.loss(residuals(self.layer, self.physical, cut), cut.real)
+        predicted = cut.rolled(self.layer, self.physical()).pose
+        self._evaluated = predicted.detach(), cut
+        return self.loss(pose_residual(predicted, cut.pose), cut.real)
 
     def indices(self, batch: Batch) -> Tensor:
         """Return the trajectory of each training segment."""
@@ -142,23 +147,20 @@ class SysID(TrainingModule):
     @torch.no_grad()
     def curvature(self, batch: Batch) -> Tensor:
         """Approximate the second derivative of the loss where it was computed last, (P, P); costs 2 P evaluations."""
-        cut, slopes = self.answer(batch)
+        explaining = self._explaining(self.trajectories(batch, self.segment))
+        follow = self.starts.last(explaining, fitted=self.fits_starts(batch))
+        if follow is None:
+            self.count_evaluations(2 * len(self.physical.names))
+        cut, slopes = self.answer(batch, follow)
         weighing = residuals(self.layer, self.physical, cut) if self.loss.robust else cut.pose[..., :6]
         return self.loss.curvature(weighing, slopes, cut.real)
 
     @torch.no_grad()
-    def answer(self, batch: Batch) -> tuple[Trajectories, Tensor]:
-        """Return the training segments where they were predicted last, and how they answer to the parameters.
-
-        Returns:
-            The segments, and the derivatives of their residuals by the logarithms, shape (P, B, T, N, 6).
-        """
+    def answer(self, batch: Batch, follow: Following | None) -> tuple[Trajectories, Tensor]:
+        """Return the training segments from their first states, and their answer to ln(parameter) (P, B, T, N, 6)."""
         cut = self.trajectories(batch, self.segment)
-        if self.fits_starts(batch):
-            follow = self.starts.last(self._explaining(cut))
-            return follow.starts.of(cut), follow.slopes
-        self.count_evaluations(2 * len(self.physical.names))
-        return cut, sensitivity(self.layer, self.physical, cut)
+        found = None if follow is None else (follow.starts.of(cut), follow.slopes)
+        return found or (cut, sensitivity(self.layer, self.physical, cut))
 
     @torch.no_grad()
     def values_at(self, batch: Batch, points: Tensor) -> Tensor:
@@ -189,8 +191,8 @@ class SysID(TrainingModule):
             cut = self.starts.starts(self._explaining(cut)).of(cut)
         cut = cut.chosen((cut.index[:, None] == cut.index.unique()[:JUDGED]).any(1))
         found = slopes(self.layer, self.physical, cut)
-        cut = cut.chosen(found.usable | ~found.usable.any())  # better all than none
-        answer = found.sensitivity[:, found.usable | ~found.usable.any()]
+        usable = found.usable | ~found.usable.any()  # better all than none
+        cut, answer = cut.chosen(usable), found.sensitivity[:, usable]
         if self.fits_starts(self._batch):
             answer = without_starts(self.layer, self.physical, cut, answer, noise.weights)
         return Observability.of(self.physical.names, answer, cut.real, noise)
@@ -198,18 +200,17 @@ class SysID(TrainingModule):
     @torch.no_grad()
     def pull(self) -> Pull:
         """Compute how much each trajectory of the last training batch pulls at the parameters."""
-        batch, cut = self._batch, self.trajectories(self._batch, self.segment)
+        batch, index = self._batch, self.indices(self._batch)
         if isinstance(self.optimizers(use_pl_optimizer=False), PatternSearch):
-            pull = coarse_pull(lambda points: self.losses_at(batch, points)[0], self.physical.logarithm.detach())
-        elif self.fits_starts(batch):
+            here = self.physical.logarithm.detach()
+            return coarse_pull(lambda points: self.losses_at(batch, points)[0], here).of_trajectories(index)
+        follow = None
+        if self.fits_starts(batch):
             # Not the states themselves: a run that goes on must not depend on where it was looked at.
-            follow, _ = copy.copy(self.starts).improve(self._explaining(cut), afresh=False)
-            cut = follow.starts.of(cut)
-            pull = Pull.of(self.loss, residuals(self.layer, self.physical, cut), follow.slopes, cut.real)
-        else:
-            answer = sensitivity(self.layer, self.physical, cut)
-            pull = Pull.of(self.loss, residuals(self.layer, self.physical, cut), answer, cut.real)
-        return pull.of_trajectories(cut.index)
+            explaining = self._explaining(self.trajectories(batch, self.segment))
+            follow, _ = copy.copy(self.starts).improve(explaining, afresh=False)
+        cut, slopes = self.answer(batch, follow)
+        return Pull.of(self.loss, residuals(self.layer, self.physical, cut), slopes, cut.real).of_trajectories(index)
 
     def optimizer_step(self, epoch: int, batch_idx: int, optimizer: Any, optimizer_closure: Any = None) -> None:
         """Give GaussNewton the curvature, PatternSearch the losses of other points; others step as ever."""
@@ -225,13 +226,19 @@ class SysID(TrainingModule):
         """Keep the batch for the optimizer."""
         self._batch = batch
 
+    def on_train_batch_end(self, outputs: Any, batch: Batch, batch_idx: int) -> None:
+        """Add the errors of the last evaluation."""
+        predicted, cut = self._evaluated
+        self.errors["fitted"].update(predicted, cut.pose, cut.real)  # type: ignore[operator]
+
+    def on_train_epoch_end(self) -> None:
+        """Log them."""
+        self._log_errors("train/", "fitted")
+
     def predict_step(self, batch: Batch, batch_idx: int) -> Trajectories:
         """Predict whole trajectories from their first state, under the recorded or the planned wrenches."""
         known = self._started(self.trajectories(batch), batch)
-        wrench, length = (batch["future"], None) if "future" in batch else (known.wrench, known.length)
-        rollout = known.rolled(self.layer, self.physical(), wrench)
-        length = torch.full_like(known.length, wrench.shape[1]) if length is None else length
-        return Trajectories(rollout.pose, rollout.twist, wrench, length, known.index)
+        return known.predicted(self.layer, self.physical(), batch.get("future"))
 
     def validation_step(self, batch: Batch, batch_idx: int) -> None:
         """Add the errors of the predictions over segments and over whole trajectories."""
@@ -244,16 +251,15 @@ class SysID(TrainingModule):
 
     def on_validation_epoch_end(self) -> None:
         """Log the errors."""
-        self._log_errors("val")
+        self._log_tested("val")
 
     def on_test_epoch_end(self) -> None:
         """Log the errors."""
-        self._log_errors("test")
+        self._log_tested("test")
 
     def _lengths(self) -> dict[str, int | None]:
         """Return the segments to predict; whole trajectories once."""
-        lengths: dict[str, int | None] = {"segments": self.test_segment}
-        return lengths | {"whole": None} if self.test_segment is not None else lengths
+        return {"segments": self.test_segment} | ({} if self.test_segment is None else {"whole": None})
 
     def _started(self, cut: Trajectories, batch: Batch) -> Trajectories:
         """Return trajectories with first states from their beginnings alone, where these are to be fitted."""
@@ -285,8 +291,10 @@ class SysID(TrainingModule):
         """Take the first states of the run that is resumed."""
         self.starts.load_state_dict(checkpoint.get("starts", {}))
 
-    def _log_errors(self, stage: str) -> None:
+    def _log_tested(self, stage: str) -> None:
         for name in self._lengths():
-            prefix = f"{stage}/" if name == "segments" else f"{stage}/whole_"
-            values = self.errors[name].take()  # type: ignore[operator]
-            self.log_dict({f"{prefix}{key}": value.float() for key, value in values.items()})
+            self._log_errors(f"{stage}/" if name == "segments" else f"{stage}/whole_", name)
+
+    def _log_errors(self, prefix: str, name: str) -> None:
+        values = self.errors[name].take()  # type: ignore[operator]
+        self.log_dict({f"{prefix}{key}": value.float() for key, value in values.items()})

@@ -93,6 +93,14 @@ class Trajectories:
             shown = ", ".join(map(str, which[:5])) + (", ..." if len(which) > 5 else "")
             raise SolverError(f"trajectory {shown}: {error}", error.samples) from None
 
+    def predicted(self, layer: PhysicsLayer, parameters: Parameters, wrench: Tensor | None = None) -> Trajectories:
+        """Return what is predicted from their first states, under their own or under other wrenches (see `rolled`)."""
+        rollout = self.rolled(layer, parameters, wrench)
+        if wrench is None:
+            return Trajectories(rollout.pose, rollout.twist, self.wrench, self.length, self.index)
+        length = torch.full_like(self.length, wrench.shape[1])
+        return Trajectories(rollout.pose, rollout.twist, wrench, length, self.index)
+
     def repeated(self, copies: int) -> Trajectories:
         """Return the batch `copies` times in a row, (copies * B, ...): one for each candidate of the parameters."""
         return self._map(lambda value: value.repeat(copies, *[1] * (value.ndim - 1)))
