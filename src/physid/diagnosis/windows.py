@@ -69,9 +69,10 @@ class Windows:
 
     @classmethod
     def equal(cls, trajectories: int, frames: int, length: int) -> Windows:
-        """Cut all trajectories alike."""
-        cuts = [(first, min(length, frames - first), False) for first in range(0, frames, length)]
-        return cls._of([cuts] * trajectories, frames)
+        """Cut all trajectories alike, into equal parts of at most so many frames."""
+        parts = -(-frames // length)
+        edges = [frames * k // parts for k in range(parts + 1)]
+        return cls._of([[(a, b - a, False) for a, b in pairwise(edges)]] * trajectories, frames)
 
     @classmethod
     def around(cls, events: Tensor) -> Windows:

@@ -6,6 +6,7 @@ from typing import Any
 
 from physid.reproduce.cells import Cell, Fit, Observe, Recordings
 from physid.reproduce.real import Tosses
+from physid.reproduce.withheld import Withheld
 
 FEW = {name: Recordings(name, 32) for name in ("push", "slide", "collide")}
 FEW_FILMS = {name: Recordings(name, 64, video=True) for name in ("push", "slide", "collide")}
@@ -66,11 +67,12 @@ OBSERVE: tuple[Cell, ...] = (
 )
 
 VIDEO = video(FEW_FILMS, QUICK_MINUTES, "_quick")
-QUICK = (*sysid(FEW), *OBSERVE, Tosses(), *(cell for cell in VIDEO if cell.name.endswith("/push_friction")))
+FILMED = tuple(cell for cell in VIDEO if cell.name.endswith("/push_friction"))
+QUICK = (*sysid(FEW), *OBSERVE, Tosses(), *FILMED, Withheld())
 REDUCED = (*sysid(FEW), *VIDEO)
 WITHOUT_PHYSICS = Fit(
     "supervised/push_without_physics", ALL["push"], "supervised/push_friction",
     overrides=("model.alpha=0.0",), minutes=PAPER_MINUTES,
 )  # fmt: skip
-PAPER = (*sysid(ALL), *OBSERVE, Tosses(), *video(ALL, PAPER_MINUTES), WITHOUT_PHYSICS)
+PAPER = (*sysid(ALL), *OBSERVE, Tosses(), *video(ALL, PAPER_MINUTES), WITHOUT_PHYSICS, Withheld())
 PROFILES: dict[str, tuple[Cell, ...]] = {"quick": QUICK, "reduced": REDUCED, "paper": PAPER}
