@@ -108,6 +108,7 @@ def test_the_gradient_of_the_loss_agrees_with_differences() -> None:
     [
         ("model.segment=0", "model.segment must be at least 1, got 0"),
         ("model.seen=1", "model.seen must be at least 2, got 1"),
+        ("data.limit=0", "data.limit must be at least 1, or null for all, got 0"),
     ],
 )
 def test_an_impossible_setting_is_named(

@@ -75,6 +75,9 @@ class RecordingsDataModule(LightningDataModule):
         self._films: Films | None = None
         if preload and not isinstance(video, str) and any(one % every for one in video):
             raise ValueError(f"video must name multiples of every ({every}) if frames are preloaded, got {list(video)}")
+        for name, value in (("limit", limit), ("batch_size", batch_size)):
+            if value is not None and value < 1:
+                raise ValueError(f"data.{name} must be at least 1, or null for all, got {value}")
         self._splits = {"fit": tuple(fit), "validate": tuple(validate), "test": tuple(test)}
         self._limit, self._shuffle, self._workers = limit, shuffle, workers
         self._future = None if forces is None else torch.from_numpy(read_forces(forces, self.scene))
