@@ -16,7 +16,11 @@ from physid.physics.layer import SolverError
 
 FIRST_DAMPING = 1e-3
 DAMPINGS = (0.1, 10.0)  # times the damping of a window: its first state tries both
-WHOLE, PARTS = (1.0,), (0.3, 0.0)  # parts of the step of the shared parameters: the first, and those tried if it fails
+WHOLE, PARTS = (
+    (1.0,),
+    (0.5, 0.2, 0.0),
+)  # parts of the step of the shared parameters: the first, and those tried if it fails
+HARDLY = 0.1  # [rad/s], [m/s] first velocity of a body that may as well be at rest
 LARGEST = 1.0  # change of an unknown parameter in one step, in the coordinates of the fit
 CONVERGED = 1e-2  # a step that gains less than this share of a standard deviation of the loss is the last
 
@@ -117,23 +121,39 @@ def gauss_newton(experiment: Experiment, start: Variants, effects: Tensor, steps
     Returns:
         The best point found, linearised there.
     """
-    fit = experiment.linearise(start, effects)
+    fit = experiment.linearise(at_rest(experiment, start), effects)
     damping = torch.full_like(fit.loss, FIRST_DAMPING)
     ridge = prior(experiment, effects)
+    counts = experiment.fitted[experiment.predictor.windows.trajectory]
     for _ in range(steps):
         change = solve_shared(fit.normal(), experiment.fitted, ridge)
         for shares in (WHOLE, PARTS):
             better, loss, tried = best_step(experiment, fit, effects, change, damping, shares)
-            gain = float((fit.loss - loss).sum())
+            gain = float((fit.loss - loss)[counts].sum())
             if gain > 0:
                 break
         damping = tried
-        if gain <= 0:
+        if gain <= 0 and not bool((loss < fit.loss).any()):
             break
         fit = experiment.linearise(better, effects)
         if gain < CONVERGED * (1 + float(loss.sum())) ** 0.5:
             break
     return fit
+
+
+def at_rest(experiment: Experiment, point: Variants) -> Variants:
+    """Let bodies that lie there and hardly move be at rest, in the windows that this explains better.
+
+    A first velocity that friction stops at once leaves no slope, so that no step leads back from a wrong one.
+    """
+    lying = ~experiment.directions.free[..., 0].any(1)
+    slow = lying & (point.twist[0].abs().amax((1, 2)) < HARDLY)
+    if not bool(slow.any()):
+        return point
+    still = point.replace(twist=torch.where(slow[:, None, None], torch.zeros_like(point.twist), point.twist))
+    losses = experiment.losses(Variants.join((point, still)))
+    better = losses[1] < losses[0]
+    return point.replace(twist=torch.where(better[:, None, None], still.twist, point.twist))
 
 
 def best_step(

@@ -68,7 +68,7 @@ def columns_of(predictor: Predictor, names: Sequence[str]) -> Tensor:
     return torch.tensor([k for k, term in enumerate(predictor.terms) if term.effect.name in names], dtype=torch.int64)
 
 
-def fit_hypothesis(experiment: Experiment, start: Fit, names: tuple[str, ...], steps: int = 8) -> Hypothesis:
+def fit_hypothesis(experiment: Experiment, start: Fit, names: tuple[str, ...], steps: int = 16) -> Hypothesis:
     """Fit the effects together with unknown parameters and first states.
 
     Args:

@@ -44,6 +44,12 @@ class Variants:
     def __getitem__(self, chosen: slice) -> Variants:
         return self._each(lambda value: value[chosen])
 
+    @classmethod
+    def join(cls, parts: Sequence[Variants]) -> Variants:
+        """Put variants without a force one after the other."""
+        names = [field.name for field in fields(cls) if field.name != "force"]
+        return cls(*(torch.cat([getattr(part, name) for part in parts]) for name in names))
+
     def repeat(self, times: int) -> Variants:
         """Repeat a single variant."""
         return self._each(lambda value: value.expand(times, *value.shape[1:]).clone())
