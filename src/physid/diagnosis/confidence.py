@@ -1,4 +1,4 @@
-"""How sure a verdict is: how often verdicts of its kind were right on calibration sets."""
+"""How sure a verdict is: how often verdicts of its kind were right on recordings with known effects."""
 
 from __future__ import annotations
 
@@ -6,16 +6,22 @@ from physid.diagnosis.attribute import Attribution
 from physid.diagnosis.verdict import Name
 
 RIGHT: dict[Name, tuple[int, int]] = {
-    "none": (19, 20),
-    "named": (19, 20),
-    "group": (19, 20),
-    "partial": (3, 4),
-    "unknown": (3, 4),
+    "none": (5, 5),
+    "named": (12, 13),
+    "group": (6, 6),
+    "partial": (0, 0),
+    "unknown": (2, 3),
 }
-"""Of each verdict: how many were right, of how many, on calibration sets."""
+"""Of each verdict: how many were right, of how many, on calibration sets (`physid benchmark diagnosis calibrate`)."""
+NONE_AFTER_HITS = (2, 8)
+"""The same for `none` where many hits are beyond any fit, so that effects which act at hits do not show."""
+MOST_LOST = 0.1  # share of the busy windows, from which on they are many
 
 
 def confidence(verdict: Name, found: Attribution) -> float:
     """Return the probability that a verdict is right, (right + 1) / (all + 2) on calibration sets (Laplace 1774)."""
-    right, count = RIGHT[verdict]
+    experiment = found.nominal.experiment
+    busy = experiment.predictor.windows.busy
+    lost = float((busy & ~experiment.follow).sum()) > MOST_LOST * float(busy.sum())
+    right, count = NONE_AFTER_HITS if verdict == "none" and lost else RIGHT[verdict]
     return (right + 1) / (count + 2)

@@ -1,0 +1,78 @@
+"""Noise, wild poses and jolts are told from motion, whatever moves."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from torch import Tensor
+
+from physid.diagnosis.events import find_jolts
+from physid.diagnosis.noise import FLOOR, Noise, estimate_noise, frame_weights, wild_poses
+
+FRAMES, STEP = 120, 1 / 240
+NOISE = Noise(rotation=0.002, position=0.001)
+SHARE = 0.05  # of an estimate from 8 x 118 frames
+
+
+def moving(speed: float, acceleration: float = 3.0, trajectories: int = 8) -> Tensor:
+    """Return poses (R, T, 1, 7) of a body that speeds along x."""
+    time = torch.arange(FRAMES, dtype=torch.float64) * STEP
+    pose = torch.zeros(trajectories, FRAMES, 1, 7, dtype=torch.float64)
+    pose[..., 0, 0] = speed * time + acceleration * time**2 / 2
+    pose[..., 6] = 1
+    return pose
+
+
+def noise(*shape: int) -> Tensor:
+    white = torch.randn(*shape, 6, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    return white * NOISE.spread()
+
+
+@pytest.mark.parametrize("speed", [0.0, 2.0, 20.0])
+def test_no_pose_of_a_smooth_motion_is_wild_not_even_at_its_ends(speed: float) -> None:
+    pose = moving(speed)
+    assert not wild_poses(pose, torch.ones(pose.shape[:-1])).any()
+
+
+def test_exactly_the_poses_that_were_moved_are_wild() -> None:
+    pose = moving(1.0)
+    pose[..., :3] += noise(8, FRAMES, 1)[..., 3:]
+    moved = torch.zeros(8, FRAMES, 1, dtype=torch.bool)
+    moved[0, 0], moved[2, 50], moved[5, FRAMES - 1] = True, True, True
+    pose[..., 1] += 0.2 * moved
+    assert torch.equal(wild_poses(pose, torch.ones(pose.shape[:-1])), moved)
+
+
+def test_the_noise_is_estimated_whatever_smooth_error_the_model_makes() -> None:
+    time = torch.linspace(0, 1, FRAMES, dtype=torch.float64)[None, :, None, None]
+    residual = noise(8, FRAMES, 1) + 0.05 * time**2
+    found = estimate_noise(residual, torch.ones(8, FRAMES, 1))
+    assert found.position == pytest.approx(NOISE.position, rel=SHARE)
+    assert found.rotation == pytest.approx(NOISE.rotation, rel=SHARE)
+
+
+def test_recordings_without_noise_are_given_what_integrators_differ_by() -> None:
+    found = estimate_noise(torch.zeros(2, FRAMES, 1, 6, dtype=torch.float64), torch.ones(2, FRAMES, 1))
+    assert (found.rotation, found.position) == FLOOR
+
+
+def test_a_wild_frame_loses_its_weight_and_a_wrong_stretch_keeps_it() -> None:
+    residual = torch.zeros(1, FRAMES, 1, 6, dtype=torch.float64)
+    residual[0, 30, 0, 3] = 20 * NOISE.position
+    residual[0, 60:, 0, 3] = 20 * NOISE.position
+    weight = frame_weights(residual, torch.ones(1, FRAMES, 1), NOISE)[0, :, 0]
+    assert weight[30] == 0
+    assert (weight[63:] == 1).all()
+
+
+def test_a_jolt_is_found_where_it_is_and_only_there() -> None:
+    smooth = moving(1.0)
+    there = torch.ones(smooth.shape[:-1])
+    assert not find_jolts(smooth, there, NOISE, STEP).any()
+    hit = smooth.clone()
+    late = (torch.arange(FRAMES, dtype=torch.float64) - 60).clamp_min(0) * STEP
+    hit[..., 0, 0] -= 2.0 * late
+    found = find_jolts(hit, there, NOISE, STEP)[:, :, 0]
+    assert found[:, 60].all()
+    assert not found[:, :50].any()
+    assert not found[:, 70:].any()

@@ -1,0 +1,70 @@
+"""The score test against closed forms: what one column explains, with and without nuisances."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from physid.diagnosis.linear import Normal
+from physid.diagnosis.nulls import p_value
+from physid.diagnosis.score import Conditional, Group, condition, gains
+
+ONE = torch.ones(1, dtype=torch.float64)
+NO_RIDGE = torch.zeros(1, dtype=torch.float64)
+
+
+def normal(columns: torch.Tensor, data: torch.Tensor) -> Normal:
+    """Return the normal equations of columns (M, P) and data (M,), as one trajectory."""
+    return Normal((columns.T @ columns)[None], (columns.T @ data)[None], data.square().sum()[None])
+
+
+def group(column: int, low: float = -1e9, high: float = 1e9) -> Group:
+    limits = (torch.tensor([each], dtype=torch.float64) for each in (low, high))
+    return Group(("effect",), torch.tensor([column]), ONE, *limits)
+
+
+def drawn(count: int) -> tuple[torch.Tensor, torch.Tensor]:
+    generator = torch.Generator().manual_seed(count)
+    return torch.randn(50, count, generator=generator).double() * 3, torch.randn(50, generator=generator).double()
+
+
+def test_one_column_explains_its_projection() -> None:
+    columns, data = drawn(1)
+    equations = normal(columns, data)
+    gain, change, _ = gains(Conditional(equations.matrix[0], equations.vector[0][:, None], torch.zeros(0)), group(0))
+    best = float(columns[:, 0] @ data / columns[:, 0].square().sum())
+    assert float(change) == pytest.approx(best)
+    assert float(gain) == pytest.approx(best**2 * float(columns[:, 0].square().sum()))
+
+
+def test_beside_a_nuisance_only_what_is_orthogonal_to_it_counts() -> None:
+    columns, data = drawn(2)
+    clean = columns[:, 1] - columns[:, 0] * (columns[:, 0] @ columns[:, 1] / columns[:, 0].square().sum())
+    given = condition(normal(columns, data), torch.tensor([0]), NO_RIDGE)
+    gain, _, visible = gains(given, group(1))
+    assert float(gain) == pytest.approx(float((clean @ data) ** 2 / clean.square().sum()))
+    assert float(visible) == pytest.approx(float(clean.norm()))
+
+
+def test_a_column_that_the_nuisance_absorbs_explains_nothing() -> None:
+    columns, data = drawn(1)
+    given = condition(normal(torch.cat([columns, 2 * columns], 1), data), torch.tensor([0]), NO_RIDGE)
+    gain, _, visible = gains(given, group(1))
+    assert float(gain) == 0
+    assert float(visible) == 0
+
+
+def test_a_change_stays_in_its_range() -> None:
+    columns, _ = drawn(1)
+    equations = normal(columns, 5 * columns[:, 0])
+    given = Conditional(equations.matrix[0], equations.vector[0][:, None], torch.zeros(0))
+    gain, change, _ = gains(given, group(0, low=0.0, high=2.0))
+    assert float(change) == pytest.approx(2.0)
+    assert float(gain) == pytest.approx((2 * 5 * 2 - 2**2) * float(columns.square().sum()))
+
+
+def test_the_p_value_counts_and_is_never_zero() -> None:
+    null = torch.arange(99.0)
+    assert p_value(1e9, null) == pytest.approx(0.01)
+    assert p_value(-1.0, null) == 1.0
+    assert p_value(50.0, null) == pytest.approx((1 + 49) / 100)
