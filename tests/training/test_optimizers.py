@@ -8,6 +8,7 @@ import pytest
 import torch
 from torch import Tensor, nn
 
+from physid.physics.layer import SolverError
 from physid.training.gauss_newton import GaussNewton
 from physid.training.pattern_search import PatternSearch
 
@@ -43,6 +44,31 @@ def test_a_step_that_made_the_loss_worse_is_taken_back() -> None:
     for _ in range(40):
         optimizer.step(loss, lambda: torch.tensor([[2.0]]).double())
     assert abs(float(x.detach())) < CLOSE
+
+
+def test_a_step_to_where_the_physics_has_no_solution_is_shortened() -> None:
+    x = nn.Parameter(torch.tensor([1.0], dtype=torch.float64))
+    optimizer = GaussNewton([x], max_step=10.0)
+
+    def loss() -> Tensor:
+        if float(x.detach()) < -2:
+            raise SolverError("no solution")
+        return x.square().sum()
+
+    optimizer.step(closure_of(optimizer, loss), lambda: torch.tensor([[0.4]]).double())  # jumps to -4
+    for _ in range(40):
+        optimizer.step(closure_of(optimizer, loss), lambda: torch.tensor([[2.0]]).double())
+    assert abs(float(x.detach())) < CLOSE
+
+
+def test_a_first_point_without_a_solution_is_an_error() -> None:
+    x = nn.Parameter(torch.tensor([1.0], dtype=torch.float64))
+
+    def nothing() -> Tensor:
+        raise SolverError("no solution")
+
+    with pytest.raises(SolverError):
+        GaussNewton([x]).step(nothing, lambda: torch.eye(1).double())
 
 
 def test_a_parameter_without_influence_stays_and_hinders_no_other() -> None:

@@ -9,7 +9,11 @@ import torch
 from torch import Tensor, nn
 from torch.optim import Optimizer
 
+from physid.physics.layer import SolverError
+
 Closure = Callable[[], Any]
+TRIES = 8
+"""How often a step to where the physics has no solution is shortened."""
 
 
 @final
@@ -18,7 +22,7 @@ class GaussNewton(Optimizer):
 
     g is the exact gradient, from the closure; H = 2 J^T J only shapes the step, so J may come from cheap differences. A
     step that has made the loss worse is taken back, and tried again from there with ten times the damping (Marquardt
-    1963); one that has not makes it ten times smaller.
+    1963); one that has not makes it ten times smaller. A point at which the physics has no solution counts as worse.
 
     Args:
         params: One tensor of parameters.
@@ -51,11 +55,11 @@ class GaussNewton(Optimizer):
         """
         if closure is None or curvature is None:
             raise ValueError("GaussNewton needs a closure and the curvature; SysID gives both")
-        with torch.enable_grad():
-            loss = closure()
         group = self.param_groups[0]
         parameter = group["params"][0]
         state = self.state[parameter]
+        with torch.enable_grad():
+            loss = self._evaluate(closure, parameter)
         now = torch.as_tensor(loss).detach().double()
         if state and not now <= state["loss"]:
             state["damping"] = state["damping"] * 10
@@ -71,6 +75,20 @@ class GaussNewton(Optimizer):
         with torch.no_grad():
             parameter.copy_(state["point"] + _damped_step(state, group["max_step"]))
         return loss
+
+    def _evaluate(self, closure: Closure, parameter: Tensor) -> Any:
+        """Return the loss; where the physics has no solution, after a step too long, that of a shorter one."""
+        state, longest = self.state[parameter], self.param_groups[0]["max_step"]
+        for _ in range(TRIES):
+            try:
+                return closure()
+            except SolverError:
+                if not state:
+                    raise
+                state["damping"] = state["damping"] * 10
+                with torch.no_grad():
+                    parameter.copy_(state["point"] + _damped_step(state, longest))
+        return closure()
 
 
 def _damped_step(state: dict[str, Any], max_step: float) -> Tensor:
