@@ -13,6 +13,7 @@ import torch
 
 from diagnosis.sets import FRICTION, Vortex, recorded, recorded_with, rewritten, with_wild_poses
 from physid.cli import main
+from physid.diagnosis import resume
 from physid.diagnosis.diagnose import NEXT, diagnose
 from physid.diagnosis.document import FILE, read_diagnosis
 from physid.diagnosis.sentences import MOST_LINES, caveat, summary_lines
@@ -150,3 +151,20 @@ def test_the_same_seed_gives_the_same_diagnosis(folder: Path, free: Path) -> Non
     first, second = (diagnose(free, folder / f"seed_{k}", seed=3) for k in (0, 1))
     assert first == second
     assert len(CATALOGUE) >= len(first["ranking"])
+
+
+def test_an_interrupted_diagnosis_goes_on_to_the_same_result(folder: Path, free: Path) -> None:
+    whole = diagnose(free, folder / "whole")
+
+    def interrupt(text: str) -> None:
+        if text.startswith("testing"):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        diagnose(free, folder / "interrupted", say=interrupt)
+    assert (folder / "interrupted" / resume.FILE).exists()
+
+    said: list[str] = []
+    assert diagnose(free, folder / "interrupted", say=said.append) == whole
+    assert "fitting the nominal model" not in said
+    assert not (folder / "interrupted" / resume.FILE).exists()

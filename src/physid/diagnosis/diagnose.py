@@ -19,6 +19,7 @@ from physid.diagnosis.observations import observe
 from physid.diagnosis.pictures import draw
 from physid.diagnosis.prepare import prepare
 from physid.diagnosis.report import write_report
+from physid.diagnosis.resume import forget, remembered
 from physid.diagnosis.saving import save_model
 from physid.diagnosis.soundness import require_sound
 from physid.effects import CATALOGUE
@@ -41,6 +42,8 @@ def diagnose(
     say: Callable[[str], None] = lambda _: None,
 ) -> Mapping[str, Any]:
     """Diagnose a recording set and write diagnosis.json and report.html.
+
+    An interrupted diagnosis goes on from the fitted nominal model when it is called again.
 
     Args:
         recordings: Folder of the recording set.
@@ -68,7 +71,14 @@ def diagnose(
     candidates = [kind for kind in (*CATALOGUE, *effects) if kind.name not in known]
     generator = torch.Generator().manual_seed(seed)
     try:
-        prepared = prepare(observations, believed, candidates, generator, say)
+        prepared = remembered(
+            out,
+            observations,
+            believed,
+            candidates,
+            generator,
+            lambda: prepare(observations, believed, candidates, generator, say),
+        )
     except SolverError as error:
         raise ValueError(
             f"the nominal model cannot go where the recordings go: {error}; check sizes, units and forces"
@@ -80,6 +90,7 @@ def diagnose(
     pictures = draw(recordings.name, prepared, found, conclusion, time.perf_counter() - begun)
     write_report(out, document, pictures)
     write_diagnosis(out, document)
+    forget(out)
     if conclusion.further and conclusion.further.config:
         write_text(out / NEXT, conclusion.further.config)
     if save is not None:
