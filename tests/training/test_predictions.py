@@ -50,6 +50,9 @@ def test_predictions_are_a_recording_set_near_the_one_they_are_of(run: Path, tmp
     assert made.scene.unknown == ()
     found = json.loads((tmp_path / "out" / "parameters.json").read_text())
     assert found["block.friction"]["estimate"] == made.scene.value("block.friction")
+    figures = json.loads((run / "metrics.json").read_text())
+    for end in ("low", "high"):
+        assert found["block.friction"][end] == figures[f"params/block.friction/{end}"]
 
 
 def test_what_was_predicted_is_predicted_again(run: Path, tmp_path: Path) -> None:
