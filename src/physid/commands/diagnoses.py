@@ -2,7 +2,21 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
+
+BAR, LONGEST = "{desc} {percentage:3.0f}% {bar:20} {elapsed}", 44
+SHARES = {
+    "fitting the nominal model": 5,
+    "replaying the fit": 15,
+    "measuring": 25,
+    "testing": 35,
+    "fitting (?!the)": 45,
+    "replaying (?!the)": 60,
+    "looking": 75,
+    "writing": 95,
+}
+"""How far a diagnosis is when it says what begins like this [%]."""
 
 
 def diagnose(
@@ -41,6 +55,7 @@ def diagnose(
     """
     from tqdm import tqdm
 
+    from physid.commands.terminal import resumable
     from physid.configuration import compose
     from physid.diagnosis.diagnose import diagnose as run
     from physid.diagnosis.sentences import summary_lines
@@ -50,7 +65,12 @@ def diagnose(
     folder = out or Path("runs/diagnosis") / recordings.resolve().name
     own = with_own([place for place in effects.split(",") if place])[len(CATALOGUE) :]
     believed = compose([model]).values if model and model.suffix in (".yaml", ".yml") else model
-    with tqdm(desc="diagnosis", bar_format="{desc} [{elapsed}]", disable=quiet or None) as bar:
+    with resumable(), tqdm(total=100, bar_format=BAR, disable=quiet or None) as bar:
+
+        def say(text: str) -> None:
+            bar.n = max([bar.n, *(share for start, share in SHARES.items() if re.match(start, text))])
+            bar.set_description_str(text[:LONGEST].ljust(LONGEST))
+
         found = run(
             recordings,
             folder,
@@ -60,7 +80,7 @@ def diagnose(
             limit=limit,
             seed=seed,
             save=save_model,
-            say=bar.set_description_str,
+            say=say,
         )
     print("\n".join(summary_lines(found)))
     print(folder / "report.html")
