@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from physid.diagnosis.fit import Fit
 from physid.diagnosis.linear import Linearised, Part
 from physid.diagnosis.phases import PHASES
 from physid.diagnosis.windows import Windows
@@ -107,3 +108,23 @@ def local_gain(
         return gain
 
     return linear.gather(explain)
+
+
+def freed(fit: Fit, columns: Tensor) -> Tensor:
+    """Return the residuals, in units of the noise, that are left when each window has its own amplitudes of columns.
+
+    Args:
+        fit: A linearised experiment.
+        columns: Shared columns to free, shape (F,).
+
+    Returns:
+        Shape (R, T, N, 6).
+    """
+    left = torch.zeros_like(fit.residual)[None]
+    for part in fit.linear.parts:
+        clean = part.profiled(part.shared[..., columns])
+        gram = clean.mT @ clean + torch.eye(len(columns), dtype=clean.dtype) / SPREAD**2
+        data = part.profiled(part.residual[..., None])
+        rest = data - clean @ torch.linalg.solve(gram, clean.mT @ data)
+        part.batch.put(rest[..., 0].unflatten(1, (-1, *fit.residual.shape[2:]))[None], left)
+    return left[0]

@@ -8,9 +8,11 @@ import torch
 from torch import Tensor
 
 from physid.diagnosis.fit import Experiment
+from physid.diagnosis.freeform import freed
 from physid.diagnosis.hypothesis import Hypothesis
 from physid.diagnosis.noise import Noise
 from physid.diagnosis.observations import SAME, SELECT, TRANSFER, Observations
+from physid.diagnosis.stage import Stage
 
 BOOTSTRAPS = 1000
 INTERVAL = (0.05, 0.95)
@@ -73,6 +75,15 @@ def position_errors(hypothesis: Hypothesis, observations: Observations) -> Tenso
     weight = _weights(hypothesis.experiment)
     square = hypothesis.fit.residual[..., 3:].square().sum(-1) * weight
     total: Tensor = square.sum((1, 2)) / weight.sum((1, 2)).clamp_min(1e-9)
+    return total
+
+
+def freeform_errors(stage: Stage, experiment: Experiment, noise: Noise) -> Tensor:
+    """Compute the mean square position errors that a free residual wrench leaves [m^2], shape (R,)."""
+    first = stage.fit.linear.parts[0].shared.shape[-1] - len(stage.cells)
+    free = torch.tensor([first + k for k, cell in enumerate(stage.cells) if cell.piece is not None])
+    square = freed(stage.fit, free)[..., 3:].square().sum((1, 2, 3)) * noise.position**2
+    total: Tensor = square / _weights(experiment).sum((1, 2)).clamp_min(1e-9)
     return total
 
 

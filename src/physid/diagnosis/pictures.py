@@ -10,7 +10,7 @@ from torch import Tensor
 from physid.diagnosis.attribute import Attribution
 from physid.diagnosis.conclusion import Conclusion
 from physid.diagnosis.freeform import piece_frames
-from physid.diagnosis.gap import floor_of, held_out_parts
+from physid.diagnosis.gap import floor_of, freeform_errors, held_out_parts, position_floors
 from physid.diagnosis.hypothesis import Hypothesis
 from physid.diagnosis.locate import over_time
 from physid.diagnosis.prepare import Prepared
@@ -43,12 +43,14 @@ def draw(title: str, prepared: Prepared, found: Attribution, conclusion: Conclus
         for split, chosen in parts.items()
         if bool(chosen.any())
     ]
+    free = freeform_errors(found.stage, found.nominal.experiment, prepared.noise)
     kinds = prepared.experiment.predictor.candidates
     return ReportData(
         title=title,
         curves=tuple(curves),
         time_map=_time_map(found.stage, [body.name for body in prepared.observations.scene.bodies], prepared),
-        levels={"sensor": floor_of(prepared.noise)},
+        levels=_levels(prepared),
+        freeform={split: float(free[chosen].mean().sqrt()) for split, chosen in parts.items() if bool(chosen.any())},
         threshold=found.stage.threshold,
         replicates=len(found.stage.null_best),
         formulas={kind.name: (kind.__doc__ or "").strip().splitlines()[0] for kind in kinds},
@@ -59,6 +61,13 @@ def draw(title: str, prepared: Prepared, found: Attribution, conclusion: Conclus
             "took": f"{seconds:.0f} s",
         },
     )
+
+
+def _levels(prepared: Prepared) -> dict[str, float | None]:
+    """Return the floors [m]: of the sensor, and of the numerics, where replays of one fit differ."""
+    sensor = floor_of(prepared.noise)
+    whole = float(position_floors(prepared.experiment, prepared.noise).mean())
+    return {"sensor": sensor, "numerical": max(whole - sensor**2, 0.0) ** 0.5}
 
 
 def _curve(hypothesis: Hypothesis, chosen: Tensor) -> NDArray[np.float64]:
