@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from tqdm import tqdm
 
 BAR, LONGEST = "{desc} {percentage:3.0f}% {bar:20} {elapsed}", 44
 SHARES = {
@@ -66,11 +70,6 @@ def diagnose(
     own = with_own([place for place in effects.split(",") if place])[len(CATALOGUE) :]
     believed = compose([model]).values if model and model.suffix in (".yaml", ".yml") else model
     with resumable(), tqdm(total=100, bar_format=BAR, disable=quiet or None) as bar:
-
-        def say(text: str) -> None:
-            bar.n = max([bar.n, *(share for start, share in SHARES.items() if re.match(start, text))])
-            bar.set_description_str(text[:LONGEST].ljust(LONGEST))
-
         found = run(
             recordings,
             folder,
@@ -80,7 +79,13 @@ def diagnose(
             limit=limit,
             seed=seed,
             save=save_model,
-            say=say,
+            say=lambda text: _show(bar, text),
         )
     print("\n".join(summary_lines(found)))
     print(folder / "report.html")
+
+
+def _show(bar: tqdm[Any], text: str) -> None:
+    """Say what is being done, and about how far it is."""
+    bar.n = max([bar.n, *(share for start, share in SHARES.items() if re.match(start, text))])
+    bar.set_description_str(text[:LONGEST].ljust(LONGEST))

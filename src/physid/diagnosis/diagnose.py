@@ -15,9 +15,10 @@ from physid.diagnosis.attribute import attribute
 from physid.diagnosis.beliefs import believe
 from physid.diagnosis.conclusion import draw_conclusion
 from physid.diagnosis.document import check_diagnosis, write_diagnosis
-from physid.diagnosis.observations import observe
+from physid.diagnosis.nominal import NominalModel
+from physid.diagnosis.observations import Observations, observe
 from physid.diagnosis.pictures import draw
-from physid.diagnosis.prepare import prepare
+from physid.diagnosis.prepare import Prepared, prepare
 from physid.diagnosis.report import write_report
 from physid.diagnosis.resume import forget, remembered
 from physid.diagnosis.saving import save_model
@@ -67,22 +68,8 @@ def diagnose(
     observations = observe(RecordingSet(recordings), None if transfer is None else RecordingSet(transfer), limit)
     require_sound(observations)
     believed = believe(observations.scene, model)
-    known = {effect.name for effect in believed.effects}
-    candidates = [kind for kind in (*CATALOGUE, *effects) if kind.name not in known]
     generator = torch.Generator().manual_seed(seed)
-    try:
-        prepared = remembered(
-            out,
-            observations,
-            believed,
-            candidates,
-            generator,
-            lambda: prepare(observations, believed, candidates, generator, say),
-        )
-    except SolverError as error:
-        raise ValueError(
-            f"the nominal model cannot go where the recordings go: {error}; check sizes, units and forces"
-        ) from error
+    prepared = _fitted(out, observations, believed, effects, generator, say)
     found = attribute(prepared, generator, say)
     conclusion = draw_conclusion(prepared, found, generator)
     say("writing the report")
@@ -96,3 +83,29 @@ def diagnose(
     if save is not None:
         save_model(save, recordings, believed, conclusion)
     return document
+
+
+def _fitted(
+    out: Path,
+    observations: Observations,
+    believed: NominalModel,
+    effects: Sequence[type[Effect]],
+    generator: torch.Generator,
+    say: Callable[[str], None],
+) -> Prepared:
+    """Fit the nominal model, or take the fit of an interrupted run; effects that it knows are no candidates."""
+    known = {effect.name for effect in believed.effects}
+    candidates = [kind for kind in (*CATALOGUE, *effects) if kind.name not in known]
+    try:
+        return remembered(
+            out,
+            observations,
+            believed,
+            candidates,
+            generator,
+            lambda: prepare(observations, believed, candidates, generator, say),
+        )
+    except SolverError as error:
+        raise ValueError(
+            f"the nominal model cannot go where the recordings go: {error}; check sizes, units and forces"
+        ) from error
