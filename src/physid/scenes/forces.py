@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -39,7 +41,7 @@ def pieces(generator: np.random.Generator, across: Array, steps: int) -> Array:
         if kind == "push":
             push = _new_push(generator, across)
         elif kind == "step":
-            push = push * generator.uniform(2.0, HIGH) / np.linalg.norm(push)
+            push = push * generator.uniform(2.0, HIGH) / math.hypot(*push)  # the norm of BLAS depends on the machine
         elif kind == "reverse":
             push = -push
         force[start:end] = 0.0 if kind == "coast" else push
