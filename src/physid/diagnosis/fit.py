@@ -135,8 +135,9 @@ def gauss_newton(experiment: Experiment, start: Variants, effects: Tensor, steps
         damping = tried
         if gain <= 0 and not bool((loss < fit.loss).any()):
             break
+        followed = float((fit.loss - loss)[~counts].sum())
         fit = experiment.linearise(better, effects)
-        if gain < CONVERGED * (1 + float(loss.sum())) ** 0.5:
+        if max(gain, followed) < CONVERGED * (1 + float(loss.sum())) ** 0.5:
             break
     return fit
 

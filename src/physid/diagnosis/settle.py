@@ -73,7 +73,7 @@ def settle(
         if before - float(loss.sum()) < SETTLED * (2 * float(loss.sum())) ** 0.5:
             break
     experiment = experiment.replace(engine=engine)
-    fit = gauss_newton(experiment, best, effects, steps=2)
+    fit = gauss_newton(experiment, best, effects, steps=6)
     return experiment, fit
 
 
