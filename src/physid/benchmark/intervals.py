@@ -29,7 +29,8 @@ def wilson(hits: int, count: int, level: float = LEVEL) -> tuple[float, float]:
     middle = p + z**2 / (2 * count)
     reach = z * (p * (1 - p) / count + z**2 / (4 * count**2)) ** 0.5
     scale = 1 + z**2 / count
-    return max(0.0, (middle - reach) / scale), min(1.0, (middle + reach) / scale)
+    low, high = (middle - reach) / scale, (middle + reach) / scale
+    return (low if hits else 0.0), (high if hits < count else 1.0)  # exact in the corners, where rounding would show
 
 
 def half_power(severities: Sequence[float], seen: Sequence[bool]) -> float | None:
@@ -55,14 +56,14 @@ def half_power(severities: Sequence[float], seen: Sequence[bool]) -> float | Non
 
 
 def bootstrap_half_power(severities: Sequence[float], seen: Sequence[bool]) -> tuple[float, float] | None:
-    """Return the 95 % bootstrap interval of `half_power`; None where most draws have none."""
+    """Return the 95 % bootstrap interval of `half_power`, within what was tried; None where most draws have none."""
     generator = np.random.default_rng(0)
     draws = (generator.integers(len(seen), size=len(seen)) for _ in range(BOOTSTRAPS))
     found = [half_power([severities[i] for i in draw], [seen[i] for i in draw]) for draw in draws]
     values = [value for value in found if value is not None]
     if 2 * len(values) < BOOTSTRAPS:
         return None
-    low, high = np.quantile(values, [0.025, 0.975])
+    low, high = np.clip(np.quantile(values, [0.025, 0.975]), min(severities), max(severities))
     return float(low), float(high)
 
 
