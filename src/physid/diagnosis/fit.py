@@ -130,7 +130,7 @@ def gauss_newton(experiment: Experiment, start: Variants, effects: Tensor, steps
         for shares in (WHOLE, PARTS):
             better, loss, tried = best_step(experiment, fit, effects, change, damping, shares)
             gain = float((fit.loss - loss)[counts].sum())
-            if gain > 0:
+            if float((fit.loss - loss).sum()) > 0:
                 break
         damping = tried
         if gain <= 0 and not bool((loss < fit.loss).any()):
