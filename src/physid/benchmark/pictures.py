@@ -28,6 +28,10 @@ def draw_confusion(judged: Sequence[Judged]) -> Canvas:
     Each row is one hidden effect, its number of sets behind the name; a frame marks what would be right.
     """
     clear = [one for one in judged if one.label.role == "free" or one.label.severity >= MEDIUM]
+    if not clear:
+        empty = _canvas(7.0, 1.2)
+        empty.text(0.5, 0.5, "no effect-free set and none of medium severity", ha="center", va="center", color=INK)
+        return empty
     order = {role: place for place, role in enumerate(("free", "catalogue", "alias", "pair", "native", "outside"))}
     rows = sorted({(order[one.label.role], one.label.role, truth_of(one)) for one in clear})
     said = {one.answer for one in clear}
