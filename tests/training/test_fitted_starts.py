@@ -18,8 +18,8 @@ from physid.data.generate import generate
 from physid.data.generation import GenerateConfig, Noise
 from physid.physics.rotations import angle_between, exponential, multiply
 from physid.scenes.catalogue import find_setup
+from physid.scenes.lying import lay_down
 from physid.training.fitted_starts import Starts
-from physid.training.lying import lay_down
 from physid.training.observability import SensorNoise
 from physid.training.pose_loss import PoseLoss
 from physid.training.pose_noise import pose_noise

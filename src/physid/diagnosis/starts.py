@@ -8,9 +8,9 @@ import torch
 from torch import Tensor
 
 from physid.diagnosis.windows import Windows
-from physid.physics.rotations import conjugate, exponential, logarithm, multiply, to_matrix
+from physid.physics.rotations import conjugate, exponential, logarithm, multiply
+from physid.scenes.lying import lay_down
 from physid.scenes.scene import Scene
-from physid.scenes.setup import REST_DEPTH
 
 SPANS = (0.06, 0.035, 0.02)  # [s] first frames that may give the first velocity; short ones end before an impact
 FLAT = 0.03  # [rad] a face that leans more than this does not lie on the ground
@@ -86,7 +86,7 @@ def _lying(
     """Return the states that bodies have if they lie on the ground, and whether they do."""
     normal = torch.tensor(scene.ground.normal, dtype=motion.dtype)
     value, slope, bend = _polynomial(motion, weight, time, 2)
-    pose, lean, gap, height = _laid_down(_compose(value, anchor), scene)
+    pose, lean, gap, height = lay_down(_compose(value, anchor), scene)
     last = float(time[motion.shape[1] - 1])
     fall = abs(float(torch.tensor(scene.gravity, dtype=motion.dtype) @ normal)) * last**2 / 2
     speed, spin = slope[..., 3:] @ normal, slope[..., :3] @ normal
@@ -111,26 +111,3 @@ def _polynomial(value: Tensor, weight: Tensor, time: Tensor, degree: int) -> tup
     solved = torch.linalg.solve(gram, torch.einsum("wtn,ti,wtnk->wnik", weight, basis, value))
     bend = solved[..., 2, :] / last**2 if degree == 2 else torch.zeros_like(solved[..., 0, :])
     return solved[..., 0, :], solved[..., 1, :] / last, bend
-
-
-def _laid_down(pose: Tensor, scene: Scene) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Turn boxes so that their lowest face lies on the ground.
-
-    Returns:
-        Poses on the ground (..., N, 7), the angle of the turn [rad], the gap that was closed and the height of the box
-        [m], each of shape (..., N).
-    """
-    normal = torch.tensor(scene.ground.normal, dtype=pose.dtype)
-    size = torch.tensor(scene.sizes, dtype=pose.dtype)
-    along = normal @ to_matrix(pose[..., 3:])
-    axis = along.abs().argmax(-1, keepdim=True)
-    unit = torch.zeros_like(along).scatter(-1, axis, 1.0) * along.gather(-1, axis).sign()
-    up = (to_matrix(pose[..., 3:]) @ unit[..., None])[..., 0]
-    cross = torch.linalg.cross(up, normal.expand_as(up))
-    sine, cosine = cross.norm(dim=-1), (up * normal).sum(-1)
-    angle = torch.atan2(sine, cosine)
-    turn = exponential(cross / sine.clamp_min(1e-12)[..., None] * angle[..., None])
-    height = size.expand_as(along).gather(-1, axis)[..., 0]
-    gap = pose[..., :3] @ normal - scene.ground.offset - height / 2
-    position = pose[..., :3] - (gap + REST_DEPTH)[..., None] * normal
-    return torch.cat([position, multiply(turn, pose[..., 3:])], -1), angle, gap, height

@@ -6,8 +6,8 @@ import torch
 from torch import Tensor
 
 from physid.physics.rotations import conjugate, exponential, logarithm, multiply
+from physid.scenes.lying import lay_down
 from physid.scenes.scene import Scene
-from physid.training.lying import lay_down
 from physid.training.trajectories import Trajectories
 
 SPAN = 0.06  # [s] over which a motion is taken to be smooth
