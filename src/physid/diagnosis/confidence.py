@@ -12,7 +12,10 @@ RIGHT: dict[Name, tuple[int, int]] = {
     "partial": (0, 0),
     "unknown": (2, 3),
 }
-"""Of each verdict: how many were right, of how many, on calibration sets (`physid benchmark diagnosis calibrate`)."""
+"""Of each verdict: how many were right, of how many: on 30 calibration sets and some pushes, diagnosed by earlier code.
+
+`physid benchmark diagnosis calibrate` prints these counts for a calibration bank; none has been run on this code, and
+sealed sets found confidences too high (docs/results.md)."""
 NONE_AFTER_HITS = (2, 8)
 """The same for `none` where many hits are beyond any fit, so that effects which act at hits do not show."""
 MOST_LOST = 0.1  # share of the busy windows, from which on they are many
