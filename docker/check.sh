@@ -94,13 +94,19 @@ locked() {
     echo "packages: all as constraints-cpu.txt pins them"
 }
 
-# The services of compose.yaml, where compose is installed: the page about the runs of the container.
+# The services of compose.yaml, where compose is installed: another command, the cells once more (they are there, so that
+# it only writes the table again), the page about the runs.
 composed() {
     local compose=("$client" compose)
     "${compose[@]}" version >/dev/null 2>&1 || compose=(docker-compose)
     "${compose[@]}" version >/dev/null 2>&1 || { echo "compose: not installed, compose.yaml was not tried"; return; }
-    IMAGE=$IMAGE "${compose[@]}" --file compose.yaml --project-directory "$work/container" \
-        run --rm dashboard
+    compose+=(--file compose.yaml --project-directory "$work/container")
+    export IMAGE
+    "${compose[@]}" run --rm physid effects --site contact | grep -q friction
+    "${compose[@]}" run --rm reproduce reproduce --profile quick "${cells[@]}" >"$work/composed.txt"
+    grep -q "push_friction" "$work/composed.txt"
+    "${compose[@]}" run --rm dashboard
+    echo "compose: every service runs"
     [ -s "$work/container/runs/dashboard.html" ]
 }
 
