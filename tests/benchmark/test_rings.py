@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from physid.benchmark.hidden import CONFUSIONS, Hidden, candidates
 from physid.benchmark.native import NATIVE
 from physid.benchmark.outside import OUTSIDE
 from physid.bullet.native import Native
@@ -57,3 +58,23 @@ def test_the_rings_share_no_name_and_kin_stands_in_the_catalogue() -> None:
     for kind in NATIVE:
         assert isinstance(kind(), Native)
         assert set(getattr(kind, "kin")) <= known  # noqa: B009
+
+
+def test_a_pair_holds_nothing_that_its_scene_cannot_tell_apart() -> None:
+    near = {name for one in CONFUSIONS if one.scene == "push" and "rich" in one.protocols for name in one.effects}
+    named = {kind.name for hidden in candidates("pair", "push", "rich") for kind in hidden.kinds}
+    assert near
+    assert named
+    assert not near & named
+
+
+def test_what_an_unknown_parameter_absorbs_is_no_right_answer() -> None:
+    threshold = Hidden("native", (find_native("engine_bounce_threshold"),))
+    assert threshold.right("toss") == []
+    assert threshold.right("slide") == [["ground_restitution"]]
+    assert Hidden("native", (find_native("engine_push_out"),)).right("toss") == [["contact_compliance"]]
+
+
+def find_native(name: str) -> type[Effect]:
+    """Return an effect of the engine's own."""
+    return next(kind for kind in NATIVE if kind.name == name)

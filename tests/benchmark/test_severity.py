@@ -52,6 +52,21 @@ def test_what_unknown_parameters_absorb_does_not_show() -> None:
     assert severity(config(unknown=("block.friction",)), gravity) < 0.02 * severity(config(), gravity)
 
 
+@pytest.mark.parametrize("change", [-0.008, -0.1])
+def test_what_an_unknown_restitution_absorbs_does_not_show_in_a_toss(change: float) -> None:
+    """With one body and the ground e' = e + k is another e, at any size; without an unknown e it shows."""
+    bounce = [effect("ground_restitution", change=change)]
+    known = {"true_values": {"block.restitution": 0.4}}
+    absorbed = severity(config("toss", unknown=("block.friction", "block.restitution"), **known), bounce)
+    assert absorbed < 0.01 * severity(config("toss", **known), bounce)
+
+
+def test_one_impact_in_another_step_makes_no_severity() -> None:
+    """A force weaker by a few millinewtons moves a block by less than the noise until it hits the ground."""
+    weak = [effect("force_gain", gain=-1e-4)]
+    assert severity(config("toss", trajectories=4, steps=240), weak) < 0.1
+
+
 def test_a_constant_offset_of_the_camera_along_the_plane_does_not_show() -> None:
     assert severity(config(), [effect("camera_offset", x=0.1)]) < EXACT
     assert severity(config(), [effect("camera_offset", z=0.005)]) == pytest.approx(5 / 6**0.5, rel=LINEAR)

@@ -48,6 +48,9 @@ CONFUSIONS: tuple[Confusion, ...] = (
 )
 """From the confusions that were known before the diagnosis was written."""
 
+ABSORBED: Mapping[str, tuple[str, ...]] = {"toss": ("ground_restitution",)}
+"""By scene: effects of the catalogue that are a change of an unknown parameter, and no right answer there."""
+
 
 @dataclass(frozen=True)
 class Hidden:
@@ -61,11 +64,11 @@ class Hidden:
     role: Role
     kinds: tuple[type[Effect], ...] = ()
 
-    @property
-    def right(self) -> list[list[str]]:
-        """The sets of names each of which is a right answer; none where the right answer is `none` or `unknown`."""
+    def right(self, scene: str) -> list[list[str]]:
+        """Return the sets of names each of which is a right answer; none where that is `none` or `unknown`."""
         if self.role == "native":
-            return [[name] for name in getattr(self.kinds[0], "kin")]  # noqa: B009
+            kin = getattr(self.kinds[0], "kin")  # noqa: B009
+            return [[name] for name in kin if name not in ABSORBED.get(scene, ())]
         return [] if self.role in ("free", "outside") else [[kind.name for kind in self.kinds]]
 
     @property
@@ -81,15 +84,15 @@ def candidates(role: Role, scene: str, protocol: str) -> list[Hidden]:
     if role == "alias":
         fitting = (one for one in CONFUSIONS if one.scene == scene and protocol in one.protocols)
         return [Hidden("alias", (find(name),)) for one in fitting for name in one.effects]
+    near = {name for one in CONFUSIONS if one.scene == scene and protocol in one.protocols for name in one.effects}
+    clear = [kind for kind in CATALOGUE if kind.name not in near]
     if role == "pair":
         return [
             Hidden("pair", (one, two))
-            for index, one in enumerate(CATALOGUE)
-            for two in CATALOGUE[index + 1 :]
+            for index, one in enumerate(clear)
+            for two in clear[index + 1 :]
             if one.site != two.site and not confused(one.name, two.name)
         ]
-    near = {name for one in CONFUSIONS if one.scene == scene and protocol in one.protocols for name in one.effects}
-    clear = [kind for kind in CATALOGUE if kind.name not in near]
     kinds: Sequence[type[Effect]] = {"catalogue": clear, "native": NATIVE, "outside": OUTSIDE}[role]
     return [Hidden(role, (kind,)) for kind in kinds]
 

@@ -257,7 +257,7 @@ def _label(config: GenerateConfig, hidden: Hidden, parts: tuple[Part, ...], effe
         scene=config.scene,
         protocol=config.protocol,
         effects=parts,
-        right=tuple(tuple(names) for names in hidden.right),
+        right=tuple(tuple(names) for names in hidden.right(config.scene)),
         noise=config.noise.position,
         parameters=config.true_parameters(),
         **moving,

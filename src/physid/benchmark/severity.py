@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,12 @@ CHANGE = 0.02  # relative change of an unknown parameter, for differences
 LOOKS = 4  # trajectories that are looked at
 JITTERS, JITTER = 3, 0.2  # runs from other first states, which differ by a fifth of the noise (its rate: per 0.1 s)
 SPAN = 0.1  # [s]
+BRIEF = 0.05  # [s] windows in which unknown parameters are fitted to an effect ...
+REFITS, SETTLED = 6, 1e-4  # ... in so many steps at most, until they change by less than this share ...
+ROBUST, SMALL = 12, 1e-3  # rounds of a robust fit, and the smallest misfit of a block that counts
+BENT = 0.2  # share by which opposite changes may differ in a window that counts there
+ELASTIC = 0.95  # largest restitution
+FARTHEST = 2.0  # ... and by this factor at most in each
 MOST = 10.0  # larger differences, in units of the noise, count as this: one impact that falls into another step
 FLYING = ("toss",)  # scenes whose bodies leave the ground: all six coordinates of a first state are free there
 """In the others, those along the ground's normal follow from contact."""
@@ -31,12 +38,13 @@ FLYING = ("toss",)  # scenes whose bodies leave the ground: all six coordinates 
 def severity(config: GenerateConfig, effects: Sequence[Effect]) -> float:
     """Measure how much effects show in a recording set.
 
-    The effect-free engine starts from the true state every half second and runs on under the same commands. What the
-    observed poses differ by, divided by the sensor's noise, is d. From d are removed, by least squares, an offset and a
-    trend of each coordinate in each window (its first state is unknown) and the changes that unknown parameters
-    make. e is the same for the effect-free engine from first states that differ by a fifth of the noise: where impacts
-    amplify what nobody can know, an effect shows only by what it adds. With means over windows, bodies, frames and
-    coordinates the severity is sqrt(mean d^2 - mean e^2), 0 if that is negative.
+    The effect-free engine starts from the true state every half second and runs on under the same commands, with the
+    unknown parameters that explain the effects best. What the observed poses differ by, divided by the sensor's noise,
+    is d. From d are removed, by least squares, what other first states change in each window (`_first_states`) and the
+    changes that unknown parameters make. e is the same for the effect-free engine from first states that differ by a
+    fifth of the noise: where impacts amplify what nobody can know, an effect shows only by what it adds. With means
+    over windows, bodies, frames and coordinates the severity is the root of the median over trajectories of
+    mean d^2 - mean e^2, 0 if that is negative: one impact that falls into another step makes no severity.
 
     Args:
         config: The recording set, noise included.
@@ -47,31 +55,129 @@ def severity(config: GenerateConfig, effects: Sequence[Effect]) -> float:
     """
     splits = config.splits()
     chosen = [index for index, split in enumerate(splits) if split == "fit"][:LOOKS]
-    parts = [_columns(config, effects, index) for index in chosen]
-    rows = np.concatenate(parts, 1).T
-    shown, columns = rows[:, : 1 + JITTERS], rows[:, 1 + JITTERS :]
-    if columns.shape[1]:
-        shown = shown - columns @ np.linalg.lstsq(columns, shown, rcond=None)[0]
-    square = np.mean(np.clip(shown, -MOST, MOST) ** 2, 0)
-    return float(np.sqrt(max(0.0, square[0] - square[1:].mean())))
-
-
-def _columns(config: GenerateConfig, effects: Sequence[Effect], index: int) -> Array:
-    """Return d of a trajectory, e by each jitter, and the changes by each unknown parameter: shape (1 + J + P, n)."""
-    scene = config.true_scene()
-    excitation, motion, _ = draw(config, index, config.protocol, effects)
-    seen = observed(motion.pose, effects, scene.time_step)
+    looks = [Look(*draw(config, index, config.protocol, effects)[:2]) for index in chosen]
     spread = np.array([config.noise.position] * 3 + [config.noise.rotation] * 3)
+    scene = _refitted(config, effects, looks, spread)
+    parts = [
+        _columns(scene, config.unknown, effects, look, spread, index) for index, look in zip(chosen, looks, strict=True)
+    ]
+    columns = [part[1 + JITTERS :] for part in parts]
+    change = _robust([part[: 1 + JITTERS] for part in parts], columns)
+    square = np.array(
+        [
+            np.mean(np.clip(part[: 1 + JITTERS] - change @ column, -MOST, MOST) ** 2, 1)
+            for part, column in zip(parts, columns, strict=True)
+        ]
+    )
+    return float(np.sqrt(max(0.0, np.median(square[:, 0] - square[:, 1:].mean(1)))))
+
+
+@dataclass(frozen=True)
+class Look:
+    """One true trajectory: its commands, and its motion with the effects."""
+
+    excitation: Excitation
+    motion: Motion
+
+
+def _refitted(config: GenerateConfig, effects: Sequence[Effect], looks: Sequence[Look], spread: Array) -> Scene:
+    """Return the scene with the unknown parameters that follow the effects best over a few frames.
+
+    Over so few frames hits amplify nothing, and Gauss-Newton gets there: an effect that is exactly a change of an
+    unknown parameter is absorbed exactly, at any size.
+    """
+    scene = config.true_scene()
+    if not config.unknown or not effects:
+        return scene
+    for _ in range(REFITS):
+        windows = [part for look in looks for part in _brief(scene, config.unknown, effects, look, spread)]
+        if not windows:
+            break
+        wanted = CHANGE * _robust([part[:1] for part in windows], [part[1:] for part in windows])[0]
+        factors = np.clip(1 + wanted, 1 / FARTHEST, FARTHEST)
+        values = {
+            name: min(scene.value(name) * float(factor), ELASTIC if name.endswith(".restitution") else np.inf)
+            for name, factor in zip(config.unknown, factors, strict=True)
+        }
+        scene = with_parameters(scene, values)
+        if np.abs(wanted).max() < SETTLED:
+            break
+    return scene
+
+
+def _brief(scene: Scene, unknown: Sequence[str], effects: Sequence[Effect], look: Look, spread: Array) -> list[Array]:
+    """Return d and the changes by each unknown parameter, (1 + P, n), in each brief window where these are linear."""
+    seen = observed(look.motion.pose, effects, scene.time_step)
+    plain = replay(scene, look.excitation, look.motion, BRIEF)
+    scenes = [*_varied(scene, unknown), *_varied(scene, unknown, -CHANGE)]
+    varied = (replay(each, look.excitation, look.motion, BRIEF) for each in scenes)
+    rows = [_difference(each, plain, scene) / spread for each in (seen, *varied)]
+    length = _length(scene, BRIEF)
+    windows = []
+    for start in range(0, len(seen) - 1, length):
+        cut = np.array([_detrended(row[start : start + length], _free(scene)).ravel() for row in rows])
+        rise, fall = cut[1 : 1 + len(unknown)], cut[1 + len(unknown) :]
+        if np.linalg.norm(rise + fall) <= BENT * np.linalg.norm(rise - fall):
+            windows.append(np.concatenate([cut[:1], (rise - fall) / 2]))
+    return windows
+
+
+def _robust(targets: Sequence[Array], columns: Sequence[Array]) -> Array:
+    """Explain targets (J, n_b) by columns (P, n_b) in blocks b, such that a few wild blocks decide nothing.
+
+    The sum of the root mean squares of the blocks is minimised, by least squares with the inverse of these as weights.
+
+    Returns:
+        Coefficients, shape (J, P).
+    """
+    change = np.zeros((len(targets[0]), len(columns[0])))
+    for row in range(len(change)) if change.size else ():
+        for _ in range(ROBUST):
+            left = [target[row] - change[row] @ column for target, column in zip(targets, columns, strict=True)]
+            weight = [1 / max(np.sqrt(np.mean(one**2)), SMALL) ** 0.5 for one in left]
+            matrix = np.concatenate([w * column for w, column in zip(weight, columns, strict=True)], 1).T
+            vector = np.concatenate([w * target[row] for w, target in zip(weight, targets, strict=True)])
+            change[row] = np.linalg.lstsq(matrix, vector, rcond=None)[0]
+    return change
+
+
+def _columns(
+    scene: Scene, unknown: Sequence[str], effects: Sequence[Effect], look: Look, spread: Array, index: int
+) -> Array:
+    """Return d of a trajectory, e by each jitter, and the changes by each unknown parameter: shape (1 + J + P, n)."""
+    seen = observed(look.motion.pose, effects, scene.time_step)
     generator = np.random.default_rng(index)
-    plain = replay(scene, excitation, motion, WINDOW)
-    others = [replay(scene, excitation, motion, WINDOW, (generator, spread)) for _ in range(JITTERS)]
-    others += [replay(each, excitation, motion, WINDOW) for each in _varied(scene, config.unknown)]
+    plain = replay(scene, look.excitation, look.motion, WINDOW)
+    bodies = len(scene.bodies)
+    draws = [generator.standard_normal((2, bodies, 6)) * _free(scene) for _ in range(JITTERS)]
+    others = [replay(scene, look.excitation, look.motion, WINDOW, JITTER * spread * draw) for draw in draws]
+    others += [replay(each, look.excitation, look.motion, WINDOW) for each in _varied(scene, unknown)]
     length = _length(scene, WINDOW)
-    starts = range(0, len(seen) - 1, length)
-    free = [True] * 6 if scene.name in FLYING else [True, True, False, False, False, True]
-    rows = (_difference(each, plain, scene) / spread for each in (seen, *others))
-    cut = [[_detrended(row[start : start + length], free).ravel() for start in starts] for row in rows]
-    return np.array([np.concatenate(row) for row in cut])
+    rows = np.array([_difference(each, plain, scene) / spread for each in (seen, *others)])
+    states = _first_states(scene, look, plain, spread)
+    cut = []
+    for start in range(0, len(seen) - 1, length):
+        window = rows[:, start : start + length].reshape(len(rows), -1)
+        free = states[:, start : start + length].reshape(len(states), -1)
+        cut.append(window - np.linalg.lstsq(free.T, window.T, rcond=None)[0].T @ free)
+    return np.concatenate(cut, 1)
+
+
+def _first_states(scene: Scene, look: Look, plain: Array, spread: Array) -> Array:
+    """Return the changes that a small change of each free coordinate of the first states makes, shape (D, T, N, 6)."""
+    made = []
+    for rate, body, k in np.ndindex(2, len(scene.bodies), 6):
+        if _free(scene)[k]:
+            unit = np.zeros((2, len(scene.bodies), 6))
+            unit[rate, body, k] = JITTER
+            moved = replay(scene, look.excitation, look.motion, WINDOW, unit * spread)
+            made.append(_difference(moved, plain, scene) / spread / JITTER)
+    return np.array(made)
+
+
+def _free(scene: Scene) -> Array:
+    """Tell which coordinates of a first state are free: in flight all, else those in the ground's plane; shape (6,)."""
+    return np.ones(6) if scene.name in FLYING else np.array([1.0, 1.0, 0.0, 0.0, 0.0, 1.0])
 
 
 def replay(
@@ -79,7 +185,7 @@ def replay(
     excitation: Excitation,
     motion: Motion,
     window: float,
-    jitter: tuple[np.random.Generator, Array] | None = None,
+    change: Array | None = None,
 ) -> Array:
     """Run the effect-free engine from the true state at the start of each window.
 
@@ -88,7 +194,7 @@ def replay(
         excitation: The commands.
         motion: The true motion.
         window: Length of a window [s].
-        jitter: Source of randomness, and the noise of the six coordinates of a pose, to disturb first states by.
+        change: Of first states, in the axes of the ground: of their poses, and of their rates in 0.1 s; (2, N, 6).
 
     Returns:
         Poses, shape (T, N, 7).
@@ -98,21 +204,17 @@ def replay(
     for start in range(0, len(motion.pose) - 1, length):
         stop = min(start + length + 1, len(motion.pose))
         pose, twist = motion.pose[start], motion.twist[start]
-        if jitter is not None:
-            pose, twist = _disturbed(scene, pose, twist, *jitter)
+        if change is not None:
+            pose, twist = _disturbed(scene, pose, twist, change)
         poses.append(simulate(scene, Excitation(pose, twist, excitation.wrench[start:stop])).pose[:length])
     joined = np.concatenate(poses)
     return np.concatenate([joined, motion.pose[len(joined) :]])
 
 
-def _disturbed(
-    scene: Scene, pose: Array, twist: Array, generator: np.random.Generator, spread: Array
-) -> tuple[Array, Array]:
-    """Return a first state as it might be estimated; where bodies stay on the ground, in its plane only."""
+def _disturbed(scene: Scene, pose: Array, twist: Array, change: Array) -> tuple[Array, Array]:
+    """Move a first state in the axes of the ground, see `replay`."""
     axes = np.concatenate([span(scene.ground), np.array(scene.ground.normal)[None]])
-    free = np.ones(6) if scene.name in FLYING else np.array([1.0, 1.0, 0.0, 0.0, 0.0, 1.0])
-    size = JITTER * spread * free
-    place, rate = (size * generator.standard_normal((len(pose), 6)) for _ in range(2))
+    place, rate = change
     shifted = pose[:, :3] + place[:, :3] @ axes
     turned = multiply(from_vector(place[:, 3:] @ axes), pose[:, 3:])
     moved = np.concatenate([rate[:, 3:] @ axes, rate[:, :3] @ axes], 1) / SPAN
@@ -123,9 +225,9 @@ def _length(scene: Scene, window: float) -> int:
     return max(1, round(window / scene.time_step))
 
 
-def _varied(scene: Scene, unknown: Sequence[str]) -> list[Scene]:
+def _varied(scene: Scene, unknown: Sequence[str], change: float = CHANGE) -> list[Scene]:
     """Return the scene with each unknown parameter changed a little."""
-    return [with_parameters(scene, {name: (1 + CHANGE) * scene.value(name)}) for name in unknown]
+    return [with_parameters(scene, {name: (1 + change) * scene.value(name)}) for name in unknown]
 
 
 def _difference(pose: Array, other: Array, scene: Scene) -> Array:
@@ -136,10 +238,10 @@ def _difference(pose: Array, other: Array, scene: Scene) -> Array:
     return np.concatenate([shift @ axes.T, turn @ axes.T], -1)
 
 
-def _detrended(window: Array, free: Sequence[bool]) -> Array:
+def _detrended(window: Array, free: Array) -> Array:
     """Remove offset and trend of each free coordinate of a window, shape (T, N, 6)."""
     base = np.stack([np.ones(len(window)), np.arange(len(window))], 1)
     flat = window.reshape(len(window), -1)
     fit = (base @ np.linalg.lstsq(base, flat, rcond=None)[0]).reshape(window.shape)
-    left: Array = window - np.where(np.array(free), fit, 0.0)
+    left: Array = window - np.where(free > 0, fit, 0.0)
     return left
