@@ -11,7 +11,7 @@ import pybullet
 from numpy.typing import NDArray
 from PIL import Image
 
-from physid.bullet.paint import block_atlas, block_mesh, ground_mesh, ground_tile
+from physid.bullet.paint import block_atlas, block_mesh, dressed_atlas, ground_mesh, ground_tile
 from physid.scenes.camera import Camera
 from physid.scenes.placing import UP
 from physid.scenes.rotations import between
@@ -25,6 +25,7 @@ LIGHT = {
     "lightDiffuseCoeff": 0.4,
     "lightSpecularCoeff": 0.0,
 }
+EVEN_LIGHT = LIGHT | {"lightAmbientCoeff": 1.0, "lightDiffuseCoeff": 0.0}  # for faces that were cut out of films
 NO_BODY = -1
 
 
@@ -36,25 +37,29 @@ class Studio:
 
     Args:
         scene: What to draw.
+        faces: Content patches of the bodies' faces (see `dressed_atlas`), shape (N, 6, P, P, 3); None for the scene's
+            own paint.
 
     Attributes:
-        background: Image of the empty scene, shape (H, W, 3).
+        background: Image of the empty scene, shape (H, W, 3); another may be put in its place.
 
     Raises:
         ValueError: If the scene has no camera.
     """
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, faces: NDArray[np.uint8] | None = None) -> None:
         if scene.camera is None:
             raise ValueError(f"scene {scene.name} has no camera; give it one to film it")
         self._camera = scene.camera
+        self._light = LIGHT if faces is None else EVEN_LIGHT
         self._client = pybullet.connect(pybullet.DIRECT)
         ground = self._add(ground_mesh(GROUND_HALF_WIDTH), ground_tile())
         normal = np.array(scene.ground.normal)
         self._place(ground, scene.ground.offset * normal, between(UP, normal))
         self.background, _ = self._shoot()
         pybullet.removeBody(ground, physicsClientId=self._client)
-        self._bodies = [self._add(block_mesh(body.size), block_atlas(n)) for n, body in enumerate(scene.bodies)]
+        paint = [block_atlas(n) if faces is None else dressed_atlas(faces[n]) for n in range(len(scene.bodies))]
+        self._bodies = [self._add(block_mesh(body.size), one) for body, one in zip(scene.bodies, paint, strict=True)]
 
     def __enter__(self) -> Studio:
         return self
@@ -104,7 +109,7 @@ class Studio:
             shadow=0,
             renderer=pybullet.ER_TINY_RENDERER,
             physicsClientId=self._client,
-            **LIGHT,
+            **self._light,
         )
         image = np.asarray(colour, dtype=np.uint8).reshape(height, width, 4)[..., :3]
         return image.copy(), np.asarray(number).reshape(height, width)

@@ -45,6 +45,26 @@ def block_atlas(body: int) -> Image:
     return np.concatenate(faces, 1).astype(np.uint8)
 
 
+def dressed_atlas(patches: NDArray[np.uint8]) -> Image:
+    """Lay six content patches out as `block_atlas` does, shape (P, 6 P, 3).
+
+    Args:
+        patches: Faces -x, +x, -y, +y, -z, +z; of each the columns along the first and the rows along the second of the
+            other two axes, in cyclic order; shape (6, P, P, 3).
+    """
+    count = patches.shape[1]
+    across = (np.arange(count) + 0.5) / count
+    faces = []
+    for square in FACES:
+        origin, right, _, up = np.array(square, dtype=float)
+        # A texture counts its rows from below.
+        point = origin + across[None, :, None] * (right - origin) + across[::-1, None, None] * (up - origin)
+        axis = int(np.ptp(np.array(square), axis=0).argmin())
+        column, row = (((point[..., (axis + k) % 3] + 1) * count // 2).astype(int) for k in (1, 2))
+        faces.append(patches[2 * axis + (origin[axis] > 0), row, column])
+    return np.concatenate(faces, 1)
+
+
 def ground_tile() -> Image:
     """Draw one period of the ground's faint chequer, shape (2 TILE, 2 TILE, 3)."""
     row, column = np.indices((2 * TILE, 2 * TILE)) // TILE

@@ -6,13 +6,14 @@ from physid.commands.completion import completion
 from physid.commands.diagnoses import diagnose
 from physid.commands.fits import fit, predict, test, validate
 from physid.commands.overviews import dashboard, reproduce
-from physid.commands.recordings import effects, generate, import_, observe
+from physid.commands.recordings import effects, generate, import_, observe, watch
 
 __all__ = ["COMMANDS", "Command"]
 
 COMMANDS: tuple[Command, ...] = (
     Command(generate),
     Command(import_),
+    Command(watch),
     Command(fit),
     Command(validate),
     Command(test),

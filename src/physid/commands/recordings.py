@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from physid.commands.terminal import resumable
+from physid.commands.terminal import frame_bar, resumable
 
 if TYPE_CHECKING:
     from physid.configuration import Configuration
@@ -66,6 +66,44 @@ def import_(kind: Literal["cube-tosses"], folder: Path, *, out: Path | None = No
 
     target = out or Path("data") / kind
     print(f"{target}: {import_cube_tosses(folder, target)} trajectories")
+
+
+def watch(
+    films: Path,
+    *,
+    out: Path | None = None,
+    chart: Literal["planar", "hovering", "spatial"] | None = None,
+    limit: int | None = None,
+    quiet: bool = False,
+) -> None:
+    """Read poses from films into a recording set, which fit, predict and diagnose use as any other.
+
+    The bodies are cut out of the first frames by masks and first poses, and followed from frame to frame by drawing
+    them; nothing is trained. What was read is drawn by PyBullet and read again: the set `echo` in the folder, which
+    tells a diagnosis how far the poses can be trusted. An interrupted run goes on where it stopped.
+
+    Examples:
+      physid watch data/films --out data/read
+      physid diagnose data/read
+
+    Args:
+        films: Folder of a recording set with films.
+        out: Folder of the set to write; data/NAME_read by default.
+        chart: Which poses there are: of bodies that lie on the ground (planar), are parallel to it (hovering) or free
+            (spatial); by default what the first poses say.
+        limit: At most so many trajectories, the first ones.
+        quiet: Hide the progress bar.
+    """
+    from physid.data.reading import read_reading
+    from physid.training.watch import watch as run
+
+    folder = out or Path("data") / f"{films.resolve().name}_read"
+    with resumable(), frame_bar(quiet) as say:
+        found = run(films, folder, chart=chart, limit=limit, say=say)
+    reading = read_reading(folder)
+    assert reading is not None
+    print(f"{folder}: {len(found)} trajectories, {reading.chart}, scale moved by {reading.stretch:.2%} "
+          f"+- {reading.stretch_deviation:.2%}")  # fmt: skip
 
 
 def observe(configuration: Configuration, *, out: Path | None = None) -> None:

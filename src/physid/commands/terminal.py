@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Literal, TextIO
 
@@ -27,3 +27,22 @@ def resumable() -> Iterator[None]:
         yield
     except KeyboardInterrupt:
         raise KeyboardInterrupt("the same command goes on where it stopped") from None
+
+
+@contextmanager
+def frame_bar(quiet: bool) -> Iterator[Callable[[str, int, int], None]]:
+    """Show a progress bar over frames; gives what is to be told the task, how many frames are done, and of how many."""
+    from tqdm import tqdm
+
+    with tqdm(unit="frame", disable=quiet or None) as bar:
+        shown = ""
+
+        def say(task: str, done: int, total: int) -> None:
+            nonlocal shown
+            if task != shown:
+                shown = task
+                bar.reset(total)
+                bar.set_description(task)
+            bar.update(done - bar.n)
+
+        yield say

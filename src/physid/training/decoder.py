@@ -80,16 +80,23 @@ class Decoder(nn.Module):
                 f"{recordings.folder}: pose: expected first poses to cut out the bodies' faces, found none"
             )
         try:
-            size = self.renderer.size.cpu()
-            appearance = cut_appearance(
-                self.renderer.camera, as_image(frame[:, 0]), mask, pose, size, texels=TEXELS, shared=True
-            )
+            self.cut(as_image(frame[:, 0]), mask, pose)
         except ValueError as error:
             names = ", ".join(recordings.paths[index].name for index in chosen)
             raise ValueError(f"{recordings.folder}: {error} (samples in order: {names})") from None
-        self.patches = appearance.patches.to(self.patches)
         like = self.patches
         return pose[:, None].to(like), as_image(frame).to(like), as_image(background).to(like)
+
+    def cut(self, frame: Tensor, mask: Tensor, pose: Tensor) -> None:
+        """Take the look of the bodies from first frames (M, 3, H, W), masks (M, N, H, W) and poses (M, N, 7).
+
+        Raises:
+            ValueError: If a mask does not lie where the pose says.
+        """
+        camera, size = self.renderer.camera, self.renderer.size.cpu()
+        self.patches = cut_appearance(camera, frame, mask, pose, size, texels=TEXELS, shared=True).patches.to(
+            self.patches
+        )
 
     def forward(self, pose: Tensor, background: Tensor) -> Tensor:
         """Draw frames.

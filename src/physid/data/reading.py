@@ -1,0 +1,66 @@
+"""Where the poses of a recording set come from if they were read from films: reading.yaml beside recording.yaml."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+
+from physid.data.files import write_text
+from physid.data.format import RecordingSet
+from physid.scenes.strict import check_keys
+
+FILE, ECHO = "reading.yaml", "echo"
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How poses were read from films.
+
+    Beside the poses lies the set `echo`: the poses drawn by another engine, and read again in the same way. How far it
+    is from the poses shows the reader's own error, along the same motion.
+
+    Attributes:
+        films: Folder of the set that holds the films.
+        reader: What read them.
+        chart: Which poses it could express: planar, hovering or spatial.
+        stretch: By which share of their distance from the middle of the view all places were moved.
+        stretch_deviation: How well that share is known, one standard deviation.
+        key: Changes with the films.
+    """
+
+    films: str
+    reader: str
+    chart: str
+    stretch: float
+    stretch_deviation: float
+    key: str
+
+
+def write_reading(folder: Path, reading: Reading) -> None:
+    """Write reading.yaml, whole or not at all."""
+    write_text(folder / FILE, yaml.safe_dump(dataclasses.asdict(reading), sort_keys=False))
+
+
+def read_reading(folder: Path) -> Reading | None:
+    """Read reading.yaml; None where the poses were not read from films.
+
+    Raises:
+        ValueError: If it breaks the format.
+    """
+    path = folder / FILE
+    if not path.is_file():
+        return None
+    names = [field.name for field in dataclasses.fields(Reading)]
+    try:
+        return Reading(**check_keys(yaml.safe_load(path.read_text(encoding="utf-8")), "reading", names))
+    except (yaml.YAMLError, ValueError) as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def echo_of(recordings: RecordingSet) -> RecordingSet | None:
+    """Return the poses of a set, drawn and read again; None where they were not read from films."""
+    folder = recordings.folder / ECHO
+    return RecordingSet(folder) if (folder / "recording.yaml").is_file() else None
