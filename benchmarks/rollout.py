@@ -3,6 +3,7 @@
     python benchmarks/rollout.py                       everything, some minutes
     python benchmarks/rollout.py --scenes push --batches 64
     python benchmarks/rollout.py --backend reference --batches 16 --steps 30
+    python benchmarks/rollout.py --device cuda --only scenes --batches 4096
 
 Times are CPU times of the process, the median of the repeats after one that warms up, per trajectory of 300 steps; the
 gradient is that of the last poses by mass and friction. On one thread unless --threads says otherwise.
@@ -76,18 +77,21 @@ class Work:
         return self.layer.rollout(self.start, self.wrenches, parameters).pose
 
 
-def draw(scene: str, batch: int, steps: int = STEPS, backend: Backend = "auto", protocol: str = "rich") -> Work:
+def draw(
+    scene: str, batch: int, steps: int = STEPS, backend: Backend = "auto", protocol: str = "rich", device: str = "cpu"
+) -> Work:
     """Draw trajectories of a scene, always the same ones."""
     setup, generator = find_setup(scene), np.random.default_rng(0)
     known = setup.scene
     drawn = [setup.draw(known, protocol, generator, steps) for _ in range(batch)]
     pose, twist, wrench = (
-        torch.from_numpy(np.stack([getattr(one, name) for one in drawn])) for name in ("pose", "twist", "wrench")
+        torch.from_numpy(np.stack([getattr(one, name) for one in drawn])).to(device)
+        for name in ("pose", "twist", "wrench")
     )
     ground = Plane(known.ground.normal, known.ground.offset)
     world = World(time_step=known.time_step, gravity=known.gravity, ground=ground)
     size, mass, friction, restitution = (
-        torch.tensor([[getattr(body, name) for body in known.bodies]], dtype=torch.float64)
+        torch.tensor([[getattr(body, name) for body in known.bodies]], dtype=torch.float64, device=device)
         for name in ("size", "mass", "friction", "restitution")
     )
     return Work(PhysicsLayer(world, backend=backend), State(pose, twist), wrench, size, mass, friction, restitution)
@@ -95,13 +99,24 @@ def draw(scene: str, batch: int, steps: int = STEPS, backend: Backend = "auto", 
 
 def cpu_time(work: Callable[[], object], repeats: int) -> float:
     """Return the median CPU time of a call [s], after one that is not counted."""
+    return median_time(work, repeats, time.process_time)
+
+
+def median_time(work: Callable[[], object], repeats: int, clock: Callable[[], float]) -> float:
+    """Return the median time of a call by a clock [s], after one that is not counted."""
     work()
     times = []
     for _ in range(repeats):
-        start = time.process_time()
+        start = clock()
         work()
-        times.append(time.process_time() - start)
+        times.append(clock() - start)
     return statistics.median(times)
+
+
+def gpu_clock() -> float:
+    """Return the time by the clock [s] once the GPU has done what it was given."""
+    torch.cuda.synchronize()
+    return time.perf_counter()
 
 
 def table(title: str, *columns: str) -> None:
@@ -111,15 +126,17 @@ def table(title: str, *columns: str) -> None:
 
 def measure_scenes(options: argparse.Namespace) -> None:
     """Print CPU time per trajectory for every scene and batch."""
+    clock, unit = (gpu_clock, "ms") if options.device == "cuda" else (time.process_time, "CPU ms")
     table(
-        f"{options.steps} steps, {options.threads} thread(s), per trajectory of {STEPS} steps",
-        "scene", "B", "forward [CPU ms]", "with gradient [CPU ms]", "forward [1/s]", "with gradient [1/s]",
+        f"{options.steps} steps, {options.threads} thread(s), {options.device}, per trajectory of {STEPS} steps",
+        "scene", "B", f"forward [{unit}]", f"with gradient [{unit}]", "forward [1/s]", "with gradient [1/s]",
     )  # fmt: skip
     for scene in options.scenes:
         for batch in options.batches:
-            work = draw(scene, batch, options.steps, options.backend, options.protocol)
+            work = draw(scene, batch, options.steps, options.backend, options.protocol, options.device)
             share = STEPS / options.steps / batch
-            forward, gradient = (share * cpu_time(call, options.repeats) for call in (work.forward, work.gradient))
+            calls = (work.forward, work.gradient)
+            forward, gradient = (share * median_time(call, options.repeats, clock) for call in calls)
             cells = f"{1e3 * forward:.3f} | {1e3 * gradient:.3f} | {1 / forward:.0f} | {1 / gradient:.0f}"
             print(f"| {scene} | {batch} | {cells} |", flush=True)
 
@@ -187,6 +204,9 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--protocol", default="rich", help="how the scenes are excited: rich or paper")
     parser.add_argument("--backend", default="auto", help="auto, fused or reference")
+    parser.add_argument(
+        "--device", choices=["cpu", "cuda"], default="cpu", help="cuda: times by the clock, scenes only"
+    )
     parser.add_argument("--only", choices=["scenes", "growth", "threads", "first", "memory"], help="one table")
     options = parser.parse_args()
     torch.set_num_threads(options.threads)

@@ -7,7 +7,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from physid.physics.lcp import ContactProblem, ContactSolution, bordered_factor
+from physid.physics.bordered import bordered_factor
+from physid.physics.lcp import ContactProblem, ContactSolution
 
 
 def attach_gradient(problem: ContactProblem, solution: ContactSolution) -> tuple[Tensor, Tensor]:

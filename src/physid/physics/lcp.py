@@ -6,11 +6,15 @@ Velocities are in units of g h and impulses in units of m g h, so that a body at
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import torch
 from torch import Tensor
 
+from physid.physics.bordered import bordered_factor
+from physid.physics.compiled import compile_or_not
 from physid.physics.cones import arrow, cone_length, jordan
 from physid.physics.friction import NORMAL, SLIP, Cone, FrictionLaw
 
@@ -25,12 +29,15 @@ class SolverSettings:
         max_steps: Newton steps before giving up.
         compliance: Normal compliance [-]; where a solve jams it is repeated with the next one. Rigid bodies with much
             friction can have several velocities, or none (Painleve's paradox); compliance makes it one.
+        compiled: Whether torch compiles the Newton step, some 300 operations that an accelerator would start one by
+            one; None for where the tensors are on an accelerator.
     """
 
     smoothing: float = 1e-8
     tolerance: float = 1e-3
     max_steps: int = 40
     compliance: tuple[float, ...] = (1e-6, 1e-3, 1e-2, 1e-1, 1.0)
+    compiled: bool | None = None
 
     def tau(self, dtype: torch.dtype) -> float:
         """Return the smoothing that `dtype` can resolve."""
@@ -133,18 +140,23 @@ def solve_contacts(
     law, settings = law or Cone(), settings or SolverSettings()
     problem = problem.detach()
     with torch.no_grad():
-        solution = _follow_path(problem, law, settings, settings.compliance[0])
+        compiled = problem.mass.device.type != "cpu" if settings.compiled is None else settings.compiled
+        solution = _follow_path(problem, law, settings, settings.compliance[0], _newton_step(compiled))
         for compliance in settings.compliance[1:]:
             jammed = ~solution.converged
             if not bool(jammed.any()):
                 break
-            again = _follow_path(problem.select(jammed), law, settings, compliance)
+            again = _follow_path(problem.select(jammed), law, settings, compliance, _Path.advance)
             solution = solution.merge(jammed, again)
     return solution
 
 
 def _follow_path(
-    problem: ContactProblem, law: FrictionLaw, settings: SolverSettings, compliance: float
+    problem: ContactProblem,
+    law: FrictionLaw,
+    settings: SolverSettings,
+    compliance: float,
+    advance: Callable[[_Path, Tensor], None],
 ) -> ContactSolution:
     path = _Path(problem, law, compliance, settings.tau(problem.mass.dtype))
     accepted = settings.residual(problem.mass.dtype)
@@ -155,9 +167,11 @@ def _follow_path(
         if bool(done.all()):
             break
         steps = steps + ~done
-        path.advance(~done)
+        advance(path, ~done)
     converged = path.residual() <= accepted
-    path.advance(converged)  # one more: Newton's method doubles the digits, which gradients at the solution profit from
+    advance(
+        path, converged
+    )  # one more: Newton's method doubles the digits, which gradients at the solution profit from
     residual = path.residual()
     response, friction_response = path.response()
     return ContactSolution(
@@ -239,7 +253,7 @@ class _Path:
     def _eliminate(self) -> tuple[Tensor, Tensor, Tensor, tuple[Tensor, Tensor]]:
         """Express dz by du in every contact, and factorise what remains for (dv, d lambda_e)."""
         arrow_z, arrow_w = arrow(self.z, self.linear), arrow(self.w, self.linear)
-        inverse = torch.linalg.inv(arrow_z @ self.h + arrow_w)
+        inverse, _ = torch.linalg.inv_ex(arrow_z @ self.h + arrow_w)
         gain = inverse @ arrow_z
         response = self.p @ gain @ self.g
         problem = self.problem
@@ -276,10 +290,7 @@ class _Path:
         return self.p @ gain @ self.g, friction
 
 
-def bordered_factor(matrix: Tensor, joint_jacobian: Tensor) -> tuple[Tensor, Tensor]:
-    """Factorise [[A, -J_e^T], [J_e, 0]] (LU with pivoting), for A (B, n, n) and J_e (B, E, n)."""
-    if joint_jacobian.shape[1] == 0:
-        return torch.linalg.lu_factor(matrix)  # type: ignore[no-any-return]
-    corner = matrix.new_zeros(matrix.shape[0], joint_jacobian.shape[1], joint_jacobian.shape[1])
-    upper = torch.cat([matrix, -joint_jacobian.mT], 2)
-    return torch.linalg.lu_factor(torch.cat([upper, torch.cat([joint_jacobian, corner], 2)], 1))  # type: ignore[no-any-return]
+@cache
+def _newton_step(compiled: bool) -> Callable[[_Path, Tensor], None]:
+    """Return what takes a step of a path."""
+    return compile_or_not(_Path.advance, "the contact solver") if compiled else _Path.advance
