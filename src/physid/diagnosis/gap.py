@@ -46,19 +46,19 @@ class Closing:
 
 
 def floor_of(noise: Noise) -> float:
-    """Return the root mean square position error of a perfect model, sqrt(3) sigma [m]."""
-    return 3**0.5 * noise.position
+    """Return the root mean square position error of a perfect model [m]."""
+    return noise.floor
 
 
 def position_floors(experiment: Experiment, noise: Noise) -> Tensor:
     """Compute the mean square position error that each trajectory would have under the true model [m^2], shape (R,).
 
-    Noise gives 3 sigma^2; frames whose numerics disturb more have a larger variance and, in `position_errors`, a weight
-    that is smaller by the same factor.
+    Noise gives 3 sigma^2, a reader of films its own error; frames whose numerics disturb more have a larger variance
+    and, in `position_errors`, a weight that is smaller by the same factor.
     """
     weight = _weights(experiment)
     count = (weight > 0).sum((1, 2))
-    return 3 * noise.position**2 * count / weight.sum((1, 2)).clamp_min(1e-9)
+    return noise.floor**2 * count / weight.sum((1, 2)).clamp_min(1e-9)
 
 
 def _weights(experiment: Experiment) -> Tensor:

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from physid.diagnosis.prediction import difference
+from physid.diagnosis.reader_error import ReaderError
 
 NORMAL_MAD = 1.4826  # standard deviation over median absolute deviation, for a normal distribution
 SOFT, WILD = 3.0, 6.0  # [standard deviations] beyond the first a frame counts less, beyond the second not at all
@@ -24,14 +25,27 @@ class Noise:
     Attributes:
         rotation: Standard deviation of each component of a rotation vector [rad].
         position: Standard deviation of each coordinate [m].
+        error: Where poses were read from films, the error that this noise stands for; it is not white.
     """
 
     rotation: float
     position: float
+    error: ReaderError | None = None
+
+    @property
+    def floor(self) -> float:
+        """Root mean square position error of a perfect model, sqrt(3) sigma where the noise is white [m]."""
+        return 3**0.5 * self.position if self.error is None else self.error.floor
 
     def spread(self) -> Tensor:
         """Return the standard deviations of the six coordinates of a pose, shape (6,)."""
         return torch.tensor([self.rotation] * 3 + [self.position] * 3, dtype=torch.float64)
+
+    def draw(self, count: int, like: Tensor, generator: torch.Generator) -> Tensor:
+        """Draw the noise of so many data sets, each of the shape of `like` (R, T, N, 6)."""
+        if self.error is not None:
+            return self.error.draw(count, generator)
+        return torch.randn(count, *like.shape, generator=generator, dtype=like.dtype) * self.spread()
 
 
 def wild_poses(pose: Tensor, present: Tensor) -> Tensor:
@@ -64,17 +78,22 @@ def wild_poses(pose: Tensor, present: Tensor) -> Tensor:
     return wild
 
 
-def estimate_noise(residual: Tensor, weight: Tensor) -> Noise:
+def estimate_noise(residual: Tensor, weight: Tensor, error: ReaderError | None = None) -> Noise:
     """Estimate white noise from residuals: by r_t - (r_{t-1} + r_{t+1}) / 2, which an error of the model hardly enters.
 
     Args:
         residual: Observed minus predicted, shape (R, T, N, 6).
         weight: Weights of the frames, 0 for those to ignore, shape (R, T, N).
+        error: That of a reader of films, whose size is then estimated.
     """
+    if error is not None:
+        error = error.sized(residual, weight)
+        return Noise(max(error.spread[0], FLOOR[0]), max(error.spread[1], FLOOR[1]), error)
     bent = residual[:, 1:-1] - (residual[:, :-2] + residual[:, 2:]) / 2
     good = (weight[:, 1:-1] > 0) & (weight[:, :-2] > 0) & (weight[:, 2:] > 0)
     values = bent[good].unflatten(-1, (2, 3)).abs() / 1.5**0.5
-    return Noise(*(max(_spread(values[:, k].flatten()), FLOOR[k]) for k in (0, 1)))
+    rotation, position = (max(_spread(values[:, k].flatten()), FLOOR[k]) for k in (0, 1))
+    return Noise(rotation, position)
 
 
 def _spread(values: Tensor) -> float:

@@ -59,8 +59,7 @@ def draw_nulls(
     residuals = []
     for _ in range(replays):
         clean = noiseless(experiment, fit, effects, generator)
-        white = torch.randn(draws, *clean.shape, generator=generator, dtype=clean.dtype)
-        residuals.append(clean + white * noise.spread())
+        residuals.append(clean + noise.draw(draws, clean, generator))
     return Nulls(torch.cat(residuals))
 
 

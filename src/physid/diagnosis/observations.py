@@ -11,6 +11,8 @@ import torch
 from torch import Tensor
 
 from physid.data.format import Recording, RecordingSet
+from physid.data.reading import ECHO, echo_of, read_reading
+from physid.diagnosis.reader_error import ReaderError
 from physid.scenes.scene import Scene
 
 FIT, SELECT, SAME, PROBE, TRANSFER = "fit", "select", "same", "probe", "transfer"
@@ -39,6 +41,7 @@ class Observations:
         present: 1 for frames that exist (trajectories may differ in length), shape (R, T, N).
         roles: fit, select, probe, same or transfer, one for each trajectory; the last two are only reported on.
         indices: Number of each trajectory in the recording set.
+        error: How far poses that were read from films can be trusted; None for a sensor of poses.
     """
 
     scene: Scene
@@ -47,6 +50,7 @@ class Observations:
     present: Tensor
     roles: tuple[str, ...]
     indices: tuple[int, ...]
+    error: ReaderError | None = None
 
     @property
     def fitted(self) -> Tensor:
@@ -74,7 +78,34 @@ def observe(recordings: RecordingSet, transfer: RecordingSet | None = None, limi
         require_same_scene(recordings, transfer)
         read += [replace(one, split="report_transfer") for one in islice(transfer, limit)]
     require_even_time(read, recordings.scene.time_step)
-    return from_recordings(recordings.scene, read)
+    observations = from_recordings(recordings.scene, read)
+    return replace(observations, error=_reader_error(observations, recordings, transfer, limit))
+
+
+def _reader_error(
+    observations: Observations, recordings: RecordingSet, transfer: RecordingSet | None, limit: int | None
+) -> ReaderError | None:
+    """Compare poses that were read from films with what drawing and reading them again gives.
+
+    Raises:
+        ValueError: If only one of two sets was read from films.
+    """
+    sets = [recordings] if transfer is None else [recordings, transfer]
+    readings, echoes = [read_reading(each.folder) for each in sets], [echo_of(each) for each in sets]
+    if all(each is None for each in readings):
+        return None
+    for each, reading, echo in zip(sets, readings, echoes, strict=True):
+        if reading is None or echo is None:
+            raise ValueError(
+                f"{each.folder}: expected poses that were read from films, as in the other set, and the set {ECHO} "
+                "beside them, found none; use physid watch on both sets"
+            )
+    again = from_recordings(observations.scene, [one for each in echoes if each for one in islice(each, limit)])
+    camera = recordings.scene.camera
+    assert camera is not None
+    deviation = max(each.stretch_deviation for each in readings if each)
+    middle = torch.tensor(camera.target, dtype=torch.float64)
+    return ReaderError.between(observations.pose, again.pose, middle, deviation)
 
 
 def require_even_time(recordings: list[Recording], time_step: float) -> None:
@@ -118,8 +149,8 @@ def from_recordings(scene: Scene, recordings: list[Recording]) -> Observations:
     blind = [index for index, one in enumerate(recordings) if one.pose is None]
     if blind:
         raise ValueError(
-            f"trajectory {blind[0]} has video but no poses: expected `pose` in every trajectory; estimate poses with a "
-            "trained encoder (physid predict) and write them into the recordings first"
+            f"trajectory {blind[0]} has video but no poses: expected `pose` in every trajectory; read poses from the "
+            "films: physid watch"
         )
     frames, bodies = max(one.length for one in recordings), len(scene.bodies)
     pose = np.empty((len(recordings), frames, bodies, 7))

@@ -17,6 +17,7 @@ from physid.diagnosis.nulls import floors
 from physid.diagnosis.observations import Observations
 from physid.diagnosis.phases import phases_of
 from physid.diagnosis.prediction import Predictor, Variants
+from physid.diagnosis.reader_error import ReaderError
 from physid.diagnosis.settle import Say, between, settle
 from physid.diagnosis.starts import guess_starts
 from physid.diagnosis.windows import SHORT, Windows
@@ -74,14 +75,14 @@ def prepare(
     experiment, point = _begin(predictor, observations, present, FIRST_NOISE)
     point = _scan(experiment, point)
     first = gauss_newton(experiment, point, NONE, steps=5)
-    noise = estimate_noise(first.residual, present)
+    noise = estimate_noise(first.residual, present, observations.error)
     phases = phases_of(first.jacobian.base, observations.wrench, model.scene)
     windows = Windows.around(find_events(phases, observations.pose, present, noise, model.scene))
     say("fitting the nominal model")
     predictor = Predictor(model, observations.wrench, windows, candidates)
     experiment, point = _begin(predictor, observations, present, noise, first.point.nominal)
     fit = gauss_newton(experiment, point, NONE)
-    experiment, fit, noise = _follow(experiment, fit, present, say)
+    experiment, fit, noise = _follow(experiment, fit, present, noise.error, say)
     say("measuring where the numerics disturb")
     extra = (1 + floors(experiment, fit, generator)).rsqrt()
     experiment = experiment.replace(scale=experiment.scale * windows.spread(extra)[..., None, None])
@@ -90,14 +91,16 @@ def prepare(
     return Prepared(observations, experiment, fit, noise, phases)
 
 
-def _follow(experiment: Experiment, alone: Fit, present: Tensor, say: Say) -> tuple[Experiment, Fit, Noise]:
+def _follow(
+    experiment: Experiment, alone: Fit, present: Tensor, error: ReaderError | None, say: Say
+) -> tuple[Experiment, Fit, Noise]:
     """Follow the other engine from a fit without it, and give up the busy windows in which that does not succeed.
 
     After a hit the state depends on tiny differences before it, so that in some windows no first state makes the other
     engine go where the recording went. They return to their fit without it, and `floors` tells how little they count.
     """
     windows = experiment.predictor.windows
-    noise, experiment = _weighed(experiment, alone, present)
+    noise, experiment = _weighed(experiment, alone, present, error)
     own = _own_weight(windows, _misfit(experiment, alone), windows.busy)
     fit = experiment.linearise(alone.point.replace(engine=torch.ones_like(alone.point.engine)), NONE)
     followed, fit = settle(experiment.replace(scale=experiment.scale * own), fit, NONE, (), say)
@@ -107,7 +110,7 @@ def _follow(experiment: Experiment, alone: Fit, present: Tensor, say: Say) -> tu
     engine = torch.where(windows.spread(lost)[..., None, None], torch.zeros((), dtype=torch.float64), followed.engine)
     experiment = experiment.replace(follow=~lost, engine=engine)
     fit = experiment.linearise(point, NONE)
-    noise, experiment = _weighed(experiment, fit, present)
+    noise, experiment = _weighed(experiment, fit, present, error)
     own = _own_weight(windows, _misfit(experiment, fit), lost)
     experiment = experiment.replace(scale=experiment.scale * own)
     return experiment, experiment.linearise(point, NONE), noise
@@ -125,9 +128,9 @@ def _usual(windows: Windows, misfit: Tensor) -> Tensor:
     return busy.median().clamp_min(1) if len(busy) else torch.ones((), dtype=misfit.dtype)
 
 
-def _weighed(experiment: Experiment, fit: Fit, present: Tensor) -> tuple[Noise, Experiment]:
+def _weighed(experiment: Experiment, fit: Fit, present: Tensor, error: ReaderError | None) -> tuple[Noise, Experiment]:
     """Estimate the noise from the residuals of a fit, and weigh its frames."""
-    noise = estimate_noise(fit.residual, present)
+    noise = estimate_noise(fit.residual, present, error)
     weight = frame_weights(fit.residual, present, noise)
     return noise, experiment.replace(scale=weight[..., None].sqrt() / noise.spread())
 

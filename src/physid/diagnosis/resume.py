@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -56,6 +57,7 @@ def remembered(
     state |= {name: getattr(experiment, name) for name in ("scale", "engine", "follow")}
     state |= {"frame": experiment.directions.frame, "free": experiment.directions.free, "phases": prepared.phases}
     state |= {"noise": (prepared.noise.rotation, prepared.noise.position)}
+    state |= {"factors": None if prepared.noise.error is None else prepared.noise.error.factors}
     write_whole(path, lambda part: torch.save(state | {"key": key, "generator": generator.get_state()}, part))
     return prepared
 
@@ -82,14 +84,19 @@ def _restored(
         state["follow"],
     )
     fit = experiment.linearise(Variants(*(state[f"point.{name}"] for name in POINT)), NONE)
-    return Prepared(observations, experiment, fit, Noise(*map(float, state["noise"])), state["phases"])
+    rotation, position = map(float, state["noise"])
+    error = observations.error
+    if error is not None:
+        rotations, positions = map(float, state["factors"])
+        error = dataclasses.replace(error, factors=(rotations, positions))
+    return Prepared(observations, experiment, fit, Noise(rotation, position, error), state["phases"])
 
 
 def _key(
     observations: Observations, model: NominalModel, candidates: Sequence[type[Effect]], generator: torch.Generator
 ) -> str:
     """Return a checksum of all that the fit depends on."""
-    digest = hashlib.sha256()
+    digest = hashlib.sha256(b"" if observations.error is None else observations.error.track.numpy().tobytes())
     for array in (observations.pose, observations.wrench, observations.present, generator.get_state()):
         digest.update(array.numpy().tobytes())
     known = [(effect.name, [float(value) for value in effect.values().values()]) for effect in model.effects]

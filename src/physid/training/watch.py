@@ -19,7 +19,8 @@ from physid.data.trajectory import write_trajectory
 from physid.data.video import check_video
 from physid.physics.rotations import to_matrix
 from physid.scenes.scene import Scene
-from physid.training.footage import Drawn, FirstSight, Footage, Recorded
+from physid.training.echo import Rehearsal, colour_noise, hard_edged
+from physid.training.footage import Drawn, Footage, Recorded
 from physid.training.reader import Reader
 from physid.training.video_model import ChartName
 
@@ -27,8 +28,6 @@ AT_ONCE = 32
 """Films that are read side by side."""
 UPRIGHT, LYING = 0.02, 0.01
 """[rad] and share of the height by which a body may be off that counts as upright, and as lying on the ground."""
-SILENT = 0.5
-"""Noise of a colour [of 255] below which it is rounding."""
 
 
 def watch(
@@ -122,6 +121,7 @@ def _read_into(
     known: Sequence[Recording],
     first: Tensor,
     say: Callable[[int, int], None],
+    become: Callable[[int, Tensor], Tensor] = lambda _, pose: pose,
 ) -> RecordingSet:
     """Write a set with the poses that a reader sees; what is there is kept.
 
@@ -133,6 +133,7 @@ def _read_into(
         known: All but the poses.
         first: About the first poses, shape (R, N, 7).
         say: Told how many frames of how many were read.
+        become: What is written of poses (T, N, 7) of a trajectory.
     """
     missing = [index for index in range(len(known)) if not trajectory_path(folder, index).exists()]
     total = sum(one.length for one in known)
@@ -148,9 +149,9 @@ def _read_into(
         part = missing[start : start + AT_ONCE]
         lengths = [known[index].length for index in part]
         for index, pose in zip(part, reader.read(footage, part, lengths, first[part], count), strict=True):
-            one = known[index]
-            found = Recording(pose.numpy(), one.wrench, one.time, split=one.split, protocol=one.protocol)
-            write_trajectory(trajectory_path(folder, index), found)
+            one, found = known[index], become(index, pose).numpy()
+            made = Recording(found, one.wrench, one.time, split=one.split, protocol=one.protocol)
+            write_trajectory(trajectory_path(folder, index), made)
     write_scene(folder, scene)
     write_sums(folder)
     return RecordingSet(folder)
@@ -159,26 +160,18 @@ def _read_into(
 def _echo(
     folder: Path, read: RecordingSet, reader: Reader, filmed: Footage, say: Callable[[int, int], None]
 ) -> RecordingSet:
-    """Let PyBullet draw the poses that were read, and read these films from the beginning: cutting, scale, following.
-
-    The bodies look as in the films. The reader's error depends on where edges fall between pixels, and returns in the
-    same way from the same places; that of the first poses does not, which are known here.
-    """
+    """Let PyBullet draw motions like those that were read, and read these films from the beginning."""
     known = list(read)
-    poses = [one.pose for one in known if one.pose is not None]
+    rehearsal = Rehearsal(reader.chart, _width(read.scene), [torch.from_numpy(one.pose) for one in known])
     sights = [filmed.first(index) for index in range(len(known))]
-    noise = _colour_noise(sights)
-    faces = (255 * reader.decoder.patches[0].movedim(2, -1)).round().byte().cpu().numpy()
-    with Drawn(read.scene, faces, poses, [background for _, _, background in sights], noise) as drawn:
-        first = torch.from_numpy(np.stack([pose[0] for pose in poses]))
+    faces = (255 * hard_edged(reader.decoder.patches[0])).round().byte().movedim(2, -1).cpu().numpy()
+    poses, backgrounds = [pose.numpy() for pose in rehearsal.poses], [background for _, _, background in sights]
+    with Drawn(read.scene, faces, poses, backgrounds, colour_noise(sights)) as drawn:
+        first = torch.stack([pose[0] for pose in rehearsal.poses])
         again = Reader.of_first_frames(read.scene, reader.name, drawn, first)
-        return _read_into(folder, read.scene, again, drawn, known, first, say)
+        return _read_into(folder, read.scene, again, drawn, known, first, say, rehearsal.echo)
 
 
-def _colour_noise(sights: Sequence[FirstSight]) -> float:
-    """Estimate the noise of a colour [of 255] from where first frames show the background, by the median deviation."""
-    rest = np.concatenate([
-        (frame.astype(float) - background)[~mask.any(0)].ravel() for frame, mask, background in sights
-    ])  # fmt: skip
-    noise = 1.4826 * float(np.median(np.abs(rest)))
-    return noise if noise > SILENT else 0.0
+def _width(scene: Scene) -> int:
+    assert scene.camera is not None
+    return scene.camera.width
