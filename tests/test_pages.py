@@ -31,6 +31,7 @@ PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").r
 TINY = {
     "generate": ["trajectories=10", "steps=16", "video=false", "--workers=1", "--quiet"],
     "import": [],
+    "watch": ["--quiet"],
     "fit": ["trainer.max_epochs=1", "data.limit=2", "trainer.accelerator=cpu"],
     "validate": [],
     "test": [],

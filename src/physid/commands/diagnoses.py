@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +29,8 @@ def diagnose(
     recordings: Path,
     *,
     out: Path | None = None,
+    from_video: bool = False,
+    encoder: Path | None = None,
     model: Path | None = None,
     transfer: Path | None = None,
     effects: str = "",
@@ -45,10 +49,14 @@ def diagnose(
       physid diagnose data/mine --out runs/diagnosis
       physid diagnose data/mine --transfer data/mine_rich
       physid diagnose data/mine --effects my_effects.py:MagneticBrake
+      physid diagnose data/films --from-video
 
     Args:
         recordings: Folder of the recording set.
         out: Folder of the results; runs/diagnosis/NAME by default.
+        from_video: Read the poses from the films first, into OUT/read (see `physid watch`); recorded poses beyond the
+            first are ignored. Recordings without poses are always read.
+        encoder: Run of a fit from video whose encoder finds the bodies in the first frames; for --from-video.
         model: The nominal model: a configuration, run or checkpoint of `physid fit`; recording.yaml by default.
         transfer: A second set, the same bodies moved in another way; it certifies a cause.
         effects: Effects of your own as FILE.py:CLASS, several separated by commas.
@@ -57,32 +65,53 @@ def diagnose(
         seed: Seed of the effect-free data.
         quiet: Hide the progress bar.
     """
-    from tqdm import tqdm
-
-    from physid.commands.terminal import resumable
     from physid.configuration import compose
-    from physid.diagnosis.diagnose import diagnose as run
     from physid.diagnosis.sentences import summary_lines
     from physid.effects import CATALOGUE
     from physid.effects.loading import with_own
 
     folder = out or Path("runs/diagnosis") / recordings.resolve().name
+    if from_video or encoder or any(_has_films_alone(each) for each in (recordings, transfer) if each):
+        read = partial(_read, encoder=encoder, limit=limit, quiet=quiet)
+        recordings = read(recordings, folder / "read")
+        transfer = transfer and read(transfer, folder / "read_transfer")
     own = with_own([place for place in effects.split(",") if place])[len(CATALOGUE) :]
     believed = compose([model]).values if model and model.suffix in (".yaml", ".yml") else model
-    with resumable(), tqdm(total=100, bar_format=BAR, disable=quiet or None) as bar:
-        found = run(
-            recordings,
-            folder,
-            model=believed,
-            transfer=transfer,
-            effects=own,
-            limit=limit,
-            seed=seed,
-            save=save_model,
-            say=lambda text: _show(bar, text),
-        )
+    options = {"model": believed, "transfer": transfer, "effects": own, "limit": limit}
+    found = _run(recordings, folder, quiet=quiet, save=save_model, seed=seed, **options)
     print("\n".join(summary_lines(found)))
     print(folder / "report.html")
+
+
+def _run(recordings: Path, folder: Path, *, quiet: bool, **options: Any) -> Mapping[str, Any]:
+    """Diagnose behind a progress bar."""
+    from tqdm import tqdm
+
+    from physid.commands.terminal import resumable
+    from physid.diagnosis.diagnose import diagnose
+
+    with resumable(), tqdm(total=100, bar_format=BAR, disable=quiet or None) as bar:
+        return diagnose(recordings, folder, say=lambda text: _show(bar, text), **options)
+
+
+def _has_films_alone(recordings: Path) -> bool:
+    """Tell whether a set has no poses, only films."""
+    from physid.data.format import RecordingSet
+
+    known = RecordingSet(recordings)
+    return not any(known.has_poses(index) for index in range(len(known)))
+
+
+def _read(films: Path, into: Path, *, encoder: Path | None, limit: int | None, quiet: bool) -> Path:
+    """Read poses from films, once, and return the set that has them."""
+    from physid.commands.terminal import frame_bar, resumable
+    from physid.training.watch import watch
+
+    if not quiet:
+        print(f"Poses are read from the films of {films} into {into}", flush=True)
+    with resumable(), frame_bar(quiet) as say:
+        watch(films, into, encoder=encoder, limit=limit, say=say)
+    return into
 
 
 def _show(bar: tqdm[Any], text: str) -> None:

@@ -72,15 +72,17 @@ def watch(
     films: Path,
     *,
     out: Path | None = None,
+    encoder: Path | None = None,
     chart: Literal["planar", "hovering", "spatial"] | None = None,
     limit: int | None = None,
     quiet: bool = False,
 ) -> None:
     """Read poses from films into a recording set, which fit, predict and diagnose use as any other.
 
-    The bodies are cut out of the first frames by masks and first poses, and followed from frame to frame by drawing
-    them; nothing is trained. What was read is drawn by PyBullet and read again: the set `echo` in the folder, which
-    tells a diagnosis how far the poses can be trusted. An interrupted run goes on where it stopped.
+    The bodies are cut out of the first frames by masks and first poses, or found there by their outlines, and followed
+    from frame to frame by drawing them; nothing is trained. Similar motions are then drawn by PyBullet and read: the
+    set `echo` in the folder, which tells a diagnosis how far the poses can be trusted. An interrupted run goes on where
+    it stopped.
 
     Examples:
       physid watch data/films --out data/read
@@ -89,6 +91,7 @@ def watch(
     Args:
         films: Folder of a recording set with films.
         out: Folder of the set to write; data/NAME_read by default.
+        encoder: Run of a fit from video, whose encoder finds the bodies in the first frames.
         chart: Which poses there are: of bodies that lie on the ground (planar), are parallel to it (hovering) or free
             (spatial); by default what the first poses say.
         limit: At most so many trajectories, the first ones.
@@ -99,7 +102,7 @@ def watch(
 
     folder = out or Path("data") / f"{films.resolve().name}_read"
     with resumable(), frame_bar(quiet) as say:
-        found = run(films, folder, chart=chart, limit=limit, say=say)
+        found = run(films, folder, encoder=encoder, chart=chart, limit=limit, say=say)
     reading = read_reading(folder)
     assert reading is not None
     print(f"{folder}: {len(found)} trajectories, {reading.chart}, scale moved by {reading.stretch:.2%} "

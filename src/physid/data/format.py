@@ -65,6 +65,11 @@ class RecordingSet:
         """
         return read_film(self.paths[index], which)
 
+    def has_poses(self, index: int) -> bool:
+        """Tell whether trajectory `index` has poses, or a film alone."""
+        with open_trajectory(self.paths[index]) as file:
+            return "pose" in file
+
     def splits(self) -> list[str | None]:
         """Return the split of each trajectory, None where the file names none."""
         return [self._attribute(path, "split") for path in self.paths]

@@ -11,6 +11,7 @@ import torch
 
 from physid.data.files import write_text
 from physid.data.format import RecordingSet
+from physid.data.reading import read_reading
 from physid.diagnosis.attribute import attribute
 from physid.diagnosis.beliefs import believe
 from physid.diagnosis.conclusion import draw_conclusion
@@ -74,7 +75,9 @@ def diagnose(
     conclusion = draw_conclusion(prepared, found, generator)
     say("writing the report")
     document = check_diagnosis(conclusion.diagnosis.to_mapping())
-    pictures = draw(recordings.name, prepared, found, conclusion, time.perf_counter() - begun)
+    reading = read_reading(recordings)
+    title = Path(reading.films).name if reading else recordings.name
+    pictures = draw(title, prepared, found, conclusion, time.perf_counter() - begun)
     write_report(out, document, pictures)
     write_diagnosis(out, document)
     forget(out)

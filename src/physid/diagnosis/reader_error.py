@@ -66,8 +66,11 @@ class ReaderError:
 
     @cached_property
     def floor(self) -> float:
-        """Root mean square error of a position [m]."""
-        return self.factors[1] * float(self._varying[..., KINDS[1]].square().sum(-1).mean().sqrt())
+        """Root mean square error of a position [m], without what a first place and velocity take up."""
+        time = torch.linspace(-1, 1, self.track.shape[1], dtype=self.track.dtype)[:, None, None]
+        place = self._varying[..., KINDS[1]]
+        left = place - time * (time * place).sum(1, keepdim=True) / time.square().sum()
+        return self.factors[1] * float(left.square().sum(-1).mean().sqrt())
 
     def draw(self, count: int, generator: torch.Generator) -> Tensor:
         """Draw errors of data sets, shape (count, R, T, N, 6).

@@ -5,16 +5,51 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from physid.data.format import RecordingSet
+from physid.data.recording import Recording
 from physid.scenes.scene import Scene
 
 Image = NDArray[np.uint8]
 FirstSight = tuple[Image, NDArray[np.bool_], Image]
+
+
+@final
+@dataclass(frozen=True)
+class Filmed:
+    """What is known of a filmed trajectory, beside the film.
+
+    Attributes:
+        length: Frames.
+        first: Poses in the first frame, shape (N, 7); None where none is known.
+        wrench: Commanded wrenches (T, N, 6), or None.
+        time: Of each frame, or None.
+        split: What it is for.
+        protocol: How it was excited.
+    """
+
+    length: int
+    first: NDArray[np.float64] | None
+    wrench: NDArray[np.float64] | None
+    time: NDArray[np.float64] | None
+    split: str | None
+    protocol: str | None
+
+    @classmethod
+    def of(cls, recordings: RecordingSet, index: int) -> Filmed:
+        """Read trajectory `index` of a set, its poses beyond the first frame left aside."""
+        one = recordings.read(index, video=not recordings.has_poses(index))
+        first = None if one.pose is None else one.pose[0]
+        return cls(one.length, first, one.wrench, one.time, one.split, one.protocol)
+
+    def with_poses(self, pose: NDArray[np.float64]) -> Recording:
+        """Return the trajectory with poses (T, N, 7)."""
+        return Recording(pose, self.wrench, self.time, split=self.split, protocol=self.protocol)
 
 
 class Footage(ABC):

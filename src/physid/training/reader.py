@@ -10,14 +10,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from physid.networks.chart import PoseChart
+from physid.networks.chart import PlanarChart, PoseChart
 from physid.networks.encoder import as_image
 from physid.scenes.scene import Scene
 from physid.training.calibration import Calibration
 from physid.training.decoder import MODELS, Decoder
 from physid.training.footage import Footage
 from physid.training.polish import Polish
-from physid.training.video_model import ChartName, chart_of
+from physid.training.video_model import ChartName, VideoModel, chart_of
 
 FOLLOWING = Polish(steps=2, wider=1.0)
 """From the place where the last two frames put a body, two Gauss-Newton steps reach what the images tell."""
@@ -50,6 +50,14 @@ class Reader:
     chart: PoseChart
     decoder: Decoder
     calibration: Calibration
+
+    @classmethod
+    def of_model(cls, model: VideoModel) -> Reader:
+        """Take the look of the bodies, and the scale, from a trained model."""
+        chart = model.chart
+        if isinstance(chart, PlanarChart):
+            return cls("hovering" if chart.hovering else "planar", chart, model.decoder, model.calibration)
+        return cls("spatial", chart, model.decoder, model.calibration)
 
     @classmethod
     def of_first_frames(cls, scene: Scene, chart: ChartName, footage: Footage, pose: Tensor) -> Reader:

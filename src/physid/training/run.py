@@ -14,6 +14,7 @@ from typing import Any, Literal
 
 import lightning as L
 import torch
+import yaml
 from lightning.fabric.utilities.exceptions import MisconfigurationException
 from lightning.fabric.utilities.warnings import PossibleUserWarning
 from lightning.pytorch.callbacks import ModelCheckpoint
@@ -29,7 +30,7 @@ from physid.training.loggers import build_loggers
 
 Stage = Literal["validate", "test", "predict"]
 CHECKPOINT = Path("checkpoints", "last.ckpt")
-FIGURES = "metrics.json"
+CONFIG, FIGURES = "config.yaml", "metrics.json"
 # The keys of a configuration, and whose arguments stand below each (None: a class_path says so).
 GROUPS: dict[str, Callable[..., Any] | None] = {
     "seed_everything": None,
@@ -147,6 +148,32 @@ def evaluate(
     options = {"return_predictions": False} if stage == "predict" else {"verbose": False}
     _until_interrupted(cli.trainer, lambda: run(cli.model, datamodule=cli.datamodule, ckpt_path=weights, **options))
     return _flat(cli.trainer.callback_metrics)
+
+
+def restore(folder: Path, recordings: Path) -> L.LightningModule:
+    """Return the model of a run, as its last checkpoint has it, for the scene of some recordings.
+
+    Raises:
+        ValueError: If the folder holds no run with a checkpoint, or the recordings show something else.
+    """
+    place, weights = folder / CONFIG, folder / CHECKPOINT
+    if not place.is_file() or not weights.is_file():
+        raise ValueError(f"{folder}: expected a run of `physid fit` with {CONFIG} and {CHECKPOINT}, found none")
+    config = yaml.safe_load(place.read_text(encoding="utf-8"))
+    data = config["data"]
+    given = {**(data.get("init_args") or {}), "folder": str(recordings)}
+    kept = {key: config[key] for key in ("seed_everything", "model", "trainer") if key in config}
+    model = _as_learned(config, weights)
+    cli = _build(kept | {"model": model, "data": {**data, "init_args": given}}, folder, [], logger=False)
+    module: Any = cli.model
+    module.attach(cli.datamodule.scene)
+    try:
+        module.load_state_dict(torch.load(weights, map_location="cpu", weights_only=True)["state_dict"])
+    except RuntimeError as error:
+        reason = str(error).splitlines()[-1].strip()
+        raise ValueError(f"{weights}: expected a model of the scene of {recordings}, found another: {reason}") from None
+    restored: L.LightningModule = module
+    return restored
 
 
 def _as_learned(config: Mapping[str, Any], weights: Path) -> Any:
