@@ -65,10 +65,11 @@ def _check_one(recordings: RecordingSet, index: int, scene: Scene) -> None:
 
 def _check_view(recordings: RecordingSet, index: int, scene: Scene) -> None:
     """Check that no body's centre leaves the image, where poses are there."""
-    pose = recordings.read(index).pose
     camera = scene.camera
-    if pose is None or camera is None:
+    if camera is None or not recordings.has_poses(index):
         return
+    pose = recordings.read(index).pose
+    assert pose is not None
     image = camera.project(pose[..., :3])
     column, row, depth = np.moveaxis(image, -1, 0)
     outside = (column < 0) | (column > camera.width) | (row < 0) | (row > camera.height) | (depth <= 0)
