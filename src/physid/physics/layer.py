@@ -141,6 +141,11 @@ class PhysicsLayer(nn.Module):
             state = frames[-1].state
         return _stack(initial_state, frames)
 
+    @property
+    def distorts(self) -> bool:
+        """Whether a perception effect is at work: true states are not what the camera reports."""
+        return any(type(effect).observe is not Effect.observe for effect in self.effects)
+
     def observe(self, pose: Tensor) -> Tensor:
         """Return what the camera reports of true poses (B, T, N, 7), by the perception effects of the layer."""
         for effect in self.effects:

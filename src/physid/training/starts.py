@@ -61,6 +61,6 @@ def _moved(
     attitude = multiply(exponential(moves[..., 3:6]), pose[..., 3:])
     first = torch.cat([pose[..., :3] + moves[..., :3], attitude], -1)
     rollout = layer.rollout(State(first, twist), many.wrench[:, :-1], parameters())
-    plus, minus = pose_residual(rollout.pose, many.pose).unflatten(0, (2, count, batch))
+    plus, minus = pose_residual(layer.observe(rollout.pose), many.pose).unflatten(0, (2, count, batch))
     slope: Tensor = (plus - minus) / (2 * difference)
     return slope

@@ -56,7 +56,7 @@ class SysID(TrainingModule):
         segment: Steps of a segment in training; None for whole trajectories, as in the paper.
         test_segment: The same in validation and test, where errors over whole trajectories are reported as well.
         twist: Where first velocities come from: the recording (estimated where it has none), or always from its poses.
-        start: Whether first states are taken as recorded or fitted; None for fitted where the recording has no twists.
+        start: Whether first states are as recorded or fitted; None for fitted without twists, or if cameras distort.
         seen: Frames (at most half of them) to which first states are fitted in tests and predictions.
         loss: What an error of the poses costs; None for the paper's loss.
         warm_up: Where no loss is given and first states are fitted: epochs with the paper's loss, before its rotations
@@ -125,7 +125,7 @@ class SysID(TrainingModule):
 
     def fits_starts(self, batch: Batch) -> bool:
         """Tell whether first states are fitted."""
-        return self.start == "fitted" or (self.start is None and "twist" not in batch)
+        return self.start == "fitted" or (self.start is None and ("twist" not in batch or self.layer.distorts))
 
     def losses(self, batch: Batch) -> dict[str, Tensor]:
         """Compute the losses of each training segment (see `PoseLoss`), its first state following the parameters."""

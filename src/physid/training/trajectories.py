@@ -82,12 +82,22 @@ class Trajectories:
             parameters: Of all, or of each trajectory.
             wrench: Other wrenches than those recorded, shape (B, T', N, 6).
 
+        Returns:
+            Poses as the camera reports them (see `PhysicsLayer.observe`); all else as it is.
+
         Raises:
             SolverError: If a contact problem cannot be solved; the message begins with the trajectories.
+            ValueError: If the first states are those that a camera reports, and it does not report true ones.
         """
+        if layer.distorts and self.origin is None:
+            raise ValueError(
+                "expected first states that are fitted where a perception effect is at work, got recorded ones; leave "
+                "model.start out, or set it to fitted"
+            )
         wrench = self.wrench if wrench is None else wrench
         try:
-            return layer.rollout(self.start, wrench[:, :-1], parameters)
+            rollout = layer.rollout(self.start, wrench[:, :-1], parameters)
+            return dataclasses.replace(rollout, pose=layer.observe(rollout.pose))
         except SolverError as error:
             which = sorted({int(self.index[sample]) for sample in error.samples})
             shown = ", ".join(map(str, which[:5])) + (", ..." if len(which) > 5 else "")

@@ -19,6 +19,7 @@ from physid.physics.state import State
 from physid.scenes.scene import Scene
 from physid.training.calibration import Calibration
 from physid.training.decoder import Decoder, camera_of
+from physid.training.deep_supervision import DeepSupervision
 from physid.training.first_state import Start
 from physid.training.heights import land
 from physid.training.physical_parameters import PhysicalParameters
@@ -97,6 +98,11 @@ class VideoModel(nn.Module):
         fast: bool = True,
     ) -> None:
         super().__init__()
+        if layer.distorts:
+            raise ValueError(
+                "expected no effects of perception, for images are drawn as the camera is believed to see them; read the "
+                "poses from the films (physid watch), and fit these with SysID"
+            )
         self.physical, self.layer, self.start, self.polish = physical, layer, start, polish
         self.chart, self.decoder, self.calibration = chart_of(scene, chart), Decoder(scene), Calibration()
         camera = self.decoder.renderer.camera
@@ -104,6 +110,7 @@ class VideoModel(nn.Module):
             self.encoder = PoseEncoder(self.chart, camera.height, camera.width, fast=fast)
         else:
             self.encoder = VariationalPoseEncoder(self.chart, camera.height, camera.width, latent=latent, fast=fast)
+        self.supervision = DeepSupervision(self.chart)
         self.physics_device = torch.device(physics_device)
 
     def encode(self, image: Tensor, background: Tensor) -> Encoding:
@@ -114,7 +121,7 @@ class VideoModel(nn.Module):
             background: The empty scenes in [0, 1], shape (B, 3, H, W).
 
         Returns:
-            Poses (B, f, N, 7), numbers (B, f, N, K) and divergences (B, f).
+            Poses (B, f, N, 7), numbers (B, f, N, K), divergences (B, f) and features (B, f, C).
         """
         flat = image.flatten(0, 1)
         behind = background[:, None].expand_as(image).flatten(0, 1)
