@@ -83,8 +83,9 @@ def test_the_channels_are_the_colours_counted_from_the_background_and_their_mean
 class Standstill(nn.Module):
     """Reads mean 0 and log-variance -2 from any image."""
 
-    def forward(self, image: torch.Tensor) -> torch.Tensor:
-        return torch.tensor([0.0] * 4 + [-2.0] * 4).expand(len(image), -1)
+    def forward(self, image: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        count = len(image)
+        return torch.tensor([0.0] * 4 + [-2.0] * 4).expand(count, -1), torch.zeros(count, 256), torch.zeros(count, 128)
 
 
 def test_samples_scatter_with_the_latent_variance_and_vanish_in_evaluation() -> None:
@@ -129,3 +130,22 @@ def test_frames_of_the_wrong_kind_or_size_are_refused() -> None:
         PoseEncoder(CHART, 92, 128)
     assert features(128, 128) == 1152
     assert features(93, 93) == 128
+
+
+def test_features_are_summed_over_the_image_and_do_not_tell_where_a_body_is() -> None:
+    torch.manual_seed(0)
+    encoder, patch = PoseEncoder(CHART, fast=False), torch.rand(3, 20, 20)
+    frames = BACKGROUND.repeat(2, 1, 1, 1)
+    for frame, place in zip(frames, (40, 56), strict=True):  # moved by two strides of the third convolution
+        frame[:, place : place + 20, place : place + 20] = patch
+    encoding = encoder(frames, BACKGROUND)
+    assert encoding.early.shape == (2, 256)
+    assert encoding.late.shape == (2, 128)
+    assert torch.allclose(encoding.early[0], encoding.early[1], rtol=1e-3, atol=1e-3)
+
+
+def test_half_of_the_first_connected_units_start_blind_to_places() -> None:
+    layers = [m for m in PoseEncoder(CHART).modules() if isinstance(m, nn.Linear) and m.in_features == 3 * 3 * 128]
+    spread = layers[0].weight.view(50, 128, 9).std(-1).amax(-1)
+    assert (spread[:25] < TOLERANCE).all()
+    assert (spread[25:] > 0.01).all()

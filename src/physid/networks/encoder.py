@@ -16,8 +16,8 @@ CONVOLUTIONS = ((4, 64, 5, 2), (64, 128, 5, 2), (128, 256, 5, 2), (256, 256, 5, 
 HIDDEN = 50
 CONTRAST = 8.0
 """Scale of the input: an object differs from its background by about 1 / CONTRAST of the range of colours, or more."""
-FOCUSED = 6
-"""Layers, three convolutions and their ELU, that need not look at the empty background (see `convolve_focused`)."""
+EARLY = 3
+"""Convolutions that need not look at the empty background (see `convolve_focused`); the third sees 29 x 29 px."""
 INITIAL_SPREAD = 0.05
 """Factor on the weights of the last layer: how far the poses of an untrained network stray from the neutral one."""
 
@@ -78,7 +78,8 @@ class _Base(nn.Module):
 
     The convolutions, nearly all of the work, may run in bfloat16 with channels last; the connected layers do not,
     since an output in bfloat16 would resolve no more than a quarter of a pixel. Weights start as He et al. (2015)
-    say, so that the signal of a small object does not fade on its way.
+    say, so that the signal of a small object does not fade on its way. Half of the first connected units start with
+    equal weights at all places: how a body is turned does not depend on where it is.
     """
 
     def __init__(self, height: int, width: int, latent: int, fast: bool) -> None:
@@ -88,29 +89,39 @@ class _Base(nn.Module):
             convolutions += [nn.Conv2d(channels, wider, kernel, stride), nn.ELU()]
         self.convolutions = nn.Sequential(*convolutions, nn.Flatten())
         wide, self.last = features(height, width), nn.Linear(HIDDEN, latent)
-        self.connected = nn.Sequential(nn.Linear(wide, HIDDEN), nn.ELU(), nn.Linear(HIDDEN, HIDDEN), nn.ELU())
+        first = nn.Linear(wide, HIDDEN)
+        self.connected = nn.Sequential(first, nn.ELU(), nn.Linear(HIDDEN, HIDDEN), nn.ELU())
         self.fast = fast
         for module in self.modules():
             if isinstance(module, nn.Conv2d | nn.Linear):
                 nn.init.kaiming_normal_(module.weight)
                 if module.bias is not None:
                     nn.init.zeros_(module.bias)
+        with torch.no_grad():
+            placed = first.weight.view(HIDDEN, CONVOLUTIONS[-1][1], -1)
+            placed[: HIDDEN // 2] = placed[: HIDDEN // 2].mean(-1, keepdim=True)
         if fast:
             self.convolutions.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
-    def forward(self, image: Tensor) -> Tensor:
-        """Turn images (B, 4, H, W) into latent numbers (B, latent); the fourth channel is 0 where all others are."""
+    def forward(self, image: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Turn images (B, 4, H, W) into latent numbers (B, latent); the fourth channel is 0 where all others are.
+
+        Returns:
+            The latent numbers, and `Encoding.early` and `Encoding.late`.
+        """
         device = image.device.type
         occupied = image[:, -1] != 0
         if self.fast:
             image = image.contiguous(memory_format=torch.channels_last)
         with torch.autocast(device, torch.bfloat16, enabled=self.fast):
             layers = list(self.convolutions)
-            early, late = nn.Sequential(*layers[:FOCUSED]), nn.Sequential(*layers[FOCUSED:])
-            seen = late(convolve_focused(early, image, occupied))
+            early, late = nn.Sequential(*layers[: 2 * EARLY]), nn.Sequential(*layers[2 * EARLY :])
+            detail = convolve_focused(early, image, occupied)
+            seen = late(detail)
         with torch.autocast(device, enabled=False):
-            latent: Tensor = self.last(self.connected(seen.to(self.last.weight.dtype)))
-            return latent
+            seen = seen.to(self.last.weight.dtype)
+            latent: Tensor = self.last(self.connected(seen))
+            return latent, detail.float().sum((-2, -1)), seen.unflatten(1, (CONVOLUTIONS[-1][1], -1)).sum(-1)
 
 
 def _start_in_the_middle(layer: nn.Linear, chart: PoseChart) -> None:
@@ -129,11 +140,15 @@ class Encoding:
         numbers: The raw numbers that the chart maps to the poses, shape (B, N, K).
         divergence: KL divergence of the latent distribution from the standard normal one [nat], shape (B,); 0 of an
             encoder without one.
+        early: What the third convolution sees, wherever it is: its channels, summed over the image; shape (B, 256).
+        late: The same of the last convolution, shape (B, 128).
     """
 
     pose: Tensor
     numbers: Tensor
     divergence: Tensor
+    early: Tensor
+    late: Tensor
 
 
 @final
@@ -155,9 +170,9 @@ class PoseEncoder(nn.Module):
 
     def forward(self, image: Tensor, background: Tensor) -> Encoding:
         """Encode images (B, 3, H, W) in [0, 1], given the empty scene (B or 1, 3, H, W)."""
-        output = self.base(with_difference(image, background))
+        output, early, late = self.base(with_difference(image, background))
         numbers = output.unflatten(-1, (self.chart.bodies, self.chart.numbers))
-        return Encoding(self.chart.to_pose(numbers), numbers, numbers.new_zeros(len(numbers)))
+        return Encoding(self.chart.to_pose(numbers), numbers, numbers.new_zeros(len(numbers)), early, late)
 
 
 @final
@@ -186,12 +201,13 @@ class VariationalPoseEncoder(nn.Module):
 
     def forward(self, image: Tensor, background: Tensor) -> Encoding:
         """Encode images (B, 3, H, W) in [0, 1], given the empty scene (B or 1, 3, H, W)."""
-        mean, log_variance = self.base(with_difference(image, background)).chunk(2, -1)
+        output, early, late = self.base(with_difference(image, background))
+        mean, log_variance = output.chunk(2, -1)
         latent = mean + torch.exp(log_variance / 2) * torch.randn_like(mean) if self.training else mean
         with torch.autocast(image.device.type, enabled=False):
             numbers = self.head(latent).unflatten(-1, (self.chart.bodies, self.chart.numbers))
         divergence = gaussian_divergence(mean, log_variance)
-        return Encoding(self.chart.to_pose(numbers), numbers, divergence)
+        return Encoding(self.chart.to_pose(numbers), numbers, divergence, early, late)
 
 
 def gaussian_divergence(mean: Tensor, log_variance: Tensor) -> Tensor:

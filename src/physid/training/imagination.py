@@ -90,14 +90,14 @@ class Imagination:
             rotation_weight: Weight of the rotation's part [m^2].
 
         Returns:
-            imagined_position and imagined_rotation of each trajectory, shape (B,); nothing without images.
+            The losses of each trajectory, shape (B,) (see `encoding_losses`); nothing without images.
         """
         if not self.frames:
             return {}
         pose = self.draw_poses(model, len(background))
         encoding = model.encode(self.draw_images(model, pose, background), background)
-        place, turn = number_errors(model.chart, encoding, pose)
-        return {"imagined_position": place.mean(1), "imagined_rotation": rotation_weight * turn.mean(1)}
+        losses = encoding_losses(model, encoding, pose, rotation_weight)
+        return {f"imagined_{name}": value.mean(1) for name, value in losses.items()}
 
 
 def _turns(chart: PoseChart, shape: tuple[int, ...], like: Tensor) -> Tensor:
@@ -109,18 +109,22 @@ def _turns(chart: PoseChart, shape: tuple[int, ...], like: Tensor) -> Tensor:
     return to_matrix(turn)[..., :2].transpose(-1, -2).flatten(-2)
 
 
-def number_errors(chart: PoseChart, encoding: Encoding, pose: Tensor) -> tuple[Tensor, Tensor]:
-    """Compute squared errors of positions and of the raw numbers of rotations, which have no seam.
+def encoding_losses(model: VideoModel, encoding: Encoding, pose: Tensor, rotation_weight: float) -> dict[str, Tensor]:
+    """Compare what an encoder says with known poses, in the raw numbers of rotations, which have no seam.
 
     Args:
-        chart: What the numbers mean.
-        encoding: Poses and numbers of B f images.
+        model: What the numbers mean, and the encoder's deep supervision.
+        encoding: Of B f images.
         pose: The poses that the images show, shape (B, f, N, 7).
+        rotation_weight: Weight of rotations [m^2].
 
     Returns:
-        |p^ - p|^2 [m^2] and the squared error of the numbers, summed over bodies; shape (B, f).
+        Losses (B, f), summed over bodies: position |p^ - p|^2 [m^2], rotation, the squared error of its numbers, and
+        features, that of the rotation as early layers see it (see `DeepSupervision`).
     """
     pose = pose.to(encoding.pose)
     place = (encoding.pose[..., :3] - pose[..., :3]).square().sum((-2, -1))
-    turn = (encoding.numbers - chart.to_numbers(pose))[..., chart.turning].square().sum((-2, -1))
-    return place, turn
+    numbers, turning = model.chart.to_numbers(pose), model.chart.turning
+    turn = (encoding.numbers - numbers)[..., turning].square().sum((-2, -1))
+    features = model.supervision(model.chart, encoding, numbers)
+    return {"position": place, "rotation": rotation_weight * turn, "features": rotation_weight * features}

@@ -28,7 +28,7 @@ def build_optimizer(factory: OptimizerFactory, model: VideoModel, parameter_rate
         parameter_rate: The parameters' highest rate of learning, about their relative change in one step of Adam.
     """
     groups = [
-        {"name": "encoder", "params": list(model.encoder.parameters())},
+        {"name": "encoder", "params": [*model.encoder.parameters(), *model.supervision.parameters()]},
         {
             "name": "parameters",
             "params": list(model.physical.parameters()),

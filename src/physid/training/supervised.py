@@ -18,7 +18,7 @@ from physid.training.callbacks.predicted_film import PredictedFilm
 from physid.training.engine import Engine
 from physid.training.first_state import Start
 from physid.training.horizon import Horizon, spread
-from physid.training.imagination import Imagination, number_errors
+from physid.training.imagination import Imagination, encoding_losses
 from physid.training.learning import DEFAULT_OPTIMIZER, build_optimizer, take_step
 from physid.training.phases import Phase, Phases, epochs_of
 from physid.training.physical_parameters import PhysicalParameters
@@ -137,12 +137,8 @@ class SupervisedID(TrainingModule):
         weight = self.loss.rotation_weight
         imagined = self.imagination.losses(self.model, background, weight)
         if self.phase is Phase.WARM_UP:
-            place, turn = number_errors(self.model.chart, encoding, recorded)
-            values = {
-                "encoded_position": mean_over_time(place, real),
-                "encoded_rotation": weight * mean_over_time(turn, real),
-            }
-            return values | imagined
+            values = encoding_losses(self.model, encoding, recorded, weight)
+            return {f"encoded_{name}": mean_over_time(value, real) for name, value in values.items()} | imagined
         values = self.loss(pose_residual(encoding.pose, recorded), real)
         self.require_finite({f"encoded_{name}": value for name, value in values.items()}, batch)
         rolled = self.loss(*self._rolled(encoding.pose, batch))

@@ -100,7 +100,7 @@ class VideoModel(nn.Module):
         super().__init__()
         if layer.distorts:
             raise ValueError(
-                "expected no effects of perception, for images are drawn as the camera is believed to see them; read the "
+                "expected no effects of perception, for images are drawn as the camera is believed to see; read the "
                 "poses from the films (physid watch), and fit these with SysID"
             )
         self.physical, self.layer, self.start, self.polish = physical, layer, start, polish
