@@ -7,6 +7,7 @@ from itertools import combinations
 
 import torch
 
+from physid.diagnosis.equivalence import alike
 from physid.diagnosis.hypothesis import Hypothesis, conclude, fit_hypothesis
 from physid.diagnosis.prepare import Prepared
 from physid.diagnosis.score import Group, gains
@@ -16,12 +17,14 @@ from physid.physics.layer import SolverError
 
 ALPHA = 0.01  # effect-free data are called suspicious this often
 SURVIVE = 0.1  # share of the best gain that a candidate needs to be fitted
-MOST_SINGLES, MOST_PAIRS = 10, 6
+MOST_SINGLES, MOST_PAIRS = 10, 5
 SETTLE_MOST = 4  # hypotheses that are settled with the other engine: the best, and others ...
 NEAR = 0.2  # ... whose gap is open by at most this share more
 CLEAR = 2.5  # standard errors by which a prediction must be worse to be told apart
 NATS = 12.0  # and by how much squared residual at least
+SAME = 0.003  # share of what the best explains that the numerics may decide between two hypotheses
 CLOSED = 0.02  # share of the gap that may be left without a second look
+SECOND = 0.01  # share of the gap from which on a second effect is looked for
 
 
 @dataclass(frozen=True)
@@ -35,6 +38,7 @@ class Attribution:
         best: The best of them; None if nothing is missing, or no effect is confirmed by held-out trajectories.
         left: What the best leaves unexplained; None if nothing is missing.
         group: Hypotheses that predict as well as the best, itself included.
+        alike: Effects whose signature is that of a part of the best wherever the motion is calm.
     """
 
     nominal: Hypothesis
@@ -43,6 +47,7 @@ class Attribution:
     best: Hypothesis | None
     left: Stage | None
     group: list[Hypothesis]
+    alike: tuple[str, ...] = ()
 
 
 def attribute(prepared: Prepared, generator: torch.Generator, say: Say = lambda _: None) -> Attribution:
@@ -65,16 +70,16 @@ def attribute(prepared: Prepared, generator: torch.Generator, say: Say = lambda 
     say(f"looking at what {' + '.join(best.names)} leaves")
     left = examine(prepared, best, generator)
     tried = singles
-    if left.p_value <= ALPHA and max(left.excess, left.rows[0].gain) > CLOSED * stage.excess:
-        pairs = _fit_all(prepared, nominal, stage, _pairs(stage, singles, left), say)
+    if left.p_value <= ALPHA and max(left.excess, left.rows[0].gain) > SECOND * stage.excess:
+        pairs = _fit_all(prepared, nominal, stage, _pairs(stage, singles, left), say, best, left)
         sound = [pair for pair in pairs if _both_needed(pair, singles, left)]
         tried = _sorted([*singles, *sound])
         if tried[0] is not best:
             best = tried[0]
             say(f"looking at what {' + '.join(best.names)} leaves")
             left = examine(prepared, best, generator)
-    group = [one for one in tried if one is best or not distinguishable(best, one, left)]
-    return Attribution(nominal, stage, tried, best, left, group)
+    group = [one for one in tried if one is best or not distinguishable(nominal, best, one, left)]
+    return Attribution(nominal, stage, tried, best, left, group, alike(stage, best))
 
 
 def confirmed(nominal: Hypothesis, one: Hypothesis) -> bool:
@@ -84,15 +89,16 @@ def confirmed(nominal: Hypothesis, one: Hypothesis) -> bool:
     return len(better) == 0 or float(better.sum()) > 0
 
 
-def distinguishable(best: Hypothesis, other: Hypothesis, left: Stage) -> bool:
+def distinguishable(nominal: Hypothesis, best: Hypothesis, other: Hypothesis, left: Stage) -> bool:
     """Tell whether another hypothesis predicts held-out trajectories clearly worse than the best.
 
     If the other were true, the squared residuals of both would differ by more than d with a probability of at most
-    exp(-d / 2). That bound trusts the noise; where the best leaves something, the difference must exceed that as well,
-    and hold in a paired test over trajectories.
+    exp(-d / 2). That bound trusts the noise, and the numerics, which are known to a share of what is explained; where
+    the best leaves something, the difference must exceed that as well, and hold in a paired test over trajectories.
     """
     worse = other.held_out - best.held_out
-    least = max(NATS, 2 * left.excess)
+    explained = float((nominal.held_out - best.held_out).sum())
+    least = max(NATS, SAME * explained, 2 * left.excess)
     if left.p_value <= ALPHA:
         error = float(worse.std()) * len(worse) ** 0.5
         least = max(least, CLEAR * error)
@@ -101,8 +107,8 @@ def distinguishable(best: Hypothesis, other: Hypothesis, left: Stage) -> bool:
 
 def _survivors(stage: Stage) -> list[tuple[str, ...]]:
     """Return the effects worth fitting."""
-    least = max(SURVIVE * stage.rows[0].gain, min(stage.threshold, stage.rows[0].gain))
-    return [row.names for row in stage.rows if row.gain >= least][:MOST_SINGLES]
+    rows = stage.significant or stage.rows[:1]
+    return [row.names for row in rows if row.gain >= SURVIVE * rows[0].gain][:MOST_SINGLES]
 
 
 def _pairs(stage: Stage, singles: list[Hypothesis], left: Stage) -> list[tuple[str, ...]]:
@@ -110,12 +116,10 @@ def _pairs(stage: Stage, singles: list[Hypothesis], left: Stage) -> list[tuple[s
 
     Both parts must be significant alone.
     """
-    alone = {row.names[0] for row in stage.rows if row.gain >= stage.threshold}
-    with_best = [
-        tuple(sorted((*singles[0].names, row.names[0])))
-        for row in left.rows
-        if row.gain > left.threshold and row.names[0] in alone
-    ][: MOST_PAIRS // 2]
+    alone = {row.names[0] for row in stage.significant}
+    with_best = [tuple(sorted((*singles[0].names, row.names[0]))) for row in left.significant if row.names[0] in alone][
+        : MOST_PAIRS // 2
+    ]
     groups = [group for group in stage.groups if group.names[0] in alone]
     both = {
         tuple(sorted((one.names[0], two.names[0]))): float(gains(stage.conditional, _joined(one, two))[0])
@@ -136,7 +140,10 @@ def _joined(one: Group, two: Group) -> Group:
 def _both_needed(pair: Hypothesis, singles: list[Hypothesis], left: Stage) -> bool:
     """Tell whether a pair predicts clearly better than each of its parts alone."""
     parts = [one for one in singles if one.names[0] in pair.names]
-    return all(distinguishable(pair, one, left) and _gain(one, pair) > left.threshold for one in parts)
+    return all(
+        distinguishable(one, pair, one, left) and _gain(one, pair) > left.limit * left.scale(pair.names)
+        for one in parts
+    )
 
 
 def _gain(worse: Hypothesis, better: Hypothesis) -> float:
@@ -145,20 +152,32 @@ def _gain(worse: Hypothesis, better: Hypothesis) -> float:
 
 
 def _fit_all(
-    prepared: Prepared, nominal: Hypothesis, stage: Stage, wanted: list[tuple[str, ...]], say: Say
+    prepared: Prepared,
+    nominal: Hypothesis,
+    stage: Stage,
+    wanted: list[tuple[str, ...]],
+    say: Say,
+    best: Hypothesis | None = None,
+    left: Stage | None = None,
 ) -> list[Hypothesis]:
-    """Fit hypotheses and settle the best of them with the other engine; best predictions first."""
+    """Fit hypotheses and settle the best of them with the other engine; best predictions first.
+
+    Those that hold the best so far start at its fit, the others at the nominal one.
+    """
     fitted = []
     for number, names in enumerate(wanted):
         say(f"fitting {' + '.join(names)} ({number + 1} of {len(wanted)})")
         try:
-            fitted.append(fit_hypothesis(prepared.experiment, stage.fit, names))
+            if best is not None and left is not None and set(best.names) < set(names):
+                fitted.append(fit_hypothesis(best.experiment, left.fit, names))
+            else:
+                fitted.append(fit_hypothesis(prepared.experiment, stage.fit, names))
         except SolverError:
             continue  # a candidate that cannot be simulated where the data want it explains nothing
     fitted = _sorted(fitted)
     settled: list[Hypothesis] = []
     for one in fitted[:SETTLE_MOST]:
-        if settled and _gain(one, settled[0]) > NEAR * _gain(nominal, settled[0]):
+        if settled and _gain(one, settled[0]) > NEAR * _gain(best or nominal, settled[0]):
             break
         say(f"replaying {' + '.join(one.names)} in the other engine")
         experiment, fit = settle(one.experiment, one.fit, one.columns, one.names)

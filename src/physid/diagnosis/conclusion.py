@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
+from torch import Tensor
 
 from physid.diagnosis.attribute import Attribution
 from physid.diagnosis.confidence import confidence
@@ -15,6 +16,7 @@ from physid.diagnosis.locate import places, sites
 from physid.diagnosis.next_experiment import NextExperiment, next_experiment
 from physid.diagnosis.nulls import p_value
 from physid.diagnosis.prepare import Prepared
+from physid.diagnosis.scatter import astray
 from physid.diagnosis.verdict import Diagnosis, Estimate, Found, judge
 
 NORMAL_90 = 1.645  # standard deviations of a normal distribution that hold 90 %, to either side
@@ -55,9 +57,10 @@ def draw_conclusion(prepared: Prepared, found: Attribution, generator: torch.Gen
         closings = {name: _unclosed(one) for name, one in closings.items()}
     where = places(found.stage, [body.name for body in prepared.observations.scene.bodies])
     further = None if chosen is None else next_experiment(prepared, found)
+    covariance = None if chosen is None else chosen.covariance() + astray(chosen, generator)
     diagnosis = Diagnosis(
         verdict=verdict,
-        effects=[] if chosen is None else _effects(chosen),
+        effects=[] if chosen is None or covariance is None else _effects(chosen, covariance),
         group=[] if chosen is None else _group(found, chosen),
         confidence=confidence(verdict, found),
         ranking=_ranking(found),
@@ -66,7 +69,7 @@ def draw_conclusion(prepared: Prepared, found: Attribution, generator: torch.Gen
         floor=floor,
         same=closings["same"],
         transfer=closings["transfer"],
-        parameters=_parameters(found.nominal, chosen),
+        parameters=_parameters(found.nominal, chosen, covariance),
         next_experiment=further.sentence if further else None,
     )
     return Conclusion(diagnosis, chosen, further)
@@ -78,7 +81,8 @@ def _unclosed(one: Closing | None) -> Closing | None:
 
 def _group(found: Attribution, chosen: Hypothesis) -> list[str]:
     """Name every effect of the hypotheses that cannot be told from the chosen one, its own first."""
-    return list(dict.fromkeys(name for one in (chosen, *found.group) for name in one.names))
+    tied = [name for one in (chosen, *found.group) for name in one.names]
+    return list(dict.fromkeys([*tied, *found.alike]))
 
 
 def _ranking(found: Attribution) -> list[tuple[tuple[str, ...], float, float]]:
@@ -90,13 +94,13 @@ def _ranking(found: Attribution) -> list[tuple[tuple[str, ...], float, float]]:
     rows = {row.names: row.gain for row in found.stage.rows}
     rows |= {one.names: base - float(one.held_out.sum()) for one in found.tried}
     ranked = sorted(rows.items(), key=lambda row: -row[1])
-    return [(names, gain, p_value(gain, found.stage.null_best)) for names, gain in ranked]
+    return [(names, gain, p_value(gain / found.stage.scale(names), found.stage.null_best)) for names, gain in ranked]
 
 
-def _effects(chosen: Hypothesis) -> list[Found]:
+def _effects(chosen: Hypothesis, covariance: Tensor) -> list[Found]:
     """Give the fitted effects with the 90 % intervals of their parameters."""
     predictor, first = chosen.experiment.predictor, chosen.fit.point.nominal.shape[1] + 1
-    spread = chosen.covariance().diagonal().sqrt()[first:].tolist()
+    spread = covariance.diagonal().sqrt()[first:].tolist()
     made = []
     for name in chosen.names:
         kind = next(kind for kind in predictor.candidates if kind.name == name)
@@ -112,18 +116,22 @@ def _effects(chosen: Hypothesis) -> list[Found]:
     return made
 
 
-def _parameters(nominal: Hypothesis, chosen: Hypothesis | None) -> dict[str, tuple[float, Estimate | None]]:
+def _parameters(
+    nominal: Hypothesis, chosen: Hypothesis | None, covariance: Tensor | None
+) -> dict[str, tuple[float, Estimate | None]]:
     """Give the unknown parameters, refitted without and with the effects."""
-    before = _values(nominal)
-    after: Sequence[Estimate | None] = [None] * len(before) if chosen is None else _values(chosen)
-    names = nominal.experiment.predictor.model.unknown
-    return {name: (old.value, new) for name, old, new in zip(names, before, after, strict=True)}
+    model = nominal.experiment.predictor.model
+    before = model.to_values(nominal.fit.point.nominal[0]).tolist()
+    after: Sequence[Estimate | None] = [None] * len(before)
+    if chosen is not None and covariance is not None:
+        after = _values(chosen, covariance)
+    return {name: (old, new) for name, old, new in zip(model.unknown, before, after, strict=True)}
 
 
-def _values(hypothesis: Hypothesis) -> list[Estimate]:
+def _values(hypothesis: Hypothesis, covariance: Tensor) -> list[Estimate]:
     """Give the unknown parameters of a hypothesis with 90 % intervals, made in the coordinates of the fit."""
     model, point = hypothesis.experiment.predictor.model, hypothesis.fit.point.nominal[0]
-    reach = NORMAL_90 * hypothesis.covariance().diagonal().sqrt()[: len(point)]
+    reach = NORMAL_90 * covariance.diagonal().sqrt()[: len(point)]
     values = (model.to_values(each).tolist() for each in (point, point - reach, point + reach))
     units = ["kg" if name.endswith(".mass") else "-" for name in model.unknown]
     return [Estimate(*each) for each in zip(*values, units, strict=True)]

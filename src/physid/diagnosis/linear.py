@@ -89,13 +89,15 @@ class Linearised:
             whole[part.batch.windows] = value
         return whole
 
-    def normal(self) -> Normal:
-        """Return the normal equations of the shared columns."""
+    def normal(self, share: Tensor | None = None) -> Normal:
+        """Return the normal equations of the shared columns; windows may count by a share (K,)."""
         clean = [part.profiled(part.shared) for part in self.parts]
         by_part = {id(part): each for part, each in zip(self.parts, clean, strict=True)}
         matrix = self.gather(lambda part: part.shared.mT @ by_part[id(part)])
         vector = self.gather(lambda part: (by_part[id(part)].mT @ part.residual[..., None])[..., 0])
         square = self.gather(lambda part: (part.residual * part.profiled(part.residual[..., None])[..., 0]).sum(1))
+        if share is not None:
+            matrix, vector, square = share[:, None, None] * matrix, share[:, None] * vector, share * square
         total = self.windows.sum_windows
         return Normal(total(matrix), total(vector), total(square))
 

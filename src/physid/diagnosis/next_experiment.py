@@ -73,13 +73,13 @@ def next_experiment(prepared: Prepared, found: Attribution) -> NextExperiment | 
     with their own parameters. The profile with the largest difference wins.
     """
     rivals = [one for one in found.group if one is not found.best]
-    if found.best is None or not rivals:
+    if found.best is None or not (rivals or found.alike):
         return None
-    names = {name for one in found.group for name in one.names}
+    names = {name for one in found.group for name in one.names} | set(found.alike)
     advice = next((text for members, text in REMEDIES if len(members & names) > 1), "")
     model = found.best.experiment.predictor.model
     setup = next((one for one in SETUPS if one.scene.name == model.scene.name), None)
-    best = None if setup is None else _best_profile(setup, model, found.best, rivals[0], prepared)
+    best = None if setup is None or not rivals else _best_profile(setup, model, found.best, rivals[0], prepared)
     if best is None or best[0] < ENOUGH:
         sentence = "no force profile of this scene tells them apart" if setup else "other pushes may tell them apart"
         return NextExperiment(f"{sentence}; {advice}" if advice else sentence)

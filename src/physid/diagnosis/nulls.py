@@ -82,7 +82,7 @@ def with_signs(nulls: Nulls, fit: Fit, generator: torch.Generator) -> Nulls:
 def noiseless(experiment: Experiment, fit: Fit, effects: tuple[Effect, ...], generator: torch.Generator) -> Tensor:
     """Return the residuals of one replay without noise, shape (R, T, N, 6); see `draw_nulls`."""
     predictor = experiment.predictor
-    point = _jitter(experiment, fit, generator)
+    point = jitter(experiment, fit, generator)
     real = replay(predictor.model, predictor.wrench, predictor.windows, point, effects)
     return experiment.replace(pose=real).residual(fit.jacobian.base.pose, fit.point)[0]
 
@@ -111,7 +111,7 @@ def floors(experiment: Experiment, fit: Fit, generator: torch.Generator, replays
     return fit.linear.gather(left) / count.clamp_min(1)
 
 
-def _jitter(experiment: Experiment, fit: Fit, generator: torch.Generator) -> Variants:
+def jitter(experiment: Experiment, fit: Fit, generator: torch.Generator) -> Variants:
     """Draw first states and unknown parameters around a fit, as far as the data leave them open."""
     unknown = fit.point.nominal.shape[1]
     normal = fit.normal().of(experiment.fitted)

@@ -51,7 +51,7 @@ def draw(title: str, prepared: Prepared, found: Attribution, conclusion: Conclus
         time_map=_time_map(found.stage, [body.name for body in prepared.observations.scene.bodies], prepared),
         levels=_levels(prepared),
         freeform={split: float(free[chosen].mean().sqrt()) for split, chosen in parts.items() if bool(chosen.any())},
-        threshold=found.stage.threshold,
+        threshold=found.stage.limit * found.stage.rows[0].scale,
         replicates=len(found.stage.null_best),
         formulas={kind.name: (kind.__doc__ or "").strip().splitlines()[0] for kind in kinds},
         next_config=conclusion.further.config if conclusion.further else None,

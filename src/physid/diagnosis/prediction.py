@@ -153,9 +153,20 @@ class Predictor:
         seen = state.flatten(0, 1)
         for effect in self.model.effects:
             seen = effect.observe(seen, step)
-        for effect, rows in self._at_work(effects, "observe", trajectories):
-            seen = seen.index_copy(0, rows, effect.observe(seen[rows], step))
         poses: Tensor = seen.unflatten(0, state.shape[:2])
+        for effect, rows in self._at_work(effects, "observe", trajectories):
+            if not restarts(effect):
+                poses = poses.flatten(0, 1).index_copy(0, rows, effect.observe(poses.flatten(0, 1)[rows], step))
+                poses = poses.unflatten(0, state.shape[:2])
+        for size in self.windows.size.unique().tolist():
+            alike = (self.windows.size == size).nonzero()[:, 0]
+            for effect, rows in self._at_work(effects, "observe", len(alike)):
+                if restarts(effect):
+                    frame = self.windows.start[alike, None] + torch.arange(size)
+                    row = self.windows.trajectory[alike, None].expand_as(frame)
+                    own = poses[:, row, frame].flatten(0, 1)
+                    own = own.index_copy(0, rows, effect.observe(own[rows], step))
+                    poses[:, row, frame] = own.unflatten(0, (len(poses), -1))
         return poses
 
     @torch.no_grad()
@@ -220,6 +231,11 @@ class Predictor:
             values = part.repeat_interleave(copies, 0)[rows]
             working.append((kind(**{name: values[:, k] for k, name in enumerate(names)}), rows))
         return working
+
+
+def restarts(effect: Effect) -> bool:
+    """Tell whether a camera's effect counts from the first frame of a window, not of a trajectory."""
+    return bool(getattr(effect, "restarts", False))
 
 
 def _has(kind: type[Effect], hook: str) -> bool:

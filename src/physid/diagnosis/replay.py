@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from physid.diagnosis.nominal import NominalModel
-from physid.diagnosis.prediction import Variants
+from physid.diagnosis.prediction import Variants, restarts
 from physid.diagnosis.windows import Windows
 from physid.physics.effect import Effect, StepInputs
 from physid.physics.state import State
@@ -53,10 +53,12 @@ def replay(
         loads = wrench[row, first : first + size].numpy()
         start = Excitation(point.pose[0, window].numpy(), point.twist[0, window].numpy(), loads)
         later: list[Effect] = [dataclasses.replace(step, start=first * scene.time_step) for step in steps]
-        motion = simulate(scene, start, later, model.substeps)
-        seen[row, first : first + size] = torch.from_numpy(motion.pose)
+        pose = torch.from_numpy(simulate(scene, start, later, model.substeps).pose)
+        for effect in working:
+            pose = effect.observe(pose[None], scene.time_step)[0] if restarts(effect) else pose
+        seen[row, first : first + size] = pose
     for effect in working:
-        seen = effect.observe(seen, scene.time_step)
+        seen = seen if restarts(effect) else effect.observe(seen, scene.time_step)
     return seen
 
 

@@ -29,14 +29,21 @@ class Row:
         gain: Explained squared residual, in units of the noise.
         change: Linear estimate of its parameters, shape (k,).
         visible: How many standard deviations its typical size makes, along the best direction.
-        p_value: How often effect-free data reach this gain with any effect.
+        scale: What it gains in effect-free data on average, at least 1.
+        p_value: How often effect-free data reach this multiple of its scale with any effect.
     """
 
     names: tuple[str, ...]
     gain: float
     change: Tensor
     visible: float
+    scale: float
     p_value: float
+
+    @property
+    def ratio(self) -> float:
+        """The gain in multiples of its scale: hits let some effects gain much by chance, and others nothing."""
+        return self.gain / self.scale
 
 
 @dataclass(frozen=True)
@@ -47,7 +54,8 @@ class Stage:
         fit: The hypothesis' fit, linearised with all candidates and residual wrenches.
         cells: What the residual wrenches are.
         rows: What each effect that it lacks would gain, best first.
-        null_best: The largest gain in each effect-free data set, shape (Z,).
+        null_best: The largest gain in each effect-free data set, in multiples of its scale (Westfall and Young 1993),
+            shape (Z,).
         free: What a free residual wrench explains, by window, shape (K,).
         null_free: The same for effect-free data: fitted trajectories together, shape (Z,).
         conditional: Normal equations of all effects after the nuisances.
@@ -89,7 +97,7 @@ class Stage:
 
         Effect-free data come from one other engine, and reality is a third: what is found must exceed them by a margin.
         """
-        return p_value(self.rows[0].gain / MARGIN, self.null_best) if self.rows else 1.0
+        return p_value(max(row.ratio for row in self.rows) / MARGIN, self.null_best) if self.rows else 1.0
 
     @property
     def p_free(self) -> float:
@@ -97,9 +105,18 @@ class Stage:
         return p_value(float(self.null_free.mean()) + self.excess / MARGIN, self.null_free)
 
     @property
-    def threshold(self) -> float:
-        """A gain that one in a hundred effect-free data sets reaches."""
+    def limit(self) -> float:
+        """A gain, in multiples of its scale, that one in a hundred effect-free data sets reaches."""
         return float(self.null_best.quantile(0.99))
+
+    @property
+    def significant(self) -> list[Row]:
+        """The effects that gain more than effect-free data do, best first."""
+        return [row for row in self.rows if row.ratio >= self.limit]
+
+    def scale(self, names: tuple[str, ...]) -> float:
+        """Return what effects gain in effect-free data on average."""
+        return sum(row.scale for row in self.rows if row.names[0] in names) or 1.0
 
 
 def examine(prepared: Prepared, hypothesis: Hypothesis, generator: torch.Generator) -> Stage:
@@ -113,8 +130,9 @@ def examine(prepared: Prepared, hypothesis: Hypothesis, generator: torch.Generat
     experiment = hypothesis.experiment
     predictor = experiment.predictor
     planar = not bool(experiment.directions.free[..., 0].any())
-    step = predictor.model.scene.time_step
-    cells, wrenches = residual_wrenches(prepared.phases, experiment.directions.frame, planar, predictor.windows, step)
+    cells, wrenches = residual_wrenches(
+        prepared.phases, experiment.directions.frame, planar, predictor.windows, predictor.model.scene.time_step
+    )
     count = len(predictor.terms)
     fit = experiment.linearise(hypothesis.fit.point, torch.arange(count), wrenches)
     offset = fit.point.nominal.shape[1] + 1
@@ -131,21 +149,21 @@ def examine(prepared: Prepared, hypothesis: Hypothesis, generator: torch.Generat
     respond = fit.linear.respond(nulls.residual, experiment.scale)
     free = torch.tensor([offset + count + k for k, cell in enumerate(cells) if cell.piece is not None])
 
-    def largest(response: Normal) -> Tensor:
+    def each(response: Normal) -> Tensor:
         given = _given(response, shared, experiment.fitted, nuisance, ridge)
-        return torch.stack([gains(given, group)[0] for group in groups]).amax(0)
+        return torch.stack([gains(given, group)[0] for group in groups])
 
-    wild = fit.linear.respond(with_signs(nulls, fit, generator).residual, experiment.scale)
-    null_best = largest(wild if bool(predictor.windows.busy.any()) else respond)
+    chance = each(respond)
+    scales = chance.mean(1).clamp_min(1)
+    if bool(predictor.windows.busy.any()):
+        chance = each(fit.linear.respond(with_signs(nulls, fit, generator).residual, experiment.scale))
+        scales = scales.maximum(chance.mean(1))
+    null_best = (chance / scales[:, None]).amax(0)
     cleaned = _cleaned(fit, nulls.residual, respond, nuisance, ridge, experiment)
     counted = experiment.fitted[predictor.windows.trajectory] & _sound(experiment, hypothesis.fit)
     null_free = local_gain(fit.linear, free, cleaned, experiment.scale)[counted].sum(0)
     conditional = _given(fit.normal(), shared, experiment.fitted, nuisance, ridge)
-    rows = []
-    for group in groups:
-        gain, change, visible = gains(conditional, group)
-        p = p_value(float(gain), null_best)
-        rows.append(Row(group.names, float(gain), change[0], float(visible.max()), p))
+    rows = [_row(conditional, group, scale, null_best) for group, scale in zip(groups, scales.tolist(), strict=True)]
     rows.sort(key=lambda row: -row.gain)
     return Stage(
         fit,
@@ -159,6 +177,12 @@ def examine(prepared: Prepared, hypothesis: Hypothesis, generator: torch.Generat
         counted,
         _cell_gains(fit, offset + count + torch.arange(len(cells)), cleaned[::CELL_DRAWS], experiment.scale),
     )
+
+
+def _row(conditional: Conditional, group: Group, scale: float, null_best: Tensor) -> Row:
+    gain, change, visible = gains(conditional, group)
+    p = p_value(float(gain) / scale, null_best)
+    return Row(group.names, float(gain), change[0], float(visible.max()), scale, p)
 
 
 def _sound(experiment: Experiment, fit: Fit) -> Tensor:

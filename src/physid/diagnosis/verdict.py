@@ -13,7 +13,7 @@ from physid.diagnosis.locate import Place
 Name = Literal["none", "named", "group", "partial", "unknown"]
 PARTLY = 0.4  # share of the gap that may be left for `partial`; with more the cause is unknown
 CARRIES = 0.5  # share of the gap on the transfer protocol that must close as well; the interval must reach it
-NEARLY = 1.1  # times the floor: a gap that is left there contradicts nothing
+NEARLY = 1.05  # times the floor: a gap that is left there contradicts nothing
 MOST_CELLS, MOST_RANKS = 12, 20
 
 
@@ -119,15 +119,15 @@ def judge(found: Attribution, transfer: Closing | None) -> Name:
     if not _carries(transfer) or (not complete and open_share > PARTLY):
         return "unknown"
     if not complete:
-        return "partial"
-    return "group" if len(found.group) > 1 else "named"
+        return "partial" if _carries(transfer, 1 - PARTLY) else "unknown"
+    return "group" if len(found.group) > 1 or found.alike else "named"
 
 
-def _carries(transfer: Closing | None) -> bool:
-    """Tell whether another protocol contradicts what was found: a gap is left there, and less than a half closes."""
+def _carries(transfer: Closing | None, share: float = CARRIES) -> bool:
+    """Tell whether another protocol agrees with what was found: little of a gap is left, or at least a share closes."""
     if transfer is None or transfer.shrink is None or transfer.after is None:
         return True
-    return transfer.after < NEARLY * transfer.floor or transfer.shrink.high > CARRIES
+    return transfer.after < NEARLY * transfer.floor or transfer.shrink.high > share
 
 
 def _estimate(one: Estimate) -> dict[str, Any]:

@@ -1,0 +1,76 @@
+"""Which effects a protocol cannot tell apart: closed forms, and a clock against gravity in free flight."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from torch import Tensor
+
+from physid.diagnosis.columns import Directions, differentiate
+from physid.diagnosis.equivalence import ALIKE, cosine
+from physid.diagnosis.linear import linearise
+from physid.diagnosis.nominal import NominalModel
+from physid.diagnosis.prediction import Predictor, Variants
+from physid.diagnosis.score import Conditional, Group, condition
+from physid.diagnosis.windows import Windows
+from physid.effects import find
+from physid.scenes.catalogue import find_setup
+
+ONE = torch.ones(1, dtype=torch.float64)
+
+
+def group(*columns: int) -> Group:
+    many = torch.ones(len(columns), dtype=torch.float64)
+    return Group((f"effect {columns}",), torch.tensor(columns), many, -1e9 * many, 1e9 * many)
+
+
+def given(columns: Tensor) -> Conditional:
+    return Conditional(columns.T @ columns, torch.zeros(columns.shape[1], 1), torch.zeros(0))
+
+
+def test_an_effect_that_makes_the_same_signature_is_alike_whatever_its_size_and_sign() -> None:
+    one = torch.randn(40, 1, generator=torch.Generator().manual_seed(1)).double() * 5
+    assert cosine(given(torch.cat([one, -3 * one], 1)), group(0), ONE, group(1)) == pytest.approx(1)
+
+
+def test_an_orthogonal_effect_is_not_and_between_them_it_is_the_squared_cosine() -> None:
+    axes = 9 * torch.eye(3, dtype=torch.float64)
+    angle = torch.tensor(0.4, dtype=torch.float64)
+    between = angle.cos() * axes[:, :1] + angle.sin() * axes[:, 1:2]
+    both = given(torch.cat([axes[:, :1], axes[:, 1:2], between], 1))
+    assert cosine(both, group(0), ONE, group(1)) == pytest.approx(0)
+    assert cosine(both, group(0), ONE, group(2)) == pytest.approx(float(angle.cos() ** 2))
+    assert cosine(both, group(2), ONE, group(0, 1)) == pytest.approx(1)
+
+
+def test_an_effect_that_does_not_show_is_alike_to_none() -> None:
+    one = torch.ones(4, 1, dtype=torch.float64)
+    assert cosine(given(torch.cat([5 * one, 0.1 * one], 1)), group(0), ONE, group(1)) == 0
+
+
+@pytest.mark.parametrize("cuts", [1, 3])
+def test_in_free_flight_a_clock_is_gravity_and_no_wind(cuts: int) -> None:
+    """g (1 + k)^2 t^2 / 2: windows start anew, so that no sample is taken across the edge of two windows."""
+    scene = find_setup("toss").scene
+    frames, kinds = 60, ["clock_rate", "gravity_error", "constant_force"]
+    predictor = Predictor(
+        NominalModel(scene),
+        torch.zeros(1, frames, 1, 6, dtype=torch.float64),
+        Windows.equal(1, frames, frames // cuts),
+        [find(name) for name in kinds],
+    )
+    pose = torch.tensor([0, 0, 5.0, 0, 0, 0, 1], dtype=torch.float64).expand(1, cuts, 1, 7)
+    twist = torch.tensor([0, 0, 0, 1.0, 0.5, 2], dtype=torch.float64).expand(1, cuts, 1, 6)
+    point = Variants(
+        pose, twist, torch.zeros(1, 0, dtype=torch.float64), predictor.null[None], torch.zeros(1, 1).double()
+    )
+    resting = torch.zeros(cuts, 1, dtype=torch.bool)
+    directions = Directions.of(torch.tensor([0, 0, 1.0], dtype=torch.float64), resting)
+    jacobian = differentiate(predictor, point, directions, torch.arange(len(predictor.terms)))
+    scale = torch.full((1, frames, 1, 6), 1e4, dtype=torch.float64)
+    linear = linearise(torch.zeros_like(scale), scale, jacobian, directions, predictor.windows)
+    nothing = torch.zeros(0, dtype=torch.int64)
+    normal = condition(linear.normal(), nothing, torch.zeros(0, dtype=torch.float64))
+    clock, gravity, wind = group(0), group(1), group(2, 3)
+    assert cosine(normal, gravity, ONE, clock) > ALIKE
+    assert cosine(normal, gravity, ONE, wind) < 1 - ALIKE

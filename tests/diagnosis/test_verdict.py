@@ -1,0 +1,88 @@
+"""What is concluded from a search: both sides of every judgement, on made-up findings."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+import torch
+
+from physid.diagnosis.attribute import Attribution, distinguishable
+from physid.diagnosis.gap import Closing, Interval
+from physid.diagnosis.stage import Row, Stage
+from physid.diagnosis.verdict import judge
+
+FLOOR = 1e-3
+
+
+def left(excess: float, p_value: float) -> Any:
+    return SimpleNamespace(excess=excess, p_value=p_value, p_free=p_value)
+
+
+def found(open_share: float = 0.0, p_value: float = 1.0, alike: tuple[str, ...] = ()) -> Attribution:
+    one = cast(Any, object())
+    return Attribution(one, left(1000.0, 0.001), [one], one, left(1000 * open_share, p_value), [one], alike)
+
+
+def transfer(after: float, closed: float) -> Closing:
+    return Closing(3 * FLOOR, after * FLOOR, Interval(closed, closed - 0.1, closed + 0.05), FLOOR)
+
+
+def test_what_leaves_nothing_and_carries_over_is_named() -> None:
+    assert judge(found(), None) == "named"
+    assert judge(found(), transfer(1.01, 0.99)) == "named"
+
+
+def test_what_cannot_be_told_from_another_is_a_group() -> None:
+    assert judge(found(alike=("clock_rate",)), None) == "group"
+
+
+@pytest.mark.parametrize(("after", "closed", "verdict"), [(2.8, 0.1, "unknown"), (1.04, 0.1, "named")])
+def test_what_closes_nothing_under_another_protocol_is_no_cause_unless_little_is_open(
+    after: float, closed: float, verdict: str
+) -> None:
+    assert judge(found(), transfer(after, closed)) == verdict
+
+
+@pytest.mark.parametrize(("closed", "verdict"), [(0.8, "partial"), (0.5, "unknown")])
+def test_a_part_of_the_cause_closes_most_of_the_gap_under_another_protocol(closed: float, verdict: str) -> None:
+    assert judge(found(0.1, 0.001), transfer(2.0, closed)) == verdict
+
+
+def test_more_than_a_part_that_is_open_is_unknown() -> None:
+    assert judge(found(0.1, 0.001), None) == "partial"
+    assert judge(found(0.6, 0.001), None) == "unknown"
+
+
+def hypothesis(*held_out: float) -> Any:
+    return SimpleNamespace(held_out=torch.tensor(held_out, dtype=torch.float64))
+
+
+@pytest.mark.parametrize(("behind", "apart"), [(8.0, False), (60.0, True)])
+def test_a_rival_is_told_apart_by_more_than_chance(behind: float, apart: bool) -> None:
+    nominal, best, other = hypothesis(500, 500), hypothesis(100, 100), hypothesis(100 + behind, 100)
+    assert distinguishable(nominal, best, other, cast(Any, left(0.0, 1.0))) is apart
+
+
+@pytest.mark.parametrize(("behind", "apart"), [(60.0, False), (6000.0, True)])
+def test_and_by_more_than_the_numerics_know(behind: float, apart: bool) -> None:
+    nominal, best, other = hypothesis(50000, 50000), hypothesis(100, 100), hypothesis(100 + behind, 100)
+    assert distinguishable(nominal, best, other, cast(Any, left(0.0, 1.0))) is apart
+
+
+def stage(*rows: Row) -> Stage:
+    """Return a stage whose effect-free data reach 10 times their scale at most."""
+    null = torch.linspace(0, 10, 300)
+    return Stage(cast(Any, None), [], list(rows), null, null, null, cast(Any, None), [], null > 0, null)
+
+
+def row(name: str, gain: float, scale: float) -> Row:
+    return Row((name,), gain, torch.zeros(1), 1.0, scale, 1.0)
+
+
+def test_an_effect_that_hits_let_gain_by_chance_hides_no_other() -> None:
+    by_chance, true = row("ground_restitution", 250.0, 60.0), row("length_scale", 60.0, 2.0)
+    assert stage(by_chance).p_best > 0.05
+    assert stage(by_chance, true).p_best < 0.01
+    assert [one.names for one in stage(by_chance, true).significant] == [("length_scale",)]
