@@ -16,13 +16,18 @@ from physid.diagnosis.verdict import judge
 FLOOR = 1e-3
 
 
+def hypothesis(*held_out: float) -> Any:
+    fitted = SimpleNamespace(fitted=torch.ones(len(held_out), dtype=torch.bool))
+    return SimpleNamespace(held_out=torch.tensor(held_out, dtype=torch.float64), experiment=fitted)
+
+
 def left(excess: float, p_value: float) -> Any:
-    return SimpleNamespace(excess=excess, p_value=p_value, p_free=p_value)
+    return SimpleNamespace(excess=excess, missing=excess, p_value=p_value, p_free=p_value)
 
 
 def found(open_share: float = 0.0, p_value: float = 1.0, alike: tuple[str, ...] = ()) -> Attribution:
-    one = cast(Any, object())
-    return Attribution(one, left(1000.0, 0.001), [one], one, left(1000 * open_share, p_value), [one], alike)
+    nominal, best = hypothesis(600, 600), hypothesis(100, 100)
+    return Attribution(nominal, left(500.0, 0.001), [best], best, left(1000 * open_share, p_value), [best], alike)
 
 
 def transfer(after: float, closed: float) -> Closing:
@@ -55,10 +60,6 @@ def test_more_than_a_part_that_is_open_is_unknown() -> None:
     assert judge(found(0.6, 0.001), None) == "unknown"
 
 
-def hypothesis(*held_out: float) -> Any:
-    return SimpleNamespace(held_out=torch.tensor(held_out, dtype=torch.float64))
-
-
 @pytest.mark.parametrize(("behind", "apart"), [(8.0, False), (60.0, True)])
 def test_a_rival_is_told_apart_by_more_than_chance(behind: float, apart: bool) -> None:
     nominal, best, other = hypothesis(500, 500), hypothesis(100, 100), hypothesis(100 + behind, 100)
@@ -69,6 +70,17 @@ def test_a_rival_is_told_apart_by_more_than_chance(behind: float, apart: bool) -
 def test_and_by_more_than_the_numerics_know(behind: float, apart: bool) -> None:
     nominal, best, other = hypothesis(50000, 50000), hypothesis(100, 100), hypothesis(100 + behind, 100)
     assert distinguishable(nominal, best, other, cast(Any, left(0.0, 1.0))) is apart
+
+
+@pytest.mark.parametrize(("whole", "apart"), [(True, True), (False, False)])
+def test_where_something_is_left_a_rival_must_be_worse_in_all_trajectories(whole: bool, apart: bool) -> None:
+    nominal, best, other = hypothesis(900, 900, 900), hypothesis(100, 100, 100), hypothesis(800, 100, 100)
+    assert distinguishable(nominal, best, other, cast(Any, left(20.0, 0.001)), whole) is apart
+
+
+def test_a_hair_is_left_by_laws_that_differ_a_little_and_is_no_part() -> None:
+    assert judge(found(0.01, 0.001), None) == "named"
+    assert judge(found(0.03, 0.001), None) == "partial"
 
 
 def stage(*rows: Row) -> Stage:

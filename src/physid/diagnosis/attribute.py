@@ -70,7 +70,7 @@ def attribute(prepared: Prepared, generator: torch.Generator, say: Say = lambda 
     say(f"looking at what {' + '.join(best.names)} leaves")
     left = examine(prepared, best, generator)
     tried = singles
-    if left.p_value <= ALPHA and max(left.excess, left.rows[0].gain) > SECOND * stage.excess:
+    if left.p_value <= ALPHA and left.missing > SECOND * explained(nominal, best, stage):
         pairs = _fit_all(prepared, nominal, stage, _pairs(stage, singles, left), say, best, left)
         sound = [pair for pair in pairs if _both_needed(pair, singles, left)]
         tried = _sorted([*singles, *sound])
@@ -78,8 +78,19 @@ def attribute(prepared: Prepared, generator: torch.Generator, say: Say = lambda 
             best = tried[0]
             say(f"looking at what {' + '.join(best.names)} leaves")
             left = examine(prepared, best, generator)
-    group = [one for one in tried if one is best or not distinguishable(nominal, best, one, left)]
+    whole = complete(nominal, best, stage, left)
+    group = [one for one in tried if one is best or not distinguishable(nominal, best, one, left, whole)]
     return Attribution(nominal, stage, tried, best, left, group, alike(stage, best))
+
+
+def explained(nominal: Hypothesis, best: Hypothesis, stage: Stage) -> float:
+    """Return what the best explains: in squared residual of the fitted trajectories, or by a free residual wrench."""
+    return max(_gain(nominal, best), stage.excess, 1e-9)
+
+
+def complete(nominal: Hypothesis, best: Hypothesis, stage: Stage, left: Stage) -> bool:
+    """Tell whether the best leaves nothing, or so little that laws which differ by a hair account for it."""
+    return left.p_value > ALPHA or left.missing < CLOSED * explained(nominal, best, stage)
 
 
 def confirmed(nominal: Hypothesis, one: Hypothesis) -> bool:
@@ -89,17 +100,18 @@ def confirmed(nominal: Hypothesis, one: Hypothesis) -> bool:
     return len(better) == 0 or float(better.sum()) > 0
 
 
-def distinguishable(nominal: Hypothesis, best: Hypothesis, other: Hypothesis, left: Stage) -> bool:
+def distinguishable(nominal: Hypothesis, best: Hypothesis, other: Hypothesis, left: Stage, whole: bool = False) -> bool:
     """Tell whether another hypothesis predicts held-out trajectories clearly worse than the best.
 
     If the other were true, the squared residuals of both would differ by more than d with a probability of at most
     exp(-d / 2). That bound trusts the noise, and the numerics, which are known to a share of what is explained; where
-    the best leaves something, the difference must exceed that as well, and hold in a paired test over trajectories.
+    the best leaves something (it is not the whole), the difference must exceed that as well, and hold in a paired test
+    over trajectories.
     """
     worse = other.held_out - best.held_out
-    explained = float((nominal.held_out - best.held_out).sum())
-    least = max(NATS, SAME * explained, 2 * left.excess)
-    if left.p_value <= ALPHA:
+    closed = float((nominal.held_out - best.held_out).sum())
+    least = max(NATS, SAME * closed, 2 * left.excess)
+    if left.p_value <= ALPHA and not whole:
         error = float(worse.std()) * len(worse) ** 0.5
         least = max(least, CLEAR * error)
     return float(worse.sum()) > least

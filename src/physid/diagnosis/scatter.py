@@ -10,7 +10,7 @@ from physid.diagnosis.hypothesis import Hypothesis
 from physid.diagnosis.nulls import jitter
 from physid.diagnosis.replay import replay
 
-REPLAYS = 8  # runs of the other engine
+REPLAYS = 6  # runs of the other engine
 
 
 def astray(hypothesis: Hypothesis, generator: torch.Generator) -> Tensor:

@@ -87,6 +87,11 @@ class Stage:
         return self.left - float(self.null_free.mean())
 
     @property
+    def missing(self) -> float:
+        """How much squared residual is unexplained beyond chance, as far as one effect or a free wrench shows it."""
+        return max([0.0, self.excess, *(row.gain for row in self.significant)])
+
+    @property
     def p_value(self) -> float:
         """How often effect-free data look at least as suspicious: by one effect, or by a free residual wrench."""
         return min(1.0, 2 * min(self.p_best, self.p_free))

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from physid.diagnosis.attribute import ALPHA, CLOSED, Attribution
+from physid.diagnosis.attribute import ALPHA, Attribution, complete, explained
 from physid.diagnosis.gap import Closing, Interval
 from physid.diagnosis.locate import Place
 
@@ -114,20 +114,25 @@ def judge(found: Attribution, transfer: Closing | None) -> Name:
     """Turn what the search found into a verdict."""
     if found.best is None or found.left is None:
         return "unknown" if found.stage.p_free <= ALPHA else "none"
-    open_share = max(0.0, found.left.excess) / max(found.stage.excess, 1e-9)
-    complete = found.left.p_value > ALPHA or open_share < CLOSED
-    if not _carries(transfer) or (not complete and open_share > PARTLY):
+    whole = complete(found.nominal, found.best, found.stage, found.left)
+    open_share = found.left.missing / explained(found.nominal, found.best, found.stage)
+    if not _carries(transfer) or (not whole and open_share > PARTLY):
         return "unknown"
-    if not complete:
-        return "partial" if _carries(transfer, 1 - PARTLY) else "unknown"
+    if not whole:
+        return "partial" if transfer is None or _open(transfer) <= PARTLY else "unknown"
     return "group" if len(found.group) > 1 or found.alike else "named"
 
 
-def _carries(transfer: Closing | None, share: float = CARRIES) -> bool:
-    """Tell whether another protocol agrees with what was found: little of a gap is left, or at least a share closes."""
-    if transfer is None or transfer.shrink is None or transfer.after is None:
-        return True
-    return transfer.after < NEARLY * transfer.floor or transfer.shrink.high > share
+def _carries(transfer: Closing | None) -> bool:
+    """Tell whether another protocol contradicts what was found: a gap is left there, and less than a half closes."""
+    return transfer is None or _open(transfer) == 0 or (transfer.shrink is not None and transfer.shrink.high > CARRIES)
+
+
+def _open(closing: Closing) -> float:
+    """Return the share of a gap that is left, 0 if there is none or little."""
+    if closing.shrink is None or closing.after is None or closing.after < NEARLY * closing.floor:
+        return 0.0
+    return 1 - closing.shrink.value
 
 
 def _estimate(one: Estimate) -> dict[str, Any]:
