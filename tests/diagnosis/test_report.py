@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from diagnosis.documents import diagnosis
-from physid.diagnosis import report
+from physid.diagnosis import report_films
 from physid.diagnosis.document import VERDICTS
 from physid.diagnosis.report import Curve, Film, ReportData, TimeMap, render, write_report
 from physid.diagnosis.report_curves import Axis
@@ -149,7 +149,7 @@ def test_an_invalid_document_leaves_no_page(tmp_path: Path) -> None:
 
 
 def test_a_film_that_no_page_can_carry_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(report, "MOST_BYTES", 3)
+    monkeypatch.setattr(report_films, "MOST_BYTES", 3)
     with pytest.raises(ValueError, match=r"film\.mp4: expected a film of at most"):
         write_report(tmp_path / "out", diagnosis(), pictures(tmp_path))
 

@@ -70,6 +70,11 @@ class RecordingSet:
         with open_trajectory(self.paths[index]) as file:
             return "pose" in file
 
+    def has_film(self, index: int) -> bool:
+        """Tell whether trajectory `index` has a film."""
+        with open_trajectory(self.paths[index]) as file:
+            return "frames" in file
+
     def splits(self) -> list[str | None]:
         """Return the split of each trajectory, None where the file names none."""
         return [self._attribute(path, "split") for path in self.paths]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -18,6 +19,7 @@ from physid.diagnosis.conclusion import draw_conclusion
 from physid.diagnosis.document import check_diagnosis, write_diagnosis
 from physid.diagnosis.nominal import NominalModel
 from physid.diagnosis.observations import Observations, observe
+from physid.diagnosis.overlay import overlay
 from physid.diagnosis.pictures import draw
 from physid.diagnosis.prepare import Prepared, prepare
 from physid.diagnosis.report import write_report
@@ -78,6 +80,8 @@ def diagnose(
     reading = read_reading(recordings)
     title = Path(reading.films).name if reading else recordings.name
     pictures = draw(title, prepared, found, conclusion, time.perf_counter() - begun)
+    drawn = overlay(out, _sources(recordings, transfer, limit), observations, found.nominal, conclusion)
+    pictures = dataclasses.replace(pictures, overlay=drawn)
     write_report(out, document, pictures)
     write_diagnosis(out, document)
     forget(out)
@@ -86,6 +90,12 @@ def diagnose(
     if save is not None:
         save_model(save, recordings, believed, conclusion)
     return document
+
+
+def _sources(recordings: Path, transfer: Path | None, limit: int | None) -> list[tuple[RecordingSet, int]]:
+    """List the set of each trajectory, and its number there, in the order of the observations."""
+    sets = [RecordingSet(each) for each in (recordings, transfer) if each is not None]
+    return [(each, index) for each in sets for index in range(len(each))[:limit]]
 
 
 def _fitted(

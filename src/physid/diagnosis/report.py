@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping
 from itertools import groupby
 from pathlib import Path
@@ -12,13 +11,15 @@ from physid.data.files import write_text
 from physid.diagnosis.document import FILE, check_diagnosis
 from physid.diagnosis.report_curves import error_curves, error_levels, shares
 from physid.diagnosis.report_data import Curve, Film, ReportData, TimeMap
-from physid.diagnosis.report_elements import Content, Markup, badge, card, element, section
+from physid.diagnosis.report_elements import Content, Markup, badge, element, section
+from physid.diagnosis.report_films import film_cards
 from physid.diagnosis.report_map import evidence_map, site_bar, site_name, time_map
 from physid.diagnosis.report_style import STYLE
 from physid.diagnosis.report_tables import effects, group, parameters, ranking
 from physid.diagnosis.sentences import (
     capital,
     caveat,
+    closed,
     how_far_sentence,
     join,
     percent,
@@ -30,7 +31,6 @@ from physid.diagnosis.sentences import (
 __all__ = ["Curve", "Film", "ReportData", "TimeMap", "render", "write_report"]
 
 REPORT = "report.html"
-MOST_BYTES = 16_000_000  # of one film; a page beyond this does not open well on a phone
 MOST_LISTED = 2  # further members of a group that the answers name
 KINDS = {"none": "good", "named": "", "group": "warn", "partial": "warn", "unknown": "bad"}
 POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; media-src data:"
@@ -73,7 +73,7 @@ def render(diagnosis: Mapping[str, Any], pictures: ReportData) -> str:
         _which(diagnosis, pictures),
         _how_far(diagnosis, pictures),
         _next(diagnosis, pictures),
-        _films(pictures.films),
+        section("Recording and model", "", *_rows(*film_cards(pictures))),
         _small_print(pictures),
     ]
     page = element("html", element("head", head), element("body", element("main", body)), lang="en")
@@ -134,7 +134,7 @@ def _far(diagnosis: Mapping[str, Any], split: str) -> str:
     """Say in two words how far the gap closes."""
     share = diagnosis["shrink"][split]
     if share is not None:
-        return f"{percent(share['value'])} closed"
+        return f"{closed(share)[0]} closed"
     if diagnosis["gap"][split]["after"] is not None:
         return "Near the floor"
     return "Nothing to close" if diagnosis["verdict"] == "none" else "Not closed"
@@ -181,19 +181,6 @@ def _next(diagnosis: Mapping[str, Any], pictures: ReportData) -> Markup | None:
         config = element("details", element("summary", "Configuration for physid generate"), code)
     sentence = element("p", capital(diagnosis["next_experiment"]))
     return section("Next experiment", "", element("div", sentence, config, class_="card"))
-
-
-def _films(films: tuple[Film, ...]) -> Markup | None:
-    made = []
-    for film in films:
-        content = film.path.read_bytes()
-        if len(content) > MOST_BYTES:
-            size = f"{len(content) / 1e6:.0f} MB"
-            raise ValueError(f"{film.path}: expected a film of at most 16 MB, found {size}; make it shorter or smaller")
-        source = f"data:video/mp4;base64,{base64.b64encode(content).decode()}"
-        video = element("video", src=source, controls=True, loop=True, muted=True, playsinline=True, preload="metadata")
-        made.append(card(film.title, video))
-    return section("Recording and model", "", *_rows(*made))
 
 
 def _small_print(pictures: ReportData) -> Markup:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from physid.diagnosis.document import SPLITS
 from physid.diagnosis.report_data import LEVELS, Curve, ReportData
 from physid.diagnosis.report_elements import Markup, card, element
-from physid.diagnosis.sentences import SPLIT_NAMES, capital, percent, quantity
+from physid.diagnosis.sentences import SPLIT_NAMES, capital, closed, percent, quantity
 
 LINES = {"before": "nominal model, refitted", "after": "with the effect", "freeform": "with a free residual wrench"}
 SPREAD_FOR_LOGARITHM = 12.0  # if errors exceed the floor by this factor, only a logarithmic axis shows both
@@ -164,6 +164,7 @@ def _share(diagnosis: Mapping[str, Any], split: str) -> Markup:
     name = element("p", SPLIT_NAMES[split], class_="small soft")
     if share is None:
         return element("div", name, element("p", "too near to the floor for a share"), class_="size")
+    value, interval = closed(share)
     left, middle, right = (100 * min(max(share[key], 0.0), 1.0) for key in ("low", "value", "high"))
     marks = [
         element("u", style=f"left: {left:.1f}%; width: {max(right - left, 0.8):.1f}%"),
@@ -172,8 +173,8 @@ def _share(diagnosis: Mapping[str, Any], split: str) -> Markup:
     return element(
         "div",
         name,
-        element("p", percent(share["value"]), class_="big"),
-        element("p", f"{percent(share['low'])} to {percent(share['high'])}", class_="small soft number"),
+        element("p", value, class_="big"),
+        element("p", interval, class_="small soft number"),
         element("div", marks, class_="track"),
         class_="size",
     )

@@ -88,6 +88,38 @@ class Film:
 
 
 @dataclass(frozen=True)
+class Still:
+    """A picture out of a film.
+
+    Attributes:
+        caption: When, and how far off the models are.
+        picture: A WebP file.
+    """
+
+    caption: str
+    picture: bytes
+
+
+@dataclass(frozen=True)
+class Overlay:
+    """What models predict, drawn over a recorded film, side by side.
+
+    Attributes:
+        trajectory: Which one.
+        models: Names of the models, one or two.
+        larger: How many times as large as they are differences are drawn.
+        stills: Pictures at some times.
+        film: All of them as a film; None where it could not be written.
+    """
+
+    trajectory: str
+    models: tuple[str, ...]
+    larger: int
+    stills: tuple[Still, ...]
+    film: Film | None
+
+
+@dataclass(frozen=True)
 class ReportData:
     """What a report draws beside diagnosis.json; whatever is left out is left out of the page.
 
@@ -102,6 +134,7 @@ class ReportData:
         formulas: A line about each effect, by name.
         next_config: Text of the generate config of the next experiment.
         films: Recording and model, before and after.
+        overlay: The same, drawn over a recorded film.
         facts: What was diagnosed, for the small print.
         interval: Level of the intervals.
     """
@@ -116,6 +149,7 @@ class ReportData:
     formulas: Mapping[str, str] = field(default_factory=dict)
     next_config: str | None = None
     films: tuple[Film, ...] = ()
+    overlay: Overlay | None = None
     facts: Mapping[str, str] = field(default_factory=dict)
     interval: float = 0.9
 

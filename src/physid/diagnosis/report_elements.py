@@ -34,7 +34,7 @@ def element(tag: str, *content: Content, **attributes: object) -> Markup:
         if value is not None and value is not False
     )
     inside = "".join(_flat(content))
-    if not inside and tag in ("meta", "line", "polyline", "br"):
+    if not inside and tag in ("meta", "line", "polyline", "br", "img"):
         return Markup(f"<{tag}{written}/>")
     return Markup(f"<{tag}{written}>{inside}</{tag}>")
 

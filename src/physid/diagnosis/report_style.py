@@ -75,6 +75,7 @@ section > .card, section > .grid { margin-top: 14px; }
 .squares i { width: 10px; height: 10px; border-radius: 3px; }
 .key { width: 18px; border-top: 2.5px solid; }
 .key.before { border-color: var(--before); } .key.after { border-color: var(--after); }
+.key.recorded { border-color: #fff; outline: 1px solid var(--soft); height: 5px; background: #fff; border: 0; }
 .key.freeform { border-color: var(--free); border-top-style: dotted; }
 .key.floor { border-color: var(--floor); border-top-style: dashed; border-top-width: 1.5px; }
 .maps { display: flex; flex-wrap: wrap; gap: 18px 36px; }
@@ -148,6 +149,11 @@ svg * { vector-effect: non-scaling-stroke; fill: none; }
 .line.freeform { stroke: var(--free); stroke-dasharray: 1 5; }
 .line.floor { stroke: var(--floor); stroke-width: 1.5; stroke-dasharray: 6 4; }
 video { width: 100%; border-radius: 8px; background: #000; display: block; }
+.film { max-width: 400px; margin-top: 12px; } .wide-film { max-width: 800px; margin-top: 12px; }
+.stills { display: grid; gap: 12px; margin-top: 12px; grid-template-columns: repeat(auto-fit, minmax(150px, 1fr)); }
+.wide-stills { grid-template-columns: repeat(auto-fit, minmax(min(100%, 400px), 1fr)); }
+.stills img { width: 100%; border-radius: 8px; display: block; }
+.stills figcaption { margin: 4px 0 0; color: var(--soft); }
 details { margin-top: 12px; }
 summary { cursor: pointer; font-weight: 600; padding: 6px 0; }
 pre {

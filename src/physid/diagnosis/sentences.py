@@ -12,6 +12,7 @@ MOST_CELLS = 2
 SPLIT_NAMES = {"same": "same protocol", "transfer": "transfer protocol"}
 PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"))
 MOST_DECIMALS = 6
+MOST_CLOSED = 1.5  # an interval that reaches beyond says that the floor is too near to be subtracted
 SMALLEST_SHOWN = 0.1  # a number below takes the next prefix
 LABEL_WIDTH = 9
 
@@ -85,8 +86,15 @@ def how_far_sentence(diagnosis: Mapping[str, Any], split: str) -> str:
     after = "" if error["after"] is None else f" -> {quantity(error['after'], unit)}"
     text = f"{SPLIT_NAMES[split]}: {quantity(error['before'], unit)}{after} (floor {quantity(gap['floor'], unit)})"
     if share is not None:
-        return f"{text}, {percent(share['value'])} closed ({percent(share['low'])} to {percent(share['high'])})"
+        return f"{text}, {' closed ('.join(closed(share))})"
     return text if error["after"] is None else f"{text}, too near to the floor for a share"
+
+
+def closed(share: Mapping[str, Any]) -> tuple[str, str]:
+    """Say which share of a gap is closed, and its interval; no more than all of it where the floor is not sure."""
+    if share["high"] > MOST_CLOSED:
+        return percent(min(share["value"], 1.0)), f"at least {percent(min(share['low'], 1.0))}"
+    return percent(share["value"]), f"{percent(share['low'])} to {percent(share['high'])}"
 
 
 def summary_lines(diagnosis: Mapping[str, Any]) -> list[str]:

@@ -1,0 +1,112 @@
+"""What models predict, drawn over a film: the outlines lie where the model says, enlarged if they could not be seen."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from diagnosis.documents import NAMED
+from physid.data.format import RecordingSet
+from physid.data.generate import generate
+from physid.data.generation import GenerateConfig
+from physid.diagnosis.observations import Observations, observe
+from physid.diagnosis.overlay import FILM, LARGER, VISIBLE, overlay
+from physid.diagnosis.panels import SIDE, draw_panel, view_of
+from physid.diagnosis.report import render
+from physid.diagnosis.report_data import Overlay, ReportData
+
+LARGEST_PAGE = 3_000_000
+AMBER, BLUE = (217, 119, 6), (29, 95, 209)
+
+
+@pytest.fixture(scope="module")
+def films(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("films") / "push"
+    config = GenerateConfig("push", protocol="rich", trajectories=4, steps=24, split={"fit": 2, "report_same": 1})
+    generate(config, folder, 1, quiet=True)
+    return folder
+
+
+def model_off_by(observations: Observations, shift: torch.Tensor) -> Any:
+    """Return what stands for a hypothesis that is off by (R,) [m] along x."""
+    residual = torch.zeros(*observations.pose.shape[:3], 6, dtype=torch.float64)
+    residual[..., 3] = shift[:, None, None]
+    experiment = SimpleNamespace(scale=torch.ones_like(residual))
+    return SimpleNamespace(fit=SimpleNamespace(residual=residual), experiment=experiment, names=("viscous_drag",))
+
+
+def drawn(films: Path, out: Path, before: torch.Tensor, after: torch.Tensor | None) -> Overlay | None:
+    recordings = RecordingSet(films)
+    observations = observe(recordings)
+    chosen = None if after is None else model_off_by(observations, after)
+    sources = [(recordings, index) for index in range(len(recordings))]
+    found: Any = SimpleNamespace(chosen=chosen)
+    return overlay(out, sources, observations, model_off_by(observations, before), found)
+
+
+def test_the_held_out_trajectory_that_is_missed_most_is_drawn_and_small_differences_are_enlarged(
+    films: Path, tmp_path: Path
+) -> None:
+    roles = observe(RecordingSet(films)).roles
+    held_out = [row for row, role in enumerate(roles) if role == "same"]
+    before = torch.tensor([0.05, 0.05, 0.05, 0.05], dtype=torch.float64)
+    before[held_out] = 0.004
+    made = drawn(films, tmp_path, before, 0 * before)
+    assert made is not None
+    assert made.trajectory == f"trajectory {held_out[0]}"
+    assert made.models == ("nominal model", "with viscous drag")
+    assert made.stills[0].caption == "0.00 s: 4 mm → 0 m"
+    assert made.larger in LARGER
+    assert made.larger * 0.004 < VISIBLE * 0.5 < 2.5 * made.larger * 0.004
+    assert made.film is not None
+    assert made.film.path == tmp_path / FILM
+
+
+def test_the_page_carries_film_and_pictures_and_stays_small(films: Path, tmp_path: Path) -> None:
+    before = torch.full((4,), 0.03, dtype=torch.float64)
+    made = drawn(films, tmp_path, before, before / 10)
+    page = render(NAMED, ReportData(overlay=made))
+    assert page.count("data:image/webp") == len(made.stills if made else ()) == 4
+    assert page.count("data:video/mp4") == 1
+    assert "with viscous drag" in page
+    assert len(page) < LARGEST_PAGE
+
+
+def test_without_an_effect_one_model_is_drawn_and_without_films_none(films: Path, tmp_path: Path) -> None:
+    before = torch.full((4,), 0.03, dtype=torch.float64)
+    made = drawn(films, tmp_path, before, None)
+    assert made is not None
+    assert made.models == ("nominal model",)
+    generate(GenerateConfig("push", trajectories=4, steps=24, video=False), tmp_path / "blind", 1, quiet=True)
+    assert drawn(tmp_path / "blind", tmp_path, before, None) is None
+
+
+def test_outlines_surround_the_body_and_a_model_that_is_right_lies_on_it() -> None:
+    square = np.array([[10, 10], [10, 20], [20, 10], [20, 20]] * 2, dtype=float)[None]
+    square = square[:, [0, 4, 1, 5, 2, 6, 3, 7]]
+    view = view_of(square, 64, 64)
+    empty = np.zeros((64, 64, 3), dtype=np.uint8)
+    panel = draw_panel(empty, view, [(square, AMBER, 3)])
+    rows, columns = np.nonzero((panel == AMBER).all(-1))
+    left, top, length = view
+    for pixels, start in ((columns, left), (rows, top)):
+        ends = pixels.min() * length / SIDE + start, (pixels.max() + 1) * length / SIDE + start
+        assert ends == pytest.approx((10, 20), abs=0.6)
+    on_top = draw_panel(empty, view, [(square, AMBER, 3), (square, BLUE, 3)])
+    assert not (on_top == AMBER).all(-1).any()
+
+
+def test_a_view_shows_all_that_is_asked_for_and_nothing_beyond_the_image() -> None:
+    points = np.array([[2.0, 50.0], [60.0, 55.0]])
+    left, top, length = view_of(points, 64, 64)
+    assert left >= 0
+    assert top >= 0
+    assert left + length <= 64
+    assert top + length <= 64
+    assert (points >= [left, top]).all()
+    assert (points <= [left + length, top + length]).all()
