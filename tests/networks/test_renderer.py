@@ -4,9 +4,9 @@ import pytest
 import torch
 from scipy.spatial import ConvexHull
 
-from physid.networks.appearance import Appearance
+from physid.networks.appearance import Appearance, pixel_rows
 from physid.networks.camera import PinholeCamera
-from physid.networks.faces import corners
+from physid.networks.faces import corners, coverage, visible_faces
 from physid.networks.renderer import BoxRenderer
 from physid.physics.rotations import exponential
 
@@ -161,3 +161,14 @@ def test_shapes_that_do_not_fit_are_refused() -> None:
         BoxRenderer(OBLIQUE, SIZE)(pose[:, :, :1], appearance, background)
     with pytest.raises(ValueError, match="background must have shape"):
         BoxRenderer(OBLIQUE, SIZE)(pose, appearance, background[..., :-1])
+
+
+def test_hard_edges_leave_pixels_covered_or_not_and_the_same_area() -> None:
+    camera = PinholeCamera(64, 64, (0, 0, 3), (0, 0, 0), (0, 1, 0), 40.0)
+    half = math.pi / 12
+    pose = torch.tensor([0.1, 0.05, 0.0, 0.0, 0.0, math.sin(half), math.cos(half)])
+    faces = visible_faces(camera, pose, torch.tensor([0.8, 0.5, 0.1]))
+    pixels = pixel_rows(64, 64, pose)
+    (_, soft), (_, hard) = (coverage(faces, pixels, edge) for edge in (1.0, 1e-4))
+    assert ((hard < 1e-3) | (hard > 1 - 1e-3)).float().mean() > 0.99
+    assert float(hard.sum()) == pytest.approx(float(soft.sum()), rel=0.02)

@@ -101,20 +101,21 @@ def _outline(side: Tensor, facing: Tensor) -> Tensor:
     return torch.unflatten(torch.stack(edges, -1), -1, (3, 4))
 
 
-def coverage(faces: Faces, pixels: Tensor) -> tuple[Tensor, Tensor]:
+def coverage(faces: Faces, pixels: Tensor, edge: float = 1.0) -> tuple[Tensor, Tensor]:
     """Measure how much of each pixel a face covers, and the box as a whole, with edges one pixel wide.
 
-    An edge at distance d covers clamp(d + 1/2, 0, 1) of a pixel; two opposite edges leave the sum less one, so that a
-    face seen edge-on vanishes smoothly. The box covers the least that any edge of its outline leaves.
+    An edge of width w at distance d covers clamp(d / w + 1/2, 0, 1) of a pixel; two opposite edges leave the sum less
+    one, so that a face seen edge-on vanishes smoothly. The box covers the least that any edge of its outline leaves.
 
     Args:
         faces: Visible faces of boxes.
         pixels: Rows (u, v, 1) of the pixel centres, shape (P, 3).
+        edge: Width of the edges [px]; near 0 a pixel is covered or not, as in images without anti-aliasing.
 
     Returns:
         Coverage of the faces, shape (..., 3, P), and of the boxes, shape (..., P).
     """
-    inside = torch.unflatten((faces.edges.flatten(-3, -2) @ pixels.T + 0.5).clamp(0, 1), -2, (3, 4))
+    inside = torch.unflatten((faces.edges.flatten(-3, -2) @ pixels.T / edge + 0.5).clamp(0, 1), -2, (3, 4))
     strips = (inside[..., 0::2, :] + inside[..., 1::2, :] - 1).clamp_min(0)
     of_face = strips[..., 0, :] * strips[..., 1, :] * faces.facing[..., None]
     bounds = (faces.outline & faces.facing[..., None])[..., None]

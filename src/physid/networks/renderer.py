@@ -41,13 +41,14 @@ class BoxRenderer(nn.Module):
         self.camera = camera
         self.register_buffer("size", size.float(), persistent=False)
 
-    def forward(self, pose: Tensor, appearance: Appearance, background: Tensor) -> Tensor:
+    def forward(self, pose: Tensor, appearance: Appearance, background: Tensor, edge: float = 1.0) -> Tensor:
         """Draw T frames of each of B scenes.
 
         Args:
             pose: Poses, shape (B, T, N, 7).
             appearance: What the boxes look like in each scene, or in all; its type is that of the result.
             background: The empty scenes in [0, 1], shape (B, 3, H, W).
+            edge: Width of edges [px]; the gradient needs 1, images without anti-aliasing have about 0.
 
         Returns:
             Images in [0, 1], shape (B, T, 3, H, W).
@@ -59,13 +60,13 @@ class BoxRenderer(nn.Module):
         check_shape("pose", pose, (batch, None, len(self.size), 7))
         check_shape("background", background, (None, 3, self.camera.height, self.camera.width))
         with torch.autocast(pose.device.type, enabled=False):
-            return self._draw(pose.to(appearance.patches), appearance, background)
+            return self._draw(pose.to(appearance.patches), appearance, background, edge)
 
-    def _draw(self, pose: Tensor, appearance: Appearance, background: Tensor) -> Tensor:
+    def _draw(self, pose: Tensor, appearance: Appearance, background: Tensor, edge: float) -> Tensor:
         corner, side = self._windows(pose)
         faces = visible_faces(self.camera, pose, self.size.to(pose)).shifted(corner.to(pose))
         rows = pixel_rows(side[1], side[0], pose)
-        of_face, alpha = coverage(faces, rows)
+        of_face, alpha = coverage(faces, rows, edge)
         colour = _paint(faces, of_face, rows, appearance)
         window = rows[:, :2].long() + corner[..., None, :]
         index = window[..., 1] * self.camera.width + window[..., 0]

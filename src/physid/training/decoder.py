@@ -98,15 +98,16 @@ class Decoder(nn.Module):
             self.patches
         )
 
-    def forward(self, pose: Tensor, background: Tensor) -> Tensor:
+    def forward(self, pose: Tensor, background: Tensor, edge: float = 1.0) -> Tensor:
         """Draw frames.
 
         Args:
             pose: Poses, shape (B, f, N, 7).
             background: The empty scenes in [0, 1], shape (B, 3, H, W).
+            edge: Width of edges [px].
 
         Returns:
             Images in [0, 1], shape (B, f, 3, H, W).
         """
-        image: Tensor = self.renderer(pose, Appearance(self.patches), background)
+        image: Tensor = self.renderer(pose, Appearance(self.patches), background, edge)
         return image

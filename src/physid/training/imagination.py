@@ -14,6 +14,11 @@ from physid.networks.encoder import Encoding
 from physid.physics.rotations import normalize, to_matrix
 from physid.training.video_model import VideoModel
 
+HARD = 0.125
+"""Width of hard edges [px]: simulators draw without anti-aliasing, cameras with soft edges; an encoder learns both."""
+FROM_FEATURES = 0.3
+"""Weight of a rotation's numbers relative to that of its features, which come first: before, they drown positions."""
+
 
 @final
 @dataclass(frozen=True)
@@ -76,8 +81,9 @@ class Imagination:
 
     @torch.no_grad()
     def draw_images(self, model: VideoModel, pose: Tensor, background: Tensor) -> Tensor:
-        """Draw images (B, f, 3, H, W) of poses (B, f, N, 7), rounded as a camera rounds."""
-        image = model.decoder(pose, background)
+        """Draw images (B, f, 3, H, W) of poses (B, f, N, 7), half with hard edges, rounded as a camera rounds."""
+        halves = zip(pose.split((pose.shape[1] + 1) // 2, 1), (1.0, HARD), strict=False)
+        image = torch.cat([model.decoder(half, background, edge) for half, edge in halves], 1)
         rounded: Tensor = (image * (self.levels - 1)).round() / (self.levels - 1)
         return rounded
 
@@ -127,4 +133,5 @@ def encoding_losses(model: VideoModel, encoding: Encoding, pose: Tensor, rotatio
     numbers, turning = model.chart.to_numbers(pose), model.chart.turning
     turn = (encoding.numbers - numbers)[..., turning].square().sum((-2, -1))
     features = model.supervision(model.chart, encoding, numbers)
-    return {"position": place, "rotation": rotation_weight * turn, "features": rotation_weight * features}
+    turn, features = FROM_FEATURES * rotation_weight * turn, rotation_weight * features
+    return {"position": place, "rotation": turn, "features": features}
