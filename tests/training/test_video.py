@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 from typing import Any
@@ -11,8 +12,9 @@ import pytest
 import torch
 
 from physid.cli import main
-from physid.data.format import RecordingSet
+from physid.data.format import RecordingSet, write_scene
 from physid.data.recording import Recording
+from physid.data.trajectory import write_trajectory
 from physid.training.self_supervised import SelfSupervisedID
 from physid.training.supervised import SupervisedID
 
@@ -166,6 +168,23 @@ def test_what_is_predicted_lands_in_a_recording_set_with_films(films: Path, tmp_
     assert (len(weak), len(strong)) == (15, 31)
     assert np.allclose(weak[:9], strong[:9], atol=1e-9)
     assert strong[-1, 0, 0] > strong[0, 0, 0] + MOVED
+
+
+def test_films_without_poses_are_predicted_alike(films: Path, tmp_path: Path) -> None:
+    run, config = tmp_path / "run", str(CONFIGS / "supervised" / "push_friction.yaml")
+    assert main(["fit", "--config", config, f"--run-dir={run}", f"data.folder={films}", *TINY]) == 0
+    alone, few = tmp_path / "alone", ["data.limit=2", "trainer.accelerator=cpu"]
+    (alone / "trajectories").mkdir(parents=True)
+    write_scene(alone, RecordingSet(films).scene)
+    for index in range(2):
+        film = dataclasses.replace(RecordingSet(films).read(index, video=True), pose=None, twist=None)
+        write_trajectory(alone / "trajectories" / f"{index:06d}.h5", film)
+    for folder, name in ((films, "seen"), (alone, "unseen")):
+        made = ["predict", f"--run-dir={run}", f"--out={tmp_path / name}", f"data.folder={folder}", *few]
+        assert main(made) == 0
+    for index in range(2):
+        seen, unseen = (pose(RecordingSet(tmp_path / name).read(index)) for name in ("seen", "unseen"))
+        assert np.array_equal(seen, unseen)
 
 
 def test_recordings_without_video_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

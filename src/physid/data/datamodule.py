@@ -107,9 +107,11 @@ class RecordingsDataModule(LightningDataModule):
         length = self._test_segment if use == "test" else None
         length, stride = (self._segment, self._stride) if fitting else (length, None)
         video, draw = (self._video, self._draw) if fitting or self._video == "none" else ("all", 0)
+        unposed = use == "predict" and video == "all"
         return Segments(
-            self.recordings, self.trajectories(use), length, stride, video, draw, self._every, decode=not self._preload
-        )
+            self.recordings, self.trajectories(use), length, stride, video, draw, self._every,
+            decode=not self._preload, unposed=unposed,
+        )  # fmt: skip
 
     def setup(self, stage: str) -> None:
         """Check the video of what a stage uses, before any training."""

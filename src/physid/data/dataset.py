@@ -42,6 +42,7 @@ class Segments(Dataset[Item]):
         draw: So many more frames, drawn from each segment anew whenever it is asked for.
         every: Only every so many frames of a trajectory count as "all", or are drawn.
         decode: Whether to serve the video itself.
+        unposed: Whether to serve trajectories without poses, too; these are not finite then.
 
     Raises:
         ValueError: If a trajectory is shorter than a segment, or video is asked for beyond the segment.
@@ -58,13 +59,14 @@ class Segments(Dataset[Item]):
         every: int = 1,
         *,
         decode: bool = True,
+        unposed: bool = False,
     ) -> None:
         if draw < 0 or every < 1:
             raise ValueError(f"draw must not be negative and every be positive, got {draw} and {every}")
         self._recordings = recordings
         self._length = length
         self._video = video
-        self._draw, self._every, self._decode = draw, every, decode
+        self._draw, self._every, self._decode, self._unposed = draw, every, decode, unposed
         self._numbers: dict[int, Item] = {}
         self._places = self._find_places(trajectories, length, stride)
 
@@ -109,7 +111,7 @@ class Segments(Dataset[Item]):
     def _numbers_of(self, trajectory: int) -> Item:
         """Return poses, twists and wrenches of a trajectory, read once."""
         if trajectory not in self._numbers:
-            self._numbers[trajectory] = _numbers_of(self._recordings, trajectory)
+            self._numbers[trajectory] = _numbers_of(self._recordings, trajectory, self._unposed)
         return self._numbers[trajectory]
 
     def _choose(self, start: int, frames: int) -> list[int]:
@@ -138,13 +140,20 @@ class Segments(Dataset[Item]):
         }
 
 
-def _numbers_of(recordings: RecordingSet, trajectory: int) -> Item:
+def _numbers_of(recordings: RecordingSet, trajectory: int, unposed: bool) -> Item:
     """Read poses, wrenches and, where they are there, twists."""
-    recording = recordings.read(trajectory)
-    if recording.pose is None:
-        raise ValueError(f"{recordings.paths[trajectory]}: pose: expected poses, found a recording with video only")
-    wrench = np.zeros((*recording.pose.shape[:2], 6)) if recording.wrench is None else recording.wrench
-    numbers = {"pose": recording.pose, "wrench": wrench}
+    posed = recordings.has_poses(trajectory)
+    if not posed and not unposed:
+        raise ValueError(
+            f"{recordings.paths[trajectory]}: pose: expected poses, found a recording with video only; read them first "
+            "(physid watch)"
+        )
+    recording = recordings.read(trajectory, video=not posed)
+    pose = recording.pose
+    if pose is None:
+        pose = np.full((recording.length, len(recordings.scene.bodies), 7), np.nan)
+    wrench = np.zeros((*pose.shape[:2], 6)) if recording.wrench is None else recording.wrench
+    numbers = {"pose": pose, "wrench": wrench}
     if recording.twist is not None:
         numbers["twist"] = recording.twist
     return {name: torch.from_numpy(value) for name, value in numbers.items()}
