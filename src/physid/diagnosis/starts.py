@@ -13,6 +13,7 @@ from physid.scenes.lying import lay_down
 from physid.scenes.scene import Scene
 
 SPANS = (0.06, 0.035, 0.02)  # [s] first frames that may give the first velocity; short ones end before an impact
+GUESSES = len(SPANS) + 1  # one from each, and one at rest
 FLAT = 0.03  # [rad] a face that leans more than this does not lie on the ground
 NEAR = 0.25  # a body lies on the ground if the gap is below this share of its height (a camera may see it too high) ...
 STEADY = 0.5  # ... and it falls by less than this share of a free fall
@@ -23,7 +24,7 @@ class Starts:
     """Guessed states at the first frames of windows.
 
     Attributes:
-        pose: One guess for each of SPANS, shape (G, K, N, 7).
+        pose: Guesses, shape (G, K, N, 7).
         twist: Shape (G, K, N, 6).
         resting: Bodies that lie flat on the ground and stay there at first, shape (K, N).
     """
@@ -48,8 +49,8 @@ def guess_starts(pose: Tensor, seen: Tensor, windows: Windows, scene: Scene) -> 
     """
     bodies = pose.shape[2]
     starts = Starts(
-        pose.new_zeros(len(SPANS), len(windows), bodies, 7),
-        pose.new_zeros(len(SPANS), len(windows), bodies, 6),
+        pose.new_zeros(GUESSES, len(windows), bodies, 7),
+        pose.new_zeros(GUESSES, len(windows), bodies, 6),
         torch.zeros(len(windows), bodies, dtype=torch.bool),
     )
     for batch in windows.batches:
@@ -71,12 +72,15 @@ def _guess(cut: Tensor, weight: Tensor, scene: Scene) -> Starts:
     frames = [min(max(5, round(span / scene.time_step)), length) for span in SPANS]
     gravity = torch.tensor(scene.gravity, dtype=cut.dtype)
     dropped = torch.cat([torch.zeros(3, dtype=cut.dtype), gravity / 2]) * time[:, None, None] ** 2
-    lying, resting = _lying(motion[:, : frames[0]], weight, time, anchor, scene)
+    still, resting = _lying(motion[:, : frames[0]], weight, time, anchor, scene)
     poses, twists = [], []
-    for guess, count in enumerate(frames):
+    for count in frames:
         value, slope, _ = _polynomial((motion - dropped)[:, :count], weight, time, 1)
-        poses.append(torch.where(resting[..., None], lying[0], _compose(value, anchor)))
-        twists.append(torch.where(resting[..., None], lying[1] if guess < len(frames) - 1 else 0 * lying[1], slope))
+        (pose, twist), _ = _lying(motion[:, :count], weight, time, anchor, scene)
+        poses.append(torch.where(resting[..., None], pose, _compose(value, anchor)))
+        twists.append(torch.where(resting[..., None], twist, slope))
+    poses.append(torch.where(resting[..., None], still[0], poses[-1]))
+    twists.append(torch.where(resting[..., None], 0 * still[1], twists[-1]))
     return Starts(torch.stack(poses), torch.stack(twists), resting)
 
 

@@ -1,0 +1,41 @@
+"""First states guessed from poses: good enough to begin with, whatever happens soon after."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+import torch
+
+from physid.diagnosis.starts import SPANS, guess_starts
+from physid.diagnosis.windows import Windows
+from physid.scenes.push import SCENE
+
+SPEED = 0.8  # [m/s]
+NEAR = 0.1  # of the speed
+
+
+@pytest.mark.parametrize("brake", [0.0, 1.2, 12.0, 30.0])
+def test_the_speed_of_a_body_that_may_stop_soon_is_among_the_guesses(brake: float) -> None:
+    time = torch.arange(60, dtype=torch.float64) * SCENE.time_step
+    until = time.clamp_max(SPEED / brake) if brake else time
+    pose = torch.zeros(1, 60, 1, 7, dtype=torch.float64)
+    pose[0, :, 0, 0] = SPEED * until - brake * until**2 / 2
+    pose[..., 2], pose[..., 6] = SCENE.bodies[0].size[2] / 2, 1.0
+    starts = guess_starts(pose, torch.ones(1, 60, 1), Windows.equal(1, 60, 60), SCENE)
+    assert bool(starts.resting.all())
+    speeds = starts.twist[:, 0, 0, 3]
+    assert float((speeds - SPEED).abs().min()) < NEAR * SPEED
+    assert float(speeds.abs().min()) == 0, "rest is a guess, too: no slope leads back to it"
+
+
+def test_a_falling_body_has_the_speed_of_its_fall_however_long_one_looks() -> None:
+    time = torch.arange(60, dtype=torch.float64) * SCENE.time_step
+    pose = torch.zeros(1, 60, 1, 7, dtype=torch.float64)
+    pose[0, :, 0, 2] = 2 - 9.81 * time**2 / 2
+    pose[..., 6] = 1.0
+    scene = dataclasses.replace(SCENE, gravity=(0.0, 0.0, -9.81))
+    starts = guess_starts(pose, torch.ones(1, 60, 1), Windows.equal(1, 60, 60), scene)
+    assert not bool(starts.resting.any())
+    assert torch.allclose(starts.twist, torch.zeros_like(starts.twist), atol=1e-6)
+    assert len(starts.pose) > len(SPANS)
