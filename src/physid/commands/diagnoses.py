@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
     from tqdm import tqdm
@@ -37,6 +37,7 @@ def diagnose(
     limit: int | None = None,
     save_model: Path | None = None,
     seed: int = 0,
+    wandb: Literal["offline", "online"] | None = None,
     quiet: bool = False,
 ) -> None:
     """Tell where a model leaves recordings, which effect causes it, and how far the gap closes.
@@ -63,6 +64,7 @@ def diagnose(
         limit: At most so many trajectories of each set, the first ones.
         save_model: Where to write the model with what was found, as a configuration of `physid fit`.
         seed: Seed of the effect-free data.
+        wandb: Log figures, ranking, report and film as a run of wandb, into OUT/wandb or to the server.
         quiet: Hide the progress bar.
     """
     from physid.configuration import compose
@@ -79,6 +81,8 @@ def diagnose(
     believed = compose([model]).values if model and model.suffix in (".yaml", ".yml") else model
     options = {"model": believed, "transfer": transfer, "effects": own, "limit": limit}
     found = _run(recordings, folder, quiet=quiet, save=save_model, seed=seed, **options)
+    if wandb:
+        _log(folder, wandb, {"recordings": str(recordings), "transfer": str(transfer or ""), "seed": seed}, found)
     print("\n".join(summary_lines(found)))
     print(folder / "report.html")
 
@@ -92,6 +96,18 @@ def _run(recordings: Path, folder: Path, *, quiet: bool, **options: Any) -> Mapp
 
     with resumable(), tqdm(total=100, bar_format=BAR, disable=quiet or None) as bar:
         return diagnose(recordings, folder, say=lambda text: _show(bar, text), **options)
+
+
+def _log(folder: Path, wandb: str, config: Mapping[str, Any], found: Mapping[str, Any]) -> None:
+    """Set a diagnosis to wandb."""
+    from physid.diagnosis.figures import figures_of
+    from physid.diagnosis.overlay import FILM
+    from physid.diagnosis.report import REPORT
+    from physid.training.loggers import log_result
+
+    ranking = [(" + ".join(row["effects"]), row["score"], row["p_value"]) for row in found["ranking"]]
+    tables = {"ranking": (("effects", "score", "p_value"), ranking)}
+    log_result(folder, wandb, config, figures_of(found), tables, [folder / REPORT, folder / FILM])
 
 
 def _has_films_alone(recordings: Path) -> bool:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import csv
 import os
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -29,9 +30,7 @@ def build_loggers(folder: Path, wandb_mode: str, config: Mapping[str, Any], last
     Raises:
         ValueError: If there is no such mode.
     """
-    mode = os.environ.get("WANDB_MODE", wandb_mode)
-    if mode not in WANDB_MODES:
-        raise ValueError(f"wandb must be one of {', '.join(WANDB_MODES)}, got {mode!r}")
+    mode = _mode(wandb_mode)
     loggers: list[Logger] = [_csv_logger(folder, last_epoch)]
     if mode != "disabled":
         loggers.append(_wandb_logger(folder, mode, config))
@@ -60,11 +59,65 @@ def _csv_logger(folder: Path, last_epoch: int | None) -> CSVLogger:
 
 def _wandb_logger(folder: Path, mode: str, config: Mapping[str, Any]) -> WandbLogger:
     """Build a wandb logger that writes into the run folder and prints nothing."""
+    return WandbLogger(experiment=_begin_run(folder, mode, config), save_dir=folder)
+
+
+def log_result(
+    folder: Path,
+    wandb_mode: str,
+    config: Mapping[str, Any],
+    figures: Mapping[str, float | str],
+    tables: Mapping[str, tuple[Sequence[str], Sequence[Sequence[Any]]]],
+    media: Sequence[Path],
+) -> None:
+    """Log a result that has no history as a run of wandb; offline, it is written into the folder.
+
+    Args:
+        folder: Where the result lies.
+        wandb_mode: offline, online or disabled; the environment variable WANDB_MODE wins.
+        config: What was asked for.
+        figures: Its figures by name, which become the summary of the run.
+        tables: Columns and rows by name.
+        media: Pages (.html) and films (.mp4); those that are not there are left out.
+
+    Raises:
+        ValueError: If there is no such mode.
+    """
+    mode = _mode(wandb_mode)
+    if mode == "disabled":
+        return
+    import wandb
+
+    kinds: dict[str, Callable[[str], Any]] = {".html": wandb.Html, ".mp4": partial(wandb.Video, format="mp4")}
+    run = _begin_run(folder, mode, config)
+    shown: dict[str, Any] = {path.stem: kinds[path.suffix](str(path)) for path in media if path.is_file()}
+    shown |= {
+        name: wandb.Table(columns=list(columns), data=[list(row) for row in rows])
+        for name, (columns, rows) in tables.items()
+    }
+    run.log(dict(figures) | shown)
+    run.finish()
+
+
+def _mode(wandb_mode: str) -> str:
+    """Return the mode that counts.
+
+    Raises:
+        ValueError: If there is no such mode.
+    """
+    mode = os.environ.get("WANDB_MODE", wandb_mode)
+    if mode not in WANDB_MODES:
+        raise ValueError(f"wandb must be one of {', '.join(WANDB_MODES)}, got {mode!r}")
+    return mode
+
+
+def _begin_run(folder: Path, mode: str, config: Mapping[str, Any]) -> Any:
+    """Begin a run that prints nothing, named after its folder."""
     import wandb
 
     folder.mkdir(parents=True, exist_ok=True)
     settings = wandb.Settings(console="off", silent=True, x_disable_stats=True)
-    run = wandb.init(
+    return wandb.init(
         project="physid",
         name=folder.name,
         dir=folder,
@@ -73,4 +126,3 @@ def _wandb_logger(folder: Path, mode: str, config: Mapping[str, Any]) -> WandbLo
         settings=settings,
         reinit="finish_previous",
     )
-    return WandbLogger(experiment=run, save_dir=folder)
