@@ -5,6 +5,8 @@ import torch
 
 from physid.physics.rotations import angle_between
 from physid.scenes.catalogue import find_setup
+from physid.scenes.scene import Scene
+from physid.training import polish
 from physid.training.decoder import Decoder
 from physid.training.polish import Polish
 from physid.training.video_model import chart_of
@@ -13,12 +15,12 @@ SCENE = find_setup("push").scene
 TOLERANCE = 1e-3  # [m], [rad]; a pixel is 21 mm
 
 
-def painted() -> Decoder:
-    """Return a decoder of a block with faces of random colours."""
+def painted(scene: Scene = SCENE) -> Decoder:
+    """Return a decoder of blocks with faces of random colours."""
     torch.manual_seed(0)
-    decoder = Decoder(SCENE)
-    colours = torch.rand(1, 1, 6, 3, 4, 4)
-    decoder.patches = torch.nn.functional.interpolate(colours.flatten(0, 2), size=32).view(1, 1, 6, 3, 32, 32)
+    decoder, bodies = Decoder(scene), len(scene.bodies)
+    colours = torch.rand(1, bodies, 6, 3, 4, 4)
+    decoder.patches = torch.nn.functional.interpolate(colours.flatten(0, 2), size=32).view(1, bodies, 6, 3, 32, 32)
     return decoder
 
 
@@ -54,3 +56,26 @@ def test_no_steps_leave_the_poses_as_they_are() -> None:
     pose = chart.to_pose(chart.neutral()[None, None, None])
     image = torch.zeros(1, 1, 3, 128, 128)
     assert Polish(steps=0)(chart, decoder, pose, image, image[0]) is pose
+
+
+def headed(place: torch.Tensor, angle: torch.Tensor) -> torch.Tensor:
+    return torch.cat([place, torch.stack([angle.cos(), angle.sin()], -1)], -1)
+
+
+@pytest.mark.parametrize(("doubtful", "misread"), [(polish.DOUBTFUL, False), (math.inf, True)])
+def test_neighbours_that_mislead_each_other_are_turned_once_more(
+    doubtful: float, misread: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(polish, "DOUBTFUL", doubtful)
+    scene, generator, count = find_setup("collide").scene, torch.Generator().manual_seed(2), 16
+    chart, decoder = chart_of(scene, "planar"), painted(scene)
+    side, *turns = 2 * math.pi * torch.rand(5, count, generator=generator)
+    place = (1.2 * torch.rand(count, 1, 2, generator=generator) - 0.6).repeat(1, 2, 1)
+    place[:, 1] += 0.2 * torch.stack([side.cos(), side.sin()], -1)  # hardly apart
+    true = chart.to_pose(headed(place, torch.stack(turns[:2], -1)))[:, None]
+    astray = place + 0.06 * torch.randn(count, 2, 2, generator=generator)  # by half a block
+    start = chart.to_pose(headed(astray, torch.stack(turns[2:], -1)))[:, None]
+    background = BACKGROUND.expand(count, -1, -1, -1)
+    found = Polish(12, headings=24)(chart, decoder, start, decoder(true, background), background)
+    wrong = angle_between(found[..., 3:], true[..., 3:]) > math.radians(5)
+    assert bool(wrong.any()) is misread

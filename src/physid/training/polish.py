@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import final
 
@@ -21,6 +22,8 @@ MARGIN = 8.0
 """Pixels around the bodies that are looked at: how far the encoder may be off."""
 LONGEST = 12
 """Longest step of a number, in units of its difference: beyond 3 px the image is no linear function any more."""
+DOUBTFUL = 0.05
+"""Share of an image's squared difference from the background that a doubtful pose leaves; a right one leaves 0.03."""
 DAMPING = 1e-2
 """Levenberg's, relative to the diagonal; ten times larger after a step that has made the images differ more."""
 
@@ -36,7 +39,8 @@ class Polish:
 
     A heading that is wrong by more than some 30 degrees is out of reach of such steps. With several `headings`, all of
     them are drawn where the first half of the steps has brought the bodies; the best one goes on, and once more with
-    the bodies turned half around, since a block and its opposite differ least.
+    the bodies turned half around, since a block and its opposite differ least. Where drawn and given images then still
+    differ by much, a body may have chosen its heading beside another's wrong one: all are turned by eighths there.
 
     Attributes:
         steps: Gauss-Newton steps, the first half of them with a wider blur; 0 leaves the poses as they are.
@@ -91,12 +95,29 @@ class Polish:
         for body in range(chart.bodies):
             numbers = _best_heading(fine, numbers, body, self.headings)
         numbers, residual = self._descend(chart, fine, numbers, rest)
-        for body in range(chart.bodies):
-            other, difference = self._descend(chart, fine, _turned(numbers, body, math.pi), rest)
-            better = difference.square().sum(-1) < residual.square().sum(-1)
-            numbers = torch.where(better[:, None, None], other, numbers)
-            residual = torch.where(better[:, None], difference, residual)
+        numbers, residual = self._turn_over(chart, fine, numbers, residual, (4,))
+        doubtful = residual.square().sum(-1) > DOUBTFUL * fine.content
+        if doubtful.any():
+            given = (value[doubtful] for value in (chart.to_pose(numbers), image, background))
+            again, found = _Mismatch(self.sigma, decoder, chart, *given), numbers[doubtful]
+            residual = again(found[:, None])[:, 0]
+            for _ in range(chart.bodies):
+                found, residual = self._turn_over(chart, again, found, residual, tuple(range(1, 8)))
+            numbers[doubtful], _ = self._descend(chart, again, found, self.steps)
         return chart.to_pose(numbers)
+
+    def _turn_over(
+        self, chart: PoseChart, mismatch: _Mismatch, numbers: Tensor, residual: Tensor, eighths: Sequence[int]
+    ) -> tuple[Tensor, Tensor]:
+        """Descend once more with each body turned by eighths of a turn, and keep what differs least."""
+        for body in range(chart.bodies):
+            for eighth in eighths:
+                turned = _turned(numbers, body, eighth * math.pi / 4)
+                other, difference = self._descend(chart, mismatch, turned, self.steps - self.steps // 2)
+                better = difference.square().sum(-1) < residual.square().sum(-1)
+                numbers = torch.where(better[:, None, None], other, numbers)
+                residual = torch.where(better[:, None], difference, residual)
+        return numbers, residual
 
     def _descend(self, chart: PoseChart, mismatch: _Mismatch, numbers: Tensor, steps: int) -> tuple[Tensor, Tensor]:
         """Take some steps from numbers (M, N, K); return the last ones and their residuals (M, P)."""
@@ -155,6 +176,7 @@ class _Mismatch:
         self.window = _window(decoder, pose)
         self.blur = GaussianBlur(2 * math.ceil(3 * sigma) + 1, sigma)
         self.seen = self._look(image[:, None])
+        self.content = (self.seen - self._look(background[:, None])).square().sum((-2, -1))
         self.difference = _differences(decoder, chart).to(image)
 
     def __call__(self, numbers: Tensor) -> Tensor:
