@@ -8,7 +8,7 @@ from itertools import combinations
 import torch
 
 from physid.diagnosis.equivalence import alike
-from physid.diagnosis.hypothesis import Hypothesis, conclude, fit_hypothesis
+from physid.diagnosis.hypothesis import Hypothesis, conclude, fit_hypothesis, retried
 from physid.diagnosis.prepare import Prepared
 from physid.diagnosis.score import Group, gains
 from physid.diagnosis.settle import Say, settle
@@ -23,6 +23,7 @@ NEAR = 0.2  # ... whose gap is open by at most this share more
 CLEAR = 2.5  # standard errors by which a prediction must be worse to be told apart
 NATS = 12.0  # and by how much squared residual at least
 SAME = 0.003  # share of what the best explains that the numerics may decide between two hypotheses
+EVIDENT = 2.0  # mean squared residual, in units of the noise, that no effect-free trajectories have
 CLOSED = 0.02  # share of the gap that may be left without a second look
 SECOND = 0.01  # share of the gap from which on a second effect is looked for
 
@@ -61,9 +62,10 @@ def attribute(prepared: Prepared, generator: torch.Generator, say: Say = lambda 
     nominal = conclude(prepared.experiment, prepared.fit, ())
     say("testing all effects at once, against effect-free data")
     stage = examine(prepared, nominal, generator)
-    if stage.p_value > ALPHA:
+    if stage.p_value > ALPHA and not evident(nominal):
         return Attribution(nominal, stage, [], None, None, [])
-    singles = [one for one in _fit_all(prepared, nominal, stage, _survivors(stage), say) if confirmed(nominal, one)]
+    singles = _fit_all(prepared, nominal, stage, _survivors(stage), say)
+    singles = [one for one in singles if confirmed(nominal, one) and beyond_chance(nominal, one, stage)]
     if not singles:
         return Attribution(nominal, stage, [], None, None, [])
     best = singles[0]
@@ -100,6 +102,22 @@ def confirmed(nominal: Hypothesis, one: Hypothesis) -> bool:
     return len(better) == 0 or float(better.sum()) > 0
 
 
+def beyond_chance(nominal: Hypothesis, one: Hypothesis, stage: Stage) -> bool:
+    """Tell whether a hypothesis explains more than it does in effect-free data."""
+    return _gain(nominal, one) > stage.limit * stage.scale(one.names)
+
+
+def evident(nominal: Hypothesis) -> bool:
+    """Tell whether trajectories that nothing was fitted to leave the model by more than any numerics account for.
+
+    After hits effect-free data scatter widely and one effect alone may not stand out from them; the gap does.
+    """
+    experiment = nominal.experiment
+    reported = ~experiment.fitted
+    count = (experiment.scale[reported] > 0).sum()
+    return float(nominal.held_out[reported].sum()) > EVIDENT * float(count)
+
+
 def distinguishable(nominal: Hypothesis, best: Hypothesis, other: Hypothesis, left: Stage, whole: bool = False) -> bool:
     """Tell whether another hypothesis predicts held-out trajectories clearly worse than the best.
 
@@ -118,9 +136,9 @@ def distinguishable(nominal: Hypothesis, best: Hypothesis, other: Hypothesis, le
 
 
 def _survivors(stage: Stage) -> list[tuple[str, ...]]:
-    """Return the effects worth fitting."""
-    rows = stage.significant or stage.rows[:1]
-    return [row.names for row in rows if row.gain >= SURVIVE * rows[0].gain][:MOST_SINGLES]
+    """Return the effects worth fitting: what a line at the null says of a strong effect may fall short by far."""
+    worth = [row for row in stage.rows if row.gain >= SURVIVE * stage.rows[0].gain]
+    return [row.names for row in worth][:MOST_SINGLES]
 
 
 def _pairs(stage: Stage, singles: list[Hypothesis], left: Stage) -> list[tuple[str, ...]]:
@@ -192,7 +210,8 @@ def _fit_all(
         if settled and _gain(one, settled[0]) > NEAR * _gain(best or nominal, settled[0]):
             break
         say(f"replaying {' + '.join(one.names)} in the other engine")
-        experiment, fit = settle(one.experiment, one.fit, one.columns, one.names)
+        again = retried(one)
+        experiment, fit = settle(again.experiment, again.fit, again.columns, again.names)
         settled.append(conclude(experiment, fit, one.names))
     return _sorted([*settled, *fitted[len(settled) :]])
 

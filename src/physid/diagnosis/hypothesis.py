@@ -11,6 +11,7 @@ from torch import Tensor
 from physid.diagnosis.fit import FIRST_DAMPING, Experiment, Fit, best_step, gauss_newton, prior, solve_shared
 from physid.diagnosis.linear import Normal
 from physid.diagnosis.prediction import Predictor, Variants
+from physid.diagnosis.restart import search, try_again
 from physid.diagnosis.settle import working_effects
 from physid.physics.effect import Effect
 
@@ -78,8 +79,20 @@ def fit_hypothesis(experiment: Experiment, start: Fit, names: tuple[str, ...], s
         steps: Most Gauss-Newton steps.
     """
     columns = columns_of(experiment.predictor, names)
-    point = _first_step(experiment, start, columns)
-    return conclude(experiment, gauss_newton(experiment, point, columns, steps), names)
+    fit = gauss_newton(experiment, _first_step(experiment, start, columns), columns, steps)
+    fit = gauss_newton(experiment, try_again(experiment, fit.point), columns, steps)
+    return conclude(experiment, fit, names)
+
+
+def retried(one: Hypothesis, steps: int = 8) -> Hypothesis:
+    """Fit a hypothesis again with new first states where it fits badly; the better fit is returned."""
+    point = search(one.experiment, one.fit)
+    if point is one.fit.point:
+        return one
+    fit = gauss_newton(one.experiment, point, one.columns, steps)
+    counts = one.experiment.fitted[one.experiment.predictor.windows.trajectory]
+    better = float((one.fit.loss - fit.loss)[counts].sum()) > 0
+    return conclude(one.experiment, fit, one.names) if better else one
 
 
 def conclude(experiment: Experiment, fit: Fit, names: tuple[str, ...]) -> Hypothesis:

@@ -18,6 +18,7 @@ from physid.diagnosis.observations import Observations
 from physid.diagnosis.phases import phases_of
 from physid.diagnosis.prediction import Predictor, Variants
 from physid.diagnosis.reader_error import ReaderError
+from physid.diagnosis.restart import search
 from physid.diagnosis.settle import Say, between, settle
 from physid.diagnosis.starts import guess_starts
 from physid.diagnosis.windows import SHORT, Windows
@@ -82,6 +83,7 @@ def prepare(
     predictor = Predictor(model, observations.wrench, windows, candidates)
     experiment, point = _begin(predictor, observations, present, noise, first.point.nominal)
     fit = gauss_newton(experiment, point, NONE)
+    fit = gauss_newton(experiment, search(experiment, fit), NONE)
     experiment, fit, noise = _follow(experiment, fit, present, noise.error, say)
     say("measuring where the numerics disturb")
     extra = (1 + floors(experiment, fit, generator)).rsqrt()

@@ -45,7 +45,7 @@ def replay(
     scene = dataclasses.replace(with_parameters(model.scene, values), camera=None)
     for effect in working:
         wrench = effect.actuate(wrench, scene.time_step)
-    steps = [_AtStep(effect) for effect in working]
+    steps = [_AtStep(effect) for effect in working if type(effect).act is not Effect.act]
     seen = torch.zeros(*wrench.shape[:-1], 7, dtype=wrench.dtype)
     wanted = range(len(windows)) if chosen is None else chosen.nonzero()[:, 0].tolist()
     for window in wanted:

@@ -1,0 +1,65 @@
+"""First states that are guessed anew once an effect is known."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from physid.diagnosis.fit import Experiment, Fit, gauss_newton, try_losses
+from physid.diagnosis.prediction import Variants, difference
+from physid.diagnosis.starts import guess_starts
+from physid.physics.rotations import exponential, multiply
+
+DOUBTFUL = 1.4  # mean squared residual, in units of the noise, of a window whose first state may be wrong
+ROUNDS = 4  # Gauss-Newton steps from each guess
+
+
+def guesses(experiment: Experiment, point: Variants) -> Variants:
+    """Return the point itself, and with new guesses of all first states.
+
+    Before a strong effect was known, a body hit the ground too early or too late, or friction stopped it at once, and
+    no small step leads from there to the right state. What the effects change of observed poses is taken off before
+    they are looked at.
+    """
+    predictor = experiment.predictor
+    predicted = predictor.predict(point)
+    off = difference(predicted.state, predicted.pose)[0]
+    turned = multiply(exponential(off[..., :3]), experiment.pose[..., 3:])
+    pose = torch.cat([experiment.pose[..., :3] + off[..., 3:], turned], -1)
+    starts = guess_starts(pose, (experiment.scale[..., 0] > 0).double(), predictor.windows, predictor.model.scene)
+    return point.repeat(1 + len(starts.pose)).replace(
+        pose=torch.cat([point.pose, starts.pose]), twist=torch.cat([point.twist, starts.twist])
+    )
+
+
+def try_again(experiment: Experiment, point: Variants) -> Variants:
+    """Guess first states anew, and keep what explains a window better."""
+    many = guesses(experiment, point)
+    return _picked(many, try_losses(experiment, many).argmin(0))
+
+
+def search(experiment: Experiment, fit: Fit) -> Variants:
+    """Fit the first states of badly fitted windows from new guesses, and keep what explains a window better.
+
+    A wrong first state and wrong parameters may hold each other, so that neither moves alone: the guess has to be
+    fitted before it is compared.
+    """
+    windows = experiment.predictor.windows
+    count = windows.sum_frames((experiment.scale > 0).sum((2, 3))[None].double())[0]
+    doubtful = fit.loss > DOUBTFUL * count
+    if not bool(doubtful.any()):
+        return fit.point
+    alone = experiment.replace(fitted=torch.zeros_like(experiment.fitted))
+    many = guesses(experiment, fit.point)
+    found, losses = [fit.point], [fit.loss]
+    for k in range(1, len(many)):
+        tried = gauss_newton(alone, _picked(many, torch.where(doubtful, k, 0)), fit.effects[:0], ROUNDS)
+        found.append(tried.point)
+        losses.append(torch.where(doubtful, tried.loss, torch.inf))
+    return _picked(Variants.join(found), torch.stack(losses).argmin(0))
+
+
+def _picked(many: Variants, best: Tensor) -> Variants:
+    """Return for each window the first state of one variant, best (K,)."""
+    pick = torch.arange(len(best))
+    return many[:1].replace(pose=many.pose[best, pick][None], twist=many.twist[best, pick][None])

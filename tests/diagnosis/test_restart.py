@@ -1,0 +1,61 @@
+"""First states that are guessed anew: a wrong one is mended, a right one is left alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import torch
+
+from diagnosis.sets import recorded
+from physid.data.format import RecordingSet
+from physid.diagnosis.beliefs import believe
+from physid.diagnosis.observations import observe
+from physid.diagnosis.prepare import NONE, Prepared, prepare
+from physid.diagnosis.restart import DOUBTFUL, guesses, search, try_again
+from physid.effects import find
+
+NEAR = 1.1  # times the loss at the best first state
+
+
+@pytest.fixture(scope="module")
+def prepared(tmp_path_factory: pytest.TempPathFactory) -> Prepared:
+    folder = recorded(tmp_path_factory.mktemp("restart") / "set", trajectories=4, steps=60, split={"fit": 1})
+    observations = observe(RecordingSet(folder))
+    generator = torch.Generator().manual_seed(0)
+    return prepare(observations, believe(observations.scene, None), [find("camera_offset")], generator)
+
+
+def test_a_wrong_first_state_is_found_again_and_the_others_stay(prepared: Prepared) -> None:
+    experiment, right = prepared.experiment, prepared.fit
+    twist = right.point.twist.clone()
+    twist[0, 1] = 0.0
+    twist[0, 1, :, 2] = 4.0
+    wrong = experiment.linearise(right.point.replace(twist=twist), NONE)
+    count = experiment.predictor.windows.size * 6
+    assert wrong.loss[1] > 10 * DOUBTFUL * count[1]
+    found = search(experiment, wrong)
+    assert experiment.losses(found)[0, 1] < NEAR * right.loss[1]
+    well = wrong.loss < DOUBTFUL * count
+    assert well.any()
+    assert torch.equal(found.twist[0, well], wrong.point.twist[0, well])
+
+
+def test_where_all_fits_nothing_is_searched(prepared: Prepared) -> None:
+    count = prepared.experiment.predictor.windows.size * 6
+    assert (prepared.fit.loss < DOUBTFUL * count).all()
+    assert search(prepared.experiment, prepared.fit) is prepared.fit.point
+
+
+def test_a_new_guess_is_taken_only_if_it_explains_more(prepared: Prepared) -> None:
+    again = try_again(prepared.experiment, prepared.fit.point)
+    assert (prepared.experiment.losses(again)[0] <= prepared.fit.loss + 1e-9).all()
+
+
+def test_what_the_camera_adds_is_taken_off_before_a_state_is_guessed(prepared: Prepared) -> None:
+    experiment, shift = prepared.experiment, 0.05
+    moved = experiment.replace(pose=experiment.pose + torch.tensor([shift, 0, 0, 0, 0, 0, 0], dtype=torch.float64))
+    point = prepared.fit.point.replace(effects=torch.tensor([[shift, 0, 0]], dtype=torch.float64))
+    plain, seen = guesses(experiment, prepared.fit.point), guesses(moved, point)
+    assert torch.allclose(seen.pose, plain.pose, atol=1e-9)
+    assert torch.allclose(seen.twist, plain.twist, atol=1e-6)
