@@ -1,0 +1,67 @@
+import math
+
+import pytest
+import torch
+
+from physid.scenes.catalogue import find_setup
+from physid.training.imagination import Imagination
+from physid.training.learning import DEFAULT_OPTIMIZER, build_optimizer
+from physid.training.supervised import SupervisedID
+from physid.training.video_model import VideoModel
+
+BACKGROUND = torch.full((4, 3, 128, 128), 0.7)
+SIZE = 0.25  # [m]
+STEPS, IMAGES = 40, 4
+
+
+def model_of(scene: str) -> VideoModel:
+    """Return a model whose bodies have faces of random colours."""
+    torch.manual_seed(0)
+    model = SupervisedID(["block.friction"]).attach(find_setup(scene).scene).model
+    colours = torch.rand(1, model.chart.bodies, 6, 3, 4, 4)
+    patches = torch.nn.functional.interpolate(colours.flatten(0, 2), size=32)
+    model.decoder.patches = patches.view(model.decoder.patches.shape)
+    return model
+
+
+def test_the_second_half_of_the_images_has_hard_edges() -> None:
+    model = model_of("push")
+    pose = Imagination(frames=1).draw_poses(model, 4).expand(-1, 2, -1, -1)
+    soft, hard = Imagination(frames=2).draw_images(model, pose, BACKGROUND).unbind(1)
+    assert torch.equal(soft, Imagination(frames=1).draw_images(model, pose[:, :1], BACKGROUND)[:, 0])
+    changed = (soft != hard).any(1).flatten(1).sum(-1)
+    assert (changed > 0).all()
+    assert (changed < 200).all()  # pixels: the outline of a block, and edges between its faces
+
+
+def test_neighbours_are_drawn_side_by_side_and_within_view() -> None:
+    model = model_of("collide")
+    numbers = model.chart.to_numbers(Imagination(frames=64, near=1.0).draw_poses(model, 4))
+    assert numbers[..., :2].abs().max() <= 1 + 1e-5
+    distance = (numbers[:, :, 0, :2] - numbers[:, :, 1, :2]).norm(dim=-1)
+    assert distance.max() < 0.4
+
+
+def test_some_hundreds_of_images_teach_where_a_body_is() -> None:
+    model, imagination = model_of("push"), Imagination(frames=IMAGES)
+    optimizer = build_optimizer(DEFAULT_OPTIMIZER, model, 0.0)
+    losses = []
+    for _ in range(STEPS):
+        values = imagination.losses(model, BACKGROUND, SIZE**2)
+        loss = torch.stack(list(values.values())).mean(1).sum()
+        optimizer.zero_grad()
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0)
+        optimizer.step()
+        losses.append({name: float(value.detach().mean()) for name, value in values.items()})
+    first, last = (
+        {name: sum(one[name] for one in part) / 10 for name in part[0]} for part in (losses[:10], losses[-10:])
+    )
+    assert last["imagined_position"] < 0.3 * first["imagined_position"]
+    assert last["imagined_features"] < 0.8 * first["imagined_features"]
+
+
+@pytest.mark.parametrize("wrong", [{"frames": -1}, {"extent": 1.1}, {"near": math.inf}])
+def test_what_cannot_be_imagined_is_refused(wrong: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match="imagination needs"):
+        Imagination(**wrong)  # type: ignore[arg-type]
