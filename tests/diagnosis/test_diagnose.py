@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -125,6 +126,24 @@ def test_what_one_mass_cannot_tell_apart_is_a_group(folder: Path) -> None:
     assert set(found["group"]) == {"ground_tilt", "constant_force"}
     assert "another mass" in found["next_experiment"]
     assert not (folder / "tilt" / NEXT).exists(), "no force profile of push tells them apart"
+
+
+@pytest.mark.slow
+def test_the_next_experiment_tells_apart_what_these_recordings_cannot(folder: Path) -> None:
+    drag = {"viscous_drag": {"coefficient": 2.0}}
+    slow = recorded(folder / "slow", drag, protocol="paper", protocol_of_split={}, split={"fit": 5, "report_same": 1})
+    found = diagnose(slow, folder / "of_slow")
+    assert (found["verdict"], set(found["group"])) == ("group", {"viscous_drag", "quadratic_drag"})
+    told = re.search(r"differ by (\d+) standard deviations .* like these differ by ([\d.]+)", found["next_experiment"])
+    assert told is not None
+    assert float(told.group(1)) > 2 * float(told.group(2))
+    config = folder / "of_slow" / NEXT
+    small = ["trajectories=8", "steps=90", "guess_factor=1.3", "noise.position=0.0005", "noise.rotation=0.002"]
+    hidden = f"effects.viscous_drag.coefficient={drag['viscous_drag']['coefficient']}"
+    words = ["generate", "--config", str(config), f"--out={folder / 'next'}", "--workers=1", "--quiet", *small, hidden]
+    assert main(words) == 0
+    after = diagnose(folder / "next", folder / "of_next")
+    assert (after["verdict"], after["group"]) == ("named", ["viscous_drag"])
 
 
 @pytest.mark.slow

@@ -73,7 +73,7 @@ def prepare(
     say("fitting the nominal model to short windows")
     short = Windows.equal(trajectories, frames, min(SHORT, frames))
     predictor = Predictor(model, observations.wrench, short, candidates)
-    experiment, point = _begin(predictor, observations, present, FIRST_NOISE)
+    experiment, point = begin(predictor, observations, present, FIRST_NOISE)
     point = _scan(experiment, point)
     first = gauss_newton(experiment, point, NONE, steps=5)
     noise = estimate_noise(first.residual, present, observations.error)
@@ -81,7 +81,7 @@ def prepare(
     windows = Windows.around(find_events(phases, observations.pose, present, noise, model.scene))
     say("fitting the nominal model")
     predictor = Predictor(model, observations.wrench, windows, candidates)
-    experiment, point = _begin(predictor, observations, present, noise, first.point.nominal)
+    experiment, point = begin(predictor, observations, present, noise, first.point.nominal)
     fit = gauss_newton(experiment, point, NONE)
     fit = gauss_newton(experiment, search(experiment, fit), NONE)
     experiment, fit, noise = _follow(experiment, fit, present, noise.error, say)
@@ -144,7 +144,7 @@ def _misfit(experiment: Experiment, fit: Fit) -> Tensor:
     return experiment.losses(fit.point)[0] / count.clamp_min(1)
 
 
-def _begin(
+def begin(
     predictor: Predictor, observations: Observations, present: Tensor, noise: Noise, nominal: Tensor | None = None
 ) -> tuple[Experiment, Variants]:
     """Return the experiment and a first point, with the best guess of each window's first state."""
