@@ -19,7 +19,7 @@ from physid.diagnosis.prepare import Prepared
 from physid.diagnosis.scatter import astray
 from physid.diagnosis.verdict import Diagnosis, Estimate, Found, judge
 
-NORMAL_90 = 1.645  # standard deviations of a normal distribution that hold 90 %, to either side
+CONFIDENCE = 0.9
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ def _ranking(found: Attribution) -> list[tuple[tuple[str, ...], float, float]]:
 def _effects(chosen: Hypothesis, covariance: Tensor) -> list[Found]:
     """Give the fitted effects with the 90 % intervals of their parameters."""
     predictor, first = chosen.experiment.predictor, chosen.fit.point.nominal.shape[1] + 1
-    spread = covariance.diagonal().sqrt()[first:].tolist()
+    reach = (_quantile(chosen) * covariance.diagonal().sqrt()[first:]).tolist()
     made = []
     for name in chosen.names:
         kind = next(kind for kind in predictor.candidates if kind.name == name)
@@ -110,7 +110,7 @@ def _effects(chosen: Hypothesis, covariance: Tensor) -> list[Found]:
             if term.effect is kind:
                 known = kind.quantities()[term.name]
                 value = float(chosen.fit.point.effects[0, column])
-                low, high = value - NORMAL_90 * spread[place], value + NORMAL_90 * spread[place]
+                low, high = value - reach[place], value + reach[place]
                 parameters[term.name] = Estimate(value, max(low, known.low), min(high, known.high), known.unit)
         made.append(Found(name, kind.site, parameters))
     return made
@@ -131,7 +131,14 @@ def _parameters(
 def _values(hypothesis: Hypothesis, covariance: Tensor) -> list[Estimate]:
     """Give the unknown parameters of a hypothesis with 90 % intervals, made in the coordinates of the fit."""
     model, point = hypothesis.experiment.predictor.model, hypothesis.fit.point.nominal[0]
-    reach = NORMAL_90 * covariance.diagonal().sqrt()[: len(point)]
+    reach = _quantile(hypothesis) * covariance.diagonal().sqrt()[: len(point)]
     values = (model.to_values(each).tolist() for each in (point, point - reach, point + reach))
     units = ["kg" if name.endswith(".mass") else "-" for name in model.unknown]
     return [Estimate(*each) for each in zip(*values, units, strict=True)]
+
+
+def _quantile(hypothesis: Hypothesis) -> float:
+    """Return how many standard deviations hold 90 %, to either side, where these come from a few trajectories."""
+    from scipy.stats import t as student
+
+    return float(student.ppf((1 + CONFIDENCE) / 2, max(int(hypothesis.experiment.fitted.sum()) - 1, 1)))

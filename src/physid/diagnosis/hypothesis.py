@@ -50,14 +50,15 @@ class Hypothesis:
         return working_effects(self.experiment.predictor, self.fit.point, self.names)
 
     def covariance(self) -> Tensor:
-        """Estimate the covariance of the shared parameters from the scatter over trajectories (White 1982)."""
+        """Estimate the covariance of the shared parameters: from their changes when each trajectory is left out.
+
+        Whole trajectories stand for all that disturbs them, and it counts that they were fitted themselves (CR3: Bell
+        and McCaffrey 2002). No variance is below that of white noise.
+        """
         fitted = self.normal.of(self.experiment.fitted)
-        matrix = fitted.matrix.sum(0) + torch.diag(prior(self.experiment, self.columns))
-        inverse = torch.linalg.inv(matrix)
-        score = fitted.vector - fitted.vector.mean(0)
-        count = len(score)
-        scatter = score.T @ score * count / max(count - 1, 1)
-        robust = inverse @ scatter @ inverse
+        inverse = torch.linalg.inv(fitted.matrix.sum(0) + torch.diag(prior(self.experiment, self.columns)))
+        changes = left_out(fitted, prior(self.experiment, self.columns))
+        robust = changes.T @ changes
         larger = torch.maximum(robust.diagonal(), inverse.diagonal()).sqrt()
         spread = robust.diagonal().clamp_min(1e-30).sqrt()
         covariance: Tensor = robust / spread[:, None] / spread * larger[:, None] * larger
@@ -99,13 +100,17 @@ def conclude(experiment: Experiment, fit: Fit, names: tuple[str, ...]) -> Hypoth
     """Cross-validate a fit: every fitted trajectory is predicted with the parameters of the others."""
     columns = columns_of(experiment.predictor, names)
     normal = fit.normal()
-    ridge = torch.diag(prior(experiment, columns))
     others = experiment.fitted.nonzero()[:, 0]
-    matrix = normal.matrix[others].sum(0) + ridge - normal.matrix[others]
-    vector = normal.vector[others].sum(0) - normal.vector[others]
     changes = torch.zeros_like(normal.vector)
-    changes[others] = torch.linalg.solve(matrix, vector)
+    changes[others] = left_out(normal.of(others), prior(experiment, columns))
     return Hypothesis(names, columns, experiment, fit, normal, normal.loss(changes))
+
+
+def left_out(normal: Normal, ridge: Tensor) -> Tensor:
+    """Return how the shared parameters change when each of R trajectories is left out of the fit, shape (R, P)."""
+    matrix = normal.matrix.sum(0) + torch.diag(ridge) - normal.matrix
+    changes: Tensor = torch.linalg.solve(matrix, normal.vector.sum(0) - normal.vector)
+    return changes
 
 
 def _first_step(experiment: Experiment, start: Fit, columns: Tensor) -> Variants:

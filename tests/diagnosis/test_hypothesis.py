@@ -1,0 +1,36 @@
+"""Leaving trajectories out: closed forms for a mean."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from physid.diagnosis.hypothesis import left_out
+from physid.diagnosis.linear import Normal
+
+NO_RIDGE = torch.zeros(1, dtype=torch.float64)
+
+
+def means(values: torch.Tensor) -> Normal:
+    """Return the normal equations of one shared mean, at the mean of values (R,), one for each trajectory."""
+    pulls = (values - values.mean())[:, None]
+    return Normal(torch.ones(len(values), 1, 1, dtype=torch.float64), pulls, values.square())
+
+
+def test_without_one_value_the_mean_is_that_of_the_others() -> None:
+    values = torch.tensor([1.0, 2.0, 4.0, 9.0], dtype=torch.float64)
+    others = torch.stack([(values.sum() - value) / 3 for value in values])
+    assert torch.allclose(left_out(means(values), NO_RIDGE)[:, 0], others - values.mean())
+
+
+def test_the_squared_changes_are_the_variance_of_the_mean_and_a_little_more() -> None:
+    values = torch.randn(20, generator=torch.Generator().manual_seed(3)).double()
+    changes = left_out(means(values), NO_RIDGE)
+    assert float(changes.square().sum()) == pytest.approx(float(values.var()) / 19)
+
+
+def test_a_trajectory_that_alone_tells_a_parameter_makes_it_wide() -> None:
+    normal = means(torch.tensor([1.0, 1.1, 0.9, 3.0], dtype=torch.float64))
+    weight = torch.tensor([1, 1, 1, 100], dtype=torch.float64)[:, None, None]
+    strong = Normal(weight * normal.matrix, normal.vector, normal.square)
+    assert left_out(strong, NO_RIDGE)[3].abs() > 10 * left_out(strong, NO_RIDGE)[:3].abs().max()
