@@ -45,6 +45,13 @@ def test_where_all_fits_nothing_is_searched(prepared: Prepared) -> None:
     assert search(prepared.experiment, prepared.fit) is prepared.fit.point
 
 
+def test_where_most_fit_badly_it_is_the_model_that_is_wrong(prepared: Prepared) -> None:
+    twist = prepared.fit.point.twist.clone()
+    twist[..., 2] += 4.0
+    wrong = prepared.experiment.linearise(prepared.fit.point.replace(twist=twist), NONE)
+    assert search(prepared.experiment, wrong) is wrong.point
+
+
 def test_a_new_guess_is_taken_only_if_it_explains_more(prepared: Prepared) -> None:
     again = try_again(prepared.experiment, prepared.fit.point)
     assert (prepared.experiment.losses(again)[0] <= prepared.fit.loss + 1e-9).all()

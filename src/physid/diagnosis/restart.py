@@ -11,6 +11,7 @@ from physid.diagnosis.starts import guess_starts
 from physid.physics.rotations import exponential, multiply
 
 DOUBTFUL = 1.4  # mean squared residual, in units of the noise, of a window whose first state may be wrong
+MOST = 0.5  # share of the windows that may be such
 ROUNDS = 4  # Gauss-Newton steps from each guess
 
 
@@ -42,12 +43,12 @@ def search(experiment: Experiment, fit: Fit) -> Variants:
     """Fit the first states of badly fitted windows from new guesses, and keep what explains a window better.
 
     A wrong first state and wrong parameters may hold each other, so that neither moves alone: the guess has to be
-    fitted before it is compared.
+    fitted before it is compared. Where most windows fit badly it is the model that is wrong, and nothing is tried.
     """
     windows = experiment.predictor.windows
     count = windows.sum_frames((experiment.scale > 0).sum((2, 3))[None].double())[0]
     doubtful = fit.loss > DOUBTFUL * count
-    if not bool(doubtful.any()):
+    if not 0 < float(doubtful.double().mean()) <= MOST:
         return fit.point
     alone = experiment.replace(fitted=torch.zeros_like(experiment.fitted))
     many = guesses(experiment, fit.point)
