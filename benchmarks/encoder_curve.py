@@ -1,0 +1,112 @@
+"""How the encoder's errors fall with the number of imagined images it has learned from.
+
+    python benchmarks/encoder_curve.py                  with deep supervision, as it ships
+    python benchmarks/encoder_curve.py --features off   the encoder's own outputs alone
+    python benchmarks/encoder_curve.py --edges soft     no images with hard edges
+
+Films of `push` are made first: 16 give the look of the block, 16 others what the encoder has to read. Errors are means
+over 512 imagined images, and over 10 frames of each of these films; positions in percent of the block.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import time
+from pathlib import Path
+from unittest import mock
+
+import torch
+from torch import Tensor
+
+from physid.configuration import compose
+from physid.data.format import RecordingSet
+from physid.data.generate import generate
+from physid.data.generation import GenerateConfig
+from physid.networks.encoder import as_image
+from physid.training import imagination
+from physid.training.imagination import Imagination
+from physid.training.learning import DEFAULT_OPTIMIZER, LARGEST_GRADIENT, build_optimizer
+from physid.training.metrics import PoseErrors
+from physid.training.phases import Phases
+from physid.training.supervised import SupervisedID
+from physid.training.video_model import VideoModel
+
+CONFIG = Path(__file__).parents[1] / "configs" / "generate" / "push.yaml"
+LOOKED_AT = 16
+FRAMES = range(0, 300, 30)
+BATCH = 32
+LINES = 8
+
+
+def recorded(films: RecordingSet) -> tuple[Tensor, Tensor, Tensor]:
+    """Return images (B, f, 3, H, W), backgrounds (B, 3, H, W) and poses (B, f, N, 7) of the films to be read."""
+    images, backgrounds, poses = [], [], []
+    for index in range(LOOKED_AT, len(films)):
+        image, _, background = films.film(index, list(FRAMES))
+        pose = films.read(index).pose
+        assert pose is not None
+        images.append(as_image(torch.from_numpy(image)))
+        backgrounds.append(as_image(torch.from_numpy(background)))
+        poses.append(torch.from_numpy(pose[list(FRAMES)]))
+    return torch.stack(images), torch.stack(backgrounds), torch.stack(poses)
+
+
+@torch.no_grad()
+def errors(films: RecordingSet, model: VideoModel, image: Tensor, background: Tensor, pose: Tensor) -> str:
+    """Return position and rotation error of what the encoder says."""
+    scores = PoseErrors(films.scene)
+    real = torch.ones(pose.shape[:2], dtype=torch.bool)
+    scores.update(model.encode(image, background).pose.double(), pose.double(), real)
+    found = scores.take()
+    return f"{100 * found['position_error']:8.1f} % {found['rotation_error']:6.1f} deg"
+
+
+def learn(films: RecordingSet, images: int, *, features: bool) -> None:
+    """Learn from imagined images and print a line now and then."""
+    model = SupervisedID(["block.friction"]).attach(films.scene).model
+    model.look_at(films, list(range(LOOKED_AT)))
+    seen = recorded(films)
+    background = seen[1][:1]
+    known = Imagination(frames=512).draw_poses(model, 1)
+    shown = Imagination(frames=512).draw_images(model, known, background), background, known
+    optimizer, phases, steps = build_optimizer(DEFAULT_OPTIMIZER, model, 0.0), Phases(0, 0), images // BATCH
+    start = time.process_time()
+    print("  images        imagined             recorded       CPU s")
+    for step in range(1, steps + 1):
+        for group in optimizer.param_groups:
+            group["lr"] = phases.encoder_rate(step, steps) * group["highest"]
+        losses = Imagination(frames=BATCH).losses(model, background, 0.06)
+        kept = [value.mean() for name, value in losses.items() if features or name != "imagined_features"]
+        optimizer.zero_grad()
+        torch.stack(kept).sum().backward()
+        torch.nn.utils.clip_grad_norm_(optimizer.param_groups[0]["params"], LARGEST_GRADIENT)
+        optimizer.step()
+        if step % max(steps // LINES, 1) == 0:
+            spent = time.process_time() - start
+            print(
+                f"{step * BATCH:8d} {errors(films, model, *shown)} {errors(films, model, *seen)} {spent:8.0f}",
+                flush=True,
+            )
+
+
+def main() -> None:
+    """Parse the command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--images", type=int, default=24576)
+    parser.add_argument("--features", choices=("on", "off"), default="on")
+    parser.add_argument("--edges", choices=("both", "soft"), default="both")
+    options = parser.parse_args()
+    torch.manual_seed(0)
+    torch.set_num_threads(1)
+    with tempfile.TemporaryDirectory() as place:
+        generate(
+            GenerateConfig.from_mapping(compose([str(CONFIG)], ["trajectories=32"]).values), Path(place) / "push", 1
+        )
+        hard = imagination.HARD if options.edges == "both" else 1.0
+        with mock.patch.object(imagination, "HARD", hard):
+            learn(RecordingSet(Path(place) / "push"), options.images, features=options.features == "on")
+
+
+if __name__ == "__main__":
+    main()
