@@ -3,6 +3,7 @@
 import json
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -110,3 +111,32 @@ def test_an_unknown_cell_or_profile_is_refused_with_the_nearest_name() -> None:
         choose("quick", ["sysid/pushmass"])
     with pytest.raises(ConfigurationError, match="unknown profile"):
         choose("slow", [])
+
+
+def test_cells_with_the_same_films_share_an_encoder_once_it_is_learned(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: list[dict[str, Any]] = []
+
+    def fit(values: dict[str, Any], folder: Path, *, resume: bool) -> dict[str, float]:
+        seen.append(values)
+        return {}
+
+    monkeypatch.setattr("physid.training.run.fit", fit)
+    (cell,) = choose("paper", ["supervised/push_mass"])
+    (alone,) = choose("reduced", ["supervised/push_mass"])
+    donor = tmp_path / "supervised/push_friction"
+    donor.mkdir(parents=True)
+    (donor / "metrics.json").write_text("{}")
+    for one, name in ((cell, "supervised/push_mass"), (cell, "supervised/push_mass"), (alone, "other/push_mass")):
+        one.run(CONFIGS, tmp_path / "data", tmp_path / name)
+    taking, resumed, own = (values["model"]["init_args"] for values in seen)
+    assert taking == resumed
+    assert taking["encoder"] == str(donor / "checkpoints/last.ckpt")
+    assert taking["phases"]["warm_up"] == 0
+    assert seen[0]["trainer"]["max_epochs"] == 6
+    assert "encoder" not in own
+    # What has begun without goes on without.
+    (tmp_path / "supervised/push_mass/config.yaml").write_text("{}")
+    cell.run(CONFIGS, tmp_path / "data", tmp_path / "supervised/push_mass")
+    assert "encoder" not in seen[-1]["model"]["init_args"]

@@ -15,6 +15,7 @@ from physid.cli import main
 from physid.data.format import RecordingSet, write_scene
 from physid.data.recording import Recording
 from physid.data.trajectory import write_trajectory
+from physid.training.learning import take_encoder
 from physid.training.self_supervised import SelfSupervisedID
 from physid.training.supervised import SupervisedID
 
@@ -185,6 +186,24 @@ def test_films_without_poses_are_predicted_alike(films: Path, tmp_path: Path) ->
     for index in range(2):
         seen, unseen = (pose(RecordingSet(tmp_path / name).read(index)) for name in ("seen", "unseen"))
         assert np.array_equal(seen, unseen)
+
+
+def test_a_run_begins_with_the_encoder_of_another_one_of_its_kind(films: Path, tmp_path: Path) -> None:
+    run, config = tmp_path / "run", str(CONFIGS / "supervised" / "push_friction.yaml")
+    assert main(["fit", "--config", config, f"--run-dir={run}", f"data.folder={films}", *TINY]) == 0
+    checkpoint, scene = run / "checkpoints" / "last.ckpt", RecordingSet(films).scene
+    learned = torch.load(checkpoint, weights_only=True)["state_dict"]
+    model = SupervisedID(["block.mass"]).attach(scene).model
+    take_encoder(model, checkpoint)
+    assert all(
+        torch.equal(value, learned[f"model.encoder.{name}"]) for name, value in model.encoder.state_dict().items()
+    )
+    with pytest.raises(ValueError, match=r"last.ckpt: expected an encoder of the same method"):
+        take_encoder(SelfSupervisedID(["block.mass"]).attach(scene).model, checkpoint)
+    with pytest.raises(ValueError, match=r"model.encoder: expected a checkpoint .* found none at"):
+        take_encoder(model, tmp_path / "nowhere.ckpt")
+    taking = [f"--run-dir={tmp_path / 'second'}", f"model.encoder={checkpoint}", "model.phases.warm_up=0"]
+    assert main(["fit", "--config", config, f"data.folder={films}", *TINY, *taking]) == 0
 
 
 def test_recordings_without_video_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -6,11 +6,16 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import final
+from typing import TYPE_CHECKING, final
 
 from physid.reproduce.results import Result, over_seeds
 
+if TYPE_CHECKING:
+    from physid.configuration import Configuration
+
 PERCENT = 100.0
+GENTLE_RATE = 1e-4
+"""Of learning, of an encoder that has been learned."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +87,7 @@ class Fit(Cell):
         overrides: Further settings, key=value.
         minutes: See `Cell`.
         seeds: How many runs with seeds 0, 1, ... there are; each has a folder of its own if they are several.
+        encoder: A cell with the same recordings and method, whose encoder this one takes over if it was run before.
     """
 
     name: str
@@ -96,6 +102,7 @@ class Fit(Cell):
     overrides: tuple[str, ...] = ()
     minutes: float = 0.05
     seeds: int = 1
+    encoder: str | None = None
 
     @property
     def configuration(self) -> str:
@@ -117,6 +124,9 @@ class Fit(Cell):
 
         overrides = [f"data.folder={data}", *self.overrides, *settings]
         configuration = compose([str(configs / self.configuration)], overrides)
+        donor = self.encoder and Path(str(folder).replace(self.name, self.encoder))
+        if donor and _may_take(folder, donor):
+            configuration = compose([str(configs / self.configuration)], [*overrides, *_taking(configuration, donor)])
         open_folder(configuration, folder, resume=True)
         return self.results(fit(configuration.values, folder, resume=True))
 
@@ -195,6 +205,24 @@ class Observe(Cell):
             for verdict in found.verdicts()
         ]
         return [*results, Result(self.name, "condition number", found.condition, "")]
+
+
+def _may_take(folder: Path, donor: Path) -> bool:
+    """Tell whether a run takes the encoder of another one: if that is done, unless this one has begun without."""
+    begun = folder / "config.yaml"
+    return (donor / "metrics.json").exists() and (not begun.exists() or str(donor) in begun.read_text(encoding="utf-8"))
+
+
+def _taking(configuration: Configuration, donor: Path) -> list[str]:
+    """Return settings by which a run begins with the encoder of another one instead of warming up its own."""
+    values = configuration.values
+    epochs = values["trainer"]["max_epochs"] - values["model"]["init_args"]["phases"]["warm_up"]
+    return [
+        f"model.encoder={donor / 'checkpoints' / 'last.ckpt'}",
+        f"model.optimizer.init_args.lr={GENTLE_RATE}",
+        "model.phases.warm_up=0",
+        f"trainer.max_epochs={epochs}",
+    ]
 
 
 def _unit(parameter: str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from typing import Any, cast
 
 import lightning as L
@@ -64,3 +65,23 @@ def take_step(module: L.LightningModule, loss: Tensor, phases: Phases, batch_idx
                 "horizon; checkpoints/last.ckpt holds the last good state"
             )
     optimizer.step()
+
+
+def take_encoder(model: VideoModel, checkpoint: Path) -> None:
+    """Replace a model's encoder by that of another run.
+
+    Raises:
+        ValueError: If there is no such checkpoint, or its encoder is of another kind.
+    """
+    if not checkpoint.is_file():
+        raise ValueError(f"model.encoder: expected a checkpoint of a fit from video, found none at {checkpoint}")
+    state = torch.load(checkpoint, map_location="cpu", weights_only=True)["state_dict"]
+    for name, part in (("encoder", model.encoder), ("supervision", model.supervision)):
+        prefix = f"model.{name}."
+        try:
+            part.load_state_dict({key.removeprefix(prefix): state[key] for key in state if key.startswith(prefix)})
+        except RuntimeError as error:
+            reason = str(error).splitlines()[-1].strip()
+            raise ValueError(
+                f"{checkpoint}: expected an encoder of the same method and chart, found another: {reason}"
+            ) from None

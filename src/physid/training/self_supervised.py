@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import final
 
 import lightning as L
@@ -21,7 +22,7 @@ from physid.training.engine import Engine
 from physid.training.first_state import Start
 from physid.training.horizon import Batch, Horizon, spread
 from physid.training.imagination import Imagination
-from physid.training.learning import DEFAULT_OPTIMIZER, build_optimizer, take_step
+from physid.training.learning import DEFAULT_OPTIMIZER, build_optimizer, take_encoder, take_step
 from physid.training.phases import Phase, Phases, epochs_of
 from physid.training.physical_parameters import PhysicalParameters
 from physid.training.polish import Polish
@@ -63,6 +64,7 @@ class SelfSupervisedID(TrainingModule):
         parameter_rate: The parameters' highest rate of learning, about their relative change in a step.
         physics_device: Where trajectories are rolled out.
         fast: Whether the encoder's convolutions compute in bfloat16.
+        encoder: Checkpoint of another run with this method, whose encoder a fit begins with; None for a new one.
 
     Attributes:
         model: Encoder, physics and decoder, once the scene is known.
@@ -92,6 +94,7 @@ class SelfSupervisedID(TrainingModule):
         parameter_rate: float = 1e-2,
         physics_device: str = "cpu",
         fast: bool = True,
+        encoder: str | None = None,
     ) -> None:
         super().__init__(optimizer or DEFAULT_OPTIMIZER)
         self.automatic_optimization = False
@@ -103,6 +106,7 @@ class SelfSupervisedID(TrainingModule):
         self.horizon, self.engine = horizon or Horizon(), engine or Engine()
         self.refinement, self.memory, self.blur = Refinement(self.loss), PoseMemory(), GaussianBlur()
         self.parameter_rate, self.physics_device, self.fast = parameter_rate, physics_device, fast
+        self.encoder = encoder
 
     @property
     def physical(self) -> PhysicalParameters:
@@ -122,6 +126,8 @@ class SelfSupervisedID(TrainingModule):
         if stage == "fit":
             self.phases.check(self.trainer.max_epochs)
             self.model.look_at(data.recordings, data.trajectories("fit"))
+            if self.encoder is not None:
+                take_encoder(self.model, Path(self.encoder))
 
     def attach(self, scene: Scene) -> SelfSupervisedID:
         """Build encoder, physics, parameters and metrics for a scene; returns itself."""
