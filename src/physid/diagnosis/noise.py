@@ -37,6 +37,11 @@ class Noise:
         """Root mean square position error of a perfect model, sqrt(3) sigma where the noise is white [m]."""
         return 3**0.5 * self.position if self.error is None else self.error.floor
 
+    @property
+    def of_a_frame(self) -> Noise:
+        """How far single frames are off; errors that are alike in neighbouring frames disturb slow changes more."""
+        return self if self.error is None else Noise(*self.error.of_a_frame)
+
     def spread(self) -> Tensor:
         """Return the standard deviations of the six coordinates of a pose, shape (6,)."""
         return torch.tensor([self.rotation] * 3 + [self.position] * 3, dtype=torch.float64)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -16,7 +16,7 @@ from physid.diagnosis.nominal import NominalModel
 from physid.diagnosis.nulls import floors
 from physid.diagnosis.observations import Observations
 from physid.diagnosis.phases import phases_of
-from physid.diagnosis.prediction import Predictor, Variants
+from physid.diagnosis.prediction import Prediction, Predictor, Variants
 from physid.diagnosis.reader_error import ReaderError
 from physid.diagnosis.restart import search
 from physid.diagnosis.settle import Say, between, settle
@@ -27,6 +27,7 @@ from physid.physics.effect import Effect
 FIRST_NOISE = Noise(rotation=5e-3, position=2e-3)
 FACTORS = (1.0, 0.5, 0.25, 2.0, 4.0)  # first guesses of unknown parameters that are tried, times the one given
 LOST = 1.5  # times the usual misfit of busy windows, from which on one does not follow the other engine
+CUTS = 3  # most times that trajectories are cut into windows around events
 NONE = torch.zeros(0, dtype=torch.int64)
 
 
@@ -77,20 +78,48 @@ def prepare(
     point = _scan(experiment, point)
     first = gauss_newton(experiment, point, NONE, steps=5)
     noise = estimate_noise(first.residual, present, observations.error)
-    phases = phases_of(first.jacobian.base, observations.wrench, model.scene)
-    windows = Windows.around(find_events(phases, observations.pose, present, noise, model.scene))
     say("fitting the nominal model")
-    predictor = Predictor(model, observations.wrench, windows, candidates)
-    experiment, point = begin(predictor, observations, present, noise, first.point.nominal)
-    fit = gauss_newton(experiment, point, NONE)
-    fit = gauss_newton(experiment, search(experiment, fit), NONE)
+    experiment, fit = _fit_windows(observations, model, candidates, present, noise, first)
     experiment, fit, noise = _follow(experiment, fit, present, noise.error, say)
     say("measuring where the numerics disturb")
     extra = (1 + floors(experiment, fit, generator)).rsqrt()
+    windows = experiment.predictor.windows
     experiment = experiment.replace(scale=experiment.scale * windows.spread(extra)[..., None, None])
     experiment, fit = settle(experiment, fit, NONE, (), say)
     phases = phases_of(fit.jacobian.base, observations.wrench, model.scene)
     return Prepared(observations, experiment, fit, noise, phases)
+
+
+def _fit_windows(
+    observations: Observations,
+    model: NominalModel,
+    candidates: Sequence[type[Effect]],
+    present: Tensor,
+    noise: Noise,
+    fit: Fit,
+) -> tuple[Experiment, Fit]:
+    """Fit windows cut around events, which a fit to short windows shows; cut again if the new fit shows others.
+
+    Bodies that pass each other closely may hit each other in a fit to a long window that is a little off: no step leads
+    back from there, but short windows around the hit find their way.
+    """
+
+    def events_of(fit: Fit) -> Tensor:
+        phases = phases_of(fit.jacobian.base, observations.wrench, model.scene)
+        return find_events(phases, observations.pose, present, noise.of_a_frame, model.scene)
+
+    events = events_of(fit)
+    for _ in range(CUTS):
+        windows = Windows.around(events)
+        predictor = Predictor(model, observations.wrench, windows, candidates)
+        experiment, point = begin(predictor, observations, present, noise, fit.point.nominal, fit.jacobian.base)
+        fit = gauss_newton(experiment, point, NONE)
+        fit = gauss_newton(experiment, search(experiment, fit), NONE)
+        missed = events_of(fit) & ~windows.spread(windows.busy)
+        if not bool(missed.any()):
+            break
+        events = events | missed
+    return experiment, fit
 
 
 def _follow(
@@ -145,11 +174,23 @@ def _misfit(experiment: Experiment, fit: Fit) -> Tensor:
 
 
 def begin(
-    predictor: Predictor, observations: Observations, present: Tensor, noise: Noise, nominal: Tensor | None = None
+    predictor: Predictor,
+    observations: Observations,
+    present: Tensor,
+    noise: Noise,
+    nominal: Tensor | None = None,
+    before: Prediction | None = None,
 ) -> tuple[Experiment, Variants]:
-    """Return the experiment and a first point, with the best guess of each window's first state."""
+    """Return the experiment and a first point, with the best guess of each window's first state.
+
+    Where a prediction `before` is known, say of shorter windows, its states are guesses as well: the speed that some
+    noisy frames suggest may let bodies hit each other that have passed, and no step leads back from there.
+    """
     model, windows = predictor.model, predictor.windows
     starts = guess_starts(observations.pose, present, windows, model.scene)
+    if before is not None:
+        pose, twist = (value[:, windows.trajectory, windows.start] for value in (before.state, before.twist))
+        starts = replace(starts, pose=torch.cat([starts.pose, pose]), twist=torch.cat([starts.twist, twist]))
     normal = torch.tensor(model.scene.ground.normal, dtype=torch.float64)
     experiment = Experiment(
         predictor,

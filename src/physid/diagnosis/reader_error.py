@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -65,6 +66,11 @@ class ReaderError:
         return tuple(self._spread(kind) for kind in (0, 1))  # type: ignore[return-value]
 
     @cached_property
+    def of_a_frame(self) -> tuple[float, float]:
+        """Standard deviations of single frames along the worst direction, of rotations [rad] and positions [m]."""
+        return tuple(self._spread(kind, SPANS[:1]) for kind in (0, 1))  # type: ignore[return-value]
+
+    @cached_property
     def floor(self) -> float:
         """Root mean square error of a position [m], without what a first place and velocity take up."""
         time = torch.linspace(-1, 1, self.track.shape[1], dtype=self.track.dtype)[:, None, None]
@@ -99,9 +105,9 @@ class ReaderError:
     def _varying(self) -> Tensor:
         return self.track - self.track.mean(1, keepdim=True)
 
-    def _spread(self, kind: int) -> float:
+    def _spread(self, kind: int, spans: Sequence[int] = SPANS) -> float:
         largest = 0.0
-        for span in (each for each in SPANS if each <= self.track.shape[1] // 2):
+        for span in (each for each in spans if each <= self.track.shape[1] // 2):
             means = self._varying[..., KINDS[kind]].unfold(1, span, span).mean(-1).flatten(0, 2)
             largest = max(largest, span * float(torch.linalg.eigvalsh(means.T @ means / len(means))[-1]))
         return self.factors[kind] * math.sqrt(largest)
