@@ -12,9 +12,10 @@ RIGHT: dict[Name, tuple[int, int]] = {
     "partial": (0, 0),
     "unknown": (6, 8),
 }
-"""Of each verdict: how many were right, of how many: 37 sets of a calibration bank (seed 21), diagnosed by commit b718ad5.
+"""Of each verdict: how many were right, of how many: on 37 sets of a calibration bank (seed 21), by commit b718ad5.
 
-`physid benchmark diagnosis calibrate` prints these counts for a calibration bank; named and group are counted together."""
+`physid benchmark diagnosis calibrate` prints such counts for a calibration bank; named and group are counted together.
+"""
 NONE_AFTER_HITS = (4, 5)
 """The same for `none` where many hits are beyond any fit, so that effects which act at hits do not show."""
 MOST_LOST = 0.1  # share of the busy windows, from which on they are many
