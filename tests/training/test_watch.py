@@ -24,6 +24,8 @@ from physid.networks.encoder import as_image
 from physid.physics.rotations import conjugate, logarithm, multiply
 from physid.training.decoder import Decoder
 from physid.training.echo import smoothed
+from physid.training.run import CHECKPOINT, restore
+from physid.training.video_model import VideoModel
 from physid.training.watch import watch
 
 PIXEL = 0.0208  # [m] in the middle of the view
@@ -102,6 +104,33 @@ def test_without_any_pose_outlines_find_the_bodies_up_to_half_a_turn(films: Path
     reading = read_reading(tmp_path / "read")
     assert reading is not None
     assert reading.stretch_deviation > 0, "no pose has told the scale"
+
+
+def test_the_encoder_of_a_run_finds_the_bodies_and_knows_their_look(
+    films: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = tmp_path / "run"
+    tiny = ["data.batch_size=4", "data.every=10", "data.draw=1", "data.test=[train]", "model.imagination.frames=1"]
+    tiny += ["model.phases.warm_up=1", "model.phases.refine=0", "model.polish.steps=2", "model.polish.headings=1"]
+    tiny += ["trainer.max_epochs=1", "trainer.accelerator=cpu", "wandb=disabled", f"data.folder={films}"]
+    config = Path(__file__).parents[2] / "configs" / "supervised" / "push_friction.yaml"
+    assert main(["fit", "--config", str(config), f"--run-dir={run}", *tiny]) == 0
+    blind = rewritten(films, tmp_path / "films", None)
+    model = restore(run, blind)
+    weights = torch.load(run / CHECKPOINT, weights_only=True)["state_dict"]
+    assert all(torch.equal(value, weights[name]) for name, value in model.named_parameters())
+    truth = torch.stack([torch.from_numpy(np.asarray(one.pose)[:1]) for one in RecordingSet(films)]).float()
+    # One epoch teaches no encoder anything.
+    monkeypatch.setattr(VideoModel, "read", lambda *_: (truth, truth))
+    watch(blind, tmp_path / "read", encoder=run, limit=len(truth))
+    place, turn = errors(tmp_path / "read", films)
+    assert size(place) < EXACT
+    assert size(turn) < TURNED
+
+
+def test_a_folder_without_a_run_is_no_encoder(films: Path, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="expected a run of `physid fit`"):
+        watch(films, tmp_path / "read", encoder=tmp_path)
 
 
 def test_two_bodies_that_hit_each_other_are_followed(tmp_path: Path) -> None:
