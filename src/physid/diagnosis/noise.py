@@ -37,13 +37,10 @@ class Noise:
         """Root mean square position error of a perfect model, sqrt(3) sigma where the noise is white [m]."""
         return 3**0.5 * self.position if self.error is None else self.error.floor
 
-    @property
-    def of_a_frame(self) -> Noise:
-        """How far single frames are off; errors that are alike in neighbouring frames disturb slow changes more."""
-        return self if self.error is None else Noise(*self.error.of_a_frame)
-
     def spread(self) -> Tensor:
         """Return the standard deviations of the six coordinates of a pose, shape (6,)."""
+        if self.error is not None:
+            return self.error.spread.maximum(torch.tensor(FLOOR, dtype=torch.float64).repeat_interleave(3))
         return torch.tensor([self.rotation] * 3 + [self.position] * 3, dtype=torch.float64)
 
     def draw(self, count: int, like: Tensor, generator: torch.Generator) -> Tensor:
@@ -93,12 +90,17 @@ def estimate_noise(residual: Tensor, weight: Tensor, error: ReaderError | None =
     """
     if error is not None:
         error = error.sized(residual, weight)
-        return Noise(max(error.spread[0], FLOOR[0]), max(error.spread[1], FLOOR[1]), error)
+        return Noise(*_largest(error.spread), error)
     bent = residual[:, 1:-1] - (residual[:, :-2] + residual[:, 2:]) / 2
     good = (weight[:, 1:-1] > 0) & (weight[:, :-2] > 0) & (weight[:, 2:] > 0)
     values = bent[good].unflatten(-1, (2, 3)).abs() / 1.5**0.5
     rotation, position = (max(_spread(values[:, k].flatten()), FLOOR[k]) for k in (0, 1))
     return Noise(rotation, position)
+
+
+def _largest(spread: Tensor) -> tuple[float, float]:
+    """Return the largest standard deviation of a rotation and of a position, of six."""
+    return max(float(spread[:3].max()), FLOOR[0]), max(float(spread[3:].max()), FLOOR[1])
 
 
 def _spread(values: Tensor) -> float:

@@ -106,7 +106,7 @@ def _fit_windows(
 
     def events_of(fit: Fit) -> Tensor:
         phases = phases_of(fit.jacobian.base, observations.wrench, model.scene)
-        return find_events(phases, observations.pose, present, noise.of_a_frame, model.scene)
+        return find_events(phases, observations.pose, present, noise, model.scene)
 
     events = events_of(fit)
     for _ in range(CUTS):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -14,6 +12,7 @@ from physid.diagnosis.prediction import difference
 
 SPANS = (1, 2, 4, 8, 16, 32)  # frames over which errors are averaged, to see how slowly they change
 SURE = 0.15  # standard deviation of the logarithm of the errors' size: drawn films differ from real ones
+UNREAD = 1e-6  # share of the variance of the worst direction below which a direction was not read at all
 KINDS = (slice(0, 3), slice(3, 6))  # rotation, position
 
 
@@ -57,18 +56,14 @@ class ReaderError:
         return replace(self, factors=(first, second))
 
     @cached_property
-    def spread(self) -> tuple[float, float]:
-        """Standard deviations of white noise that disturbs slow changes as much, of rotations [rad] and positions [m].
+    def spread(self) -> Tensor:
+        """Standard deviations of white noise that disturbs slow changes as much: rotation vector, position; shape (6,).
 
-        The largest over directions and spans n of n var(mean of n frames), whose square root this is; a constant of
-        each trajectory is no error, since its first state takes it up.
+        The largest over spans of n var(mean of n frames), whose square root this is; a constant of each trajectory is
+        no error, since its first state takes it up. Directions that a reader cannot err in, say off the ground, count
+        as those that it can: nothing was seen there.
         """
-        return tuple(self._spread(kind) for kind in (0, 1))  # type: ignore[return-value]
-
-    @cached_property
-    def of_a_frame(self) -> tuple[float, float]:
-        """Standard deviations of single frames along the worst direction, of rotations [rad] and positions [m]."""
-        return tuple(self._spread(kind, SPANS[:1]) for kind in (0, 1))  # type: ignore[return-value]
+        return torch.stack([self._spread(span) for span in SPANS if span <= self.track.shape[1] // 2]).amax(0)
 
     @cached_property
     def floor(self) -> float:
@@ -105,12 +100,16 @@ class ReaderError:
     def _varying(self) -> Tensor:
         return self.track - self.track.mean(1, keepdim=True)
 
-    def _spread(self, kind: int, spans: Sequence[int] = SPANS) -> float:
-        largest = 0.0
-        for span in (each for each in spans if each <= self.track.shape[1] // 2):
-            means = self._varying[..., KINDS[kind]].unfold(1, span, span).mean(-1).flatten(0, 2)
-            largest = max(largest, span * float(torch.linalg.eigvalsh(means.T @ means / len(means))[-1]))
-        return self.factors[kind] * math.sqrt(largest)
+    def _spread(self, span: int) -> Tensor:
+        """Return the root of n var(mean of n frames) of each coordinate, at least that of the second best direction."""
+        found = []
+        for kind, factor in zip(KINDS, self.factors, strict=True):
+            means = self._varying[..., kind].unfold(1, span, span).mean(-1).flatten(0, 2)
+            power = span * means.T @ means / len(means)
+            _, second, first = torch.linalg.eigvalsh(power)
+            least = second if float(second) > UNREAD * float(first) else first
+            found.append(factor * power.diagonal().maximum(least).clamp_min(0).sqrt())
+        return torch.cat(found)
 
 
 def _roughness(value: Tensor, good: Tensor) -> tuple[float, float]:
