@@ -153,7 +153,9 @@ def _best(diagnosis: Mapping[str, Any]) -> str:
 
 def _where(diagnosis: Mapping[str, Any], pictures: ReportData) -> Markup | None:
     where = diagnosis["where"]
-    cards = (site_bar(where["site"]), evidence_map(where["cells"]), time_map(pictures.time_map))
+    # Evidence of nothing would fill the map with colours all the same.
+    over_time = None if diagnosis["verdict"] == "none" else time_map(pictures.time_map)
+    cards = (site_bar(where["site"]), evidence_map(where["cells"]), over_time)
     return section("Where", "In which part of the motion the prediction leaves the recording.", *_rows(*cards))
 
 
