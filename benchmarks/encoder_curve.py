@@ -24,13 +24,13 @@ from physid.data.format import RecordingSet
 from physid.data.generate import generate
 from physid.data.generation import GenerateConfig
 from physid.networks.encoder import as_image
-from physid.training import imagination
-from physid.training.imagination import Imagination
 from physid.training.learning import DEFAULT_OPTIMIZER, LARGEST_GRADIENT, build_optimizer
 from physid.training.metrics import PoseErrors
 from physid.training.phases import Phases
 from physid.training.supervised import SupervisedID
-from physid.training.video_model import VideoModel
+from physid.training.video import imagination
+from physid.training.video.imagination import Imagination
+from physid.training.video.model import VideoModel
 
 CONFIG = Path(__file__).parents[1] / "configs" / "generate" / "push.yaml"
 LOOKED_AT = 16

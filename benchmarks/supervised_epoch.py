@@ -27,19 +27,19 @@ import torch
 from physid.data.datamodule import RecordingsDataModule
 from physid.data.generate import generate
 from physid.data.generation import GenerateConfig
-from physid.training.horizon import Horizon
-from physid.training.imagination import Imagination
 from physid.training.phases import Phases
-from physid.training.polish import Polish
 from physid.training.supervised import SupervisedID
+from physid.training.video.horizon import Horizon
+from physid.training.video.imagination import Imagination
+from physid.training.video.polish import Polish
 
 EPOCHS = 2
 PHASES = {"warm-up": Phases(warm_up=3, refine=0), "joint": Phases(0, 0), "refine": Phases(warm_up=0, refine=3)}
 PARTS = {
     "decode frames": ("dataset.py", "_film"),
     "imagine images": ("imagination.py", "draw_images"),
-    "encode": ("video_model.py", "encode"),
-    "roll out": ("video_model.py", "roll_out"),
+    "encode": ("video/model.py", "encode"),
+    "roll out": ("video/model.py", "roll_out"),
     "backward": ("module.py", "manual_backward"),
     "optimizer": ("adam.py", "step"),
     "polish": ("polish.py", "__call__"),
@@ -86,7 +86,7 @@ def measure(folder: Path, phases: Phases, *, fast: bool = True) -> tuple[float, 
     spent = dict.fromkeys(PARTS, 0.0)
     for (file, _, name), (*_, cumulative, _) in pstats.Stats(profiled.profile).stats.items():  # type: ignore[attr-defined]
         for part, (wanted, function) in PARTS.items():
-            if name == function and Path(file).name == wanted:
+            if name == function and file.endswith(wanted):
                 spent[part] += cumulative
     return profiled.seconds / EPOCHS, {part: value / EPOCHS for part, value in spent.items()}
 

@@ -22,11 +22,11 @@ from physid.data.generation import GenerateConfig
 from physid.networks.encoder import as_image
 from physid.training.normal_equations import NormalEquations
 from physid.training.physical_parameters import PhysicalParameters
-from physid.training.polish import Polish
 from physid.training.pose_loss import PoseLoss
-from physid.training.refinement import LARGEST_STEP, add_to, interval
 from physid.training.supervised import SupervisedID
-from physid.training.video_model import VideoModel, over_time
+from physid.training.video.model import VideoModel, over_time
+from physid.training.video.polish import Polish
+from physid.training.video.refinement import LARGEST_STEP, add_to, interval
 
 CONFIG = Path(__file__).parents[1] / "configs" / "generate" / "push.yaml"
 FRICTION = (0.06, 0.25)

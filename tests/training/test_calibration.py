@@ -10,12 +10,12 @@ from torch import Tensor
 
 from physid.physics.state import State
 from physid.scenes.catalogue import find_setup
-from physid.training.calibration import Calibration, stretched
 from physid.training.normal_equations import NormalEquations
 from physid.training.pose_loss import PoseLoss
 from physid.training.supervised import SupervisedID
 from physid.training.trajectories import Trajectories
-from physid.training.video_model import VideoModel
+from physid.training.video.calibration import Calibration, stretched
+from physid.training.video.model import VideoModel
 
 SHARE = 0.003
 ROUNDING = 1e-4  # relative

@@ -19,10 +19,10 @@ from physid.data.generation import GenerateConfig, Noise
 from physid.physics.rotations import angle_between, exponential, multiply
 from physid.scenes.catalogue import find_setup
 from physid.scenes.lying import lay_down
-from physid.training.fitted_starts import Starts
+from physid.training.first_states.fitted import Starts
+from physid.training.first_states.pose_noise import pose_noise
 from physid.training.observability import SensorNoise
 from physid.training.pose_loss import PoseLoss
-from physid.training.pose_noise import pose_noise
 from physid.training.sysid import SysID
 from physid.training.trajectories import Trajectories
 

@@ -4,10 +4,10 @@ import pytest
 import torch
 
 from physid.scenes.catalogue import find_setup
-from physid.training.imagination import Imagination
 from physid.training.learning import DEFAULT_OPTIMIZER, build_optimizer
 from physid.training.supervised import SupervisedID
-from physid.training.video_model import VideoModel
+from physid.training.video.imagination import Imagination
+from physid.training.video.model import VideoModel
 
 BACKGROUND = torch.full((4, 3, 128, 128), 0.7)
 SIZE = 0.25  # [m]

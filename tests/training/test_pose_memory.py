@@ -7,8 +7,8 @@ from typing import Any, cast
 import torch
 from torch import Tensor
 
-from physid.training.pose_memory import PoseMemory
-from physid.training.video_model import VideoModel
+from physid.training.video.model import VideoModel
+from physid.training.video.pose_memory import PoseMemory
 
 
 class Reader:

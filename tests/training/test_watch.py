@@ -22,11 +22,11 @@ from physid.data.trajectory import write_trajectory
 from physid.networks.appearance import Appearance
 from physid.networks.encoder import as_image
 from physid.physics.rotations import conjugate, logarithm, multiply
-from physid.training.decoder import Decoder
-from physid.training.echo import smoothed
 from physid.training.run import CHECKPOINT, restore
-from physid.training.video_model import VideoModel
-from physid.training.watch import watch
+from physid.training.video.decoder import Decoder
+from physid.training.video.echo import smoothed
+from physid.training.video.model import VideoModel
+from physid.training.video.watch import watch
 
 PIXEL = 0.0208  # [m] in the middle of the view
 EXACT = 0.12  # [pixel] root mean square error of a place along each axis

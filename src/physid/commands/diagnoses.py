@@ -121,7 +121,7 @@ def _has_films_alone(recordings: Path) -> bool:
 def _read(films: Path, into: Path, *, encoder: Path | None, limit: int | None, quiet: bool) -> Path:
     """Read poses from films, once, and return the set that has them."""
     from physid.commands.terminal import frame_bar, resumable
-    from physid.training.watch import watch
+    from physid.training.video.watch import watch
 
     if not quiet:
         print(f"Poses are read from the films of {films} into {into}", flush=True)

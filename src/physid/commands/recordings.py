@@ -98,7 +98,7 @@ def watch(
         quiet: Hide the progress bar.
     """
     from physid.data.reading import read_reading
-    from physid.training.watch import watch as run
+    from physid.training.video.watch import watch as run
 
     folder = out or Path("data") / f"{films.resolve().name}_read"
     with resumable(), frame_bar(quiet) as say:

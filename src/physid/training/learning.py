@@ -14,7 +14,7 @@ from torch.optim import AdamW, Optimizer
 
 from physid.training.base import NonFiniteLossError, OptimizerFactory
 from physid.training.phases import Phases, epochs_done, epochs_of
-from physid.training.video_model import VideoModel
+from physid.training.video.model import VideoModel
 
 DEFAULT_OPTIMIZER: OptimizerFactory = partial(AdamW, lr=1e-3, weight_decay=1e-2)
 LARGEST_GRADIENT = 1.0

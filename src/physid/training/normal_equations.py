@@ -9,11 +9,11 @@ from typing import final
 import torch
 from torch import Tensor
 
-from physid.training.heights import Landing
 from physid.training.pose_loss import PoseLoss
 from physid.training.sensitivity import residuals, sensitivity
 from physid.training.trajectories import Trajectories
-from physid.training.video_model import VideoModel
+from physid.training.video.heights import Landing
+from physid.training.video.model import VideoModel
 
 FLOOR = 1e-12
 """Smallest curvature, relative to the largest: a parameter without influence stays where it is."""

@@ -20,11 +20,11 @@ from physid.scenes.scene import Scene
 from physid.scenes.setup import Excitation
 from physid.scenes.strict import check_keys, nearest, number, whole
 from physid.training.engine import Engine
+from physid.training.first_states.starts import without_starts
 from physid.training.observability import ACCEPT, Observability, SensorNoise, percent
 from physid.training.observability_plot import draw
 from physid.training.physical_parameters import PhysicalParameters
 from physid.training.slopes import slopes
-from physid.training.starts import without_starts
 from physid.training.trajectories import Trajectories
 
 Range = tuple[float, float]

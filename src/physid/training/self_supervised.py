@@ -19,19 +19,19 @@ from physid.training.callbacks.blur_curriculum import BlurCurriculum
 from physid.training.callbacks.parameter_history import ParameterHistory
 from physid.training.callbacks.predicted_film import PredictedFilm
 from physid.training.engine import Engine
-from physid.training.first_state import Start
-from physid.training.horizon import Batch, Horizon, spread
-from physid.training.imagination import Imagination
 from physid.training.learning import DEFAULT_OPTIMIZER, build_optimizer, take_encoder, take_step
 from physid.training.phases import Phase, Phases, epochs_of
 from physid.training.physical_parameters import PhysicalParameters
-from physid.training.polish import Polish
 from physid.training.pose_loss import PoseLoss, mean_over_time
-from physid.training.pose_memory import PoseMemory
-from physid.training.refinement import Refinement
 from physid.training.trajectories import Trajectories
-from physid.training.video_model import ChartName, VideoModel, at_frames, over_time
-from physid.training.video_scores import VideoScores
+from physid.training.video.first_state import Start
+from physid.training.video.horizon import Batch, Horizon, spread
+from physid.training.video.imagination import Imagination
+from physid.training.video.model import ChartName, VideoModel, at_frames, over_time
+from physid.training.video.polish import Polish
+from physid.training.video.pose_memory import PoseMemory
+from physid.training.video.refinement import Refinement
+from physid.training.video.scores import VideoScores
 
 
 @final

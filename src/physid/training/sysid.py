@@ -18,8 +18,10 @@ from physid.training.callbacks.intervals import Intervals
 from physid.training.callbacks.observability_warning import ObservabilityWarning
 from physid.training.callbacks.parameter_history import ParameterHistory
 from physid.training.engine import Engine
-from physid.training.fitted_starts import Explaining, Following, Starts
-from physid.training.followed_starts import FollowedStarts
+from physid.training.first_states.fitted import Explaining, Following, Starts
+from physid.training.first_states.followed import FollowedStarts
+from physid.training.first_states.pose_noise import pose_noise, weighed_by
+from physid.training.first_states.starts import without_starts
 from physid.training.gauss_newton import GaussNewton
 from physid.training.intervals import Pull, coarse_pull
 from physid.training.metrics import PoseErrors
@@ -27,10 +29,8 @@ from physid.training.observability import Observability, SensorNoise
 from physid.training.pattern_search import PatternSearch
 from physid.training.physical_parameters import PhysicalParameters
 from physid.training.pose_loss import PoseLoss, pose_residual
-from physid.training.pose_noise import pose_noise, weighed_by
 from physid.training.sensitivity import residuals, sensitivity
 from physid.training.slopes import slopes
-from physid.training.starts import without_starts
 from physid.training.trajectories import Trajectories
 
 Batch = Mapping[str, Any]

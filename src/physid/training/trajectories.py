@@ -13,7 +13,7 @@ from torch import Tensor
 from physid.physics.layer import PhysicsLayer, Rollout, SolverError
 from physid.physics.parameters import Parameters
 from physid.physics.state import State, check_shape
-from physid.training.twist import twist_from_poses
+from physid.training.first_states.twist import twist_from_poses
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from physid.physics.layer import PhysicsLayer, SolverError
 from physid.physics.rotations import exponential, multiply, normalize
 from physid.scenes.lying import turn_flat
 from physid.scenes.scene import Scene
-from physid.training.guessed_starts import guess
+from physid.training.first_states.guessed import guess
 from physid.training.physical_parameters import PhysicalParameters
 from physid.training.pose_loss import PoseLoss
 from physid.training.sensitivity import residuals

@@ -12,7 +12,7 @@ from torch import Tensor
 from physid.networks.chart import PlanarChart, PoseChart
 from physid.networks.encoder import Encoding
 from physid.physics.rotations import normalize, to_matrix
-from physid.training.video_model import VideoModel
+from physid.training.video.model import VideoModel
 
 HARD = 0.125
 """Width of hard edges [px]: simulators draw without anti-aliasing, cameras with soft edges; an encoder learns both."""

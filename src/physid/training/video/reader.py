@@ -13,11 +13,11 @@ from torch import Tensor
 from physid.networks.chart import PlanarChart, PoseChart
 from physid.networks.encoder import as_image
 from physid.scenes.scene import Scene
-from physid.training.calibration import Calibration
-from physid.training.decoder import MODELS, Decoder
-from physid.training.footage import Footage
-from physid.training.polish import Polish
-from physid.training.video_model import ChartName, VideoModel, chart_of
+from physid.training.video.calibration import Calibration
+from physid.training.video.decoder import MODELS, Decoder
+from physid.training.video.footage import Footage
+from physid.training.video.model import ChartName, VideoModel, chart_of
+from physid.training.video.polish import Polish
 
 FOLLOWING = Polish(steps=2, wider=1.0)
 """From the place where the last two frames put a body, two Gauss-Newton steps reach what the images tell."""

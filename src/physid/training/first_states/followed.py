@@ -10,7 +10,7 @@ from torch import Tensor
 
 from physid.physics.layer import SolverError
 from physid.scenes.scene import Scene
-from physid.training.fitted_starts import Explaining, Following, Starts
+from physid.training.first_states.fitted import Explaining, Following, Starts
 from physid.training.sensitivity import sensitivity
 
 IMPROVE = 2

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from physid.networks.blur import GaussianBlur
 from physid.networks.chart import PlanarChart, PoseChart
-from physid.training.decoder import Decoder
+from physid.training.video.decoder import Decoder
 
 AT_ONCE = 32
 """Images that are worked on at once."""

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from physid.networks.encoder import as_image
-from physid.training.video_model import VideoModel
+from physid.training.video.model import VideoModel
 
 
 @final

@@ -15,7 +15,7 @@ from physid.training.pose_loss import PoseLoss, pose_residual
 from physid.training.trajectories import Trajectories
 
 if TYPE_CHECKING:
-    from physid.training.video_model import VideoModel
+    from physid.training.video.model import VideoModel
 
 PASSES = 4
 DIFFERENCE = 2e-3

@@ -12,7 +12,7 @@ from torchmetrics.image import PeakSignalNoiseRatio, StructuralSimilarityIndexMe
 from physid.networks.encoder import as_image
 from physid.scenes.scene import Scene
 from physid.training.metrics import PoseErrors
-from physid.training.video_model import Prediction, VideoModel, at_frames
+from physid.training.video.model import Prediction, VideoModel, at_frames
 
 
 @final

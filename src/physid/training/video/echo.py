@@ -12,7 +12,7 @@ from torch.nn.functional import interpolate, normalize
 
 from physid.networks.chart import PlanarChart, PoseChart
 from physid.physics.rotations import conjugate, exponential, multiply
-from physid.training.footage import FirstSight
+from physid.training.video.footage import FirstSight
 
 SMOOTH = 17
 """Frames over which read poses are smoothed before they are drawn."""

@@ -10,13 +10,13 @@ from torch import Tensor
 
 from physid.networks.chart import PlanarChart
 from physid.training.base import TrainingModule
-from physid.training.calibration import stretched
-from physid.training.heights import land
-from physid.training.horizon import Batch
 from physid.training.normal_equations import NormalEquations
 from physid.training.pose_loss import PoseLoss
 from physid.training.trajectories import Trajectories
-from physid.training.video_model import VideoModel
+from physid.training.video.calibration import stretched
+from physid.training.video.heights import land
+from physid.training.video.horizon import Batch
+from physid.training.video.model import VideoModel
 
 LARGEST_STEP = 0.5
 """Of the logarithm of a parameter."""

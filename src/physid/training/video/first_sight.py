@@ -13,11 +13,11 @@ from physid.networks.chart import PlanarChart, PoseChart
 from physid.networks.encoder import as_image
 from physid.physics.rotations import to_matrix
 from physid.scenes.scene import Scene
-from physid.training.decoder import MODELS, Decoder
-from physid.training.footage import Filmed, Footage
-from physid.training.polish import Polish
-from physid.training.reader import Reader
-from physid.training.video_model import ChartName, VideoModel, chart_of
+from physid.training.video.decoder import MODELS, Decoder
+from physid.training.video.footage import Filmed, Footage
+from physid.training.video.model import ChartName, VideoModel, chart_of
+from physid.training.video.polish import Polish
+from physid.training.video.reader import Reader
 
 UPRIGHT, LYING = 0.02, 0.01
 """[rad] and share of the height by which a body may be off that counts as upright, and as lying on the ground."""

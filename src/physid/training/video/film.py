@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from physid.networks.encoder import as_image
-from physid.training.video_model import VideoModel, at_frames
+from physid.training.video.model import VideoModel, at_frames
 
 Pixels = NDArray[np.uint8]
 SCALE = 2

@@ -17,15 +17,15 @@ from physid.physics.layer import PhysicsLayer, Rollout
 from physid.physics.parameters import Parameters
 from physid.physics.state import State
 from physid.scenes.scene import Scene
-from physid.training.calibration import Calibration
-from physid.training.decoder import Decoder, camera_of
 from physid.training.deep_supervision import DeepSupervision
-from physid.training.first_state import Start
-from physid.training.heights import land
 from physid.training.physical_parameters import PhysicalParameters
-from physid.training.polish import Polish
 from physid.training.pose_loss import PoseLoss
 from physid.training.trajectories import Trajectories
+from physid.training.video.calibration import Calibration
+from physid.training.video.decoder import Decoder, camera_of
+from physid.training.video.first_state import Start
+from physid.training.video.heights import land
+from physid.training.video.polish import Polish
 
 ChartName = Literal["planar", "hovering", "spatial"]
 AT_ONCE = 1024

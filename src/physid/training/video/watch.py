@@ -16,12 +16,12 @@ from physid.data.reading import ECHO, Reading, read_reading, write_reading
 from physid.data.trajectory import write_trajectory
 from physid.data.video import check_video
 from physid.scenes.scene import Scene
-from physid.training.echo import Rehearsal, colour_noise, hard_edged
-from physid.training.first_sight import first_sight
-from physid.training.footage import Drawn, Filmed, Footage, Recorded
-from physid.training.reader import Reader
 from physid.training.run import CHECKPOINT, restore
-from physid.training.video_model import ChartName
+from physid.training.video.echo import Rehearsal, colour_noise, hard_edged
+from physid.training.video.first_sight import first_sight
+from physid.training.video.footage import Drawn, Filmed, Footage, Recorded
+from physid.training.video.model import ChartName
+from physid.training.video.reader import Reader
 
 AT_ONCE = 32
 """Films that are read side by side."""

@@ -1,0 +1,1 @@
+"""First states of trajectories: given, guessed, or fitted together with the parameters."""
