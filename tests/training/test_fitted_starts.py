@@ -107,6 +107,17 @@ def test_noise_moves_mass_and_friction_no_further_than_the_bound_allows(tmp_path
     assert any(error > BOUND * one for error, one in zip(errors["recorded"], bound, strict=True)), (errors, bound)
 
 
+def test_poses_without_noise_do_not_let_the_headings_decide_in_which_engines_differ(tmp_path: Path) -> None:
+    rich = CONFIG.parents[1] / "generate" / "push_rich.yaml"
+    words = ["trajectories=12", "steps=150", "video=false", "noise.position=0.0001", "noise.rotation=0.0001", "--quiet"]
+    assert main(["generate", "--config", str(rich), "--out", str(tmp_path / "data"), *words]) == 0
+    assert (
+        main(["fit", "--config", str(CONFIG), f"data.folder={tmp_path / 'data'}", f"--run-dir={tmp_path / 'run'}"]) == 0
+    )
+    figures = json.loads((tmp_path / "run" / "metrics.json").read_text())
+    assert figures["params/block.friction/relative_error"] < 5e-3
+
+
 def deviation(folder: Path, name: str) -> float:
     """Return the standard deviation that the trajectories allow, their first states being unknown."""
     data = RecordingsDataModule(folder, shuffle=False)

@@ -15,8 +15,8 @@ GAIN = math.sqrt(20.0)  # third differences of white noise: 1 + 9 + 9 + 1
 MEDIAN = 0.6745  # of the magnitude of a normal variable of deviation 1
 MOST_UNEQUAL = 100.0
 """Largest ratio of the two noises [m/rad], or of its inverse, that is believed."""
-LEAST = SensorNoise(1e-5, 1e-4)
-"""Below this the engine's own errors count, not noise."""
+LEAST = SensorNoise(1e-4, 1e-3)
+"""Below this the engine's own errors count, not noise: where a pushed block turns, engines differ by some mrad."""
 
 
 def pose_noise(trajectories: Trajectories) -> SensorNoise:
