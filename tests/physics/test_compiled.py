@@ -2,9 +2,9 @@ from __future__ import annotations
 
 import logging
 
-import numpy as np
 import pytest
 import torch
+from tests.physics.test_fused import GRADIENT, STATE, draw
 from torch import Tensor
 
 from physid.physics import lcp
@@ -12,32 +12,20 @@ from physid.physics.compiled import compile_or_not
 from physid.physics.layer import PhysicsLayer
 from physid.physics.parameters import Parameters
 from physid.physics.state import State
-from physid.physics.world import Plane, World
 from physid.scenes.catalogue import SETUPS
 from physid.scenes.setup import Setup
 
 needs_cuda = pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
-STATE, GRADIENT = 1e-9, 1e-7
 
 
-def roll(setup: Setup, device: str, steps: int = 20, batch: int = 3) -> tuple[Tensor, Tensor]:
+def roll(setup: Setup, device: str, steps: int = 20) -> tuple[Tensor, Tensor]:
     """Return the poses of some trajectories, and the gradient of the last ones by friction."""
-    scene, generator = setup.scene, np.random.default_rng(0)
-    drawn = [setup.draw(scene, "rich", generator, steps) for _ in range(batch)]
-    pose, twist, wrench = (
-        torch.stack([torch.as_tensor(getattr(one, name)) for one in drawn]).to(device)
-        for name in ("pose", "twist", "wrench")
-    )
-    size, mass, friction = (
-        torch.tensor([[getattr(body, name) for body in scene.bodies]], dtype=torch.float64, device=device)
-        for name in ("size", "mass", "friction")
-    )
-    friction.requires_grad_()
-    world = World(
-        time_step=scene.time_step, gravity=scene.gravity, ground=Plane(scene.ground.normal, scene.ground.offset)
-    )
-    layer = PhysicsLayer(world, backend="reference")
-    poses = layer.rollout(State(pose, twist), wrench, Parameters.of_boxes(size, mass, friction)).pose
+    case = draw(setup, 3, steps)
+    given = {name: value.to(device) for name, value in case.tensors.items()}
+    friction = given["friction"].requires_grad_()
+    parameters = Parameters.of_boxes(given["size"], given["mass"], friction, given["restitution"])
+    layer = PhysicsLayer(case.world, backend="reference")
+    poses = layer.rollout(State(given["pose"], given["twist"]), given["wrench"], parameters).pose
     return poses.detach().cpu(), torch.autograd.grad(poses[:, -1].sum(), friction)[0].cpu()
 
 
