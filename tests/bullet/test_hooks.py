@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from physid.bullet.hooks import split_products
-from physid.bullet.world import Motion, observed, simulate
+from physid.bullet.world import AT_ONCE, Motion, observed, simulate, simulate_all
 from physid.effects.force_gain import ForceGain
 from physid.effects.viscous_drag import ViscousDrag
 from physid.physics.effect import Effect, Site, StepInputs
@@ -131,3 +131,35 @@ def test_more_than_two_bodies_are_refused_where_contacts_differ() -> None:
 def test_without_effects_the_camera_reports_the_true_poses() -> None:
     pose = np.zeros((5, 1, 7))
     assert observed(pose, (), H) is pose
+
+
+@pytest.mark.parametrize("bodies", [1, 2])
+def test_worlds_that_go_in_step_do_what_each_does_alone(bodies: int) -> None:
+    scene = FLAT.with_bodies([dataclasses.replace(BLOCK, name=f"block {k}") for k in range(bodies)])
+    source = np.random.default_rng(3)
+    drag = ViscousDrag(number(0.6))
+    drift = Replacing(lambda now: {"friction": now.friction * (1 + 0.5 * now.time[:, None]), "mass": 1.2 * now.mass})
+    runs, clocks = [], []
+    for world in range(AT_ONCE + 2):
+        pose = np.array([on_ground(scene.ground, 0.6 * k, 0.1 * world, 0.2 * world, 0.2) for k in range(bodies)])
+        wrench = np.zeros((20 + 7 * (world % 3), bodies, 6))
+        wrench[:, 0, 3:5] = source.normal(4.0, 2.0, 2)
+        runs.append(Excitation(pose, np.zeros((bodies, 6)), wrench))
+        clocks.append(0.1 * world)
+    together = simulate_all(scene, runs, [drag, drift], clocks=clocks)
+    for excitation, clock, motion in zip(runs, clocks, together, strict=True):
+        (alone,) = simulate_all(scene, [excitation], [drag, drift], clocks=[clock])
+        assert len(motion.pose) == len(excitation.wrench)
+        assert np.array_equal(motion.pose, alone.pose)
+        assert np.array_equal(motion.twist, alone.twist)
+
+
+def test_a_clock_set_forward_is_a_formula_that_adds_to_the_time() -> None:
+    excitation = Excitation(
+        np.atleast_2d(on_ground(FLAT.ground, 0, 0, 0.3, 0.2)), np.zeros((1, 6)), np.ones((50, 1, 6))
+    )
+    drift = Replacing(lambda now: {"friction": now.friction * (1 - 0.5 * now.time[:, None])})
+    late = Replacing(lambda now: {"friction": now.friction * (1 - 0.5 * (now.time[:, None] + 0.3))})
+    (clocked,) = simulate_all(FLAT, [excitation], [drift], clocks=[0.3])
+    assert np.array_equal(clocked.pose, simulate(FLAT, excitation, [late]).pose)
+    assert np.abs(clocked.pose - simulate(FLAT, excitation, [drift]).pose).max() > TOLERANCE

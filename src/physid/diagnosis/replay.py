@@ -38,7 +38,7 @@ def replay(
     Returns:
         Poses that the camera would report, shape (R, T, N, 7); zeros outside the chosen windows.
     """
-    from physid.bullet.world import simulate
+    from physid.bullet.world import simulate_all
 
     working = (*model.effects, *effects)
     values = dict(zip(model.unknown, model.to_values(point.nominal[0]).tolist(), strict=True))
@@ -47,13 +47,20 @@ def replay(
         wrench = effect.actuate(wrench, scene.time_step)
     steps = [_AtStep(effect) for effect in working if type(effect).act is not Effect.act]
     seen = torch.zeros(*wrench.shape[:-1], 7, dtype=wrench.dtype)
-    wanted = range(len(windows)) if chosen is None else chosen.nonzero()[:, 0].tolist()
-    for window in wanted:
-        row, first, size = (int(value[window]) for value in (windows.trajectory, windows.start, windows.size))
-        loads = wrench[row, first : first + size].numpy()
-        start = Excitation(point.pose[0, window].numpy(), point.twist[0, window].numpy(), loads)
-        later: list[Effect] = [dataclasses.replace(step, start=first * scene.time_step) for step in steps]
-        pose = torch.from_numpy(simulate(scene, start, later, model.substeps).pose)
+    wanted = list(range(len(windows))) if chosen is None else chosen.nonzero()[:, 0].tolist()
+    places = [
+        tuple(int(value[window]) for value in (windows.trajectory, windows.start, windows.size)) for window in wanted
+    ]
+    starts = [
+        Excitation(
+            point.pose[0, window].numpy(), point.twist[0, window].numpy(), wrench[row, first : first + size].numpy()
+        )
+        for window, (row, first, size) in zip(wanted, places, strict=True)
+    ]
+    clocks = [first * scene.time_step for _, first, _ in places]
+    motions = simulate_all(scene, starts, steps, model.substeps, clocks)
+    for (row, first, size), motion in zip(places, motions, strict=True):
+        pose = torch.from_numpy(motion.pose)
         for effect in working:
             pose = effect.observe(pose[None], scene.time_step)[0] if restarts(effect) else pose
         seen[row, first : first + size] = pose
@@ -64,12 +71,10 @@ def replay(
 
 @dataclasses.dataclass(frozen=True)
 class _AtStep(Effect):
-    """An effect of which the engine sees the step only, on a clock that started earlier."""
+    """An effect of which the engine sees the step only: the wrenches are actuated already."""
 
     effect: Effect
-    start: float = 0.0
 
     def act(self, state: State, inputs: StepInputs) -> StepInputs:
-        """Act at the time since the first frame of the trajectory, whichever window this is."""
-        acted = self.effect.act(state, inputs.replace(time=inputs.time + self.start))
-        return acted.replace(time=inputs.time)
+        """Act as the effect does."""
+        return self.effect.act(state, inputs)
