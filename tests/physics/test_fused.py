@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from physid.effects import CATALOGUE
+from physid.effects.viscous_drag import ViscousDrag
 from physid.physics.contact import ContactRule, Penetrating, Speculative, Split
 from physid.physics.effect import Effect
 from physid.physics.fused.records import Shape
@@ -143,6 +144,38 @@ def test_effects_act_as_on_the_reference(effect: type[Effect], substeps: int) ->
     }
     world = dataclasses.replace(case.world, substeps=substeps)
     assert_equal(dataclasses.replace(case, world=world), (effect(**values),))
+
+
+@pytest.mark.parametrize("effect", ACTING, ids=lambda effect: effect.name)
+@pytest.mark.parametrize("substeps", [1, 2])
+def test_a_rollout_under_effects_is_the_same_whether_gradients_are_wanted_or_not(
+    effect: type[Effect], substeps: int
+) -> None:
+    case = draw(SETUPS[2 if "object" in effect.name else 0], 9, 6)
+    values = {name: torch.tensor([size.typical]).double() for name, size in effect.quantities().items()}
+    layer = PhysicsLayer(dataclasses.replace(case.world, substeps=substeps), [effect(**values)], backend="fused")
+    parameters = Parameters.of_boxes(*(case.tensors[name] for name in ("size", "mass", "friction", "restitution")))
+    given = State(case.tensors["pose"], case.tensors["twist"]), case.tensors["wrench"], parameters
+    wanted = layer.rollout(*given)
+    with torch.no_grad():
+        without = layer.rollout(*given)
+    for name in ("pose", "twist", "impulse"):
+        one, other = getattr(without, name), getattr(wanted, name)
+        torch.testing.assert_close(one, other, rtol=0, atol=STATE * float(other.abs().max()))
+    assert torch.equal(without.status.newton_steps, wanted.status.newton_steps)
+
+
+def test_a_failure_under_an_effect_is_the_same_error_whether_gradients_are_wanted_or_not() -> None:
+    case = draw(SETUPS[0], 9, 40)
+    parameters = Parameters.of_boxes(*(case.tensors[name] for name in ("size", "mass", "friction", "restitution")))
+    start, settings = State(case.tensors["pose"], case.tensors["twist"]), SolverSettings(max_steps=5)
+    layer = PhysicsLayer(case.world, [ViscousDrag(torch.tensor([0.5]).double())], settings, backend="fused")
+    messages = []
+    for gradients in (True, False):
+        with torch.set_grad_enabled(gradients), pytest.raises(SolverError, match="not solved at step 0") as error:
+            layer.rollout(start, case.tensors["wrench"], parameters)
+        messages.append(str(error.value))
+    assert messages[0] == messages[1]
 
 
 def test_the_same_failure_is_the_same_error() -> None:

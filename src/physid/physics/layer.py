@@ -155,13 +155,16 @@ class PhysicsLayer(nn.Module):
     def _compiled(
         self, state: State, wrenches: Tensor, parameters: Parameters, effects: list[Effect]
     ) -> Rollout | None:
-        """Do the whole rollout in compiled code, or return None if an effect asks for the state."""
+        """Do the rollout in compiled code; None if an effect asks for the state and gradients are wanted."""
         from physid.physics.fused.rollout import roll_all
+        from physid.physics.fused.stepping import roll_in_steps
 
         inputs = nominal_inputs(state, wrenches, parameters, self.world)
         outcome = roll_all(state, inputs, wrenches, effects, self.world, self.solver)
-        if outcome is None:
+        if outcome is None and torch.is_grad_enabled():
             return None
+        if outcome is None:
+            outcome = roll_in_steps(state, inputs, wrenches, effects, self.world, self.solver)
         pose, twist, impulse, residual, steps = outcome
         failed = ~(residual <= self.solver.residual(pose.dtype) / self.solver.tau(pose.dtype))
         if bool(failed.any()):
@@ -173,7 +176,7 @@ class PhysicsLayer(nn.Module):
     def _stepper(self, state: State) -> Callable[[State, StepInputs], Step]:
         """Return what advances a state by one step."""
         if use_fused(self.backend, self.world, state.pose):
-            from physid.physics.fused.rollout import Stepper
+            from physid.physics.fused.stepping import Stepper
 
             return Stepper(self.world, self.solver)
         return lambda state, inputs: advance(state, inputs, self.world, self.solver)

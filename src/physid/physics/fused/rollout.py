@@ -22,7 +22,7 @@ from physid.physics.fused.run import run
 from physid.physics.fused.writer import SHARED_INPUTS
 from physid.physics.lcp import SolverSettings
 from physid.physics.state import State
-from physid.physics.step import STANDARD_GRAVITY, Step
+from physid.physics.step import STANDARD_GRAVITY
 from physid.physics.world import World
 
 Outcome = tuple[Tensor, Tensor, Tensor, Tensor, Tensor]
@@ -107,7 +107,7 @@ def roll(
         Poses (B, T + 1, N, 7), twists (B, T + 1, N, 6), impulses (B, T, C, 3) [N s], the largest residual in each frame
         in units of the smoothing and the Newton steps of its last step, both (B, T). Gradients flow to all arguments.
     """
-    shape = _shape(world, state.pose.shape[1])
+    shape = shape_of(world, state.pose.shape[1])
     tensors = [value.contiguous() for value in (state.pose, state.twist, wrenches, inputs.bodies, inputs.shared)]
     keep = torch.is_grad_enabled() and any(value.requires_grad for value in tensors)
     arguments = (*tensors, shape, world, settings, keep, memory)
@@ -115,38 +115,14 @@ def roll(
     return pose, twist, impulse, residual / settings.tau(torch.float64), steps
 
 
-class Stepper:
-    """Steps one after the other; each solution is the start of the next, which changes results by rounding only."""
-
-    def __init__(self, world: World, settings: SolverSettings) -> None:
-        self._world = dataclasses.replace(world, time_step=world.step, substeps=1)
-        self._settings = settings
-        self._memory: Tensor | None = None
-
-    def __call__(self, state: State, inputs: StepInputs) -> Step:
-        """Do as `physid.physics.step.advance`, with a `Cone`, without joints, on the CPU in float64."""
-        worlds, bodies = state.pose.shape[:2]
-        size = -(-worlds // LANES) * _shape(self._world, bodies).memory * LANES
-        if self._memory is None or self._memory.numel() != size:
-            self._memory = torch.zeros(size, dtype=torch.float64)
-        wrenches = inputs.wrench[:, None]
-        outcome = roll(state, Inputs.of(inputs), wrenches, self._world, self._settings, self._memory)
-        pose, twist, impulse, residual, steps = (value.squeeze(1) for value in outcome)
-        return Step(
-            state=State(pose[:, 1], twist[:, 1]),
-            impulse=impulse,
-            residual=residual,
-            newton_steps=steps.long(),
-            converged=residual <= self._settings.residual(torch.float64) / self._settings.tau(torch.float64),
-        )
-
-
-def _shape(world: World, bodies: int) -> Shape:
+def shape_of(world: World, bodies: int) -> Shape:
+    """Return what kernels are compiled for."""
     return Shape(bodies, world.ground is not None, isinstance(world.contact, Split))
 
 
 @lru_cache
-def _constants(world: World, settings: SolverSettings, shape: Shape) -> Tensor:
+def constants_of(world: World, settings: SolverSettings, shape: Shape) -> Tensor:
+    """Return the numbers that every step of a world takes, one column for each lane."""
     rule, ladder = world.contact, list(settings.compliance)
     if len(ladder) > CONSTANTS.widths["ladder"]:
         raise ValueError(f"solver.compliance must have at most {CONSTANTS.widths['ladder']} values, got {len(ladder)}")
@@ -190,7 +166,7 @@ class _Rollout(torch.autograd.Function):
         tape = pose.new_empty(groups * frames * world.substeps * shape.tape * LANES if keep else 0)
         numbers = {"worlds": worlds, "frames": frames, "substeps": world.substeps}
         numbers |= _distances("inputs", inputs) | _distances("shared", shared)
-        read = {"inputs": inputs, "shared": shared, "wrench": wrench, "constants": _constants(world, settings, shape)}
+        read = {"inputs": inputs, "shared": shared, "wrench": wrench, "constants": constants_of(world, settings, shape)}
         written = {"pose": poses, "twist": twists, "impulse": impulse, "residual": residual, "newton_steps": steps}
         read |= {"tape": tape} if keep else {}
         read |= {"memory": memory} if memory is not None else {}

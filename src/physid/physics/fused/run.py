@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from threading import local
@@ -35,14 +35,21 @@ _OWN = _Own()
 def run(
     direction: Direction, shape: Shape, worlds: int, numbers: Mapping[str, int], arrays: Mapping[str, Tensor]
 ) -> None:
-    """Call a kernel on all worlds.
+    """Call a kernel on all worlds (see `bind`)."""
+    bind(direction, shape, worlds, numbers, arrays)()
+
+
+def bind(
+    direction: Direction, shape: Shape, worlds: int, numbers: Mapping[str, int], arrays: Mapping[str, Tensor]
+) -> Callable[[], None]:
+    """Return what calls a kernel on all worlds, any number of times.
 
     Args:
         direction: Which.
         shape: What it is compiled for.
         worlds: B.
         numbers: Arguments that are numbers (see `ARGUMENTS`); those not named are 0.
-        arrays: Arguments that are arrays, read or written.
+        arrays: Arguments that are arrays, read or written; the caller keeps them alive.
     """
     kernel = _kernel(direction, shape)
     values = dict(numbers) | {name: array.data_ptr() for name, array in arrays.items()}
@@ -54,10 +61,13 @@ def run(
     def part(k: int) -> None:
         kernel(ctypes.addressof(arguments), bounds[k], bounds[k + 1], _workspace(shape))
 
-    others = [_pool(threads).submit(part, k) for k in range(1, threads)]
-    part(0)
-    for other in others:
-        other.result()
+    def call() -> None:
+        others = [_pool(threads).submit(part, k) for k in range(1, threads)]
+        part(0)
+        for other in others:
+            other.result()
+
+    return call
 
 
 @lru_cache
