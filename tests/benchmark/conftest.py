@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from physid.benchmark.bank import Bank, Size
-from physid.benchmark.seal import Plan, seal
+from physid.benchmark.plan import Plan
+from physid.benchmark.seal import seal
 
 TINY = Plan("score", 3, Size(sets=8, trajectories=6, steps=60))
 

@@ -9,7 +9,7 @@ import pytest
 
 from physid.benchmark.accelerations import samples
 from physid.benchmark.baselines import FITTED, SPLITS, free_residual, sparse_regression
-from physid.benchmark.seal import SPLIT
+from physid.benchmark.invent import SPLIT
 from physid.data.format import RecordingSet
 from physid.data.generate import generate
 from physid.data.generation import GenerateConfig, Noise

@@ -13,10 +13,12 @@ from tests.benchmark.conftest import TINY
 
 from physid.benchmark.bank import QUICK, Bank, Size, read_bank
 from physid.benchmark.hidden import CONFUSIONS, ROLES, candidates
+from physid.benchmark.invent import invent
 from physid.benchmark.labels import open_labels
 from physid.benchmark.native import NATIVE
 from physid.benchmark.outside import OUTSIDE
-from physid.benchmark.seal import Plan, Task, invent, seal, seal_all, tasks
+from physid.benchmark.plan import Plan, Task, tasks
+from physid.benchmark.seal import seal, seal_all
 from physid.data.format import RecordingSet
 from physid.effects import CATALOGUE, find
 

@@ -116,6 +116,16 @@ def by_scene(judged: Sequence[Judged]) -> list[tuple[str, ...]]:
     return _table("scene", clear, lambda one: f"{one.label.scene}, {one.label.protocol}")
 
 
+def by_source(judged: Sequence[Judged]) -> list[tuple[str, ...]]:
+    """Return a table: poses or films, free or hidden, sets, flagged, exact, group; hidden ones of medium and up."""
+
+    def source(one: Judged) -> str:
+        return f"{'films' if one.label.film else 'poses'}, {'free' if one.label.role == 'free' else 'hidden'}"
+
+    clear = [one for one in judged if one.label.role == "free" or one.label.severity >= MEDIUM]
+    return _table("source", clear, source)
+
+
 def by_effect(judged: Sequence[Judged]) -> list[tuple[str, ...]]:
     """Return a table: each set of medium severity and up that was not answered well, and each false alarm."""
     wrong = [one for one in judged if not one.grouped and (one.label.role == "free" or one.label.severity >= MEDIUM)]

@@ -13,6 +13,7 @@ MOST_MEMBERS = 8  # a group of more members says nothing: it counts as wrong
 WEAK, MEDIUM, STRONG = 0.1, 0.3, 1.0  # [standard deviations of the noise] severities from which on a set is called so
 NO_GAP = 1.02  # gaps below this multiple of the noise are not asked to close
 BINS = ("faint", "weak", "medium", "strong")
+BODY_FIXED = ("com_offset", "force_offset")  # their direction is that of the body: its films tell but half the heading
 SITES: tuple[Site, ...] = ("perception", "actuation", "dynamics", "contact")
 
 
@@ -130,6 +131,7 @@ def _effect_coverage(document: Mapping[str, Any], label: Label) -> tuple[bool, .
     return tuple(
         estimate["low"] <= true[effect["name"]][key] <= estimate["high"]
         for effect in document["effects"]
+        if not (label.film and effect["name"] in BODY_FIXED)
         for key, estimate in effect["parameters"].items()
     )
 
@@ -148,7 +150,7 @@ def _parameter_coverage(document: Mapping[str, Any], label: Label) -> tuple[bool
 
 def _closed(document: Mapping[str, Any], label: Label, split: str) -> float | None:
     """Return (before - after) / (before - floor): the true effect, at its true size, leaves but the sensor's noise."""
-    error, floor = document["gap"][split], 3**0.5 * label.noise
+    error, floor = document["gap"][split], (2 if label.film else 3) ** 0.5 * label.noise  # no film tells the height
     if error is None or not label.effects or error["before"] < NO_GAP * floor:
         return None
     after = error["before"] if error["after"] is None else error["after"]

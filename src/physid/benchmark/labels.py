@@ -46,6 +46,7 @@ class Label:
         phases: Where they act.
         noise: Standard deviation of the noise of each coordinate of a position [m].
         parameters: True values of the scene's parameters.
+        film: Whether the set has films instead of poses; the noise is then what a reader errs.
     """
 
     role: Role
@@ -57,6 +58,7 @@ class Label:
     phases: tuple[str, ...] = ()
     noise: float = 0.0
     parameters: Mapping[str, float] = field(default_factory=dict)
+    film: bool = False
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> Label:

@@ -12,7 +12,8 @@ from pathlib import Path
 from physid.benchmark.bank import Bank
 from physid.benchmark.baselines import answers
 from physid.benchmark.compare import baseline_figures
-from physid.benchmark.figures import HEADER, Figure, by_effect, by_role, by_scene, by_severity, figures
+from physid.benchmark.figures import HEADER, Figure, by_effect, by_role, by_scene, by_severity, by_source, figures
+from physid.benchmark.films import seen_poses
 from physid.benchmark.judging import Judged, judge
 from physid.benchmark.labels import Label, open_labels
 from physid.benchmark.pictures import draw_confusion, draw_power, draw_reliability, save
@@ -58,12 +59,14 @@ def score(bank: Bank, out: Path) -> Score:
     for one in judged:
         if one.verdict != "failed":
             document = read_diagnosis(bank.verdict(one.name) / FILE)
-            said[one.name] = answers(RecordingSet(bank.recordings(one.name)), document, labels[one.name].noise)
+            seen = RecordingSet(seen_poses(bank.recordings(one.name), bank.verdict(one.name)))
+            said[one.name] = answers(seen, document, labels[one.name].noise)
     answered = [one for one in judged if one.name in said]
     tables = {
         "By role": by_role(judged),
         "By severity": by_severity(judged),
         "By scene, of sets that are free or of medium severity and up": by_scene(judged),
+        "By source, of sets that are free or of medium severity and up": by_source(judged),
         "Beside simpler methods": baseline_figures(answered, said),
         "Not answered well, of sets that are free or of medium severity and up": by_effect(judged),
     }

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from physid.benchmark.bank import SEALED, Bank
+from physid.benchmark.films import with_poses
 from physid.data.files import write_text
 from physid.diagnosis.document import FILE
 
@@ -59,7 +60,7 @@ def is_open(bank: Bank, name: str, *, again: bool = False) -> bool:
 
 
 def diagnose_set(bank: Bank, name: str, diagnose: Diagnose | None = None) -> bool:
-    """Diagnose one set and keep the time it took; tells whether it succeeded."""
+    """Diagnose one set, films read first, and keep the time it took; tells whether it succeeded."""
     from physid.diagnosis.diagnose import diagnose as shipped
 
     tested: Diagnose = diagnose or shipped
@@ -67,7 +68,7 @@ def diagnose_set(bank: Bank, name: str, diagnose: Diagnose | None = None) -> boo
     begun, used = time.perf_counter(), time.process_time()
     try:
         with closed(bank.folder / SEALED):
-            tested(bank.recordings(name), out)
+            tested(with_poses(bank.recordings(name), out), out)
     except (ValueError, RuntimeError, OSError) as error:
         write_text(out / FAILURE, json.dumps({"error": f"{type(error).__name__}: {error}"}) + "\n")
         return False

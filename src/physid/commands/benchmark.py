@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 from physid.commands.terminal import resumable
 
 if TYPE_CHECKING:
-    from physid.benchmark.seal import Plan
+    from physid.benchmark.plan import Plan
 
 
 def benchmark(
@@ -33,7 +33,8 @@ def benchmark(
 
     `seal` makes recording sets with hidden effects and publishes the salted hash of their labels; `diagnose` sees the
     recordings only; `score` opens the labels once every set has its verdict. Without a step, all three; each goes on
-    where it stopped. `calibrate` counts right verdicts on a calibration bank, whose seeds are never scored.
+    where it stopped. `calibrate` counts right verdicts on a calibration bank, whose seeds are never scored, and prints
+    them as physid/diagnosis/confidence.py holds them.
 
     Examples:
       physid benchmark diagnosis --quick
@@ -59,7 +60,7 @@ def benchmark(
         quiet: Hide the progress bars.
     """
     from physid.benchmark.bank import QUICK, Size
-    from physid.benchmark.seal import Plan
+    from physid.benchmark.plan import Plan
     from physid.workers import running_on
 
     place = (out if step in ("all", "seal") else None) or bank or Path(f"runs/benchmark/{subject}")
@@ -89,11 +90,10 @@ def _diagnose(place: Path, workers: int, again: bool, quiet: bool) -> None:
 
 def _judge(step: str, place: Path, target: Path) -> None:
     from physid.benchmark.bank import read_bank
-    from physid.benchmark.calibrate import calibrate
+    from physid.benchmark.calibrate import as_code, calibrate
     from physid.benchmark.scoring import report, score
 
     if step in ("all", "score"):
         print(f"{report(score(read_bank(place), target))}\n\n{target / 'results.html'}")
     if step == "calibrate":
-        for verdict, (right, count) in calibrate(read_bank(place)).items():
-            print(f"{verdict}: {right} right of {count}")
+        print(as_code(calibrate(read_bank(place))))
