@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import h5py
@@ -13,14 +15,17 @@ from tests.benchmark.conftest import TINY
 
 from physid.benchmark.bank import QUICK, Bank, Size, read_bank
 from physid.benchmark.hidden import CONFUSIONS, ROLES, candidates
-from physid.benchmark.invent import invent
+from physid.benchmark.invent import in_view, invent
 from physid.benchmark.labels import open_labels
 from physid.benchmark.native import NATIVE
 from physid.benchmark.outside import OUTSIDE
 from physid.benchmark.plan import Plan, Task, tasks
-from physid.benchmark.seal import seal, seal_all
+from physid.benchmark.seal import make, seal, seal_all
 from physid.data.format import RecordingSet
+from physid.data.generate import draw, generate
+from physid.data.generation import GenerateConfig
 from physid.effects import CATALOGUE, find
+from physid.physics.effect import Effect
 
 MANY = Size(sets=150)
 
@@ -132,6 +137,35 @@ def test_a_second_call_makes_the_same_recordings_and_an_interrupted_one_goes_on(
     assert seal(tmp_path / "two", small, quiet=True).sets == first.sets
     with pytest.raises(ValueError, match="another seed, size or purpose"):
         seal(tmp_path / "one", Plan("score", 6, small.size), quiet=True)
+
+
+def test_long_sets_of_a_light_block_stay_in_view() -> None:
+    """With the transfer protocol's forces and 300 frames some masses and frictions left the view in every draw."""
+    size = Size(sets=1, trajectories=6, steps=300)
+    config = in_view(size, "push", "rich", np.random.default_rng(3))
+    for index, split in enumerate(config.splits()):
+        draw(config, index, config.protocol_for(split))
+
+
+def test_where_an_effect_drives_bodies_out_of_view_another_is_hidden(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    small, tried = Plan("score", 5, Size(sets=2, trajectories=6, steps=60)), []
+
+    def unlucky(config: GenerateConfig, out: Path, *, effects: Sequence[Effect], quiet: bool) -> None:
+        tried.append([effect.name for effect in effects])
+        if len(tried) == 1 and effects:
+            generate(dataclasses.replace(config, trajectories=1), out, effects=effects, quiet=quiet)
+            raise ValueError("trajectory 1: a body left the view")
+        generate(config, out, effects=effects, quiet=quiet)
+
+    monkeypatch.setattr("physid.benchmark.seal.generate", unlucky)
+    task = next(task for task in tasks(small) if task.role == "catalogue")
+    name, label = make(tmp_path, small, task)
+    first, second = tried
+    assert first != second
+    assert [part.name for part in label.effects] == second
+    assert len(RecordingSet(tmp_path / "sets" / name)) == 6
 
 
 def test_calibration_banks_and_scored_banks_never_share_their_randomness() -> None:

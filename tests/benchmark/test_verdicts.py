@@ -12,10 +12,14 @@ import pytest
 from tests.benchmark.stub import cheating, failing, ignorant
 
 from physid.benchmark.bank import Bank
-from physid.benchmark.calibrate import calibrate
+from physid.benchmark.calibrate import as_code, calibrate, count
+from physid.benchmark.judging import MEDIUM, Judged
+from physid.benchmark.labels import Label
 from physid.benchmark.scoring import report, score
 from physid.benchmark.verdicts import closed, diagnose_bank, diagnose_set
 from physid.cli import main
+from physid.diagnosis import confidence
+from physid.diagnosis.confidence import NONE_AFTER_HITS, RIGHT
 
 
 @pytest.fixture
@@ -92,9 +96,46 @@ def test_confidences_come_from_calibration_banks_alone(own: Bank) -> None:
     with pytest.raises(ValueError, match="expected a calibration bank"):
         calibrate(own)
     counts = calibrate(replace(own, purpose="calibration"))
-    right, count = counts["none"]
-    assert 0 < right < count
+    right, among = counts["none"]
+    assert 0 < right < among
     assert counts["named"] == (0, 0)
+
+
+def test_a_calibration_bank_without_all_verdicts_is_not_counted(own: Bank) -> None:
+    with pytest.raises(ValueError, match=r"found none on 8 \(000, 001, 002, \.\.\.\)"):
+        calibrate(replace(own, purpose="calibration"))
+
+
+def test_counts_of_right_verdicts_are_those_by_hand_and_stand_as_in_the_diagnosis() -> None:
+    free = Label("free", "push", "rich")
+    clear, faint = (
+        Label("catalogue", "push", "rich", (), (("tether",),), severity) for severity in (MEDIUM, 0.99 * MEDIUM)
+    )
+    (right, all_of), (after, all_after) = RIGHT["none"], NONE_AFTER_HITS
+    plain, hit = (right + 1) / (all_of + 2), (after + 1) / (all_after + 2)
+    said = (
+        [(free, "none", plain, True)] * 3
+        + [(clear, "none", round(plain, 5), False)]
+        + [(free, "none", hit, True), (clear, "none", hit, False), (clear, "none", round(hit, 5), False)]
+        + [(faint, "none", plain, False), (faint, "named", 0.5, True)]  # too faint to be asked
+        + [(clear, "named", 0.5, True)] * 5 + [(free, "named", 0.5, False), (clear, "group", 0.5, False)]
+        + [(clear, "unknown", 0.5, False), (clear, "failed", 0.0, False)]
+    )  # fmt: skip
+    judged = [Judged("0", label, kind, confidence=sure, grouped=good) for label, kind, sure, good in said]
+    code = as_code(count(judged))
+    assert code.splitlines() == [
+        "RIGHT: dict[Name, tuple[int, int]] = {",
+        '    "none": (3, 4),',
+        '    "named": (5, 7),',
+        '    "group": (5, 7),',
+        '    "partial": (0, 0),',
+        '    "unknown": (0, 1),',
+        "}",
+        "NONE_AFTER_HITS = (1, 3)",
+    ]
+    shipped = Path(confidence.__file__).read_text()
+    for words in ("RIGHT: dict[Name, tuple[int, int]] = {", *(f'    "{verdict}": (' for verdict in RIGHT)):
+        assert words in shipped, "what is printed replaces what stands there"
 
 
 def test_the_command_seals_and_refuses_what_is_out_of_order(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,7 +11,7 @@ from physid.data.trajectory import write_trajectory
 
 EVERY, FIRST = 15, 7  # of each role every fifteenth set, from the eighth on
 SCENES = ("push",)  # where bodies lie on the ground: there no first pose is needed to find them
-SHORTER, SHORTEST = 2, 60  # films have half as many frames as other sets, but not fewer than this
+FEWEST, SHORTEST = 6, 60  # half as many films as trajectories elsewhere, half as long, but not less than this
 NOISE = Noise(position=1e-3, rotation=8e-3)  # what read poses are off by, without a constant of each trajectory
 READ = "read"  # folder of the poses, in that of the verdict
 
@@ -23,8 +23,9 @@ def is_film(turn: int) -> bool:
 
 def filmed(config: GenerateConfig) -> GenerateConfig:
     """Return the configuration of a set of films; its noise is what a reader errs, the films have none."""
-    steps = max(config.steps // SHORTER, min(config.steps, SHORTEST))
-    return dataclasses.replace(config, video=True, steps=steps, noise=NOISE)
+    count = max(config.trajectories // 2, min(config.trajectories, FEWEST))
+    steps = max(config.steps // 2, min(config.steps, SHORTEST))
+    return dataclasses.replace(config, video=True, trajectories=count, steps=steps, noise=NOISE)
 
 
 def leave_out_poses(folder: Path) -> None:

@@ -60,7 +60,7 @@ def inventions(plan: Plan, task: Task) -> Iterator[Invention]:
     cells = [cell for cell in CELLS if candidates(task.role, *cell) and (cell[0] in SCENES or not task.film)]
     turn = task.turn + int(plan.generator(2, ROLES.index(task.role)).integers(len(cells)))
     scene, protocol = cells[turn % len(cells)]
-    config = _in_view(plan.size, scene, protocol, generator, film=task.film)
+    config = in_view(plan.size, scene, protocol, generator, film=task.film)
     menu = candidates(task.role, scene, protocol)
     order = plan.generator(3, ROLES.index(task.role)).permutation(len(menu))
     for attempt in range(TRIES):
@@ -72,7 +72,9 @@ def inventions(plan: Plan, task: Task) -> Iterator[Invention]:
         yield config, effects, _label(config, hidden, parts, effects)
 
 
-def _in_view(size: Size, scene: str, protocol: str, generator: np.random.Generator, *, film: bool) -> GenerateConfig:
+def in_view(
+    size: Size, scene: str, protocol: str, generator: np.random.Generator, *, film: bool = False
+) -> GenerateConfig:
     """Draw configurations until one keeps the bodies in view, without any effect, after a few draws at most."""
     for _ in range(TRIES):
         config = _configuration(size, scene, protocol, generator)

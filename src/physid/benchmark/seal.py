@@ -42,7 +42,7 @@ def seal(folder: Path, plan: Plan, workers: int = 1, *, quiet: bool = False) -> 
     from tqdm import tqdm
 
     _keep_apart(folder, plan)
-    jobs = (joblib.delayed(_make)(folder.absolute(), plan, task) for task in tasks(plan))
+    jobs = (joblib.delayed(make)(folder.absolute(), plan, task) for task in tasks(plan))
     parallel = joblib.Parallel(n_jobs=workers, return_as="generator_unordered", batch_size=1)
     labels = dict(tqdm(parallel(jobs), total=plan.size.sets, desc="sealing", disable=quiet or None))
     mark = seal_all(folder, labels)
@@ -70,7 +70,7 @@ def _keep_apart(folder: Path, plan: Plan) -> None:
     write_text(path, json.dumps(values) + "\n")
 
 
-def _make(folder: Path, plan: Plan, task: Task) -> tuple[str, Label]:
+def make(folder: Path, plan: Plan, task: Task) -> tuple[str, Label]:
     """Make one set, or return its label where it is there."""
     kept = folder / SEALED / "parts" / f"{task.name}.json"
     if kept.is_file():
