@@ -1,8 +1,9 @@
 """How the encoder's errors fall with the number of imagined images it has learned from.
 
-    python benchmarks/encoder_curve.py                  with deep supervision, as it ships
-    python benchmarks/encoder_curve.py --features off   the encoder's own outputs alone
-    python benchmarks/encoder_curve.py --edges soft     no images with hard edges
+    python benchmarks/encoder_curve.py                      with deep supervision, as it ships
+    python benchmarks/encoder_curve.py --features constant  which counts as much to the end
+    python benchmarks/encoder_curve.py --features off       the encoder's own outputs alone
+    python benchmarks/encoder_curve.py --edges soft         no images with hard edges
 
 Films of `push` are made first: 16 give the look of the block, 16 others what the encoder has to read. Errors are means
 over 512 imagined images, and over 10 frames of each of these films; positions in percent of the block.
@@ -94,7 +95,7 @@ def main() -> None:
     """Parse the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--images", type=int, default=24576)
-    parser.add_argument("--features", choices=("on", "off"), default="on")
+    parser.add_argument("--features", choices=("on", "constant", "off"), default="on")
     parser.add_argument("--edges", choices=("both", "soft"), default="both")
     options = parser.parse_args()
     torch.manual_seed(0)
@@ -104,8 +105,9 @@ def main() -> None:
             GenerateConfig.from_mapping(compose([str(CONFIG)], ["trajectories=32"]).values), Path(place) / "push", 1
         )
         hard = imagination.HARD if options.edges == "both" else 1.0
-        with mock.patch.object(imagination, "HARD", hard):
-            learn(RecordingSet(Path(place) / "push"), options.images, features=options.features == "on")
+        constant = {"unknown_share": lambda *_: 1.0} if options.features == "constant" else {}
+        with mock.patch.multiple(imagination, HARD=hard, **constant):
+            learn(RecordingSet(Path(place) / "push"), options.images, features=options.features != "off")
 
 
 if __name__ == "__main__":

@@ -3,10 +3,11 @@ import math
 import pytest
 import torch
 
+from physid.networks.encoder import Encoding
 from physid.scenes.catalogue import find_setup
 from physid.training.learning import DEFAULT_OPTIMIZER, build_optimizer
 from physid.training.supervised import SupervisedID
-from physid.training.video.imagination import Imagination
+from physid.training.video.imagination import Imagination, encoding_losses
 from physid.training.video.model import VideoModel
 
 BACKGROUND = torch.full((4, 3, 128, 128), 0.7)
@@ -59,6 +60,24 @@ def test_some_hundreds_of_images_teach_where_a_body_is() -> None:
     )
     assert last["imagined_position"] < 0.3 * first["imagined_position"]
     assert last["imagined_features"] < 0.8 * first["imagined_features"]
+
+
+@pytest.mark.parametrize("wrong", [0.0, 0.4, math.pi])
+def test_features_count_by_how_wrong_headings_are(wrong: float) -> None:
+    model = model_of("collide")
+    pose = Imagination(frames=8).draw_poses(model, 4)
+    numbers = model.chart.to_numbers(pose)
+    said = numbers.clone()
+    turned = torch.atan2(numbers[..., 3], numbers[..., 2]) + wrong
+    said[..., 2], said[..., 3] = turned.cos(), turned.sin()
+    early, late = torch.rand(4, 8, 256), torch.rand(4, 8, 128)
+    encoding = Encoding(pose, said.requires_grad_(True), torch.zeros(4, 8), early, late)
+    losses = encoding_losses(model, encoding, pose, SIZE**2)
+    error = 2 - 2 * math.cos(wrong)  # |e^(i (a + wrong)) - e^(i a)|^2
+    expected = min(error, 1.0) * SIZE**2 * model.supervision(model.chart, encoding, numbers)
+    assert torch.allclose(losses["features"], expected, atol=1e-5)
+    (slope,) = torch.autograd.grad(losses["features"].sum(), said, allow_unused=True)
+    assert slope is None  # the weight is no goal: the heading's own loss is
 
 
 @pytest.mark.parametrize("wrong", [{"frames": -1}, {"extent": 1.1}, {"near": math.inf}])

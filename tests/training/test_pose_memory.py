@@ -7,6 +7,7 @@ from typing import Any, cast
 import torch
 from torch import Tensor
 
+from physid.training.video.first_state import Start
 from physid.training.video.model import VideoModel
 from physid.training.video.pose_memory import PoseMemory
 
@@ -15,7 +16,7 @@ class Reader:
     """Reads the colour of the first pixel as the first coordinate, and counts what it reads."""
 
     def __init__(self) -> None:
-        self.images = 0
+        self.images, self.start = 0, Start()
 
     def read(self, image: Tensor, background: Tensor) -> tuple[Tensor, Tensor]:
         assert len(image) == len(background)
@@ -25,14 +26,15 @@ class Reader:
         return pose, pose
 
 
-def batch_of(index: list[int], shown: list[list[int]]) -> dict[str, Any]:
+def batch_of(index: list[int], shown: list[list[int]], length: int = 9) -> dict[str, Any]:
     """Show frames whose colour is ten times the trajectory plus the frame."""
     frames = torch.tensor([[10 * i + f for f in row] for i, row in zip(index, shown, strict=True)], dtype=torch.uint8)
     colours = frames[..., None, None, None].expand(*frames.shape, 2, 2, 3)
     background = torch.zeros(len(index), 2, 2, 3, dtype=torch.uint8)
     number = torch.tensor(index)
     return {"index": number, "start": 0 * number, "shown": torch.tensor(shown), "frames": colours} | {
-        "background": background
+        "background": background,
+        "length": torch.full_like(number, length),
     }
 
 
@@ -49,3 +51,15 @@ def test_each_frame_is_read_once_and_found_again_in_any_order() -> None:
     other.load_state_dict(memory.state_dict())
     other(model, batch_of([3], [[0, 4]]))
     assert reader.images == 5
+
+
+def test_frames_beyond_the_end_are_not_read_but_for_those_that_give_the_first_state() -> None:
+    reader, memory = Reader(), PoseMemory()
+    model = cast(VideoModel, reader)
+    found = memory(model, batch_of([3], [[4, 0, 7]], length=4))
+    assert found[0, :, 0, 0].tolist() == [30, 30, 30]
+    assert reader.images == 1
+    assert memory(model, batch_of([3], [[4, 0, 7]], length=5))[0, :, 0, 0].tolist() == [34, 30, 30]
+    reader.start = Start(at_rest=False, spacing=2)
+    assert memory(model, batch_of([3], [[0, 2, 4, 6]], length=1))[0, :, 0, 0].tolist() == [30, 32, 34, 30]
+    assert reader.images == 3

@@ -190,7 +190,7 @@ class SelfSupervisedID(TrainingModule):
             take_step(self, super().training_step(batch, batch_idx), self.phases, batch_idx)
             return
         part = self.horizon.cut(batch, all_trajectories=True)
-        pose = self.memory(self.model, batch)
+        pose = self.memory(self.model, part)
         self.refinement.add(self, self.model, pose, part, *over_time(pose, part), from_images=True)
 
     def predict_step(self, batch: Batch, batch_idx: int) -> Trajectories:

@@ -16,6 +16,8 @@ from physid.training.video.model import VideoModel
 
 HARD = 0.125
 """Width of hard edges [px]: simulators draw without anti-aliasing, cameras with soft edges; an encoder learns both."""
+PLACES = 3.0
+"""Weight of positions: a tenth of a block is to cost about as much as some six degrees of its heading."""
 FROM_FEATURES = 0.3
 """Weight of a rotation's numbers relative to that of its features, which come first: before, they drown positions."""
 
@@ -125,13 +127,26 @@ def encoding_losses(model: VideoModel, encoding: Encoding, pose: Tensor, rotatio
         rotation_weight: Weight of rotations [m^2].
 
     Returns:
-        Losses (B, f), summed over bodies: position |p^ - p|^2 [m^2], rotation, the squared error of its numbers, and
-        features, that of the rotation as early layers see it (see `DeepSupervision`).
+        Losses (B, f), summed over bodies: position 3 |p^ - p|^2 [m^2], rotation, the squared error of its numbers, and
+        features, that of the rotation as early layers see it (see `DeepSupervision`), times `unknown_share`.
     """
     pose = pose.to(encoding.pose)
-    place = (encoding.pose[..., :3] - pose[..., :3]).square().sum((-2, -1))
+    place = PLACES * (encoding.pose[..., :3] - pose[..., :3]).square().sum((-2, -1))
     numbers, turning = model.chart.to_numbers(pose), model.chart.turning
     turn = (encoding.numbers - numbers)[..., turning].square().sum((-2, -1))
-    features = model.supervision(model.chart, encoding, numbers)
+    features = unknown_share(turn, model.chart.bodies) * model.supervision(model.chart, encoding, numbers)
     turn, features = FROM_FEATURES * rotation_weight * turn, rotation_weight * features
     return {"position": place, "rotation": turn, "features": features}
+
+
+def unknown_share(error: Tensor, bodies: int) -> Tensor:
+    """Tell how little is known of rotations, by which features count: 1 at first, 0 where all are right.
+
+    Once rotations are known, positions have the layers to themselves; of a constant weight the features would outweigh
+    them to the end.
+
+    Args:
+        error: Squared errors of the rotations' numbers, summed over bodies; 1 for each of which nothing is known.
+        bodies: Number of bodies.
+    """
+    return (error.detach().mean() / bodies).clamp(max=1)

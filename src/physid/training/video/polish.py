@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,6 +23,12 @@ MARGIN = 8.0
 """Pixels around the bodies that are looked at: how far the encoder may be off."""
 LONGEST = 12
 """Longest step of a number, in units of its difference: beyond 3 px the image is no linear function any more."""
+SETTLED = 1e-3
+"""Relative change of an image's squared difference that ends its descent: what a hundredth of a pixel changes."""
+TURNED_AWAY = 0.1
+"""Share of an image's squared difference from the background above which all headings are tried; half around: 0.05."""
+RIVAL = 1.2
+"""How many times the present squared difference that of the pose half around may be to be worth a descent."""
 DOUBTFUL = 0.05
 """Share of an image's squared difference from the background that a doubtful pose leaves; a right one leaves 0.03."""
 DAMPING = 1e-2
@@ -38,9 +45,10 @@ class Polish:
     only be right to half the size of a body, the result is as good as the decoder, a tenth of a pixel.
 
     A heading that is wrong by more than some 30 degrees is out of reach of such steps. With several `headings`, all of
-    them are drawn where the first half of the steps has brought the bodies; the best one goes on, and once more with
-    the bodies turned half around, since a block and its opposite differ least. Where drawn and given images then still
-    differ by much, a body may have chosen its heading beside another's wrong one: all are turned by eighths there.
+    them are drawn where the first half of the steps has brought the bodies, unless drawn and given images agree there;
+    the best one goes on, and so does the one half around where it looks no worse, since a block and its opposite differ
+    least. Where drawn and given images then still differ by much, a body may have chosen its heading beside another's
+    wrong one: all are turned by eighths there.
 
     Attributes:
         steps: Gauss-Newton steps, the first half of them with a wider blur; 0 leaves the poses as they are.
@@ -92,11 +100,15 @@ class Polish:
         rest = self.steps - self.steps // 2
         if self.headings == 1 or not isinstance(chart, PlanarChart):
             return chart.to_pose(self._descend(chart, fine, numbers, rest)[0])
-        for body in range(chart.bodies):
-            numbers = _best_heading(fine, numbers, body, self.headings)
+        away = _shares(fine, fine(numbers[:, None])[:, 0]) > TURNED_AWAY
+        if away.any():
+            some = numbers[away]
+            for body in range(chart.bodies):
+                some = _best_heading(fine.of(away), some, body, self.headings)
+            numbers[away] = some
         numbers, residual = self._descend(chart, fine, numbers, rest)
-        numbers, residual = self._turn_over(chart, fine, numbers, residual, (4,))
-        doubtful = residual.square().sum(-1) > DOUBTFUL * fine.content
+        numbers, residual = self._turn_over(chart, fine, numbers, residual, (4,), RIVAL)
+        doubtful = _shares(fine, residual) > DOUBTFUL
         if doubtful.any():
             given = (value[doubtful] for value in (chart.to_pose(numbers), image, background))
             again, found = _Mismatch(self.sigma, decoder, chart, *given), numbers[doubtful]
@@ -107,31 +119,56 @@ class Polish:
         return chart.to_pose(numbers)
 
     def _turn_over(
-        self, chart: PoseChart, mismatch: _Mismatch, numbers: Tensor, residual: Tensor, eighths: Sequence[int]
+        self,
+        chart: PoseChart,
+        mismatch: _Mismatch,
+        numbers: Tensor,
+        residual: Tensor,
+        eighths: Sequence[int],
+        rival: float = math.inf,
     ) -> tuple[Tensor, Tensor]:
         """Descend once more with each body turned by eighths of a turn, and keep what differs least."""
+        numbers, residual = numbers.clone(), residual.clone()
         for body in range(chart.bodies):
             for eighth in eighths:
                 turned = _turned(numbers, body, eighth * math.pi / 4)
-                other, difference = self._descend(chart, mismatch, turned, self.steps - self.steps // 2)
-                better = difference.square().sum(-1) < residual.square().sum(-1)
-                numbers = torch.where(better[:, None, None], other, numbers)
-                residual = torch.where(better[:, None], difference, residual)
+                near = _power(mismatch(turned[:, None])[:, 0]) < rival * _power(residual)
+                if not near.any():
+                    continue
+                other, difference = self._descend(chart, mismatch.of(near), turned[near], self.steps - self.steps // 2)
+                better = _power(difference) < _power(residual[near])
+                chosen = near.nonzero()[better, 0]
+                numbers[chosen], residual[chosen] = other[better], difference[better]
         return numbers, residual
 
     def _descend(self, chart: PoseChart, mismatch: _Mismatch, numbers: Tensor, steps: int) -> tuple[Tensor, Tensor]:
-        """Take some steps from numbers (M, N, K); return the last ones and their residuals (M, P)."""
-        residual = mismatch(numbers[:, None])[:, 0]
+        """Take some steps from numbers (M, N, K), fewer where it settles; return the last and the residuals (M, P)."""
+        numbers, residual = numbers.clone(), mismatch(numbers[:, None])[:, 0]
         damping = torch.full((len(numbers), 1), DAMPING, device=numbers.device)
+        moving = torch.arange(len(numbers), device=numbers.device)
         for _ in range(steps):
-            slope = mismatch.slope(numbers)
-            moved = _normal(chart, numbers + mismatch.step(slope, residual, damping))
-            tried = mismatch(moved[:, None])[:, 0]
-            better = tried.square().sum(-1) < residual.square().sum(-1)
-            numbers = torch.where(better[:, None, None], moved, numbers)
-            residual = torch.where(better[:, None], tried, residual)
-            damping = torch.where(better[:, None], damping / 10, damping * 10)
+            part, here, before = mismatch.of(moving), numbers[moving], residual[moving]
+            moved = _normal(chart, here + part.step(part.slope(here), before, damping[moving]))
+            tried = part(moved[:, None])[:, 0]
+            change = _power(tried) / _power(before) - 1
+            better = change < 0
+            numbers[moving] = torch.where(better[:, None, None], moved, here)
+            residual[moving] = torch.where(better[:, None], tried, before)
+            damping[moving] *= torch.where(better, 0.1, 10.0)[:, None]
+            moving = moving[~(change.abs() < SETTLED)]
+            if not len(moving):
+                break
         return numbers, residual
+
+
+def _power(residual: Tensor) -> Tensor:
+    """Add up the squares of residuals (M, P); shape (M,)."""
+    return residual.square().sum(-1)
+
+
+def _shares(mismatch: _Mismatch, residual: Tensor) -> Tensor:
+    """Return the squared residuals (M, P) as shares of how images differ from their backgrounds; shape (M,)."""
+    return _power(residual) / mismatch.content
 
 
 def _best_heading(mismatch: _Mismatch, numbers: Tensor, body: int, headings: int) -> Tensor:
@@ -178,6 +215,13 @@ class _Mismatch:
         self.seen = self._look(image[:, None])
         self.content = (self.seen - self._look(background[:, None])).square().sum((-2, -1))
         self.difference = _differences(decoder, chart).to(image)
+
+    def of(self, images: Tensor) -> _Mismatch:
+        """Return the differences for some of the images, by index or mask."""
+        part = copy.copy(self)
+        part.background, part.seen, part.content = self.background[images], self.seen[images], self.content[images]
+        part.window = self.window[0][images], self.window[1][images]
+        return part
 
     def __call__(self, numbers: Tensor) -> Tensor:
         """Return residuals (M, c, P) of c candidates (M, c, N, K) for each image."""
