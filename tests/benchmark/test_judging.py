@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
 from tests.diagnosis.documents import diagnosis
 
 from physid.benchmark.baselines import bic, likelihood
 from physid.benchmark.figures import Figure, figures, reliability
-from physid.benchmark.intervals import half_power, wilson
+from physid.benchmark.intervals import bootstrap_calibration_error, half_power, wilson
 from physid.benchmark.judging import Judged, bin_of, judge
 from physid.benchmark.labels import Label, Part
 
@@ -166,6 +167,31 @@ def test_confidence_is_calibrated_if_it_is_the_share_of_right_verdicts() -> None
     assert error(set_of(0.9, 9, 1) + set_of(0.5, 5, 5)) == pytest.approx(0, abs=1e-9)
     assert error(set_of(0.9, 5, 5)) == pytest.approx(40)
     assert len(reliability(set_of(0.9, 2, 1))) == 3
+
+
+def test_every_figure_but_the_longest_time_has_an_interval() -> None:
+    seconds = {"seconds": 3.0, "cpu_seconds": 2.0}
+    pair = label("pair", DRAG, GAIN)
+    judged = [
+        *(judge("0", said("none"), FREE, seconds), judge("1", said("unknown"), FREE, seconds)),
+        *(judge("2", diagnosis(), label(), seconds), judge("3", said("none"), label(), seconds)),
+        judge("4", said("unknown"), label("outside", right=()), seconds),
+        judge("5", said("named", "force_gain", "viscous_drag"), pair, seconds),
+    ]
+    for figure in figures(judged):
+        # All have the same severity here: no curve can be laid through them.
+        if figure.name not in ("longest diagnosis", "severity at 50 % power"):
+            assert figure.low is not None, figure.name
+            assert figure.high is not None, figure.name
+
+
+def test_the_interval_of_the_calibration_error_holds_it_and_shrinks_with_more_sets() -> None:
+    def interval(count: int) -> tuple[float, float]:
+        return bootstrap_calibration_error(np.full(4 * count, 0.9), np.tile([1.0, 1.0, 1.0, 0.0], count))
+
+    (low, high), (least, most) = interval(10), interval(100)
+    assert low <= least < 0.15 < most <= high  # 0.9 said, 0.75 right
+    assert most - least < (high - low) / 2
 
 
 def test_baselines_take_the_best_of_the_ranking_if_it_gains_enough() -> None:

@@ -12,15 +12,13 @@ HEADER = ("method", "false alarms %", "flagged %", "exact %", "unknown %", "clos
 
 
 def baseline_figures(judged: Sequence[Judged], said: Mapping[str, Mapping[str, Answer]]) -> list[tuple[str, ...]]:
-    """Return a table: for the diagnosis and each baseline false alarms, flagged, exact, unknown, closed.
+    """Return a table: for the diagnosis and each baseline the shares of `HEADER`, with their 95 % intervals.
 
     Args:
         judged: All sets.
         said: For each set what each baseline says.
     """
-    rows: list[tuple[str, ...]] = [
-        ("method", "false alarms %", "flagged %", "exact %", "unknown %", "closed, same", "closed, transfer")
-    ]
+    rows: list[tuple[str, ...]] = [HEADER]
     ours = {one.name: Answer(one.flagged, " + ".join(one.named) or None, one.same, one.transfer) for one in judged}
     answers = {"physid diagnose": ours} | {
         method: {name: each[method] for name, each in said.items()} for method in METHODS
@@ -50,4 +48,6 @@ def _row(judged: Sequence[Judged], answer: Mapping[str, Answer]) -> list[Figure]
 
 
 def _cell(figure: Figure) -> str:
-    return "" if figure.value is None else f"{figure.value:.3g}"
+    if figure.value is None or figure.low is None or figure.high is None:
+        return ""
+    return f"{figure.value:.3g} ({figure.low:.3g} to {figure.high:.3g})"

@@ -8,7 +8,14 @@ from statistics import median
 
 import numpy as np
 
-from physid.benchmark.intervals import bootstrap_half_power, bootstrap_median, half_power, wilson
+from physid.benchmark.intervals import (
+    bootstrap_calibration_error,
+    bootstrap_half_power,
+    bootstrap_median,
+    calibration_error,
+    half_power,
+    wilson,
+)
 from physid.benchmark.judging import BINS, MEDIUM, STRONG, Judged, bin_of
 
 PERCENT = "%"
@@ -164,14 +171,13 @@ def reliability(judged: Sequence[Judged]) -> list[tuple[float, bool]]:
 
 
 def _calibration(judged: Sequence[Judged]) -> Figure:
-    """Return the mean distance of confidence and share of right verdicts, over fifths of the range (Naeini 2015)."""
-    pairs = reliability(judged)
+    """Return the mean distance of confidence and share of right verdicts."""
+    name, pairs = "calibration error of confidence", reliability(judged)
     if not pairs:
-        return Figure("calibration error of confidence", None, PERCENT, 0)
+        return Figure(name, None, PERCENT, 0)
     confidence, right = np.array(pairs, dtype=float).T
-    place = np.minimum((5 * confidence).astype(int), 4)
-    error = sum(abs(float((confidence[place == k] - right[place == k]).sum())) for k in range(5) if (place == k).any())
-    return Figure("calibration error of confidence", 100 * error / len(pairs), PERCENT, len(pairs))
+    low, high = bootstrap_calibration_error(confidence, right)
+    return Figure(name, 100 * calibration_error(confidence, right), PERCENT, len(pairs), 100 * low, 100 * high)
 
 
 def _power(hidden: Sequence[Judged]) -> Figure:

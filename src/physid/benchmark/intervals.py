@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from statistics import NormalDist
 
 import numpy as np
+from numpy.typing import NDArray
 
 LEVEL = 0.95
 BOOTSTRAPS = 200
@@ -72,4 +73,19 @@ def bootstrap_median(values: Sequence[float]) -> tuple[float, float]:
     generator, data = np.random.default_rng(0), np.asarray(values)
     draws = data[generator.integers(len(data), size=(BOOTSTRAPS, len(data)))]
     low, high = np.quantile(np.median(draws, 1), [0.025, 0.975])
+    return float(low), float(high)
+
+
+def calibration_error(confidence: NDArray[np.float64], right: NDArray[np.float64]) -> float:
+    """Return the mean distance of confidence and share of right answers, over fifths of the range (Naeini 2015)."""
+    place = np.minimum((5 * confidence).astype(int), 4)
+    members = (place == k for k in range(5))
+    return sum(abs(float((confidence[own] - right[own]).sum())) for own in members) / len(confidence)
+
+
+def bootstrap_calibration_error(confidence: NDArray[np.float64], right: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the 95 % bootstrap interval of `calibration_error`; with few answers chance alone makes an error."""
+    generator, count = np.random.default_rng(0), len(right)
+    draws = generator.integers(count, size=(BOOTSTRAPS, count))
+    low, high = np.quantile([calibration_error(confidence[draw], right[draw]) for draw in draws], [0.025, 0.975])
     return float(low), float(high)
