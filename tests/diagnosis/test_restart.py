@@ -21,7 +21,9 @@ def prepared(tmp_path_factory: pytest.TempPathFactory) -> Prepared:
     folder = recorded(tmp_path_factory.mktemp("restart") / "set", trajectories=4, steps=60, split={"fit": 1})
     observations = observe(RecordingSet(folder))
     generator = torch.Generator().manual_seed(0)
-    return prepare(observations, believe(observations.scene, None), [find("camera_offset")], generator)
+    return prepare(
+        observations, believe(observations.scene, None), [find("camera_offset"), find("observation_latency")], generator
+    )
 
 
 def test_a_wrong_first_state_is_found_again_and_the_others_stay(prepared: Prepared) -> None:
@@ -60,7 +62,18 @@ def test_a_new_guess_is_taken_only_if_it_explains_more(prepared: Prepared) -> No
 def test_what_the_camera_adds_is_taken_off_before_a_state_is_guessed(prepared: Prepared) -> None:
     experiment, shift = prepared.experiment, 0.05
     moved = experiment.replace(pose=experiment.pose + torch.tensor([shift, 0, 0, 0, 0, 0, 0], dtype=torch.float64))
-    point = prepared.fit.point.replace(effects=torch.tensor([[shift, 0, 0]], dtype=torch.float64))
+    point = prepared.fit.point.replace(effects=torch.tensor([[shift, 0, 0, 0]], dtype=torch.float64))
     plain, seen = guesses(experiment, prepared.fit.point), guesses(moved, point)
     assert torch.allclose(seen.pose, plain.pose, atol=1e-9)
     assert torch.allclose(seen.twist, plain.twist, atol=1e-6)
+
+
+def test_some_windows_are_predicted_as_among_all(prepared: Prepared) -> None:
+    experiment, point = prepared.experiment, prepared.fit.point
+    late = point.replace(effects=torch.full_like(point.effects, 0.01))
+    whole = experiment.predictor.predict(late)
+    chosen = torch.tensor([1, 2])
+    some = experiment.only(chosen, whole.state[0])
+    own = late.replace(pose=late.pose[:, chosen], twist=late.twist[:, chosen])
+    assert torch.equal(some.losses(own)[0], experiment.losses(late)[0, chosen])
+    assert torch.equal(some.predictor.predict(own).pose, whole.pose)

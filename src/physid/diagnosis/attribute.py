@@ -8,7 +8,7 @@ from itertools import combinations
 import torch
 
 from physid.diagnosis.equivalence import alike
-from physid.diagnosis.hypothesis import Hypothesis, conclude, fit_hypothesis, retried
+from physid.diagnosis.hypothesis import Hypothesis, begin_hypothesis, conclude, finish_hypothesis, retried
 from physid.diagnosis.prepare import Prepared
 from physid.diagnosis.score import Group, gains
 from physid.diagnosis.settle import Say, settle
@@ -18,6 +18,7 @@ from physid.physics.layer import SolverError
 ALPHA = 0.01  # effect-free data are called suspicious this often
 SURVIVE = 0.1  # share of the best gain that a candidate needs to be fitted
 MOST_SINGLES, MOST_PAIRS = 10, 5
+BEHIND = 0.5  # share of the gap that a hypothesis may leave open after a few steps, beyond the best, to be fitted on
 SETTLE_MOST = 4  # hypotheses that are settled with the other engine: the best, and others ...
 NEAR = 0.2  # ... whose gap is open by at most this share more
 CLEAR = 2.5  # standard errors by which a prediction must be worse to be told apart
@@ -192,19 +193,21 @@ def _fit_all(
 ) -> list[Hypothesis]:
     """Fit hypotheses and settle the best of them with the other engine; best predictions first.
 
-    Those that hold the best so far start at its fit, the others at the nominal one.
+    Those that hold the best so far start at its fit, the others at the nominal one. After a few steps those that are
+    far behind are left as they are.
     """
-    fitted = []
+    begun = []
     for number, names in enumerate(wanted):
         say(f"fitting {' + '.join(names)} ({number + 1} of {len(wanted)})")
         try:
             if best is not None and left is not None and set(best.names) < set(names):
-                fitted.append(fit_hypothesis(best.experiment, left.fit, names))
+                begun.append(begin_hypothesis(best.experiment, left.fit, names))
             else:
-                fitted.append(fit_hypothesis(prepared.experiment, stage.fit, names))
+                begun.append(begin_hypothesis(prepared.experiment, stage.fit, names))
         except SolverError:
             continue  # a candidate that cannot be simulated where the data want it explains nothing
-    fitted = _sorted(fitted)
+    begun = _sorted(begun)
+    fitted = _sorted([_finished(one, say) if _hopeful(one, begun[0], best or nominal) else one for one in begun])
     settled: list[Hypothesis] = []
     for one in fitted[:SETTLE_MOST]:
         if settled and _gain(one, settled[0]) > NEAR * _gain(best or nominal, settled[0]):
@@ -214,6 +217,20 @@ def _fit_all(
         experiment, fit = settle(again.experiment, again.fit, again.columns, again.names)
         settled.append(conclude(experiment, fit, one.names))
     return _sorted([*settled, *fitted[len(settled) :]])
+
+
+def _hopeful(one: Hypothesis, first: Hypothesis, before: Hypothesis) -> bool:
+    """Tell whether a hypothesis that was begun may still become the best: how much of the gap it leaves open."""
+    return _gain(one, first) <= BEHIND * _gain(before, first)
+
+
+def _finished(one: Hypothesis, say: Say) -> Hypothesis:
+    """Fit a hypothesis to the end; where that cannot be simulated it stays as it is."""
+    say(f"fitting {' + '.join(one.names)} to the end")
+    try:
+        return finish_hypothesis(one)
+    except SolverError:
+        return one
 
 
 def _sorted(hypotheses: list[Hypothesis]) -> list[Hypothesis]:

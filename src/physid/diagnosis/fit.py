@@ -22,6 +22,7 @@ WHOLE, PARTS = (
 )  # parts of the step of the shared parameters: the first, and those tried if it fails
 HARDLY = 0.1  # [rad/s], [m/s] first velocity of a body that may as well be at rest
 LARGEST = 1.0  # change of an unknown parameter in one step, in the coordinates of the fit
+CHORDS = 2  # most steps with a Jacobian of an earlier point
 CONVERGED = 1e-2  # a step that gains less than this share of a standard deviation of the loss is the last
 
 
@@ -60,14 +61,28 @@ class Experiment:
     def linearise(self, point: Variants, effects: Tensor, forces: Tensor | None = None) -> Fit:
         """Linearise at a point; see `differentiate` for the columns."""
         jacobian = differentiate(self.predictor, point, self.directions, effects, forces)
-        residual = self.residual(jacobian.base.pose, point)[0]
         unknown = point.nominal.shape[1]
         columns = [jacobian.shared[:unknown], self.engine[None], jacobian.shared[unknown:]]
-        jacobian = replace(jacobian, shared=torch.cat(columns))
+        return self._fit(point, effects, replace(jacobian, shared=torch.cat(columns)))
+
+    def at(self, point: Variants, near: Fit) -> Fit:
+        """Return the residuals at a point with the Jacobian of a fit nearby, which costs one prediction."""
+        jacobian, unknown = near.jacobian, point.nominal.shape[1]
+        columns = [jacobian.shared[:unknown], self.engine[None], jacobian.shared[unknown + 1 :]]
+        base = self.predictor.predict(point)
+        return self._fit(point, near.effects, replace(jacobian, base=base, shared=torch.cat(columns)))
+
+    def _fit(self, point: Variants, effects: Tensor, jacobian: Jacobian) -> Fit:
+        residual = self.residual(jacobian.base.pose, point)[0]
         linear = linearise(residual, self.scale, jacobian, self.directions, self.predictor.windows)
-        return Fit(
-            point, effects, jacobian, residual, linear, linear.gather(lambda part: part.residual.square().sum(1))
-        )
+        loss = linear.gather(lambda part: part.residual.square().sum(1))
+        return Fit(point, effects, jacobian, residual, linear, loss)
+
+    def only(self, chosen: Tensor, elsewhere: Tensor) -> Experiment:
+        """Return the experiment with some of the windows (indices, in order); states elsewhere are (R, T, N, 7)."""
+        directions = replace(self.directions, free=self.directions.free[chosen])
+        predictor = self.predictor.over(self.predictor.windows.only(chosen), elsewhere)
+        return replace(self, predictor=predictor, directions=directions, follow=self.follow[chosen])
 
     def replace(self, **changes: object) -> Experiment:
         """Return a copy with some fields changed."""
@@ -106,40 +121,53 @@ def solve_shared(normal: Normal, fitted: Tensor, ridge: Tensor) -> Tensor:
     return change
 
 
-def gauss_newton(experiment: Experiment, start: Variants, effects: Tensor, steps: int = 10) -> Fit:
+def gauss_newton(experiment: Experiment, start: Variants | Fit, effects: Tensor, steps: int = 10) -> Fit:
     """Minimise the squared residuals over first states, unknown parameters and some parameters of effects.
 
     Every window has a damping of its own, for its first state; the shared parameters take the whole step or, if that
     does not help, a part of it or none. All dampings are tried in one batch, and each window keeps the best state.
+    A Jacobian costs several times a step: it serves for some steps (the chord method), but it is a new one that says
+    that nothing is left to gain.
 
     Args:
         experiment: What to explain.
-        start: First point.
+        start: First point; or a fit nearby, whose Jacobian serves for the first steps.
         effects: Indices of the free parameters of effects, shape (E,).
-        steps: Most steps.
+        steps: Most Jacobians before the last one; 0 for that of `start` alone.
 
     Returns:
-        The best point found, linearised there.
+        The best point found, linearised there, or so near that nothing was left to gain.
     """
-    fit = experiment.linearise(at_rest(experiment, start), effects)
+    if isinstance(start, Fit):
+        fit, age, made = experiment.at(at_rest(experiment, start.point), start), 1, 0
+    else:
+        fit, age, made = experiment.linearise(at_rest(experiment, start), effects), 0, 1
     damping = torch.full_like(fit.loss, FIRST_DAMPING)
     ridge = prior(experiment, effects)
     counts = experiment.fitted[experiment.predictor.windows.trajectory]
-    for _ in range(steps):
+    while True:
         change = solve_shared(fit.normal(), experiment.fitted, ridge)
-        for shares in (WHOLE, PARTS):
+        for shares in (WHOLE, PARTS) if age == 0 else (WHOLE,):
             better, loss, tried = best_step(experiment, fit, effects, change, damping, shares)
             gain = float((fit.loss - loss)[counts].sum())
             if float((fit.loss - loss).sum()) > 0:
                 break
-        damping = tried
-        if gain <= 0 and not bool((loss < fit.loss).any()):
-            break
+        helps = gain > 0 or bool((loss < fit.loss).any())
         followed = float((fit.loss - loss)[~counts].sum())
-        fit = experiment.linearise(better, effects)
-        if max(gain, followed) < CONVERGED * (1 + float(loss.sum())) ** 0.5:
-            break
-    return fit
+        little = max(gain, followed) < CONVERGED * (1 + float(loss.sum())) ** 0.5
+        if helps and (age == 0 or gain + followed > 0):
+            damping, age = tried, age + 1
+            fit = experiment.at(better, fit)
+            if age == 1 and little:
+                return fit
+        elif age == 0:
+            return fit
+        else:
+            little = True
+        if little or age > CHORDS:
+            if made == steps:
+                return experiment.linearise(fit.point, effects) if steps else fit
+            fit, age, made = experiment.linearise(fit.point, effects), 0, made + 1
 
 
 def at_rest(experiment: Experiment, point: Variants) -> Variants:

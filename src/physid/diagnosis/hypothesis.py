@@ -70,8 +70,8 @@ def columns_of(predictor: Predictor, names: Sequence[str]) -> Tensor:
     return torch.tensor([k for k, term in enumerate(predictor.terms) if term.effect.name in names], dtype=torch.int64)
 
 
-def fit_hypothesis(experiment: Experiment, start: Fit, names: tuple[str, ...], steps: int = 16) -> Hypothesis:
-    """Fit the effects together with unknown parameters and first states.
+def begin_hypothesis(experiment: Experiment, start: Fit, names: tuple[str, ...], steps: int = 5) -> Hypothesis:
+    """Fit the effects together with unknown parameters and first states, as far as a few steps go.
 
     Args:
         experiment: What to explain.
@@ -80,9 +80,19 @@ def fit_hypothesis(experiment: Experiment, start: Fit, names: tuple[str, ...], s
         steps: Most Gauss-Newton steps.
     """
     columns = columns_of(experiment.predictor, names)
-    fit = gauss_newton(experiment, _first_step(experiment, start, columns), columns, steps)
-    fit = gauss_newton(experiment, try_again(experiment, fit.point), columns, steps)
-    return conclude(experiment, fit, names)
+    return conclude(
+        experiment, gauss_newton(experiment, _first_step(experiment, start, columns), columns, steps), names
+    )
+
+
+def finish_hypothesis(begun: Hypothesis, steps: int = 16) -> Hypothesis:
+    """Fit a hypothesis to the end, with first states guessed anew once its effects are known."""
+    experiment, columns = begun.experiment, begun.columns
+    fit = gauss_newton(experiment, begun.fit, columns, steps)
+    again = try_again(experiment, fit.point)
+    if again is not fit.point:
+        fit = gauss_newton(experiment, again, columns, steps)
+    return conclude(experiment, fit, begun.names)
 
 
 def retried(one: Hypothesis, steps: int = 8) -> Hypothesis:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
+from itertools import accumulate
 from typing import ClassVar, final
 
 import torch
@@ -116,6 +117,7 @@ class Predictor:
         windows: How the trajectories are cut.
         candidates: Effects whose parameters are the columns Q of `Variants.effects`, in this order.
         most: World-steps that are simulated in one go, which bounds the memory.
+        elsewhere: States of frames that are in no window, shape (R, T, N, 7); None if there are none.
     """
 
     def __init__(
@@ -125,6 +127,7 @@ class Predictor:
         windows: Windows,
         candidates: Sequence[type[Effect]] = (),
         most: int = 400_000,
+        elsewhere: Tensor | None = None,
     ) -> None:
         self.model = model
         self.wrench = wrench
@@ -132,7 +135,17 @@ class Predictor:
         self.candidates = tuple(candidates)
         self.terms = tuple(Term(effect, name) for effect in candidates for name in effect.quantities())
         self.null = torch.tensor([term.effect.quantities()[term.name].null for term in self.terms], dtype=torch.float64)
-        self._most = most
+        self._most, self._elsewhere = most, elsewhere
+        ends = list(accumulate(len(kind.quantities()) for kind in self.candidates))
+        starts = [0, *ends[:-1]]
+        self._columns = [(kind, slice(*ends)) for kind, *ends in zip(self.candidates, starts, ends, strict=True)]
+
+    def over(self, windows: Windows, elsewhere: Tensor) -> Predictor:
+        """Return the same with other windows, and states (R, T, N, 7) of the frames that are in none of them.
+
+        A camera that is late reports what was before a window.
+        """
+        return Predictor(self.model, self.wrench, windows, self.candidates, self._most, elsewhere)
 
     def predict(self, variants: Variants) -> Prediction:
         """Simulate all variants.
@@ -158,7 +171,8 @@ class Predictor:
             if not restarts(effect):
                 poses = poses.flatten(0, 1).index_copy(0, rows, effect.observe(poses.flatten(0, 1)[rows], step))
                 poses = poses.unflatten(0, state.shape[:2])
-        for size in self.windows.size.unique().tolist():
+        anew = any(restarts(effect) for effect, _ in self._at_work(effects, "observe", 1))
+        for size in self.windows.size.unique().tolist() if anew else ():
             alike = (self.windows.size == size).nonzero()[:, 0]
             for effect, rows in self._at_work(effects, "observe", len(alike)):
                 if restarts(effect):
@@ -174,25 +188,30 @@ class Predictor:
         wrench = self._acting(variants)
         count, trajectories, frames, bodies = wrench.shape[:4]
         contacts = PATCH * (bodies * (bodies + 1) // 2)
-        state = wrench.new_zeros(count, trajectories, frames, bodies, 7)
+        blank = wrench.new_zeros(trajectories, frames, bodies, 7) if self._elsewhere is None else self._elsewhere
+        state = blank.repeat(count, 1, 1, 1, 1)
         twist = wrench.new_zeros(count, trajectories, frames, bodies, 6)
         impulse = wrench.new_zeros(count, trajectories, frames, contacts, 3)
         for batch in self.windows.batches:
             rollout = self._roll(variants, batch, batch.cut(wrench))
-            for value, into in ((rollout.pose, state), (rollout.twist, twist)):
-                batch.put(value.unflatten(0, (count, -1)), into)
             held = torch.cat([rollout.impulse, torch.zeros_like(rollout.impulse[:, :1])], 1)
-            batch.put(held.unflatten(0, (count, -1)), impulse)
+            for value, into in ((rollout.pose, state), (rollout.twist, twist), (held, impulse)):
+                batch.put(value.unflatten(0, (-1, count)).transpose(0, 1), into)
         return Prediction(self.observe(state, variants.effects), state, twist, impulse)
 
     def _roll(self, variants: Variants, batch: Batch, wrench: Tensor) -> Rollout:
-        """Simulate the windows of a batch under wrenches (C, k, L, N, 6)."""
-        copies = len(batch.windows)
+        """Simulate the windows of a batch under wrenches (C, k, L, N, 6); the rollout's batch is (k, C).
+
+        Worlds are solved eight at a time, and take as long as the worst of them: variants of one window are in contact
+        at the same time.
+        """
         first = self.windows.start[batch.windows].to(torch.float64) * self.model.scene.time_step
         layer = PhysicsLayer(self.model.world, self._steps(variants.effects, first))
-        pose, twist = (value[:, batch.windows].flatten(0, 1) for value in (variants.pose, variants.twist))
-        parameters = self.model.parameters(variants.nominal.repeat_interleave(copies, 0))
-        return layer.rollout(State(pose, twist), wrench.flatten(0, 1)[:, :-1], parameters)
+        pose, twist = (
+            value[:, batch.windows].transpose(0, 1).flatten(0, 1) for value in (variants.pose, variants.twist)
+        )
+        parameters = self.model.parameters(variants.nominal.repeat(len(batch.windows), 1))
+        return layer.rollout(State(pose, twist), wrench.transpose(0, 1).flatten(0, 1)[:, :-1], parameters)
 
     def _acting(self, variants: Variants) -> Tensor:
         """Return the wrenches at work (C, R, T, N, 6)."""
@@ -208,34 +227,46 @@ class Predictor:
         return acting
 
     def _steps(self, effects: Tensor, first: Tensor) -> list[Effect]:
-        """Return the effects that act at the step, with a value for each world; windows start at times (k,)."""
+        """Return the effects that act at the step, with a value for each window and variant (k, C).
+
+        Args:
+            effects: Parameters, shape (C, Q).
+            first: Times at which the windows start [s], shape (k,).
+        """
         late = bool((first > 0).any())
-        clock: list[Effect] = [_Clock(first.repeat(effects.shape[0]))] if late else []
+        clock: list[Effect] = [_Clock(first.repeat_interleave(len(effects)))] if late else []
         known = [_only_steps(effect) for effect in self.model.effects if _has(type(effect), "act")]
-        found = [_only_steps(effect) for effect, _ in self._at_work(effects, "act", len(first), everywhere=True)]
+        found = [
+            _only_steps(_with_values(kind, part.repeat(len(first), 1))) for kind, part, _ in self._on(effects, "act")
+        ]
         return clock + known + found
 
-    def _at_work(
-        self, effects: Tensor, hook: str, copies: int, everywhere: bool = False
-    ) -> list[tuple[Effect, Tensor]]:
+    def _at_work(self, effects: Tensor, hook: str, copies: int) -> list[tuple[Effect, Tensor]]:
         """List the candidates with `hook` that are not null in some variant, and the rows (variant x copy) where."""
-        working, column = [], 0
-        for kind in self.candidates:
-            names = list(kind.quantities())
-            part = effects[:, column : column + len(names)]
-            on = (part != self.null[column : column + len(names)]).any(1)
-            column += len(names)
-            if not (_has(kind, hook) and bool(on.any())):
-                continue
-            rows = (torch.ones_like(on) if everywhere else on).repeat_interleave(copies).nonzero()[:, 0]
-            values = part.repeat_interleave(copies, 0)[rows]
-            working.append((kind(**{name: values[:, k] for k, name in enumerate(names)}), rows))
+        working = []
+        for kind, part, on in self._on(effects, hook):
+            rows = on.repeat_interleave(copies).nonzero()[:, 0]
+            working.append((_with_values(kind, part.repeat_interleave(copies, 0)[rows]), rows))
         return working
+
+    def _on(self, effects: Tensor, hook: str) -> list[tuple[type[Effect], Tensor, Tensor]]:
+        """List the candidates with `hook` that are not null in some variant, their parameters (C, q), and where."""
+        on = effects != self.null
+        found = []
+        for kind, columns in self._columns:
+            if _has(kind, hook) and bool(on[:, columns].any()):
+                found.append((kind, effects[:, columns], on[:, columns].any(1)))
+        return found
 
 
 def restarts(effect: Effect) -> bool:
     """Tell whether a camera's effect counts from the first frame of a window, not of a trajectory."""
     return bool(getattr(effect, "restarts", False))
+
+
+def _with_values(kind: type[Effect], values: Tensor) -> Effect:
+    """Return an effect with parameters (B, q)."""
+    return kind(**{name: values[:, k] for k, name in enumerate(kind.quantities())})
 
 
 def _has(kind: type[Effect], hook: str) -> bool:

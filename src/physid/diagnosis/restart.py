@@ -34,9 +34,10 @@ def guesses(experiment: Experiment, point: Variants) -> Variants:
 
 
 def try_again(experiment: Experiment, point: Variants) -> Variants:
-    """Guess first states anew, and keep what explains a window better."""
+    """Guess first states anew, and keep what explains a window better; the point itself if nothing does."""
     many = guesses(experiment, point)
-    return _picked(many, try_losses(experiment, many).argmin(0))
+    best = try_losses(experiment, many).argmin(0)
+    return _picked(many, best) if bool(best.any()) else point
 
 
 def search(experiment: Experiment, fit: Fit) -> Variants:
@@ -50,14 +51,22 @@ def search(experiment: Experiment, fit: Fit) -> Variants:
     doubtful = fit.loss > DOUBTFUL * count
     if not 0 < float(doubtful.double().mean()) <= MOST:
         return fit.point
-    alone = experiment.replace(fitted=torch.zeros_like(experiment.fitted))
+    chosen = doubtful.nonzero()[:, 0]
+    alone = experiment.replace(fitted=torch.zeros_like(experiment.fitted)).only(chosen, fit.jacobian.base.state[0])
     many = guesses(experiment, fit.point)
     found, losses = [fit.point], [fit.loss]
     for k in range(1, len(many)):
-        tried = gauss_newton(alone, _picked(many, torch.where(doubtful, k, 0)), fit.effects[:0], ROUNDS)
-        found.append(tried.point)
-        losses.append(torch.where(doubtful, tried.loss, torch.inf))
+        tried = gauss_newton(alone, _of(many[k : k + 1], chosen), fit.effects[:0], ROUNDS)
+        pose, twist = fit.point.pose.clone(), fit.point.twist.clone()
+        pose[:, chosen], twist[:, chosen] = tried.point.pose, tried.point.twist
+        found.append(fit.point.replace(pose=pose, twist=twist))
+        losses.append(torch.full_like(fit.loss, torch.inf).index_copy(0, chosen, tried.loss))
     return _picked(Variants.join(found), torch.stack(losses).argmin(0))
+
+
+def _of(point: Variants, chosen: Tensor) -> Variants:
+    """Return the first states of some windows only."""
+    return point.replace(pose=point.pose[:, chosen], twist=point.twist[:, chosen])
 
 
 def _picked(many: Variants, best: Tensor) -> Variants:

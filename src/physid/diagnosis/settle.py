@@ -55,13 +55,14 @@ def settle(
     path: list[Tensor] = []
     for turn in range(rounds):
         before = float(loss.clamp_max(1e12).sum())
-        fit = gauss_newton(experiment.replace(engine=engine), best, effects, steps=1 if turn else 3)
+        known = experiment.replace(engine=engine)
+        fit = gauss_newton(known, known.at(best, fit), effects, steps=0 if turn else 2)
         trial = between(best, fit.point, stride)
         path.append(_shared(trial, effects))
         if (further := _aitken(path)) is not None:
             trial = _with_shared(experiment.predictor, trial, effects, further)
             path.clear()
-        fit = experiment.linearise(trial, effects)
+        fit = experiment.at(trial, fit)
         say("replaying the fit in the other engine")
         fresh = _renewed(experiment, fit, names).engine
         now = experiment.replace(engine=fresh).losses(trial)[0]
@@ -73,8 +74,7 @@ def settle(
         if before - float(loss.sum()) < SETTLED * (2 * float(loss.sum())) ** 0.5:
             break
     experiment = experiment.replace(engine=engine)
-    fit = gauss_newton(experiment, best, effects, steps=6)
-    return experiment, fit
+    return experiment, gauss_newton(experiment, experiment.at(best, fit), effects, steps=6)
 
 
 def engine_gap(predictor: Predictor, fit: Fit, follow: Tensor, working: Sequence[Effect] = ()) -> Tensor:

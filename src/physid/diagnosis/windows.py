@@ -49,7 +49,7 @@ class Batch:
 
 @dataclass(frozen=True)
 class Windows:
-    """How R trajectories of T frames are cut into K windows; every frame is in one window.
+    """How R trajectories of T frames are cut into K windows; every frame is in one window, but for `only`.
 
     Attributes:
         trajectories: R.
@@ -90,6 +90,11 @@ class Windows:
 
     def __len__(self) -> int:
         return len(self.start)
+
+    def only(self, chosen: Tensor) -> Windows:
+        """Return some of the windows (indices, in order); the other frames are in none."""
+        parts = (value[chosen] for value in (self.trajectory, self.start, self.size, self.busy))
+        return Windows(self.trajectories, self.frames, *parts)
 
     @cached_property
     def batches(self) -> list[Batch]:
