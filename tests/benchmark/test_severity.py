@@ -93,3 +93,11 @@ def test_an_effect_that_is_only_seen_changes_no_motion() -> None:
 def test_drag_acts_while_nothing_pushes() -> None:
     assert "coast" in acting_phases(config(steps=200), [effect("viscous_drag", coefficient=1.0)])
     assert not np.isnan(severity(config(), [effect("viscous_drag", coefficient=1.0)]))
+
+
+def test_a_turned_camera_shows_where_forces_are_commanded_and_not_in_a_toss() -> None:
+    """Physics knows no direction about the vertical: a toss that is seen turned is another toss, at any angle."""
+    yaw = [effect("camera_yaw", angle=0.1)]
+    toss, push = (severity(config(scene, "paper", noise=Noise(4e-4, 2e-3)), yaw) for scene in ("toss", "push"))
+    assert toss < 0.05
+    assert push > 1

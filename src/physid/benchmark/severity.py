@@ -25,6 +25,7 @@ CHANGE = 0.02  # relative change of an unknown parameter, for differences
 LOOKS = 4  # trajectories that are looked at
 JITTERS, JITTER = 3, 0.2  # runs from other first states, which differ by a fifth of the noise (its rate: per 0.1 s)
 SPAN = 0.1  # [s]
+STEPS = 3  # of Gauss-Newton, by which first states follow what is seen
 BRIEF = 0.05  # [s] windows in which unknown parameters are fitted to an effect ...
 REFITS, SETTLED = 6, 1e-4  # ... in so many steps at most, until they change by less than this share ...
 ROBUST, SMALL = 12, 1e-3  # rounds of a robust fit, and the smallest misfit of a block that counts
@@ -43,11 +44,12 @@ def severity(config: GenerateConfig, effects: Sequence[Effect]) -> float:
 
     The effect-free engine starts from the true state every half second and runs on under the same commands, with the
     unknown parameters that explain the effects best. What the observed poses differ by, divided by the sensor's noise,
-    is d. From d are removed, by least squares, what other first states change in each window (`_first_states`) and the
-    changes that unknown parameters make. e is the same for the effect-free engine from first states that differ by a
-    fifth of the noise: where impacts amplify what nobody can know, an effect shows only by what it adds. With means
-    over windows, bodies, frames and coordinates the severity is the root of the median over trajectories of
-    mean d^2 - mean e^2, 0 if that is negative: one impact that falls into another step makes no severity.
+    is d. From d are removed, by least squares, what other first states change in each window (`_first_states`, and
+    `_followed`) and the changes that unknown parameters make. e is the same for the effect-free engine from first
+    states that differ by a fifth of the noise: where impacts amplify what nobody can know, an effect shows only by what
+    it adds. With means over windows, bodies, frames and coordinates the severity is the root of the median over
+    trajectories of mean d^2 - mean e^2, 0 if that is negative: one impact that falls into another step makes no
+    severity.
 
     Args:
         config: The recording set, noise included.
@@ -155,27 +157,71 @@ def _columns(
     draws = [generator.standard_normal((2, bodies, 6)) * _free(scene) for _ in range(JITTERS)]
     others = [replay(scene, look.excitation, look.motion, WINDOW, JITTER * spread * draw) for draw in draws]
     others += [replay(each, look.excitation, look.motion, WINDOW) for each in _varied(scene, unknown)]
-    length = _length(scene, WINDOW)
     rows = np.array([_difference(each, plain, scene) / spread for each in (seen, *others)])
     states = _first_states(scene, look, plain, spread)
+    followed = _followed(scene, look, seen, states, spread)
     cut = []
-    for start in range(0, len(seen) - 1, length):
-        window = rows[:, start : start + length].reshape(len(rows), -1)
-        free = states[:, start : start + length].reshape(len(states), -1)
-        cut.append(window - np.linalg.lstsq(free.T, window.T, rcond=None)[0].T @ free)
+    for number, start in enumerate(range(0, len(seen) - 1, _length(scene, WINDOW))):
+        window, free = _flat(rows, scene, start), _flat(states, scene, start)
+        left = window - np.linalg.lstsq(free.T, window.T, rcond=None)[0].T @ free
+        left[0] = min(left[0], followed[number], key=np.linalg.norm)
+        cut.append(left)
     return np.concatenate(cut, 1)
+
+
+def _followed(scene: Scene, look: Look, seen: Array, states: Array, spread: Array) -> list[Array]:
+    """Return what is left of d in each window when it starts again where the camera sees it start.
+
+    A turned camera shows a turned experiment: other first states follow it exactly, but not to first order. From where
+    the camera sees it, steps of Gauss-Newton with the changes `states` (D, T, N, 6) about the true motion go on.
+    """
+    starts = range(0, len(seen) - 1, _length(scene, WINDOW))
+    change, left = _seen_starts(scene, look, seen, starts), [np.array([np.inf])] * len(starts)
+    for _ in range(STEPS):
+        again = replay(scene, look.excitation, look.motion, WINDOW, change)
+        wide = _difference(seen, again, scene)[None] / spread
+        for number, start in enumerate(starts):
+            window, free = _flat(wide, scene, start)[0], _flat(states, scene, start)
+            step = np.linalg.lstsq(free.T, window, rcond=None)[0]
+            left[number] = min(left[number], window - step @ free, key=np.linalg.norm)
+            for amount, (rate, body, k) in zip(step, _places(scene), strict=True):
+                change[number, rate, body, k] += amount * spread[k]
+    return left
+
+
+def _seen_starts(scene: Scene, look: Look, seen: Array, starts: Sequence[int]) -> Array:
+    """Return by how much first states that the camera sees differ from the true ones (see `replay`), (W, 2, N, 6)."""
+    axes = np.concatenate([span(scene.ground), np.array(scene.ground.normal)[None]])
+    true = look.motion.pose
+
+    def rates(pose: Array) -> Array:
+        turn = to_vector(multiply(pose[1:, :, 3:], conjugate(pose[:-1, :, 3:])))
+        return np.concatenate([np.diff(pose[..., :3], axis=0) @ axes.T, turn @ axes.T], -1) / scene.time_step
+
+    apart = _difference(seen, true, scene), SPAN * (rates(seen) - rates(true))
+    change = np.stack([value[list(starts)] for value in apart], 1) * _free(scene)
+    return change
+
+
+def _flat(rows: Array, scene: Scene, start: int) -> Array:
+    """Return the window that starts at a frame of (J, T, N, 6) as rows, shape (J, n)."""
+    return rows[:, start : start + _length(scene, WINDOW)].reshape(len(rows), -1)
 
 
 def _first_states(scene: Scene, look: Look, plain: Array, spread: Array) -> Array:
     """Return the changes that a small change of each free coordinate of the first states makes, shape (D, T, N, 6)."""
     made = []
-    for rate, body, k in np.ndindex(2, len(scene.bodies), 6):
-        if _free(scene)[k]:
-            unit = np.zeros((2, len(scene.bodies), 6))
-            unit[rate, body, k] = JITTER
-            moved = replay(scene, look.excitation, look.motion, WINDOW, unit * spread)
-            made.append(_difference(moved, plain, scene) / spread / JITTER)
+    for place in _places(scene):
+        unit = np.zeros((2, len(scene.bodies), 6))
+        unit[place] = JITTER
+        moved = replay(scene, look.excitation, look.motion, WINDOW, unit * spread)
+        made.append(_difference(moved, plain, scene) / spread / JITTER)
     return np.array(made)
+
+
+def _places(scene: Scene) -> list[tuple[int, int, int]]:
+    """List the free coordinates of a first state: pose or rate, body, coordinate."""
+    return [place for place in np.ndindex(2, len(scene.bodies), 6) if _free(scene)[place[-1]]]
 
 
 def _free(scene: Scene) -> Array:
@@ -197,17 +243,18 @@ def replay(
         excitation: The commands.
         motion: The true motion.
         window: Length of a window [s].
-        change: Of first states, in the axes of the ground: of their poses, and of their rates in 0.1 s; (2, N, 6).
+        change: Of first states, in the axes of the ground: of their poses, and of their rates in 0.1 s; of all windows
+            alike (2, N, 6), or of each (W, 2, N, 6).
 
     Returns:
         Poses, shape (T, N, 7).
     """
     length, rows = _length(scene, window), []
     with Engine(scene, scene.time_step) as engine:
-        for start in range(0, len(motion.pose) - 1, length):
+        for number, start in enumerate(range(0, len(motion.pose) - 1, length)):
             pose, twist = motion.pose[start], motion.twist[start]
             if change is not None:
-                pose, twist = _disturbed(scene, pose, twist, change)
+                pose, twist = _disturbed(scene, pose, twist, change if change.ndim == 3 else change[number])
             engine.set_state(pose, twist)
             rows.append(engine.read()[0])
             for load in excitation.wrench[start : min(start + length, len(motion.pose)) - 1].tolist():
