@@ -1,0 +1,68 @@
+"""Gauss-Newton: a Jacobian that serves for some steps leads to the same minimum, with fewer of them."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from diagnosis.sets import recorded
+from physid.data.format import RecordingSet
+from physid.diagnosis import fit as fitting
+from physid.diagnosis.beliefs import believe
+from physid.diagnosis.fit import CONVERGED, Experiment, Fit, gauss_newton
+from physid.diagnosis.observations import observe
+from physid.diagnosis.prepare import Prepared, prepare
+from physid.effects import find
+
+DRAG = 0.8
+FAR = 0.5  # of the logarithm of the friction
+
+
+@pytest.fixture(scope="module")
+def prepared(tmp_path_factory: pytest.TempPathFactory) -> Prepared:
+    effects = {"viscous_drag": {"coefficient": DRAG}}
+    folder = recorded(tmp_path_factory.mktemp("fit") / "set", effects, trajectories=6, steps=80, split={"fit": 1})
+    observations = observe(RecordingSet(folder))
+    generator = torch.Generator().manual_seed(0)
+    return prepare(observations, believe(observations.scene, None), [find("viscous_drag")], generator)
+
+
+def counted(monkeypatch: pytest.MonkeyPatch, prepared: Prepared, chords: int) -> tuple[Fit, int]:
+    """Fit the drag, and count the Jacobians that it takes."""
+    made = 0
+    linearise = Experiment.linearise
+
+    def count(*arguments: object) -> Fit:
+        nonlocal made
+        made += 1
+        return linearise(*arguments)  # type: ignore[arg-type]
+
+    with monkeypatch.context() as patch:
+        patch.setattr(fitting, "CHORDS", chords)
+        patch.setattr(Experiment, "linearise", count)
+        far = prepared.fit.point.replace(nominal=prepared.fit.point.nominal + FAR)
+        return gauss_newton(prepared.experiment, far, torch.tensor([0])), made
+
+
+def test_an_older_jacobian_leads_to_the_same_minimum(monkeypatch: pytest.MonkeyPatch, prepared: Prepared) -> None:
+    (one, many), (other, few) = (counted(monkeypatch, prepared, chords) for chords in (0, fitting.CHORDS))
+    tolerance = CONVERGED * (1 + float(one.loss.sum())) ** 0.5
+    assert float(other.loss.sum()) < float(prepared.fit.loss.sum()) - 100 * tolerance
+    assert abs(float((one.loss - other.loss).sum())) < 2 * tolerance
+    assert float(other.point.effects[0, 0]) == pytest.approx(float(one.point.effects[0, 0]), rel=1e-2)
+    assert few < many
+
+
+def test_residuals_with_an_older_jacobian_are_those_of_the_point(prepared: Prepared) -> None:
+    moved = prepared.fit.point.replace(effects=prepared.fit.point.effects + 0.1)
+    near = prepared.experiment.linearise(prepared.fit.point, torch.tensor([0]))
+    quick, whole = prepared.experiment.at(moved, near), prepared.experiment.linearise(moved, torch.tensor([0]))
+    assert torch.allclose(quick.residual, whole.residual, atol=1e-12)
+    assert torch.allclose(quick.loss, whole.loss)
+    assert torch.equal(quick.jacobian.state, near.jacobian.state)
+
+
+def test_a_known_jacobian_alone_does_not_make_things_worse(prepared: Prepared) -> None:
+    near = prepared.experiment.linearise(prepared.fit.point, torch.tensor([0]))
+    better = gauss_newton(prepared.experiment, near, torch.tensor([0]), steps=0)
+    assert float(better.loss.sum()) < float(near.loss.sum())
