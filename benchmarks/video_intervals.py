@@ -1,19 +1,23 @@
-"""How often the 90 % interval of a parameter learned from video holds the truth.
+"""How often the 90 % intervals of parameters learned from video hold the truth.
 
-One trained encoder and its decoder read many small sets of fresh recordings, each with a true friction of its own; only
-the last phase, which gives the interval, is carried out for each.
+One trained encoder and its decoder read many small sets of fresh recordings, each with true parameters of its own; only
+the last phase, which gives the intervals, is carried out for each.
 
     python benchmarks/video_intervals.py --run runs/reproduce/supervised/push_friction --sets 20
+    python benchmarks/video_intervals.py --run runs/reproduce/supervised/slide_friction --sets 20
 """
 
 from __future__ import annotations
 
 import argparse
 import tempfile
+from collections import Counter, defaultdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from physid.configuration import compose
 from physid.data.datamodule import RecordingsDataModule
@@ -24,76 +28,110 @@ from physid.training.normal_equations import NormalEquations
 from physid.training.physical_parameters import PhysicalParameters
 from physid.training.pose_loss import PoseLoss
 from physid.training.supervised import SupervisedID
-from physid.training.video.model import VideoModel, over_time
+from physid.training.video.horizon import Horizon
+from physid.training.video.model import over_time
 from physid.training.video.polish import Polish
 from physid.training.video.refinement import LARGEST_STEP, add_to, interval
 
-CONFIG = Path(__file__).parents[1] / "configs" / "generate" / "push.yaml"
-FRICTION = (0.06, 0.25)
-PARAMETER = "block.friction"
-STEPS = 8
+CONFIGS = Path(__file__).parents[1] / "configs" / "generate"
+RANGES = {"block.friction": (0.06, 0.25), "block.mass": (1.0, 3.0)}
+STEPS = 16
 FRAMES = 60
 """Frames between those that are read without supervision."""
+Bounds = dict[str, tuple[float, float, float]]
 
 
-def record(folder: Path, number: int, trajectories: int) -> float:
-    """Make a set with a friction of its own, and return it."""
-    friction = float(np.random.default_rng(number).uniform(*FRICTION))
-    settings = [f"trajectories={trajectories}", f"seed={1000 + number}", f"true_values={{{PARAMETER}: {friction}}}"]
-    generate(GenerateConfig.from_mapping(compose([str(CONFIG)], settings).values), folder, 1)
-    return friction
+def record(folder: Path, scene: str, names: list[str], number: int, trajectories: int) -> dict[str, float]:
+    """Make a set with parameters of its own, and return these."""
+    generator = np.random.default_rng(number)
+    true = {name: float(generator.uniform(*RANGES[name])) for name in names}
+    values = ", ".join(f"{name}: {value}" for name, value in true.items())
+    settings = [f"trajectories={trajectories}", f"seed={1000 + number}", f"true_values={{{values}}}"]
+    generate(GenerateConfig.from_mapping(compose([str(CONFIGS / f"{scene}.yaml")], settings).values), folder, 1)
+    return true
 
 
-def load(run: Path) -> VideoModel:
-    """Return the model that a supervised run has trained."""
+def load(run: Path) -> tuple[SupervisedID, str]:
+    """Return the module that a supervised run has trained, and the name of its scene."""
     state = torch.load(run / "checkpoints" / "last.ckpt", map_location="cpu", weights_only=True)["state_dict"]
     arguments = compose([str(run / "config.yaml")]).values
-    scene = RecordingsDataModule(arguments["data"]["init_args"]["folder"]).scene
-    module = SupervisedID([PARAMETER], polish=Polish(**arguments["model"]["init_args"]["polish"])).attach(scene)
+    recordings = RecordingsDataModule(arguments["data"]["init_args"]["folder"]).recordings
+    given = arguments["model"]["init_args"]
+    module = SupervisedID(
+        given["learn"],
+        chart=given["chart"],
+        loss=PoseLoss(**given["loss"]),
+        polish=Polish(**given["polish"]),
+        horizon=Horizon(given["horizon"].get("frames")),
+    ).attach(recordings.scene)
     module.load_state_dict(state, strict=False)
-    return module.eval().model
+    return module.eval(), recordings.scene.name
 
 
-def identify(model: VideoModel, folder: Path, *, from_images: bool) -> tuple[float, float, float]:
-    """Return estimate and interval of the friction, with known poses as goals or with those read from images."""
+def identify(module: SupervisedID, folder: Path) -> dict[str, Bounds]:
+    """Return estimates and intervals, with known poses as goals and with those read from images."""
+    model = module.model
     data = RecordingsDataModule(folder, video="all", every=FRAMES, fit=("train", "test"), shuffle=False)
-    model.physical = PhysicalParameters(data.scene, [PARAMETER])
     model.look_at(data.recordings, data.trajectories("fit"))
-    batch = next(iter(data.train_dataloader()))
+    batch = module.horizon.cut(next(iter(data.train_dataloader())), all_trajectories=True)
     _, encoded = model.read(as_image(batch["frames"]), as_image(batch["background"]))
     goal, real = over_time(encoded.double(), batch)
-    if not from_images:
-        goal, real = batch["pose"], torch.ones_like(real)
+    everywhere = torch.ones_like(real)
+    return {
+        "supervised": _fit(module, data, batch, encoded, batch["pose"], everywhere, from_images=False),
+        "self-supervised": _fit(module, data, batch, encoded, goal, real, from_images=True),
+    }
+
+
+def _fit(
+    module: SupervisedID,
+    data: RecordingsDataModule,
+    batch: dict[str, Any],
+    encoded: Tensor,
+    goal: Tensor,
+    real: Tensor,
+    *,
+    from_images: bool,
+) -> Bounds:
+    """Carry out the last phase."""
+    model = module.model
+    model.physical = PhysicalParameters(data.scene, model.physical.names)
     bounds: dict[str, float] = {}
     for _ in range(STEPS):
-        equations = NormalEquations.empty(1)
-        add_to(equations, model, PoseLoss(), encoded, batch, goal, real, from_images=from_images)
+        equations = NormalEquations.empty(len(model.physical.names))
+        add_to(equations, model, module.loss, encoded, batch, goal, real, from_images=from_images)
         with torch.no_grad():
             model.physical.logarithm.add_(equations.step(LARGEST_STEP))
         bounds = interval(model.physical.estimates(), equations.covariance().diagonal().sqrt().tolist())
-    return model.physical.estimates()[PARAMETER], *(bounds[f"params/{PARAMETER}/{end}"] for end in ("low", "high"))
+    return {
+        name: (value, bounds[f"params/{name}/low"], bounds[f"params/{name}/high"])
+        for name, value in model.physical.estimates().items()
+    }
 
 
 def main() -> None:
-    """Print every set and the share of intervals that hold the truth."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--run", type=Path, required=True, help="a supervised run of push_friction")
+    """Print every set, and for each parameter the share of intervals that hold the truth."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--run", type=Path, required=True, help="a supervised run")
     parser.add_argument("--sets", type=int, default=20)
     parser.add_argument("--trajectories", type=int, default=24)
     options = parser.parse_args()
-    model, held, errors = load(options.run), {True: 0, False: 0}, {True: [], False: []}
+    torch.set_num_threads(1)
+    module, scene = load(options.run)
+    names, held = list(module.physical.names), Counter[tuple[str, str]]()
+    errors: defaultdict[tuple[str, str], list[float]] = defaultdict(list)
     for number in range(options.sets):
         with tempfile.TemporaryDirectory() as folder:
-            true = record(Path(folder), number, options.trajectories)
-            for supervised in held:
-                estimate, low, high = identify(model, Path(folder), from_images=not supervised)
-                held[supervised] += low <= true <= high
-                errors[supervised].append(abs(estimate - true) / true)
-                name = "supervised" if supervised else "self-supervised"
-                print(f"{number:3d} {name:15s} true {true:.5f}  {estimate:.5f} [{low:.5f}, {high:.5f}]", flush=True)
-    for supervised, name in ((True, "supervised"), (False, "self-supervised")):
-        share, error = held[supervised] / options.sets, float(np.mean(errors[supervised]))
-        print(f"{name}: {share:.0%} of {options.sets} intervals hold the truth, mean error {error:.3%}")
+            true = record(Path(folder), scene, names, number, options.trajectories)
+            for method, found in identify(module, Path(folder)).items():
+                for name, (estimate, low, high) in found.items():
+                    held[method, name] += low <= true[name] <= high
+                    errors[method, name].append(abs(estimate / true[name] - 1))
+                    shown = f"true {true[name]:.5f}  {estimate:.5f} [{low:.5f}, {high:.5f}]"
+                    print(f"{number:3d} {method:15s} {name} {shown}", flush=True)
+    for (method, name), off in errors.items():
+        share = held[method, name]
+        print(f"{method} {name}: {share} of {options.sets} intervals hold the truth, mean error {np.mean(off):.3%}")
 
 
 if __name__ == "__main__":

@@ -14,10 +14,11 @@ from physid.training.normal_equations import NormalEquations
 from physid.training.pose_loss import PoseLoss
 from physid.training.supervised import SupervisedID
 from physid.training.trajectories import Trajectories
-from physid.training.video.calibration import Calibration, stretched
+from physid.training.video.calibration import Calibration, moved, stretched
 from physid.training.video.model import VideoModel
 
 SHARE = 0.003
+OFFSET = torch.tensor([0.4, -0.3], dtype=torch.float64)  # [px]
 ROUNDING = 1e-4  # relative
 
 
@@ -38,7 +39,42 @@ def test_a_scale_is_measured_and_taken_out() -> None:
     calibration.measure(model.decoder.renderer.camera, found, true)
     assert float(calibration.stretch) == pytest.approx(SHARE, rel=2 * SHARE)
     assert float(calibration.deviation) < ROUNDING * SHARE
-    assert (calibration(model.chart, found) - true).abs().max() < ROUNDING
+    assert (calibration(model.chart, model.decoder.renderer.camera, found) - true).abs().max() < ROUNDING
+
+
+def test_a_scale_and_an_offset_are_measured_and_taken_out() -> None:
+    model, calibration = model_of(), Calibration()
+    camera, true = model.decoder.renderer.camera, anywhere(model, 16)
+    found = moved(camera, stretched(model.chart, true, -SHARE), -OFFSET)
+    assert (
+        camera.project(moved(camera, true, OFFSET)[..., :3]) - camera.project(true[..., :3]) - OFFSET
+    ).abs().max() < 1e-9
+    calibration.measure(camera, found, true, offset=True)
+    assert float(calibration.stretch) == pytest.approx(SHARE, rel=2 * SHARE)
+    assert calibration.offset.tolist() == pytest.approx(OFFSET.tolist(), rel=2 * SHARE)
+    assert (calibration(model.chart, camera, found) - true).abs().max() < ROUNDING
+    calibration.measure(camera, found, true)
+    assert calibration.offset.tolist() == [0.0, 0.0]
+    assert float(calibration.deviation) > 1e-4  # the offset is taken for noise
+
+
+def test_errors_that_poses_share_have_the_covariance_of_what_was_measured() -> None:
+    model, calibration = model_of(), Calibration()
+    camera, true = model.decoder.renderer.camera, anywhere(model, 16) + torch.tensor([0.3] + [0.0] * 6)
+    torch.manual_seed(2)
+    measured, roots = [], []
+    for _ in range(200):
+        noise = torch.cat([0.002 * torch.randn(16, 1, 2), torch.zeros(16, 1, 5)], -1)
+        calibration.measure(camera, true + noise, true, offset=True)
+        measured.append(torch.cat([calibration.stretch[None], calibration.offset]))
+        roots.append(calibration.root.clone())
+        if len(roots) == 1:
+            assert len(calibration.shared_errors(model.chart, camera, true)) == 3
+    root = torch.stack(roots)
+    expected, found = (root @ root.transpose(-1, -2)).mean(0), torch.stack(measured).T.cov()
+    scale = expected.diagonal().sqrt()
+    assert ((found - expected) / (scale[:, None] * scale)).abs().max() < 0.3
+    assert abs(expected[0, 1] / (scale[0] * scale[1])) > 0.3  # bodies to one side: scale and offset look alike
 
 
 def test_the_deviation_is_that_of_the_scale_over_many_draws() -> None:
@@ -73,7 +109,7 @@ def test_a_shared_scale_widens_the_interval_by_what_it_does_to_the_parameter() -
         physical = model.physical.logarithm.detach().clone()
         for _ in range(6):
             equations = NormalEquations.empty(1)
-            equations.add(model, PoseLoss(), there, real, shifted=shifted)
+            equations.add(model, PoseLoss(), there, real, shifted=[shifted])
             with torch.no_grad():
                 model.physical.logarithm.add_(equations.step(0.5))
         found = float(model.physical.logarithm.detach())

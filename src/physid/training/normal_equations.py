@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import final
 
@@ -27,8 +28,8 @@ class NormalEquations:
     Attributes:
         gradients: Derivative of each trajectory's loss by the P parameters, pieces of shape (B, P).
         curvature: 2 J^T W J summed over trajectories, shape (P, P).
-        common: 2 J^T W e summed over trajectories, shape (P,): e is what an error that all of them share, such as that
-            of the scale of an image, adds to the residuals within a standard deviation.
+        common: 2 J^T W e summed over trajectories, shape (P, K): e is what each of K independent errors that all of
+            them share, such as that of the scale of an image, adds to the residuals within a standard deviation.
     """
 
     gradients: list[Tensor]
@@ -39,7 +40,7 @@ class NormalEquations:
     def empty(cls, parameters: int) -> NormalEquations:
         """Begin without any trajectory."""
         zero = torch.zeros(parameters, dtype=torch.float64)
-        return cls([], torch.diag(zero), zero)
+        return cls([], torch.diag(zero), zero[:, None])
 
     def add(
         self,
@@ -48,7 +49,7 @@ class NormalEquations:
         trajectories: Trajectories,
         real: Tensor,
         landing: Landing | None = None,
-        shifted: Trajectories | None = None,
+        shifted: Sequence[Trajectories] = (),
     ) -> Tensor:
         """Add a batch of trajectories.
 
@@ -58,7 +59,7 @@ class NormalEquations:
             trajectories: First states, wrenches, and the poses that should come out; on the device of the physics.
             real: Which frames count, shape (B, T).
             landing: What the trajectories' own unknowns explain, if they have any.
-            shifted: The same trajectories with a standard deviation of the error that all of them share.
+            shifted: The same trajectories with a standard deviation of each error that all of them share.
 
         Returns:
             The loss of each trajectory, shape (B,).
@@ -76,10 +77,11 @@ class NormalEquations:
         self.gradients.append(torch.einsum("pbtni,btni->bp", answer, slope))
         residual = residual.detach()
         self.curvature += len(residual) * loss.curvature(residual, answer, real)
-        if shifted is not None:
+        if shifted:
             with torch.no_grad():
-                added = residuals(model.layer, physical, shifted) - residual
-            self.common += 2 * torch.einsum("pbtni,btni->p", answer, loss.weights(residual, real) * added)
+                added = torch.stack([residuals(model.layer, physical, one) for one in shifted]) - residual
+            weighed = loss.weights(residual, real) * added
+            self.common = self.common + 2 * torch.einsum("pbtni,kbtni->pk", answer, weighed)
         return value.detach()
 
     def step(self, largest: float) -> Tensor:
@@ -88,17 +90,15 @@ class NormalEquations:
         return step * min(1.0, largest / max(float(step.abs().max()), FLOOR))
 
     def covariance(self) -> Tensor:
-        """Estimate the covariance of the parameters, H^-1 (sum_b g_b g_b^T + c c^T) H^-1, shape (P, P).
+        """Estimate the covariance of the parameters, H^-1 (sum_b g_b g_b^T + C C^T) H^-1, shape (P, P).
 
         The spread of the gradients over trajectories stands for all that their residuals hold, noise and misfit, which
         only need to be independent between trajectories (Huber 1967, White 1982). An error that all trajectories share
-        does not show there; c is what is known of it, `common`.
+        does not show there; C is what is known of it, `common`.
         """
         gradients, inverse = torch.cat(self.gradients), torch.linalg.inv(self._stiff())
         share = len(gradients) / max(len(gradients) - len(self.curvature), 1)
-        covariance: Tensor = (
-            inverse @ (share * gradients.T @ gradients + torch.outer(self.common, self.common)) @ inverse
-        )
+        covariance: Tensor = inverse @ (share * gradients.T @ gradients + self.common @ self.common.T) @ inverse
         return covariance
 
     def _stiff(self) -> Tensor:

@@ -138,13 +138,13 @@ class VideoModel(nn.Module):
         """Read poses (B, f, N, 7) from images (see `encode`), as the encoder gives them, and polished."""
         encoded = self.encode(image, background).pose
         polished = self.polish(self.chart, self.decoder, encoded, image, background)
-        return encoded, self.calibration(self.chart, polished)
+        return encoded, self.calibration(self.chart, self.decoder.renderer.camera, polished)
 
     def look_at(self, recordings: RecordingSet, trajectories: Sequence[int]) -> None:
         """Learn what the bodies look like, and how exactly they are found, from some first frames (see `Decoder`)."""
         pose, image, background = self.decoder.model(recordings, trajectories)
         found = self.polish(self.chart, self.decoder, pose, image, background)
-        self.calibration.measure(self.decoder.renderer.camera, found[:, 0], pose[:, 0])
+        self.calibration.measure(self.decoder.renderer.camera, found[:, 0], pose[:, 0], offset=True)
 
     def parameters_there(self) -> Parameters:
         """Return the physical parameters on the device of the physics."""

@@ -121,7 +121,7 @@ class Reader:
             numbers = [numbers[-1], self.chart.to_numbers(pose)] if frame else [self.chart.to_numbers(pose)] * 2
             poses.append(pose)
             say(int((frame < length).sum()))
-        read = self.calibration(self.chart, torch.stack(poses, 1)).double()
+        read = self.calibration(self.chart, self.decoder.renderer.camera, torch.stack(poses, 1)).double()
         read = torch.cat([read[..., :3], torch.nn.functional.normalize(read[..., 3:], dim=-1)], -1)
         return [one[:count] for one, count in zip(read, lengths, strict=True)]
 

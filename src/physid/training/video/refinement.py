@@ -13,7 +13,6 @@ from physid.training.base import TrainingModule
 from physid.training.normal_equations import NormalEquations
 from physid.training.pose_loss import PoseLoss
 from physid.training.trajectories import Trajectories
-from physid.training.video.calibration import stretched
 from physid.training.video.heights import land
 from physid.training.video.horizon import Batch
 from physid.training.video.model import VideoModel
@@ -112,16 +111,19 @@ def add_to(
     if isinstance(model.chart, PlanarChart) and model.chart.hovering:
         landing = land(model, loss, trajectories, real, from_images=from_images)
         trajectories = landing.trajectories
-    shifted = _stretched(model, trajectories, from_images)
-    return equations.add(model, loss, trajectories, real, landing, shifted)
+    return equations.add(model, loss, trajectories, real, landing, _shifted(model, trajectories, from_images))
 
 
-def _stretched(model: VideoModel, trajectories: Trajectories, from_images: bool) -> Trajectories:
-    """Shift what was read from images by a standard deviation of their scale."""
-    share, start, goal = float(model.calibration.deviation), trajectories.start, trajectories.pose
-    origin = torch.cat([stretched(model.chart, start.pose, share), start.twist], -1)
-    goal = stretched(model.chart, goal, share) if from_images else goal
-    return dataclasses.replace(trajectories, pose=goal, origin=origin)
+def _shifted(model: VideoModel, trajectories: Trajectories, from_images: bool) -> list[Trajectories]:
+    """Shift what was read from images by a standard deviation of each error that all of it shares."""
+    start, goal = trajectories.start, trajectories.pose
+    seen = model.chart, model.decoder.renderer.camera
+    origins = model.calibration.shared_errors(*seen, start.pose)
+    goals = model.calibration.shared_errors(*seen, goal) if from_images else [goal] * len(origins)
+    return [
+        dataclasses.replace(trajectories, pose=there, origin=torch.cat([here, start.twist], -1))
+        for here, there in zip(origins, goals, strict=True)
+    ]
 
 
 def _count_a_step(optimizer: Any) -> None:
