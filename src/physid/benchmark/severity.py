@@ -8,14 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from physid.bullet.engine import Engine
+from physid.benchmark.replay import SPAN, axes_of, difference, length_of, replay
 from physid.bullet.world import Motion, observed
 from physid.data.generate import draw
 from physid.data.generation import GenerateConfig
 from physid.physics.effect import Effect
 from physid.scenes.catalogue import with_parameters
-from physid.scenes.placing import span
-from physid.scenes.rotations import conjugate, from_vector, multiply, to_vector
+from physid.scenes.rotations import conjugate, multiply, to_vector
 from physid.scenes.scene import Scene
 from physid.scenes.setup import Excitation
 
@@ -24,7 +23,6 @@ WINDOW = 0.5  # [s] after so long the nominal model starts again from the true s
 CHANGE = 0.02  # relative change of an unknown parameter, for differences
 LOOKS = 4  # trajectories that are looked at
 JITTERS, JITTER = 3, 0.2  # runs from other first states, which differ by a fifth of the noise (its rate: per 0.1 s)
-SPAN = 0.1  # [s]
 STEPS = 3  # of Gauss-Newton, by which first states follow what is seen
 BRIEF = 0.05  # [s] windows in which unknown parameters are fitted to an effect ...
 REFITS, SETTLED = 6, 1e-4  # ... in so many steps at most, until they change by less than this share ...
@@ -116,8 +114,8 @@ def _brief(scene: Scene, unknown: Sequence[str], effects: Sequence[Effect], look
     plain = replay(scene, look.excitation, look.motion, BRIEF)
     scenes = [*_varied(scene, unknown), *_varied(scene, unknown, -CHANGE)]
     varied = (replay(each, look.excitation, look.motion, BRIEF) for each in scenes)
-    rows = [_difference(each, plain, scene) / spread for each in (seen, *varied)]
-    length = _length(scene, BRIEF)
+    rows = [difference(each, plain, scene) / spread for each in (seen, *varied)]
+    length = length_of(scene, BRIEF)
     windows = []
     for start in range(0, len(seen) - 1, length):
         cut = np.array([_detrended(row[start : start + length], _free(scene)).ravel() for row in rows])
@@ -157,11 +155,11 @@ def _columns(
     draws = [generator.standard_normal((2, bodies, 6)) * _free(scene) for _ in range(JITTERS)]
     others = [replay(scene, look.excitation, look.motion, WINDOW, JITTER * spread * draw) for draw in draws]
     others += [replay(each, look.excitation, look.motion, WINDOW) for each in _varied(scene, unknown)]
-    rows = np.array([_difference(each, plain, scene) / spread for each in (seen, *others)])
+    rows = np.array([difference(each, plain, scene) / spread for each in (seen, *others)])
     states = _first_states(scene, look, plain, spread)
     followed = _followed(scene, look, seen, states, spread)
     cut = []
-    for number, start in enumerate(range(0, len(seen) - 1, _length(scene, WINDOW))):
+    for number, start in enumerate(range(0, len(seen) - 1, length_of(scene, WINDOW))):
         window, free = _flat(rows, scene, start), _flat(states, scene, start)
         left = window - np.linalg.lstsq(free.T, window.T, rcond=None)[0].T @ free
         left[0] = min(left[0], followed[number], key=np.linalg.norm)
@@ -175,11 +173,11 @@ def _followed(scene: Scene, look: Look, seen: Array, states: Array, spread: Arra
     A turned camera shows a turned experiment: other first states follow it exactly, but not to first order. From where
     the camera sees it, steps of Gauss-Newton with the changes `states` (D, T, N, 6) about the true motion go on.
     """
-    starts = range(0, len(seen) - 1, _length(scene, WINDOW))
+    starts = range(0, len(seen) - 1, length_of(scene, WINDOW))
     change, left = _seen_starts(scene, look, seen, starts), [np.array([np.inf])] * len(starts)
     for _ in range(STEPS):
         again = replay(scene, look.excitation, look.motion, WINDOW, change)
-        wide = _difference(seen, again, scene)[None] / spread
+        wide = difference(seen, again, scene)[None] / spread
         for number, start in enumerate(starts):
             window, free = _flat(wide, scene, start)[0], _flat(states, scene, start)
             step = np.linalg.lstsq(free.T, window, rcond=None)[0]
@@ -191,21 +189,20 @@ def _followed(scene: Scene, look: Look, seen: Array, states: Array, spread: Arra
 
 def _seen_starts(scene: Scene, look: Look, seen: Array, starts: Sequence[int]) -> Array:
     """Return by how much first states that the camera sees differ from the true ones (see `replay`), (W, 2, N, 6)."""
-    axes = np.concatenate([span(scene.ground), np.array(scene.ground.normal)[None]])
-    true = look.motion.pose
+    axes, true = axes_of(scene), look.motion.pose
 
     def rates(pose: Array) -> Array:
         turn = to_vector(multiply(pose[1:, :, 3:], conjugate(pose[:-1, :, 3:])))
         return np.concatenate([np.diff(pose[..., :3], axis=0) @ axes.T, turn @ axes.T], -1) / scene.time_step
 
-    apart = _difference(seen, true, scene), SPAN * (rates(seen) - rates(true))
+    apart = difference(seen, true, scene), SPAN * (rates(seen) - rates(true))
     change = np.stack([value[list(starts)] for value in apart], 1) * _free(scene)
     return change
 
 
 def _flat(rows: Array, scene: Scene, start: int) -> Array:
     """Return the window that starts at a frame of (J, T, N, 6) as rows, shape (J, n)."""
-    return rows[:, start : start + _length(scene, WINDOW)].reshape(len(rows), -1)
+    return rows[:, start : start + length_of(scene, WINDOW)].reshape(len(rows), -1)
 
 
 def _first_states(scene: Scene, look: Look, plain: Array, spread: Array) -> Array:
@@ -215,7 +212,7 @@ def _first_states(scene: Scene, look: Look, plain: Array, spread: Array) -> Arra
         unit = np.zeros((2, len(scene.bodies), 6))
         unit[place] = JITTER
         moved = replay(scene, look.excitation, look.motion, WINDOW, unit * spread)
-        made.append(_difference(moved, plain, scene) / spread / JITTER)
+        made.append(difference(moved, plain, scene) / spread / JITTER)
     return np.array(made)
 
 
@@ -229,67 +226,9 @@ def _free(scene: Scene) -> Array:
     return np.ones(6) if scene.name in FLYING else np.array([1.0, 1.0, 0.0, 0.0, 0.0, 1.0])
 
 
-def replay(
-    scene: Scene,
-    excitation: Excitation,
-    motion: Motion,
-    window: float,
-    change: Array | None = None,
-) -> Array:
-    """Run the effect-free engine from the true state at the start of each window.
-
-    Args:
-        scene: The scene.
-        excitation: The commands.
-        motion: The true motion.
-        window: Length of a window [s].
-        change: Of first states, in the axes of the ground: of their poses, and of their rates in 0.1 s; of all windows
-            alike (2, N, 6), or of each (W, 2, N, 6).
-
-    Returns:
-        Poses, shape (T, N, 7).
-    """
-    length, rows = _length(scene, window), []
-    with Engine(scene, scene.time_step) as engine:
-        for number, start in enumerate(range(0, len(motion.pose) - 1, length)):
-            pose, twist = motion.pose[start], motion.twist[start]
-            if change is not None:
-                pose, twist = _disturbed(scene, pose, twist, change if change.ndim == 3 else change[number])
-            engine.set_state(pose, twist)
-            rows.append(engine.read()[0])
-            for load in excitation.wrench[start : min(start + length, len(motion.pose)) - 1].tolist():
-                engine.push(rows[-1], load)
-                engine.step()
-                rows.append(engine.read()[0])
-    joined = np.array(rows)
-    return np.concatenate([joined, motion.pose[len(joined) :]])
-
-
-def _disturbed(scene: Scene, pose: Array, twist: Array, change: Array) -> tuple[Array, Array]:
-    """Move a first state in the axes of the ground, see `replay`."""
-    axes = np.concatenate([span(scene.ground), np.array(scene.ground.normal)[None]])
-    place, rate = change
-    shifted = pose[:, :3] + place[:, :3] @ axes
-    turned = multiply(from_vector(place[:, 3:] @ axes), pose[:, 3:])
-    moved = np.concatenate([rate[:, 3:] @ axes, rate[:, :3] @ axes], 1) / SPAN
-    return np.concatenate([shifted, turned], 1), twist + moved
-
-
-def _length(scene: Scene, window: float) -> int:
-    return max(1, round(window / scene.time_step))
-
-
 def _varied(scene: Scene, unknown: Sequence[str], change: float = CHANGE) -> list[Scene]:
     """Return the scene with each unknown parameter changed a little."""
     return [with_parameters(scene, {name: (1 + change) * scene.value(name)}) for name in unknown]
-
-
-def _difference(pose: Array, other: Array, scene: Scene) -> Array:
-    """Return positions and rotation vectors by which poses differ, in the axes of the ground, shape (T, N, 6)."""
-    axes = np.concatenate([span(scene.ground), np.array(scene.ground.normal)[None]])
-    shift = pose[..., :3] - other[..., :3]
-    turn = to_vector(multiply(pose[..., 3:], conjugate(other[..., 3:])))
-    return np.concatenate([shift @ axes.T, turn @ axes.T], -1)
 
 
 def _detrended(window: Array, free: Array) -> Array:
