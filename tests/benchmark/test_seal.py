@@ -144,7 +144,8 @@ def test_long_sets_of_a_light_block_stay_in_view() -> None:
     size = Size(sets=1, trajectories=6, steps=300)
     config = in_view(size, "push", "rich", np.random.default_rng(3))
     for index, split in enumerate(config.splits()):
-        draw(config, index, config.protocol_for(split))
+        motion = draw(config, index, config.protocol_for(split))[1]  # an error if every draw leaves the view
+        assert len(motion.pose) == size.steps
 
 
 def test_where_an_effect_drives_bodies_out_of_view_another_is_hidden(
