@@ -25,18 +25,20 @@ from physid.data.datamodule import RecordingsDataModule
 from physid.data.generate import generate
 from physid.data.generation import GenerateConfig
 from physid.networks.encoder import as_image
+from physid.scenes.scene import Scene
 from physid.training.normal_equations import NormalEquations
 from physid.training.physical_parameters import PhysicalParameters
 from physid.training.pose_loss import PoseLoss
 from physid.training.supervised import SupervisedID
 from physid.training.video.horizon import Horizon
-from physid.training.video.model import over_time
+from physid.training.video.model import at_frames, over_time
 from physid.training.video.polish import Polish
 from physid.training.video.refinement import LARGEST_STEP, add_to, interval
 
 CONFIGS = Path(__file__).parents[1] / "configs" / "generate"
 RANGES = {"block.friction": (0.06, 0.25), "block.mass": (1.0, 3.0)}
-STEPS = 16
+STEPS, SETTLED = 16, 1e-5
+"""Most steps of the last phase; the change of ln(parameter) that ends it."""
 FRAMES = 60
 """Frames between those that are read without supervision."""
 Bounds = dict[str, tuple[float, float, float]]
@@ -82,16 +84,16 @@ def identify(module: SupervisedID, folder: Path) -> dict[str, Bounds]:
     batch = module.horizon.cut(next(iter(data.train_dataloader())), all_trajectories=True)
     _, encoded = model.read(as_image(batch["frames"]), as_image(batch["background"]))
     goal, real = over_time(encoded.double(), batch)
-    everywhere = torch.ones_like(real)
+    everywhere, known = torch.ones_like(real), at_frames(batch["pose"], batch["shown"])
     return {
-        "supervised": _fit(module, data, batch, encoded, batch["pose"], everywhere, from_images=False),
-        "self-supervised": _fit(module, data, batch, encoded, goal, real, from_images=True),
+        "supervised": refine(module, data.scene, batch, known, batch["pose"], everywhere, from_images=False),
+        "self-supervised": refine(module, data.scene, batch, encoded, goal, real, from_images=True),
     }
 
 
-def _fit(
+def refine(
     module: SupervisedID,
-    data: RecordingsDataModule,
+    scene: Scene,
     batch: dict[str, Any],
     encoded: Tensor,
     goal: Tensor,
@@ -99,16 +101,19 @@ def _fit(
     *,
     from_images: bool,
 ) -> Bounds:
-    """Carry out the last phase."""
+    """Carry out the last phase from a scene's first guesses; returns estimates and intervals."""
     model = module.model
-    model.physical = PhysicalParameters(data.scene, model.physical.names)
+    model.physical = PhysicalParameters(scene, model.physical.names)
     bounds: dict[str, float] = {}
     for _ in range(STEPS):
         equations = NormalEquations.empty(len(model.physical.names))
         add_to(equations, model, module.loss, encoded, batch, goal, real, from_images=from_images)
+        step = equations.step(LARGEST_STEP)
         with torch.no_grad():
-            model.physical.logarithm.add_(equations.step(LARGEST_STEP))
+            model.physical.logarithm.add_(step)
         bounds = interval(model.physical.estimates(), equations.covariance().diagonal().sqrt().tolist())
+        if step.abs().max() < SETTLED:
+            break
     return {
         name: (value, bounds[f"params/{name}/low"], bounds[f"params/{name}/high"])
         for name, value in model.physical.estimates().items()

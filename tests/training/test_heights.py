@@ -48,11 +48,10 @@ def farther(model: VideoModel, pose: Tensor, by: Tensor) -> Tensor:
     return torch.cat([pose[..., :3] + by[..., None] * ray, pose[..., 3:]], -1)
 
 
-@pytest.mark.parametrize("from_images", [True, False])
-def test_friction_and_first_heights_are_found_though_images_mistake_the_depth(from_images: bool) -> None:
+def test_friction_and_first_heights_are_found_though_images_mistake_the_depth() -> None:
     model, true = sliding()
     mistaken = torch.tensor([DEPTH, 0.5 * DEPTH, -DEPTH, 0.8 * DEPTH], dtype=torch.float64)[:, None]
-    goal = farther(model, true, mistaken[:, None] * torch.rand(true.shape[:3]).to(true)) if from_images else true
+    goal = farther(model, true, mistaken[:, None] * torch.rand(true.shape[:3]).to(true))
     goal = torch.cat([farther(model, true[:, :1], mistaken[:, None]), goal[:, 1:]], 1)
     real = torch.ones(goal.shape[:2], dtype=torch.bool)
     calm = torch.zeros(*goal.shape[:3], 6).to(goal)
@@ -60,7 +59,7 @@ def test_friction_and_first_heights_are_found_though_images_mistake_the_depth(fr
     loss = PoseLoss()
     for _ in range(STEPS):
         given = Trajectories(goal, calm, calm, length, index)
-        landing = land(model, loss, given, real, from_images=from_images)
+        landing = land(model, loss, given, real)
         equations = NormalEquations.empty(1)
         equations.add(model, loss, landing.trajectories, real, landing)
         with torch.no_grad():

@@ -15,7 +15,9 @@ from torch import Tensor
 from physid.cli import main
 from physid.runs import summarize
 from physid.training.intervals import Pull, coarse_pull, intervals
+from physid.training.normal_equations import NormalEquations
 from physid.training.pose_loss import PoseLoss
+from physid.training.video.refinement import QUANTILE, SMALLEST, interval
 
 CONFIGS = Path(__file__).parents[2] / "configs" / "sysid"
 EXACT = 1e-9
@@ -60,6 +62,7 @@ def test_a_parameter_without_influence_has_no_interval() -> None:
     pull = Pull(gradient, curvature)
     found = intervals({"seen": 1.0, "unseen": 1.0}, pull.covariance(), 5)
     assert 0 < found["seen"][0] < found["seen"][1] < math.inf
+    assert found["unseen"] == (0.0, math.inf)
 
 
 def test_differences_over_a_coarse_step_are_those_of_a_parabola() -> None:
@@ -91,3 +94,19 @@ def test_a_fit_reports_intervals_and_marks_what_cannot_be_told(
     assert figures["params/block.mass/observable"] == 0
     assert not {"params/block.mass/low", "params/block.mass/high"} & figures.keys()
     assert "DO NOT RELY ON IT" in summarize(figures, tmp_path)
+
+
+def test_no_interval_from_video_is_narrower_than_engines_agree() -> None:
+    found = interval({"block.friction": 0.12}, [0.0])
+    low, high = found["params/block.friction/low"], found["params/block.friction/high"]
+    assert math.log(high / low) == pytest.approx(2 * QUANTILE * SMALLEST, rel=1e-3)
+    wide = interval({"block.friction": 0.12}, [0.1])
+    assert wide["params/block.friction/high"] == pytest.approx(0.12 * math.exp(0.1 * QUANTILE))
+
+
+def test_a_parameter_that_films_say_nothing_about_has_no_interval() -> None:
+    equations = NormalEquations.empty(2)
+    equations.gradients.append(torch.tensor([[0.1, 0.0], [-0.2, 0.0], [0.1, 0.0]], dtype=torch.float64))
+    equations.curvature[0, 0] = 1.0
+    deviation = equations.covariance().diagonal().sqrt().tolist()
+    assert interval({"seen": 1.0, "unseen": 1.0}, deviation).keys() == {"params/seen/low", "params/seen/high"}

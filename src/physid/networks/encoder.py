@@ -11,11 +11,14 @@ from torch import Tensor, nn
 
 from physid.networks.chart import PoseChart
 from physid.networks.focus import convolve_focused
+from physid.networks.gathered import GatheredConv2d
 
 CONVOLUTIONS = ((4, 64, 5, 2), (64, 128, 5, 2), (128, 256, 5, 2), (256, 256, 5, 2), (256, 128, 3, 1))
 HIDDEN = 50
 CONTRAST = 8.0
 """Scale of the input: an object differs from its background by about 1 / CONTRAST of the range of colours, or more."""
+DEEP = 128
+"""Channels from which on a convolution is faster as a product of matrices."""
 EARLY = 3
 """Convolutions that need not look at the empty background (see `convolve_focused`); the third sees 29 x 29 px."""
 INITIAL_SPREAD = 0.05
@@ -86,7 +89,8 @@ class _Base(nn.Module):
         super().__init__()
         convolutions: list[nn.Module] = []
         for channels, wider, kernel, stride in CONVOLUTIONS:
-            convolutions += [nn.Conv2d(channels, wider, kernel, stride), nn.ELU()]
+            kind = GatheredConv2d if channels >= DEEP else nn.Conv2d
+            convolutions += [kind(channels, wider, kernel, stride), nn.ELU()]
         self.convolutions = nn.Sequential(*convolutions, nn.Flatten())
         wide, self.last = features(height, width), nn.Linear(HIDDEN, latent)
         first = nn.Linear(wide, HIDDEN)

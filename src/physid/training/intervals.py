@@ -15,6 +15,8 @@ from physid.training.pose_loss import PoseLoss
 CONFIDENCE = 0.9
 COARSE = 0.1
 """Step of ln(parameter) where the slope of the loss says nothing."""
+ROUNDING = 1e-10
+"""Root of the mean square of derivatives [m] that are nothing but rounding."""
 WIDEST = 10.0
 """Standard deviation of a logarithm beyond which nothing is known."""
 
@@ -65,7 +67,9 @@ class Pull:
         left = torch.eye(len(total)).to(total) - self.curvature @ inverse
         pulled = torch.linalg.lstsq(left, self.gradient[..., None]).solution[..., 0]
         spread: Tensor = inverse @ (pulled.T @ pulled) @ inverse
-        return spread
+        unseen = diagonal <= 2 * ROUNDING**2 * len(self.gradient)
+        # The quotient of two rounding errors may be anything, zero included.
+        return torch.where(torch.diag(unseen), math.inf, spread)
 
 
 def coarse_pull(losses: Callable[[Tensor], Tensor], here: Tensor, step: float = COARSE) -> Pull:

@@ -3,21 +3,33 @@
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import final
+from typing import TYPE_CHECKING, Protocol, final
 
 import torch
 from torch import Tensor
 
+from physid.training.intervals import ROUNDING
 from physid.training.pose_loss import PoseLoss
-from physid.training.sensitivity import residuals, sensitivity
+from physid.training.sensitivity import residuals
+from physid.training.slopes import slopes
 from physid.training.trajectories import Trajectories
-from physid.training.video.heights import Landing
-from physid.training.video.model import VideoModel
+
+if TYPE_CHECKING:
+    from physid.training.video.model import VideoModel
 
 FLOOR = 1e-12
 """Smallest curvature, relative to the largest: a parameter without influence stays where it is."""
+
+
+class OwnUnknowns(Protocol):
+    """Unknowns of each trajectory beside the parameters of all of them, say its first pose, fitted beforehand."""
+
+    def reduce(self, answer: Tensor, loss: PoseLoss, real: Tensor) -> Tensor:
+        """Take out of the derivatives J (P, B, T, N, 6) by the parameters what these unknowns would do as well."""
+        ...
 
 
 @final
@@ -48,17 +60,17 @@ class NormalEquations:
         loss: PoseLoss,
         trajectories: Trajectories,
         real: Tensor,
-        landing: Landing | None = None,
+        own: OwnUnknowns | None = None,
         shifted: Sequence[Trajectories] = (),
     ) -> Tensor:
-        """Add a batch of trajectories.
+        """Add a batch of trajectories, but for those whose slopes hold for tiny changes alone (see `slopes`).
 
         Args:
             model: Gives physics and parameters.
             loss: What errors of predicted poses cost.
             trajectories: First states, wrenches, and the poses that should come out; on the device of the physics.
             real: Which frames count, shape (B, T).
-            landing: What the trajectories' own unknowns explain, if they have any.
+            own: The trajectories' own unknowns, if they have any.
             shifted: The same trajectories with a standard deviation of each error that all of them share.
 
         Returns:
@@ -67,22 +79,18 @@ class NormalEquations:
         physical = copy.deepcopy(model.physical).to(model.physics_device)
         with torch.no_grad():
             residual = residuals(model.layer, physical, trajectories)
-        answer = sensitivity(model.layer, physical, trajectories)
-        if landing is not None:
-            answer = landing.reduce(answer, loss, real)
-        with torch.enable_grad():
-            residual.requires_grad_()
             value = torch.stack(list(loss(residual, real).values())).sum(0)
-            (slope,) = torch.autograd.grad(value.sum(), residual)
-        self.gradients.append(torch.einsum("pbtni,btni->bp", answer, slope))
-        residual = residual.detach()
-        self.curvature += len(residual) * loss.curvature(residual, answer, real)
+        found = slopes(model.layer, physical, trajectories)
+        answer = found.sensitivity if own is None else own.reduce(found.sensitivity, loss, real)
+        usable = found.usable | ~found.usable.any()  # better all than none
+        weighed = loss.weights(residual, real)[usable] * answer[:, usable]
+        self.gradients.append(2 * torch.einsum("pbtni,btni->bp", weighed, residual[usable]))
+        self.curvature += 2 * torch.einsum("pbtni,qbtni->pq", weighed, answer[:, usable])
         if shifted:
             with torch.no_grad():
                 added = torch.stack([residuals(model.layer, physical, one) for one in shifted]) - residual
-            weighed = loss.weights(residual, real) * added
-            self.common = self.common + 2 * torch.einsum("pbtni,kbtni->pk", answer, weighed)
-        return value.detach()
+            self.common = self.common + 2 * torch.einsum("pbtni,kbtni->pk", weighed, added[:, usable])
+        return value
 
     def step(self, largest: float) -> Tensor:
         """Solve H x = -g, and shorten x so that no component exceeds `largest`; shape (P,)."""
@@ -98,8 +106,9 @@ class NormalEquations:
         """
         gradients, inverse = torch.cat(self.gradients), torch.linalg.inv(self._stiff())
         share = len(gradients) / max(len(gradients) - len(self.curvature), 1)
-        covariance: Tensor = inverse @ (share * gradients.T @ gradients + self.common @ self.common.T) @ inverse
-        return covariance
+        covariance = inverse @ (share * gradients.T @ gradients + self.common @ self.common.T) @ inverse
+        unseen = self.curvature.diagonal() <= 2 * ROUNDING**2 * len(gradients)
+        return torch.where(torch.diag(unseen), math.inf, covariance)
 
     def _stiff(self) -> Tensor:
         diagonal = self.curvature.diagonal()

@@ -27,7 +27,6 @@ from physid.training.video.horizon import Horizon, spread
 from physid.training.video.imagination import Imagination, encoding_losses
 from physid.training.video.model import ChartName, VideoModel, at_frames
 from physid.training.video.polish import Polish
-from physid.training.video.pose_memory import PoseMemory
 from physid.training.video.refinement import Refinement
 from physid.training.video.scores import VideoScores
 
@@ -92,7 +91,7 @@ class SupervisedID(TrainingModule):
         self.start, self.phases, self.loss = start or Start(), phases or Phases(), loss or PoseLoss()
         self.imagination, self.polish = imagination or Imagination(), polish or Polish()
         self.alpha, self.horizon, self.engine = alpha, horizon or Horizon(), engine or Engine()
-        self.refinement, self.memory = Refinement(self.loss), PoseMemory()
+        self.refinement = Refinement(self.loss)
         self.parameter_rate, self.physics_device, self.fast = parameter_rate, physics_device, fast
         self.encoder = encoder
 
@@ -175,12 +174,9 @@ class SupervisedID(TrainingModule):
             take_step(self, super().training_step(batch, batch_idx), self.phases, batch_idx)
             return
         part = self.horizon.cut(batch, all_trajectories=True)
-        place = self.start.places(batch["shown"])
-        row = torch.arange(len(place), device=place.device)[:, None]
-        part |= {name: batch[name][row, place] for name in ("frames", "shown")}
-        pose = self.memory(self.model, part)
-        real = torch.arange(part["pose"].shape[1], device=pose.device) < part["length"][:, None]
-        self.refinement.add(self, self.model, pose, part, part["pose"], real)
+        known = at_frames(part["pose"], part["shown"])
+        real = torch.arange(part["pose"].shape[1], device=known.device) < part["length"][:, None]
+        self.refinement.add(self, self.model, known, part, part["pose"], real, from_images=False)
 
     def predict_step(self, batch: Batch, batch_idx: int) -> Trajectories:
         """Predict whole trajectories from their first frames, under the recorded or the planned wrenches."""

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from physid.physics.layer import PhysicsLayer, SolverError
 from physid.physics.rotations import exponential, multiply, normalize
+from physid.physics.state import State
 from physid.scenes.lying import turn_flat
 from physid.scenes.scene import Scene
 from physid.training.first_states.guessed import guess
@@ -31,6 +32,8 @@ STEEP = 0.9
 """A ground whose normal has more than this along x takes its first tangent from y."""
 PLANAR = (1, 1, 0, 0, 0, 1, 0, 0, 1, 1, 1, 0)
 """Shift, turn, spin and speed, along two tangents and the normal, that a body on the ground is free to have."""
+POSE_MOVES = 6
+"""Shift and turn."""
 
 
 @final
@@ -54,12 +57,19 @@ class Starts:
     def guess(cls, trajectories: Trajectories, scene: Scene) -> Starts:
         """Guess from the first poses; a body that lies on the ground stays on it."""
         pose, twist, lies = guess(trajectories, scene)
-        normal = pose.new_tensor(scene.ground.normal)
-        axis = torch.eye(3).to(pose)[int(abs(scene.ground.normal[0]) > STEEP)]
-        tangent = torch.nn.functional.normalize(axis - (axis @ normal) * normal, dim=0)
         planar = torch.tensor(PLANAR, dtype=torch.bool, device=pose.device)
         free = torch.where(lies[..., None], planar, torch.ones_like(planar))
-        return cls(pose, twist, free, torch.stack([tangent, torch.linalg.cross(normal, tangent), normal]))
+        return cls(pose, twist, free, _axes(pose.new_tensor(scene.ground.normal)))
+
+    @classmethod
+    def near(cls, state: State, normal: Tensor, *, lying: bool, at_rest: bool) -> Starts:
+        """Begin with given states, of bodies that lie on a ground with this normal or not, and are known to be at rest.
+
+        A body that lies stays on the ground, and one at rest stays at rest.
+        """
+        free = torch.tensor(PLANAR, device=normal.device).bool() | (not lying)
+        free = free & (torch.arange(len(PLANAR), device=normal.device) < (POSE_MOVES if at_rest else len(PLANAR)))
+        return cls(state.pose, state.twist, free.expand(*state.pose.shape[:2], -1), _axes(normal.to(state.pose)))
 
     @property
     def columns(self) -> list[tuple[int, int]]:
@@ -118,6 +128,7 @@ class Explaining:
         loss: What an error of the poses costs.
         trajectories: What was recorded, B of T frames.
         logarithm: Logarithms of the parameters, (P,) or (B, P); None for the present ones.
+        counted: Which frames count, shape (B, T); None for all that are real.
     """
 
     layer: PhysicsLayer
@@ -125,6 +136,12 @@ class Explaining:
     loss: PoseLoss
     trajectories: Trajectories
     logarithm: Tensor | None = None
+    counted: Tensor | None = None
+
+    @property
+    def real(self) -> Tensor:
+        """Which frames count, shape (B, T)."""
+        return self.trajectories.real if self.counted is None else self.counted
 
     def residual(self, starts: Starts) -> Tensor:
         """Return residuals from some first states, shape (B, T, N, 6)."""
@@ -132,7 +149,7 @@ class Explaining:
 
     def cost(self, residual: Tensor) -> Tensor:
         """Return the loss of each trajectory, shape (B,)."""
-        return torch.stack(list(self.loss(residual, self.trajectories.real).values())).sum(0)
+        return torch.stack(list(self.loss(residual, self.real).values())).sum(0)
 
     def slopes(self, starts: Starts, residual: Tensor) -> Tensor:
         """Return derivatives by the first states, one-sided differences, shape (D, B, T, N, 6)."""
@@ -162,10 +179,10 @@ class Explaining:
         for _ in range(most):
             slopes = self.slopes(starts, residual)
             rollouts += len(slopes) + len(DAMPINGS) + 3
-            weight = self.loss.weights(residual, self.trajectories.real)
+            weight = self.loss.weights(residual, self.real)
             before = cost.sum()
             trials = [starts.moved(_step(slopes, residual, weight, damping)) for damping in DAMPINGS]
-            trials += trials[1].simpler()
+            trials.extend(trials[1].simpler())
             for trial in trials:
                 try:
                     after = self.residual(trial)
@@ -191,7 +208,7 @@ class Explaining:
         """Find how the first states follow the parameters, from derivatives J (P, B, T, N, 6) at fixed first states."""
         residual = self.residual(starts)
         slopes = self.slopes(starts, residual)
-        weight = self.loss.weights(residual, self.trajectories.real)
+        weight = self.loss.weights(residual, self.real)
         wanted = torch.einsum("dbtni,pbtni,btni->bdp", slopes, answer, weight)
         response = -torch.linalg.solve(_gram(slopes, weight), wanted)
         followed = answer + torch.einsum("dbtni,bdp->pbtni", slopes, response)
@@ -219,6 +236,13 @@ class Following:
     def at(self, change: Tensor) -> Starts:
         """Return the states after a change (P,) of the logarithms, differentiable by it."""
         return self.starts.moved(self.response @ change)
+
+
+def _axes(normal: Tensor) -> Tensor:
+    """Return two tangents of the ground and its normal as rows, shape (3, 3)."""
+    axis = torch.eye(3).to(normal)[int(abs(float(normal[0])) > STEEP)]
+    tangent = torch.nn.functional.normalize(axis - (axis @ normal) * normal, dim=0)
+    return torch.stack([tangent, torch.linalg.cross(normal, tangent), normal])
 
 
 def _gram(slopes: Tensor, weight: Tensor) -> Tensor:

@@ -37,14 +37,14 @@ class Landing:
     1973).
 
     Attributes:
-        trajectories: With origins at the fitted heights; where depth is not known, goals as far away as predicted.
+        trajectories: With origins at the fitted heights, and goals as far away as predicted.
         slopes: S, derivatives of the residuals by the height of each of N bodies, shape (N, B, T, N, 6).
-        rays: Unit vectors from the camera to the goals, shape (B, T, N, 3), where depth is not known.
+        rays: Unit vectors from the camera to the goals, shape (B, T, N, 3).
     """
 
     trajectories: Trajectories
     slopes: Tensor
-    rays: Tensor | None
+    rays: Tensor
 
     def reduce(self, answer: Tensor, loss: PoseLoss, real: Tensor) -> Tensor:
         """Take out of the derivatives J (P, B, T, N, 6) what other heights would do as well; the same shape."""
@@ -56,22 +56,22 @@ class Landing:
 
 
 @torch.no_grad()
-def land(model: VideoModel, loss: PoseLoss, trajectories: Trajectories, real: Tensor, *, from_images: bool) -> Landing:
+def land(model: VideoModel, loss: PoseLoss, trajectories: Trajectories, real: Tensor) -> Landing:
     """Fit the first heights of trajectories by some Gauss-Newton steps, along the rays from the camera.
 
     Args:
         model: Gives physics, parameters and camera.
         loss: What errors of predicted poses cost.
-        trajectories: First states, wrenches, and the poses that should come out.
+        trajectories: First states, wrenches, and the poses that should come out, read from images: their depth does not
+            count.
         real: Which frames count, shape (B, T).
-        from_images: Whether the goals were read from images: their depth does not count then.
     """
     chart, camera = model.chart, model.decoder.renderer.camera
     assert isinstance(chart, PlanarChart)
     eye = trajectories.pose.new_tensor(camera.position)
     normal = chart.normal.to(eye)
     goal, start = trajectories.pose, trajectories.start
-    rays = torch.nn.functional.normalize(goal[..., :3] - eye, dim=-1) if from_images else None
+    rays = torch.nn.functional.normalize(goal[..., :3] - eye, dim=-1)
     upwards = start.pose[..., :3] - eye
     upwards = upwards / (upwards @ normal)[..., None]
     height = goal.new_zeros(goal.shape[0], goal.shape[2])
@@ -99,17 +99,14 @@ def land(model: VideoModel, loss: PoseLoss, trajectories: Trajectories, real: Te
         step = -_solve(slopes, (scale * residual).flatten(1)[..., None])[..., 0]
         height = torch.maximum(height + step.clamp(-LONGEST, LONGEST), floor)
     predicted, slopes = predict(height), answer(height)
-    if rays is not None:
-        away = ((predicted[..., :3] - goal[..., :3]) * rays).sum(-1, keepdim=True)
-        goal = torch.cat([goal[..., :3] + away * rays, goal[..., 3:]], -1)
+    away = ((predicted[..., :3] - goal[..., :3]) * rays).sum(-1, keepdim=True)
+    goal = torch.cat([goal[..., :3] + away * rays, goal[..., 3:]], -1)
     origin = torch.cat([first(height).pose, start.twist], -1)
     return Landing(dataclasses.replace(trajectories, pose=goal, origin=origin), slopes, rays)
 
 
-def _across(value: Tensor, rays: Tensor | None) -> Tensor:
+def _across(value: Tensor, rays: Tensor) -> Tensor:
     """Take out of residuals, or of their derivatives (..., 6), the part along the rays (B, T, N, 3)."""
-    if rays is None:
-        return value
     along = (value[..., :3] * rays).sum(-1, keepdim=True)
     return torch.cat([value[..., :3] - along * rays, value[..., 3:]], -1)
 

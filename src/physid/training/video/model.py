@@ -111,7 +111,7 @@ class VideoModel(nn.Module):
         else:
             self.encoder = VariationalPoseEncoder(self.chart, camera.height, camera.width, latent=latent, fast=fast)
         self.supervision = DeepSupervision(self.chart)
-        self.physics_device = torch.device(physics_device)
+        self.physics_device, self.up = torch.device(physics_device), scene.ground.normal
 
     def encode(self, image: Tensor, background: Tensor) -> Encoding:
         """Encode f images of each of B trajectories.
@@ -194,7 +194,7 @@ class VideoModel(nn.Module):
         wrench = batch["wrench"].to(state.pose)
         twist = state.twist[:, None].expand(-1, goal.shape[1], -1, -1)
         given = Trajectories(goal, twist, wrench, batch["length"].to(there), batch["index"].to(there))
-        landing = land(self, PoseLoss(), given, real.to(there), from_images=True)
+        landing = land(self, PoseLoss(), given, real.to(there))
         return at_frames(landing.trajectories.pose, shown).to(pose)
 
     @torch.no_grad()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Any, final
 
 import torch
@@ -10,10 +11,12 @@ from torch import Tensor
 
 from physid.networks.chart import PlanarChart
 from physid.training.base import TrainingModule
+from physid.training.intervals import WIDEST
 from physid.training.normal_equations import NormalEquations
 from physid.training.pose_loss import PoseLoss
 from physid.training.trajectories import Trajectories
-from physid.training.video.heights import land
+from physid.training.video.first_poses import Placing, place
+from physid.training.video.heights import Landing, land
 from physid.training.video.horizon import Batch
 from physid.training.video.model import VideoModel
 
@@ -21,11 +24,13 @@ LARGEST_STEP = 0.5
 """Of the logarithm of a parameter."""
 QUANTILE = 1.645
 """Of the normal distribution: 90 % lie within so many standard deviations."""
+SMALLEST = 1e-6
+"""Standard deviation of a logarithm: even on poses without noise, engines differ by a third of it on pushes."""
 
 
 @final
 class Refinement:
-    """One Gauss-Newton step over all trajectories per epoch, from first states that the encoder gives.
+    """One Gauss-Newton step over all trajectories per epoch, each from a first state that is fitted.
 
     Args:
         loss: What errors of the rolled-out poses cost.
@@ -39,12 +44,12 @@ class Refinement:
         self,
         module: TrainingModule,
         model: VideoModel,
-        encoded: Tensor,
+        pose: Tensor,
         batch: Batch,
         goal: Tensor,
         real: Tensor,
         *,
-        from_images: bool = False,
+        from_images: bool,
     ) -> None:
         """Add a batch of trajectories, and take the step after the last one of the epoch.
 
@@ -52,25 +57,27 @@ class Refinement:
             module: Logs the loss, and after the step the 90 % interval of each parameter as params/NAME/low and
                 params/NAME/high (see `NormalEquations.covariance`).
             model: Its physics and parameters.
-            encoded: Encoded poses of the frames that the batch shows, shape (B, f, N, 7).
+            pose: Poses of the frames that the batch shows, known or read from images, shape (B, f, N, 7).
             batch: A batch of the data module, or the part of it that is rolled out.
             goal: The poses that should come out, shape (B, T, N, 7).
             real: Which of them count, shape (B, T).
-            from_images: Whether these poses were read from images: where bodies may hover, their depth is hardly known.
+            from_images: Whether poses were read from images: all of them share errors of the camera, and where bodies
+                may hover their depth is hardly known.
 
         Raises:
             NonFiniteLossError: If the loss of a trajectory is not finite.
         """
         # Poses that are not finite have no loss at all: the physics refuses them without naming the trajectory.
-        module.require_finite({"refined": encoded.double().sum((1, 2, 3)) + goal.double().sum((1, 2, 3))}, batch)
+        module.require_finite({"refined": pose.double().sum((1, 2, 3)) + goal.double().sum((1, 2, 3))}, batch)
         if self._equations is None:
             self._equations = NormalEquations.empty(len(model.physical.names))
-        loss = add_to(self._equations, model, self._loss, encoded, batch, goal, real, from_images=from_images)
+        loss = add_to(self._equations, model, self._loss, pose, batch, goal, real, from_images=from_images)
         module.require_finite({"refined": loss}, batch)
         many = module.trainer.num_training_batches > 1
         module.log("train/loss", loss.mean(), on_step=not many, on_epoch=many, prog_bar=True, batch_size=len(loss))
         if module.trainer.is_last_batch:
-            module.log_dict(self._finish(module, model))
+            bounds = self._finish(module, model)
+            module.log_dict({name: torch.tensor(value, dtype=torch.float64) for name, value in bounds.items()})
 
     def _finish(self, module: TrainingModule, model: VideoModel) -> dict[str, float]:
         """Take the step, forget the sums, and return the intervals."""
@@ -89,7 +96,7 @@ def add_to(
     equations: NormalEquations,
     model: VideoModel,
     loss: PoseLoss,
-    encoded: Tensor,
+    pose: Tensor,
     batch: Batch,
     goal: Tensor,
     real: Tensor,
@@ -98,7 +105,7 @@ def add_to(
 ) -> Tensor:
     """Add a batch of trajectories to normal equations (see `Refinement.add`); returns the loss of each (B,)."""
     there = model.physics_device
-    state = model.first_state(encoded, batch["shown"], batch["wrench"])
+    state = model.first_state(pose, batch["shown"], batch["wrench"])
     goal, real = torch.cat([state.pose[:, None], goal[:, 1:].to(state.pose)], 1), real.to(there)
     trajectories = Trajectories(
         pose=goal,
@@ -107,19 +114,19 @@ def add_to(
         length=batch["length"].to(there),
         index=batch["index"].to(there),
     )
-    landing = None
-    if isinstance(model.chart, PlanarChart) and model.chart.hovering:
-        landing = land(model, loss, trajectories, real, from_images=from_images)
-        trajectories = landing.trajectories
-    return equations.add(model, loss, trajectories, real, landing, _shifted(model, trajectories, from_images))
+    own: Landing | Placing
+    if from_images and isinstance(model.chart, PlanarChart) and model.chart.hovering:
+        own = land(model, loss, trajectories, real)
+    else:
+        own = place(model, loss, trajectories, real)
+    shifted = _shifted(model, own.trajectories) if from_images else ()
+    return equations.add(model, loss, own.trajectories, real, own, shifted)
 
 
-def _shifted(model: VideoModel, trajectories: Trajectories, from_images: bool) -> list[Trajectories]:
+def _shifted(model: VideoModel, trajectories: Trajectories) -> list[Trajectories]:
     """Shift what was read from images by a standard deviation of each error that all of it shares."""
-    start, goal = trajectories.start, trajectories.pose
-    seen = model.chart, model.decoder.renderer.camera
-    origins = model.calibration.shared_errors(*seen, start.pose)
-    goals = model.calibration.shared_errors(*seen, goal) if from_images else [goal] * len(origins)
+    start, seen = trajectories.start, (model.chart, model.decoder.renderer.camera)
+    origins, goals = (model.calibration.shared_errors(*seen, pose) for pose in (start.pose, trajectories.pose))
     return [
         dataclasses.replace(trajectories, pose=there, origin=torch.cat([here, start.twist], -1))
         for here, there in zip(origins, goals, strict=True)
@@ -133,9 +140,13 @@ def _count_a_step(optimizer: Any) -> None:
 
 
 def interval(estimates: dict[str, float], spread: list[float]) -> dict[str, float]:
-    """Return 90 % intervals from the standard deviations of the parameters' logarithms."""
+    """Return 90 % intervals from the standard deviations of the parameters' logarithms, at least SMALLEST.
+
+    A parameter of which nothing is known has none.
+    """
     bounds: dict[str, float] = {}
     for (name, value), deviation in zip(estimates.items(), spread, strict=True):
-        factor = float(torch.tensor(QUANTILE * deviation).exp())
-        bounds |= {f"params/{name}/low": value / factor, f"params/{name}/high": value * factor}
+        if deviation < WIDEST:
+            factor = math.exp(QUANTILE * max(deviation, SMALLEST))
+            bounds |= {f"params/{name}/low": value / factor, f"params/{name}/high": value * factor}
     return bounds
