@@ -24,8 +24,8 @@ LARGEST_STEP = 0.5
 """Of the logarithm of a parameter."""
 QUANTILE = 1.645
 """Of the normal distribution: 90 % lie within so many standard deviations."""
-SMALLEST = 1e-6
-"""Standard deviation of a logarithm: even on poses without noise, engines differ by a third of it on pushes."""
+SMALLEST = 1e-5
+"""Standard deviation of a logarithm: even on poses without noise, engines differ by so much on pushes."""
 
 
 @final
