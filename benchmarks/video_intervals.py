@@ -106,7 +106,7 @@ def refine(
     model.physical = PhysicalParameters(scene, model.physical.names)
     bounds: dict[str, float] = {}
     for _ in range(STEPS):
-        equations = NormalEquations.empty(len(model.physical.names))
+        equations = NormalEquations(len(model.physical.names))
         add_to(equations, model, module.loss, encoded, batch, goal, real, from_images=from_images)
         step = equations.step(LARGEST_STEP)
         with torch.no_grad():

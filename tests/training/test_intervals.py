@@ -105,8 +105,34 @@ def test_no_interval_from_video_is_narrower_than_engines_agree() -> None:
 
 
 def test_a_parameter_that_films_say_nothing_about_has_no_interval() -> None:
-    equations = NormalEquations.empty(2)
-    equations.gradients.append(torch.tensor([[0.1, 0.0], [-0.2, 0.0], [0.1, 0.0]], dtype=torch.float64))
-    equations.curvature[0, 0] = 1.0
+    gradients = torch.tensor([[0.1, 0.0], [-0.2, 0.0], [0.1, 0.0]], dtype=torch.float64)
+    curvatures = torch.diag(torch.tensor([1.0, 0.0], dtype=torch.float64)).expand(3, -1, -1)
+    equations = NormalEquations.of(torch.ones(3).double(), gradients, curvatures, torch.zeros(3, 2, 0).double())
     deviation = equations.covariance().diagonal().sqrt().tolist()
     assert interval({"seen": 1.0, "unseen": 1.0}, deviation).keys() == {"params/seen/low", "params/seen/high"}
+
+
+@pytest.mark.parametrize("noise", [1e-3, 1e-9])
+def test_a_few_trajectories_that_nothing_explains_hardly_move_an_estimate_from_video(noise: float) -> None:
+    torch.manual_seed(0)
+    pulled = noise * torch.randn(60, 20).double()
+    pulled[:6] += 0.5  # of the parameter that the first ones measure
+    curvatures, none = torch.full((60, 1, 1), 2.0).double(), torch.zeros(60, 1, 0).double()
+    found = torch.zeros(1).double()
+    for _ in range(20):
+        residual = found - pulled
+        equations = NormalEquations.of(
+            residual.square().mean(1), 2 * residual.mean(1, keepdim=True), curvatures, none
+        )  # fmt: skip
+        found = found + equations.step(1.0)
+    deviation = float(equations.covariance().sqrt())
+    assert abs(float(found)) < 3 * deviation < 3 * noise
+    assert float(equations.weights[:6].max()) < 1e-3
+    assert float(equations.weights[6:].min()) > 0.8
+
+
+def test_trajectories_that_fit_alike_count_alike_and_exact_ones_too() -> None:
+    for losses in (torch.full((4,), 2.0).double(), torch.zeros(4).double()):
+        one = torch.ones(4, 1).double()
+        weights = NormalEquations.of(losses, one, one[..., None], one[..., None]).weights
+        assert torch.equal(weights, weights[:1].expand(4))

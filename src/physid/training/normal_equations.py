@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol, final
 
 import torch
@@ -20,6 +19,8 @@ from physid.training.trajectories import Trajectories
 if TYPE_CHECKING:
     from physid.training.video.model import VideoModel
 
+MISFIT = 3.0
+"""Root of a trajectory's loss, relative to the median's, from which on it counts half."""
 FLOOR = 1e-12
 """Smallest curvature, relative to the largest: a parameter without influence stays where it is."""
 
@@ -33,26 +34,59 @@ class OwnUnknowns(Protocol):
 
 
 @final
-@dataclass
 class NormalEquations:
-    """Gradient and curvature of a loss, summed over trajectories.
+    """Gradient and curvature of a loss, collected over trajectories.
 
-    Attributes:
-        gradients: Derivative of each trajectory's loss by the P parameters, pieces of shape (B, P).
-        curvature: 2 J^T W J summed over trajectories, shape (P, P).
-        common: 2 J^T W e summed over trajectories, shape (P, K): e is what each of K independent errors that all of
-            them share, such as that of the scale of an image, adds to the residuals within a standard deviation.
+    A hit that no parameter explains, since engines resolve it in different ways, outweighs all others by its square.
+    Each trajectory therefore counts by a Cauchy weight, w_b = 1 / (1 + L_b / (MISFIT^2 median L)), with L_b its own
+    loss: a trajectory that fits like most of them counts fully, whatever the noise.
     """
 
-    gradients: list[Tensor]
-    curvature: Tensor
-    common: Tensor
+    def __init__(self, parameters: int) -> None:
+        self._parameters = parameters
+        self._losses: list[Tensor] = []
+        self._gradients: list[Tensor] = []
+        self._curvatures: list[Tensor] = []
+        self._common: list[Tensor] = []
 
     @classmethod
-    def empty(cls, parameters: int) -> NormalEquations:
-        """Begin without any trajectory."""
-        zero = torch.zeros(parameters, dtype=torch.float64)
-        return cls([], torch.diag(zero), zero[:, None])
+    def of(cls, losses: Tensor, gradients: Tensor, curvatures: Tensor, common: Tensor) -> NormalEquations:
+        """Take losses (B,), their gradients (B, P), curvatures (B, P, P) and common errors (B, P, K), see `add`."""
+        equations = cls(gradients.shape[1])
+        equations._collect(losses, gradients, curvatures, common)
+        return equations
+
+    def _collect(self, losses: Tensor, gradients: Tensor, curvatures: Tensor, common: Tensor) -> None:
+        self._losses.append(losses)
+        self._gradients.append(gradients)
+        self._curvatures.append(curvatures)
+        self._common.append(common)
+
+    @property
+    def weights(self) -> Tensor:
+        """How much each trajectory counts, shape (B,)."""
+        losses = torch.cat(self._losses)
+        scale = MISFIT**2 * losses.median()
+        return 1 / (1 + losses / scale) if scale > 0 else torch.ones_like(losses)
+
+    @property
+    def gradients(self) -> Tensor:
+        """Weighed derivative of each trajectory's loss by the parameters, shape (B, P)."""
+        return self.weights[:, None] * torch.cat(self._gradients)
+
+    @property
+    def curvature(self) -> Tensor:
+        """2 J^T W J, weighed and summed over trajectories, shape (P, P)."""
+        return torch.einsum("b,bpq->pq", self.weights, torch.cat(self._curvatures))
+
+    @property
+    def common(self) -> Tensor:
+        """2 J^T W e, weighed and summed over trajectories, shape (P, K).
+
+        e is what each of K independent errors that all of them share, such as that of the scale of an image, adds to
+        the residuals within a standard deviation.
+        """
+        return torch.einsum("b,bpk->pk", self.weights, torch.cat(self._common))
 
     def add(
         self,
@@ -83,18 +117,24 @@ class NormalEquations:
         found = slopes(model.layer, physical, trajectories)
         answer = found.sensitivity if own is None else own.reduce(found.sensitivity, loss, real)
         usable = found.usable | ~found.usable.any()  # better all than none
-        weighed = loss.weights(residual, real)[usable] * answer[:, usable]
-        self.gradients.append(2 * torch.einsum("pbtni,btni->bp", weighed, residual[usable]))
-        self.curvature += 2 * torch.einsum("pbtni,qbtni->pq", weighed, answer[:, usable])
+        residual, answer = residual[usable], answer[:, usable]
+        weighed = loss.weights(residual, real[usable]) * answer
+        added = residual.new_zeros(0, *residual.shape)
         if shifted:
             with torch.no_grad():
-                added = torch.stack([residuals(model.layer, physical, one) for one in shifted]) - residual
-            self.common = self.common + 2 * torch.einsum("pbtni,kbtni->pk", weighed, added[:, usable])
+                moved = torch.stack([residuals(model.layer, physical, one) for one in shifted])
+            added = moved[:, usable] - residual
+        self._collect(
+            value[usable],
+            2 * torch.einsum("pbtni,btni->bp", weighed, residual),
+            2 * torch.einsum("pbtni,qbtni->bpq", weighed, answer),
+            2 * torch.einsum("pbtni,kbtni->bpk", weighed, added),
+        )
         return value
 
     def step(self, largest: float) -> Tensor:
         """Solve H x = -g, and shorten x so that no component exceeds `largest`; shape (P,)."""
-        step: Tensor = torch.linalg.solve(self._stiff(), -torch.cat(self.gradients).sum(0))
+        step: Tensor = torch.linalg.solve(self._stiff(), -self.gradients.sum(0))
         return step * min(1.0, largest / max(float(step.abs().max()), FLOOR))
 
     def covariance(self) -> Tensor:
@@ -104,12 +144,13 @@ class NormalEquations:
         only need to be independent between trajectories (Huber 1967, White 1982). An error that all trajectories share
         does not show there; C is what is known of it, `common`.
         """
-        gradients, inverse = torch.cat(self.gradients), torch.linalg.inv(self._stiff())
-        share = len(gradients) / max(len(gradients) - len(self.curvature), 1)
-        covariance = inverse @ (share * gradients.T @ gradients + self.common @ self.common.T) @ inverse
+        gradients, common, inverse = self.gradients, self.common, torch.linalg.inv(self._stiff())
+        share = len(gradients) / max(len(gradients) - self._parameters, 1)
+        covariance = inverse @ (share * gradients.T @ gradients + common @ common.T) @ inverse
         unseen = self.curvature.diagonal() <= 2 * ROUNDING**2 * len(gradients)
         return torch.where(torch.diag(unseen), math.inf, covariance)
 
     def _stiff(self) -> Tensor:
-        diagonal = self.curvature.diagonal()
-        return self.curvature + torch.diag(FLOOR * diagonal.max() + torch.finfo(diagonal.dtype).tiny + 0 * diagonal)
+        curvature = self.curvature
+        diagonal = curvature.diagonal()
+        return curvature + torch.diag(FLOOR * diagonal.max() + torch.finfo(diagonal.dtype).tiny + 0 * diagonal)

@@ -70,7 +70,7 @@ class Refinement:
         # Poses that are not finite have no loss at all: the physics refuses them without naming the trajectory.
         module.require_finite({"refined": pose.double().sum((1, 2, 3)) + goal.double().sum((1, 2, 3))}, batch)
         if self._equations is None:
-            self._equations = NormalEquations.empty(len(model.physical.names))
+            self._equations = NormalEquations(len(model.physical.names))
         loss = add_to(self._equations, model, self._loss, pose, batch, goal, real, from_images=from_images)
         module.require_finite({"refined": loss}, batch)
         many = module.trainer.num_training_batches > 1
