@@ -12,7 +12,7 @@ from torch import Tensor, nn
 class GatheredConv2d(nn.Conv2d):
     """A convolution without padding that gathers what each output sees into a row of a matrix.
 
-    In bfloat16 on a CPU a convolution of 13 x 13 pixels and 256 channels takes 1.8 times as long, gradients included, as
+    In bfloat16 on a CPU a convolution of 13 x 13 pixels and 256 channels takes 1.8 times as long, with its gradient, as
     products of matrices (benchmarks/convolutions.py). In any other case it is `nn.Conv2d`.
     """
 
