@@ -40,7 +40,7 @@ TINY = {
     "diagnose": ["--quiet"],
     "benchmark": ["--sets=2", "--trajectories=6", "--steps=60", "--workers=1", "--quiet"],
     "effects": [],
-    "reproduce": ["--cell=sysid/push_friction", "--workers=1"],
+    "reproduce": ["--profile=quick", "--cell=sysid/push_friction", "--workers=1"],
     "dashboard": [],
     "completion": [],
 }
