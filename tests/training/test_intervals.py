@@ -107,7 +107,8 @@ def test_no_interval_from_video_is_narrower_than_engines_agree() -> None:
 def test_a_parameter_that_films_say_nothing_about_has_no_interval() -> None:
     gradients = torch.tensor([[0.1, 0.0], [-0.2, 0.0], [0.1, 0.0]], dtype=torch.float64)
     curvatures = torch.diag(torch.tensor([1.0, 0.0], dtype=torch.float64)).expand(3, -1, -1)
-    equations = NormalEquations.of(torch.ones(3).double(), gradients, curvatures, torch.zeros(3, 2, 0).double())
+    equations = NormalEquations(2)
+    equations.collect(torch.ones(3).double(), Pull(gradients, curvatures), torch.zeros(3, 2, 0).double())
     deviation = equations.covariance().diagonal().sqrt().tolist()
     assert interval({"seen": 1.0, "unseen": 1.0}, deviation).keys() == {"params/seen/low", "params/seen/high"}
 
@@ -121,9 +122,8 @@ def test_a_few_trajectories_that_nothing_explains_hardly_move_an_estimate_from_v
     found = torch.zeros(1).double()
     for _ in range(20):
         residual = found - pulled
-        equations = NormalEquations.of(
-            residual.square().mean(1), 2 * residual.mean(1, keepdim=True), curvatures, none
-        )  # fmt: skip
+        equations = NormalEquations(1)
+        equations.collect(residual.square().mean(1), Pull(2 * residual.mean(1, keepdim=True), curvatures), none)
         found = found + equations.step(1.0)
     deviation = float(equations.covariance().sqrt())
     assert abs(float(found)) < 3 * deviation < 3 * noise
@@ -134,5 +134,6 @@ def test_a_few_trajectories_that_nothing_explains_hardly_move_an_estimate_from_v
 def test_trajectories_that_fit_alike_count_alike_and_exact_ones_too() -> None:
     for losses in (torch.full((4,), 2.0).double(), torch.zeros(4).double()):
         one = torch.ones(4, 1).double()
-        weights = NormalEquations.of(losses, one, one[..., None], one[..., None]).weights
-        assert torch.equal(weights, weights[:1].expand(4))
+        equations = NormalEquations(1)
+        equations.collect(losses, Pull(one, one[..., None]), one[..., None])
+        assert torch.equal(equations.weights, equations.weights[:1].expand(4))

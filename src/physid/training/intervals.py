@@ -67,9 +67,16 @@ class Pull:
         left = torch.eye(len(total)).to(total) - self.curvature @ inverse
         pulled = torch.linalg.lstsq(left, self.gradient[..., None]).solution[..., 0]
         spread: Tensor = inverse @ (pulled.T @ pulled) @ inverse
-        unseen = diagonal <= 2 * ROUNDING**2 * len(self.gradient)
-        # The quotient of two rounding errors may be anything, zero included.
-        return torch.where(torch.diag(unseen), math.inf, spread)
+        return known(spread, total, len(self.gradient))
+
+
+def known(covariance: Tensor, curvature: Tensor, trajectories: int) -> Tensor:
+    """Return a covariance (P, P) that is infinite for parameters whose curvature, summed, is nothing but rounding.
+
+    The quotient of two rounding errors may be anything, zero included.
+    """
+    unseen = curvature.diagonal() <= 2 * ROUNDING**2 * trajectories
+    return torch.where(torch.diag(unseen), math.inf, covariance)
 
 
 def coarse_pull(losses: Callable[[Tensor], Tensor], here: Tensor, step: float = COARSE) -> Pull:
@@ -110,7 +117,7 @@ def intervals(
     quantile = float(student.ppf((1 + confidence) / 2, max(trajectories - 1, 1)))
     found: dict[str, tuple[float, float]] = {}
     for (name, value), variance in zip(estimates.items(), covariance.diagonal().tolist(), strict=True):
-        known = math.isfinite(variance) and 0 <= variance < WIDEST**2
-        factor = math.exp(quantile * math.sqrt(variance)) if known else math.inf
+        finite = math.isfinite(variance) and 0 <= variance < WIDEST**2
+        factor = math.exp(quantile * math.sqrt(variance)) if finite else math.inf
         found[name] = (value / factor, value * factor)
     return found

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import copy
-import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Protocol, final
 
 import torch
 from torch import Tensor
 
-from physid.training.intervals import ROUNDING
+from physid.training.intervals import Pull, known
 from physid.training.pose_loss import PoseLoss
 from physid.training.sensitivity import residuals
 from physid.training.slopes import slopes
@@ -45,21 +44,13 @@ class NormalEquations:
     def __init__(self, parameters: int) -> None:
         self._parameters = parameters
         self._losses: list[Tensor] = []
-        self._gradients: list[Tensor] = []
-        self._curvatures: list[Tensor] = []
+        self._pulls: list[Pull] = []
         self._common: list[Tensor] = []
 
-    @classmethod
-    def of(cls, losses: Tensor, gradients: Tensor, curvatures: Tensor, common: Tensor) -> NormalEquations:
-        """Take losses (B,), their gradients (B, P), curvatures (B, P, P) and common errors (B, P, K), see `add`."""
-        equations = cls(gradients.shape[1])
-        equations._collect(losses, gradients, curvatures, common)
-        return equations
-
-    def _collect(self, losses: Tensor, gradients: Tensor, curvatures: Tensor, common: Tensor) -> None:
+    def collect(self, losses: Tensor, pull: Pull, common: Tensor) -> None:
+        """Take losses (B,) of trajectories, how much they pull, and the errors they share (B, P, K), see `common`."""
         self._losses.append(losses)
-        self._gradients.append(gradients)
-        self._curvatures.append(curvatures)
+        self._pulls.append(pull)
         self._common.append(common)
 
     @property
@@ -72,12 +63,13 @@ class NormalEquations:
     @property
     def gradients(self) -> Tensor:
         """Weighed derivative of each trajectory's loss by the parameters, shape (B, P)."""
-        return self.weights[:, None] * torch.cat(self._gradients)
+        return self.weights[:, None] * torch.cat([pull.gradient for pull in self._pulls])
 
     @property
     def curvature(self) -> Tensor:
         """2 J^T W J, weighed and summed over trajectories, shape (P, P)."""
-        return torch.einsum("b,bpq->pq", self.weights, torch.cat(self._curvatures))
+        each = torch.cat([pull.curvature for pull in self._pulls])
+        return torch.einsum("b,bpq->pq", self.weights, each)
 
     @property
     def common(self) -> Tensor:
@@ -118,18 +110,14 @@ class NormalEquations:
         answer = found.sensitivity if own is None else own.reduce(found.sensitivity, loss, real)
         usable = found.usable | ~found.usable.any()  # better all than none
         residual, answer = residual[usable], answer[:, usable]
-        weighed = loss.weights(residual, real[usable]) * answer
         added = residual.new_zeros(0, *residual.shape)
         if shifted:
             with torch.no_grad():
                 moved = torch.stack([residuals(model.layer, physical, one) for one in shifted])
             added = moved[:, usable] - residual
-        self._collect(
-            value[usable],
-            2 * torch.einsum("pbtni,btni->bp", weighed, residual),
-            2 * torch.einsum("pbtni,qbtni->bpq", weighed, answer),
-            2 * torch.einsum("pbtni,kbtni->bpk", weighed, added),
-        )
+        weight = loss.weights(residual, real[usable])
+        common = 2 * torch.einsum("pbtni,btni,kbtni->bpk", answer, weight, added)
+        self.collect(value[usable], Pull.of(loss, residual, answer, real[usable]), common)
         return value
 
     def step(self, largest: float) -> Tensor:
@@ -147,8 +135,7 @@ class NormalEquations:
         gradients, common, inverse = self.gradients, self.common, torch.linalg.inv(self._stiff())
         share = len(gradients) / max(len(gradients) - self._parameters, 1)
         covariance = inverse @ (share * gradients.T @ gradients + common @ common.T) @ inverse
-        unseen = self.curvature.diagonal() <= 2 * ROUNDING**2 * len(gradients)
-        return torch.where(torch.diag(unseen), math.inf, covariance)
+        return known(covariance, self.curvature, len(gradients))
 
     def _stiff(self) -> Tensor:
         curvature = self.curvature
