@@ -174,7 +174,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 def run(words: list[str], recordings: Callable[[str], Path]) -> int:
-    """Run a command of physid as a page shows it, with a tiny budget; returns its exit status, 0 where it is left out."""
+    """Run a command of physid as a page shows it, with a tiny budget; returns its status, 0 where it is left out."""
     if any(word.startswith(SPREAD + ONLINE) for word in words):
         return 0
     words = [word for word in words if word not in LONG]

@@ -7,7 +7,7 @@ import math
 from typing import Any, final
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from physid.networks.chart import PlanarChart
 from physid.training.base import TrainingModule
@@ -15,6 +15,7 @@ from physid.training.intervals import WIDEST
 from physid.training.normal_equations import NormalEquations
 from physid.training.pose_loss import PoseLoss
 from physid.training.trajectories import Trajectories
+from physid.training.video.calming import Calming
 from physid.training.video.first_poses import Placing, place
 from physid.training.video.heights import Landing, land
 from physid.training.video.horizon import Batch
@@ -29,15 +30,18 @@ SMALLEST = 1e-5
 
 
 @final
-class Refinement:
+class Refinement(nn.Module):
     """One Gauss-Newton step over all trajectories per epoch, each from a first state that is fitted.
+
+    Steps that turn back are shortened (see `Calming`).
 
     Args:
         loss: What errors of the rolled-out poses cost.
     """
 
     def __init__(self, loss: PoseLoss) -> None:
-        self._loss = loss
+        super().__init__()
+        self._loss, self._calm = loss, Calming()
         self._equations: NormalEquations | None = None
 
     def add(
@@ -84,7 +88,8 @@ class Refinement:
         assert self._equations is not None
         physical = model.physical
         with torch.no_grad():
-            physical.logarithm.add_(self._equations.step(LARGEST_STEP).to(physical.logarithm))
+            step = self._calm(self._equations.step(LARGEST_STEP), self._equations.curvature)
+            physical.logarithm.add_(step.to(physical.logarithm))
         spread = self._equations.covariance().diagonal().sqrt().tolist()
         self._equations = None
         _count_a_step(module.optimizers())
