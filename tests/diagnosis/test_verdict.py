@@ -9,9 +9,12 @@ import pytest
 import torch
 
 from physid.diagnosis.attribute import Attribution, distinguishable
+from physid.diagnosis.conclusion import hollow
 from physid.diagnosis.gap import Closing, Interval
+from physid.diagnosis.prediction import Term
 from physid.diagnosis.stage import Row, Stage
 from physid.diagnosis.verdict import judge
+from physid.effects import CATALOGUE
 
 FLOOR = 1e-3
 
@@ -98,3 +101,23 @@ def test_an_effect_that_hits_let_gain_by_chance_hides_no_other() -> None:
     assert stage(by_chance).p_best > 0.05
     assert stage(by_chance, true).p_best < 0.01
     assert [one.names for one in stage(by_chance, true).significant] == [("length_scale",)]
+
+
+@pytest.mark.parametrize(
+    ("size", "gap", "absent"), [(0.1, False, True), (0.3, False, False), (0.1, True, False), (-0.1, False, True)]
+)
+def test_wind_that_may_be_zero_and_closes_no_gap_is_not_there(size: float, gap: bool, absent: bool) -> None:
+    """Its size is known to 0.2 N (90 %); the mass beside it does not matter."""
+    wind = next(kind for kind in CATALOGUE if kind.name == "constant_force")
+    terms = [Term(wind, "x"), Term(wind, "y")]
+    point = SimpleNamespace(nominal=torch.zeros(1, 1), effects=torch.tensor([[size, 0.05]], dtype=torch.float64))
+    predictor = SimpleNamespace(terms=terms, candidates=[wind])
+    chosen = SimpleNamespace(
+        names=("constant_force",),
+        columns=torch.tensor([0, 1]),
+        fit=SimpleNamespace(point=point),
+        experiment=SimpleNamespace(predictor=predictor, fitted=torch.ones(1000, dtype=torch.bool)),
+    )
+    covariance = torch.eye(4, dtype=torch.float64) * (0.2 / 1.646) ** 2
+    closings = [Closing(FLOOR, FLOOR, None, FLOOR), transfer(1.5, 0.7) if gap else None]
+    assert hollow(cast(Any, chosen), covariance, closings) is absent

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -53,11 +53,14 @@ def draw_conclusion(prepared: Prepared, found: Attribution, generator: torch.Gen
     closings = {name: closing(before, after, floors, chosen, generator) for name, chosen in parts.items()}
     verdict = judge(found, closings["transfer"])
     chosen = found.best if verdict in ("named", "group", "partial") else None
+    covariance = None if chosen is None else chosen.covariance() + astray(chosen, generator)
+    if chosen is not None and covariance is not None and hollow(chosen, covariance, closings.values()):
+        chosen, covariance, found = None, None, replace(found, best=None, left=None, group=[])
+        verdict = judge(found, closings["transfer"])
     if chosen is None:
         closings = {name: _unclosed(one) for name, one in closings.items()}
     where = places(found.stage, [body.name for body in prepared.observations.scene.bodies])
     further = None if chosen is None else next_experiment(prepared, found)
-    covariance = None if chosen is None else chosen.covariance() + astray(chosen, generator)
     diagnosis = Diagnosis(
         verdict=verdict,
         effects=[] if chosen is None or covariance is None else _effects(chosen, covariance),
@@ -73,6 +76,26 @@ def draw_conclusion(prepared: Prepared, found: Attribution, generator: torch.Gen
         next_experiment=further.sentence if further else None,
     )
     return Conclusion(diagnosis, chosen, further)
+
+
+def hollow(chosen: Hypothesis, covariance: Tensor, closings: Iterable[Closing | None]) -> bool:
+    """Tell whether effects explain nothing: no size differs from that of no effect, and there is no gap to close.
+
+    After hits an effect may fit what is left a little better than chance without being there.
+
+    Args:
+        chosen: The effects that would be blamed.
+        covariance: Of the shared parameters, shape (P, P).
+        closings: How far gaps close; None where a protocol is missing.
+    """
+    if any(one is not None and one.shrink is not None for one in closings):
+        return False
+    null = {term.label: term.effect.quantities()[term.name].null for term in chosen.experiment.predictor.terms}
+    return all(
+        size.low <= null[f"{one.name}.{name}"] <= size.high
+        for one in _effects(chosen, covariance)
+        for name, size in one.parameters.items()
+    )
 
 
 def _unclosed(one: Closing | None) -> Closing | None:
