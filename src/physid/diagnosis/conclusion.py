@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -55,8 +55,7 @@ def draw_conclusion(prepared: Prepared, found: Attribution, generator: torch.Gen
     chosen = found.best if verdict in ("named", "group", "partial") else None
     covariance = None if chosen is None else chosen.covariance() + astray(chosen, generator)
     if chosen is not None and covariance is not None and hollow(chosen, covariance, closings.values()):
-        chosen, covariance, found = None, None, replace(found, best=None, left=None, group=[])
-        verdict = judge(found, closings["transfer"])
+        chosen, covariance, verdict = None, None, "none"
     if chosen is None:
         closings = {name: _unclosed(one) for name, one in closings.items()}
     where = places(found.stage, [body.name for body in prepared.observations.scene.bodies])
