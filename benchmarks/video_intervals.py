@@ -30,6 +30,7 @@ from physid.training.normal_equations import NormalEquations
 from physid.training.physical_parameters import PhysicalParameters
 from physid.training.pose_loss import PoseLoss
 from physid.training.supervised import SupervisedID
+from physid.training.video.calming import Calming
 from physid.training.video.horizon import Horizon
 from physid.training.video.model import at_frames, over_time
 from physid.training.video.polish import Polish
@@ -105,10 +106,11 @@ def refine(
     model = module.model
     model.physical = PhysicalParameters(scene, model.physical.names)
     bounds: dict[str, float] = {}
+    calm = Calming()
     for _ in range(STEPS):
         equations = NormalEquations(len(model.physical.names))
         add_to(equations, model, module.loss, encoded, batch, goal, real, from_images=from_images)
-        step = equations.step(LARGEST_STEP)
+        step = calm(equations.step(LARGEST_STEP), equations.curvature)
         with torch.no_grad():
             model.physical.logarithm.add_(step)
         bounds = interval(model.physical.estimates(), equations.covariance().diagonal().sqrt().tolist())
