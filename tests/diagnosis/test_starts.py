@@ -39,3 +39,19 @@ def test_a_falling_body_has_the_speed_of_its_fall_however_long_one_looks() -> No
     assert not bool(starts.resting.any())
     assert torch.allclose(starts.twist, torch.zeros_like(starts.twist), atol=1e-6)
     assert len(starts.pose) > len(SPANS)
+
+
+@pytest.mark.parametrize(("late", "wild"), [(0, False), (5, False), (5, True)])
+def test_a_body_that_soon_falls_does_not_lie_there_although_a_late_camera_shows_it_still(late: int, wild: bool) -> None:
+    time = ((torch.arange(60) - late).clamp_min(0)).double() * SCENE.time_step
+    height, half = 0.035, SCENE.bodies[0].size[2] / 2
+    pose = torch.zeros(1, 60, 1, 7, dtype=torch.float64)
+    pose[0, :, 0, 2] = half + (height - 9.81 * time**2 / 2).clamp_min(0)
+    pose[..., 6] = 1.0
+    lying = pose.clone()
+    lying[..., 2] = half + height  # a camera that sees it too high, all the time
+    if wild:
+        lying[0, 20, 0, 2] -= 0.03
+    for seen, rests in ((pose, False), (lying, True)):
+        starts = guess_starts(seen, torch.ones(1, 60, 1), Windows.equal(1, 60, 60), SCENE)
+        assert bool(starts.resting.all()) is rests

@@ -8,9 +8,10 @@ from typing import Any, cast
 import pytest
 import torch
 
-from physid.diagnosis.attribute import Attribution, distinguishable
+from physid.diagnosis.attribute import Attribution, both_needed, complete, distinguishable
 from physid.diagnosis.conclusion import hollow
 from physid.diagnosis.gap import Closing, Interval
+from physid.diagnosis.hypothesis import Hypothesis
 from physid.diagnosis.prediction import Term
 from physid.diagnosis.stage import Row, Stage
 from physid.diagnosis.verdict import judge
@@ -21,7 +22,8 @@ FLOOR = 1e-3
 
 def hypothesis(*held_out: float) -> Any:
     fitted = SimpleNamespace(fitted=torch.ones(len(held_out), dtype=torch.bool))
-    return SimpleNamespace(held_out=torch.tensor(held_out, dtype=torch.float64), experiment=fitted)
+    held = torch.tensor(held_out, dtype=torch.float64)
+    return SimpleNamespace(names=("viscous_drag",), held_out=held, experiment=fitted)
 
 
 def left(excess: float, p_value: float) -> Any:
@@ -81,6 +83,41 @@ def test_where_something_is_left_a_rival_must_be_worse_in_all_trajectories(whole
     assert distinguishable(nominal, best, other, cast(Any, left(20.0, 0.001)), whole) is apart
 
 
+def pair(absent: list[str], *held_out: float) -> Any:
+    one = hypothesis(*held_out)
+    one.names, one.covariance, one.absent = ("tether", "viscous_drag"), lambda: None, lambda _: absent
+    return one
+
+
+def left_by_drag(missing: float) -> Any:
+    """Return what a drag leaves; two effects must explain more than 30 together."""
+    return SimpleNamespace(missing=missing, limit=10.0, scale=lambda names: 1.5 * len(names))
+
+
+@pytest.mark.parametrize(
+    ("missing", "behind", "absent", "needed"),
+    [
+        (200.0, 150.0, [], True),
+        (400.0, 150.0, [], False),  # most of what the drag leaves is left by the pair as well
+        (20.0, 15.0, [], False),  # so much is chance
+        (200.0, 150.0, ["tether"], False),  # its stiffness may be zero
+    ],
+)
+def test_a_pair_is_needed_if_it_explains_most_of_what_one_effect_leaves(
+    missing: float, behind: float, absent: list[str], needed: bool
+) -> None:
+    nominal, drag, both = hypothesis(900, 900), hypothesis(100 + behind, 100), pair(absent, 100, 100)
+    assert both_needed(both, nominal, [drag], left_by_drag(missing)) is needed
+
+
+def test_a_pair_must_explain_more_than_a_single_effect_to_be_the_whole() -> None:
+    nominal, single, two = hypothesis(1100, 1100), hypothesis(100, 100), pair([], 100, 100)
+    stage_of = cast(Any, SimpleNamespace(excess=0.0))
+    assert complete(nominal, single, stage_of, left(20.0, 0.001))
+    assert not complete(nominal, two, stage_of, left(20.0, 0.001))
+    assert complete(nominal, two, stage_of, left(5.0, 0.001))
+
+
 def test_a_hair_is_left_by_laws_that_differ_a_little_and_is_no_part() -> None:
     assert judge(found(0.01, 0.001), None) == "named"
     assert judge(found(0.03, 0.001), None) == "partial"
@@ -111,13 +148,16 @@ def test_wind_that_may_be_zero_and_closes_no_gap_is_not_there(size: float, gap: 
     wind = next(kind for kind in CATALOGUE if kind.name == "constant_force")
     terms = [Term(wind, "x"), Term(wind, "y")]
     point = SimpleNamespace(nominal=torch.zeros(1, 1), effects=torch.tensor([[size, 0.05]], dtype=torch.float64))
-    predictor = SimpleNamespace(terms=terms, candidates=[wind])
-    chosen = SimpleNamespace(
+    null = torch.zeros(2, dtype=torch.float64)
+    predictor = SimpleNamespace(terms=terms, candidates=[wind], null=null)
+    chosen = Hypothesis(
         names=("constant_force",),
         columns=torch.tensor([0, 1]),
-        fit=SimpleNamespace(point=point),
-        experiment=SimpleNamespace(predictor=predictor, fitted=torch.ones(1000, dtype=torch.bool)),
+        fit=cast(Any, SimpleNamespace(point=point)),
+        experiment=cast(Any, SimpleNamespace(predictor=predictor, fitted=torch.ones(1000, dtype=torch.bool))),
+        normal=cast(Any, None),
+        held_out=null,
     )
     covariance = torch.eye(4, dtype=torch.float64) * (0.2 / 1.646) ** 2
     closings = [Closing(FLOOR, FLOOR, None, FLOOR), transfer(1.5, 0.7) if gap else None]
-    assert hollow(cast(Any, chosen), covariance, closings) is absent
+    assert hollow(chosen, covariance, closings) is absent

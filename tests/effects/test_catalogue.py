@@ -33,6 +33,7 @@ DESIGN = [
     "mass_drift",
     "stribeck_friction",
     "anisotropic_friction",
+    "body_anisotropic_friction",
     "friction_gradient",
     "friction_drift",
     "torsional_friction",

@@ -2,6 +2,7 @@
 
 import math
 
+import pytest
 import torch
 from torch import Tensor
 
@@ -78,6 +79,18 @@ def test_anisotropic_friction_is_high_along_the_grain_and_low_across() -> None:
         assert torch.allclose(factor, torch.full((3, 2), wanted).double(), atol=1e-5)
     oblique = acted("anisotropic_friction", {"oblique": 0.3}, sliding([10.0, 10.0, 0.0])).ground_friction
     assert torch.allclose(oblique, torch.full((3, 2), 1.3).double(), atol=1e-5)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.4, 2.0])
+def test_the_grain_of_a_sole_turns_with_the_body(yaw: float) -> None:
+    values = {"along": 0.3, "oblique": -0.2}
+    for heading in (0.0, 0.9, 1.6, 2.5):
+        turned = sliding([10 * math.cos(heading + yaw), 10 * math.sin(heading + yaw), 0.0])
+        pose = turned.pose.clone()
+        pose[..., 3:] = UP.new_tensor([0, 0, math.sin(yaw / 2), math.cos(yaw / 2)])
+        of_body = acted("body_anisotropic_friction", values, turned.replace(pose=pose)).ground_friction
+        straight = sliding([10 * math.cos(heading), 10 * math.sin(heading), 0.0])
+        assert torch.allclose(of_body, acted("anisotropic_friction", values, straight).ground_friction, atol=1e-9)
 
 
 def test_a_friction_gradient_follows_the_place() -> None:

@@ -117,6 +117,7 @@ EXCITED_BY: dict[str, tuple[Callable[[], Case], float]] = {
     "mass_drift": (slide, EXACT),
     "stribeck_friction": (start, EXACT),
     "anisotropic_friction": (slide, EXACT),
+    "body_anisotropic_friction": (slide, EXACT),
     "friction_gradient": (slide, EXACT),
     "friction_drift": (slide, EXACT),
     "torsional_friction": (spin, EXACT),

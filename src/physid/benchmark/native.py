@@ -83,7 +83,7 @@ class EngineBodyAnisotropy(Effect):
 
     name: ClassVar[str] = "engine_body_anisotropy"
     site: ClassVar[Site] = "contact"
-    kin: ClassVar[tuple[str, ...]] = ("anisotropic_friction",)
+    kin: ClassVar[tuple[str, ...]] = ("body_anisotropic_friction",)
     loss: Tensor = quantity("-", low=0.0, high=0.9, typical=0.3)
 
     def settings(self) -> Settings:

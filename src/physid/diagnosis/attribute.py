@@ -2,31 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from itertools import combinations
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import torch
 
+from physid.diagnosis.calm import calm, everywhere
+from physid.diagnosis.candidates import first_pairs, ranked_pairs, survivors, swapped_pairs
+from physid.diagnosis.contest import by_prediction, contest, gain
 from physid.diagnosis.equivalence import alike
-from physid.diagnosis.hypothesis import Hypothesis, begin_hypothesis, conclude, finish_hypothesis, retried
+from physid.diagnosis.hypothesis import Hypothesis, begin_afresh, begin_hypothesis, conclude
 from physid.diagnosis.prepare import Prepared
-from physid.diagnosis.score import Group, gains
-from physid.diagnosis.settle import Say, settle
+from physid.diagnosis.settle import Say
 from physid.diagnosis.stage import Stage, examine
-from physid.physics.layer import SolverError
 
 ALPHA = 0.01  # effect-free data are called suspicious this often
-SURVIVE = 0.1  # share of the best gain that a candidate needs to be fitted
-MOST_SINGLES, MOST_PAIRS = 10, 5
-BEHIND = 0.5  # share of the gap that a hypothesis may leave open after a few steps, beyond the best, to be fitted on
-SETTLE_MOST = 4  # hypotheses that are settled with the other engine: the best, and others ...
-NEAR = 0.2  # ... whose gap is open by at most this share more
 CLEAR = 2.5  # standard errors by which a prediction must be worse to be told apart
 NATS = 12.0  # and by how much squared residual at least
 SAME = 0.003  # share of what the best explains that the numerics may decide between two hypotheses
 EVIDENT = 2.0  # mean squared residual, in units of the noise, that no effect-free trajectories have
 CLOSED = 0.02  # share of the gap that may be left without a second look
+CLOSED_BY_PAIR = 0.005  # the same where two effects are blamed
 SECOND = 0.01  # share of the gap from which on a second effect is looked for
+AFRESH = 6  # single effects that are fitted again from finite sizes, where the best leaves a gap
+MOST_OF_IT = 0.5  # share of what one effect leaves that a second one must explain
 
 
 @dataclass(frozen=True)
@@ -41,6 +40,8 @@ class Attribution:
         left: What the best leaves unexplained; None if nothing is missing.
         group: Hypotheses that predict as well as the best, itself included.
         alike: Effects whose signature is that of a part of the best wherever the motion is calm.
+        everywhere: The nominal model and the best fitted to all windows, where calm ones alone were searched; the
+            effects are as these say.
     """
 
     nominal: Hypothesis
@@ -50,50 +51,148 @@ class Attribution:
     left: Stage | None
     group: list[Hypothesis]
     alike: tuple[str, ...] = ()
+    everywhere: tuple[Hypothesis, Hypothesis | None] | None = None
+
+    @property
+    def calm(self) -> bool:
+        """Whether calm windows alone were searched."""
+        return self.everywhere is not None
+
+    @property
+    def whole_nominal(self) -> Hypothesis:
+        """The model without effects, in all windows."""
+        return self.nominal if self.everywhere is None else self.everywhere[0]
+
+    @property
+    def whole_best(self) -> Hypothesis | None:
+        """The best hypothesis, in all windows."""
+        return self.best if self.everywhere is None else self.everywhere[1]
 
 
 def attribute(prepared: Prepared, generator: torch.Generator, say: Say = lambda _: None) -> Attribution:
-    """Search the catalogue for what the nominal model lacks.
+    """Search the catalogue for what the nominal model lacks: first where the motion is calm, then everywhere.
 
     Args:
         prepared: The fitted nominal model.
         generator: Randomness of effect-free data.
         say: Told what is being done.
     """
+    quiet = calm(prepared, say)
+    if quiet is not None:
+        found = _search(quiet, generator, say)
+        if found.best is not None or unexplained(found):
+            say("fitting what was found to all frames")
+            best = None if found.best is None else everywhere(prepared, found.best)
+            return replace(found, everywhere=(conclude(prepared.experiment, prepared.fit, ()), best))
+    return _search(prepared, generator, say)
+
+
+def unexplained(found: Attribution) -> bool:
+    """Tell whether a gap is beyond doubt although no effect was confirmed."""
+    return found.best is None and (found.stage.p_free <= ALPHA or evident(found.nominal))
+
+
+def _search(prepared: Prepared, generator: torch.Generator, say: Say) -> Attribution:
+    """Search the catalogue for what the nominal model lacks in the windows given."""
     nominal = conclude(prepared.experiment, prepared.fit, ())
     say("testing all effects at once, against effect-free data")
     stage = examine(prepared, nominal, generator)
     if stage.p_value > ALPHA and not evident(nominal):
         return Attribution(nominal, stage, [], None, None, [])
-    singles = _fit_all(prepared, nominal, stage, _survivors(stage), say)
-    singles = [one for one in singles if confirmed(nominal, one) and beyond_chance(nominal, one, stage)]
-    if not singles:
+    singles = contest(
+        survivors(stage), lambda names: begin_hypothesis(prepared.experiment, stage.fit, names), nominal, say
+    )
+    best, left = _best_of(prepared, nominal, stage, singles, generator, say)
+    if best is not None and left is not None and not complete(nominal, best, stage, left) and evident(nominal):
+        singles = _afresh(prepared, nominal, stage, singles, say)
+        best, left = _best_of(prepared, nominal, stage, singles, generator, say)
+    if best is None or left is None:
         return Attribution(nominal, stage, [], None, None, [])
-    best = singles[0]
-    say(f"looking at what {' + '.join(best.names)} leaves")
-    left = examine(prepared, best, generator)
-    tried = singles
+    tried = singles = [one for one in singles if sound(nominal, one, stage)]
     if left.p_value <= ALPHA and left.missing > SECOND * explained(nominal, best, stage):
-        pairs = _fit_all(prepared, nominal, stage, _pairs(stage, singles, left), say, best, left)
-        sound = [pair for pair in pairs if _both_needed(pair, singles, left)]
-        tried = _sorted([*singles, *sound])
+        tried = by_prediction([*singles, *_needed_pairs(prepared, nominal, stage, singles, left, say)])
         if tried[0] is not best:
-            best = tried[0]
-            say(f"looking at what {' + '.join(best.names)} leaves")
-            left = examine(prepared, best, generator)
+            best, left = _best_of(prepared, nominal, stage, tried, generator, say)
+            assert best is not None and left is not None
     whole = complete(nominal, best, stage, left)
     group = [one for one in tried if one is best or not distinguishable(nominal, best, one, left, whole)]
     return Attribution(nominal, stage, tried, best, left, group, alike(stage, best))
 
 
+def _best_of(
+    prepared: Prepared,
+    nominal: Hypothesis,
+    stage: Stage,
+    tried: Sequence[Hypothesis],
+    generator: torch.Generator,
+    say: Say,
+) -> tuple[Hypothesis, Stage] | tuple[None, None]:
+    """Return the hypothesis that predicts best, of those that are confirmed, and what it leaves."""
+    best = next((one for one in tried if sound(nominal, one, stage)), None)
+    if best is None:
+        return None, None
+    say(f"looking at what {' + '.join(best.names)} leaves")
+    return best, examine(prepared, best, generator)
+
+
+def _afresh(
+    prepared: Prepared, nominal: Hypothesis, stage: Stage, singles: list[Hypothesis], say: Say
+) -> list[Hypothesis]:
+    """Fit single effects again from finite sizes and first guesses; of each, what predicts better is returned.
+
+    A strong effect has driven the nominal fit far away, to a friction of nearly nothing, say, and no small step of
+    any effect leads back from there.
+    """
+    changes = {row.names: row.change for row in stage.rows}
+    again = contest(
+        [one.names for one in singles[:AFRESH]],
+        lambda names: begin_afresh(prepared.experiment, stage.fit.point, names, changes[names]),
+        nominal,
+        say,
+    )
+    best: dict[tuple[str, ...], Hypothesis] = {}
+    for one in by_prediction([*singles, *again]):
+        best.setdefault(one.names, one)
+    return list(best.values())
+
+
+def _needed_pairs(
+    prepared: Prepared, nominal: Hypothesis, stage: Stage, singles: list[Hypothesis], left: Stage, say: Say
+) -> list[Hypothesis]:
+    """Fit pairs, and then those that share one effect with the best of them; return the pairs that are needed."""
+    best = singles[0]
+
+    def begin(names: tuple[str, ...]) -> Hypothesis:
+        if set(best.names) < set(names):
+            return begin_hypothesis(best.experiment, left.fit, names)
+        return begin_hypothesis(prepared.experiment, stage.fit, names)
+
+    ranked = ranked_pairs(stage)
+    pairs = contest(first_pairs(ranked, best, left), begin, best, say)
+    needed = [pair for pair in pairs if both_needed(pair, nominal, singles, left)]
+    if not needed:
+        return []
+    further = contest(swapped_pairs(ranked, needed[0], [pair.names for pair in pairs]), begin, best, say)
+    return [*needed, *(pair for pair in further if both_needed(pair, nominal, singles, left))]
+
+
+def sound(nominal: Hypothesis, one: Hypothesis, stage: Stage) -> bool:
+    """Tell whether a hypothesis explains more than chance, where it was fitted and where it was not."""
+    return confirmed(nominal, one) and beyond_chance(nominal, one, stage)
+
+
 def explained(nominal: Hypothesis, best: Hypothesis, stage: Stage) -> float:
     """Return what the best explains: in squared residual of the fitted trajectories, or by a free residual wrench."""
-    return max(_gain(nominal, best), stage.excess, 1e-9)
+    return max(gain(nominal, best), stage.excess, 1e-9)
 
 
 def complete(nominal: Hypothesis, best: Hypothesis, stage: Stage, left: Stage) -> bool:
-    """Tell whether the best leaves nothing, or so little that laws which differ by a hair account for it."""
-    return left.p_value > ALPHA or left.missing < CLOSED * explained(nominal, best, stage)
+    """Tell whether the best leaves nothing, or so little that laws which differ by a hair account for it.
+
+    Two effects follow a foreign law more closely than one: of a pair less may be left.
+    """
+    closed = CLOSED if len(best.names) == 1 else CLOSED_BY_PAIR
+    return left.p_value > ALPHA or left.missing < closed * explained(nominal, best, stage)
 
 
 def confirmed(nominal: Hypothesis, one: Hypothesis) -> bool:
@@ -105,7 +204,7 @@ def confirmed(nominal: Hypothesis, one: Hypothesis) -> bool:
 
 def beyond_chance(nominal: Hypothesis, one: Hypothesis, stage: Stage) -> bool:
     """Tell whether a hypothesis explains more than it does in effect-free data."""
-    return _gain(nominal, one) > stage.limit * stage.scale(one.names)
+    return gain(nominal, one) > stage.limit * stage.scale(one.names)
 
 
 def evident(nominal: Hypothesis) -> bool:
@@ -136,102 +235,16 @@ def distinguishable(nominal: Hypothesis, best: Hypothesis, other: Hypothesis, le
     return float(worse.sum()) > least
 
 
-def _survivors(stage: Stage) -> list[tuple[str, ...]]:
-    """Return the effects worth fitting: what a line at the null says of a strong effect may fall short by far."""
-    worth = [row for row in stage.rows if row.gain >= SURVIVE * stage.rows[0].gain]
-    return [row.names for row in worth][:MOST_SINGLES]
+def both_needed(pair: Hypothesis, nominal: Hypothesis, singles: list[Hypothesis], left: Stage) -> bool:
+    """Tell whether a pair accounts for most of what the best single effect leaves, and for more than each part alone.
 
-
-def _pairs(stage: Stage, singles: list[Hypothesis], left: Stage) -> list[tuple[str, ...]]:
-    """Return pairs worth fitting: the best with what it leaves, and the best of all pairs by their linear gain.
-
-    Both parts must be significant alone.
+    Neither part may have sizes that are known no better than that they may be null.
     """
-    alone = {row.names[0] for row in stage.significant}
-    with_best = [tuple(sorted((*singles[0].names, row.names[0]))) for row in left.significant if row.names[0] in alone][
-        : MOST_PAIRS // 2
-    ]
-    groups = [group for group in stage.groups if group.names[0] in alone]
-    both = {
-        tuple(sorted((one.names[0], two.names[0]))): float(gains(stage.conditional, _joined(one, two))[0])
-        for one, two in combinations(groups, 2)
-    }
-    ranked = sorted(both, key=lambda names: -both[names])
-    chosen = [*with_best, *(names for names in ranked if names not in with_best)]
-    return chosen[:MOST_PAIRS]
-
-
-def _joined(one: Group, two: Group) -> Group:
-    return Group(
-        (*one.names, *two.names),
-        *(torch.cat([getattr(one, name), getattr(two, name)]) for name in ("columns", "typical", "low", "high")),
-    )
-
-
-def _both_needed(pair: Hypothesis, singles: list[Hypothesis], left: Stage) -> bool:
-    """Tell whether a pair predicts clearly better than each of its parts alone."""
-    parts = [one for one in singles if one.names[0] in pair.names]
+    if gain(singles[0], pair) < MOST_OF_IT * left.missing or pair.absent(pair.covariance()):
+        return False
+    least = max(NATS, SAME * float((nominal.held_out - pair.held_out).sum()))
     return all(
-        distinguishable(one, pair, one, left) and _gain(one, pair) > left.limit * left.scale(pair.names)
-        for one in parts
+        float((one.held_out - pair.held_out).sum()) > least and gain(one, pair) > left.limit * left.scale(pair.names)
+        for one in singles
+        if one.names[0] in pair.names
     )
-
-
-def _gain(worse: Hypothesis, better: Hypothesis) -> float:
-    fitted = worse.experiment.fitted
-    return float((worse.held_out - better.held_out)[fitted].sum())
-
-
-def _fit_all(
-    prepared: Prepared,
-    nominal: Hypothesis,
-    stage: Stage,
-    wanted: list[tuple[str, ...]],
-    say: Say,
-    best: Hypothesis | None = None,
-    left: Stage | None = None,
-) -> list[Hypothesis]:
-    """Fit hypotheses and settle the best of them with the other engine; best predictions first.
-
-    Those that hold the best so far start at its fit, the others at the nominal one. After a few steps those that are
-    far behind are left as they are.
-    """
-    begun = []
-    for number, names in enumerate(wanted):
-        say(f"fitting {' + '.join(names)} ({number + 1} of {len(wanted)})")
-        try:
-            if best is not None and left is not None and set(best.names) < set(names):
-                begun.append(begin_hypothesis(best.experiment, left.fit, names))
-            else:
-                begun.append(begin_hypothesis(prepared.experiment, stage.fit, names))
-        except SolverError:
-            continue  # a candidate that cannot be simulated where the data want it explains nothing
-    begun = _sorted(begun)
-    fitted = _sorted([_finished(one, say) if _hopeful(one, begun[0], best or nominal) else one for one in begun])
-    settled: list[Hypothesis] = []
-    for one in fitted[:SETTLE_MOST]:
-        if settled and _gain(one, settled[0]) > NEAR * _gain(best or nominal, settled[0]):
-            break
-        say(f"replaying {' + '.join(one.names)} in the other engine")
-        again = retried(one)
-        experiment, fit = settle(again.experiment, again.fit, again.columns, again.names)
-        settled.append(conclude(experiment, fit, one.names))
-    return _sorted([*settled, *fitted[len(settled) :]])
-
-
-def _hopeful(one: Hypothesis, first: Hypothesis, before: Hypothesis) -> bool:
-    """Tell whether a hypothesis that was begun may still become the best: how much of the gap it leaves open."""
-    return _gain(one, first) <= BEHIND * _gain(before, first)
-
-
-def _finished(one: Hypothesis, say: Say) -> Hypothesis:
-    """Fit a hypothesis to the end; where that cannot be simulated it stays as it is."""
-    say(f"fitting {' + '.join(one.names)} to the end")
-    try:
-        return finish_hypothesis(one)
-    except SolverError:
-        return one
-
-
-def _sorted(hypotheses: list[Hypothesis]) -> list[Hypothesis]:
-    return sorted(hypotheses, key=lambda one: float(one.held_out.sum()))

@@ -12,14 +12,12 @@ from physid.diagnosis.attribute import Attribution
 from physid.diagnosis.confidence import confidence
 from physid.diagnosis.gap import Closing, closing, floor_of, held_out_parts, position_errors, position_floors
 from physid.diagnosis.hypothesis import Hypothesis
-from physid.diagnosis.locate import places, sites
+from physid.diagnosis.locate import SITES, places, sites
 from physid.diagnosis.next_experiment import NextExperiment, next_experiment
 from physid.diagnosis.nulls import p_value
 from physid.diagnosis.prepare import Prepared
 from physid.diagnosis.scatter import astray
 from physid.diagnosis.verdict import Diagnosis, Estimate, Found, judge
-
-CONFIDENCE = 0.9
 
 
 @dataclass(frozen=True)
@@ -29,11 +27,13 @@ class Conclusion:
     Attributes:
         diagnosis: What is said.
         chosen: The hypothesis that is blamed; None where nothing or nobody is.
+        shown: The same, fitted to all frames.
         further: The experiment that would tell the members of a group apart; None where there is no group.
     """
 
     diagnosis: Diagnosis
     chosen: Hypothesis | None
+    shown: Hypothesis | None
     further: NextExperiment | None = None
 
 
@@ -45,19 +45,16 @@ def draw_conclusion(prepared: Prepared, found: Attribution, generator: torch.Gen
         found: What the search found.
         generator: Randomness of the bootstrap.
     """
-    floor = floor_of(prepared.noise)
-    before = position_errors(found.nominal, prepared.observations)
-    after = before if found.best is None else position_errors(found.best, prepared.observations)
-    parts = held_out_parts(prepared.observations)
-    floors = position_floors(prepared.experiment, prepared.noise)
-    closings = {name: closing(before, after, floors, chosen, generator) for name, chosen in parts.items()}
-    verdict = judge(found, closings["transfer"])
-    chosen = found.best if verdict in ("named", "group", "partial") else None
+    judged = _closings(prepared, found.nominal, found.best, generator)
+    verdict = judge(found, judged["transfer"])
+    chosen, shown = (found.best, found.whole_best) if verdict in ("named", "group", "partial") else (None, None)
     covariance = None if chosen is None else chosen.covariance() + astray(chosen, generator)
-    if chosen is not None and covariance is not None and hollow(chosen, covariance, closings.values()):
-        chosen, covariance, verdict = None, None, "none"
+    if chosen is not None and covariance is not None and hollow(chosen, covariance, judged.values()):
+        chosen, shown, covariance, verdict = None, None, None, "none"
+    closings = _closings(prepared, found.whole_nominal, shown, generator) if found.calm else judged
     if chosen is None:
         closings = {name: _unclosed(one) for name, one in closings.items()}
+    wide = covariance if shown is chosen or shown is None else shown.covariance() + astray(shown, generator)
     where = places(found.stage, [body.name for body in prepared.observations.scene.bodies])
     further = None if chosen is None else next_experiment(prepared, found)
     diagnosis = Diagnosis(
@@ -66,15 +63,26 @@ def draw_conclusion(prepared: Prepared, found: Attribution, generator: torch.Gen
         group=[] if chosen is None else _group(found, chosen),
         confidence=confidence(verdict, found),
         ranking=_ranking(found),
-        sites=dict.fromkeys(sites(found), 0.0) if verdict == "none" else sites(found),
+        sites=dict.fromkeys(SITES, 0.0) if verdict == "none" else sites(found, chosen is not None),
         places=[] if verdict == "none" else [place for place in where if place.evidence > 0],
-        floor=floor,
+        floor=floor_of(prepared.noise),
         same=closings["same"],
         transfer=closings["transfer"],
-        parameters=_parameters(found.nominal, chosen, covariance),
+        parameters=_parameters(found.whole_nominal, shown, wide),
         next_experiment=further.sentence if further else None,
     )
-    return Conclusion(diagnosis, chosen, further)
+    return Conclusion(diagnosis, chosen, shown, further)
+
+
+def _closings(
+    prepared: Prepared, nominal: Hypothesis, best: Hypothesis | None, generator: torch.Generator
+) -> dict[str, Closing | None]:
+    """Compare errors before and after on each part of the recordings that nothing was fitted to."""
+    before = position_errors(nominal, prepared.observations)
+    after = before if best is None else position_errors(best, prepared.observations)
+    floors = position_floors(nominal.experiment, prepared.noise)
+    parts = held_out_parts(prepared.observations)
+    return {name: closing(before, after, floors, chosen, generator) for name, chosen in parts.items()}
 
 
 def hollow(chosen: Hypothesis, covariance: Tensor, closings: Iterable[Closing | None]) -> bool:
@@ -89,12 +97,7 @@ def hollow(chosen: Hypothesis, covariance: Tensor, closings: Iterable[Closing | 
     """
     if any(one is not None and one.shrink is not None for one in closings):
         return False
-    null = {term.label: term.effect.quantities()[term.name].null for term in chosen.experiment.predictor.terms}
-    return all(
-        size.low <= null[f"{one.name}.{name}"] <= size.high
-        for one in _effects(chosen, covariance)
-        for name, size in one.parameters.items()
-    )
+    return len(chosen.absent(covariance)) == len(chosen.names)
 
 
 def _unclosed(one: Closing | None) -> Closing | None:
@@ -122,7 +125,7 @@ def _ranking(found: Attribution) -> list[tuple[tuple[str, ...], float, float]]:
 def _effects(chosen: Hypothesis, covariance: Tensor) -> list[Found]:
     """Give the fitted effects with the 90 % intervals of their parameters."""
     predictor, first = chosen.experiment.predictor, chosen.fit.point.nominal.shape[1] + 1
-    reach = (_quantile(chosen) * covariance.diagonal().sqrt()[first:]).tolist()
+    reach = chosen.reach(covariance)[first:].tolist()
     made = []
     for name in chosen.names:
         kind = next(kind for kind in predictor.candidates if kind.name == name)
@@ -153,14 +156,7 @@ def _parameters(
 def _values(hypothesis: Hypothesis, covariance: Tensor) -> list[Estimate]:
     """Give the unknown parameters of a hypothesis with 90 % intervals, made in the coordinates of the fit."""
     model, point = hypothesis.experiment.predictor.model, hypothesis.fit.point.nominal[0]
-    reach = _quantile(hypothesis) * covariance.diagonal().sqrt()[: len(point)]
+    reach = hypothesis.reach(covariance)[: len(point)]
     values = (model.to_values(each).tolist() for each in (point, point - reach, point + reach))
     units = ["kg" if name.endswith(".mass") else "-" for name in model.unknown]
     return [Estimate(*each) for each in zip(*values, units, strict=True)]
-
-
-def _quantile(hypothesis: Hypothesis) -> float:
-    """Return how many standard deviations hold 90 %, to either side, where these come from a few trajectories."""
-    from scipy.stats import t as student
-
-    return float(student.ppf((1 + CONFIDENCE) / 2, max(int(hypothesis.experiment.fitted.sum()) - 1, 1)))

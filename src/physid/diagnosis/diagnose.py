@@ -80,7 +80,7 @@ def diagnose(
     reading = read_reading(recordings)
     title = Path(reading.films).name if reading else recordings.name
     pictures = draw(title, prepared, found, conclusion, time.perf_counter() - begun)
-    drawn = overlay(out, _sources(recordings, transfer, limit), observations, found.nominal, conclusion)
+    drawn = overlay(out, _sources(recordings, transfer, limit), observations, found.whole_nominal, conclusion)
     pictures = dataclasses.replace(pictures, overlay=drawn)
     write_report(out, document, pictures)
     write_diagnosis(out, document)

@@ -8,14 +8,25 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from physid.diagnosis.fit import FIRST_DAMPING, Experiment, Fit, best_step, gauss_newton, prior, solve_shared
+from physid.diagnosis.fit import (
+    FIRST_DAMPING,
+    Experiment,
+    Fit,
+    best_step,
+    clamp_effects,
+    gauss_newton,
+    prior,
+    solve_shared,
+)
 from physid.diagnosis.linear import Normal
 from physid.diagnosis.prediction import Predictor, Variants
 from physid.diagnosis.restart import search, try_again
 from physid.diagnosis.settle import working_effects
 from physid.physics.effect import Effect
 
+CONFIDENCE = 0.9
 STRIDES = (1.0, 0.5, 0.25, 0.1)  # parts of the linear step that are tried first
+SIZES = (1.0, 3.0)  # times the typical one: finite sizes from which a fit may begin
 
 
 @dataclass(frozen=True)
@@ -64,6 +75,26 @@ class Hypothesis:
         covariance: Tensor = robust / spread[:, None] / spread * larger[:, None] * larger
         return covariance
 
+    def reach(self, covariance: Tensor) -> Tensor:
+        """Return how far the 90 % intervals of the shared parameters reach to either side, shape (P,).
+
+        Their covariance comes from a few trajectories (Student 1908).
+        """
+        from scipy.stats import t as student
+
+        quantile = float(student.ppf((1 + CONFIDENCE) / 2, max(int(self.experiment.fitted.sum()) - 1, 1)))
+        return quantile * covariance.diagonal().sqrt()
+
+    def absent(self, covariance: Tensor) -> list[str]:
+        """List the effects all of whose sizes may be those of no effect."""
+        predictor = self.experiment.predictor
+        reach = self.reach(covariance)[self.fit.point.nominal.shape[1] + 1 :]
+        away = (self.fit.point.effects[0] - predictor.null)[self.columns].abs() > reach
+        present = {
+            predictor.terms[k].effect.name for k, sure in zip(self.columns.tolist(), away.tolist(), strict=True) if sure
+        }
+        return [name for name in self.names if name not in present]
+
 
 def columns_of(predictor: Predictor, names: Sequence[str]) -> Tensor:
     """Return the indices of the parameters of some effects among the predictor's terms."""
@@ -83,6 +114,36 @@ def begin_hypothesis(experiment: Experiment, start: Fit, names: tuple[str, ...],
     return conclude(
         experiment, gauss_newton(experiment, _first_step(experiment, start, columns), columns, steps), names
     )
+
+
+def begin_afresh(
+    experiment: Experiment, point: Variants, names: tuple[str, ...], change: Tensor, steps: int = 5
+) -> Hypothesis:
+    """Fit effects from finite sizes, with the first guesses of the unknown parameters; the best fit is returned.
+
+    Args:
+        experiment: What to explain.
+        point: First states, without effects.
+        names: Names of the effects.
+        change: Their parameters as a line at the null suggests: its direction is taken, shape (E,).
+        steps: Most Gauss-Newton steps.
+
+    Raises:
+        SolverError: If a fit cannot be simulated.
+    """
+    predictor, columns = experiment.predictor, columns_of(experiment.predictor, names)
+    known = [predictor.terms[k].effect.quantities()[predictor.terms[k].name] for k in columns.tolist()]
+    typical = torch.tensor([one.typical - one.null for one in known], dtype=torch.float64)
+    direction = change / typical
+    direction = direction / direction.abs().max().clamp_min(1e-9)
+    guess = point.replace(nominal=predictor.model.guess[None])
+    counts, found = experiment.fitted[predictor.windows.trajectory], []
+    for size in SIZES:
+        effects = point.effects.clone()
+        effects[0, columns] = predictor.null[columns] + size * typical * direction
+        start = try_again(experiment, guess.replace(effects=clamp_effects(predictor, effects)))
+        found.append(gauss_newton(experiment, start, columns, steps))
+    return conclude(experiment, min(found, key=lambda fit: float(fit.loss[counts].sum())), names)
 
 
 def finish_hypothesis(begun: Hypothesis, steps: int = 16) -> Hypothesis:

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
 from physid.diagnosis.attribute import Attribution
+from physid.diagnosis.score import gains, joined
 from physid.diagnosis.stage import Stage
 from physid.physics.effect import Site
 
 SITES: tuple[Site, ...] = ("perception", "actuation", "dynamics", "contact")
 COOL = 0.01  # share of the best gain by which an explanation must fall behind to count e times less
+WARM = 0.1  # the same between whole sites, where nothing is named
 
 
 @dataclass(frozen=True)
@@ -66,21 +69,48 @@ def over_time(stage: Stage, body: int) -> tuple[Tensor, list[str]]:
     return table, dofs
 
 
-def sites(found: Attribution) -> dict[str, float]:
-    """Weigh the sites by how well their best effects explain the gap.
+def sites(found: Attribution, named: bool) -> dict[str, float]:
+    """Weigh the sites by how well they explain the gap.
 
-    An explanation that falls d behind the best, in squared residual, weighs exp(-d / (2 T)) with a temperature T of 1 %
-    of the best gain and at least 2, so that near ties share.
+    Where effects are named, a site stands for its best one; where none is, for all of its effects together, since what
+    the catalogue lacks is nearest to what is made in the same place. An explanation that falls d behind the best, in
+    squared residual, weighs exp(-d / (2 T)) with a temperature T of 1 % of the best gain (10 % where nothing is named)
+    and at least 2, so that near ties share.
+
+    Args:
+        found: What the search found.
+        named: Whether effects are named.
     """
-    kinds = {kind.name: kind.site for kind in found.nominal.experiment.predictor.candidates}
-    base = float(found.nominal.held_out.sum())
-    explained = {row.names: row.gain for row in found.stage.rows}
-    explained |= {one.names: base - float(one.held_out.sum()) for one in found.tried}
-    best = max(explained.values(), default=0.0)
+    explained = _best_of(found) if named else _whole_sites(found.stage, _kinds(found))
+    best = max((gain for _, gain in explained), default=0.0)
     weights = dict.fromkeys(SITES, 0.0)
-    for names, gain in explained.items():
-        weight = torch.tensor((gain - best) / (2 * max(2.0, COOL * best))).exp()
-        for name in names:
-            weights[kinds[name]] += float(weight) / len(names)
+    for where, gain in explained:
+        weight = torch.tensor((gain - best) / (2 * max(2.0, (COOL if named else WARM) * best))).exp()
+        for site in where:
+            weights[site] += float(weight) / len(where)
     total = sum(weights.values())
     return {site: round(weight / total, 4) if total else 0.0 for site, weight in weights.items()}
+
+
+def _kinds(found: Attribution) -> dict[str, Site]:
+    return {kind.name: kind.site for kind in found.nominal.experiment.predictor.candidates}
+
+
+def _best_of(found: Attribution) -> list[tuple[list[Site], float]]:
+    """List hypotheses: the sites of their effects, and what they explain."""
+    kinds, base = _kinds(found), float(found.nominal.held_out.sum())
+    explained = {row.names: row.gain for row in found.stage.rows}
+    explained |= {one.names: base - float(one.held_out.sum()) for one in found.tried}
+    return [([kinds[name] for name in names], gain) for names, gain in explained.items()]
+
+
+def _whole_sites(stage: Stage, kinds: Mapping[str, Site]) -> list[tuple[list[Site], float]]:
+    """List what all effects of a site explain together, at any size, beyond what they explain by chance."""
+    listed: list[tuple[list[Site], float]] = []
+    for site in SITES:
+        groups = [group for group in stage.groups if kinds[group.names[0]] == site]
+        if groups:
+            chance = sum(row.scale for row in stage.rows if kinds[row.names[0]] == site)
+            gain = float(gains(stage.conditional, joined(groups).unbounded())[0])
+            listed.append(([site], max(0.0, gain - chance)))
+    return listed

@@ -59,7 +59,7 @@ def overlay(
     scene = observations.scene
     if row is None or scene.camera is None:
         return None
-    models = [nominal] + ([] if conclusion.chosen is None else [conclusion.chosen])
+    models = [nominal] + ([] if conclusion.shown is None else [conclusion.shown])
     length = int(observations.present[row, :, 0].sum())
     shown = np.unique(np.linspace(0, length - 1, min(length, MOST_FRAMES)).astype(int))
     away = torch.stack([_smooth(model.fit.residual[row, :length])[shown] for model in models])

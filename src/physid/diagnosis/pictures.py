@@ -15,6 +15,7 @@ from physid.diagnosis.hypothesis import Hypothesis
 from physid.diagnosis.locate import over_time
 from physid.diagnosis.prepare import Prepared
 from physid.diagnosis.report_data import Curve, ReportData, TimeMap
+from physid.diagnosis.sentences import percent
 from physid.diagnosis.stage import Stage
 
 SMOOTH = 9  # frames over which curves are averaged
@@ -37,30 +38,41 @@ def draw(title: str, prepared: Prepared, found: Attribution, conclusion: Conclus
         Curve(
             split,
             np.arange(frames, dtype=np.float64) * step,
-            _curve(found.nominal, chosen),
-            None if conclusion.chosen is None else _curve(conclusion.chosen, chosen),
+            _curve(found.whole_nominal, chosen),
+            None if conclusion.shown is None else _curve(conclusion.shown, chosen),
         )
         for split, chosen in parts.items()
         if bool(chosen.any())
     ]
-    free = freeform_errors(found.stage, found.nominal.experiment, prepared.noise)
+    free = None if found.calm else freeform_errors(found.stage, found.nominal.experiment, prepared.noise)
     kinds = prepared.experiment.predictor.candidates
     return ReportData(
         title=title,
         curves=tuple(curves),
         time_map=_time_map(found.stage, [body.name for body in prepared.observations.scene.bodies], prepared),
         levels=_levels(prepared),
-        freeform={split: float(free[chosen].mean().sqrt()) for split, chosen in parts.items() if bool(chosen.any())},
+        freeform={
+            split: float(free[chosen].mean().sqrt())
+            for split, chosen in parts.items()
+            if free is not None and bool(chosen.any())
+        },
         threshold=found.stage.limit * found.stage.rows[0].scale,
         replicates=len(found.stage.null_best),
         formulas={kind.name: (kind.__doc__ or "").strip().splitlines()[0] for kind in kinds},
         next_config=conclusion.further.config if conclusion.further else None,
         facts={
             "recordings": f"{trajectories} trajectories of {frames} frames",
+            "judged": _judged(found),
             "candidates": str(len(kinds)),
             "took": f"{seconds:.0f} s",
         },
     )
+
+
+def _judged(found: Attribution) -> str:
+    """Say in which frames effects are judged."""
+    judged, whole = (float(one.experiment.predictor.windows.size.sum()) for one in (found.nominal, found.whole_nominal))
+    return f"where nothing is hit, {percent(judged / whole)} of the frames" if found.calm else "in all frames"
 
 
 def _levels(prepared: Prepared) -> dict[str, float | None]:
@@ -89,5 +101,5 @@ def _time_map(stage: Stage, names: list[str], prepared: Prepared) -> TimeMap | N
         return None
     step = prepared.observations.scene.time_step
     edges = step * piece_frames(step) * np.arange(evidence.shape[1] + 1)
-    edges[-1] = step * int(prepared.experiment.predictor.windows.size.max())
+    edges[-1] = step * int(stage.fit.linear.windows.size.max())
     return TimeMap(tuple((name, dof) for name, (_, dofs) in tables.items() for dof in dofs), edges, evidence)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -23,6 +23,16 @@ class Group:
     typical: Tensor
     low: Tensor
     high: Tensor
+
+    def unbounded(self) -> Group:
+        """Return the same without ranges."""
+        return replace(self, low=torch.full_like(self.low, -torch.inf), high=torch.full_like(self.high, torch.inf))
+
+
+def joined(groups: Sequence[Group]) -> Group:
+    """Return several groups as one hypothesis."""
+    parts = (torch.cat([getattr(one, name) for one in groups]) for name in ("columns", "typical", "low", "high"))
+    return Group(tuple(name for one in groups for name in one.names), *parts)
 
 
 def groups_of(terms: Sequence[Term], offset: int, present: Tensor) -> list[Group]:

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from physid.diagnosis.windows import Windows
-from physid.physics.rotations import conjugate, exponential, logarithm, multiply
+from physid.physics.rotations import conjugate, exponential, logarithm, multiply, to_matrix
 from physid.scenes.lying import lay_down
 from physid.scenes.scene import Scene
 
@@ -16,7 +16,9 @@ SPANS = (0.06, 0.035, 0.02)  # [s] first frames that may give the first velocity
 GUESSES = len(SPANS) + 1  # one from each, and one at rest
 FLAT = 0.03  # [rad] a face that leans more than this does not lie on the ground
 NEAR = 0.25  # a body lies on the ground if the gap is below this share of its height (a camera may see it too high) ...
-STEADY = 0.5  # ... and it falls by less than this share of a free fall
+STEADY = 0.5  # ... and it falls by less than this share of a free fall ...
+SINKS, SOON = 0.04, 0.25  # ... and does not sink by this share of its height soon after [s]: a late camera shows it
+MEDIAN = 5  # frames whose median height counts: one wild pose is no fall
 
 
 @dataclass(frozen=True)
@@ -59,7 +61,21 @@ def guess_starts(pose: Tensor, seen: Tensor, windows: Windows, scene: Scene) -> 
         for name in ("pose", "twist"):
             getattr(starts, name)[:, batch.windows] = getattr(guessed, name)
         starts.resting[batch.windows] = guessed.resting
+    starts.resting[_sinks(pose, seen, scene)[windows.trajectory, windows.start]] = False
     return starts
+
+
+def _sinks(pose: Tensor, seen: Tensor, scene: Scene) -> Tensor:
+    """Tell which bodies get nearer to the ground soon after each frame: they did not lie on it, shape (R, T, N)."""
+    normal, size = pose.new_tensor(scene.ground.normal), pose.new_tensor(scene.sizes)
+    reach = ((normal @ to_matrix(pose[..., 3:])).abs() * size).sum(-1) / 2
+    bottom = pose[..., :3] @ normal - reach
+    frames = max(MEDIAN, round(SOON / scene.time_step))
+    last = torch.full_like(bottom[:, :1], torch.inf).expand(-1, frames + MEDIAN - 2, -1)
+    known = torch.cat([torch.where(seen > 0, bottom, torch.inf), last], 1)
+    smooth = known.unfold(1, MEDIAN, 1).median(-1).values
+    lowest = smooth.unfold(1, frames, 1).amin(-1)
+    return smooth[:, : bottom.shape[1]] - lowest > SINKS * 2 * reach
 
 
 def _guess(cut: Tensor, weight: Tensor, scene: Scene) -> Starts:

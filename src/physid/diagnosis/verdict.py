@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from physid.diagnosis.attribute import ALPHA, Attribution, complete, evident, explained
+from physid.diagnosis.attribute import Attribution, complete, explained, unexplained
 from physid.diagnosis.gap import Closing, Interval
 from physid.diagnosis.locate import Place
 
@@ -113,7 +113,7 @@ class Diagnosis:
 def judge(found: Attribution, transfer: Closing | None) -> Name:
     """Turn what the search found into a verdict."""
     if found.best is None or found.left is None:
-        return "unknown" if found.stage.p_free <= ALPHA or evident(found.nominal) else "none"
+        return "unknown" if unexplained(found) else "none"
     whole = complete(found.nominal, found.best, found.stage, found.left)
     open_share = found.left.missing / explained(found.nominal, found.best, found.stage)
     if not _carries(transfer) or (not whole and open_share > PARTLY):

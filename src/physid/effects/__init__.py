@@ -10,6 +10,7 @@ import torch
 
 from physid.effects.adhesion import Adhesion
 from physid.effects.anisotropic_friction import AnisotropicFriction
+from physid.effects.body_anisotropic_friction import BodyAnisotropicFriction
 from physid.effects.camera_offset import CameraOffset
 from physid.effects.camera_yaw import CameraYaw
 from physid.effects.clock_rate import ClockRate
@@ -64,6 +65,7 @@ CATALOGUE: tuple[type[Effect], ...] = (
     MassDrift,
     StribeckFriction,
     AnisotropicFriction,
+    BodyAnisotropicFriction,
     FrictionGradient,
     FrictionDrift,
     TorsionalFriction,

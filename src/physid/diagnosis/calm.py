@@ -1,0 +1,68 @@
+"""Where nothing is hit: motion that the model can follow decides alone what it can decide."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import torch
+from torch import Tensor
+
+from physid.diagnosis.fit import gauss_newton
+from physid.diagnosis.hypothesis import Hypothesis, conclude
+from physid.diagnosis.prepare import NONE, Prepared
+from physid.diagnosis.restart import try_again
+from physid.diagnosis.settle import Say, settle
+from physid.diagnosis.soundness import LEAST_FITTED
+from physid.diagnosis.windows import Windows
+
+LATE = 0.05  # [s] first frames of a window in which a late camera would still show what was before it
+
+
+def calm(prepared: Prepared, say: Say = lambda _: None) -> Prepared | None:
+    """Return the same recordings with their calm windows alone, and the nominal model fitted to these.
+
+    After a hit the state depends on tiny differences before it: such windows outweigh, by chance and by far, what an
+    effect does to a flight. What shows in calm windows is therefore looked for there first.
+
+    Args:
+        prepared: The fitted nominal model.
+        say: Told what is being done.
+
+    Returns:
+        None where no window is busy, or fewer fitted trajectories have calm windows than a diagnosis needs.
+    """
+    experiment, windows = prepared.experiment, prepared.experiment.predictor.windows
+    chosen = (~windows.busy).nonzero()[:, 0]
+    fitted = experiment.fitted[windows.trajectory[chosen].unique()]
+    if len(chosen) == len(windows) or int(fitted.sum()) < LEAST_FITTED:
+        return None
+    quiet = experiment.only(chosen, prepared.fit.jacobian.base.state[0])
+    counts = _own_frames(quiet.predictor.windows, prepared.observations.scene.time_step)[..., None, None]
+    quiet = quiet.replace(scale=torch.where(counts, quiet.scale, torch.zeros_like(quiet.scale)))
+    point = prepared.fit.point
+    point = point.replace(pose=point.pose[:, chosen], twist=point.twist[:, chosen])
+    quiet, fit = settle(quiet, quiet.linearise(point, NONE), NONE, (), say)
+    return replace(prepared, experiment=quiet, fit=fit)
+
+
+def everywhere(prepared: Prepared, best: Hypothesis) -> Hypothesis:
+    """Fit unknown parameters and first states to all windows, with the effects that calm windows found.
+
+    Args:
+        prepared: The nominal model, fitted to all windows.
+        best: The hypothesis, fitted to the calm ones.
+
+    Returns:
+        The hypothesis without free parameters of effects: its shared columns are the unknown parameters.
+    """
+    experiment, point = prepared.experiment, prepared.fit.point.replace(effects=best.fit.point.effects)
+    fit = gauss_newton(experiment, try_again(experiment, point), NONE)
+    experiment, fit = settle(experiment, fit, NONE, best.names)
+    return replace(conclude(experiment, fit, ()), names=best.names)
+
+
+def _own_frames(windows: Windows, time_step: float) -> Tensor:
+    """Tell which frames (R, T) are of windows, but for first ones that a late camera would take from before them."""
+    late = torch.where(windows.start > 0, (windows.size // 2).clamp_max(round(LATE / time_step)), 0)
+    inside = windows.spread(torch.ones(len(windows), dtype=torch.bool))
+    return inside & (windows.position >= windows.spread(late))

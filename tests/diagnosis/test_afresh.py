@@ -1,0 +1,32 @@
+"""Fits from finite sizes find strong effects that no small step from a bent nominal fit finds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import torch
+
+from diagnosis.sets import recorded
+from physid.data.format import RecordingSet
+from physid.diagnosis.beliefs import believe
+from physid.diagnosis.hypothesis import begin_afresh, columns_of
+from physid.diagnosis.observations import observe
+from physid.diagnosis.prepare import prepare
+from physid.effects import CATALOGUE
+
+STRENGTH = 0.12  # [1/m^2], six times the typical one
+BENT = 2.5  # natural logarithm of the factor by which friction is off
+
+
+def test_a_strong_lens_is_found_whatever_the_nominal_fit_made_of_it(tmp_path: Path) -> None:
+    folder = recorded(
+        tmp_path / "lens", {"lens_distortion": {"k1": STRENGTH}}, steps=60, trajectories=5, split={"fit": 5}
+    )
+    observations = observe(RecordingSet(folder), None, None)
+    model = believe(observations.scene, None)
+    fitted = prepare(observations, model, list(CATALOGUE), torch.Generator().manual_seed(0))
+    bent = fitted.fit.point.replace(nominal=fitted.fit.point.nominal - BENT)
+    column = columns_of(fitted.experiment.predictor, ["lens_distortion"])
+    found = begin_afresh(fitted.experiment, bent, ("lens_distortion",), torch.ones(1, dtype=torch.float64))
+    assert float(found.fit.point.effects[0, column]) == pytest.approx(STRENGTH, rel=0.1)

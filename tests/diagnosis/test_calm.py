@@ -1,0 +1,68 @@
+"""Flights decide alone what they can decide: hits neither hide an effect that shows in flight nor bend its size."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from diagnosis.sets import recorded
+from physid.data.format import RecordingSet
+from physid.diagnosis.beliefs import believe
+from physid.diagnosis.calm import LATE, calm
+from physid.diagnosis.diagnose import diagnose
+from physid.diagnosis.observations import observe
+from physid.diagnosis.prepare import Prepared, prepare
+from physid.effects import CATALOGUE
+
+DRAG, TOLERANCE = 0.6, 0.1
+TOSS: Mapping[str, Any] = {
+    "scene": "toss",
+    "steps": 120,
+    "unknown": ("block.friction", "block.restitution"),
+    "protocol_of_split": {},
+}
+
+
+def prepared(folder: Path) -> Prepared:
+    observations = observe(RecordingSet(folder), None, None)
+    model = believe(observations.scene, None)
+    return prepare(observations, model, list(CATALOGUE), torch.Generator().manual_seed(0))
+
+
+@pytest.fixture(scope="module")
+def tossed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("calm") / "tossed"
+    return recorded(folder, {"viscous_drag": {"coefficient": DRAG}}, **TOSS)
+
+
+def test_calm_windows_count_alone_and_none_of_what_a_late_camera_would_take_from_before_them(tossed: Path) -> None:
+    whole = prepared(tossed)
+    part = calm(whole)
+    assert part is not None
+    windows, kept = whole.experiment.predictor.windows, part.experiment.predictor.windows
+    assert bool(windows.busy.any())
+    assert len(kept) == int((~windows.busy).sum())
+    counts = (part.experiment.scale > 0).any(-1).any(-1)
+    assert not bool(counts[windows.spread(windows.busy)].any())
+    late = round(LATE / whole.observations.scene.time_step)
+    for row, start, size in zip(kept.trajectory.tolist(), kept.start.tolist(), kept.size.tolist(), strict=True):
+        first = min(late, size // 2) if start else 0
+        assert not bool(counts[row, start : start + first].any())
+        assert bool(counts[row, start + first : start + size].all())
+
+
+def test_where_nothing_is_hit_there_is_no_such_part(tmp_path: Path) -> None:
+    assert calm(prepared(recorded(tmp_path / "pushed"))) is None
+
+
+def test_a_drag_that_shows_in_flight_is_named_with_its_size_although_blocks_bounce(
+    tossed: Path, tmp_path: Path
+) -> None:
+    found = diagnose(tossed, tmp_path)
+    assert found["verdict"] in ("named", "group")
+    assert found["effects"][0]["name"] == "viscous_drag"
+    assert found["effects"][0]["parameters"]["coefficient"]["value"] == pytest.approx(DRAG, rel=TOLERANCE)
