@@ -47,7 +47,7 @@ PLANAR = ("rz", "x", "y")
 def residual_wrenches(
     phases: Tensor, frame: Tensor, planar: bool, windows: Windows, time_step: float
 ) -> tuple[list[Cell], Tensor]:
-    """List residual wrenches of unit size.
+    """List residual wrenches of unit size; phases that are seldom within windows have none.
 
     Args:
         phases: Codes of PHASES, shape (R, T, N).
@@ -60,12 +60,13 @@ def residual_wrenches(
         The cells, and their wrenches, shape (F, R, T, N, 6).
     """
     bodies = phases.shape[2]
+    inside = windows.spread(torch.ones(len(windows), dtype=torch.bool))
     piece = windows.position // piece_frames(time_step)
     pieces = int(piece.max()) + 1
     cells: list[Cell] = []
     masks: list[Tensor] = []
     for body in range(bodies):
-        share = torch.bincount(phases[:, :, body].flatten(), minlength=len(PHASES)) / phases[:, :, body].numel()
+        share = torch.bincount(phases[:, :, body][inside], minlength=len(PHASES)) / inside.sum()
         for dof in PLANAR if planar else DOFS:
             for k in range(pieces):
                 cells.append(Cell(body, dof, piece=k))

@@ -15,6 +15,7 @@ from physid.physics.effect import Site
 
 SITES: tuple[Site, ...] = ("perception", "actuation", "dynamics", "contact")
 COOL = 0.01  # share of the best gain by which an explanation must fall behind to count e times less
+ROUNDING = 1e-6  # squared residual, in units of the noise
 WARM = 0.1  # the same between whole sites, where nothing is named
 
 
@@ -45,10 +46,10 @@ def places(stage: Stage, names: list[str]) -> list[Place]:
         names: Names of the bodies.
     """
     total = max(stage.excess, 1e-9)
-    gains = stage.cell_gain[:, stage.counted].sum(1).clamp_min(0)
+    evidence = _shown(stage.cell_gain[:, stage.counted].sum(1))
     found = [
         Place(cell.phase, names[cell.body], cell.dof, float(gain.sqrt()), min(1.0, float(gain) / total))
-        for cell, gain in zip(stage.cells, gains, strict=True)
+        for cell, gain in zip(stage.cells, evidence, strict=True)
         if cell.phase is not None
     ]
     return sorted(found, key=lambda place: -place.evidence)
@@ -56,10 +57,10 @@ def places(stage: Stage, names: list[str]) -> list[Place]:
 
 def over_time(stage: Stage, body: int) -> tuple[Tensor, list[str]]:
     """Return the evidence over pieces of time (from the start of windows) and degrees of freedom, (dof, pieces)."""
-    gains = stage.cell_gain[:, stage.counted].sum(1).clamp_min(0)
+    evidence = _shown(stage.cell_gain[:, stage.counted].sum(1))
     pieces = [
         (cell, gain)
-        for cell, gain in zip(stage.cells, gains, strict=True)
+        for cell, gain in zip(stage.cells, evidence, strict=True)
         if cell.piece is not None and cell.body == body
     ]
     dofs = sorted({cell.dof for cell, _ in pieces}, key=("x", "y", "z", "rx", "ry", "rz").index)
@@ -67,6 +68,11 @@ def over_time(stage: Stage, body: int) -> tuple[Tensor, list[str]]:
     for cell, gain in pieces:
         table[dofs.index(cell.dof), cell.piece or 0] = gain.sqrt()
     return table, dofs
+
+
+def _shown(gains: Tensor) -> Tensor:
+    """Let gains that are nothing but rounding be zero."""
+    return torch.where(gains > ROUNDING, gains, torch.zeros_like(gains))
 
 
 def sites(found: Attribution, named: bool) -> dict[str, float]:
