@@ -15,6 +15,7 @@ from physid.diagnosis.hypothesis import Hypothesis, begin_afresh, begin_hypothes
 from physid.diagnosis.prepare import Prepared
 from physid.diagnosis.settle import Say
 from physid.diagnosis.stage import Stage, examine
+from physid.physics.layer import SolverError
 
 ALPHA = 0.01  # effect-free data are called suspicious this often
 CLEAR = 2.5  # standard errors by which a prediction must be worse to be told apart
@@ -81,10 +82,18 @@ def attribute(prepared: Prepared, generator: torch.Generator, say: Say = lambda 
     if quiet is not None:
         found = _search(quiet, generator, say)
         if found.best is not None or unexplained(found):
-            say("fitting what was found to all frames")
-            best = None if found.best is None else everywhere(prepared, found.best)
-            return replace(found, everywhere=(conclude(prepared.experiment, prepared.fit, ()), best))
+            return _with_all_frames(prepared, found, say)
     return _search(prepared, generator, say)
+
+
+def _with_all_frames(prepared: Prepared, found: Attribution, say: Say) -> Attribution:
+    """Fit what calm windows showed to all frames; where that cannot be simulated, it stays as it is."""
+    say("fitting what was found to all frames")
+    try:
+        best = None if found.best is None else everywhere(prepared, found.best)
+    except SolverError:
+        return found
+    return replace(found, everywhere=(conclude(prepared.experiment, prepared.fit, ()), best))
 
 
 def unexplained(found: Attribution) -> bool:

@@ -62,17 +62,17 @@ def draw(title: str, prepared: Prepared, found: Attribution, conclusion: Conclus
         next_config=conclusion.further.config if conclusion.further else None,
         facts={
             "recordings": f"{trajectories} trajectories of {frames} frames",
-            "judged": _judged(found),
+            "judged": _judged(found, prepared),
             "candidates": str(len(kinds)),
             "took": f"{seconds:.0f} s",
         },
     )
 
 
-def _judged(found: Attribution) -> str:
+def _judged(found: Attribution, prepared: Prepared) -> str:
     """Say in which frames effects are judged."""
-    judged, whole = (float(one.experiment.predictor.windows.size.sum()) for one in (found.nominal, found.whole_nominal))
-    return f"where nothing is hit, {percent(judged / whole)} of the frames" if found.calm else "in all frames"
+    judged, whole = (float(one.predictor.windows.size.sum()) for one in (found.nominal.experiment, prepared.experiment))
+    return f"where nothing is hit, {percent(judged / whole)} of the frames" if judged < whole else "in all frames"
 
 
 def _levels(prepared: Prepared) -> dict[str, float | None]:
