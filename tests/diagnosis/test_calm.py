@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 import torch
 
 from diagnosis.sets import recorded
 from physid.data.format import RecordingSet
+from physid.diagnosis import attribute
 from physid.diagnosis.beliefs import believe
 from physid.diagnosis.calm import LATE, calm
 from physid.diagnosis.diagnose import diagnose
 from physid.diagnosis.observations import observe
 from physid.diagnosis.prepare import Prepared, prepare
 from physid.effects import CATALOGUE
+from physid.physics.layer import SolverError
 
 DRAG, TOLERANCE = 0.6, 0.1
 TOSS: Mapping[str, Any] = {
@@ -66,3 +68,18 @@ def test_a_drag_that_shows_in_flight_is_named_with_its_size_although_blocks_boun
     assert found["verdict"] in ("named", "group")
     assert found["effects"][0]["name"] == "viscous_drag"
     assert found["effects"][0]["parameters"]["coefficient"]["value"] == pytest.approx(DRAG, rel=TOLERANCE)
+    # Flights say nothing of restitution: it comes from all frames, and not as anything between 0 and 1.
+    known = found["parameters"]["block.restitution"]["with_effect"]
+    assert known["high"] - known["low"] < 0.5 * known["value"]
+
+
+def test_what_cannot_be_simulated_in_all_frames_stays_as_calm_windows_say(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_: object) -> None:
+        raise SolverError("no solution")
+
+    monkeypatch.setattr(attribute, "everywhere", fails)
+    monkeypatch.setattr(attribute, "calm", lambda *_: "calm windows")
+    named = attribute.Attribution(*[cast(Any, name) for name in ("nominal", "stage", "tried", "best", "left", "group")])
+    monkeypatch.setattr(attribute, "_search", lambda *_: named)
+    assert attribute.attribute(cast(Any, "all windows"), torch.Generator()) is named
+    assert not named.calm

@@ -12,8 +12,8 @@ from physid.diagnosis.attribute import Attribution, both_needed, complete, disti
 from physid.diagnosis.conclusion import hollow
 from physid.diagnosis.gap import Closing, Interval
 from physid.diagnosis.hypothesis import Hypothesis
-from physid.diagnosis.prediction import Term
 from physid.diagnosis.stage import Row, Stage
+from physid.diagnosis.terms import Term
 from physid.diagnosis.verdict import judge
 from physid.effects import CATALOGUE
 

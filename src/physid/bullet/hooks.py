@@ -12,8 +12,9 @@ from torch import Tensor
 
 from physid.bullet.engine import Engine, Rows
 from physid.bullet.native import Native
+from physid.physics.collision import reach
 from physid.physics.effect import Effect, StepInputs
-from physid.physics.rotations import rotate, to_matrix
+from physid.physics.rotations import rotate
 from physid.physics.state import State
 from physid.scenes.scene import Scene
 
@@ -87,8 +88,8 @@ class Hooks:
     def start(self, pose: Array) -> Array:
         """Return first poses (B, N, 7) that keep the distance of each body from the ground although sizes differ."""
         normal = self._nominal.ground_normal
-        reach = (normal @ to_matrix(torch.from_numpy(pose[..., 3:]))).abs() * (self._known.size - self._nominal.size)
-        lift = reach.sum(-1, keepdim=True) / 2 * normal
+        taller = reach(torch.from_numpy(pose[..., 3:]), self._known.size - self._nominal.size, normal)
+        lift = taller[..., None] * normal
         return np.concatenate([pose[..., :3] + lift.numpy(), pose[..., 3:]], -1)
 
     def act(

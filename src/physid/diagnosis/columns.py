@@ -133,7 +133,7 @@ def effect_steps(predictor: Predictor, present: Tensor) -> Tensor:
     """Return the steps of the parameters of effects: towards the typical value, and away from a limit; shape (Q,)."""
     sizes = []
     for value, term in zip(present.tolist(), predictor.terms, strict=True):
-        known = term.effect.quantities()[term.name]
+        known = term.quantity
         step = EFFECT * (known.typical - known.null)
         sizes.append(step if known.low <= value + step <= known.high else -step)
     return torch.tensor(sizes, dtype=torch.float64)

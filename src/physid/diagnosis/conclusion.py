@@ -133,7 +133,7 @@ def _effects(chosen: Hypothesis, covariance: Tensor) -> list[Found]:
         for place, column in enumerate(chosen.columns.tolist()):
             term = predictor.terms[column]
             if term.effect is kind:
-                known = kind.quantities()[term.name]
+                known = term.quantity
                 value = float(chosen.fit.point.effects[0, column])
                 low, high = value - reach[place], value + reach[place]
                 parameters[term.name] = Estimate(value, max(low, known.low), min(high, known.high), known.unit)

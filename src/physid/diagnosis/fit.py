@@ -271,7 +271,7 @@ def prior(experiment: Experiment, effects: Tensor) -> Tensor:
     unknown = torch.full((len(predictor.model.unknown),), 1 / 9.0, dtype=torch.float64)
     sizes = []
     for index in effects.tolist():
-        known = predictor.terms[index].effect.quantities()[predictor.terms[index].name]
+        known = predictor.terms[index].quantity
         sizes.append(1 / (10 * (known.typical - known.null)) ** 2)
     return torch.cat([unknown, torch.ones(1, dtype=torch.float64), torch.tensor(sizes, dtype=torch.float64)])
 
@@ -288,7 +288,7 @@ def first_frames(experiment: Experiment) -> Tensor:
 
 def clamp_effects(predictor: Predictor, values: Tensor) -> Tensor:
     """Keep parameters of effects (C, Q) in their ranges."""
-    known = [term.effect.quantities()[term.name] for term in predictor.terms]
+    known = [term.quantity for term in predictor.terms]
     low = torch.tensor([one.low for one in known], dtype=torch.float64)
     high = torch.tensor([one.high for one in known], dtype=torch.float64)
     return values.clamp(low, high)

@@ -132,7 +132,7 @@ def begin_afresh(
         SolverError: If a fit cannot be simulated.
     """
     predictor, columns = experiment.predictor, columns_of(experiment.predictor, names)
-    known = [predictor.terms[k].effect.quantities()[predictor.terms[k].name] for k in columns.tolist()]
+    known = [predictor.terms[k].quantity for k in columns.tolist()]
     typical = torch.tensor([one.typical - one.null for one in known], dtype=torch.float64)
     direction = change / typical
     direction = direction / direction.abs().max().clamp_min(1e-9)

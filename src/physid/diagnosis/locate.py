@@ -87,7 +87,7 @@ def sites(found: Attribution, named: bool) -> dict[str, float]:
         found: What the search found.
         named: Whether effects are named.
     """
-    explained = _best_of(found) if named else _whole_sites(found.stage, _kinds(found))
+    explained = _hypotheses(found) if named else _whole_sites(found.stage, _kinds(found))
     best = max((gain for _, gain in explained), default=0.0)
     weights = dict.fromkeys(SITES, 0.0)
     for where, gain in explained:
@@ -102,7 +102,7 @@ def _kinds(found: Attribution) -> dict[str, Site]:
     return {kind.name: kind.site for kind in found.nominal.experiment.predictor.candidates}
 
 
-def _best_of(found: Attribution) -> list[tuple[list[Site], float]]:
+def _hypotheses(found: Attribution) -> list[tuple[list[Site], float]]:
     """List hypotheses: the sites of their effects, and what they explain."""
     kinds, base = _kinds(found), float(found.nominal.held_out.sum())
     explained = {row.names: row.gain for row in found.stage.rows}

@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from physid.diagnosis.nominal import NominalModel
+from physid.diagnosis.terms import Term
 from physid.diagnosis.windows import Batch, Windows
 from physid.physics.contact import PATCH
 from physid.physics.effect import Effect, Site, StepInputs, quantity
@@ -81,19 +82,6 @@ class Prediction:
     impulse: Tensor
 
 
-@dataclass(frozen=True)
-class Term:
-    """One parameter of a candidate effect."""
-
-    effect: type[Effect]
-    name: str
-
-    @property
-    def label(self) -> str:
-        """How it is written: effect.parameter."""
-        return f"{self.effect.name}.{self.name}"
-
-
 @final
 @dataclass(frozen=True)
 class _Clock(Effect):
@@ -134,7 +122,7 @@ class Predictor:
         self.windows = windows
         self.candidates = tuple(candidates)
         self.terms = tuple(Term(effect, name) for effect in candidates for name in effect.quantities())
-        self.null = torch.tensor([term.effect.quantities()[term.name].null for term in self.terms], dtype=torch.float64)
+        self.null = torch.tensor([term.quantity.null for term in self.terms], dtype=torch.float64)
         self._most, self._elsewhere = most, elsewhere
         ends = list(accumulate(len(kind.quantities()) for kind in self.candidates))
         starts = [0, *ends[:-1]]

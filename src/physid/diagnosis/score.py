@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from physid.diagnosis.linear import Normal
-from physid.diagnosis.prediction import Term
+from physid.diagnosis.terms import Term
 
 VISIBLE = 1.0  # a direction in which the typical size stays below so many standard deviations is not tested
 
@@ -42,7 +42,7 @@ def groups_of(terms: Sequence[Term], offset: int, present: Tensor) -> list[Group
         groups.setdefault(term.effect.name, []).append(index)
     made = []
     for name, indices in groups.items():
-        known = [terms[index].effect.quantities()[terms[index].name] for index in indices]
+        known = [terms[index].quantity for index in indices]
         chosen = torch.tensor(indices)
         low, high = ([getattr(one, bound) for one in known] for bound in ("low", "high"))
         made.append(

@@ -8,7 +8,8 @@ import torch
 from torch import Tensor
 
 from physid.diagnosis.windows import Windows
-from physid.physics.rotations import conjugate, exponential, logarithm, multiply, to_matrix
+from physid.physics.collision import reach
+from physid.physics.rotations import conjugate, exponential, logarithm, multiply
 from physid.scenes.lying import lay_down
 from physid.scenes.scene import Scene
 
@@ -68,14 +69,14 @@ def guess_starts(pose: Tensor, seen: Tensor, windows: Windows, scene: Scene) -> 
 def _sinks(pose: Tensor, seen: Tensor, scene: Scene) -> Tensor:
     """Tell which bodies get nearer to the ground soon after each frame: they did not lie on it, shape (R, T, N)."""
     normal, size = pose.new_tensor(scene.ground.normal), pose.new_tensor(scene.sizes)
-    reach = ((normal @ to_matrix(pose[..., 3:])).abs() * size).sum(-1) / 2
-    bottom = pose[..., :3] @ normal - reach
+    half = reach(pose[..., 3:], size, normal)
+    bottom = pose[..., :3] @ normal - half
     frames = max(MEDIAN, round(SOON / scene.time_step))
     last = torch.full_like(bottom[:, :1], torch.inf).expand(-1, frames + MEDIAN - 2, -1)
     known = torch.cat([torch.where(seen > 0, bottom, torch.inf), last], 1)
     smooth = known.unfold(1, MEDIAN, 1).median(-1).values
     lowest = smooth.unfold(1, frames, 1).amin(-1)
-    return smooth[:, : bottom.shape[1]] - lowest > SINKS * 2 * reach
+    return smooth[:, : bottom.shape[1]] - lowest > SINKS * 2 * half
 
 
 def _guess(cut: Tensor, weight: Tensor, scene: Scene) -> Starts:

@@ -5,7 +5,7 @@ from typing import ClassVar, final
 
 from torch import Tensor
 
-from physid.effects.touch import slip
+from physid.effects.touch import grain, slip
 from physid.physics.effect import Effect, Site, StepInputs, quantity
 from physid.physics.state import State
 
@@ -33,5 +33,5 @@ class AnisotropicFriction(Effect):
         """Change the friction with the ground by heading."""
         x, y, _ = slip(state, inputs).unbind(-1)
         square = x**2 + y**2 + self.slowest**2
-        factor = 1 + self.along[:, None] * (x**2 - y**2) / square + self.oblique[:, None] * 2 * x * y / square
+        factor = grain(x, y, square, self.along, self.oblique)
         return inputs.replace(ground_friction=inputs.ground_friction * factor)

@@ -5,7 +5,7 @@ from typing import ClassVar, final
 
 from torch import Tensor
 
-from physid.effects.touch import slip
+from physid.effects.touch import grain, slip
 from physid.physics.effect import Effect, Site, StepInputs, quantity
 from physid.physics.rotations import to_matrix
 from physid.physics.state import State
@@ -36,5 +36,5 @@ class BodyAnisotropicFriction(Effect):
         axes = to_matrix(state.quaternion)
         x, y = (velocity * axes[..., 0]).sum(-1), (velocity * axes[..., 1]).sum(-1)
         square = velocity.square().sum(-1) + self.slowest**2
-        factor = 1 + self.along[:, None] * (x**2 - y**2) / square + self.oblique[:, None] * 2 * x * y / square
+        factor = grain(x, y, square, self.along, self.oblique)
         return inputs.replace(ground_friction=inputs.ground_friction * factor)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from physid.physics.collision import reach
 from physid.physics.effect import StepInputs
-from physid.physics.rotations import to_matrix
 from physid.physics.state import State
 
 NEAR = 1e-3  # [m] a body at most this far away touches; bodies at rest stay within 0.01 mm in both engines
@@ -19,8 +19,8 @@ def lowest_gap(state: State, inputs: StepInputs) -> Tensor:
     Returns:
         Gaps of the lowest corner, negative in overlap [m], shape (B, N).
     """
-    reach = (inputs.ground_normal @ to_matrix(state.quaternion)).abs() * inputs.size
-    return state.position @ inputs.ground_normal - inputs.ground_offset - reach.sum(-1) / 2
+    height = reach(state.quaternion, inputs.size, inputs.ground_normal)
+    return state.position @ inputs.ground_normal - inputs.ground_offset - height
 
 
 def touching(state: State, inputs: StepInputs) -> Tensor:
@@ -41,6 +41,23 @@ def normal_load(inputs: StepInputs) -> Tensor:
     """
     force = inputs.mass[..., None] * inputs.gravity + inputs.wrench[..., 3:]
     return (-(force @ inputs.ground_normal)).clamp_min(0)
+
+
+def grain(x: Tensor, y: Tensor, square: Tensor, along: Tensor, oblique: Tensor) -> Tensor:
+    """Compute the factor of friction over a grain, 1 + a cos 2p + b sin 2p.
+
+    Args:
+        x: Slip along the first axis of the grain, |v| cos p, shape (B, N) [m/s].
+        y: Slip along the second axis, |v| sin p, shape (B, N) [m/s].
+        square: Speed of slip by which the heading is normed, squared, shape (B, N) [m^2/s^2].
+        along: a, shape (B,).
+        oblique: b, shape (B,).
+
+    Returns:
+        Shape (B, N).
+    """
+    factor: Tensor = 1 + along[:, None] * (x**2 - y**2) / square + oblique[:, None] * 2 * x * y / square
+    return factor
 
 
 def slip(state: State, inputs: StepInputs) -> Tensor:

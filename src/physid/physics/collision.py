@@ -18,6 +18,21 @@ def corner_signs(reference: Tensor) -> Tensor:
     return torch.cartesian_prod(ones, ones, ones)
 
 
+def reach(quaternion: Tensor, size: Tensor, normal: Tensor) -> Tensor:
+    """Compute how far boxes reach from their centres along a normal n, sum_i |n . a_i| s_i / 2 with their axes a_i.
+
+    Args:
+        quaternion: Attitudes, shape (..., 4).
+        size: Edge lengths, shape (..., 3) [m].
+        normal: Unit vector, shape (3,).
+
+    Returns:
+        Shape (...) [m].
+    """
+    half: Tensor = ((normal @ to_matrix(quaternion)).abs() * size).sum(-1) / 2
+    return half
+
+
 def frame_of(normal: Tensor) -> Tensor:
     """Complete unit normals (..., 3) to right-handed frames with rows (normal, tangent, tangent), shape (..., 3, 3)."""
     axis = torch.zeros_like(normal).scatter(-1, normal.detach().abs().argmin(-1, keepdim=True), 1.0)
