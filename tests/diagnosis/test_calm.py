@@ -17,6 +17,7 @@ from physid.diagnosis.calm import LATE, calm
 from physid.diagnosis.diagnose import diagnose
 from physid.diagnosis.observations import observe
 from physid.diagnosis.prepare import Prepared, prepare
+from physid.diagnosis.windows import CALM, Windows
 from physid.effects import CATALOGUE
 from physid.physics.layer import SolverError
 
@@ -43,9 +44,9 @@ def tossed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_calm_windows_count_alone_and_none_of_what_a_late_camera_would_take_from_before_them(tossed: Path) -> None:
     whole = prepared(tossed)
-    part = calm(whole)
+    part = calm(whole, torch.Generator().manual_seed(0))
     assert part is not None
-    windows, kept = whole.experiment.predictor.windows, part.experiment.predictor.windows
+    windows, kept = Windows.around(whole.events, CALM), part.experiment.predictor.windows
     assert bool(windows.busy.any())
     assert len(kept) == int((~windows.busy).sum())
     counts = (part.experiment.scale > 0).any(-1).any(-1)
@@ -58,7 +59,7 @@ def test_calm_windows_count_alone_and_none_of_what_a_late_camera_would_take_from
 
 
 def test_where_nothing_is_hit_there_is_no_such_part(tmp_path: Path) -> None:
-    assert calm(prepared(recorded(tmp_path / "pushed"))) is None
+    assert calm(prepared(recorded(tmp_path / "pushed")), torch.Generator()) is None
 
 
 def test_a_drag_that_shows_in_flight_is_named_with_its_size_although_blocks_bounce(
@@ -83,3 +84,13 @@ def test_what_cannot_be_simulated_in_all_frames_stays_as_calm_windows_say(monkey
     monkeypatch.setattr(attribute, "_search", lambda *_: named)
     assert attribute.attribute(cast(Any, "all windows"), torch.Generator()) is named
     assert not named.calm
+
+
+def test_what_flights_show_and_what_bodies_on_the_ground_show_are_found_together(tmp_path: Path) -> None:
+    height = 0.003
+    hidden = {"viscous_drag": {"coefficient": DRAG}, "camera_offset": {"z": height}}
+    found = diagnose(recorded(tmp_path / "tossed", hidden, **TOSS), tmp_path / "out")
+    sizes = {effect["name"]: effect["parameters"] for effect in found["effects"]}
+    assert set(sizes) == set(hidden)
+    assert sizes["viscous_drag"]["coefficient"]["value"] == pytest.approx(DRAG, rel=0.15)
+    assert sizes["camera_offset"]["z"]["value"] == pytest.approx(height, rel=0.1)

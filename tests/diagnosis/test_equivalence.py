@@ -17,6 +17,7 @@ from physid.effects import find
 from physid.scenes.catalogue import find_setup
 
 ONE = torch.ones(1, dtype=torch.float64)
+NO_NUISANCE = (torch.zeros(0, dtype=torch.int64), *2 * [torch.zeros(0, 1, dtype=torch.float64)])
 
 
 def group(*columns: int) -> Group:
@@ -25,7 +26,7 @@ def group(*columns: int) -> Group:
 
 
 def given(columns: Tensor) -> Conditional:
-    return Conditional(columns.T @ columns, torch.zeros(columns.shape[1], 1), torch.zeros(0))
+    return Conditional(columns.T @ columns, torch.zeros(columns.shape[1], 1), *NO_NUISANCE)
 
 
 def test_an_effect_that_makes_the_same_signature_is_alike_whatever_its_size_and_sign() -> None:

@@ -22,8 +22,13 @@ def found(*sizes: float) -> Attribution:
     one, count = torch.ones(1, dtype=torch.float64), len(NAMES)
     groups = [Group((name,), torch.tensor([k]), one, -one, one) for k, name in enumerate(NAMES)]
     wanted = torch.tensor(sizes, dtype=torch.float64)[:, None]
-    conditional = Conditional(STRENGTH * torch.eye(count, dtype=torch.float64), STRENGTH * wanted, torch.zeros(0))
-    rows = [Row((name,), STRENGTH * size**2, one, 10.0, 1.0, 0.0) for name, size in zip(NAMES, sizes, strict=True)]
+    conditional = Conditional(
+        STRENGTH * torch.eye(count, dtype=torch.float64), STRENGTH * wanted, *3 * [torch.zeros(0)]
+    )
+    rows = [
+        Row((name,), STRENGTH * size**2, STRENGTH * size**2, one, 10.0, 1.0, 0.0)
+        for name, size in zip(NAMES, sizes, strict=True)
+    ]
     stage = SimpleNamespace(groups=groups, conditional=conditional, rows=rows)
     predictor = SimpleNamespace(candidates=CATALOGUE)
     nominal = SimpleNamespace(experiment=SimpleNamespace(predictor=predictor), held_out=torch.zeros(1))

@@ -8,8 +8,9 @@ from typing import Any, cast
 import pytest
 import torch
 
-from physid.diagnosis.attribute import Attribution, both_needed, complete, distinguishable
+from physid.diagnosis.attribute import Attribution
 from physid.diagnosis.conclusion import hollow
+from physid.diagnosis.evidence import both_needed, complete, distinguishable
 from physid.diagnosis.gap import Closing, Interval
 from physid.diagnosis.hypothesis import Hypothesis
 from physid.diagnosis.stage import Row, Stage
@@ -126,11 +127,11 @@ def test_a_hair_is_left_by_laws_that_differ_a_little_and_is_no_part() -> None:
 def stage(*rows: Row) -> Stage:
     """Return a stage whose effect-free data reach 10 times their scale at most."""
     null = torch.linspace(0, 10, 300)
-    return Stage(cast(Any, None), [], list(rows), null, null, null, cast(Any, None), [], null > 0, null)
+    return Stage(cast(Any, None), [], list(rows), null, null, null, null, cast(Any, None), [], null > 0, null)
 
 
 def row(name: str, gain: float, scale: float) -> Row:
-    return Row((name,), gain, torch.zeros(1), 1.0, scale, 1.0)
+    return Row((name,), gain, gain, torch.zeros(1), 1.0, scale, 1.0)
 
 
 def test_an_effect_that_hits_let_gain_by_chance_hides_no_other() -> None:

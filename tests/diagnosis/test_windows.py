@@ -5,13 +5,13 @@ from __future__ import annotations
 import pytest
 import torch
 
-from physid.diagnosis.windows import LEAD, SHORT, Windows
+from physid.diagnosis.windows import HITS, Windows
 
 
 def around(*hits: int, frames: int = 150) -> Windows:
     events = torch.zeros(2, frames, dtype=torch.bool)
     events[0, list(hits)] = True
-    return Windows.around(events)
+    return Windows.around(events, HITS)
 
 
 @pytest.mark.parametrize("windows", [Windows.equal(3, 121, 30), around(), around(40), around(3, 60, 64, 149)])
@@ -50,9 +50,9 @@ def test_a_calm_trajectory_is_one_window_and_a_hit_has_a_short_busy_one() -> Non
     windows = around(40)
     assert windows.size[windows.trajectory == 1].tolist() == [150]
     busy = windows.busy & (windows.trajectory == 0)
-    assert int(busy.sum()) == 1
-    assert int(windows.start[busy]) == 40 - LEAD
-    assert int(windows.size[busy]) <= SHORT
+    assert int(windows.start[busy].min()) == 40 - HITS.lead
+    assert int((windows.start + windows.size)[busy].max()) == 40 + HITS.trail + 1
+    assert int(windows.size[busy].max()) <= HITS.longest
 
 
 def test_each_window_has_its_value_on_its_frames() -> None:

@@ -40,6 +40,7 @@ NEAR = 1.5  # factor within which a severity is met
 FAINT = 1e-4  # severity below which an effect does not show at all
 LEAST, MOST = 3e-3, 15.0  # multiples of the typical size that are tried
 TRIES = 60
+SAME = 20  # of them, for which a configuration stays the same: where nothing shows, no effect helps
 REDRAWS = 50  # draws that a trajectory without effects may need; with effects there may be more
 
 Invention = tuple[GenerateConfig, tuple[Effect, ...], Label]
@@ -55,15 +56,16 @@ def invent(plan: Plan, task: Task) -> Invention:
 
 
 def inventions(plan: Plan, task: Task) -> Iterator[Invention]:
-    """Yield what `invent` returns, and the next choices: the same configuration, other effects."""
+    """Yield what `invent` returns, and the next choices: other effects, then other configurations too."""
     generator = plan.generator(1, int(task.name))
     cells = [cell for cell in CELLS if candidates(task.role, *cell) and (cell[0] in SCENES or not task.film)]
     turn = task.turn + int(plan.generator(2, ROLES.index(task.role)).integers(len(cells)))
     scene, protocol = cells[turn % len(cells)]
-    config = in_view(plan.size, scene, protocol, generator, film=task.film)
     menu = candidates(task.role, scene, protocol)
     order = plan.generator(3, ROLES.index(task.role)).permutation(len(menu))
     for attempt in range(TRIES):
+        if attempt % SAME == 0:
+            config = in_view(plan.size, scene, protocol, generator, film=task.film)
         hidden = menu[order[(task.turn + attempt) % len(menu)]]
         parts = _sizes(config, hidden, generator)
         if parts is None:

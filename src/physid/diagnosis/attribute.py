@@ -9,24 +9,26 @@ import torch
 
 from physid.diagnosis.calm import calm, everywhere
 from physid.diagnosis.candidates import first_pairs, ranked_pairs, survivors, swapped_pairs
-from physid.diagnosis.contest import by_prediction, contest, gain
+from physid.diagnosis.contest import by_prediction, contest
 from physid.diagnosis.equivalence import alike
+from physid.diagnosis.evidence import (
+    ALPHA,
+    both_needed,
+    complete,
+    distinguishable,
+    evident,
+    explained,
+    sound,
+)
 from physid.diagnosis.hypothesis import Hypothesis, begin_afresh, begin_hypothesis, conclude
 from physid.diagnosis.prepare import Prepared
 from physid.diagnosis.settle import Say
 from physid.diagnosis.stage import Stage, examine
 from physid.physics.layer import SolverError
 
-ALPHA = 0.01  # effect-free data are called suspicious this often
-CLEAR = 2.5  # standard errors by which a prediction must be worse to be told apart
-NATS = 12.0  # and by how much squared residual at least
-SAME = 0.003  # share of what the best explains that the numerics may decide between two hypotheses
-EVIDENT = 2.0  # mean squared residual, in units of the noise, that no effect-free trajectories have
-CLOSED = 0.02  # share of the gap that may be left without a second look
-CLOSED_BY_PAIR = 0.005  # the same where two effects are blamed
 SECOND = 0.01  # share of the gap from which on a second effect is looked for
 AFRESH = 6  # single effects that are fitted again from finite sizes, where the best leaves a gap
-MOST_OF_IT = 0.5  # share of what one effect leaves that a second one must explain
+AT_HITS = 3  # effects that are tried beside one that calm windows showed
 
 
 @dataclass(frozen=True)
@@ -78,11 +80,11 @@ def attribute(prepared: Prepared, generator: torch.Generator, say: Say = lambda 
         generator: Randomness of effect-free data.
         say: Told what is being done.
     """
-    quiet = calm(prepared, say)
+    quiet = calm(prepared, generator, say)
     if quiet is not None:
         found = _search(quiet, generator, say)
         if found.best is not None or unexplained(found):
-            return _with_all_frames(prepared, found, say)
+            return _with_second(prepared, _with_all_frames(prepared, found, say), generator, say)
     return _search(prepared, generator, say)
 
 
@@ -94,6 +96,31 @@ def _with_all_frames(prepared: Prepared, found: Attribution, say: Say) -> Attrib
     except SolverError:
         return found
     return replace(found, everywhere=(conclude(prepared.experiment, prepared.fit, ()), best))
+
+
+def _with_second(prepared: Prepared, found: Attribution, generator: torch.Generator, say: Say) -> Attribution:
+    """Look in all windows for a second effect: it may act at hits alone, or move all that a camera sees of a flight."""
+    one, nominal = found.whole_best, found.whole_nominal
+    if not found.calm or one is None or len(one.names) > 1:
+        return found
+    say(f"looking at what {one.names[0]} leaves at hits")
+    left = examine(prepared, one, generator)
+    further = sorted(left.significant, key=lambda row: -row.ratio)[:AT_HITS]
+    if left.p_value > ALPHA or not further:
+        return found
+    pairs = contest(
+        [(*one.names, *row.names) for row in further],
+        lambda names: begin_hypothesis(one.experiment, left.fit, names),
+        one,
+        say,
+    )
+    needed = [pair for pair in pairs if sound(nominal, pair, left) and both_needed(pair, nominal, [one], left)]
+    if not needed:
+        return found
+    stage, rest = examine(prepared, nominal, generator), examine(prepared, needed[0], generator)
+    whole = complete(nominal, needed[0], stage, rest)
+    group = [pair for pair in needed if pair is needed[0] or not distinguishable(nominal, needed[0], pair, rest, whole)]
+    return Attribution(nominal, stage, [*needed, one], needed[0], rest, group, alike(stage, needed[0]))
 
 
 def unexplained(found: Attribution) -> bool:
@@ -117,12 +144,13 @@ def _search(prepared: Prepared, generator: torch.Generator, say: Say) -> Attribu
         best, left = _best_of(prepared, nominal, stage, singles, generator, say)
     if best is None or left is None:
         return Attribution(nominal, stage, [], None, None, [])
-    tried = singles = [one for one in singles if sound(nominal, one, stage)]
+    tried = singles = [one for one in _since(best, singles) if sound(nominal, one, stage)]
     if left.p_value <= ALPHA and left.missing > SECOND * explained(nominal, best, stage):
         tried = by_prediction([*singles, *_needed_pairs(prepared, nominal, stage, singles, left, say)])
         if tried[0] is not best:
             best, left = _best_of(prepared, nominal, stage, tried, generator, say)
             assert best is not None and left is not None
+            tried = _since(best, tried)
     whole = complete(nominal, best, stage, left)
     group = [one for one in tried if one is best or not distinguishable(nominal, best, one, left, whole)]
     return Attribution(nominal, stage, tried, best, left, group, alike(stage, best))
@@ -136,12 +164,23 @@ def _best_of(
     generator: torch.Generator,
     say: Say,
 ) -> tuple[Hypothesis, Stage] | tuple[None, None]:
-    """Return the hypothesis that predicts best, of those that are confirmed, and what it leaves."""
-    best = next((one for one in tried if sound(nominal, one, stage)), None)
-    if best is None:
-        return None, None
-    say(f"looking at what {' + '.join(best.names)} leaves")
-    return best, examine(prepared, best, generator)
+    """Return the hypothesis that predicts best, of those that are confirmed, and what it leaves.
+
+    One near which the model cannot be simulated is passed over: what it leaves cannot be told.
+    """
+    for one in tried:
+        if sound(nominal, one, stage):
+            say(f"looking at what {' + '.join(one.names)} leaves")
+            try:
+                return one, examine(prepared, one, generator)
+            except SolverError:
+                continue
+    return None, None
+
+
+def _since(best: Hypothesis, tried: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Leave out what was passed over before the best."""
+    return list(tried[next(k for k, one in enumerate(tried) if one is best) :])
 
 
 def _afresh(
@@ -183,77 +222,3 @@ def _needed_pairs(
         return []
     further = contest(swapped_pairs(ranked, needed[0], [pair.names for pair in pairs]), begin, best, say)
     return [*needed, *(pair for pair in further if both_needed(pair, nominal, singles, left))]
-
-
-def sound(nominal: Hypothesis, one: Hypothesis, stage: Stage) -> bool:
-    """Tell whether a hypothesis explains more than chance, where it was fitted and where it was not."""
-    return confirmed(nominal, one) and beyond_chance(nominal, one, stage)
-
-
-def explained(nominal: Hypothesis, best: Hypothesis, stage: Stage) -> float:
-    """Return what the best explains: in squared residual of the fitted trajectories, or by a free residual wrench."""
-    return max(gain(nominal, best), stage.excess, 1e-9)
-
-
-def complete(nominal: Hypothesis, best: Hypothesis, stage: Stage, left: Stage) -> bool:
-    """Tell whether the best leaves nothing, or so little that laws which differ by a hair account for it.
-
-    Two effects follow a foreign law more closely than one: of a pair less may be left.
-    """
-    closed = CLOSED if len(best.names) == 1 else CLOSED_BY_PAIR
-    return left.p_value > ALPHA or left.missing < closed * explained(nominal, best, stage)
-
-
-def confirmed(nominal: Hypothesis, one: Hypothesis) -> bool:
-    """Tell whether a hypothesis predicts better than the nominal model where nothing was fitted to."""
-    reported = ~nominal.experiment.fitted
-    better = (nominal.held_out - one.held_out)[reported]
-    return len(better) == 0 or float(better.sum()) > 0
-
-
-def beyond_chance(nominal: Hypothesis, one: Hypothesis, stage: Stage) -> bool:
-    """Tell whether a hypothesis explains more than it does in effect-free data."""
-    return gain(nominal, one) > stage.limit * stage.scale(one.names)
-
-
-def evident(nominal: Hypothesis) -> bool:
-    """Tell whether trajectories that nothing was fitted to leave the model by more than any numerics account for.
-
-    After hits effect-free data scatter widely and one effect alone may not stand out from them; the gap does.
-    """
-    experiment = nominal.experiment
-    reported = ~experiment.fitted
-    count = (experiment.scale[reported] > 0).sum()
-    return float(nominal.held_out[reported].sum()) > EVIDENT * float(count)
-
-
-def distinguishable(nominal: Hypothesis, best: Hypothesis, other: Hypothesis, left: Stage, whole: bool = False) -> bool:
-    """Tell whether another hypothesis predicts held-out trajectories clearly worse than the best.
-
-    If the other were true, the squared residuals of both would differ by more than d with a probability of at most
-    exp(-d / 2). That bound trusts the noise, and the numerics, which are known to a share of what is explained; where
-    the best leaves something (it is not the whole), the difference must exceed that as well, and hold in a paired test
-    over trajectories.
-    """
-    worse = other.held_out - best.held_out
-    closed = float((nominal.held_out - best.held_out).sum())
-    least = max(NATS, SAME * closed, 2 * left.excess)
-    if left.p_value <= ALPHA and not whole:
-        error = float(worse.std()) * len(worse) ** 0.5
-        least = max(least, CLEAR * error)
-    return float(worse.sum()) > least
-
-
-def both_needed(pair: Hypothesis, nominal: Hypothesis, singles: list[Hypothesis], left: Stage) -> bool:
-    """Tell whether a pair accounts for most of what the best single effect leaves, and for more than each part alone.
-
-    Neither part may have sizes that are known no better than that they may be null.
-    """
-    if gain(singles[0], pair) < MOST_OF_IT * left.missing or pair.absent(pair.covariance()):
-        return False
-    least = max(NATS, SAME * float((nominal.held_out - pair.held_out).sum()))
-    return all(
-        float((one.held_out - pair.held_out).sum()) > least and gain(one, pair) > left.limit * left.scale(pair.names)
-        for one in singles
-        if one.names[0] in pair.names
-    )

@@ -9,39 +9,47 @@ from torch import Tensor
 
 from physid.diagnosis.fit import gauss_newton
 from physid.diagnosis.hypothesis import Hypothesis, conclude
-from physid.diagnosis.prepare import NONE, Prepared
+from physid.diagnosis.noise import frame_weights
+from physid.diagnosis.nulls import floors
+from physid.diagnosis.prepare import NONE, Prepared, begin
 from physid.diagnosis.restart import try_again
 from physid.diagnosis.settle import Say, settle
 from physid.diagnosis.soundness import LEAST_FITTED
-from physid.diagnosis.windows import Windows
+from physid.diagnosis.windows import CALM, Windows
 
 LATE = 0.05  # [s] first frames of a window in which a late camera would still show what was before it
 
 
-def calm(prepared: Prepared, say: Say = lambda _: None) -> Prepared | None:
-    """Return the same recordings with their calm windows alone, and the nominal model fitted to these.
+def calm(prepared: Prepared, generator: torch.Generator, say: Say = lambda _: None) -> Prepared | None:
+    """Return the same recordings with calm windows alone, and the nominal model fitted to these.
 
     After a hit the state depends on tiny differences before it: such windows outweigh, by chance and by far, what an
     effect does to a flight. What shows in calm windows is therefore looked for there first.
 
     Args:
         prepared: The fitted nominal model.
+        generator: Randomness of replays that tell where the numerics disturb.
         say: Told what is being done.
 
     Returns:
         None where no window is busy, or fewer fitted trajectories have calm windows than a diagnosis needs.
     """
-    experiment, windows = prepared.experiment, prepared.experiment.predictor.windows
+    observations, noise, base = prepared.observations, prepared.noise, prepared.fit.jacobian.base
+    windows = Windows.around(prepared.events, CALM)
     chosen = (~windows.busy).nonzero()[:, 0]
-    fitted = experiment.fitted[windows.trajectory[chosen].unique()]
+    fitted = observations.fitted[windows.trajectory[chosen].unique()]
     if len(chosen) == len(windows) or int(fitted.sum()) < LEAST_FITTED:
         return None
-    quiet = experiment.only(chosen, prepared.fit.jacobian.base.state[0])
-    counts = _own_frames(quiet.predictor.windows, prepared.observations.scene.time_step)[..., None, None]
-    quiet = quiet.replace(scale=torch.where(counts, quiet.scale, torch.zeros_like(quiet.scale)))
-    point = prepared.fit.point
-    point = point.replace(pose=point.pose[:, chosen], twist=point.twist[:, chosen])
-    quiet, fit = settle(quiet, quiet.linearise(point, NONE), NONE, (), say)
+    say("fitting the nominal model where nothing is hit")
+    predictor = prepared.experiment.predictor.over(windows.only(chosen), base.state[0])
+    quiet, point = begin(predictor, observations, prepared.present, noise, prepared.fit.point.nominal, base)
+    fit = gauss_newton(quiet, point.replace(engine=prepared.fit.point.engine), NONE)
+    weight = frame_weights(fit.residual, prepared.present, noise)
+    weight = weight * _own_frames(predictor.windows, observations.scene.time_step)[..., None]
+    quiet = quiet.replace(scale=weight[..., None].sqrt() / noise.spread())
+    fit = quiet.linearise(fit.point, NONE)
+    extra = predictor.windows.spread((1 + floors(quiet, fit, generator)).rsqrt())
+    quiet, fit = settle(quiet.replace(scale=quiet.scale * extra[..., None, None]), fit, NONE, (), say)
     return replace(prepared, experiment=quiet, fit=fit)
 
 

@@ -39,10 +39,7 @@ def contest(
     for one in fitted[:SETTLE_MOST]:
         if settled and gain(one, settled[0]) > NEAR * gain(before, settled[0]):
             break
-        say(f"replaying {' + '.join(one.names)} in the other engine")
-        again = retried(one)
-        experiment, fit = settle(again.experiment, again.fit, again.columns, again.names)
-        settled.append(conclude(experiment, fit, one.names))
+        settled.append(_settled(one, say))
     return by_prediction([*settled, *fitted[len(settled) :]])
 
 
@@ -69,3 +66,14 @@ def _finished(one: Hypothesis, say: Say) -> Hypothesis:
         return finish_hypothesis(one)
     except SolverError:
         return one
+
+
+def _settled(one: Hypothesis, say: Say) -> Hypothesis:
+    """Fit a hypothesis with the numerics of the other engine; where that cannot be simulated it stays as it is."""
+    say(f"replaying {' + '.join(one.names)} in the other engine")
+    try:
+        again = retried(one)
+        experiment, fit = settle(again.experiment, again.fit, again.columns, again.names)
+    except SolverError:
+        return one
+    return conclude(experiment, fit, one.names)

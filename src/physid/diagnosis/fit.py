@@ -58,6 +58,10 @@ class Experiment:
         square = (self.residual(predicted, point) * self.scale).square().sum((3, 4))
         return self.predictor.windows.sum_frames(square)
 
+    def counted(self) -> Tensor:
+        """Return how many values of each window count, at least 1, shape (K,)."""
+        return self.predictor.windows.sum_frames((self.scale > 0).sum((2, 3))[None].double())[0].clamp_min(1)
+
     def linearise(self, point: Variants, effects: Tensor, forces: Tensor | None = None) -> Fit:
         """Linearise at a point; see `differentiate` for the columns."""
         jacobian = differentiate(self.predictor, point, self.directions, effects, forces)

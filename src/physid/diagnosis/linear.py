@@ -17,7 +17,7 @@ STATE_SPREAD = (0.2, 0.2, 5.0, 2.0)
 
 @dataclass(frozen=True)
 class Normal:
-    """Normal equations of the shared columns, one per trajectory, after the first states are profiled out.
+    """Normal equations of the shared columns, one per trajectory (or window), after first states are profiled out.
 
     With x the change of the shared parameters, the squared residual of trajectory r is c_r - 2 b_r . x + x . A_r x.
 
@@ -38,6 +38,10 @@ class Normal:
     def of(self, trajectories: Tensor) -> Normal:
         """Keep some trajectories."""
         return Normal(self.matrix[trajectories], self.vector[trajectories], self.square[trajectories])
+
+    def per(self, windows: Windows) -> Normal:
+        """Turn what is by window into what is by trajectory."""
+        return Normal(*(windows.sum_windows(each) for each in (self.matrix, self.vector, self.square)))
 
     def loss(self, change: Tensor) -> Tensor:
         """Return the squared residual of each trajectory after the change (P,) or (R, P) of the shared parameters."""
@@ -90,19 +94,27 @@ class Linearised:
         return whole
 
     def normal(self, share: Tensor | None = None) -> Normal:
-        """Return the normal equations of the shared columns; windows may count by a share (K,)."""
+        """Return the normal equations of the shared columns by trajectory; windows may count by a share (K,)."""
+        own = self.by_window()
+        if share is not None:
+            own = Normal(share[:, None, None] * own.matrix, share[:, None] * own.vector, share * own.square)
+        return own.per(self.windows)
+
+    def by_window(self) -> Normal:
+        """Return the normal equations of the shared columns by window."""
         clean = [part.profiled(part.shared) for part in self.parts]
         by_part = {id(part): each for part, each in zip(self.parts, clean, strict=True)}
         matrix = self.gather(lambda part: part.shared.mT @ by_part[id(part)])
         vector = self.gather(lambda part: (by_part[id(part)].mT @ part.residual[..., None])[..., 0])
         square = self.gather(lambda part: (part.residual * part.profiled(part.residual[..., None])[..., 0]).sum(1))
-        if share is not None:
-            matrix, vector, square = share[:, None, None] * matrix, share[:, None] * vector, share * square
-        total = self.windows.sum_windows
-        return Normal(total(matrix), total(vector), total(square))
+        return Normal(matrix, vector, square)
 
     def respond(self, residuals: Tensor, scale: Tensor) -> Normal:
-        """Return the normal equations for other data.
+        """Return the normal equations by trajectory for other data; see `respond_by_window`."""
+        return self.respond_by_window(residuals, scale).per(self.windows)
+
+    def respond_by_window(self, residuals: Tensor, scale: Tensor) -> Normal:
+        """Return the normal equations by window for other data.
 
         Args:
             residuals: Observed minus predicted of Z data sets, shape (Z, R, T, N, 6).
@@ -116,8 +128,7 @@ class Linearised:
             matrices.append(part.shared.mT @ clean)
             vectors.append(clean.mT @ data)
             squares.append((data * part.profiled(data)).sum(1))
-        total = self.windows.sum_windows
-        return Normal(*(total(torch.cat(each)[order]) for each in (matrices, vectors, squares)))
+        return Normal(*(torch.cat(each)[order] for each in (matrices, vectors, squares)))
 
     def state_change(self, change: Tensor, damping: Tensor) -> Tensor:
         """Return the best change of the first states (K, D) when the shared parameters change by (P,).

@@ -63,18 +63,18 @@ def draw_nulls(
     return Nulls(torch.cat(residuals))
 
 
-def with_signs(nulls: Nulls, fit: Fit, generator: torch.Generator) -> Nulls:
-    """Put the residuals of a fit into the busy windows, each window's with a random sign.
+def with_signs(nulls: Nulls, fit: Fit, chosen: Tensor, generator: torch.Generator) -> Nulls:
+    """Put the residuals of a fit into some windows (a mask of shape (K,)), each window's with a random sign.
 
     This is the wild bootstrap (Wu 1986): what an effect does to all hits has the same sign everywhere, what chaos does
-    has not. It holds whatever makes the busy windows fit badly.
+    has not. It holds whatever makes these windows fit badly.
     """
     windows, residuals = fit.linear.windows, nulls.residual.clone()
     signs = 2.0 * torch.randint(2, (len(residuals), len(windows)), generator=generator) - 1
     for batch in windows.batches:
-        busy = batch.inside & windows.busy[batch.windows, None]
-        rows, frames = batch.trajectory[:, None].expand_as(batch.frame)[busy], batch.frame[busy]
-        own = signs[:, batch.windows[:, None].expand_as(batch.frame)[busy]].to(residuals.dtype)
+        inside = batch.inside & chosen[batch.windows, None]
+        rows, frames = batch.trajectory[:, None].expand_as(batch.frame)[inside], batch.frame[inside]
+        own = signs[:, batch.windows[:, None].expand_as(batch.frame)[inside]].to(residuals.dtype)
         residuals[:, rows, frames] = own[..., None, None] * fit.residual[rows, frames]
     return Nulls(residuals)
 
@@ -107,8 +107,7 @@ def floors(experiment: Experiment, fit: Fit, generator: torch.Generator, replays
         data = part.batch.cut(clean * experiment.scale, fill=0.0).flatten(2).movedim(0, -1)
         return part.profiled(data).square().sum(1).mean(-1)
 
-    count = fit.linear.windows.sum_frames((experiment.scale > 0).sum((2, 3))[None].double())[0]
-    return fit.linear.gather(left) / count.clamp_min(1)
+    return fit.linear.gather(left) / experiment.counted()
 
 
 def jitter(experiment: Experiment, fit: Fit, generator: torch.Generator) -> Variants:

@@ -21,12 +21,13 @@ from physid.diagnosis.reader_error import ReaderError
 from physid.diagnosis.restart import search
 from physid.diagnosis.settle import Say, between, settle
 from physid.diagnosis.starts import guess_starts
-from physid.diagnosis.windows import SHORT, Windows
+from physid.diagnosis.windows import HITS, Windows
 from physid.physics.effect import Effect
 
 FIRST_NOISE = Noise(rotation=5e-3, position=2e-3)
 FACTORS = (1.0, 0.5, 0.25, 2.0, 4.0)  # first guesses of unknown parameters that are tried, times the one given
 LOST = 1.5  # times the usual misfit of busy windows, from which on one does not follow the other engine
+FIRST = 30  # frames of the windows of the first fit
 CUTS = 3  # most times that trajectories are cut into windows around events
 NONE = torch.zeros(0, dtype=torch.int64)
 
@@ -41,6 +42,7 @@ class Prepared:
         fit: The fit.
         noise: White noise of the poses.
         phases: Codes of what each body is doing, shape (R, T, N).
+        events: Frames at which small errors grow fast, shape (R, T).
     """
 
     observations: Observations
@@ -48,6 +50,18 @@ class Prepared:
     fit: Fit
     noise: Noise
     phases: Tensor
+    events: Tensor
+
+    @property
+    def present(self) -> Tensor:
+        """Frames that exist and are not wild, shape (R, T, N)."""
+        return tame(self.observations)
+
+
+def tame(observations: Observations) -> Tensor:
+    """Return which frames exist and are not wild, shape (R, T, N)."""
+    present: Tensor = observations.present * ~wild_poses(observations.pose, observations.present)
+    return present
 
 
 def prepare(
@@ -70,16 +84,16 @@ def prepare(
         The fit, with the noise that its residuals show.
     """
     trajectories, frames = observations.pose.shape[:2]
-    present = observations.present * ~wild_poses(observations.pose, observations.present)
+    present = tame(observations)
     say("fitting the nominal model to short windows")
-    short = Windows.equal(trajectories, frames, min(SHORT, frames))
+    short = Windows.equal(trajectories, frames, min(FIRST, frames))
     predictor = Predictor(model, observations.wrench, short, candidates)
     experiment, point = begin(predictor, observations, present, FIRST_NOISE)
     point = _scan(experiment, point)
     first = gauss_newton(experiment, point, NONE, steps=5)
     noise = estimate_noise(first.residual, present, observations.error)
     say("fitting the nominal model")
-    experiment, fit = _fit_windows(observations, model, candidates, present, noise, first)
+    experiment, fit, events = _fit_windows(observations, model, candidates, present, noise, first)
     experiment, fit, noise = _follow(experiment, fit, present, noise.error, say)
     say("measuring where the numerics disturb")
     extra = (1 + floors(experiment, fit, generator)).rsqrt()
@@ -87,7 +101,7 @@ def prepare(
     experiment = experiment.replace(scale=experiment.scale * windows.spread(extra)[..., None, None])
     experiment, fit = settle(experiment, fit, NONE, (), say)
     phases = phases_of(fit.jacobian.base, observations.wrench, model.scene)
-    return Prepared(observations, experiment, fit, noise, phases)
+    return Prepared(observations, experiment, fit, noise, phases, events)
 
 
 def _fit_windows(
@@ -97,11 +111,14 @@ def _fit_windows(
     present: Tensor,
     noise: Noise,
     fit: Fit,
-) -> tuple[Experiment, Fit]:
+) -> tuple[Experiment, Fit, Tensor]:
     """Fit windows cut around events, which a fit to short windows shows; cut again if the new fit shows others.
 
     Bodies that pass each other closely may hit each other in a fit to a long window that is a little off: no step leads
     back from there, but short windows around the hit find their way.
+
+    Returns:
+        The experiment, the fit and the events that its windows are cut around, shape (R, T).
     """
 
     def events_of(fit: Fit) -> Tensor:
@@ -110,7 +127,7 @@ def _fit_windows(
 
     events = events_of(fit)
     for _ in range(CUTS):
-        windows = Windows.around(events)
+        windows = Windows.around(events, HITS)
         predictor = Predictor(model, observations.wrench, windows, candidates)
         experiment, point = begin(predictor, observations, present, noise, fit.point.nominal, fit.jacobian.base)
         fit = gauss_newton(experiment, point, NONE)
@@ -119,7 +136,7 @@ def _fit_windows(
         if not bool(missed.any()):
             break
         events = events | missed
-    return experiment, fit
+    return experiment, fit, events
 
 
 def _follow(
@@ -168,9 +185,7 @@ def _weighed(experiment: Experiment, fit: Fit, present: Tensor, error: ReaderErr
 
 def _misfit(experiment: Experiment, fit: Fit) -> Tensor:
     """Return the mean squared residual of each window, in units of the noise, shape (K,)."""
-    windows = experiment.predictor.windows
-    count = windows.sum_frames((experiment.scale > 0).sum((2, 3))[None].double())[0]
-    return experiment.losses(fit.point)[0] / count.clamp_min(1)
+    return experiment.losses(fit.point)[0] / experiment.counted()
 
 
 def begin(

@@ -47,7 +47,7 @@ def remembered(
     path = folder / FILE
     if path.is_file():
         state = torch.load(path, weights_only=True)
-        if state["key"] == key:
+        if state["key"] == key and "events" in state:
             generator.set_state(state["generator"])
             return _restored(state, observations, model, candidates)
     prepared = make()
@@ -56,6 +56,7 @@ def remembered(
     state |= {f"point.{name}": getattr(prepared.fit.point, name) for name in POINT}
     state |= {name: getattr(experiment, name) for name in ("scale", "engine", "follow")}
     state |= {"frame": experiment.directions.frame, "free": experiment.directions.free, "phases": prepared.phases}
+    state |= {"events": prepared.events}
     state |= {"noise": (prepared.noise.rotation, prepared.noise.position)}
     state |= {"factors": None if prepared.noise.error is None else prepared.noise.error.factors}
     write_whole(path, lambda part: torch.save(state | {"key": key, "generator": generator.get_state()}, part))
@@ -89,7 +90,7 @@ def _restored(
     if error is not None:
         rotations, positions = map(float, state["factors"])
         error = dataclasses.replace(error, factors=(rotations, positions))
-    return Prepared(observations, experiment, fit, Noise(rotation, position, error), state["phases"])
+    return Prepared(observations, experiment, fit, Noise(rotation, position, error), state["phases"], state["events"])
 
 
 def _key(

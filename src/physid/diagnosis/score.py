@@ -65,11 +65,15 @@ class Conditional:
         matrix: Shape (Q, Q).
         vector: Shape (Q, K), for K data sets.
         nuisance: Which columns were solved for.
+        absorbed: How much of each nuisance column fits each column, shape (n, Q).
+        solved: How much of each nuisance column fits the data, shape (n, K).
     """
 
     matrix: Tensor
     vector: Tensor
     nuisance: Tensor
+    absorbed: Tensor
+    solved: Tensor
 
 
 def condition(normal: Normal, nuisance: Tensor, ridge: Tensor) -> Conditional:
@@ -85,7 +89,13 @@ def condition(normal: Normal, nuisance: Tensor, ridge: Tensor) -> Conditional:
     vector = vector[:, None] if vector.ndim == 1 else vector
     inner = torch.linalg.inv(matrix[nuisance][:, nuisance] + torch.diag(ridge))
     across = matrix[:, nuisance] @ inner
-    return Conditional(matrix - across @ matrix[nuisance], vector - across @ vector[nuisance], nuisance)
+    return Conditional(
+        matrix - across @ matrix[nuisance],
+        vector - across @ vector[nuisance],
+        nuisance,
+        across.T,
+        inner @ vector[nuisance],
+    )
 
 
 def gains(conditional: Conditional, group: Group) -> tuple[Tensor, Tensor, Tensor]:
@@ -99,14 +109,49 @@ def gains(conditional: Conditional, group: Group) -> tuple[Tensor, Tensor, Tenso
         Gains of the squared residual (K,), the changes (K, k), and how many standard deviations the typical size
         makes in the directions that the data can see, shape (k,) (0 for the others).
     """
+    matrix = conditional.matrix[group.columns][:, group.columns]
+    gain, change, visible = _best(matrix[None], conditional.vector[group.columns].T, group)
+    return gain, change, visible[0]
+
+
+def steady_gains(conditional: Conditional, group: Group, hits: Normal) -> Tensor:
+    """Compute what a group still explains without the hit that says most for it.
+
+    What an effect does shows in many hits; one hit that goes another way in two engines may look like any effect.
+
+    Args:
+        conditional: Normal equations after the nuisances, for K data sets.
+        group: Columns and their ranges.
+        hits: Normal equations of all columns for the same data sets, one for each of W windows with a hit: matrices
+            (W, P, P) and vectors (W, P, K).
+
+    Returns:
+        Shape (K,).
+    """
+    gain, change, _ = gains(conditional, group)
+    if len(hits.vector) == 0:
+        return gain
+    clean = change.new_zeros(hits.vector.shape[1], len(group.columns))
+    clean[group.columns, torch.arange(len(group.columns))] = 1
+    clean[conditional.nuisance] -= conditional.absorbed[:, group.columns]
+    matrix = clean.T @ hits.matrix @ clean
+    vector = clean.T @ (hits.vector - hits.matrix[..., conditional.nuisance] @ conditional.solved)
+    bent = torch.einsum("ki,wij,kj->wk", change, matrix, change)
+    most = (2 * torch.einsum("wik,ki->wk", vector, change) - bent).argmax(0)
+    rest = conditional.matrix[group.columns][:, group.columns] - matrix[most]
+    left = conditional.vector[group.columns].T - vector[most, :, torch.arange(len(most))]
+    return _best(rest, left, group)[0].minimum(gain)
+
+
+def _best(matrix: Tensor, vector: Tensor, group: Group) -> tuple[Tensor, Tensor, Tensor]:
+    """Return gains (K,), changes (K, k) and visibility for matrices (K or 1, k, k) and vectors (K, k)."""
     typical = group.typical
-    matrix = conditional.matrix[group.columns][:, group.columns] * typical[:, None] * typical
-    vector = conditional.vector[group.columns] * typical[:, None]
-    values, axes = torch.linalg.eigh((matrix + matrix.T) / 2)
+    matrix, vector = matrix * typical[:, None] * typical, vector * typical
+    values, axes = torch.linalg.eigh((matrix + matrix.mT) / 2)
     seen = values > VISIBLE**2
     inverse = torch.where(seen, 1 / values.clamp_min(1e-30), torch.zeros_like(values))
-    best = (axes @ (inverse[:, None] * (axes.T @ vector))).T * typical
+    best = (axes @ (inverse[..., None] * (axes.mT @ vector[..., None])))[..., 0] * typical
     change = torch.minimum(torch.maximum(best, group.low), group.high)
     scaled = change / typical
-    gain = 2 * (scaled * vector.T).sum(1) - ((scaled @ matrix) * scaled).sum(1)
+    gain = 2 * (scaled * vector).sum(-1) - (scaled * (matrix @ scaled[..., None])[..., 0]).sum(-1)
     return gain.clamp_min(0), change, torch.where(seen, values.clamp_min(0).sqrt(), torch.zeros_like(values))

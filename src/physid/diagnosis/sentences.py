@@ -71,12 +71,14 @@ def where_sentence(diagnosis: Mapping[str, Any]) -> str:
 
 
 def effect_lines(diagnosis: Mapping[str, Any]) -> list[str]:
-    """Give the size of each parameter of the blamed effects, with its interval."""
-    return [
-        f"{effect['name']}.{name} = {estimate(value)}"
+    """Give the size of each parameter of the blamed effects, with its interval; what is known best comes first."""
+    sizes = [
+        (f"{effect['name']}.{name} = {estimate(value)}", abs(value["value"]) / max(value["high"] - value["low"], 1e-12))
         for effect in diagnosis["effects"]
         for name, value in effect["parameters"].items()
-    ] or [effect["name"] for effect in diagnosis["effects"]]
+    ]
+    known = [line for line, _ in sorted(sizes, key=lambda size: -size[1])]
+    return known or [effect["name"] for effect in diagnosis["effects"]]
 
 
 def how_far_sentence(diagnosis: Mapping[str, Any], split: str) -> str:

@@ -7,16 +7,15 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from physid.diagnosis.chance import BAD, ScoreTest, misfit
 from physid.diagnosis.fit import Experiment, Fit, prior
 from physid.diagnosis.freeform import Cell, local_gain, residual_wrenches
 from physid.diagnosis.hypothesis import Hypothesis
-from physid.diagnosis.linear import Normal
-from physid.diagnosis.nulls import draw_nulls, p_value, with_signs
+from physid.diagnosis.nulls import draw_nulls, p_value
 from physid.diagnosis.prepare import Prepared
-from physid.diagnosis.score import Conditional, Group, condition, gains, groups_of
+from physid.diagnosis.score import Conditional, Group, groups_of
 
-MARGIN = 1.5  # by which a gain must exceed those in effect-free data
-BAD = 2.0  # mean squared residual, in units of the noise, that the numerics of a hit do not explain
+MARGIN = 1.25  # by which a gain must exceed those in effect-free data
 CELL_DRAWS = 10  # every so many effect-free data sets serve for the cells
 
 
@@ -27,6 +26,7 @@ class Row:
     Attributes:
         names: The effect (or several).
         gain: Explained squared residual, in units of the noise.
+        steady: What is left of it without the hit that says most for it.
         change: Linear estimate of its parameters, shape (k,).
         visible: How many standard deviations its typical size makes, along the best direction.
         scale: What it gains in effect-free data on average, at least 1.
@@ -35,6 +35,7 @@ class Row:
 
     names: tuple[str, ...]
     gain: float
+    steady: float
     change: Tensor
     visible: float
     scale: float
@@ -42,8 +43,8 @@ class Row:
 
     @property
     def ratio(self) -> float:
-        """The gain in multiples of its scale: hits let some effects gain much by chance, and others nothing."""
-        return self.gain / self.scale
+        """The steady gain in multiples of its scale: hits let some effects gain much by chance, and others nothing."""
+        return self.steady / self.scale
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,7 @@ class Stage:
         rows: What each effect that it lacks would gain, best first.
         null_best: The largest gain in each effect-free data set, in multiples of its scale (Westfall and Young 1993),
             shape (Z,).
+        null_steady: The same of steady gains.
         free: What a free residual wrench explains, by window, shape (K,).
         null_free: The same for effect-free data: fitted trajectories together, shape (Z,).
         conditional: Normal equations of all effects after the nuisances.
@@ -69,6 +71,7 @@ class Stage:
     cells: list[Cell]
     rows: list[Row]
     null_best: Tensor
+    null_steady: Tensor
     free: Tensor
     null_free: Tensor
     conditional: Conditional
@@ -102,7 +105,7 @@ class Stage:
 
         Effect-free data come from one other engine, and reality is a third: what is found must exceed them by a margin.
         """
-        return p_value(max(row.ratio for row in self.rows) / MARGIN, self.null_best) if self.rows else 1.0
+        return p_value(max(row.ratio for row in self.rows) / MARGIN, self.null_steady) if self.rows else 1.0
 
     @property
     def p_free(self) -> float:
@@ -116,8 +119,9 @@ class Stage:
 
     @property
     def significant(self) -> list[Row]:
-        """The effects that gain more than effect-free data do, best first."""
-        return [row for row in self.rows if row.ratio >= self.limit]
+        """The effects that gain more, steadily, than one in a hundred effect-free data sets, best first."""
+        limit = float(self.null_steady.quantile(0.99))
+        return [row for row in self.rows if row.ratio >= limit]
 
     def scale(self, names: tuple[str, ...]) -> float:
         """Return what effects gain in effect-free data on average."""
@@ -133,50 +137,49 @@ def examine(prepared: Prepared, hypothesis: Hypothesis, generator: torch.Generat
         generator: Randomness of the effect-free data.
     """
     experiment = hypothesis.experiment
-    predictor = experiment.predictor
+    predictor, windows = experiment.predictor, experiment.predictor.windows
     planar = not bool(experiment.directions.free[..., 0].any())
     cells, wrenches = residual_wrenches(
-        prepared.phases, experiment.directions.frame, planar, predictor.windows, predictor.model.scene.time_step
+        prepared.phases, experiment.directions.frame, planar, windows, predictor.model.scene.time_step
     )
     count = len(predictor.terms)
     fit = experiment.linearise(hypothesis.fit.point, torch.arange(count), wrenches)
     offset = fit.point.nominal.shape[1] + 1
-    nuisance = torch.cat([torch.arange(offset), offset + hypothesis.columns])
     groups = [
         group
         for group in groups_of(predictor.terms, offset, fit.point.effects[0])
         if group.names[0] not in hypothesis.names
     ]
-    shared = torch.arange(offset + count)
-    ridge = prior(experiment, hypothesis.columns)
+    nuisance = torch.cat([torch.arange(offset), offset + hypothesis.columns])
+    test = ScoreTest(experiment, fit, groups, offset + count, nuisance, prior(experiment, hypothesis.columns))
 
     nulls = draw_nulls(experiment, hypothesis.fit, prepared.noise, hypothesis.working, generator)
-    respond = fit.linear.respond(nulls.residual, experiment.scale)
+    response = test.respond(nulls)
+    chance = test.chance(nulls, response, generator)
+    cleaned = test.cleaned(nulls, response)
     free = torch.tensor([offset + count + k for k, cell in enumerate(cells) if cell.piece is not None])
-
-    def each(response: Normal) -> Tensor:
-        given = _given(response, shared, experiment.fitted, nuisance, ridge)
-        return torch.stack([gains(given, group)[0] for group in groups])
-
-    chance = each(respond)
-    scales = chance.mean(1).clamp_min(1)
-    if bool(predictor.windows.busy.any()):
-        chance = each(fit.linear.respond(with_signs(nulls, fit, generator).residual, experiment.scale))
-        scales = scales.maximum(chance.mean(1))
-    null_best = (chance / scales[:, None]).amax(0)
-    cleaned = _cleaned(fit, nulls.residual, respond, nuisance, ridge, experiment)
-    counted = experiment.fitted[predictor.windows.trajectory] & _sound(experiment, hypothesis.fit)
-    null_free = local_gain(fit.linear, free, cleaned, experiment.scale)[counted].sum(0)
-    conditional = _given(fit.normal(), shared, experiment.fitted, nuisance, ridge)
-    rows = [_row(conditional, group, scale, null_best) for group, scale in zip(groups, scales.tolist(), strict=True)]
-    rows.sort(key=lambda row: -row.gain)
+    counted = experiment.fitted[windows.trajectory] & _sound(experiment, hypothesis.fit)
+    conditional, gain, change, visible, steady = test.observed()
+    rows = [
+        Row(
+            names=group.names,
+            gain=gain[k],
+            steady=steady[k],
+            change=change[k],
+            visible=visible[k],
+            scale=float(chance.scale[k]),
+            p_value=p_value(steady[k] / float(chance.scale[k]), chance.steady),
+        )
+        for k, group in enumerate(groups)
+    ]
     return Stage(
         fit,
         cells,
-        rows,
-        null_best,
+        sorted(rows, key=lambda row: -row.gain),
+        chance.best,
+        chance.steady,
         local_gain(fit.linear, free)[:, 0],
-        null_free,
+        local_gain(fit.linear, free, cleaned, experiment.scale)[counted].sum(0),
         conditional,
         groups,
         counted,
@@ -184,32 +187,12 @@ def examine(prepared: Prepared, hypothesis: Hypothesis, generator: torch.Generat
     )
 
 
-def _row(conditional: Conditional, group: Group, scale: float, null_best: Tensor) -> Row:
-    gain, change, visible = gains(conditional, group)
-    p = p_value(float(gain) / scale, null_best)
-    return Row(group.names, float(gain), change[0], float(visible.max()), scale, p)
-
-
 def _sound(experiment: Experiment, fit: Fit) -> Tensor:
     """Return the windows whose misfit tells about the model: calm ones, and busy ones if most of them fit badly."""
     windows = experiment.predictor.windows
-    count = windows.sum_frames((experiment.scale > 0).sum((2, 3))[None].double())[0].clamp_min(1)
-    misfit = (fit.loss / count)[windows.busy & experiment.follow]
-    badly = len(misfit) > 0 and float(misfit.median()) > BAD
+    followed = misfit(experiment, fit)[windows.busy & experiment.follow]
+    badly = len(followed) > 0 and float(followed.median()) > BAD
     return ~windows.busy | (experiment.follow & badly)
-
-
-def _given(normal: Normal, shared: Tensor, fitted: Tensor, nuisance: Tensor, ridge: Tensor) -> Conditional:
-    return condition(normal.select(shared).of(fitted), nuisance, ridge)
-
-
-def _cleaned(
-    fit: Fit, residual: Tensor, respond: Normal, nuisance: Tensor, ridge: Tensor, experiment: Experiment
-) -> Tensor:
-    """Return the residuals of effect-free data after the nuisances are fitted to each set."""
-    normal = respond.select(nuisance).of(experiment.fitted)
-    change = torch.linalg.solve(normal.matrix.sum(0) + torch.diag(ridge), normal.vector.sum(0))
-    return residual - torch.einsum("pz,prtnk->zrtnk", change, fit.jacobian.shared[nuisance])
 
 
 def _cell_gains(fit: Fit, columns: Tensor, cleaned: Tensor, scale: Tensor) -> Tensor:

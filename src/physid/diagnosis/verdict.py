@@ -6,7 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from physid.diagnosis.attribute import Attribution, complete, explained, unexplained
+from physid.diagnosis.attribute import Attribution, unexplained
+from physid.diagnosis.evidence import complete, explained
 from physid.diagnosis.gap import Closing, Interval
 from physid.diagnosis.locate import Place
 

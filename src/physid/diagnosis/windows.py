@@ -9,11 +9,30 @@ from itertools import pairwise
 import torch
 from torch import Tensor
 
-SHORT = 30  # frames of a window in which bodies hit each other or tumble
-LEAD = 4  # frames before such an event that belong to its window
-TRAIL = 16  # frames after it: overlaps of the bodies are gone by then
-LEAST = 12  # a calm stretch of fewer frames is no window of its own
 Cut = tuple[int, int, bool]  # first frame, frames, whether it is busy
+
+
+@dataclass(frozen=True)
+class Cutting:
+    """How trajectories are cut around events.
+
+    Attributes:
+        lead: Frames before an event that are busy like it.
+        trail: Frames after it.
+        longest: Most frames of a busy window.
+        least: A calm stretch of fewer frames is no window of its own.
+    """
+
+    lead: int
+    trail: int
+    longest: int
+    least: int
+
+
+# One hit to a window, seldom more; frames before and after tell its velocities.
+HITS = Cutting(lead=20, trail=6, longest=15, least=8)
+# Calm windows as long as they can be; overlaps of bodies are gone when they begin.
+CALM = Cutting(lead=4, trail=16, longest=30, least=12)
 CLASSES = (16, 32, 64, 128)  # windows of up to so many frames are simulated together
 
 
@@ -75,13 +94,14 @@ class Windows:
         return cls._of([[(a, b - a, False) for a, b in pairwise(edges)]] * trajectories, frames)
 
     @classmethod
-    def around(cls, events: Tensor) -> Windows:
+    def around(cls, events: Tensor, cutting: Cutting) -> Windows:
         """Cut so that stretches with events become short windows, and calm stretches stay whole.
 
         Args:
             events: Frames at which small errors grow fast, shape (R, T).
+            cutting: Lengths.
         """
-        return cls._of([_cuts(row) for row in events], events.shape[1])
+        return cls._of([_cuts(row, cutting) for row in events], events.shape[1])
 
     @classmethod
     def _of(cls, cuts: list[list[Cut]], frames: int) -> Windows:
@@ -141,18 +161,18 @@ class Windows:
         return value.new_zeros(self.trajectories, *value.shape[1:]).index_add(0, self.trajectory, value)
 
 
-def _cuts(events: Tensor) -> list[Cut]:
+def _cuts(events: Tensor, cutting: Cutting) -> list[Cut]:
     """Return the windows of one trajectory; events has shape (T,)."""
     busy = events.clone()
     for frame in events.nonzero()[:, 0].tolist():
-        busy[max(0, frame - LEAD) : frame + TRAIL + 1] = True
+        busy[max(0, frame - cutting.lead) : frame + cutting.trail + 1] = True
     runs = _runs(busy)
     for first, count in runs:
-        if not busy[first] and count < LEAST and len(runs) > 1:
+        if not busy[first] and count < cutting.least and len(runs) > 1:
             busy[first : first + count] = True
     cuts: list[Cut] = []
     for first, count in _runs(busy):
-        parts = -(-count // SHORT) if busy[first] else 1
+        parts = -(-count // cutting.longest) if busy[first] else 1
         edges = [first + count * k // parts for k in range(parts + 1)]
         cuts += [(a, b - a, bool(busy[first])) for a, b in pairwise(edges)]
     return cuts
