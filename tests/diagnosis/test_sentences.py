@@ -6,7 +6,16 @@ import pytest
 
 from diagnosis.documents import diagnosis
 from physid.diagnosis.document import VERDICTS
-from physid.diagnosis.sentences import MOST_LINES, caveat, estimate, percent, quantity, summary_lines, verdict_sentence
+from physid.diagnosis.sentences import (
+    MOST_LINES,
+    caveat,
+    effect_lines,
+    estimate,
+    percent,
+    quantity,
+    summary_lines,
+    verdict_sentence,
+)
 
 SENTENCES = {
     "none": "The model explains these recordings: there is no gap beyond the floors.",
@@ -65,6 +74,15 @@ def test_the_summary_gives_sizes_errors_and_shares_with_their_units() -> None:
     assert "viscous_drag.coefficient = 0.210 (0.190 to 0.230) N s/m" in text
     assert "transfer protocol: 18 mm -> 1.9 mm (floor 1.4 mm), 97 % closed (93 % to 99 %)" in text
     assert "block.mass 1.11 -> 1.002 (0.995 to 1.009) kg" in text
+
+
+def test_of_several_sizes_the_one_that_is_known_best_comes_first() -> None:
+    document = diagnosis()
+    document["effects"][0]["parameters"] = {
+        "x": {"value": 0.1, "low": -0.2, "high": 0.4, "unit": "mm"},
+        "z": {"value": -0.65, "low": -0.75, "high": -0.54, "unit": "mm"},
+    }
+    assert [line.split(" = ")[0] for line in effect_lines(document)] == ["viscous_drag.z", "viscous_drag.x"]
 
 
 def test_a_gap_close_to_its_floor_has_no_share() -> None:

@@ -100,14 +100,25 @@ def _with_all_frames(prepared: Prepared, found: Attribution, say: Say) -> Attrib
 
 def _with_second(prepared: Prepared, found: Attribution, generator: torch.Generator, say: Say) -> Attribution:
     """Look in all windows for a second effect: it may act at hits alone, or move all that a camera sees of a flight."""
-    one, nominal = found.whole_best, found.whole_nominal
+    one = found.whole_best
     if not found.calm or one is None or len(one.names) > 1:
         return found
     say(f"looking at what {one.names[0]} leaves at hits")
+    try:
+        return _beside(prepared, found, one, generator, say) or found
+    except SolverError:
+        return found  # what cannot be simulated does not undo what calm windows showed
+
+
+def _beside(
+    prepared: Prepared, found: Attribution, one: Hypothesis, generator: torch.Generator, say: Say
+) -> Attribution | None:
+    """Return the best pair of an effect and another that are both needed in all windows; None if there is none."""
+    nominal = found.whole_nominal
     left = examine(prepared, one, generator)
     further = sorted(left.significant, key=lambda row: -row.ratio)[:AT_HITS]
     if left.p_value > ALPHA or not further:
-        return found
+        return None
     pairs = contest(
         [(*one.names, *row.names) for row in further],
         lambda names: begin_hypothesis(one.experiment, left.fit, names),
@@ -116,7 +127,7 @@ def _with_second(prepared: Prepared, found: Attribution, generator: torch.Genera
     )
     needed = [pair for pair in pairs if sound(nominal, pair, left) and both_needed(pair, nominal, [one], left)]
     if not needed:
-        return found
+        return None
     stage, rest = examine(prepared, nominal, generator), examine(prepared, needed[0], generator)
     whole = complete(nominal, needed[0], stage, rest)
     group = [pair for pair in needed if pair is needed[0] or not distinguishable(nominal, needed[0], pair, rest, whole)]

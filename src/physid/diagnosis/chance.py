@@ -31,6 +31,25 @@ class Chance:
 
 
 @dataclass(frozen=True)
+class Gain:
+    """What one group of columns would gain.
+
+    Attributes:
+        names: The effect (or several).
+        gain: Explained squared residual, in units of the noise.
+        steady: What is left of it without the hit that says most for it.
+        change: Linear estimate of the parameters, shape (k,).
+        visible: How many standard deviations its typical size makes, along the best direction.
+    """
+
+    names: tuple[str, ...]
+    gain: float
+    steady: float
+    change: Tensor
+    visible: float
+
+
+@dataclass(frozen=True)
 class ScoreTest:
     """What each group of columns would gain beside the nuisances.
 
@@ -56,22 +75,18 @@ class ScoreTest:
         windows = self.experiment.predictor.windows
         return windows.busy & self.experiment.fitted[windows.trajectory]
 
-    def observed(self) -> tuple[Conditional, list[float], list[Tensor], list[float], list[float]]:
-        """Return the normal equations after the nuisances and, by group, gain, change, visibility and steady gain."""
+    def observed(self) -> tuple[Conditional, list[Gain]]:
+        """Return the normal equations after the nuisances, and what each group would gain."""
         own = self.fit.linear.by_window()
         given = self._given(own)
         hits = own.select(torch.arange(self.count)).of(self.hits)
         hits = replace(hits, vector=hits.vector[..., None])
-        found = [gains(given, group) for group in self.groups]
-        steady = [float(steady_gains(given, group, hits)) for group in self.groups]
-        gained, changes, visible = zip(*found, strict=True)
-        return (
-            given,
-            [float(gain) for gain in gained],
-            [change[0] for change in changes],
-            [float(seen.max()) for seen in visible],
-            steady,
-        )
+        found = []
+        for group in self.groups:
+            gain, change, visible = gains(given, group)
+            steady = float(steady_gains(given, group, hits))
+            found.append(Gain(group.names, float(gain), steady, change[0], float(visible.max())))
+        return given, found
 
     def respond(self, nulls: Nulls) -> Normal:
         """Return the normal equations of effect-free data by window.
@@ -95,7 +110,7 @@ class ScoreTest:
         given = self._given(response)
         each = torch.stack([gains(given, group)[0] for group in self.groups])
         scale = each.mean(1).clamp_min(1)
-        bad = self.experiment.predictor.windows.busy & (misfit(self.experiment, self.fit) > BAD)
+        bad = self.experiment.predictor.windows.busy & (self.experiment.misfit(self.fit.point) > BAD)
         if bool(bad.any()):
             signed = with_signs(nulls, self.fit, bad, generator)
             wild = self._given(self.fit.linear.respond_by_window(signed.residual, self.experiment.scale))
@@ -114,8 +129,3 @@ class ScoreTest:
         """Solve for the nuisances in normal equations by window."""
         by_trajectory = own.per(self.experiment.predictor.windows).select(torch.arange(self.count))
         return condition(by_trajectory.of(self.experiment.fitted), self.nuisance, self.ridge)
-
-
-def misfit(experiment: Experiment, fit: Fit) -> Tensor:
-    """Return the mean squared residual of each window, in units of the noise, shape (K,)."""
-    return fit.loss / experiment.counted()

@@ -11,7 +11,6 @@ from torch import Tensor
 from physid.diagnosis.columns import Directions, Jacobian, differentiate
 from physid.diagnosis.linear import Linearised, Normal, linearise
 from physid.diagnosis.prediction import Predictor, Variants, difference
-from physid.diagnosis.starts import SPANS
 from physid.physics.layer import SolverError
 
 FIRST_DAMPING = 1e-3
@@ -61,6 +60,10 @@ class Experiment:
     def counted(self) -> Tensor:
         """Return how many values of each window count, at least 1, shape (K,)."""
         return self.predictor.windows.sum_frames((self.scale > 0).sum((2, 3))[None].double())[0].clamp_min(1)
+
+    def misfit(self, point: Variants) -> Tensor:
+        """Return the mean squared residual of each window, in units of the noise, shape (K,)."""
+        return self.losses(point)[0] / self.counted()
 
     def linearise(self, point: Variants, effects: Tensor, forces: Tensor | None = None) -> Fit:
         """Linearise at a point; see `differentiate` for the columns."""
@@ -278,16 +281,6 @@ def prior(experiment: Experiment, effects: Tensor) -> Tensor:
         known = predictor.terms[index].quantity
         sizes.append(1 / (10 * (known.typical - known.null)) ** 2)
     return torch.cat([unknown, torch.ones(1, dtype=torch.float64), torch.tensor(sizes, dtype=torch.float64)])
-
-
-def first_frames(experiment: Experiment) -> Tensor:
-    """Return the standard deviations of first states that a line through the first frames would leave, shape (D,)."""
-    step = experiment.predictor.model.scene.time_step
-    count = max(5.0, SPANS[0] / step)
-    still = [1 / float(experiment.scale[..., k : k + 3].amax()) for k in (0, 3)]
-    slope = (12 / count**3) ** 0.5 / step
-    kinds = [k // 3 for _, k in experiment.directions.used]
-    return torch.tensor([still[kind % 2] * (1.0 if kind < 2 else slope) for kind in kinds], dtype=torch.float64)
 
 
 def clamp_effects(predictor: Predictor, values: Tensor) -> Tensor:

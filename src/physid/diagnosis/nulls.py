@@ -7,11 +7,12 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from physid.diagnosis.fit import Experiment, Fit, first_frames, prior, try_losses
+from physid.diagnosis.fit import Experiment, Fit, prior, try_losses
 from physid.diagnosis.linear import Part
 from physid.diagnosis.noise import Noise
 from physid.diagnosis.prediction import Variants
 from physid.diagnosis.replay import replay
+from physid.diagnosis.starts import SPANS
 from physid.physics.effect import Effect
 
 REPLAYS = 4  # runs of the other engine, each from other first states and parameters
@@ -121,7 +122,7 @@ def jitter(experiment: Experiment, fit: Fit, generator: torch.Generator) -> Vari
     shared[:unknown] = shift
     states = []
     # A first velocity that friction stops at once leaves no trace; then what the first frames show bounds the draw.
-    sure = torch.diag(1 / first_frames(experiment) ** 2)
+    sure = torch.diag(1 / _first_frames(experiment) ** 2)
     for part in fit.linear.parts:
         free = torch.randn(*part.factor.shape[:2], 1, generator=generator, dtype=torch.float64)
         factor = torch.linalg.cholesky(part.factor @ part.factor.mT + sure)
@@ -153,3 +154,13 @@ def _believable(experiment: Experiment, fit: Fit, drawn: Variants, change: Tenso
 def p_value(observed: float, null: Tensor) -> float:
     """Return (1 + #{null >= observed}) / (1 + #null), which is never 0."""
     return (1 + int((null >= observed).sum())) / (1 + len(null))
+
+
+def _first_frames(experiment: Experiment) -> Tensor:
+    """Return the standard deviations of first states that a line through the first frames would leave, shape (D,)."""
+    step = experiment.predictor.model.scene.time_step
+    count = max(5.0, SPANS[0] / step)
+    still = [1 / float(experiment.scale[..., k : k + 3].amax()) for k in (0, 3)]
+    slope = (12 / count**3) ** 0.5 / step
+    kinds = [k // 3 for _, k in experiment.directions.used]
+    return torch.tensor([still[kind % 2] * (1.0 if kind < 2 else slope) for kind in kinds], dtype=torch.float64)

@@ -149,17 +149,17 @@ def _follow(
     """
     windows = experiment.predictor.windows
     noise, experiment = _weighed(experiment, alone, present, error)
-    own = _own_weight(windows, _misfit(experiment, alone), windows.busy)
+    own = _own_weight(windows, experiment.misfit(alone.point), windows.busy)
     fit = experiment.linearise(alone.point.replace(engine=torch.ones_like(alone.point.engine)), NONE)
     followed, fit = settle(experiment.replace(scale=experiment.scale * own), fit, NONE, (), say)
-    misfit = _misfit(experiment.replace(engine=followed.engine), fit)
+    misfit = experiment.replace(engine=followed.engine).misfit(fit.point)
     lost = windows.busy & (misfit > LOST * _usual(windows, misfit))
     point = between(alone.point, fit.point, (~lost).double())
     engine = torch.where(windows.spread(lost)[..., None, None], torch.zeros((), dtype=torch.float64), followed.engine)
     experiment = experiment.replace(follow=~lost, engine=engine)
     fit = experiment.linearise(point, NONE)
     noise, experiment = _weighed(experiment, fit, present, error)
-    own = _own_weight(windows, _misfit(experiment, fit), lost)
+    own = _own_weight(windows, experiment.misfit(fit.point), lost)
     experiment = experiment.replace(scale=experiment.scale * own)
     return experiment, experiment.linearise(point, NONE), noise
 
@@ -181,11 +181,6 @@ def _weighed(experiment: Experiment, fit: Fit, present: Tensor, error: ReaderErr
     noise = estimate_noise(fit.residual, present, error)
     weight = frame_weights(fit.residual, present, noise)
     return noise, experiment.replace(scale=weight[..., None].sqrt() / noise.spread())
-
-
-def _misfit(experiment: Experiment, fit: Fit) -> Tensor:
-    """Return the mean squared residual of each window, in units of the noise, shape (K,)."""
-    return experiment.losses(fit.point)[0] / experiment.counted()
 
 
 def begin(

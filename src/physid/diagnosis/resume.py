@@ -21,6 +21,7 @@ from physid.diagnosis.windows import Windows
 from physid.physics.effect import Effect
 
 FILE = "prepared.pt"
+LAYOUT = 2  # of what the file holds; another one is not read
 WINDOWS = ("trajectory", "start", "size", "busy")
 POINT = ("pose", "twist", "nominal", "effects", "engine")
 
@@ -47,7 +48,7 @@ def remembered(
     path = folder / FILE
     if path.is_file():
         state = torch.load(path, weights_only=True)
-        if state["key"] == key and "events" in state:
+        if state["key"] == key:
             generator.set_state(state["generator"])
             return _restored(state, observations, model, candidates)
     prepared = make()
@@ -102,5 +103,5 @@ def _key(
         digest.update(array.numpy().tobytes())
     known = [(effect.name, [float(value) for value in effect.values().values()]) for effect in model.effects]
     named = [(kind.name, sorted(kind.quantities())) for kind in candidates]
-    digest.update(repr((model.scene, model.substeps, known, observations.roles, named)).encode())
+    digest.update(repr((LAYOUT, model.scene, model.substeps, known, observations.roles, named)).encode())
     return digest.hexdigest()

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from physid.diagnosis.chance import BAD, ScoreTest, misfit
+from physid.diagnosis.chance import BAD, Gain, ScoreTest
 from physid.diagnosis.fit import Experiment, Fit, prior
 from physid.diagnosis.freeform import Cell, local_gain, residual_wrenches
 from physid.diagnosis.hypothesis import Hypothesis
@@ -20,24 +20,14 @@ CELL_DRAWS = 10  # every so many effect-free data sets serve for the cells
 
 
 @dataclass(frozen=True)
-class Row:
-    """What one more effect would gain.
+class Row(Gain):
+    """What one more effect would gain, beside chance.
 
     Attributes:
-        names: The effect (or several).
-        gain: Explained squared residual, in units of the noise.
-        steady: What is left of it without the hit that says most for it.
-        change: Linear estimate of its parameters, shape (k,).
-        visible: How many standard deviations its typical size makes, along the best direction.
         scale: What it gains in effect-free data on average, at least 1.
         p_value: How often effect-free data reach this multiple of its scale with any effect.
     """
 
-    names: tuple[str, ...]
-    gain: float
-    steady: float
-    change: Tensor
-    visible: float
     scale: float
     p_value: float
 
@@ -159,18 +149,10 @@ def examine(prepared: Prepared, hypothesis: Hypothesis, generator: torch.Generat
     cleaned = test.cleaned(nulls, response)
     free = torch.tensor([offset + count + k for k, cell in enumerate(cells) if cell.piece is not None])
     counted = experiment.fitted[windows.trajectory] & _sound(experiment, hypothesis.fit)
-    conditional, gain, change, visible, steady = test.observed()
+    conditional, gained = test.observed()
     rows = [
-        Row(
-            names=group.names,
-            gain=gain[k],
-            steady=steady[k],
-            change=change[k],
-            visible=visible[k],
-            scale=float(chance.scale[k]),
-            p_value=p_value(steady[k] / float(chance.scale[k]), chance.steady),
-        )
-        for k, group in enumerate(groups)
+        Row(**vars(gain), scale=scale, p_value=p_value(gain.steady / scale, chance.steady))
+        for gain, scale in zip(gained, chance.scale.tolist(), strict=True)
     ]
     return Stage(
         fit,
@@ -190,7 +172,7 @@ def examine(prepared: Prepared, hypothesis: Hypothesis, generator: torch.Generat
 def _sound(experiment: Experiment, fit: Fit) -> Tensor:
     """Return the windows whose misfit tells about the model: calm ones, and busy ones if most of them fit badly."""
     windows = experiment.predictor.windows
-    followed = misfit(experiment, fit)[windows.busy & experiment.follow]
+    followed = experiment.misfit(fit.point)[windows.busy & experiment.follow]
     badly = len(followed) > 0 and float(followed.median()) > BAD
     return ~windows.busy | (experiment.follow & badly)
 
