@@ -13,8 +13,8 @@ RIGHT: dict[Name, tuple[int, int]] = {
     "unknown": (3, 3),
 }
 """Of each verdict: how many were right, of how many: on the 44 sets of a calibration bank (60 sets, seed 607) that are
-free, or of medium severity and up. Tosses and collisions were answered by the commit that wrote this, the others by a
-state of it that cut calm windows as short as those with hits.
+free, or of medium severity and up. The answers are those of states on the way to this code: pushes and slides with calm
+windows cut as short as those with hits; tosses and collisions, but for four, without a look for a second effect.
 
 `physid benchmark diagnosis calibrate` prints such counts. Named and group are counted together.
 """
