@@ -122,6 +122,23 @@ def test_a_run_that_is_resumed_for_fewer_epochs_than_it_has_is_refused_in_one_li
     assert error.startswith("physid: trainer: You restored a checkpoint with current_epoch=3")
 
 
+def test_a_run_of_another_version_is_refused_in_one_line_and_its_checkpoint_stays(
+    config: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["fit", "--config", config, "--run-dir=runs/old"]) == 0
+    path = Path("runs/old/checkpoints/last.ckpt")
+    state = torch.load(path, weights_only=True)
+    state["state_dict"].popitem()
+    torch.save(state, path)
+    before = path.read_bytes()
+    capsys.readouterr()
+    assert main(["fit", "--config", config, "--run-dir=runs/old", "--resume", "trainer.max_epochs=9"]) == 2
+    error = capsys.readouterr().err.strip().splitlines()[-1]
+    assert error.startswith("physid: ")
+    assert "last.ckpt: expected a checkpoint of this version of physid" in error
+    assert path.read_bytes() == before
+
+
 def test_the_bar_counts_epochs_and_leaves_out_what_tells_nothing(
     config: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

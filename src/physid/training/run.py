@@ -31,6 +31,7 @@ from physid.training.loggers import build_loggers
 Stage = Literal["validate", "test", "predict"]
 CHECKPOINT = Path("checkpoints", "last.ckpt")
 CONFIG, FIGURES = "config.yaml", "metrics.json"
+MISFIT = "loading state_dict"  # how torch begins to say that weights are not those of a model
 # The keys of a configuration, and whose arguments stand below each (None: a class_path says so).
 GROUPS: dict[str, Callable[..., Any] | None] = {
     "seed_everything": None,
@@ -205,13 +206,21 @@ def _build(config: Mapping[str, Any], folder: Path, callbacks: list[L.Callback],
 def _until_interrupted(trainer: L.Trainer, action: Callable[[], object]) -> None:
     """Run a part of the Trainer; Ctrl-C ends it with a KeyboardInterrupt that says how to go on.
 
-    What the Trainer finds wrong in its own settings, say fewer epochs than a checkpoint has, is the user's to mend.
+    What the Trainer finds wrong in its own settings, say fewer epochs than a checkpoint has, or in a checkpoint of another
+    version, is the user's to mend.
     """
     handler = signal.getsignal(signal.SIGINT)
     try:
         action()
     except MisconfigurationException as error:
         raise ValueError(f"trainer: {error}") from None
+    except RuntimeError as error:
+        if MISFIT not in str(error):
+            raise
+        raise ValueError(
+            f"{trainer.ckpt_path}: expected a checkpoint of this version of physid and this model, found another: "
+            f"{str(error).splitlines()[-1].strip()} Begin in a new folder, or use the version that record.json names"
+        ) from None
     except SystemExit:
         if not trainer.interrupted:
             raise
