@@ -206,8 +206,8 @@ def _build(config: Mapping[str, Any], folder: Path, callbacks: list[L.Callback],
 def _until_interrupted(trainer: L.Trainer, action: Callable[[], object]) -> None:
     """Run a part of the Trainer; Ctrl-C ends it with a KeyboardInterrupt that says how to go on.
 
-    What the Trainer finds wrong in its own settings, say fewer epochs than a checkpoint has, or in a checkpoint of another
-    version, is the user's to mend.
+    What the Trainer finds wrong in its own settings, say fewer epochs than a checkpoint has, or in a checkpoint of
+    another version, is the user's to mend.
     """
     handler = signal.getsignal(signal.SIGINT)
     try:
