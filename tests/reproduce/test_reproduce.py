@@ -76,6 +76,29 @@ def test_a_second_call_runs_nothing_again_unless_told(tmp_path: Path) -> None:
     assert (tmp_path / "results.md").exists()
 
 
+def test_seeds_are_kept_one_by_one_and_more_of_them_run_only_what_is_missing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fitted: list[str] = []
+
+    def fit(values: dict[str, Any], folder: Path, *, resume: bool) -> dict[str, float]:
+        fitted.append(folder.name)
+        return {"test/position_error": float(values.get("seed_everything", 9)), "seconds": 1.0}
+
+    monkeypatch.setattr("physid.training.run.fit", fit)
+    monkeypatch.setattr("physid.reproduce.run._record", lambda *_: None)
+
+    def error(seeds: int, again: bool = False) -> Result:
+        cells = choose("quick", ["supervised/push_friction"], seeds=seeds)
+        return reproduce(cells, tmp_path, configs=CONFIGS, again=again)[0]
+
+    error(1)
+    assert (error(2).value, error(3).value, error(3).spread) == (50.0, 100.0, 100.0)
+    assert fitted == ["push_friction", "seed_0", "seed_1", "seed_2"]
+    error(2, again=True)
+    assert fitted[4:] == ["seed_0", "seed_1"]
+
+
 def test_relative_folders_hold_where_worker_processes_outlive_a_call(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

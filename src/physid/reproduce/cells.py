@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, final
 
-from physid.reproduce.results import Result, over_seeds
+from physid.reproduce.results import RESULTS, Result, over_seeds, read_results, write_results
 
 if TYPE_CHECKING:
     from physid.configuration import Configuration
@@ -54,6 +54,10 @@ class Cell(ABC):
     def absent(self) -> str | None:
         """Say what is missing that this project cannot make, and where to get it; None if nothing is."""
         return None
+
+    def finished(self, folder: Path) -> bool:
+        """Tell whether its results are in its folder."""
+        return (folder / RESULTS).exists()
 
     @abstractmethod
     def run(self, configs: Path, data: Path, folder: Path) -> list[Result]:
@@ -109,12 +113,23 @@ class Fit(Cell):
         """The path of the configuration within configs/."""
         return f"{self.file or self.name}.yaml"
 
+    def finished(self, folder: Path) -> bool:
+        """Tell whether its results are there, and those of every seed that is wanted: fewer may have been run."""
+        seeds = range(self.seeds if self.seeds > 1 else 0)
+        return super().finished(folder) and all((folder / f"seed_{n}" / RESULTS).exists() for n in seeds)
+
     def run(self, configs: Path, data: Path, folder: Path) -> list[Result]:
         """Fit, test and compare (see `Cell.run`)."""
         if self.seeds == 1:
             return self._run(configs, data, folder)
-        seeds = range(self.seeds)
-        return over_seeds([self._run(configs, data, folder / f"seed_{n}", f"seed_everything={n}") for n in seeds])
+        return over_seeds([self._seed(configs, data, folder / f"seed_{n}", n) for n in range(self.seeds)])
+
+    def _seed(self, configs: Path, data: Path, folder: Path, seed: int) -> list[Result]:
+        """Return the results of one seed, which are kept beside its run: a finished seed is not tested again."""
+        kept = folder / RESULTS
+        if not kept.exists():
+            write_results(kept, self._run(configs, data, folder, f"seed_everything={seed}"))
+        return read_results(kept)
 
     def _run(self, configs: Path, data: Path, folder: Path, *settings: str) -> list[Result]:
         """Carry out one fit; one that was interrupted goes on."""

@@ -11,6 +11,9 @@ from statistics import fmean, stdev
 
 from physid.data.files import write_text
 
+RESULTS = "results.json"
+"""Where the results of a cell, of one of its seeds or of all cells are kept, in the folder of each."""
+
 HEADER = ("cell", "metric", "value", "unit", "paper", "target")
 
 

@@ -14,9 +14,8 @@ from physid.data.generate import generate
 from physid.data.generation import GenerateConfig
 from physid.reproduce.cells import Cell, Fit, Recordings
 from physid.reproduce.profiles import PROFILES
-from physid.reproduce.results import Result, markdown, read_results, table, write_results
+from physid.reproduce.results import RESULTS, Result, markdown, read_results, table, write_results
 
-RESULTS = "results.json"
 LEARNED = ("supervised/", "self_supervised/")
 """Where an encoder is learned: the outcome depends on the seed."""
 
@@ -71,7 +70,9 @@ def reproduce(
     left_out, cells = cells, [cell for cell in cells if not cell.absent()]
     if left_out and not cells:
         raise ConfigurationError("nothing is left to run")
-    missing = [cell for cell in cells if again or not (out / cell.name / RESULTS).exists()]
+    missing = [cell for cell in cells if again or not cell.finished(out / cell.name)]
+    for old in [path for cell in missing for path in (out / cell.name).glob(f"seed_*/{RESULTS}") if again]:
+        old.unlink()
     for recordings in dict.fromkeys(cell.recordings for cell in missing if cell.recordings is not None):
         _record(recordings, out / "data", configs, workers)
     left, start = sum(cell.minutes for cell in missing), time.monotonic()
