@@ -1,6 +1,7 @@
 """Effects at work inside PyBullet, against closed forms and against scenes that have the effect built in."""
 
 import dataclasses
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import ClassVar
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 
+from physid.bullet import engine
 from physid.bullet.hooks import split_products
 from physid.bullet.world import AT_ONCE, Motion, observed, simulate, simulate_all
 from physid.effects.force_gain import ForceGain
@@ -99,6 +101,38 @@ def test_a_compliant_ground_yields_by_the_compliance_times_the_load_of_each_corn
     soft = Replacing(lambda inputs: {"compliance": torch.full_like(inputs.compliance, 2e-4)})
     sunk = 0.1 - run(FLAT, soft, force=0.0).pose[-1, 0, 2]
     assert sunk == pytest.approx(2e-4 * 2.0 * G / 4, rel=0.02)
+
+
+TWO = tuple(dataclasses.replace(BLOCK, name=name) for name in ("left", "right"))
+TILTED = Ground(normal=(math.sin(0.2), 0.0, math.cos(0.2)))
+
+
+@pytest.mark.parametrize("bodies", [(BLOCK,), TWO], ids=["one body", "two bodies"])
+def test_a_world_that_was_used_before_is_as_good_as_a_new_one(
+    bodies: tuple[Body, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def tumble(*effects: Effect, bodies: tuple[Body, ...] = bodies, **changes: object) -> Motion:
+        scene = dataclasses.replace(FLAT, bodies=bodies, **changes)  # type: ignore[arg-type]
+        pose = np.array([[0.4 * k, 0.0, 0.2 + 0.1 * k, 0.1, 0.2, 0.3, 0.92] for k in range(len(bodies))])
+        twist = np.array([[1.0, 2.0, 3.0, 0.8 - 1.6 * k, 0.1, 0.0] for k in range(len(bodies))])
+        return simulate(scene, Excitation(pose, twist, np.zeros((60, *twist.shape))), effects)
+
+    monkeypatch.setattr(engine, "idle", [])
+    new = tumble()
+    others = [dataclasses.replace(body, mass=5.0, friction=0.9, restitution=0.8) for body in bodies]
+    soft = Replacing(lambda inputs: {"compliance": torch.full_like(inputs.compliance, 2e-4)})
+    off = Replacing(lambda inputs: {"centre_of_mass": torch.full_like(inputs.centre_of_mass, 0.03)})
+    for used in (
+        lambda: tumble(bodies=tuple(others), ground=TILTED, gravity=(1.0, 0.0, -5.0)),
+        lambda: tumble(soft),
+        lambda: tumble(off),
+        lambda: tumble(bodies=TWO if len(bodies) == 1 else (BLOCK,)),
+    ):
+        used()
+        again = tumble()
+        assert np.array_equal(again.pose, new.pose)
+        assert np.array_equal(again.twist, new.twist)
+    assert len(engine.idle) == 1
 
 
 def test_a_body_with_its_mass_off_its_middle_turns_about_its_centre_of_mass_when_pushed() -> None:

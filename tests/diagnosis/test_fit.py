@@ -7,11 +7,15 @@ import torch
 
 from diagnosis.sets import recorded
 from physid.data.format import RecordingSet
-from physid.diagnosis import fit as fitting
+from physid.diagnosis import gauss_newton as fitting
 from physid.diagnosis.beliefs import believe
-from physid.diagnosis.fit import CONVERGED, Experiment, Fit, gauss_newton
+from physid.diagnosis.fit import Experiment, Fit
+from physid.diagnosis.gauss_newton import CONVERGED, gauss_newton, solve_shared
 from physid.diagnosis.observations import observe
+from physid.diagnosis.prediction import Predictor
 from physid.diagnosis.prepare import Prepared, prepare
+from physid.diagnosis.prior import prior
+from physid.diagnosis.trials import best_step
 from physid.effects import find
 
 DRAG = 0.8
@@ -66,3 +70,29 @@ def test_a_known_jacobian_alone_does_not_make_things_worse(prepared: Prepared) -
     near = prepared.experiment.linearise(prepared.fit.point, torch.tensor([0]))
     better = gauss_newton(prepared.experiment, near, torch.tensor([0]), steps=0)
     assert float(better.loss.sum()) < float(near.loss.sum())
+
+
+@pytest.mark.parametrize("effects", [{}, {"observation_latency": {"latency": 0.02}}], ids=["still", "late camera"])
+def test_what_a_step_predicts_need_not_be_predicted_again(
+    prepared: Prepared, effects: dict[str, dict[str, float]]
+) -> None:
+    experiment, drag = prepared.experiment, torch.tensor([0])
+    if effects:
+        known = [*experiment.predictor.candidates, find("observation_latency")]
+        predictor = experiment.predictor
+        experiment = experiment.replace(
+            predictor=Predictor(predictor.model, predictor.wrench, predictor.windows, known)
+        )
+    values = torch.tensor([[0.0, *(value for each in effects.values() for value in each.values())]])
+    point = prepared.fit.point.replace(nominal=prepared.fit.point.nominal + FAR, effects=values.double())
+    fit = experiment.linearise(point, drag)
+    change = solve_shared(fit.normal(), experiment.fitted, prior(experiment.predictor, drag))
+    step = best_step(experiment, fit, drag, change, torch.full_like(fit.loss, 1e-3), (1.0, 0.5, 0.0))
+    assert step.predicted is not None
+    again = experiment.predictor.predict(step.point)
+    assert torch.allclose(step.predicted.pose, again.pose, atol=1e-10)
+    assert torch.allclose(step.predicted.twist, again.twist, atol=1e-8)
+    assert torch.allclose(step.predicted.impulse, again.impulse, atol=1e-8)
+    kept, anew = experiment.moved(step.point, fit, step.predicted), experiment.at(step.point, fit)
+    assert torch.allclose(kept.loss, anew.loss, rtol=1e-6)
+    assert torch.allclose(kept.normal().vector, anew.normal().vector, rtol=1e-6, atol=1e-6)

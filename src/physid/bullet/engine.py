@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import combinations
 from typing import Self
 
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from physid.bullet.native import Settings
 from physid.scenes.placing import UP
 from physid.scenes.rotations import between, rotate
-from physid.scenes.scene import Body, Ground, Scene
+from physid.scenes.scene import Body, Scene
 from physid.scenes.setup import REST_DEPTH
 
 Array = NDArray[np.float64]
@@ -45,7 +46,28 @@ RIGID = {
     "spinningFriction": 0.0,
     "activationState": pybullet.ACTIVATION_STATE_DISABLE_SLEEPING,
 }
-idle: list[int] = []  # clients of this process to be used again: connecting takes as long as a whole trajectory
+
+
+@dataclass(frozen=True)
+class Built:
+    """A client and what stands in it.
+
+    Attributes:
+        client: PyBullet's number of it.
+        ground: PyBullet's number of the slab.
+        bodies: PyBullet's numbers of the bodies.
+        shape: Sizes and centres of mass of the bodies, which cannot change; None if more was changed than is set anew.
+    """
+
+    client: int
+    ground: int
+    bodies: list[int]
+    shape: object
+
+
+# Of this process, to be used again: to connect takes as long as a whole trajectory, to empty a world as long as many
+# frames.
+idle: list[Built] = []
 
 
 class Engine:
@@ -60,13 +82,18 @@ class Engine:
     """
 
     def __init__(self, scene: Scene, time_step: float, centres: Array | None = None) -> None:
-        self._client = idle.pop() if idle else int(pybullet.connect(pybullet.DIRECT))
+        offsets = np.zeros((len(scene.bodies), 3)) if centres is None else centres
+        self._shape: object = ([body.size for body in scene.bodies], offsets.tolist())
+        built = _taken(self._shape)
+        self._client = int(pybullet.connect(pybullet.DIRECT)) if built is None else built.client
         self._on = {"physicsClientId": self._client}
         # Bullet has two solvers of friction. That of free bodies has a row along the slip and one across it: exact for
         # a block that slips without spin. That of articulated bodies has a cone: better for blocks that push each
         # other, where contact forces act across the slip.
         self._free = len(scene.bodies) == 1
-        pybullet.resetSimulation(pybullet.RESET_USE_DISCRETE_DYNAMICS_WORLD if self._free else 0, **self._on)
+        empty = built is None or built.shape != self._shape
+        if empty:
+            pybullet.resetSimulation(pybullet.RESET_USE_DISCRETE_DYNAMICS_WORLD if self._free else 0, **self._on)
         pybullet.setPhysicsEngineParameter(**SETTINGS | ({} if self._free else KEEP_OVERLAPS), **self._on)
         pybullet.setTimeStep(time_step, **self._on)
         pybullet.setGravity(*scene.gravity, **self._on)
@@ -74,25 +101,31 @@ class Engine:
         self._masses = [body.mass for body in scene.bodies]
         self._soft = False
         self._centres = None if centres is None or not centres.any() else centres
-        offsets = np.zeros((len(scene.bodies), 3)) if centres is None else centres
-        self._ground = self._add_ground(scene.ground)
-        self._bodies = [self._add_body(*each) for each in zip(scene.bodies, offsets, strict=True)]
+        if built is None or empty:
+            self._ground = self._add_slab()
+            self._bodies = [self._add_box(*each) for each in zip(scene.bodies, offsets, strict=True)]
+        else:
+            self._ground, self._bodies = built.ground, built.bodies
+        self.place_ground(scene.ground.normal, scene.ground.offset)
+        self.set_ground_contact(1.0, 1.0)
+        for number, body in zip(self._bodies, scene.bodies, strict=True):
+            contact = {"lateralFriction": body.friction, "restitution": body.restitution}
+            # Moments without the mass would make the body static.
+            inertia = {"mass": body.mass, "localInertiaDiagonal": body.moments().tolist()}
+            pybullet.changeDynamics(number, -1, **contact, **inertia, **RIGID, **self._on)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *error: object) -> None:
-        idle.append(self._client)
+        idle.append(Built(self._client, self._ground, self._bodies, self._shape))
 
-    def _add_ground(self, ground: Ground) -> int:
+    def _add_slab(self) -> int:
         """Add a static slab whose upper face is the ground (GEOM_PLANE makes boxes rock)."""
         shape = pybullet.createCollisionShape(pybullet.GEOM_BOX, halfExtents=[SLAB, SLAB, SLAB_DEPTH], **self._on)
-        self._ground = int(pybullet.createMultiBody(0, shape, useMaximalCoordinates=self._free, **self._on))
-        self.place_ground(ground.normal, ground.offset)
-        self.set_ground_contact(1.0, 1.0)
-        return self._ground
+        return int(pybullet.createMultiBody(0, shape, useMaximalCoordinates=self._free, **self._on))
 
-    def _add_body(self, body: Body, centre: Array) -> int:
+    def _add_box(self, body: Body, centre: Array) -> int:
         """Add a box whose centre of mass is off its middle by `centre` (3,) [m]."""
         shape = pybullet.createCollisionShape(
             pybullet.GEOM_BOX,
@@ -100,12 +133,7 @@ class Engine:
             collisionFramePosition=(-centre).tolist(),
             **self._on,
         )
-        number = int(pybullet.createMultiBody(body.mass, shape, useMaximalCoordinates=self._free, **self._on))
-        contact = {"lateralFriction": body.friction, "restitution": body.restitution}
-        # Moments without the mass would make the body static.
-        inertia = {"mass": body.mass, "localInertiaDiagonal": body.moments().tolist()}
-        pybullet.changeDynamics(number, -1, **contact, **inertia, **RIGID, **self._on)
-        return number
+        return int(pybullet.createMultiBody(body.mass, shape, useMaximalCoordinates=self._free, **self._on))
 
     def place_ground(self, normal: Sequence[float], offset: float) -> None:
         """Put the slab so that its upper face holds the points p with normal . p = offset [m]."""
@@ -125,10 +153,11 @@ class Engine:
         pybullet.changeDynamics(self._ground, -1, contactStiffness=stiffness, contactDamping=damping, **self._on)
         # A separate correction of overlaps would take back the deflection.
         pybullet.setPhysicsEngineParameter(useSplitImpulse=0, **self._on)
-        self._soft = True
+        self._soft, self._shape = True, None
 
     def alter(self, settings: Settings) -> None:
         """Leave the textbook: change what PyBullet itself does with all bodies, the ground or the world."""
+        self._shape = None
         for body in self._bodies:
             pybullet.changeDynamics(body, -1, **settings.bodies, **self._on)
         pybullet.changeDynamics(self._ground, -1, **settings.ground, **self._on)
@@ -213,6 +242,12 @@ class Engine:
         velocity, spin = pybullet.getBaseVelocity(body, **self._on)
         pybullet.resetBasePositionAndOrientation(body, (place + way).tolist(), turn, **self._on)
         pybullet.resetBaseVelocity(body, velocity, spin, **self._on)
+
+
+def _taken(shape: object) -> Built | None:
+    """Take an idle client, if there is one; one in which such bodies stand, if there is one."""
+    fitting = [k for k, one in enumerate(idle) if one.shape == shape]
+    return idle.pop(fitting[-1] if fitting else -1) if idle else None
 
 
 def _moved(pose: Array, twist: Array, arm: Array) -> tuple[Array, Array]:

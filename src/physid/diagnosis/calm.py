@@ -7,7 +7,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from physid.diagnosis.fit import gauss_newton
+from physid.diagnosis.gauss_newton import gauss_newton
 from physid.diagnosis.hypothesis import Hypothesis, conclude
 from physid.diagnosis.noise import frame_weights
 from physid.diagnosis.nulls import floors

@@ -5,8 +5,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from physid.diagnosis.fit import prior
 from physid.diagnosis.hypothesis import Hypothesis
+from physid.diagnosis.prior import prior
 from physid.diagnosis.score import VISIBLE, Conditional, Group, condition
 from physid.diagnosis.stage import Stage
 
@@ -34,8 +34,12 @@ def alike(stage: Stage, best: Hypothesis) -> tuple[str, ...]:
         others = [group.columns for group in stage.groups if group.names[0] in best.names and group is not part]
         nuisance = torch.cat([torch.arange(offset), *others])
         shared = torch.arange(offset + len(change))
-        ridge = torch.cat([prior(experiment, each - offset)[offset:] for each in others]) if others else change[:0]
-        ridge = torch.cat([prior(experiment, torch.zeros(0, dtype=torch.int64)), ridge])
+        ridge = (
+            torch.cat([prior(experiment.predictor, each - offset)[offset:] for each in others])
+            if others
+            else change[:0]
+        )
+        ridge = torch.cat([prior(experiment.predictor, torch.zeros(0, dtype=torch.int64)), ridge])
         all_of, calm_of = (condition(normal.select(shared), nuisance, ridge) for normal in (whole, quiet))
         direction = change[part.columns - offset]
         if _energy(calm_of, part, direction) < CALM * _energy(all_of, part, direction):

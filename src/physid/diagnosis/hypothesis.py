@@ -8,20 +8,14 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from physid.diagnosis.fit import (
-    FIRST_DAMPING,
-    Experiment,
-    Fit,
-    best_step,
-    clamp_effects,
-    gauss_newton,
-    prior,
-    solve_shared,
-)
+from physid.diagnosis.fit import Experiment, Fit
+from physid.diagnosis.gauss_newton import FIRST_DAMPING, gauss_newton, solve_shared
 from physid.diagnosis.linear import Normal
 from physid.diagnosis.prediction import Predictor, Variants
+from physid.diagnosis.prior import clamp_effects, prior
 from physid.diagnosis.restart import search, try_again
 from physid.diagnosis.settle import working_effects
+from physid.diagnosis.trials import best_step
 from physid.physics.effect import Effect
 
 CONFIDENCE = 0.9
@@ -67,8 +61,8 @@ class Hypothesis:
         and McCaffrey 2002). No variance is below that of white noise.
         """
         fitted = self.normal.of(self.experiment.fitted)
-        inverse = torch.linalg.inv(fitted.matrix.sum(0) + torch.diag(prior(self.experiment, self.columns)))
-        changes = left_out(fitted, prior(self.experiment, self.columns))
+        inverse = torch.linalg.inv(fitted.matrix.sum(0) + torch.diag(prior(self.experiment.predictor, self.columns)))
+        changes = left_out(fitted, prior(self.experiment.predictor, self.columns))
         robust = changes.T @ changes
         larger = torch.maximum(robust.diagonal(), inverse.diagonal()).sqrt()
         spread = robust.diagonal().clamp_min(1e-30).sqrt()
@@ -173,7 +167,7 @@ def conclude(experiment: Experiment, fit: Fit, names: tuple[str, ...]) -> Hypoth
     normal = fit.normal()
     others = experiment.fitted.nonzero()[:, 0]
     changes = torch.zeros_like(normal.vector)
-    changes[others] = left_out(normal.of(others), prior(experiment, columns))
+    changes[others] = left_out(normal.of(others), prior(experiment.predictor, columns))
     return Hypothesis(names, columns, experiment, fit, normal, normal.loss(changes))
 
 
@@ -188,9 +182,9 @@ def _first_step(experiment: Experiment, start: Fit, columns: Tensor) -> Variants
     """Take the best part of the linear step from a fit that has columns for the effects."""
     always = start.point.nominal.shape[1] + 1
     among = torch.cat([torch.arange(always), always + _places(start.effects, columns)])
-    change = solve_shared(start.normal().select(among), experiment.fitted, prior(experiment, columns))
+    change = solve_shared(start.normal().select(among), experiment.fitted, prior(experiment.predictor, columns))
     damping = torch.full_like(start.loss, FIRST_DAMPING)
-    return best_step(experiment, start, columns, change, damping, STRIDES)[0]
+    return best_step(experiment, start, columns, change, damping, STRIDES).point
 
 
 def _places(present: Tensor, wanted: Tensor) -> Tensor:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -92,6 +92,12 @@ class Linearised:
         for part, value in zip(self.parts, values, strict=True):
             whole[part.batch.windows] = value
         return whole
+
+    def observing(self, residual: Tensor, scale: Tensor) -> Linearised:
+        """Return the same columns with other residuals, observed minus predicted; both have the shape (R, T, N, 6)."""
+        weighed = (residual * scale)[None]
+        parts = [replace(part, residual=part.batch.cut(weighed, fill=0.0).flatten(2)[0]) for part in self.parts]
+        return Linearised(self.windows, tuple(parts))
 
     def normal(self, share: Tensor | None = None) -> Normal:
         """Return the normal equations of the shared columns by trajectory; windows may count by a share (K,)."""

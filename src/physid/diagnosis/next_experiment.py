@@ -10,7 +10,8 @@ import torch
 import yaml
 
 from physid.diagnosis.attribute import Attribution
-from physid.diagnosis.fit import Experiment, gauss_newton
+from physid.diagnosis.fit import Experiment
+from physid.diagnosis.gauss_newton import gauss_newton
 from physid.diagnosis.hypothesis import Hypothesis
 from physid.diagnosis.observations import FIT, Observations
 from physid.diagnosis.prediction import Predictor, Variants

@@ -7,12 +7,14 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from physid.diagnosis.fit import Experiment, Fit, prior, try_losses
+from physid.diagnosis.fit import Experiment, Fit
 from physid.diagnosis.linear import Part
 from physid.diagnosis.noise import Noise
 from physid.diagnosis.prediction import Variants
+from physid.diagnosis.prior import prior
 from physid.diagnosis.replay import replay
 from physid.diagnosis.starts import SPANS
+from physid.diagnosis.trials import try_losses
 from physid.physics.effect import Effect
 
 REPLAYS = 4  # runs of the other engine, each from other first states and parameters
@@ -100,7 +102,7 @@ def floors(experiment: Experiment, fit: Fit, generator: torch.Generator, replays
     unknown = torch.arange(fit.point.nominal.shape[1] + 1)
     clean = torch.stack([noiseless(experiment, fit, (), generator) for _ in range(replays)])
     respond = fit.linear.respond(clean, experiment.scale).select(unknown).of(experiment.fitted)
-    matrix = respond.matrix.sum(0) + torch.diag(prior(experiment, torch.zeros(0, dtype=torch.int64)))
+    matrix = respond.matrix.sum(0) + torch.diag(prior(experiment.predictor, torch.zeros(0, dtype=torch.int64)))
     change = torch.linalg.solve(matrix, respond.vector.sum(0))
     clean = clean - torch.einsum("pz,prtnk->zrtnk", change, fit.jacobian.shared[unknown])
 

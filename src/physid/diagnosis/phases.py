@@ -46,7 +46,7 @@ def phases_of(prediction: Prediction, wrench: Tensor, scene: Scene) -> Tensor:
     bodies = len(scene.bodies)
     weight = torch.tensor([body.mass for body in scene.bodies], dtype=wrench.dtype)
     weight = weight * torch.tensor(scene.gravity, dtype=wrench.dtype).norm() * scene.time_step
-    normal = prediction.impulse[0, ..., 0].unflatten(-1, (-1, PATCH)).sum(-1)
+    normal = prediction.impulse[0].unflatten(-1, (-1, PATCH)).sum(-1)
     ground, between = normal[..., :bodies] / weight, _touching_others(normal, bodies)
     # The last frame of a window has no step after it and continues the one before.
     blank = normal.sum(-1) == 0

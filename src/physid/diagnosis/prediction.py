@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import accumulate
-from typing import ClassVar, final
 
 import torch
 from torch import Tensor
 
+from physid.diagnosis.acting import Clock, has, only_steps
 from physid.diagnosis.nominal import NominalModel
 from physid.diagnosis.terms import Term
 from physid.diagnosis.windows import Batch, Windows
 from physid.physics.contact import PATCH
-from physid.physics.effect import Effect, Site, StepInputs, quantity
+from physid.physics.effect import Effect
 from physid.physics.layer import PhysicsLayer, Rollout
 from physid.physics.rotations import conjugate, logarithm, multiply
 from physid.physics.state import State
@@ -73,27 +73,14 @@ class Prediction:
         pose: Poses that the camera would report, shape (C, R, T, N, 7).
         state: Poses before the camera, shape (C, R, T, N, 7).
         twist: Shape (C, R, T, N, 6).
-        impulse: Contact impulses from each frame to the next, zero in the last of a window [N s]; (C, R, T, K, 3).
+        impulse: Of contacts along their normals from each frame to the next [N s], zero in the last of a window; shape
+            (C, R, T, K).
     """
 
     pose: Tensor
     state: Tensor
     twist: Tensor
     impulse: Tensor
-
-
-@final
-@dataclass(frozen=True)
-class _Clock(Effect):
-    """t' = t + t0: windows that start later, with the time since the first frame of their trajectory."""
-
-    name: ClassVar[str] = "clock"
-    site: ClassVar[Site] = "dynamics"
-    start: Tensor = quantity("s", low=0.0, high=1e6, typical=1.0)
-
-    def act(self, state: State, inputs: StepInputs) -> StepInputs:
-        """Set the clock forward."""
-        return inputs.replace(time=inputs.time + self.start)
 
 
 class Predictor:
@@ -179,10 +166,11 @@ class Predictor:
         blank = wrench.new_zeros(trajectories, frames, bodies, 7) if self._elsewhere is None else self._elsewhere
         state = blank.repeat(count, 1, 1, 1, 1)
         twist = wrench.new_zeros(count, trajectories, frames, bodies, 6)
-        impulse = wrench.new_zeros(count, trajectories, frames, contacts, 3)
+        impulse = wrench.new_zeros(count, trajectories, frames, contacts)
         for batch in self.windows.batches:
             rollout = self._roll(variants, batch, batch.cut(wrench))
-            held = torch.cat([rollout.impulse, torch.zeros_like(rollout.impulse[:, :1])], 1)
+            normal = rollout.impulse[..., 0]
+            held = torch.cat([normal, torch.zeros_like(normal[:, :1])], 1)
             for value, into in ((rollout.pose, state), (rollout.twist, twist), (held, impulse)):
                 batch.put(value.unflatten(0, (-1, count)).transpose(0, 1), into)
         return Prediction(self.observe(state, variants.effects), state, twist, impulse)
@@ -222,10 +210,10 @@ class Predictor:
             first: Times at which the windows start [s], shape (k,).
         """
         late = bool((first > 0).any())
-        clock: list[Effect] = [_Clock(first.repeat_interleave(len(effects)))] if late else []
-        known = [_only_steps(effect) for effect in self.model.effects if _has(type(effect), "act")]
+        clock: list[Effect] = [Clock(first.repeat_interleave(len(effects)))] if late else []
+        known = [only_steps(effect) for effect in self.model.effects if has(type(effect), "act")]
         found = [
-            _only_steps(_with_values(kind, part.repeat(len(first), 1))) for kind, part, _ in self._on(effects, "act")
+            only_steps(_with_values(kind, part.repeat(len(first), 1))) for kind, part, _ in self._on(effects, "act")
         ]
         return clock + known + found
 
@@ -242,7 +230,7 @@ class Predictor:
         on = effects != self.null
         found = []
         for kind, columns in self._columns:
-            if _has(kind, hook) and bool(on[:, columns].any()):
+            if has(kind, hook) and bool(on[:, columns].any()):
                 found.append((kind, effects[:, columns], on[:, columns].any(1)))
         return found
 
@@ -255,29 +243,6 @@ def restarts(effect: Effect) -> bool:
 def _with_values(kind: type[Effect], values: Tensor) -> Effect:
     """Return an effect with parameters (B, q)."""
     return kind(**{name: values[:, k] for k, name in enumerate(kind.quantities())})
-
-
-def _has(kind: type[Effect], hook: str) -> bool:
-    return getattr(kind, hook) is not getattr(Effect, hook)
-
-
-class _Step(Effect):
-    """An effect of which the layer sees the step only: wrenches and poses of whole trajectories are changed here."""
-
-    effect: Effect
-
-    def __init__(self, effect: Effect) -> None:
-        object.__setattr__(self, "effect", effect)
-
-    def act(self, state: State, inputs: StepInputs) -> StepInputs:
-        return self.effect.act(state, inputs)
-
-    def to(self, reference: Tensor) -> _Step:
-        return self
-
-
-def _only_steps(effect: Effect) -> Effect:
-    return _Step(effect) if _has(type(effect), "actuate") or _has(type(effect), "observe") else effect
 
 
 def difference(first: Tensor, second: Tensor) -> Tensor:

@@ -10,7 +10,8 @@ from torch import Tensor
 
 from physid.diagnosis.columns import Directions
 from physid.diagnosis.events import find_events
-from physid.diagnosis.fit import Experiment, Fit, gauss_newton, try_losses
+from physid.diagnosis.fit import Experiment, Fit
+from physid.diagnosis.gauss_newton import gauss_newton
 from physid.diagnosis.noise import Noise, estimate_noise, frame_weights, wild_poses
 from physid.diagnosis.nominal import NominalModel
 from physid.diagnosis.nulls import floors
@@ -21,6 +22,7 @@ from physid.diagnosis.reader_error import ReaderError
 from physid.diagnosis.restart import search
 from physid.diagnosis.settle import Say, between, settle
 from physid.diagnosis.starts import guess_starts
+from physid.diagnosis.trials import try_losses
 from physid.diagnosis.windows import HITS, Windows
 from physid.physics.effect import Effect
 

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
+from physid.diagnosis.acting import AtStep, has
 from physid.diagnosis.nominal import NominalModel
 from physid.diagnosis.prediction import Variants, restarts
 from physid.diagnosis.windows import Windows
-from physid.physics.effect import Effect, StepInputs
-from physid.physics.state import State
+from physid.physics.effect import Effect
 from physid.scenes.catalogue import with_parameters
 from physid.scenes.setup import Excitation
 
@@ -45,7 +45,7 @@ def replay(
     scene = dataclasses.replace(with_parameters(model.scene, values), camera=None)
     for effect in working:
         wrench = effect.actuate(wrench, scene.time_step)
-    steps = [_AtStep(effect) for effect in working if type(effect).act is not Effect.act]
+    steps = [AtStep(effect) for effect in working if has(type(effect), "act")]
     seen = torch.zeros(*wrench.shape[:-1], 7, dtype=wrench.dtype)
     wanted = list(range(len(windows))) if chosen is None else chosen.nonzero()[:, 0].tolist()
     places = [
@@ -67,14 +67,3 @@ def replay(
     for effect in working:
         seen = seen if restarts(effect) else effect.observe(seen, scene.time_step)
     return seen
-
-
-@dataclasses.dataclass(frozen=True)
-class _AtStep(Effect):
-    """An effect of which the engine sees the step only: the wrenches are actuated already."""
-
-    effect: Effect
-
-    def act(self, state: State, inputs: StepInputs) -> StepInputs:
-        """Act as the effect does."""
-        return self.effect.act(state, inputs)

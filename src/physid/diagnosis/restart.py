@@ -5,9 +5,11 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from physid.diagnosis.fit import Experiment, Fit, gauss_newton, try_losses
+from physid.diagnosis.fit import Experiment, Fit
+from physid.diagnosis.gauss_newton import gauss_newton
 from physid.diagnosis.prediction import Variants, difference
 from physid.diagnosis.starts import guess_starts
+from physid.diagnosis.trials import try_losses
 from physid.physics.rotations import exponential, multiply
 
 DOUBTFUL = 1.4  # mean squared residual, in units of the noise, of a window whose first state may be wrong

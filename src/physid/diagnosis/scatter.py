@@ -5,9 +5,9 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from physid.diagnosis.fit import prior
 from physid.diagnosis.hypothesis import Hypothesis
 from physid.diagnosis.nulls import jitter
+from physid.diagnosis.prior import prior
 from physid.diagnosis.replay import replay
 
 REPLAYS = 6  # runs of the other engine
@@ -37,7 +37,7 @@ def astray(hypothesis: Hypothesis, generator: torch.Generator) -> Tensor:
         made = replay(predictor.model, predictor.wrench, predictor.windows, point, hypothesis.working)
         residual = experiment.replace(pose=made).residual(fit.jacobian.base.pose, fit.point)
         normal = fit.linear.respond(residual, experiment.scale).of(experiment.fitted)
-        matrix = normal.matrix.sum(0) + torch.diag(prior(experiment, hypothesis.columns))
+        matrix = normal.matrix.sum(0) + torch.diag(prior(experiment.predictor, hypothesis.columns))
         error = torch.linalg.solve(matrix, normal.vector.sum(0))[:, 0]
         unknown = fit.point.nominal.shape[1]
         error[:unknown] -= (point.nominal - fit.point.nominal)[0]

@@ -7,8 +7,10 @@ from collections.abc import Callable, Sequence
 import torch
 from torch import Tensor
 
-from physid.diagnosis.fit import Experiment, Fit, clamp_effects, gauss_newton
+from physid.diagnosis.fit import Experiment, Fit
+from physid.diagnosis.gauss_newton import gauss_newton
 from physid.diagnosis.prediction import Predictor, Variants, difference
+from physid.diagnosis.prior import clamp_effects
 from physid.diagnosis.replay import replay
 from physid.diagnosis.windows import Windows
 from physid.physics.effect import Effect

@@ -8,11 +8,12 @@ import torch
 from torch import Tensor
 
 from physid.diagnosis.chance import BAD, Gain, ScoreTest
-from physid.diagnosis.fit import Experiment, Fit, prior
+from physid.diagnosis.fit import Experiment, Fit
 from physid.diagnosis.freeform import Cell, local_gain, residual_wrenches
 from physid.diagnosis.hypothesis import Hypothesis
 from physid.diagnosis.nulls import draw_nulls, p_value
 from physid.diagnosis.prepare import Prepared
+from physid.diagnosis.prior import prior
 from physid.diagnosis.score import Conditional, Group, groups_of
 
 MARGIN = 1.25  # by which a gain must exceed those in effect-free data
@@ -141,7 +142,7 @@ def examine(prepared: Prepared, hypothesis: Hypothesis, generator: torch.Generat
         if group.names[0] not in hypothesis.names
     ]
     nuisance = torch.cat([torch.arange(offset), offset + hypothesis.columns])
-    test = ScoreTest(experiment, fit, groups, offset + count, nuisance, prior(experiment, hypothesis.columns))
+    test = ScoreTest(experiment, fit, groups, offset + count, nuisance, prior(experiment.predictor, hypothesis.columns))
 
     nulls = draw_nulls(experiment, hypothesis.fit, prepared.noise, hypothesis.working, generator)
     response = test.respond(nulls)

@@ -54,16 +54,17 @@ class Batch:
 
     def cut(self, value: Tensor, fill: float | None = None) -> Tensor:
         """Turn (C, R, T, ...) into (C, k, L, ...); what is not inside holds a later value, or `fill`."""
-        taken = value[:, self.trajectory[:, None], self.frame]
+        place = (self.trajectory[:, None] * value.shape[2] + self.frame).flatten()
+        taken: Tensor = value.flatten(1, 2).index_select(1, place).unflatten(1, self.frame.shape)
         if fill is None:
             return taken
-        inside = self.inside.reshape(*self.inside.shape, *[1] * (taken.ndim - 3))
-        return torch.where(inside, taken, torch.full_like(taken[:1, :1, :1], fill))
+        return taken.masked_fill_(~self.inside.reshape(*self.inside.shape, *[1] * (taken.ndim - 3)), fill)
 
     def put(self, value: Tensor, into: Tensor) -> None:
         """Write (C, k, L, ...) back to (C, R, T, ...)."""
-        rows = self.trajectory[:, None].expand_as(self.frame)
-        into[:, rows[self.inside], self.frame[self.inside]] = value[:, self.inside]
+        inside = self.inside.flatten().nonzero()[:, 0]
+        place = (self.trajectory[:, None] * into.shape[2] + self.frame).flatten()[inside]
+        into.flatten(1, 2).index_copy_(1, place, value.flatten(1, 2).index_select(1, inside))
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Kernels called on groups of worlds, in as many threads as torch uses."""
+"""Kernels called on groups of worlds, in as many threads as torch uses where that is worth their waking."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from physid.physics.fused.writer import ARGUMENTS
 
 Direction = Literal["forward", "backward"]
 ALIGNMENT = 64  # [bytes] of a vector
+WORTH = 6000  # steps of a group of worlds: for fewer, to wake a thread takes longer than it saves
 
 
 class _Own(local):
@@ -55,7 +56,8 @@ def bind(
     values = dict(numbers) | {name: array.data_ptr() for name, array in arrays.items()}
     arguments = (ctypes.c_int64 * len(ARGUMENTS))(*(values.get(name, 0) for name in ARGUMENTS))
     groups = (worlds + LANES - 1) // LANES
-    threads = max(min(torch.get_num_threads(), groups), 1)
+    steps = groups * numbers["frames"] * numbers["substeps"]
+    threads = max(min(torch.get_num_threads(), groups, steps // WORTH), 1)
     bounds = [groups * k // threads for k in range(threads + 1)]
 
     def part(k: int) -> None:

@@ -1,0 +1,50 @@
+"""Effects as a step sees them, where wrenches and poses of whole trajectories have been changed before."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import ClassVar, final
+
+from torch import Tensor
+
+from physid.physics.effect import Effect, Site, StepInputs, quantity
+from physid.physics.state import State
+
+
+@final
+@dataclasses.dataclass(frozen=True)
+class Clock(Effect):
+    """t' = t + t0: windows that start later, with the time since the first frame of their trajectory."""
+
+    name: ClassVar[str] = "clock"
+    site: ClassVar[Site] = "dynamics"
+    start: Tensor = quantity("s", low=0.0, high=1e6, typical=1.0)
+
+    def act(self, state: State, inputs: StepInputs) -> StepInputs:
+        """Set the clock forward."""
+        return inputs.replace(time=inputs.time + self.start)
+
+
+@dataclasses.dataclass(frozen=True)
+class AtStep(Effect):
+    """What an effect does at the step, and nothing else of it."""
+
+    effect: Effect
+
+    def act(self, state: State, inputs: StepInputs) -> StepInputs:
+        """Act as the effect does."""
+        return self.effect.act(state, inputs)
+
+    def to(self, reference: Tensor) -> AtStep:
+        """Return the same: the values are where they are needed."""
+        return self
+
+
+def only_steps(effect: Effect) -> Effect:
+    """Return an effect without what it does to whole trajectories."""
+    return AtStep(effect) if has(type(effect), "actuate") or has(type(effect), "observe") else effect
+
+
+def has(kind: type[Effect], hook: str) -> bool:
+    """Tell whether an effect does something at a hook: actuate, act or observe."""
+    return getattr(kind, hook) is not getattr(Effect, hook)
