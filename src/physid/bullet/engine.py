@@ -84,15 +84,13 @@ class Engine:
     def __init__(self, scene: Scene, time_step: float, centres: Array | None = None) -> None:
         offsets = np.zeros((len(scene.bodies), 3)) if centres is None else centres
         self._shape: object = ([body.size for body in scene.bodies], offsets.tolist())
-        built = _taken(self._shape)
-        self._client = int(pybullet.connect(pybullet.DIRECT)) if built is None else built.client
+        self._client, stands = _client_for(self._shape)
         self._on = {"physicsClientId": self._client}
         # Bullet has two solvers of friction. That of free bodies has a row along the slip and one across it: exact for
         # a block that slips without spin. That of articulated bodies has a cone: better for blocks that push each
         # other, where contact forces act across the slip.
         self._free = len(scene.bodies) == 1
-        empty = built is None or built.shape != self._shape
-        if empty:
+        if stands is None:
             pybullet.resetSimulation(pybullet.RESET_USE_DISCRETE_DYNAMICS_WORLD if self._free else 0, **self._on)
         pybullet.setPhysicsEngineParameter(**SETTINGS | ({} if self._free else KEEP_OVERLAPS), **self._on)
         pybullet.setTimeStep(time_step, **self._on)
@@ -101,11 +99,11 @@ class Engine:
         self._masses = [body.mass for body in scene.bodies]
         self._soft = False
         self._centres = None if centres is None or not centres.any() else centres
-        if built is None or empty:
+        if stands is None:
             self._ground = self._add_slab()
             self._bodies = [self._add_box(*each) for each in zip(scene.bodies, offsets, strict=True)]
         else:
-            self._ground, self._bodies = built.ground, built.bodies
+            self._ground, self._bodies = stands.ground, stands.bodies
         self.place_ground(scene.ground.normal, scene.ground.offset)
         self.set_ground_contact(1.0, 1.0)
         for number, body in zip(self._bodies, scene.bodies, strict=True):
@@ -244,10 +242,12 @@ class Engine:
         pybullet.resetBaseVelocity(body, velocity, spin, **self._on)
 
 
-def _taken(shape: object) -> Built | None:
-    """Take an idle client, if there is one; one in which such bodies stand, if there is one."""
-    fitting = [k for k, one in enumerate(idle) if one.shape == shape]
-    return idle.pop(fitting[-1] if fitting else -1) if idle else None
+def _client_for(shape: object) -> tuple[int, Built | None]:
+    """Return a client, an idle one if there is one, and what stands in it if that is what is wanted."""
+    for place, built in enumerate(idle):
+        if built.shape == shape:
+            return idle.pop(place).client, built
+    return idle.pop().client if idle else int(pybullet.connect(pybullet.DIRECT)), None
 
 
 def _moved(pose: Array, twist: Array, arm: Array) -> tuple[Array, Array]:
