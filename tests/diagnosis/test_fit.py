@@ -89,6 +89,7 @@ def test_what_a_step_predicts_need_not_be_predicted_again(
     change = solve_shared(fit.normal(), experiment.fitted, prior(experiment.predictor, drag))
     step = best_step(experiment, fit, drag, change, torch.full_like(fit.loss, 1e-3), (1.0, 0.5, 0.0))
     assert step.predicted is not None
+    assert len(step.damping.unique()) > 1  # windows have kept different trials
     again = experiment.predictor.predict(step.point)
     assert torch.allclose(step.predicted.pose, again.pose, atol=1e-10)
     assert torch.allclose(step.predicted.twist, again.twist, atol=1e-8)

@@ -63,7 +63,10 @@ class Experiment:
         return self._fit(point, effects, replace(jacobian, shared=torch.cat(columns)))
 
     def at(self, point: Variants, near: Fit) -> Fit:
-        """Return the residuals at a point with the Jacobian of a fit nearby, which costs one prediction."""
+        """Return the residuals at a point with the Jacobian of a fit nearby, which costs one prediction.
+
+        At the point of that fit it costs none: `near` has the same predictor, whatever else of the experiment changed.
+        """
         jacobian, unknown = near.jacobian, point.nominal.shape[1]
         columns = jacobian.shared.clone()
         columns[unknown] = self.engine

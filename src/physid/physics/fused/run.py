@@ -20,7 +20,7 @@ from physid.physics.fused.writer import ARGUMENTS
 
 Direction = Literal["forward", "backward"]
 ALIGNMENT = 64  # [bytes] of a vector
-WORTH = 500  # steps of a group of worlds: for fewer, to wake a thread takes longer than it saves
+WORTH = 1000  # steps of a group of worlds for each thread: for fewer, to wake it takes longer than it saves
 
 
 class _Own(local):
