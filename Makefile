@@ -26,7 +26,7 @@ help:
 	@echo 'make install     only create .venv; make clean removes it'
 
 reproduce: $(STAMP)
-	$(BIN)/physid reproduce --profile $(PROFILE)
+	$(BIN)/physid reproduce --profile $(PROFILE) --at-once 2
 
 test: $(STAMP)
 	$(BIN)/pytest -m 'not slow'

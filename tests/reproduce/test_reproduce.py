@@ -1,7 +1,12 @@
 """Cells and results of `physid reproduce`."""
 
 import json
+import os
+import pty
+import subprocess
+import sys
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -108,6 +113,30 @@ def test_relative_folders_hold_where_worker_processes_outlive_a_call(
         monkeypatch.chdir(place)
         assert reproduce(cells, Path("runs"), configs=CONFIGS, at_once=2) == [GOOD, GOOD]
         assert (place / "runs/sysid/two").is_dir()
+
+
+@pytest.mark.slow
+def test_cells_beside_each_other_say_when_they_begin_and_draw_no_bars(tmp_path: Path) -> None:
+    cells = ("sysid/push_mass", "sysid/push_friction")
+    options = ["--at-once=2", f"--cell={','.join(cells)}", f"--configs={CONFIGS}", f"--out={tmp_path}"]
+    command = [sys.executable, "-m", "physid.cli", "reproduce", *options]
+    terminal, end = pty.openpty()
+    with subprocess.Popen(command, stdout=end, stderr=end) as process:
+        os.close(end)
+        shown = b"".join(iter(partial(_read, terminal), b"")).decode()
+    os.close(terminal)
+    assert process.returncode == 0, shown
+    assert all(f"{cell} begins" in shown for cell in cells)
+    assert "[2/2]" in shown
+    assert "Epoch" not in shown
+
+
+def _read(terminal: int) -> bytes:
+    """Read what a terminal shows; nothing once its last writer is gone, which Linux reports as an error."""
+    try:
+        return os.read(terminal, 4096)
+    except OSError:
+        return b""
 
 
 @pytest.mark.parametrize("profile", PROFILES)

@@ -9,6 +9,7 @@ import signal
 import sys
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from multiprocessing import parent_process
 from pathlib import Path
 from typing import Any, Literal
 
@@ -196,7 +197,9 @@ def _build(config: Mapping[str, Any], folder: Path, callbacks: list[L.Callback],
     warnings.filterwarnings("ignore", "Checkpoint directory .* exists and is not empty")
     # Lightning's own use of torch, nothing that a user could change.
     warnings.filterwarnings("ignore", "`isinstance\\(treespec, LeafSpec\\)` is deprecated")
-    default = {"enable_progress_bar": sys.stderr.isatty(), "enable_model_summary": False, "log_every_n_steps": 1}
+    # Several processes at work would draw over each other's bars.
+    bar = sys.stderr.isatty() and parent_process() is None
+    default = {"enable_progress_bar": bar, "enable_model_summary": False, "log_every_n_steps": 1}
     trainer = {**default, **(config.get("trainer") or {})}
     if trainer["enable_progress_bar"]:
         callbacks = [*callbacks, Progress()]
