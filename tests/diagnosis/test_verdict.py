@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from physid.diagnosis.attribute import Attribution
-from physid.diagnosis.conclusion import hollow
+from physid.diagnosis.conclusion import blaming_none, hollow
 from physid.diagnosis.evidence import both_needed, complete, distinguishable
 from physid.diagnosis.gap import Closing, Interval
 from physid.diagnosis.hypothesis import Hypothesis
@@ -162,3 +162,8 @@ def test_wind_that_may_be_zero_and_closes_no_gap_is_not_there(size: float, gap: 
     covariance = torch.eye(4, dtype=torch.float64) * (0.2 / 1.646) ** 2
     closings = [Closing(FLOOR, FLOOR, None, FLOOR), transfer(1.5, 0.7) if gap else None]
     assert hollow(chosen, covariance, closings) is absent
+
+
+@pytest.mark.parametrize(("p_value", "verdict"), [(1.0, "none"), (0.001, "unknown")])
+def test_a_gap_beyond_what_may_be_nothing_has_an_unknown_cause(p_value: float, verdict: str) -> None:
+    assert blaming_none(judge(found(0.1, p_value), None)) == verdict

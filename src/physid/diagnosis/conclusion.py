@@ -17,7 +17,7 @@ from physid.diagnosis.next_experiment import NextExperiment, next_experiment
 from physid.diagnosis.nulls import p_value
 from physid.diagnosis.prepare import Prepared
 from physid.diagnosis.scatter import astray
-from physid.diagnosis.verdict import Diagnosis, Estimate, Found, judge
+from physid.diagnosis.verdict import Diagnosis, Estimate, Found, Name, judge
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ def draw_conclusion(prepared: Prepared, found: Attribution, generator: torch.Gen
     chosen, shown = (found.best, found.whole_best) if verdict in ("named", "group", "partial") else (None, None)
     covariance = None if chosen is None else chosen.covariance() + astray(chosen, generator)
     if chosen is not None and covariance is not None and hollow(chosen, covariance, judged.values()):
-        chosen, shown, covariance, verdict = None, None, None, "none"
+        chosen, shown, covariance, verdict = None, None, None, blaming_none(verdict)
     closings = _closings(prepared, found.whole_nominal, shown, generator) if found.calm else judged
     if chosen is None:
         closings = {name: _unclosed(one) for name, one in closings.items()}
@@ -98,6 +98,11 @@ def hollow(chosen: Hypothesis, covariance: Tensor, closings: Iterable[Closing | 
     if any(one is not None and one.shrink is not None for one in closings):
         return False
     return len(chosen.absent(covariance)) == len(chosen.names)
+
+
+def blaming_none(verdict: Name) -> Name:
+    """Return the verdict where the effects to be blamed may be nothing; if they were a part, what they leave is not."""
+    return "unknown" if verdict == "partial" else "none"
 
 
 def _unclosed(one: Closing | None) -> Closing | None:
