@@ -9,8 +9,8 @@ import pytest
 import torch
 
 from physid.diagnosis.attribute import Attribution
-from physid.diagnosis.conclusion import blaming_none, hollow
-from physid.diagnosis.evidence import both_needed, complete, distinguishable
+from physid.diagnosis.conclusion import hollow, reconsider
+from physid.diagnosis.evidence import both_needed, complete, distinguishable, foretold
 from physid.diagnosis.gap import Closing, Interval
 from physid.diagnosis.hypothesis import Hypothesis
 from physid.diagnosis.stage import Row, Stage
@@ -164,6 +164,17 @@ def test_wind_that_may_be_zero_and_closes_no_gap_is_not_there(size: float, gap: 
     assert hollow(chosen, covariance, closings) is absent
 
 
-@pytest.mark.parametrize(("p_value", "verdict"), [(1.0, "none"), (0.001, "unknown")])
-def test_a_gap_beyond_what_may_be_nothing_has_an_unknown_cause(p_value: float, verdict: str) -> None:
-    assert blaming_none(judge(found(0.1, p_value), None)) == verdict
+@pytest.mark.parametrize(
+    ("p_value", "others", "verdict"),
+    [
+        (1.0, 1.0, "none"),
+        (1.0, 29.0, "named"),  # it shows in a few hits, and those of other trajectories are foretold
+        (0.001, 29.0, "unknown"),  # what it leaves is there, whatever it is
+    ],
+)
+def test_what_may_be_nothing_is_blamed_where_it_foretells_others_and_leaves_nothing(
+    p_value: float, others: float, verdict: str
+) -> None:
+    nominal, best = hypothesis(600, 100 + others), hypothesis(100, 100)
+    nominal.experiment.fitted = torch.tensor([True, False])
+    assert reconsider(judge(found(0.1, p_value), None), foretold(nominal, best)) == verdict

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from physid.diagnosis.attribute import Attribution
 from physid.diagnosis.confidence import confidence
+from physid.diagnosis.evidence import foretold
 from physid.diagnosis.gap import Closing, closing, floor_of, held_out_parts, position_errors, position_floors
 from physid.diagnosis.hypothesis import Hypothesis
 from physid.diagnosis.locate import SITES, places, sites
@@ -50,7 +51,9 @@ def draw_conclusion(prepared: Prepared, found: Attribution, generator: torch.Gen
     chosen, shown = (found.best, found.whole_best) if verdict in ("named", "group", "partial") else (None, None)
     covariance = None if chosen is None else chosen.covariance() + astray(chosen, generator)
     if chosen is not None and covariance is not None and hollow(chosen, covariance, judged.values()):
-        chosen, shown, covariance, verdict = None, None, None, blaming_none(verdict)
+        verdict = reconsider(verdict, foretold(found.nominal, chosen))
+    if verdict in ("none", "unknown"):
+        chosen, shown, covariance = None, None, None
     closings = _closings(prepared, found.whole_nominal, shown, generator) if found.calm else judged
     if chosen is None:
         closings = {name: _unclosed(one) for name, one in closings.items()}
@@ -100,9 +103,16 @@ def hollow(chosen: Hypothesis, covariance: Tensor, closings: Iterable[Closing | 
     return len(chosen.absent(covariance)) == len(chosen.names)
 
 
-def blaming_none(verdict: Name) -> Name:
-    """Return the verdict where the effects to be blamed may be nothing; if they were a part, what they leave is not."""
-    return "unknown" if verdict == "partial" else "none"
+def reconsider(verdict: Name, foretold: bool) -> Name:
+    """Return the verdict where the effects that were found are hollow.
+
+    Where they are but a part, what they leave is there without them. What leaves nothing and foretells trajectories
+    that nothing was fitted to is there: it shows in a few hits, from which its size is hardly known. All else may be
+    chance.
+    """
+    if verdict == "partial":
+        return "unknown"
+    return verdict if foretold else "none"
 
 
 def _unclosed(one: Closing | None) -> Closing | None:

@@ -42,6 +42,11 @@ def confirmed(nominal: Hypothesis, one: Hypothesis) -> bool:
     return len(better) == 0 or float(better.sum()) > 0
 
 
+def foretold(nominal: Hypothesis, one: Hypothesis) -> bool:
+    """Tell whether a hypothesis predicts trajectories that nothing was fitted to better than chance lets it."""
+    return float((nominal.held_out - one.held_out)[~nominal.experiment.fitted].sum()) > NATS
+
+
 def beyond_chance(nominal: Hypothesis, one: Hypothesis, stage: Stage) -> bool:
     """Tell whether a hypothesis explains more than it does in effect-free data."""
     return gain(nominal, one) > stage.limit * stage.scale(one.names)
