@@ -102,6 +102,7 @@ def test_films_are_half_as_many_and_half_as_long_but_not_too_short() -> None:
         assert (one.video, one.noise) == (True, NOISE)
 
 
+@pytest.mark.slow
 def test_a_diagnosis_gets_what_was_read_and_is_scored_by_source(films: Bank, tmp_path: Path) -> None:
     looked = []
 

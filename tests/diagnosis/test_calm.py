@@ -62,6 +62,7 @@ def test_where_nothing_is_hit_there_is_no_such_part(tmp_path: Path) -> None:
     assert calm(prepared(recorded(tmp_path / "pushed")), torch.Generator()) is None
 
 
+@pytest.mark.slow
 def test_a_drag_that_shows_in_flight_is_named_with_its_size_although_blocks_bounce(
     tossed: Path, tmp_path: Path
 ) -> None:
@@ -86,6 +87,7 @@ def test_what_cannot_be_simulated_in_all_frames_stays_as_calm_windows_say(monkey
     assert not named.calm
 
 
+@pytest.mark.slow
 def test_what_flights_show_and_what_bodies_on_the_ground_show_are_found_together(tmp_path: Path) -> None:
     height = 0.003
     hidden = {"viscous_drag": {"coefficient": DRAG}, "camera_offset": {"z": height}}

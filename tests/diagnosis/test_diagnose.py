@@ -120,6 +120,7 @@ def test_an_effect_outside_the_catalogue_is_unknown_until_its_law_is_given(folde
     assert names(own) == ["vortex"]
 
 
+@pytest.mark.slow
 def test_what_one_mass_cannot_tell_apart_is_a_group(folder: Path) -> None:
     found = diagnose(recorded(folder / "tilted", {"ground_tilt": {"x": 0.03, "y": 0.02}}), folder / "tilt")
     assert found["verdict"] == "group"
@@ -172,6 +173,7 @@ def test_the_same_seed_gives_the_same_diagnosis(folder: Path, free: Path) -> Non
     assert len(CATALOGUE) >= len(first["ranking"])
 
 
+@pytest.mark.slow
 def test_an_interrupted_diagnosis_goes_on_to_the_same_result(folder: Path, free: Path) -> None:
     whole = diagnose(free, folder / "whole")
 

@@ -118,6 +118,7 @@ def without_poses(source: Path, folder: Path) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_films_alone_are_read_by_themselves_and_once_only(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     films = without_poses(filmed(folder / "small", 4, 24), folder / "films")
     out = folder / "out"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
 import torch
 
 from diagnosis.sets import recorded
@@ -29,6 +30,7 @@ def test_pushes_leave_the_scatter_over_trajectories_alone(tmp_path: Path) -> Non
     assert not astray(fitted(tmp_path / "push"), torch.Generator()).any()
 
 
+@pytest.mark.slow
 def test_hits_lead_estimates_astray_by_a_little(tmp_path: Path) -> None:
     unknown = ("block.friction",)
     toss = fitted(tmp_path / "toss", scene="toss", protocol_of_split={}, seed=2, unknown=unknown)
