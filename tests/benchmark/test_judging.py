@@ -180,7 +180,7 @@ def test_every_figure_but_the_longest_time_has_an_interval() -> None:
     ]
     for figure in figures(judged):
         # All have the same severity here: no curve can be laid through them.
-        if figure.name not in ("longest diagnosis", "severity at 50 % power"):
+        if figure.name not in ("most work for a diagnosis", "severity at 50 % power"):
             assert figure.low is not None, figure.name
             assert figure.high is not None, figure.name
 

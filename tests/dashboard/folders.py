@@ -66,7 +66,7 @@ SCORE = {
         | {"good": "80 to 97", "wanted": "87 to 93"},
         {"name": "exact accuracy, medium and up", "value": 71.0, "unit": "%", "count": 60, "low": 58.0, "high": 81.0}
         | {"good": ">= 85", "wanted": ">= 93"},
-        {"name": "longest diagnosis", "value": None, "unit": "s", "count": 0, "low": None, "high": None}
+        {"name": "most work for a diagnosis", "value": None, "unit": "s", "count": 0, "low": None, "high": None}
         | {"good": "", "wanted": ""},
     ],
     "tables": {"By role": [["role", "sets", "flagged"], ["free", "30", "3 %"]], "Empty": [["hidden", "scene"]]},

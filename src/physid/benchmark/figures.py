@@ -101,7 +101,9 @@ def figures(judged: Sequence[Judged]) -> list[Figure]:
         _power(hidden),
         middle("time per diagnosis", _known(one.seconds for one in judged), "s", "<= 300", "<= 30"),
         middle("work per diagnosis, one processor", _known(one.cpu_seconds for one in judged), "s"),
-        Figure("longest diagnosis", max(_known(one.seconds for one in judged), default=None), "s", len(judged)),
+        Figure(
+            "most work for a diagnosis", max(_known(one.cpu_seconds for one in judged), default=None), "s", len(judged)
+        ),
         share("diagnoses that failed", (one.verdict == "failed" for one in judged)),
     ]
 

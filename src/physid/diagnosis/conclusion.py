@@ -20,6 +20,9 @@ from physid.diagnosis.prepare import Prepared
 from physid.diagnosis.scatter import astray
 from physid.diagnosis.verdict import Diagnosis, Estimate, Found, Name, judge
 
+BLAMING: tuple[Name, ...] = ("named", "group", "partial")
+"""Verdicts that name effects."""
+
 
 @dataclass(frozen=True)
 class Conclusion:
@@ -48,12 +51,12 @@ def draw_conclusion(prepared: Prepared, found: Attribution, generator: torch.Gen
     """
     judged = _closings(prepared, found.nominal, found.best, generator)
     verdict = judge(found, judged["transfer"])
-    chosen, shown = (found.best, found.whole_best) if verdict in ("named", "group", "partial") else (None, None)
-    covariance = None if chosen is None else chosen.covariance() + astray(chosen, generator)
-    if chosen is not None and covariance is not None and hollow(chosen, covariance, judged.values()):
-        verdict = reconsider(verdict, foretold(found.nominal, chosen))
-    if verdict in ("none", "unknown"):
-        chosen, shown, covariance = None, None, None
+    best, covariance = found.best, None
+    if verdict in BLAMING and best is not None:
+        covariance = best.covariance() + astray(best, generator)
+        if hollow(best, covariance, judged.values()):
+            verdict = reconsider(verdict, foretold(found.nominal, best))
+    chosen, shown = (best, found.whole_best) if verdict in BLAMING else (None, None)
     closings = _closings(prepared, found.whole_nominal, shown, generator) if found.calm else judged
     if chosen is None:
         closings = {name: _unclosed(one) for name, one in closings.items()}
@@ -103,7 +106,7 @@ def hollow(chosen: Hypothesis, covariance: Tensor, closings: Iterable[Closing | 
     return len(chosen.absent(covariance)) == len(chosen.names)
 
 
-def reconsider(verdict: Name, foretold: bool) -> Name:
+def reconsider(verdict: Name, foretells: bool) -> Name:
     """Return the verdict where the effects that were found are hollow.
 
     Where they are but a part, what they leave is there without them. What leaves nothing and foretells trajectories
@@ -112,7 +115,7 @@ def reconsider(verdict: Name, foretold: bool) -> Name:
     """
     if verdict == "partial":
         return "unknown"
-    return verdict if foretold else "none"
+    return verdict if foretells else "none"
 
 
 def _unclosed(one: Closing | None) -> Closing | None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from torch import Tensor
+
 from physid.diagnosis.contest import gain
 from physid.diagnosis.hypothesis import Hypothesis
 from physid.diagnosis.stage import Stage
@@ -37,14 +39,18 @@ def complete(nominal: Hypothesis, best: Hypothesis, stage: Stage, left: Stage) -
 
 def confirmed(nominal: Hypothesis, one: Hypothesis) -> bool:
     """Tell whether a hypothesis predicts better than the nominal model where nothing was fitted to."""
-    reported = ~nominal.experiment.fitted
-    better = (nominal.held_out - one.held_out)[reported]
+    better = _advance(nominal, one)
     return len(better) == 0 or float(better.sum()) > 0
 
 
 def foretold(nominal: Hypothesis, one: Hypothesis) -> bool:
-    """Tell whether a hypothesis predicts trajectories that nothing was fitted to better than chance lets it."""
-    return float((nominal.held_out - one.held_out)[~nominal.experiment.fitted].sum()) > NATS
+    """Tell whether a hypothesis predicts better there by more than chance lets it."""
+    return float(_advance(nominal, one).sum()) > NATS
+
+
+def _advance(nominal: Hypothesis, one: Hypothesis) -> Tensor:
+    """Return how much better each trajectory is predicted that nothing was fitted to, in squared residual."""
+    return (nominal.held_out - one.held_out)[~nominal.experiment.fitted]
 
 
 def beyond_chance(nominal: Hypothesis, one: Hypothesis, stage: Stage) -> bool:
