@@ -11,6 +11,7 @@ from physid.diagnosis.attribute import Attribution
 from physid.diagnosis.locate import sites
 from physid.diagnosis.score import Conditional, Group
 from physid.diagnosis.stage import Row
+from physid.diagnosis.tail import together
 from physid.effects import CATALOGUE
 
 STRENGTH = 100.0  # squared residual that a typical size makes
@@ -26,7 +27,7 @@ def found(*sizes: float) -> Attribution:
         STRENGTH * torch.eye(count, dtype=torch.float64), STRENGTH * wanted, *3 * [torch.zeros(0)]
     )
     rows = [
-        Row((name,), STRENGTH * size**2, STRENGTH * size**2, one, 10.0, 1.0, 0.0)
+        Row((name,), STRENGTH * size**2, STRENGTH * size**2, one, 10.0, together([]), together([]), 0.0)
         for name, size in zip(NAMES, sizes, strict=True)
     ]
     stage = SimpleNamespace(groups=groups, conditional=conditional, rows=rows)

@@ -14,6 +14,7 @@ from physid.diagnosis.evidence import both_needed, complete, distinguishable, fo
 from physid.diagnosis.gap import Closing, Interval
 from physid.diagnosis.hypothesis import Hypothesis
 from physid.diagnosis.stage import Row, Stage
+from physid.diagnosis.tail import Tail
 from physid.diagnosis.terms import Term
 from physid.diagnosis.verdict import judge
 from physid.effects import CATALOGUE
@@ -92,7 +93,7 @@ def pair(absent: list[str], *held_out: float) -> Any:
 
 def left_by_drag(missing: float) -> Any:
     """Return what a drag leaves; two effects must explain more than 30 together."""
-    return SimpleNamespace(missing=missing, limit=10.0, scale=lambda names: 1.5 * len(names))
+    return SimpleNamespace(missing=missing, reach=lambda names: 15.0 * len(names))
 
 
 @pytest.mark.parametrize(
@@ -125,13 +126,15 @@ def test_a_hair_is_left_by_laws_that_differ_a_little_and_is_no_part() -> None:
 
 
 def stage(*rows: Row) -> Stage:
-    """Return a stage whose effect-free data reach 10 times their scale at most."""
-    null = torch.linspace(0, 10, 300)
+    """Return a stage whose effect-free data deviate by 3 at most."""
+    null = torch.linspace(0, 3, 300)
     return Stage(cast(Any, None), [], list(rows), null, null, null, null, cast(Any, None), [], null > 0, null)
 
 
 def row(name: str, gain: float, scale: float) -> Row:
-    return Row((name,), gain, gain, torch.zeros(1), 1.0, scale, 1.0)
+    mean = torch.tensor(scale, dtype=torch.float64)
+    tail = Tail(mean, 2 * mean**2)
+    return Row((name,), gain, gain, torch.zeros(1), 1.0, tail, tail, 1.0)
 
 
 def test_an_effect_that_hits_let_gain_by_chance_hides_no_other() -> None:

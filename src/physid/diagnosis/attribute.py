@@ -116,7 +116,7 @@ def _beside(
     """Return the best pair of an effect and another that are both needed in all windows; None if there is none."""
     nominal = found.whole_nominal
     left = examine(prepared, one, generator)
-    further = sorted(left.significant, key=lambda row: -row.ratio)[:AT_HITS]
+    further = sorted(left.significant, key=lambda row: -row.deviation())[:AT_HITS]
     if left.p_value > ALPHA or not further:
         return None
     pairs = contest(

@@ -11,6 +11,7 @@ from physid.diagnosis.fit import Experiment, Fit
 from physid.diagnosis.linear import Normal
 from physid.diagnosis.nulls import Nulls, with_signs
 from physid.diagnosis.score import Conditional, Group, condition, gains, steady_gains
+from physid.diagnosis.tail import Tail
 
 BAD = 2.0  # mean squared residual, in units of the noise, that the numerics of a hit do not explain
 
@@ -20,12 +21,14 @@ class Chance:
     """What effects gain in Z effect-free data sets.
 
     Attributes:
-        scale: What each effect gains there on average, at least 1; shape (G,).
-        best: The largest gain in each, in multiples of its scale (Westfall and Young 1993), shape (Z,).
-        steady: The largest steady gain in each, shape (Z,).
+        tail: How far the gain of each effect reaches there, shape (G,).
+        steady_tail: The same of steady gains.
+        best: The largest deviation of a gain in each set (Westfall and Young 1993), shape (Z,).
+        steady: The same of steady gains.
     """
 
-    scale: Tensor
+    tail: Tail
+    steady_tail: Tail
     best: Tensor
     steady: Tensor
 
@@ -109,15 +112,16 @@ class ScoreTest:
         """
         given = self._given(response)
         each = torch.stack([gains(given, group)[0] for group in self.groups])
-        scale = each.mean(1).clamp_min(1)
+        hits = response.select(torch.arange(self.count)).of(self.hits)
+        steady = torch.stack([steady_gains(given, group, hits) for group in self.groups])
+        tail, steady_tail = Tail.of(each), Tail.of(steady)
         bad = self.experiment.predictor.windows.busy & (self.experiment.misfit(self.fit.point) > BAD)
         if bool(bad.any()):
             signed = with_signs(nulls, self.fit, bad, generator)
             wild = self._given(self.fit.linear.respond_by_window(signed.residual, self.experiment.scale))
-            scale = scale.maximum(torch.stack([gains(wild, group)[0].mean() for group in self.groups]))
-        hits = response.select(torch.arange(self.count)).of(self.hits)
-        steady = torch.stack([steady_gains(given, group, hits) for group in self.groups])
-        return Chance(scale, (each / scale[:, None]).amax(0), (steady / scale[:, None]).amax(0))
+            by_sign = Tail.of(torch.stack([gains(wild, group)[0] for group in self.groups]))
+            tail, steady_tail = tail.widened(by_sign), steady_tail.widened(by_sign)
+        return Chance(tail, steady_tail, tail.deviation(each.T).amax(1), steady_tail.deviation(steady.T).amax(1))
 
     def cleaned(self, nulls: Nulls, response: Normal) -> Tensor:
         """Return the residuals of effect-free data after the nuisances are fitted to each set."""

@@ -15,7 +15,6 @@ from physid.diagnosis.gap import Closing, closing, floor_of, held_out_parts, pos
 from physid.diagnosis.hypothesis import Hypothesis
 from physid.diagnosis.locate import SITES, places, sites
 from physid.diagnosis.next_experiment import NextExperiment, next_experiment
-from physid.diagnosis.nulls import p_value
 from physid.diagnosis.prepare import Prepared
 from physid.diagnosis.scatter import astray
 from physid.diagnosis.verdict import Diagnosis, Estimate, Found, Name, judge
@@ -137,7 +136,7 @@ def _ranking(found: Attribution) -> list[tuple[tuple[str, ...], float, float]]:
     rows = {row.names: row.gain for row in found.stage.rows}
     rows |= {one.names: base - float(one.held_out.sum()) for one in found.tried}
     ranked = sorted(rows.items(), key=lambda row: -row[1])
-    return [(names, gain, p_value(gain / found.stage.scale(names), found.stage.null_best)) for names, gain in ranked]
+    return [(names, gain, found.stage.chance(names, gain)) for names, gain in ranked]
 
 
 def _effects(chosen: Hypothesis, covariance: Tensor) -> list[Found]:

@@ -55,7 +55,7 @@ def _advance(nominal: Hypothesis, one: Hypothesis) -> Tensor:
 
 def beyond_chance(nominal: Hypothesis, one: Hypothesis, stage: Stage) -> bool:
     """Tell whether a hypothesis explains more than it does in effect-free data."""
-    return gain(nominal, one) > stage.limit * stage.scale(one.names)
+    return gain(nominal, one) > stage.reach(one.names)
 
 
 def evident(nominal: Hypothesis) -> bool:
@@ -95,7 +95,7 @@ def both_needed(pair: Hypothesis, nominal: Hypothesis, singles: list[Hypothesis]
         return False
     least = max(NATS, SAME * float((nominal.held_out - pair.held_out).sum()))
     return all(
-        float((one.held_out - pair.held_out).sum()) > least and gain(one, pair) > left.limit * left.scale(pair.names)
+        float((one.held_out - pair.held_out).sum()) > least and gain(one, pair) > left.reach(pair.names)
         for one in singles
         if one.names[0] in pair.names
     )

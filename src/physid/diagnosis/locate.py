@@ -116,7 +116,7 @@ def _whole_sites(stage: Stage, kinds: Mapping[str, Site]) -> list[tuple[list[Sit
     for site in SITES:
         groups = [group for group in stage.groups if kinds[group.names[0]] == site]
         if groups:
-            chance = sum(row.scale for row in stage.rows if kinds[row.names[0]] == site)
+            chance = sum(float(row.tail.mean) for row in stage.rows if kinds[row.names[0]] == site)
             gain = float(gains(stage.conditional, joined(groups).unbounded())[0])
             listed.append(([site], max(0.0, gain - chance)))
     return listed

@@ -56,7 +56,7 @@ def draw(title: str, prepared: Prepared, found: Attribution, conclusion: Conclus
             for split, chosen in parts.items()
             if free is not None and bool(chosen.any())
         },
-        threshold=found.stage.limit * found.stage.rows[0].scale,
+        threshold=found.stage.reach(found.stage.rows[0].names),
         replicates=len(found.stage.null_best),
         formulas={kind.name: (kind.__doc__ or "").strip().splitlines()[0] for kind in kinds},
         next_config=conclusion.further.config if conclusion.further else None,

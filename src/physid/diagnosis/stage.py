@@ -15,6 +15,7 @@ from physid.diagnosis.nulls import draw_nulls, p_value
 from physid.diagnosis.prepare import Prepared
 from physid.diagnosis.prior import prior
 from physid.diagnosis.score import Conditional, Group, groups_of
+from physid.diagnosis.tail import Tail, together
 
 MARGIN = 1.25  # by which a gain must exceed those in effect-free data
 CELL_DRAWS = 10  # every so many effect-free data sets serve for the cells
@@ -25,17 +26,21 @@ class Row(Gain):
     """What one more effect would gain, beside chance.
 
     Attributes:
-        scale: What it gains in effect-free data on average, at least 1.
-        p_value: How often effect-free data reach this multiple of its scale with any effect.
+        tail: How far its gain reaches in effect-free data.
+        steady_tail: The same of its steady gain.
+        p_value: How often any effect deviates as far in effect-free data.
     """
 
-    scale: float
+    tail: Tail
+    steady_tail: Tail
     p_value: float
 
-    @property
-    def ratio(self) -> float:
-        """The steady gain in multiples of its scale: hits let some effects gain much by chance, and others nothing."""
-        return self.steady / self.scale
+    def deviation(self, margin: float = 1.0) -> float:
+        """Return how rare the steady gain, divided by a margin, is by chance, in standard deviations.
+
+        Hits let some effects gain much by chance, and others nothing.
+        """
+        return float(self.steady_tail.deviation(self.steady / margin))
 
 
 @dataclass(frozen=True)
@@ -46,8 +51,7 @@ class Stage:
         fit: The hypothesis' fit, linearised with all candidates and residual wrenches.
         cells: What the residual wrenches are.
         rows: What each effect that it lacks would gain, best first.
-        null_best: The largest gain in each effect-free data set, in multiples of its scale (Westfall and Young 1993),
-            shape (Z,).
+        null_best: The largest deviation of a gain in each effect-free data set (Westfall and Young 1993), shape (Z,).
         null_steady: The same of steady gains.
         free: What a free residual wrench explains, by window, shape (K,).
         null_free: The same for effect-free data: fitted trajectories together, shape (Z,).
@@ -96,7 +100,7 @@ class Stage:
 
         Effect-free data come from one other engine, and reality is a third: what is found must exceed them by a margin.
         """
-        return p_value(max(row.ratio for row in self.rows) / MARGIN, self.null_steady) if self.rows else 1.0
+        return p_value(max(row.deviation(MARGIN) for row in self.rows), self.null_steady) if self.rows else 1.0
 
     @property
     def p_free(self) -> float:
@@ -105,18 +109,25 @@ class Stage:
 
     @property
     def limit(self) -> float:
-        """A gain, in multiples of its scale, that one in a hundred effect-free data sets reaches."""
+        """The deviation that the gain of some effect reaches in one of a hundred effect-free data sets."""
         return float(self.null_best.quantile(0.99))
 
     @property
     def significant(self) -> list[Row]:
         """The effects that gain more, steadily, than one in a hundred effect-free data sets, best first."""
         limit = float(self.null_steady.quantile(0.99))
-        return [row for row in self.rows if row.ratio >= limit]
+        return [row for row in self.rows if row.deviation() >= limit]
 
-    def scale(self, names: tuple[str, ...]) -> float:
-        """Return what effects gain in effect-free data on average."""
-        return sum(row.scale for row in self.rows if row.names[0] in names) or 1.0
+    def reach(self, names: tuple[str, ...]) -> float:
+        """Return what effects gain together in one of a hundred effect-free data sets."""
+        return float(self._tail(names).gain(self.limit))
+
+    def chance(self, names: tuple[str, ...], gain: float) -> float:
+        """Return how often effect-free data give any effect as much as these gain together."""
+        return p_value(float(self._tail(names).deviation(max(gain, 0.0))), self.null_best)
+
+    def _tail(self, names: tuple[str, ...]) -> Tail:
+        return together([row.tail for row in self.rows if row.names[0] in names])
 
 
 def examine(prepared: Prepared, hypothesis: Hypothesis, generator: torch.Generator) -> Stage:
@@ -151,9 +162,11 @@ def examine(prepared: Prepared, hypothesis: Hypothesis, generator: torch.Generat
     free = torch.tensor([offset + count + k for k, cell in enumerate(cells) if cell.piece is not None])
     counted = experiment.fitted[windows.trajectory] & _sound(experiment, hypothesis.fit)
     conditional, gained = test.observed()
+    steady = torch.tensor([gain.steady for gain in gained], dtype=torch.float64)
+    rare = chance.steady_tail.deviation(steady).tolist()
     rows = [
-        Row(**vars(gain), scale=scale, p_value=p_value(gain.steady / scale, chance.steady))
-        for gain, scale in zip(gained, chance.scale.tolist(), strict=True)
+        Row(**vars(gain), tail=chance.tail[k], steady_tail=chance.steady_tail[k], p_value=p_value(z, chance.steady))
+        for k, (gain, z) in enumerate(zip(gained, rare, strict=True))
     ]
     return Stage(
         fit,
