@@ -37,8 +37,8 @@ def settle(
     where it does not, the next round tries a shorter step. Shared parameters that keep creeping in one direction are
     extrapolated (Aitken 1926).
 
-    A hit may go another way for a hair. That is no evidence against an effect: the gap between the engines that is known
-    of the model without it stands in each window that the replays explain worse.
+    A hit may go another way for a hair. That is no evidence against an effect: the gap between the engines that is
+    known of the model without it stands in each window that the replays explain worse.
 
     Args:
         experiment: What to explain.
