@@ -1,12 +1,20 @@
-"""Leaving trajectories out: closed forms for a mean."""
+"""Leaving trajectories out: closed forms for a mean. A step that a line cannot make: a camera that is turned far."""
 
 from __future__ import annotations
+
+from pathlib import Path
 
 import pytest
 import torch
 
-from physid.diagnosis.hypothesis import left_out
+from diagnosis.sets import recorded
+from physid.data.format import RecordingSet
+from physid.diagnosis.beliefs import believe
+from physid.diagnosis.hypothesis import begin_hypothesis, left_out
 from physid.diagnosis.linear import Normal
+from physid.diagnosis.observations import observe
+from physid.diagnosis.prepare import prepare
+from physid.effects import find
 
 NO_RIDGE = torch.zeros(1, dtype=torch.float64)
 
@@ -34,3 +42,15 @@ def test_a_trajectory_that_alone_tells_a_parameter_makes_it_wide() -> None:
     weight = torch.tensor([1, 1, 1, 100], dtype=torch.float64)[:, None, None]
     strong = Normal(weight * normal.matrix, normal.vector, normal.square)
     assert left_out(strong, NO_RIDGE)[3].abs() > 10 * left_out(strong, NO_RIDGE)[:3].abs().max()
+
+
+def test_a_camera_that_is_turned_far_is_followed(tmp_path: Path) -> None:
+    turned = {"camera_yaw": {"angle": 0.4}}
+    changes = {"protocol": "paper", "trajectories": 6, "split": {"fit": 1}, "unknown": ("block.mass", "block.friction")}
+    observations = observe(RecordingSet(recorded(tmp_path / "set", turned, **changes)))
+    generator = torch.Generator().manual_seed(0)
+    prepared = prepare(observations, believe(observations.scene, None), [find("camera_yaw")], generator)
+    start = prepared.experiment.linearise(prepared.fit.point, torch.tensor([0]))
+    found = begin_hypothesis(prepared.experiment, start, ("camera_yaw",))
+    assert found.values["camera_yaw.angle"] == pytest.approx(0.4, abs=0.02)
+    assert float(found.fit.loss.sum()) < 1.2 * float(prepared.experiment.counted().sum())

@@ -10,7 +10,7 @@ from physid.data.format import RecordingSet
 from physid.diagnosis.beliefs import believe
 from physid.diagnosis.observations import observe
 from physid.diagnosis.prepare import NONE, Prepared, prepare
-from physid.diagnosis.restart import DOUBTFUL, guesses, search, try_again
+from physid.diagnosis.restart import DOUBTFUL, carried, guesses, search, try_again
 from physid.effects import find
 
 NEAR = 1.1  # times the loss at the best first state
@@ -22,7 +22,10 @@ def prepared(tmp_path_factory: pytest.TempPathFactory) -> Prepared:
     observations = observe(RecordingSet(folder))
     generator = torch.Generator().manual_seed(0)
     return prepare(
-        observations, believe(observations.scene, None), [find("camera_offset"), find("observation_latency")], generator
+        observations,
+        believe(observations.scene, None),
+        [find("camera_offset"), find("observation_latency"), find("camera_yaw")],
+        generator,
     )
 
 
@@ -62,7 +65,7 @@ def test_a_new_guess_is_taken_only_if_it_explains_more(prepared: Prepared) -> No
 def test_what_the_camera_adds_is_taken_off_before_a_state_is_guessed(prepared: Prepared) -> None:
     experiment, shift = prepared.experiment, 0.05
     moved = experiment.replace(pose=experiment.pose + torch.tensor([shift, 0, 0, 0, 0, 0, 0], dtype=torch.float64))
-    point = prepared.fit.point.replace(effects=torch.tensor([[shift, 0, 0, 0]], dtype=torch.float64))
+    point = prepared.fit.point.replace(effects=torch.tensor([[shift, 0, 0, 0, 0]], dtype=torch.float64))
     plain, seen = guesses(experiment, prepared.fit.point), guesses(moved, point)
     assert torch.allclose(seen.pose, plain.pose, atol=1e-9)
     assert torch.allclose(seen.twist, plain.twist, atol=1e-6)
@@ -77,3 +80,15 @@ def test_some_windows_are_predicted_as_among_all(prepared: Prepared) -> None:
     own = late.replace(pose=late.pose[:, chosen], twist=late.twist[:, chosen])
     assert torch.equal(some.losses(own)[0], experiment.losses(late)[0, chosen])
     assert torch.equal(some.predictor.predict(own).pose, whole.pose)
+
+
+def test_first_states_follow_a_turned_camera_so_that_it_sees_what_it_saw(prepared: Prepared) -> None:
+    experiment = prepared.experiment
+    predictor, start = experiment.predictor, experiment.predictor.windows.start
+    effects = predictor.null[None].clone()
+    effects[0, [term.label for term in predictor.terms].index("camera_yaw.angle")] = 0.5
+    found = carried(experiment, prepared.fit, prepared.fit.point.replace(effects=effects))
+    assert float((found.pose - prepared.fit.point.pose)[..., :3].norm(dim=-1).max()) > 0.01
+    now, before = predictor.predict(found).pose[0], prepared.fit.jacobian.base.pose[0]
+    first = (predictor.windows.trajectory, start)
+    assert torch.allclose(now[first], before[first], atol=2e-3)

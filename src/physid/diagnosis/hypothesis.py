@@ -4,22 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import torch
 from torch import Tensor
 
+from physid.diagnosis.acting import has
 from physid.diagnosis.fit import Experiment, Fit
 from physid.diagnosis.gauss_newton import FIRST_DAMPING, gauss_newton, solve_shared
 from physid.diagnosis.linear import Normal
 from physid.diagnosis.prediction import Predictor, Variants
 from physid.diagnosis.prior import clamp_effects, prior
-from physid.diagnosis.restart import search, try_again
+from physid.diagnosis.restart import carried, search, try_again
 from physid.diagnosis.settle import working_effects
-from physid.diagnosis.trials import best_step
+from physid.diagnosis.trials import Step, best_step
 from physid.physics.effect import Effect
 
 CONFIDENCE = 0.9
 STRIDES = (1.0, 0.5, 0.25, 0.1)  # parts of the linear step that are tried first
+KEPT = 0.5  # share of what a linear step promises that it must keep; else first states follow along a curve ...
+FAR, FOLLOWING = (1.0, 0.5), 3  # ... to these parts of it, and unknown parameters in so many Gauss-Newton steps
 SIZES = (1.0, 3.0)  # times the typical one: finite sizes from which a fit may begin
 
 
@@ -182,9 +186,37 @@ def _first_step(experiment: Experiment, start: Fit, columns: Tensor) -> Variants
     """Take the best part of the linear step from a fit that has columns for the effects."""
     always = start.point.nominal.shape[1] + 1
     among = torch.cat([torch.arange(always), always + _places(start.effects, columns)])
-    change = solve_shared(start.normal().select(among), experiment.fitted, prior(experiment.predictor, columns))
+    normal = start.normal().select(among)
+    change = solve_shared(normal, experiment.fitted, prior(experiment.predictor, columns))
     damping = torch.full_like(start.loss, FIRST_DAMPING)
-    return best_step(experiment, start, columns, change, damping, STRIDES).point
+    step = best_step(experiment, start, columns, change, damping, STRIDES)
+    counts = experiment.fitted[experiment.predictor.windows.trajectory]
+    promised = (normal.square - normal.loss(change))[experiment.fitted].sum()
+    kept = float((start.loss - step.loss)[counts].sum()) > KEPT * float(promised)
+    if kept or not _seen(experiment, columns):
+        return step.point
+    found: list[Step | Fit] = [step, *_carried_along(experiment, start, columns, change[always:])]
+    return min(found, key=lambda one: float(one.loss[counts].sum())).point
+
+
+def _seen(experiment: Experiment, columns: Tensor) -> bool:
+    """Tell whether some of the effects act on what a camera reports."""
+    return any(has(experiment.predictor.terms[k].effect, "observe") for k in columns.tolist())
+
+
+def _carried_along(experiment: Experiment, start: Fit, columns: Tensor, change: Tensor) -> list[Fit]:
+    """Fit unknown parameters to parts of a change of effects, when first states follow what a camera sees.
+
+    A camera that is turned moves and turns all that it reports: first states follow along a curve, and a line leaves
+    it at once.
+    """
+    predictor, found = experiment.predictor, []
+    for share, nominal in product(FAR, (start.point.nominal, predictor.model.guess[None])):
+        effects = start.point.effects.clone()
+        effects[0, columns] += share * change
+        there = start.point.replace(nominal=nominal, effects=clamp_effects(predictor, effects))
+        found.append(gauss_newton(experiment, carried(experiment, start, there), columns[:0], FOLLOWING))
+    return found
 
 
 def _places(present: Tensor, wanted: Tensor) -> Tensor:

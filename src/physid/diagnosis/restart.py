@@ -15,6 +15,7 @@ from physid.physics.rotations import exponential, multiply
 DOUBTFUL = 1.4  # mean squared residual, in units of the noise, of a window whose first state may be wrong
 MOST = 0.5  # share of the windows that may be such
 ROUNDS = 4  # Gauss-Newton steps from each guess
+UNDO = 8  # rounds in which what a camera changes is undone
 
 
 def guesses(experiment: Experiment, point: Variants) -> Variants:
@@ -24,12 +25,38 @@ def guesses(experiment: Experiment, point: Variants) -> Variants:
     no small step leads from there to the right state. What the effects change of observed poses is taken off before
     they are looked at.
     """
+    predicted = experiment.predictor.predict(point)
+    pose = _shifted(experiment.pose, difference(predicted.state, predicted.pose)[0])
+    return _guessed(experiment, point, pose, (experiment.scale[..., 0] > 0).double())
+
+
+def carried(experiment: Experiment, fit: Fit, point: Variants) -> Variants:
+    """Return a point with first states from which the camera sees what a fit predicts, where that explains more.
+
+    The point's effects act on what is seen: s is found from p = observe(s) by s <- s + p - observe(s).
+
+    Args:
+        experiment: What to explain.
+        fit: A fit, with other effects.
+        point: Its first states, and the effects and unknown parameters that are tried.
+    """
+    seen = fit.jacobian.base.pose
+    state = seen
+    for _ in range(UNDO):
+        state = _shifted(state, difference(seen, experiment.predictor.observe(state, point.effects)))
+    many = _guessed(experiment, point, state[0], torch.ones_like(state[0, ..., 0]))
+    return _picked(many, try_losses(experiment, many).argmin(0))
+
+
+def _shifted(pose: Tensor, off: Tensor) -> Tensor:
+    """Turn and shift poses (..., 7) by rotation vectors and positions (..., 6)."""
+    return torch.cat([pose[..., :3] + off[..., 3:], multiply(exponential(off[..., :3]), pose[..., 3:])], -1)
+
+
+def _guessed(experiment: Experiment, point: Variants, pose: Tensor, weight: Tensor) -> Variants:
+    """Return the point itself, and with first states guessed from poses (R, T, N, 7)."""
     predictor = experiment.predictor
-    predicted = predictor.predict(point)
-    off = difference(predicted.state, predicted.pose)[0]
-    turned = multiply(exponential(off[..., :3]), experiment.pose[..., 3:])
-    pose = torch.cat([experiment.pose[..., :3] + off[..., 3:], turned], -1)
-    starts = guess_starts(pose, (experiment.scale[..., 0] > 0).double(), predictor.windows, predictor.model.scene)
+    starts = guess_starts(pose, weight, predictor.windows, predictor.model.scene)
     return point.repeat(1 + len(starts.pose)).replace(
         pose=torch.cat([point.pose, starts.pose]), twist=torch.cat([point.twist, starts.twist])
     )
