@@ -131,13 +131,14 @@ def test_films_alone_are_read_by_themselves_and_once_only(folder: Path, capsys: 
     assert observe(RecordingSet(out / "read")).error is not None
     assert main(["diagnose", str(films), f"--out={out}", "--quiet"]) == 0
     assert (out / "read" / FILE).stat().st_mtime_ns == written
+    _assert_no_pair(out / "read", folder / "small")
 
 
-def test_a_set_that_was_read_and_one_that_was_not_are_no_pair(folder: Path) -> None:
-    read = folder / "out" / "read"
+def _assert_no_pair(read: Path, known: Path) -> None:
+    """A set that was read and one that was not are no pair."""
     assert read_reading(read) is not None
     with pytest.raises(ValueError, match="physid watch on both sets"):
-        observe(RecordingSet(read), RecordingSet(folder / "small"))
+        observe(RecordingSet(read), RecordingSet(known))
     both = observe(RecordingSet(read), RecordingSet(read))
     assert both.error is not None
     assert both.error.track.shape[0] == 8
