@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from physid.benchmark.accelerations import samples
-from physid.benchmark.baselines import FITTED, SPLITS, free_residual, sparse_regression
+from physid.benchmark.baselines import FITTED, SPLITS, answers, free_residual, sparse_regression
 from physid.benchmark.invent import SPLIT
 from physid.data.format import RecordingSet
 from physid.data.generate import generate
@@ -63,3 +63,17 @@ def test_a_free_residual_explains_a_drag_and_nothing_where_nothing_is(
     assert with_drag.flagged
     assert (with_drag.same or 0) > EXPLAINED
     assert not without.flagged
+
+
+def test_where_nothing_moves_there_is_nothing_to_regress(tmp_path: Path) -> None:
+    """A block that friction holds has no frame whose acceleration could be told."""
+    config = GenerateConfig(
+        scene="push", protocol="paper", trajectories=12, steps=30, video=False, split=SPLIT,
+        true_values={"block.friction": 5.0},
+    )  # fmt: skip
+    generate(config, tmp_path / "still", quiet=True)
+    recordings = RecordingSet(tmp_path / "still")
+    assert len(samples(recordings, FITTED).time) == 0
+    said = answers(recordings, {"ranking": []}, NOISE)
+    assert not said["sparse regression"].flagged
+    assert not said["free residual"].flagged
