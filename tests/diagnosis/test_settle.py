@@ -26,7 +26,8 @@ def test_a_replay_that_goes_another_way_makes_no_window_worse(
     observations = observe(RecordingSet(folder))
     believed = believe(observations.scene, None)
     prepared = prepare(observations, believed, [find("viscous_drag")], torch.Generator().manual_seed(0))
-    drag, (row, start, size) = torch.tensor([0]), (int(v[0]) for v in _places(prepared.experiment.predictor.windows))
+    drag, windows = torch.tensor([0]), prepared.experiment.predictor.windows
+    row, start, size = (int(value[0]) for value in (windows.trajectory, windows.start, windows.size))
     true_replay = settling.replay
 
     def other_way(*arguments: object) -> Tensor:
@@ -39,7 +40,3 @@ def test_a_replay_that_goes_another_way_makes_no_window_worse(
     _, fit = settle(prepared.experiment, begun, drag, ("viscous_drag",))
     assert float(fit.loss[0]) < float(begun.loss[0])
     assert float(fit.point.effects[0, 0]) == pytest.approx(0.8, rel=0.1)
-
-
-def _places(windows: settling.Windows) -> tuple[Tensor, Tensor, Tensor]:
-    return windows.trajectory, windows.start, windows.size

@@ -39,7 +39,7 @@ GUESS = (0.6, 1.7)  # first guess of an unknown parameter over its true value
 NEAR = 1.5  # factor within which a severity is met
 FAINT = 1e-4  # severity below which an effect does not show at all
 LEAST, MOST = 3e-3, 15.0  # multiples of the typical size that are tried
-TRIES = 240
+TRIES = 240  # draws of effects and sizes before a set is given up
 SAME = 20  # of them, for which a configuration stays the same: where nothing shows, no effect helps
 REDRAWS = 50  # draws that a trajectory without effects may need; with effects there may be more
 
