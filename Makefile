@@ -9,6 +9,8 @@ PROFILE ?= quick
 
 VENV := .venv
 BIN := $(VENV)/bin
+# A process on each core; one that has run out of tests takes some from another.
+PYTEST := $(BIN)/pytest -n auto --maxprocesses 8 --dist worksteal
 STAMP := $(VENV)/.installed
 CPU_WHEELS := https://download.pytorch.org/whl/cpu
 
@@ -29,10 +31,10 @@ reproduce: $(STAMP)
 	$(BIN)/physid reproduce --profile $(PROFILE) --at-once 2
 
 test: $(STAMP)
-	$(BIN)/pytest -m 'not slow'
+	$(PYTEST) -m 'not slow'
 
 test-all: $(STAMP)
-	$(BIN)/pytest
+	$(PYTEST)
 
 lint: $(STAMP)
 	$(BIN)/ruff check .

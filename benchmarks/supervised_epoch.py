@@ -66,7 +66,7 @@ class Profiled(L.Callback):
         self.seconds = time.process_time() - self._start
 
 
-def measure(folder: Path, phases: Phases, *, fast: bool = True) -> tuple[float, Mapping[str, float]]:
+def measure(folder: Path, phases: Phases, *, fast: bool | None = None) -> tuple[float, Mapping[str, float]]:
     """Return the CPU time of an epoch [s], and of each part [s]; fast is that of `SupervisedID`."""
     L.seed_everything(0, verbose=False)
     model = SupervisedID(

@@ -12,6 +12,7 @@ from torch import Tensor, nn
 from physid.networks.chart import PoseChart
 from physid.networks.focus import convolve_focused
 from physid.networks.gathered import GatheredConv2d
+from physid.networks.precision import has_bfloat16
 
 CONVOLUTIONS = ((4, 64, 5, 2), (64, 128, 5, 2), (128, 256, 5, 2), (256, 256, 5, 2), (256, 128, 3, 1))
 HIDDEN = 50
@@ -79,13 +80,13 @@ def features(height: int, width: int) -> int:
 class _Base(nn.Module):
     """The paper's layers (its tables S.1 and S.2), from four channels to the latent numbers, ELU between them.
 
-    The convolutions, nearly all of the work, may run in bfloat16 with channels last; the connected layers do not,
-    since an output in bfloat16 would resolve no more than a quarter of a pixel. Weights start as He et al. (2015)
-    say, so that the signal of a small object does not fade on its way. Half of the first connected units start with
-    equal weights at all places: how a body is turned does not depend on where it is.
+    The convolutions, nearly all of the work, may run in bfloat16; the connected layers do not, since an output in
+    bfloat16 would resolve no more than a quarter of a pixel. Weights start as He et al. (2015) say, so that the signal
+    of a small object does not fade on its way. Half of the first connected units start with equal weights at all
+    places: how a body is turned does not depend on where it is.
     """
 
-    def __init__(self, height: int, width: int, latent: int, fast: bool) -> None:
+    def __init__(self, height: int, width: int, latent: int, fast: bool | None) -> None:
         super().__init__()
         convolutions: list[nn.Module] = []
         for channels, wider, kernel, stride in CONVOLUTIONS:
@@ -104,8 +105,7 @@ class _Base(nn.Module):
         with torch.no_grad():
             placed = first.weight.view(HIDDEN, CONVOLUTIONS[-1][1], -1)
             placed[: HIDDEN // 2] = placed[: HIDDEN // 2].mean(-1, keepdim=True)
-        if fast:
-            self.convolutions.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self.convolutions.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def forward(self, image: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Turn images (B, 4, H, W) into latent numbers (B, latent); the fourth channel is 0 where all others are.
@@ -115,9 +115,9 @@ class _Base(nn.Module):
         """
         device = image.device.type
         occupied = image[:, -1] != 0
-        if self.fast:
-            image = image.contiguous(memory_format=torch.channels_last)
-        with torch.autocast(device, torch.bfloat16, enabled=self.fast):
+        image = image.contiguous(memory_format=torch.channels_last)
+        half = has_bfloat16(device) if self.fast is None else self.fast
+        with torch.autocast(device, torch.bfloat16, enabled=half):
             layers = list(self.convolutions)
             early, late = nn.Sequential(*layers[: 2 * EARLY]), nn.Sequential(*layers[2 * EARLY :])
             detail = convolve_focused(early, image, occupied)
@@ -163,10 +163,10 @@ class PoseEncoder(nn.Module):
         chart: What the outputs mean.
         height: Image height [px].
         width: Image width [px].
-        fast: Whether the convolutions compute in bfloat16: 2.5 times as fast on a CPU that knows it.
+        fast: Whether the convolutions compute in bfloat16; None where the device has units for it (`has_bfloat16`).
     """
 
-    def __init__(self, chart: PoseChart, height: int = 128, width: int = 128, *, fast: bool = True) -> None:
+    def __init__(self, chart: PoseChart, height: int = 128, width: int = 128, *, fast: bool | None = None) -> None:
         super().__init__()
         self.chart = chart
         self.base = _Base(height, width, chart.bodies * chart.numbers, fast)
@@ -191,11 +191,11 @@ class VariationalPoseEncoder(nn.Module):
         height: Image height [px].
         width: Image width [px].
         latent: Length of z.
-        fast: Whether the convolutions compute in bfloat16.
+        fast: Whether the convolutions compute in bfloat16; None where the device has units for it.
     """
 
     def __init__(
-        self, chart: PoseChart, height: int = 128, width: int = 128, *, latent: int = 16, fast: bool = True
+        self, chart: PoseChart, height: int = 128, width: int = 128, *, latent: int = 16, fast: bool | None = None
     ) -> None:
         super().__init__()
         self.chart = chart

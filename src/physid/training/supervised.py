@@ -56,7 +56,7 @@ class SupervisedID(TrainingModule):
         optimizer: AdamW or the like, for the encoder.
         parameter_rate: The parameters' highest rate of learning, about their relative change in a step.
         physics_device: Where trajectories are rolled out.
-        fast: Whether the encoder's convolutions compute in bfloat16.
+        fast: Whether the encoder's convolutions compute in bfloat16; None where the device has units for it.
         encoder: Checkpoint of another run with this method, whose encoder a fit begins with; None for a new one.
 
     Attributes:
@@ -82,7 +82,7 @@ class SupervisedID(TrainingModule):
         optimizer: OptimizerFactory | None = None,
         parameter_rate: float = 1e-2,
         physics_device: str = "cpu",
-        fast: bool = True,
+        fast: bool | None = None,
         encoder: str | None = None,
     ) -> None:
         super().__init__(optimizer or DEFAULT_OPTIMIZER)

@@ -79,7 +79,7 @@ class VideoModel(nn.Module):
         latent: Length of the latent vector of a variational encoder, the paper's without supervision; None for a plain
             one.
         physics_device: Where trajectories are rolled out; the fastest implementation runs on a CPU.
-        fast: Whether the convolutions compute in bfloat16.
+        fast: Whether the convolutions compute in bfloat16; None where the device has units for it.
     """
 
     encoder: PoseEncoder | VariationalPoseEncoder
@@ -95,7 +95,7 @@ class VideoModel(nn.Module):
         polish: Polish,
         latent: int | None = None,
         physics_device: str = "cpu",
-        fast: bool = True,
+        fast: bool | None = None,
     ) -> None:
         super().__init__()
         if layer.distorts:
