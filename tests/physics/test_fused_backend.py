@@ -1,6 +1,10 @@
 from __future__ import annotations
 
 import logging
+import os
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 import torch
@@ -8,10 +12,25 @@ import torch
 from physid.physics.friction import Pyramid
 from physid.physics.fused import backend
 from physid.physics.fused.compiler import machine
+from physid.physics.fused.compiler.emit import LANES
 from physid.physics.layer import PhysicsLayer
 from physid.physics.parameters import Parameters
 from physid.physics.state import State
 from physid.physics.world import World
+
+ROOT = Path(__file__).parents[2]
+WITH_THE_OTHER_WIDTH = """
+import sys
+from unittest import mock
+import llvmlite.binding as llvm
+import pytest
+features = dict(llvm.get_host_cpu_features())
+features["avx512f"] = not features.get("avx512f", False)
+with mock.patch.object(llvm, "get_host_cpu_features", lambda: features):
+    from physid.physics.fused.compiler.emit import LANES
+print(f"{LANES} at once")
+sys.exit(pytest.main(sys.argv[1:]))
+"""
 
 
 def roll(layer: PhysicsLayer, dtype: torch.dtype = torch.float64) -> torch.Tensor:
@@ -70,3 +89,14 @@ def test_machine_code_is_kept_and_a_place_that_cannot_be_written_does_no_harm(tm
     blocked.write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(blocked))
     machine.load("idle", lambda: code)(0, 0, 0, 0)
+
+
+def test_as_many_worlds_at_once_as_another_processor_would_compute_give_the_same(tmp_path: Path) -> None:
+    test = "tests/physics/test_fused.py::test_states_and_gradients_are_those_of_the_reference_in_every_scene"
+    answer = subprocess.run(
+        [sys.executable, "-c", WITH_THE_OTHER_WIDTH, "-p", "no:cacheprovider", f"{test}[push-rich]"],
+        cwd=ROOT, env=os.environ | {"XDG_CACHE_HOME": str(tmp_path)}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert answer.returncode == 0, answer.stdout
+    assert f"{12 - LANES} at once" in answer.stdout
+    assert "1 passed" in answer.stdout

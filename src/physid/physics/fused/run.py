@@ -12,14 +12,13 @@ from typing import Literal
 import torch
 from torch import Tensor
 
-from physid.physics.fused.compiler.emit import LANES
+from physid.physics.fused.compiler.emit import ALIGNMENT, LANES
 from physid.physics.fused.compiler.machine import Kernel, load
 from physid.physics.fused.kernel import write_backward, write_forward
 from physid.physics.fused.records import Shape
 from physid.physics.fused.writer import ARGUMENTS
 
 Direction = Literal["forward", "backward"]
-ALIGNMENT = 64  # [bytes] of a vector
 WORTH = 1000  # steps of a group of worlds for each thread: for fewer, to wake it takes longer than it saves
 
 

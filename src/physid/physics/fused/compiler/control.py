@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from physid.physics.fused.compiler.emit import LANES, TRUTH, VECTOR, constant
+from physid.physics.fused.compiler.emit import ALIGNMENT, LANES, TRUTH, VECTOR, constant
 
 MOVES = f"""
 declare {VECTOR} @llvm.sqrt.v{LANES}f64({VECTOR})
@@ -75,8 +75,8 @@ next:
   %place = mul i64 %slot, {LANES}
   %p = getelementptr double, ptr %from, i64 %place
   %q = getelementptr double, ptr %to, i64 %place
-  %x = load {VECTOR}, ptr %p, align 64
-  store {VECTOR} %x, ptr %q, align 64
+  %x = load {VECTOR}, ptr %p, align {ALIGNMENT}
+  store {VECTOR} %x, ptr %q, align {ALIGNMENT}
   %slot.next = add i64 %slot, 1
   %more = icmp slt i64 %slot.next, %slots
   br i1 %more, label %next, label %done
@@ -91,10 +91,10 @@ next:
   %place = mul i64 %slot, {LANES}
   %p = getelementptr double, ptr %from, i64 %place
   %q = getelementptr double, ptr %to, i64 %place
-  %x = load {VECTOR}, ptr %p, align 64
-  %y = load {VECTOR}, ptr %q, align 64
+  %x = load {VECTOR}, ptr %p, align {ALIGNMENT}
+  %y = load {VECTOR}, ptr %q, align {ALIGNMENT}
   %z = fadd {VECTOR} %x, %y
-  store {VECTOR} %z, ptr %q, align 64
+  store {VECTOR} %z, ptr %q, align {ALIGNMENT}
   %slot.next = add i64 %slot, 1
   %more = icmp slt i64 %slot.next, %slots
   br i1 %more, label %next, label %done
@@ -108,7 +108,7 @@ next:
   %slot = phi i64 [0, %0], [%slot.next, %next]
   %place = mul i64 %slot, {LANES}
   %q = getelementptr double, ptr %to, i64 %place
-  store {VECTOR} {constant(0.0)}, ptr %q, align 64
+  store {VECTOR} {constant(0.0)}, ptr %q, align {ALIGNMENT}
   %slot.next = add i64 %slot, 1
   %more = icmp slt i64 %slot.next, %slots
   br i1 %more, label %next, label %done
@@ -163,7 +163,7 @@ class Code:
 
     def any(self, flag: str) -> str:
         """Return whether a flag (1 or 0) in memory is set in any lane."""
-        value = self.emit(f"load {VECTOR}, ptr {flag}, align 64")
+        value = self.emit(f"load {VECTOR}, ptr {flag}, align {ALIGNMENT}")
         mask = self.emit(f"fcmp ogt {VECTOR} {value}, {constant(0.5)}")
         bits = self.emit(f"bitcast {TRUTH} {mask} to i{LANES}")
         return self.emit(f"icmp ne i{LANES} {bits}, 0")
