@@ -13,7 +13,7 @@ class GatheredConv2d(nn.Conv2d):
     """A convolution without padding that gathers what each output sees into a row of a matrix.
 
     With its gradient, on a CPU, a convolution of 13 x 13 pixels and 256 channels takes 1.8 times as long in bfloat16,
-    and 1.2 times as long in single precision (benchmarks/convolutions.py). In any other case it is `nn.Conv2d`.
+    and 1.3 times as long in single precision (benchmarks/convolutions.py). In any other case it is `nn.Conv2d`.
     """
 
     def forward(self, input: Tensor) -> Tensor:
