@@ -1,3 +1,5 @@
+import time
+
 import pytest
 import torch
 from torch import nn
@@ -16,6 +18,7 @@ from physid.networks.encoder import (
 )
 
 TOLERANCE = 1e-5
+MUCH = 2.0
 CAMERA = PinholeCamera(128, 128, (0, 0, 3), (0, 0, 0), (0, 1, 0), 40.0)
 CHART = PlanarChart(CAMERA, (0, 0, 1), 0.0, [0.2, 0.2])
 BACKGROUND = torch.full((1, 3, 128, 128), 0.7)
@@ -71,6 +74,21 @@ def test_convolutions_in_bfloat16_and_mixed_precision_leave_the_poses_in_single_
         mixed = fast(images(), BACKGROUND)
     assert mixed.numbers.dtype == mixed.pose.dtype == torch.float32
     assert torch.equal(mixed.pose, fast(images(), BACKGROUND).pose)
+
+
+def seconds(fast: bool | None) -> float:
+    """Return what the faster of two passes through an encoder takes, forward and backward."""
+    encoder = PoseEncoder(CHART, fast=fast)
+    spent = []
+    for _ in range(2):
+        begin = time.process_time()
+        encoder(images(), BACKGROUND).numbers.sum().backward()
+        spent.append(time.process_time() - begin)
+    return min(spent)
+
+
+def test_left_alone_the_encoder_is_not_much_slower_than_in_the_better_precision() -> None:
+    assert seconds(None) < MUCH * min(seconds(True), seconds(False))
 
 
 def test_the_channels_are_the_colours_counted_from_the_background_and_their_mean_size() -> None:

@@ -19,7 +19,7 @@ from physid.physics.fused.records import Shape
 from physid.physics.fused.writer import ARGUMENTS
 
 Direction = Literal["forward", "backward"]
-WORTH = 25  # steps of a group of worlds for each thread: for fewer, to wake it takes longer than it saves
+WORTH = 30  # steps of a group of worlds for each thread: for fewer, to wake it takes longer than it saves
 
 
 class _Own(local):

@@ -12,7 +12,8 @@ from physid.physics.fused.compiler.graph import Graph
 LANES = 8 if llvm.get_host_cpu_features().get("avx512f", False) else 4
 """Worlds that are computed at once: one register of AVX-512, one of AVX2, or two of SSE and NEON.
 
-With eight in two registers of AVX2 each, of which there are half as many, a rollout takes 1.5 to 1.9 times as long.
+With eight in two registers of AVX2 each, of which there are half as many, a rollout takes 1.5 to 1.9 times as long
+(docs/performance.md).
 """
 
 ALIGNMENT = 8 * LANES
