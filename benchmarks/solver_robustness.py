@@ -17,7 +17,7 @@ import torch
 from torch import Tensor
 
 from physid.physics.fused.backend import Backend, use_fused
-from physid.physics.fused.rollout import Stepper
+from physid.physics.fused.stepping import Stepper
 from physid.physics.layer import nominal_inputs
 from physid.physics.lcp import SolverSettings
 from physid.physics.parameters import Parameters

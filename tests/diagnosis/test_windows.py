@@ -60,3 +60,16 @@ def test_each_window_has_its_value_on_its_frames() -> None:
     spread = windows.spread(torch.arange(len(windows)))
     for number, (row, start, size) in enumerate(zip(windows.trajectory, windows.start, windows.size, strict=True)):
         assert (spread[row, start : start + size] == number).all()
+
+
+@pytest.mark.parametrize("parts", [1, 2, 3, 100])
+def test_parts_of_a_batch_are_all_of_it_with_the_longest_windows_first(parts: int) -> None:
+    for batch in around(3, 40, 60, 100, 149).batches:
+        split = batch.split(parts)
+        assert len(split) == min(parts, len(batch.windows))
+        assert sorted(torch.cat([part.windows for part in split]).tolist()) == sorted(batch.windows.tolist())
+        for part in split:
+            assert part.inside.sum(1).diff().le(0).all()
+            rows = [batch.windows.tolist().index(window) for window in part.windows.tolist()]
+            assert torch.equal(part.frame, batch.frame[rows])
+            assert torch.equal(part.trajectory, batch.trajectory[rows])

@@ -232,13 +232,14 @@ class Engine:
             way = CORRECTION * max(0.0, -deepest[CONTACT_DISTANCE] - REST_DEPTH) / (inverse[one] + inverse[other])
             for body, share in ((one, way * inverse[one]), (other, -way * inverse[other])):
                 if share:
-                    self._shift(body, share * np.array(deepest[CONTACT_NORMAL]))
+                    self._shift(body, share, deepest[CONTACT_NORMAL])
 
-    def _shift(self, body: int, way: Array) -> None:
-        """Move a body by `way` (3,) [m] and keep its velocity."""
+    def _shift(self, body: int, way: float, direction: Sequence[float]) -> None:
+        """Move a body by `way` [m] along a direction (3,) and keep its velocity."""
         place, turn = pybullet.getBasePositionAndOrientation(body, **self._on)
         velocity, spin = pybullet.getBaseVelocity(body, **self._on)
-        pybullet.resetBasePositionAndOrientation(body, (place + way).tolist(), turn, **self._on)
+        moved = [start + way * part for start, part in zip(place, direction, strict=True)]
+        pybullet.resetBasePositionAndOrientation(body, moved, turn, **self._on)
         pybullet.resetBaseVelocity(body, velocity, spin, **self._on)
 
 

@@ -99,9 +99,7 @@ def local_gain(
     """
 
     def explain(part: Part) -> Tensor:
-        data = part.residual[..., None]
-        if residuals is not None and scale is not None:
-            data = part.batch.cut(residuals * scale, fill=0.0).flatten(2).movedim(0, -1)
+        data = _data(part, residuals, scale)
         clean = part.profiled(part.shared[..., columns])
         gram = clean.mT @ clean + torch.eye(len(columns), dtype=clean.dtype) / SPREAD**2
         moment = clean.mT @ data
@@ -109,6 +107,31 @@ def local_gain(
         return gain
 
     return linear.gather(explain)
+
+
+def gain_alone(
+    linear: Linearised, columns: Tensor, residuals: Tensor | None = None, scale: Tensor | None = None
+) -> Tensor:
+    """Compute what each column explains alone when each window has its own amplitude; see `local_gain`.
+
+    Returns:
+        Explained squared residual of each window, shape (K, F, Z).
+    """
+
+    def explain(part: Part) -> Tensor:
+        clean = part.profiled(part.shared[..., columns])
+        gram = clean.square().sum(1) + 1 / SPREAD**2
+        moment: Tensor = clean.mT @ _data(part, residuals, scale)
+        return moment.square() / gram[..., None]
+
+    return linear.gather(explain)
+
+
+def _data(part: Part, residuals: Tensor | None, scale: Tensor | None) -> Tensor:
+    """Return the observed residuals of a part, or others, in units of the noise, shape (k, M, Z)."""
+    if residuals is None or scale is None:
+        return part.residual[..., None]
+    return part.batch.cut(residuals * scale, fill=0.0).flatten(2).movedim(0, -1)
 
 
 def freed(fit: Fit, columns: Tensor) -> Tensor:

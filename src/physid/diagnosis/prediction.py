@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 from itertools import accumulate
 
 import torch
@@ -167,12 +169,16 @@ class Predictor:
         state = blank.repeat(count, 1, 1, 1, 1)
         twist = wrench.new_zeros(count, trajectories, frames, bodies, 6)
         impulse = wrench.new_zeros(count, trajectories, frames, contacts)
-        for batch in self.windows.batches:
+
+        @torch.no_grad()
+        def simulate(batch: Batch) -> None:
             rollout = self._roll(variants, batch, batch.cut(wrench))
             normal = rollout.impulse[..., 0]
             held = torch.cat([normal, torch.zeros_like(normal[:, :1])], 1)
             for value, into in ((rollout.pose, state), (rollout.twist, twist), (held, impulse)):
                 batch.put(value.unflatten(0, (-1, count)).transpose(0, 1), into)
+
+        _at_once(simulate, self.windows.batches)
         return Prediction(self.observe(state, variants.effects), state, twist, impulse)
 
     def _roll(self, variants: Variants, batch: Batch, wrench: Tensor) -> Rollout:
@@ -187,7 +193,8 @@ class Predictor:
             value[:, batch.windows].transpose(0, 1).flatten(0, 1) for value in (variants.pose, variants.twist)
         )
         parameters = self.model.parameters(variants.nominal.repeat(len(batch.windows), 1))
-        return layer.rollout(State(pose, twist), wrench.transpose(0, 1).flatten(0, 1)[:, :-1], parameters)
+        lengths = (self.windows.size[batch.windows] - 1).repeat_interleave(len(variants))
+        return layer.rollout(State(pose, twist), wrench.transpose(0, 1).flatten(0, 1)[:, :-1], parameters, lengths)
 
     def _acting(self, variants: Variants) -> Tensor:
         """Return the wrenches at work (C, R, T, N, 6)."""
@@ -209,13 +216,13 @@ class Predictor:
             effects: Parameters, shape (C, Q).
             first: Times at which the windows start [s], shape (k,).
         """
-        late = bool((first > 0).any())
-        clock: list[Effect] = [Clock(first.repeat_interleave(len(effects)))] if late else []
         known = [only_steps(effect) for effect in self.model.effects if has(type(effect), "act")]
         found = [
             only_steps(_with_values(kind, part.repeat(len(first), 1))) for kind, part, _ in self._on(effects, "act")
         ]
-        return clock + known + found
+        acting = known + found
+        late = bool(acting) and bool((first > 0).any())
+        return [Clock(first.repeat_interleave(len(effects))), *acting] if late else acting
 
     def _at_work(self, effects: Tensor, hook: str, copies: int) -> list[tuple[Effect, Tensor]]:
         """List the candidates with `hook` that are not null in some variant, and the rows (variant x copy) where."""
@@ -233,6 +240,20 @@ class Predictor:
             if has(kind, hook) and bool(on[:, columns].any()):
                 found.append((kind, effects[:, columns], on[:, columns].any(1)))
         return found
+
+
+def _at_once(simulate: Callable[[Batch], None], batches: Sequence[Batch]) -> None:
+    """Simulate batches, as many at once as torch uses threads: threads of one batch would wait in each step."""
+    threads, total = torch.get_num_threads(), sum(batch.frame.numel() for batch in batches)
+    parts = [part for batch in batches for part in batch.split(max(1, round(threads * batch.frame.numel() / total)))]
+    parts = sorted(parts, key=lambda part: -part.frame.numel())
+    for _ in map(simulate, parts) if min(threads, len(parts)) == 1 else _pool(threads).map(simulate, parts):
+        pass
+
+
+@lru_cache
+def _pool(threads: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(threads, initializer=torch.set_num_threads, initargs=(1,))
 
 
 def restarts(effect: Effect) -> bool:

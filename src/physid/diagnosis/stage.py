@@ -9,7 +9,7 @@ from torch import Tensor
 
 from physid.diagnosis.chance import BAD, Gain, ScoreTest
 from physid.diagnosis.fit import Experiment, Fit
-from physid.diagnosis.freeform import Cell, local_gain, residual_wrenches
+from physid.diagnosis.freeform import Cell, gain_alone, local_gain, residual_wrenches
 from physid.diagnosis.hypothesis import Hypothesis
 from physid.diagnosis.nulls import draw_nulls, p_value
 from physid.diagnosis.prepare import Prepared
@@ -193,8 +193,5 @@ def _sound(experiment: Experiment, fit: Fit) -> Tensor:
 
 def _cell_gains(fit: Fit, columns: Tensor, cleaned: Tensor, scale: Tensor) -> Tensor:
     """Compute what each residual wrench explains alone, beyond its mean over effect-free data; shape (F, K)."""
-    gains_of = []
-    for column in columns:
-        null = local_gain(fit.linear, column[None], cleaned, scale).mean(1)
-        gains_of.append(local_gain(fit.linear, column[None])[:, 0] - null)
-    return torch.stack(gains_of)
+    chance = gain_alone(fit.linear, columns, cleaned, scale).mean(2)
+    return (gain_alone(fit.linear, columns)[..., 0] - chance).T

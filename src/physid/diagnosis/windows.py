@@ -66,6 +66,14 @@ class Batch:
         place = (self.trajectory[:, None] * into.shape[2] + self.frame).flatten()[inside]
         into.flatten(1, 2).index_copy_(1, place, value.flatten(1, 2).index_select(1, inside))
 
+    def split(self, parts: int) -> list[Batch]:
+        """Return at most so many parts that take equally long, each with its longest windows first."""
+        order = self.inside.sum(1).argsort(descending=True, stable=True)
+        return [
+            Batch(self.windows[rows], self.trajectory[rows], self.frame[rows], self.inside[rows])
+            for rows in (order[part::parts] for part in range(min(parts, len(order))))
+        ]
+
 
 @dataclass(frozen=True)
 class Windows:

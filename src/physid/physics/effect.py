@@ -9,6 +9,7 @@ from typing import ClassVar, Literal, Self
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from physid.physics.state import State
 
@@ -82,11 +83,11 @@ class StepInputs:
 
     def add_force(self, force: Tensor) -> StepInputs:
         """Add forces at the centres [N], shape (B, N, 3), world frame."""
-        return self.replace(wrench=self.wrench + torch.cat([torch.zeros_like(force), force], -1))
+        return self.replace(wrench=self.wrench + pad(force, (3, 0)))
 
     def add_torque(self, torque: Tensor) -> StepInputs:
         """Add torques [N m], shape (B, N, 3), world frame."""
-        return self.replace(wrench=self.wrench + torch.cat([torque, torch.zeros_like(torque)], -1))
+        return self.replace(wrench=self.wrench + pad(torque, (0, 3)))
 
     def replace(self, **changes: Tensor) -> StepInputs:
         """Return a copy with some fields changed."""

@@ -38,6 +38,8 @@ def inputs_ahead(inputs: StepInputs, wrenches: Tensor, effects: Sequence[Effect]
         Inputs whose batch axis holds the T * substeps steps of each world, one world after the other; None if an effect
         asks for the state.
     """
+    if _ask_for_state(effects, inputs):
+        return None
     batch, frames = wrenches.shape[:2]
     count = frames * world.substeps
     now = _repeated(inputs, count)
@@ -51,11 +53,18 @@ def inputs_ahead(inputs: StepInputs, wrenches: Tensor, effects: Sequence[Effect]
             name: value if value.shape[0] == 1 else value.repeat_interleave(count, 0)
             for name, value in effect.values().items()
         }
-        try:
-            now = effect.replace(**whole).act(cast(State, _Unknown()), now)
-        except _Read:
-            return None
+        now = effect.replace(**whole).act(cast(State, _Unknown()), now)
     return now
+
+
+def _ask_for_state(effects: Sequence[Effect], inputs: StepInputs) -> bool:
+    """Tell whether an effect reads the state: one step shows it, and costs little."""
+    try:
+        for effect in effects:
+            inputs = effect.act(cast(State, _Unknown()), inputs)
+    except _Read:
+        return True
+    return False
 
 
 def _repeated(inputs: StepInputs, count: int) -> StepInputs:

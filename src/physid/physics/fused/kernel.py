@@ -23,9 +23,10 @@ def write_forward(shape: Shape, name: str) -> str:
         for k in range(n):
             w.zero(f"body{k}", "shift", 6)
         w.move_memory(group, save=False)
+        begin, end = w.frames_of(group)
         for field, width in (("pose", 7), ("twist", 6)):
-            w.body_rows("load_rows", ("body#", field), field, width, ("0", rows), group)
-        with code.loop(0, w.frames) as frame:
+            w.body_rows("load_rows", ("body#", field), field, width, (begin, rows), group)
+        with code.loop(begin, end) as frame:
             with code.when(w.inputs_vary()):
                 w.load_inputs(frame, group)
             w.body_rows("load_rows", ("body#", "wrench"), "wrench", 6, (frame, w.frames), group)

@@ -57,6 +57,7 @@ def roll_all(
     effects: Sequence[Effect],
     world: World,
     settings: SolverSettings,
+    lengths: Tensor | None = None,
 ) -> Outcome | None:
     """Predict trajectories under effects.
 
@@ -67,20 +68,32 @@ def roll_all(
         effects: Those of the layer.
         world: Ground and rules.
         settings: Accuracy of the solver.
+        lengths: See `roll`.
 
     Returns:
         As `roll`; None if an effect asks for the state.
     """
     if all(type(effect).act is Effect.act for effect in effects):
-        return roll(state, Inputs.of(inputs), wrenches, world, settings)
+        return roll(state, Inputs.of(inputs), wrenches, world, settings, lengths=lengths)
     now = inputs_ahead(inputs, wrenches, effects, world)
     if now is None:
         return None
-    substeps, steps = world.substeps, wrenches.shape[1] * world.substeps
-    single = dataclasses.replace(world, time_step=world.step, substeps=1)
-    pose, twist, impulse, residual, newton_steps = roll(
-        state, Inputs.of(now, steps), now.wrench.unflatten(0, (-1, steps)), single, settings
+    steps = wrenches.shape[1] * world.substeps
+    wanted = None if lengths is None else lengths * world.substeps
+    outcome = roll(
+        state, Inputs.of(now, steps), now.wrench.unflatten(0, (-1, steps)), stepwise(world), settings, lengths=wanted
     )
+    return by_frame(outcome, world.substeps)
+
+
+def stepwise(world: World) -> World:
+    """Return a world with a frame after each step."""
+    return dataclasses.replace(world, time_step=world.step, substeps=1)
+
+
+def by_frame(outcome: Outcome, substeps: int) -> Outcome:
+    """Turn the outcome of single steps into that of frames of so many steps each."""
+    pose, twist, impulse, residual, newton_steps = outcome
     impulse, residual = impulse.unflatten(1, (-1, substeps)).sum(2), residual.unflatten(1, (-1, substeps)).amax(2)
     return pose[:, ::substeps], twist[:, ::substeps], impulse, residual, newton_steps[:, substeps - 1 :: substeps]
 
@@ -92,6 +105,7 @@ def roll(
     world: World,
     settings: SolverSettings,
     memory: Tensor | None = None,
+    lengths: Tensor | None = None,
 ) -> Outcome:
     """Predict trajectories.
 
@@ -102,6 +116,7 @@ def roll(
         world: Ground and rules.
         settings: Accuracy of the solver.
         memory: What a former call left for the start of this one; changed in place.
+        lengths: Frames that each world needs, shape (B,); where no gradient is wanted, what comes later may be zeros.
 
     Returns:
         Poses (B, T + 1, N, 7), twists (B, T + 1, N, 6), impulses (B, T, C, 3) [N s], the largest residual in each frame
@@ -110,7 +125,7 @@ def roll(
     shape = shape_of(world, state.pose.shape[1])
     tensors = [value.contiguous() for value in (state.pose, state.twist, wrenches, inputs.bodies, inputs.shared)]
     keep = torch.is_grad_enabled() and any(value.requires_grad for value in tensors)
-    arguments = (*tensors, shape, world, settings, keep, memory)
+    arguments = (*tensors, shape, world, settings, keep, memory, None if keep else lengths)
     pose, twist, impulse, residual, steps = _Rollout.apply(*arguments)  # type: ignore[no-untyped-call]
     return pose, twist, impulse, residual / settings.tau(torch.float64), steps
 
@@ -146,6 +161,15 @@ def constants_of(world: World, settings: SolverSettings, shape: Shape) -> Tensor
     return torch.tensor(row, dtype=torch.float64)[:, None].repeat(1, LANES)
 
 
+def by_group(lengths: Tensor | None, worlds: int, frames: int) -> Tensor:
+    """Return how many frames the worlds that are computed together need, shape (B / LANES,), from those of each."""
+    if lengths is None:
+        return torch.full((-(-worlds // LANES),), frames)
+    padded = torch.cat([lengths, lengths.new_zeros(-worlds % LANES)])
+    longest: Tensor = padded.unflatten(0, (-1, LANES)).amax(1)
+    return longest
+
+
 def _distances(name: str, value: Tensor) -> dict[str, int]:
     """Return how far apart worlds and frames lie in an array (B or 1, T or 1, ...)."""
     worlds, frames = value.shape[:2]
@@ -156,17 +180,19 @@ def _distances(name: str, value: Tensor) -> dict[str, int]:
 class _Rollout(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, *arguments: Any) -> tuple[Tensor, ...]:
-        pose, twist, wrench, inputs, shared, shape, world, settings, keep, memory = arguments
+        pose, twist, wrench, inputs, shared, shape, world, settings, keep, memory, lengths = arguments
         (worlds, frames), bodies = wrench.shape[:2], pose.shape[1]
-        poses, twists = pose.new_empty(worlds, frames + 1, bodies, 7), pose.new_empty(worlds, frames + 1, bodies, 6)
+        new = pose.new_empty if lengths is None else pose.new_zeros
+        poses, twists = new(worlds, frames + 1, bodies, 7), new(worlds, frames + 1, bodies, 6)
         poses[:, 0], twists[:, 0] = pose, twist
-        impulse = pose.new_empty(worlds, frames, 4 * shape.patches, 3)
-        residual, steps = pose.new_empty(worlds, frames), pose.new_empty(worlds, frames)
+        impulse = new(worlds, frames, 4 * shape.patches, 3)
+        residual, steps = new(worlds, frames), new(worlds, frames)
         groups = (worlds + LANES - 1) // LANES
         tape = pose.new_empty(groups * frames * world.substeps * shape.tape * LANES if keep else 0)
         numbers = {"worlds": worlds, "frames": frames, "substeps": world.substeps}
         numbers |= _distances("inputs", inputs) | _distances("shared", shared)
         read = {"inputs": inputs, "shared": shared, "wrench": wrench, "constants": constants_of(world, settings, shape)}
+        read |= {"lengths": by_group(lengths, worlds, frames)}
         written = {"pose": poses, "twist": twists, "impulse": impulse, "residual": residual, "newton_steps": steps}
         read |= {"tape": tape} if keep else {}
         read |= {"memory": memory} if memory is not None else {}
@@ -199,9 +225,5 @@ class _Rollout(torch.autograd.Function):
             *states,
             by_inputs.sum_to_size(inputs.shape),
             by_shared.sum_to_size(shared.shape),
-            None,
-            None,
-            None,
-            None,
-            None,
+            *[None] * 6,
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from threading import local
@@ -18,8 +18,10 @@ from physid.physics.fused.kernel import write_backward, write_forward
 from physid.physics.fused.records import Shape
 from physid.physics.fused.writer import ARGUMENTS
 
+BEGIN, END = ARGUMENTS.index("begin"), ARGUMENTS.index("end")
 Direction = Literal["forward", "backward"]
 WORTH = 30  # steps of a group of worlds for each thread: for fewer, to wake it takes longer than it saves
+PARTS = 8  # for each thread: some worlds take several times as long as others, and no thread shall wait for them
 
 
 class _Own(local):
@@ -36,13 +38,18 @@ def run(
     direction: Direction, shape: Shape, worlds: int, numbers: Mapping[str, int], arrays: Mapping[str, Tensor]
 ) -> None:
     """Call a kernel on all worlds (see `bind`)."""
-    bind(direction, shape, worlds, numbers, arrays)()
+    bind(direction, shape, worlds, numbers, arrays, numbers["frames"])(0)
 
 
 def bind(
-    direction: Direction, shape: Shape, worlds: int, numbers: Mapping[str, int], arrays: Mapping[str, Tensor]
-) -> Callable[[], None]:
-    """Return what calls a kernel on all worlds, any number of times.
+    direction: Direction,
+    shape: Shape,
+    worlds: int,
+    numbers: Mapping[str, int],
+    arrays: Mapping[str, Tensor],
+    frames: int,
+) -> Callable[[int], None]:
+    """Return what calls a kernel on all worlds and so many frames, from any frame on.
 
     Args:
         direction: Which.
@@ -50,23 +57,29 @@ def bind(
         worlds: B.
         numbers: Arguments that are numbers (see `ARGUMENTS`); those not named are 0.
         arrays: Arguments that are arrays, read or written; the caller keeps them alive.
+        frames: Frames of a call.
     """
     kernel = _kernel(direction, shape)
     values = dict(numbers) | {name: array.data_ptr() for name, array in arrays.items()}
     arguments = (ctypes.c_int64 * len(ARGUMENTS))(*(values.get(name, 0) for name in ARGUMENTS))
     groups = (worlds + LANES - 1) // LANES
-    steps = groups * numbers["frames"] * numbers["substeps"]
+    steps = groups * frames * numbers["substeps"]
     threads = max(min(torch.get_num_threads(), groups, steps // WORTH), 1)
-    bounds = [groups * k // threads for k in range(threads + 1)]
+    parts = min(PARTS * threads, groups) if threads > 1 else 1
+    bounds = [groups * k // parts for k in range(parts + 1)]
 
-    def part(k: int) -> None:
-        kernel(ctypes.addressof(arguments), bounds[k], bounds[k + 1], _workspace(shape))
+    def work(left: Iterator[int]) -> None:
+        for k in left:
+            kernel(ctypes.addressof(arguments), bounds[k], bounds[k + 1], _workspace(shape))
 
-    def call() -> None:
-        others = [_pool(threads).submit(part, k) for k in range(1, threads)]
-        part(0)
+    def call(begin: int) -> None:
+        arguments[BEGIN], arguments[END] = begin, begin + frames
+        left = iter(range(parts))  # shared: whoever is free takes the next part
+        others = [_pool(threads).submit(work, left) for _ in range(1, threads)]
+        work(left)
         for other in others:
-            other.result()
+            if not other.cancel():
+                other.result()
 
     return call
 

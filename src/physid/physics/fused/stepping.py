@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from itertools import accumulate, pairwise
 
@@ -13,7 +12,7 @@ from physid.physics.effect import Effect, StepInputs
 from physid.physics.fused.compiler.emit import LANES
 from physid.physics.fused.formulas.layouts import BODY
 from physid.physics.fused.formulas.layouts import INPUTS as FIELDS
-from physid.physics.fused.rollout import Inputs, Outcome, constants_of, roll, shape_of
+from physid.physics.fused.rollout import Inputs, Outcome, by_frame, by_group, constants_of, roll, shape_of, stepwise
 from physid.physics.fused.run import bind
 from physid.physics.lcp import SolverSettings
 from physid.physics.state import State
@@ -21,15 +20,14 @@ from physid.physics.step import Step
 from physid.physics.world import World
 
 PLACES = list(accumulate((BODY.widths[name] for name in FIELDS), initial=0))
-LOOK = 16  # frames after which to see whether all is well
-FRAME = 1  # the pose after a step, in a table of the poses before and after it
+LOOK = 16  # steps after which to see whether all is well
 
 
 class Stepper:
     """Steps one after the other; each solution is the start of the next, which changes results by rounding only."""
 
     def __init__(self, world: World, settings: SolverSettings) -> None:
-        self._world = dataclasses.replace(world, time_step=world.step, substeps=1)
+        self._world = stepwise(world)
         self._settings = settings
         self._memory: Tensor | None = None
 
@@ -61,11 +59,12 @@ def roll_in_steps(
     effects: Sequence[Effect],
     world: World,
     settings: SolverSettings,
+    lengths: Tensor | None = None,
 ) -> Outcome:
     """Predict trajectories under effects that ask for the state, without gradients.
 
     The same as steps of a `Stepper`, without what each of them costs beside the effects and the kernel: arrays are
-    made once, and of the inputs only what effects have changed is written.
+    made once, the kernel writes where results stay, and of the inputs only what effects have changed is written.
 
     Args:
         state: The states at the first frame.
@@ -74,73 +73,75 @@ def roll_in_steps(
         effects: Those of the layer.
         world: Ground and rules.
         settings: Accuracy of the solver.
+        lengths: See `roll`.
 
     Returns:
         As `roll`.
     """
-    (worlds, frames), bodies = wrenches.shape[:2], wrenches.shape[2]
-    pose, twist = (
-        state.pose.new_empty(worlds, frames + 1, bodies, 7),
-        state.pose.new_empty(worlds, frames + 1, bodies, 6),
-    )
-    one = _One(state, inputs, dataclasses.replace(world, time_step=world.step, substeps=1), settings)
-    impulse = state.pose.new_zeros(worlds, frames, *one.impulse.shape[2:])
-    residual, count = state.pose.new_zeros(worlds, frames), state.pose.new_zeros(worlds, frames)
-    pose[:, 0], twist[:, 0] = state.pose, state.twist
+    substeps, steps = world.substeps, wrenches.shape[1] * world.substeps
+    wanted = None if lengths is None else lengths * substeps
+    going = _Going(state, inputs, steps, stepwise(world), settings, wanted)
     accepted = settings.residual(torch.float64)
-    for t in range(frames):
-        for k in range(world.substeps):
-            time = inputs.time + t * world.time_step + k * world.step
-            now = inputs.replace(time=time, wrench=wrenches[:, t])
-            for effect in effects:
-                now = effect.act(one.state, now)
-            one.advance(now)
-            impulse[:, t] += one.impulse[:, 0]
-            residual[:, t] = residual[:, t].maximum(one.residual[:, 0]) if world.substeps > 1 else one.residual[:, 0]
-        count[:, t] = one.newton_steps[:, 0]
-        pose[:, t + 1], twist[:, t + 1] = one.state.pose, one.state.twist
-        if t % LOOK == LOOK - 1 and not bool((residual[:, t] <= accepted).all()):
+    for step in range(steps):
+        now = inputs.replace(time=inputs.time + step * world.step, wrench=wrenches[:, step // substeps])
+        here = going.state(step)
+        for effect in effects:
+            now = effect.act(here, now)
+        going.advance(step, now)
+        if step % LOOK == LOOK - 1 and not bool((going.residual[:, step + 1 - LOOK : step + 1] <= accepted).all()):
             break  # what has failed is slow, and its caller refuses it
-    return pose, twist, impulse, residual / settings.tau(torch.float64), count
+    return by_frame(going.outcome(settings), substeps)
 
 
-class _One:
-    """One step of a batch of worlds, in arrays that stay where they are.
+class _Going:
+    """Trajectories of a batch of worlds that grow by one step at a time, in arrays that stay where they are.
 
     Attributes:
-        state: The present state.
-        impulse: Of the last step [N s], shape (B, 1, C, 3).
-        residual: Of the last step, shape (B, 1).
-        newton_steps: Of the last step, shape (B, 1).
+        residual: Of each step, zero of those to come, shape (B, T).
     """
 
-    def __init__(self, state: State, inputs: StepInputs, world: World, settings: SolverSettings) -> None:
+    def __init__(
+        self,
+        state: State,
+        inputs: StepInputs,
+        steps: int,
+        world: World,
+        settings: SolverSettings,
+        lengths: Tensor | None,
+    ) -> None:
         worlds, bodies = state.pose.shape[:2]
         shape, new = shape_of(world, bodies), state.pose.new_zeros
         packed = Inputs.of(inputs)
         self._bodies, self._shared = packed.bodies.contiguous(), packed.shared.contiguous()
-        self._wrench, self._known = new(worlds, 1, bodies, 6), inputs
-        self._pose, self._twist = new(worlds, 2, bodies, 7), new(worlds, 2, bodies, 6)
-        self._pose[:, FRAME], self._twist[:, FRAME] = state.pose, state.twist
-        self.state = State(self._pose[:, FRAME], self._twist[:, FRAME])
-        self.impulse = new(worlds, 1, 4 * shape.patches, 3)
-        self.residual, self.newton_steps = new(worlds, 1), new(worlds, 1)
+        self._wrench, self._known = new(worlds, steps, bodies, 6), inputs
+        self._pose, self._twist = new(worlds, steps + 1, bodies, 7), new(worlds, steps + 1, bodies, 6)
+        self._pose[:, 0], self._twist[:, 0] = state.pose, state.twist
+        self._impulse = new(worlds, steps, 4 * shape.patches, 3)
+        self.residual, self._newton_steps = new(worlds, steps), new(worlds, steps)
         self._arrays = {
             "inputs": self._bodies, "shared": self._shared, "wrench": self._wrench,
             "constants": constants_of(world, settings, shape), "memory": new(_memory_size(world, state)),
-            "pose": self._pose, "twist": self._twist, "impulse": self.impulse,
-            "residual": self.residual, "newton_steps": self.newton_steps,
+            "lengths": by_group(lengths, worlds, steps), "pose": self._pose, "twist": self._twist,
+            "impulse": self._impulse, "residual": self.residual, "newton_steps": self._newton_steps,
         }  # fmt: skip
-        numbers = {"worlds": worlds, "frames": 1, "substeps": 1}
+        numbers = {"worlds": worlds, "frames": steps, "substeps": 1}
         numbers |= {"inputs_by_world": self._bodies[0].numel(), "shared_by_world": self._shared[0].numel()}
-        self._kernel = bind("forward", shape, worlds, numbers, self._arrays)
+        self._kernel = bind("forward", shape, worlds, numbers, self._arrays, frames=1)
 
-    def advance(self, inputs: StepInputs) -> None:
+    def state(self, step: int) -> State:
+        """Return the states before a step."""
+        return State(self._pose[:, step], self._twist[:, step])
+
+    def advance(self, step: int, inputs: StepInputs) -> None:
         """Go on by one step."""
         self._write(inputs)
-        self._wrench[:, 0] = inputs.wrench
-        self._pose[:, 0], self._twist[:, 0] = self._pose[:, FRAME], self._twist[:, FRAME]
-        self._kernel()
+        self._wrench[:, step] = inputs.wrench
+        self._kernel(step)
+
+    def outcome(self, settings: SolverSettings) -> Outcome:
+        """Return what `roll` returns."""
+        residual = self.residual / settings.tau(torch.float64)
+        return self._pose, self._twist, self._impulse, residual, self._newton_steps
 
     def _write(self, inputs: StepInputs) -> None:
         """Write the inputs that are not those of the last step."""

@@ -8,7 +8,7 @@ from physid.physics.fused.formulas.layouts import CONSTANTS
 from physid.physics.fused.records import CHOSEN, SOLVED, STATE, Shape
 
 ARGUMENTS = (
-    "worlds", "frames", "substeps", "constants", "tape", "memory",
+    "worlds", "frames", "substeps", "begin", "end", "lengths", "constants", "tape", "memory",
     "inputs", "inputs_by_world", "inputs_by_frame", "shared", "shared_by_world", "shared_by_frame", "wrench",
     "pose", "twist", "impulse", "residual", "newton_steps",
     "pose_bar", "twist_bar", "impulse_bar", "inputs_bar", "shared_bar", "wrench_bar", "first_pose_bar",
@@ -146,6 +146,15 @@ class Writer:
             self.each_patch("move", f"contact*{problem}", lane)
             self.evaluate(problem)
         self.call("report", lane, "outcome")
+
+    def frames_of(self, group: str) -> tuple[str, str]:
+        """Return the first frame to step from, and the one to stop at: the last that a world of the group needs."""
+        code = self.code
+        begin, end = (code.argument(name) for name in ("begin", "end"))
+        place = code.emit(f"getelementptr i64, ptr {code.argument('lengths', 'ptr')}, i64 {group}")
+        needed = code.emit(f"load i64, ptr {place}")
+        sooner = code.emit(f"icmp slt i64 {needed}, {end}")
+        return begin, code.emit(f"select i1 {sooner}, i64 {needed}, i64 {end}")
 
     def known_before(self) -> list[tuple[str, int]]:
         """Return what a tape keeps of a step before its solution: address and slots."""

@@ -1,0 +1,42 @@
+"""Predictions do not depend on how many windows are simulated at once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import torch
+
+from diagnosis.sets import recorded
+from physid.data.format import RecordingSet
+from physid.diagnosis.beliefs import believe
+from physid.diagnosis.observations import observe
+from physid.diagnosis.prediction import Predictor, Variants
+from physid.diagnosis.windows import HITS, Windows
+from physid.effects import find
+
+
+def test_threads_do_not_change_a_prediction(tmp_path: Path) -> None:
+    observations = observe(RecordingSet(recorded(tmp_path / "set", trajectories=6, split={"fit": 1})))
+    events = torch.zeros(observations.pose.shape[:2], dtype=torch.bool)
+    events[:, 40], events[0, 70] = True, True
+    windows, model = Windows.around(events, HITS), believe(observations.scene, None)
+    predictor = Predictor(model, observations.wrench, windows, [find("viscous_drag")])
+    pose = observations.pose[windows.trajectory, windows.start][None]
+    null = Variants(
+        pose, torch.zeros_like(pose[..., :6]), model.guess[None], predictor.null[None], torch.zeros(1, 1).double()
+    )
+    many = null.repeat(5)
+    many.effects[1:, 0] = torch.linspace(0.1, 0.4, 4, dtype=torch.float64)
+    assert len(windows.batches) > 2
+    threads, predicted = torch.get_num_threads(), []
+    try:
+        for count in (1, 2, 3):
+            torch.set_num_threads(count)
+            predicted.append(predictor.predict(many))
+            assert torch.get_num_threads() == count
+    finally:
+        torch.set_num_threads(threads)
+    for name in ("pose", "twist", "impulse"):
+        first, *others = (getattr(each, name) for each in predicted)
+        assert bool(first.any())
+        assert all(torch.equal(other, first) for other in others)
