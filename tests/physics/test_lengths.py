@@ -68,6 +68,16 @@ def test_gradients_do_not_depend_on_lengths(case: Case, effects: tuple[Effect, .
     assert torch.equal(*slopes)
 
 
+def test_lengths_may_be_of_any_kind_and_beyond_the_end(case: Case) -> None:
+    with torch.no_grad():
+        whole = rolled(case, NOTHING, None)
+        for lengths in (
+            torch.full((len(LENGTHS),), 2.0 * STEPS),
+            torch.full((len(LENGTHS),), STEPS, dtype=torch.int32),
+        ):
+            assert torch.equal(rolled(case, NOTHING, lengths).pose, whole.pose)
+
+
 def test_a_length_for_each_world_is_asked_for(case: Case) -> None:
     with pytest.raises(ValueError, match=r"lengths must have shape \(11,\), got \(3,\)"):
         rolled(case, NOTHING, LENGTHS[:3])

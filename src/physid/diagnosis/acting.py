@@ -35,9 +35,13 @@ class AtStep(Effect):
         """Act as the effect does."""
         return self.effect.act(state, inputs)
 
-    def to(self, reference: Tensor) -> AtStep:
-        """Return the same: the values are where they are needed."""
-        return self
+    def values(self) -> dict[str, Tensor]:
+        """Return the parameters of the effect."""
+        return self.effect.values()
+
+    def replace(self, **changes: Tensor) -> AtStep:
+        """Return a copy with some parameters of the effect changed."""
+        return AtStep(self.effect.replace(**changes))
 
 
 def only_steps(effect: Effect) -> Effect:

@@ -38,33 +38,41 @@ def inputs_ahead(inputs: StepInputs, wrenches: Tensor, effects: Sequence[Effect]
         Inputs whose batch axis holds the T * substeps steps of each world, one world after the other; None if an effect
         asks for the state.
     """
-    if _ask_for_state(effects, inputs):
+    try:
+        _act(effects, inputs)  # a single step shows it as a rule, and costs little
+        return _act(*_of_all_steps(effects, inputs, wrenches, world))
+    except _Read:
         return None
+
+
+def _act(effects: Sequence[Effect], inputs: StepInputs) -> StepInputs:
+    for effect in effects:
+        inputs = effect.act(cast(State, _Unknown()), inputs)
+    return inputs
+
+
+def _of_all_steps(
+    effects: Sequence[Effect], inputs: StepInputs, wrenches: Tensor, world: World
+) -> tuple[list[Effect], StepInputs]:
+    """Return effects and inputs with a value for every step of each world, one world after the other."""
     batch, frames = wrenches.shape[:2]
     count = frames * world.substeps
-    now = _repeated(inputs, count)
     steps = torch.arange(count, dtype=wrenches.dtype) * world.step
+    now = _repeated(inputs, count)
     now = now.replace(
         time=now.time + steps.repeat(batch),
         wrench=wrenches.repeat_interleave(world.substeps, 1).flatten(0, 1),
     )
-    for effect in effects:
-        whole = {
-            name: value if value.shape[0] == 1 else value.repeat_interleave(count, 0)
-            for name, value in effect.values().items()
-        }
-        now = effect.replace(**whole).act(cast(State, _Unknown()), now)
-    return now
-
-
-def _ask_for_state(effects: Sequence[Effect], inputs: StepInputs) -> bool:
-    """Tell whether an effect reads the state: one step shows it, and costs little."""
-    try:
-        for effect in effects:
-            inputs = effect.act(cast(State, _Unknown()), inputs)
-    except _Read:
-        return True
-    return False
+    whole = [
+        effect.replace(
+            **{
+                name: value if value.shape[0] == 1 else value.repeat_interleave(count, 0)
+                for name, value in effect.values().items()
+            }
+        )
+        for effect in effects
+    ]
+    return whole, now
 
 
 def _repeated(inputs: StepInputs, count: int) -> StepInputs:

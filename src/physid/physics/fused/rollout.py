@@ -165,7 +165,7 @@ def by_group(lengths: Tensor | None, worlds: int, frames: int) -> Tensor:
     """Return how many frames the worlds that are computed together need, shape (B / LANES,), from those of each."""
     if lengths is None:
         return torch.full((-(-worlds // LANES),), frames)
-    padded = torch.cat([lengths, lengths.new_zeros(-worlds % LANES)])
+    padded = torch.cat([lengths.to(torch.int64), torch.zeros(-worlds % LANES, dtype=torch.int64)])
     longest: Tensor = padded.unflatten(0, (-1, LANES)).amax(1)
     return longest
 
