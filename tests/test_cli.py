@@ -13,7 +13,7 @@ import pytest
 
 from physid.cli import main, shorten, sort_words
 from physid.commands import COMMANDS, Command
-from physid.commands.terminal import styled
+from physid.commands.terminal import interruptible, styled
 from physid.configuration import compose
 
 HELP_SECONDS = 0.5
@@ -170,16 +170,34 @@ def test_a_reader_that_has_seen_enough_is_no_error() -> None:
     assert not piped.stderr
 
 
+def test_an_interrupt_in_a_destructor_is_not_lost() -> None:
+    class Interrupted:
+        def __del__(self) -> None:
+            signal.raise_signal(signal.SIGINT)
+
+    def interrupted() -> None:
+        Interrupted()
+        for _ in range(500):
+            time.sleep(0.01)
+        pytest.fail("nothing was interrupted")
+
+    with pytest.raises(KeyboardInterrupt), interruptible():
+        interrupted()
+
+
 def test_an_interrupted_generation_exits_with_130_and_goes_on(tmp_path: Path) -> None:
     words = ["generate", "--config", PUSH, "--out", str(tmp_path / "set"), "--workers=1", "--quiet", "video=false"]
     running = subprocess.Popen(
         [*COMMAND, *words, "trajectories=100000", "steps=20"], stderr=subprocess.PIPE, text=True, env=dict(os.environ)
     )
-    while not list(tmp_path.glob("set/trajectories/*.h5")):
-        assert running.poll() is None
-        time.sleep(0.05)
-    running.send_signal(signal.SIGINT)
-    _, error = running.communicate(timeout=30)
+    try:
+        while not list(tmp_path.glob("set/trajectories/*.h5")):
+            assert running.poll() is None
+            time.sleep(0.05)
+        running.send_signal(signal.SIGINT)
+        _, error = running.communicate(timeout=30)
+    finally:
+        running.kill()
     assert running.returncode == 130
     assert error.strip() == "interrupted: the same command goes on where it stopped"
     count = len(list(tmp_path.glob("set/trajectories/*.h5")))

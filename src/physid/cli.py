@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from physid.commands import COMMANDS, Command
-from physid.commands.terminal import styled
+from physid.commands.terminal import interruptible, styled
 from physid.scenes.strict import nearest
 
 if TYPE_CHECKING:
@@ -70,7 +70,8 @@ def main(words: Sequence[str] | None = None) -> int:
     # Read when torch loads: its idle threads would spin, and take the cores away from the threads of the rollout.
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     try:
-        return _run(words)
+        with interruptible():
+            return _run(words)
     except KeyboardInterrupt as interrupt:
         print(f"\ninterrupted{f': {interrupt}' if str(interrupt) else ''}", file=sys.stderr)
         return INTERRUPTED

@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 import os
+import sys
+from _thread import interrupt_main
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Literal, TextIO
+from threading import Timer
+from typing import TYPE_CHECKING, Literal, TextIO
 
+if TYPE_CHECKING:
+    from sys import UnraisableHookArgs
+
+SOON = 0.01  # [s]
 CODES = {"bold": 1, "red": 31, "green": 32}
 
 
@@ -27,6 +34,28 @@ def resumable() -> Iterator[None]:
         yield
     except KeyboardInterrupt:
         raise KeyboardInterrupt("the same command goes on where it stopped") from None
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """Let no Ctrl-C be lost: Python ignores what is raised in a destructor, or as a weak reference dies.
+
+    Raises:
+        KeyboardInterrupt: If it was pressed.
+    """
+    before = sys.unraisablehook
+
+    def again(ignored: UnraisableHookArgs) -> None:
+        if isinstance(ignored.exc_value, KeyboardInterrupt):
+            Timer(SOON, interrupt_main).start()
+        else:
+            before(ignored)
+
+    sys.unraisablehook = again
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
 
 
 @contextmanager
