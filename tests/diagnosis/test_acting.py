@@ -15,7 +15,6 @@ from physid.effects.friction_drift import FrictionDrift
 from physid.effects.viscous_drag import ViscousDrag
 from physid.physics.effect import Effect, Site, StepInputs, quantity
 from physid.physics.layer import PhysicsLayer, Rollout
-from physid.physics.parameters import Parameters
 from physid.physics.state import State
 from physid.scenes.catalogue import find_setup
 
@@ -24,10 +23,10 @@ SIZES = torch.linspace(0.1, 0.4, 4, dtype=torch.float64)
 
 @final
 @dataclass(frozen=True)
-class SeenDrag(Effect):
-    """A drag that also pushes beforehand, and moves what the camera sees."""
+class PushedDrag(Effect):
+    """A drag that also changes what was commanded."""
 
-    name: ClassVar[str] = "seen_drag"
+    name: ClassVar[str] = "pushed_drag"
     site: ClassVar[Site] = "dynamics"
     coefficient: Tensor = quantity("N s/m", low=0.0, high=5.0, typical=0.3)
 
@@ -60,15 +59,13 @@ class SeenDrift(Effect):
 
 def rolled(effect: Effect) -> Rollout:
     case = draw(find_setup("push"), len(SIZES), 12)
-    given = [case.tensors[name] for name in ("size", "mass", "friction", "restitution")]
-    state = State(case.tensors["pose"], case.tensors["twist"])
     with torch.no_grad():
-        return PhysicsLayer(case.world, [effect]).rollout(state, case.tensors["wrench"], Parameters.of_boxes(*given))
+        return case.roll(PhysicsLayer(case.world, [effect]))
 
 
 @pytest.mark.parametrize(
     ("mixed", "alone"),
-    [(SeenDrag(SIZES), ViscousDrag(SIZES)), (SeenDrift(SIZES), FrictionDrift(SIZES))],
+    [(PushedDrag(SIZES), ViscousDrag(SIZES)), (SeenDrift(SIZES), FrictionDrift(SIZES))],
     ids=["asks for the state", "asks for the time"],
 )
 def test_a_step_takes_what_acts_at_it_with_the_values_of_each_world(mixed: Effect, alone: Effect) -> None:

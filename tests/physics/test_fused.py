@@ -13,7 +13,7 @@ from physid.effects.viscous_drag import ViscousDrag
 from physid.physics.contact import ContactRule, Penetrating, Speculative, Split
 from physid.physics.effect import Effect
 from physid.physics.fused.records import Shape
-from physid.physics.layer import PhysicsLayer, SolverError
+from physid.physics.layer import PhysicsLayer, Rollout, SolverError
 from physid.physics.lcp import SolverSettings
 from physid.physics.parameters import Parameters
 from physid.physics.state import State
@@ -35,6 +35,16 @@ class Case:
     world: World
     tensors: dict[str, Tensor]
 
+    def roll(self, layer: PhysicsLayer, lengths: Tensor | None = None) -> Rollout:
+        """Predict the batch with a layer."""
+        state = State(self.tensors["pose"], self.tensors["twist"])
+        return layer.rollout(state, self.tensors["wrench"], self.parameters, lengths)
+
+    @property
+    def parameters(self) -> Parameters:
+        """Sizes, masses, friction, restitution."""
+        return Parameters.of_boxes(*(self.tensors[name] for name in ("size", "mass", "friction", "restitution")))
+
 
 def draw(setup: Setup, batch: int, steps: int, protocol: str = "rich", seed: int = 0) -> Case:
     scene, generator = setup.scene, np.random.default_rng(seed)
@@ -55,9 +65,7 @@ def outcome(case: Case, backend: str, effects: tuple[Effect, ...] = ()) -> dict[
     """Return states, impulses of patches, and gradients of a random loss by everything, effects too."""
     tensors = {name: value.clone().requires_grad_() for name, value in case.tensors.items()}
     effects = tuple(e.replace(**{k: v.clone().requires_grad_() for k, v in e.values().items()}) for e in effects)
-    given = [tensors[name] for name in ("size", "mass", "friction", "restitution")]
-    layer = PhysicsLayer(case.world, effects, backend=backend)  # type: ignore[arg-type]
-    rollout = layer.rollout(State(tensors["pose"], tensors["twist"]), tensors["wrench"], Parameters.of_boxes(*given))
+    rollout = Case(case.world, tensors).roll(PhysicsLayer(case.world, effects, backend=backend))  # type: ignore[arg-type]
     # Of corners at the same height, either may come first: only the sum over a patch is defined.
     impulse = rollout.impulse.unflatten(2, (-1, 4)).sum(3)
     generator = torch.Generator().manual_seed(1)
@@ -154,11 +162,9 @@ def test_a_rollout_under_effects_is_the_same_whether_gradients_are_wanted_or_not
     case = draw(SETUPS[2 if "object" in effect.name else 0], 9, 6)
     values = {name: torch.tensor([size.typical]).double() for name, size in effect.quantities().items()}
     layer = PhysicsLayer(dataclasses.replace(case.world, substeps=substeps), [effect(**values)], backend="fused")
-    parameters = Parameters.of_boxes(*(case.tensors[name] for name in ("size", "mass", "friction", "restitution")))
-    given = State(case.tensors["pose"], case.tensors["twist"]), case.tensors["wrench"], parameters
-    wanted = layer.rollout(*given)
+    wanted = case.roll(layer)
     with torch.no_grad():
-        without = layer.rollout(*given)
+        without = case.roll(layer)
     for name in ("pose", "twist", "impulse"):
         one, other = getattr(without, name), getattr(wanted, name)
         torch.testing.assert_close(one, other, rtol=0, atol=STATE * float(other.abs().max()))
@@ -167,26 +173,24 @@ def test_a_rollout_under_effects_is_the_same_whether_gradients_are_wanted_or_not
 
 def test_a_failure_under_an_effect_is_the_same_error_whether_gradients_are_wanted_or_not() -> None:
     case = draw(SETUPS[0], 9, 40)
-    parameters = Parameters.of_boxes(*(case.tensors[name] for name in ("size", "mass", "friction", "restitution")))
-    start, settings = State(case.tensors["pose"], case.tensors["twist"]), SolverSettings(max_steps=5)
+    settings = SolverSettings(max_steps=5)
     layer = PhysicsLayer(case.world, [ViscousDrag(torch.tensor([0.5]).double())], settings, backend="fused")
     messages = []
     for gradients in (True, False):
         with torch.set_grad_enabled(gradients), pytest.raises(SolverError, match="not solved at step 0") as error:
-            layer.rollout(start, case.tensors["wrench"], parameters)
+            case.roll(layer)
         messages.append(str(error.value))
     assert messages[0] == messages[1]
 
 
 def test_the_same_failure_is_the_same_error() -> None:
     case = draw(SETUPS[0], 9, 5)
-    parameters = Parameters.of_boxes(*(case.tensors[name] for name in ("size", "mass", "friction", "restitution")))
-    start, settings = State(case.tensors["pose"], case.tensors["twist"]), SolverSettings(max_steps=5)
+    settings = SolverSettings(max_steps=5)
     messages = []
     for backend in ("reference", "fused"):
         layer = PhysicsLayer(case.world, solver=settings, backend=backend)  # type: ignore[arg-type]
         with pytest.raises(SolverError) as error:
-            layer.rollout(start, case.tensors["wrench"], parameters)
+            case.roll(layer)
         messages.append(re.sub(r"residual \S+", "residual", str(error.value)))
     assert messages[0].startswith("9 of 9 contact problems were not solved at step 0: worst residual")
     assert messages[0] == messages[1]

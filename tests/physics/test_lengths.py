@@ -13,8 +13,6 @@ from physid.effects.friction_drift import FrictionDrift
 from physid.effects.viscous_drag import ViscousDrag
 from physid.physics.effect import Effect
 from physid.physics.layer import PhysicsLayer, Rollout
-from physid.physics.parameters import Parameters
-from physid.physics.state import State
 from physid.scenes.catalogue import find_setup
 
 LENGTHS = torch.tensor([20, 3, 7, 7, 1, 12, 2, 9, 5, 5, 4])
@@ -25,10 +23,7 @@ NOTHING, TIMED, STATEFUL = (), (FrictionDrift(rate=SIZE),), (ViscousDrag(coeffic
 
 def rolled(case: Case, effects: tuple[Effect, ...], lengths: Tensor | None, substeps: int = 1) -> Rollout:
     world = dataclasses.replace(case.world, substeps=substeps)
-    given = [case.tensors[name] for name in ("size", "mass", "friction", "restitution")]
-    state = State(case.tensors["pose"], case.tensors["twist"])
-    layer = PhysicsLayer(world, effects, backend="fused")
-    return layer.rollout(state, case.tensors["wrench"], Parameters.of_boxes(*given), lengths)
+    return case.roll(PhysicsLayer(world, effects, backend="fused"), lengths)
 
 
 @pytest.fixture(scope="module")

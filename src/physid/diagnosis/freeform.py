@@ -131,7 +131,7 @@ def _data(part: Part, residuals: Tensor | None, scale: Tensor | None) -> Tensor:
     """Return the observed residuals of a part, or others, in units of the noise, shape (k, M, Z)."""
     if residuals is None or scale is None:
         return part.residual[..., None]
-    return part.batch.cut(residuals * scale, fill=0.0).flatten(2).movedim(0, -1)
+    return part.batch.columns(residuals * scale)
 
 
 def freed(fit: Fit, columns: Tensor) -> Tensor:

@@ -96,7 +96,7 @@ class Linearised:
     def observing(self, residual: Tensor, scale: Tensor) -> Linearised:
         """Return the same columns with other residuals, observed minus predicted; both have the shape (R, T, N, 6)."""
         weighed = (residual * scale)[None]
-        parts = [replace(part, residual=part.batch.cut(weighed, fill=0.0).flatten(2)[0]) for part in self.parts]
+        parts = [replace(part, residual=part.batch.columns(weighed)[..., 0]) for part in self.parts]
         return Linearised(self.windows, tuple(parts))
 
     def normal(self, share: Tensor | None = None) -> Normal:
@@ -129,7 +129,7 @@ class Linearised:
         matrices, vectors, squares = [], [], []
         order = torch.cat([part.batch.windows for part in self.parts]).argsort()
         for part in self.parts:
-            data = part.batch.cut(residuals * scale, fill=0.0).flatten(2).movedim(0, -1)
+            data = part.batch.columns(residuals * scale)
             clean = part.profiled(part.shared)
             matrices.append(part.shared.mT @ clean)
             vectors.append(clean.mT @ data)
@@ -170,13 +170,9 @@ def linearise(
     spread = torch.tensor([STATE_SPREAD[k // 3] for _, k in directions.used], dtype=residual.dtype)
     parts = []
     for batch in windows.batches:
-
-        def cut(columns: Tensor, batch: Batch = batch) -> Tensor:
-            return batch.cut(columns * scale, fill=0.0).flatten(2).movedim(0, -1)
-
-        state, shared = cut(jacobian.state), cut(jacobian.shared)
+        state, shared = (batch.columns(columns * scale) for columns in (jacobian.state, jacobian.shared))
         gram = state.mT @ state
         ridge = 1 / spread**2 + 1e-9 * gram.diagonal(dim1=-2, dim2=-1)
         factor = torch.linalg.cholesky(gram + torch.diag_embed(ridge))
-        parts.append(Part(batch, cut(residual[None])[..., 0], state, shared, factor))
+        parts.append(Part(batch, batch.columns((residual * scale)[None])[..., 0], state, shared, factor))
     return Linearised(windows, tuple(parts))

@@ -107,7 +107,7 @@ def floors(experiment: Experiment, fit: Fit, generator: torch.Generator, replays
     clean = clean - torch.einsum("pz,prtnk->zrtnk", change, fit.jacobian.shared[unknown])
 
     def left(part: Part) -> Tensor:
-        data = part.batch.cut(clean * experiment.scale, fill=0.0).flatten(2).movedim(0, -1)
+        data = part.batch.columns(clean * experiment.scale)
         return part.profiled(data).square().sum(1).mean(-1)
 
     return fit.linear.gather(left) / experiment.counted()

@@ -60,6 +60,10 @@ class Batch:
             return taken
         return taken.masked_fill_(~self.inside.reshape(*self.inside.shape, *[1] * (taken.ndim - 3)), fill)
 
+    def columns(self, value: Tensor) -> Tensor:
+        """Turn C data sets or columns (C, R, T, N, 6) into those of the windows, zero outside; (k, M, C), M = L N 6."""
+        return self.cut(value, fill=0.0).flatten(2).movedim(0, -1)
+
     def put(self, value: Tensor, into: Tensor) -> None:
         """Write (C, k, L, ...) back to (C, R, T, ...)."""
         inside = self.inside.flatten().nonzero()[:, 0]
