@@ -25,7 +25,7 @@ from tqdm import tqdm
 from physid.data.datamodule import RecordingsDataModule
 from physid.data.generate import generate
 from physid.data.generation import GenerateConfig, Noise
-from physid.training.sysid import SysID
+from physid.training.learners.sysid import SysID
 
 NOISE = Noise(position=1e-3, rotation=1e-2)
 EPOCHS = 15

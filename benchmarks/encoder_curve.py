@@ -25,13 +25,13 @@ from physid.data.format import RecordingSet
 from physid.data.generate import generate
 from physid.data.generation import GenerateConfig
 from physid.networks.encoder import as_image
-from physid.training.learning import DEFAULT_OPTIMIZER, LARGEST_GRADIENT, build_optimizer
-from physid.training.metrics import PoseErrors
-from physid.training.phases import Phases
-from physid.training.supervised import SupervisedID
-from physid.training.video import imagination
-from physid.training.video.imagination import Imagination
-from physid.training.video.model import VideoModel
+from physid.training.learners.metrics import PoseErrors
+from physid.training.learners.optimisation import DEFAULT_OPTIMIZER, LARGEST_GRADIENT, build_optimizer
+from physid.training.learners.phases import Phases
+from physid.training.learners.supervised import SupervisedID
+from physid.training.vision import synthetic_images as imagination
+from physid.training.vision.model import VideoModel
+from physid.training.vision.synthetic_images import Imagination
 
 CONFIG = Path(__file__).parents[1] / "configs" / "generate" / "push.yaml"
 LOOKED_AT = 16

@@ -1,4 +1,4 @@
-"""Whether two states of the code say the same to the last bit: verdicts, estimates, intervals of a fixed set of recordings.
+"""Whether two states of the code agree to the last bit: verdicts, estimates and intervals of fixed recordings.
 
     python benchmarks/equal_verdicts.py --out before.json          with the code of before (PYTHONPATH=OTHER/src)
     python benchmarks/equal_verdicts.py --out after.json --against before.json
@@ -69,12 +69,13 @@ def collect(work: Path) -> dict[str, str]:
         config = CONFIGS / "generate" / f"{scene}.yaml"
         physid("generate", "--config", config, "--out", work / f"{name}.set", "--quiet", *SIZE)
         run = work / f"{name}.run"
-        physid("fit", "--config", CONFIGS / "sysid" / f"{name}.yaml", "--run-dir", run, f"data.folder={work / name}.set")
+        data = f"data.folder={work / name}.set"
+        physid("fit", "--config", CONFIGS / "sysid" / f"{name}.yaml", "--run-dir", run, data)
         found |= numbers(json.loads((run / "metrics.json").read_text()), f"sysid/{name}")
         print(f"sysid/{name}: {len(found)} values", flush=True)
     films = work / "films"
     config = CONFIGS / "generate" / "push.yaml"
-    physid("generate", "--config", config, "--out", films, "--quiet", "trajectories=8", "steps=60")
+    physid("generate", "--config", config, "--out", films, "--quiet", "trajectories=8", "steps=91")
     for name in FILMED:
         run = work / f"{name.replace('/', '_')}.run"
         physid("fit", "--config", CONFIGS / f"{name}.yaml", "--run-dir", run, f"data.folder={films}", *SHORT)

@@ -16,13 +16,13 @@ from pathlib import Path
 
 import pybullet
 
-from physid.bullet.camera import GROUND_HALF_WIDTH, Studio, matrices
-from physid.bullet.engine import Engine
-from physid.bullet.paint import ground_mesh, ground_tile
 from physid.data.generate import draw, generate
 from physid.data.generation import GenerateConfig
 from physid.scenes.scene import Scene
 from physid.scenes.setup import Excitation
+from physid.simulators.bullet.camera import GROUND_HALF_WIDTH, Studio, matrices
+from physid.simulators.bullet.engine import Engine
+from physid.simulators.bullet.paint import ground_mesh, ground_tile
 
 ALLOWED = 1.15
 

@@ -28,9 +28,9 @@ from physid.data.generate import generate
 from physid.data.generation import GenerateConfig
 from physid.physics.rotations import exponential, multiply
 from physid.scenes.catalogue import find_setup
-from physid.training.pose_loss import PoseLoss
-from physid.training.supervised import SupervisedID
-from physid.training.video.horizon import Horizon
+from physid.training.learners.supervised import SupervisedID
+from physid.training.parameters.pose_loss import PoseLoss
+from physid.training.refinement.horizon import Horizon
 
 CONFIG = Path(__file__).parents[1] / "configs" / "generate" / "collide.yaml"
 RANGES = {"block.mass": (1.0, 3.0), "block.friction": (0.06, 0.25)}

@@ -27,11 +27,11 @@ import torch
 from physid.data.datamodule import RecordingsDataModule
 from physid.data.generate import generate
 from physid.data.generation import GenerateConfig
-from physid.training.phases import Phases
-from physid.training.supervised import SupervisedID
-from physid.training.video.horizon import Horizon
-from physid.training.video.imagination import Imagination
-from physid.training.video.polish import Polish
+from physid.training.learners.phases import Phases
+from physid.training.learners.supervised import SupervisedID
+from physid.training.refinement.horizon import Horizon
+from physid.training.vision.pose_refinement import Polish
+from physid.training.vision.synthetic_images import Imagination
 
 EPOCHS = 2
 PHASES = {"warm-up": Phases(warm_up=3, refine=0), "joint": Phases(0, 0), "refine": Phases(warm_up=0, refine=3)}

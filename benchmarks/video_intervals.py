@@ -26,15 +26,15 @@ from physid.data.generate import generate
 from physid.data.generation import GenerateConfig
 from physid.networks.encoder import as_image
 from physid.scenes.scene import Scene
-from physid.training.normal_equations import NormalEquations
-from physid.training.physical_parameters import PhysicalParameters
-from physid.training.pose_loss import PoseLoss
-from physid.training.supervised import SupervisedID
-from physid.training.video.calming import Calming
-from physid.training.video.horizon import Horizon
-from physid.training.video.model import at_frames, over_time
-from physid.training.video.polish import Polish
-from physid.training.video.refinement import LARGEST_STEP, add_to, interval
+from physid.training.learners.supervised import SupervisedID
+from physid.training.parameters.physical_parameters import PhysicalParameters
+from physid.training.parameters.pose_loss import PoseLoss
+from physid.training.refinement.horizon import Horizon
+from physid.training.refinement.kesten_step import Calming
+from physid.training.refinement.normal_equations import NormalEquations
+from physid.training.refinement.refinement import LARGEST_STEP, add_to, interval
+from physid.training.vision.model import at_frames, over_time
+from physid.training.vision.pose_refinement import Polish
 
 CONFIGS = Path(__file__).parents[1] / "configs" / "generate"
 RANGES = {"block.friction": (0.06, 0.25), "block.mass": (1.0, 3.0)}

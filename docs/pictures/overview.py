@@ -19,7 +19,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
 
-from physid.bullet.camera import Studio
 from physid.cli import main as physid
 from physid.data.format import RecordingSet
 from physid.networks.camera import PinholeCamera
@@ -30,6 +29,7 @@ from physid.physics.state import State
 from physid.physics.world import World
 from physid.scenes.catalogue import find_setup
 from physid.scenes.scene import Scene
+from physid.simulators.bullet.camera import Studio
 
 ROOT = Path(__file__).parent.parent.parent
 GUESS, FOUND, TRUTH, INK, SOFT = "#d4351c", "#1d5fd1", "#12703f", "#16191f", "#5d6675"

@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 from physid.benchmark.hidden import CONFUSIONS, Hidden, candidates
 from physid.benchmark.native import NATIVE
 from physid.benchmark.outside import OUTSIDE
-from physid.bullet.native import Native
-from physid.bullet.world import observed, simulate
 from physid.effects import CATALOGUE
 from physid.effects.laws import batch_equals_loop, null_is_identity
 from physid.physics.effect import Effect
 from physid.scenes.catalogue import SETUPS, find_setup
+from physid.simulators.bullet.native import Native
+from physid.simulators.bullet.world import observed, simulate
 
 STEPS = 160  # by then a toss has bounced
 EXACT = 1e-9  # [m]

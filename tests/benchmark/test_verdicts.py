@@ -18,8 +18,8 @@ from physid.benchmark.labels import Label
 from physid.benchmark.scoring import report, score
 from physid.benchmark.verdicts import closed, diagnose_bank, diagnose_set
 from physid.cli import main
-from physid.diagnosis import confidence
-from physid.diagnosis.confidence import NONE_AFTER_HITS, RIGHT
+from physid.diagnosis.conclusion.conclusion import confidence
+from physid.diagnosis.conclusion.confidence import NONE_AFTER_HITS, RIGHT
 
 
 @pytest.fixture

@@ -6,11 +6,11 @@ import numpy as np
 import pybullet
 import pytest
 
-from physid.bullet import camera as studio
-from physid.bullet.camera import Studio, film
 from physid.scenes.catalogue import find_setup
 from physid.scenes.placing import on_ground
 from physid.scenes.scene import Scene
+from physid.simulators.bullet import camera as studio
+from physid.simulators.bullet.camera import Studio, film
 
 PIXEL = 0.6  # [pixel] accepted distance of a body's middle from where the projection puts it
 

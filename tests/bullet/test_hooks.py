@@ -10,9 +10,6 @@ import numpy as np
 import pytest
 import torch
 
-from physid.bullet import engine
-from physid.bullet.hooks import split_products
-from physid.bullet.world import AT_ONCE, Motion, observed, simulate, simulate_all
 from physid.effects.force_gain import ForceGain
 from physid.effects.viscous_drag import ViscousDrag
 from physid.physics.effect import Effect, Site, StepInputs
@@ -20,6 +17,9 @@ from physid.physics.state import State
 from physid.scenes.placing import on_ground
 from physid.scenes.scene import Body, Ground, Scene
 from physid.scenes.setup import Excitation
+from physid.simulators.bullet import engine
+from physid.simulators.bullet.hooks import split_products
+from physid.simulators.bullet.world import AT_ONCE, Motion, observed, simulate, simulate_all
 
 TOLERANCE = 1e-8  # [m], [m/s]
 H, G, STEPS = 1 / 240, 9.81, 200

@@ -7,8 +7,6 @@ import pybullet
 import pytest
 import torch
 
-from physid.bullet.engine import Engine
-from physid.bullet.world import simulate
 from physid.physics.layer import PhysicsLayer
 from physid.physics.parameters import Parameters
 from physid.physics.state import State
@@ -16,6 +14,8 @@ from physid.physics.world import World
 from physid.scenes.catalogue import find_setup
 from physid.scenes.placing import on_ground
 from physid.scenes.setup import Excitation
+from physid.simulators.bullet.engine import Engine
+from physid.simulators.bullet.world import simulate
 
 AGREEMENT = 0.03  # accepted difference of the turn between the engines, relative
 STEPS = 40

@@ -12,7 +12,7 @@ import numpy as np
 
 CONFIG = """\
 name: {name}
-model: {{class_path: physid.training.sysid.SysID, init_args: {{segment: {segment}}}}}
+model: {{class_path: physid.training.learners.sysid.SysID, init_args: {{segment: {segment}}}}}
 data: {{class_path: physid.data.datamodule.RecordingsDataModule, init_args: {{folder: data/push}}}}
 """
 DIAGNOSIS: dict[str, Any] = {

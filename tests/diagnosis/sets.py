@@ -12,7 +12,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from physid.bullet.world import observed, simulate
 from physid.data.format import RecordingSet, trajectory_path, write_scene, write_sums
 from physid.data.generate import generate
 from physid.data.generation import GenerateConfig, Noise
@@ -22,6 +21,7 @@ from physid.physics.effect import Effect, Site, StepInputs, quantity
 from physid.physics.state import State
 from physid.scenes.push import PUSH
 from physid.scenes.rotations import from_vector, multiply
+from physid.simulators.bullet.world import observed, simulate
 
 NOISE = Noise(position=0.0005, rotation=0.002)
 FRICTION = 0.12

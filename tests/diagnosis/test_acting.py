@@ -10,9 +10,9 @@ import torch
 from tests.physics.test_fused import draw
 from torch import Tensor
 
-from physid.diagnosis.acting import only_steps
 from physid.effects.friction_drift import FrictionDrift
 from physid.effects.viscous_drag import ViscousDrag
+from physid.estimation.prediction.step_effects import only_steps
 from physid.physics.effect import Effect, Site, StepInputs, quantity
 from physid.physics.layer import PhysicsLayer, Rollout
 from physid.physics.state import State

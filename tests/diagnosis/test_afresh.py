@@ -9,10 +9,10 @@ import torch
 
 from diagnosis.sets import recorded
 from physid.data.format import RecordingSet
-from physid.diagnosis.beliefs import believe
-from physid.diagnosis.hypothesis import begin_afresh, columns_of
-from physid.diagnosis.observations import observe
-from physid.diagnosis.prepare import prepare
+from physid.diagnosis.inputs.model_source import believe
+from physid.diagnosis.inputs.observations import observe
+from physid.diagnosis.reference.nominal_fit import prepare
+from physid.diagnosis.testing.hypothesis import begin_afresh, columns_of
 from physid.effects import CATALOGUE
 
 STRENGTH = 0.12  # [1/m^2], six times the typical one

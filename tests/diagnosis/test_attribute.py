@@ -11,7 +11,8 @@ from typing import Any, cast
 import pytest
 import torch
 
-from physid.diagnosis import attribute, contest
+from physid.diagnosis.selection import attribution as attribute
+from physid.diagnosis.selection import comparison as contest
 from physid.physics.layer import SolverError
 
 

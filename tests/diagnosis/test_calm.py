@@ -11,14 +11,14 @@ import torch
 
 from diagnosis.sets import recorded
 from physid.data.format import RecordingSet
-from physid.diagnosis import attribute
-from physid.diagnosis.beliefs import believe
-from physid.diagnosis.calm import LATE, calm
 from physid.diagnosis.diagnose import diagnose
-from physid.diagnosis.observations import observe
-from physid.diagnosis.prepare import Prepared, prepare
-from physid.diagnosis.windows import CALM, Windows
+from physid.diagnosis.inputs.model_source import believe
+from physid.diagnosis.inputs.observations import observe
+from physid.diagnosis.reference.nominal_fit import Prepared, prepare
+from physid.diagnosis.selection import attribution as attribute
+from physid.diagnosis.selection.contact_free import LATE, calm
 from physid.effects import CATALOGUE
+from physid.estimation.prediction.segments import CALM, Windows
 from physid.physics.layer import SolverError
 
 DRAG, TOLERANCE = 0.6, 0.1

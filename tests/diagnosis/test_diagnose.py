@@ -14,10 +14,10 @@ import torch
 
 from diagnosis.sets import FRICTION, Vortex, recorded, recorded_with, rewritten, with_wild_poses
 from physid.cli import main
-from physid.diagnosis import resume
 from physid.diagnosis.diagnose import NEXT, diagnose
-from physid.diagnosis.document import FILE, read_diagnosis
-from physid.diagnosis.sentences import MOST_LINES, caveat, summary_lines
+from physid.diagnosis.reference import nominal_fit_cache as resume
+from physid.diagnosis.report.document import FILE, read_diagnosis
+from physid.diagnosis.report.sentences import MOST_LINES, caveat, summary_lines
 from physid.effects import CATALOGUE
 
 DRAG = 0.8

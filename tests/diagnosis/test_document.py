@@ -11,7 +11,15 @@ from typing import Any
 import pytest
 
 from diagnosis.documents import diagnosis
-from physid.diagnosis.document import DOFS, PHASES, SITES, VERDICTS, check_diagnosis, read_diagnosis, write_diagnosis
+from physid.diagnosis.report.document import (
+    DOFS,
+    PHASES,
+    SITES,
+    VERDICTS,
+    check_diagnosis,
+    read_diagnosis,
+    write_diagnosis,
+)
 
 Change = Callable[[dict[str, Any]], object]
 
@@ -90,7 +98,8 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
 def test_phases_degrees_of_freedom_and_sites_are_those_of_the_pipeline() -> None:
     from typing import get_args
 
-    from physid.diagnosis import freeform, phases
+    from physid.diagnosis.inputs import motion_phases as phases
+    from physid.diagnosis.testing import residual_wrench as freeform
     from physid.physics.effect import Site
 
     assert phases.PHASES == PHASES

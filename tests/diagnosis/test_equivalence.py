@@ -6,14 +6,14 @@ import pytest
 import torch
 from torch import Tensor
 
-from physid.diagnosis.columns import Directions, differentiate
-from physid.diagnosis.equivalence import ALIKE, cosine
-from physid.diagnosis.linear import linearise
-from physid.diagnosis.nominal import NominalModel
-from physid.diagnosis.prediction import Predictor, Variants
-from physid.diagnosis.score import Conditional, Group, condition
-from physid.diagnosis.windows import Windows
+from physid.diagnosis.testing.equivalence import ALIKE, cosine
+from physid.diagnosis.testing.score_test import Conditional, Group, condition
 from physid.effects import find
+from physid.estimation.least_squares.jacobian import Directions, differentiate
+from physid.estimation.least_squares.normal_equations import linearise
+from physid.estimation.prediction.nominal_model import NominalModel
+from physid.estimation.prediction.rollout import Predictor, Variants
+from physid.estimation.prediction.segments import Windows
 from physid.scenes.catalogue import find_setup
 
 ONE = torch.ones(1, dtype=torch.float64)

@@ -7,16 +7,16 @@ import torch
 
 from diagnosis.sets import recorded
 from physid.data.format import RecordingSet
-from physid.diagnosis import gauss_newton as fitting
-from physid.diagnosis.beliefs import believe
-from physid.diagnosis.fit import Experiment, Fit
-from physid.diagnosis.gauss_newton import CONVERGED, gauss_newton, solve_shared
-from physid.diagnosis.observations import observe
-from physid.diagnosis.prediction import Predictor
-from physid.diagnosis.prepare import Prepared, prepare
-from physid.diagnosis.prior import prior
-from physid.diagnosis.trials import best_step
+from physid.diagnosis.inputs.model_source import believe
+from physid.diagnosis.inputs.observations import observe
+from physid.diagnosis.reference.nominal_fit import Prepared, prepare
 from physid.effects import find
+from physid.estimation.least_squares import levenberg_marquardt as fitting
+from physid.estimation.least_squares.experiment import Experiment, Fit
+from physid.estimation.least_squares.levenberg_marquardt import CONVERGED, gauss_newton, solve_shared
+from physid.estimation.least_squares.line_search import best_step
+from physid.estimation.least_squares.prior import prior
+from physid.estimation.prediction.rollout import Predictor
 
 DRAG = 0.8
 FAR = 0.5  # of the logarithm of the friction

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 import torch
 
-from physid.diagnosis.freeform import SPREAD, gain_alone, local_gain
-from physid.diagnosis.linear import Linearised, Part
-from physid.diagnosis.windows import Windows
+from physid.diagnosis.testing.residual_wrench import SPREAD, gain_alone, local_gain
+from physid.estimation.least_squares.normal_equations import Linearised, Part
+from physid.estimation.prediction.segments import Windows
 
 FRAMES, BODIES, COLUMNS, DRAWS = 12, 2, 5, 3
 

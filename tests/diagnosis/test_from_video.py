@@ -15,10 +15,10 @@ from physid.data.generate import generate
 from physid.data.generation import GenerateConfig
 from physid.data.reading import ECHO, FILE, read_reading
 from physid.data.trajectory import write_trajectory
-from physid.diagnosis.document import read_diagnosis
-from physid.diagnosis.noise import Noise, estimate_noise
-from physid.diagnosis.observations import observe
-from physid.diagnosis.reader_error import SURE, ReaderError
+from physid.diagnosis.inputs.observations import observe
+from physid.diagnosis.report.document import read_diagnosis
+from physid.estimation.measurement.sensor_noise import Noise, estimate_noise
+from physid.estimation.measurement.tracking_error import SURE, ReaderError
 
 DRAG = 0.8
 WIDER = 2.0  # a 90 % interval misses now and then

@@ -9,12 +9,12 @@ import torch
 
 from diagnosis.sets import recorded
 from physid.data.format import RecordingSet
-from physid.diagnosis.beliefs import believe
-from physid.diagnosis.hypothesis import begin_hypothesis, left_out
-from physid.diagnosis.linear import Normal
-from physid.diagnosis.observations import observe
-from physid.diagnosis.prepare import prepare
+from physid.diagnosis.inputs.model_source import believe
+from physid.diagnosis.inputs.observations import observe
+from physid.diagnosis.reference.nominal_fit import prepare
+from physid.diagnosis.testing.hypothesis import begin_hypothesis, left_out
 from physid.effects import find
+from physid.estimation.least_squares.normal_equations import Normal
 
 NO_RIDGE = torch.zeros(1, dtype=torch.float64)
 

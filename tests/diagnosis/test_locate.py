@@ -7,11 +7,11 @@ from typing import Any, cast
 
 import torch
 
-from physid.diagnosis.attribute import Attribution
-from physid.diagnosis.locate import sites
-from physid.diagnosis.score import Conditional, Group
-from physid.diagnosis.stage import Row
-from physid.diagnosis.tail import together
+from physid.diagnosis.conclusion.localisation import sites
+from physid.diagnosis.selection.attribution import Attribution
+from physid.diagnosis.testing.lack_of_fit import Row
+from physid.diagnosis.testing.null_tails import together
+from physid.diagnosis.testing.score_test import Conditional, Group
 from physid.effects import CATALOGUE
 
 STRENGTH = 100.0  # squared residual that a typical size makes

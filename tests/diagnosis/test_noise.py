@@ -6,8 +6,8 @@ import pytest
 import torch
 from torch import Tensor
 
-from physid.diagnosis.events import find_jolts
-from physid.diagnosis.noise import FLOOR, Noise, estimate_noise, frame_weights, wild_poses
+from physid.diagnosis.inputs.events import find_jolts
+from physid.estimation.measurement.sensor_noise import FLOOR, Noise, estimate_noise, frame_weights, wild_poses
 
 FRAMES, STEP = 120, 1 / 240
 NOISE = Noise(rotation=0.002, position=0.001)

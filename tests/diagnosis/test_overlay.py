@@ -14,11 +14,11 @@ from diagnosis.documents import NAMED
 from physid.data.format import RecordingSet
 from physid.data.generate import generate
 from physid.data.generation import GenerateConfig
-from physid.diagnosis.observations import Observations, observe
-from physid.diagnosis.overlay import FILM, LARGER, VISIBLE, overlay
-from physid.diagnosis.panels import SIDE, draw_panel, view_of
-from physid.diagnosis.report import render
-from physid.diagnosis.report_data import Overlay, ReportData
+from physid.diagnosis.inputs.observations import Observations, observe
+from physid.diagnosis.report.contents import Overlay, ReportData
+from physid.diagnosis.report.outlines import SIDE, draw_panel, view_of
+from physid.diagnosis.report.overlay import FILM, LARGER, VISIBLE, overlay
+from physid.diagnosis.report.page import render
 
 LARGEST_PAGE = 3_000_000
 AMBER, BLUE = (217, 119, 6), (29, 95, 209)

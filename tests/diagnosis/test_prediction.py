@@ -8,11 +8,11 @@ import torch
 
 from diagnosis.sets import recorded
 from physid.data.format import RecordingSet
-from physid.diagnosis.beliefs import believe
-from physid.diagnosis.observations import observe
-from physid.diagnosis.prediction import Predictor, Variants
-from physid.diagnosis.windows import HITS, Windows
+from physid.diagnosis.inputs.model_source import believe
+from physid.diagnosis.inputs.observations import observe
 from physid.effects import find
+from physid.estimation.prediction.rollout import Predictor, Variants
+from physid.estimation.prediction.segments import HITS, Windows
 
 
 def test_threads_do_not_change_a_prediction(tmp_path: Path) -> None:

@@ -7,11 +7,11 @@ import torch
 
 from diagnosis.sets import recorded
 from physid.data.format import RecordingSet
-from physid.diagnosis.beliefs import believe
-from physid.diagnosis.observations import observe
-from physid.diagnosis.prepare import NONE, Prepared, prepare
-from physid.diagnosis.restart import DOUBTFUL, carried, guesses, search, try_again
+from physid.diagnosis.inputs.model_source import believe
+from physid.diagnosis.inputs.observations import observe
+from physid.diagnosis.reference.nominal_fit import NONE, Prepared, prepare
 from physid.effects import find
+from physid.estimation.least_squares.multi_start import DOUBTFUL, carried, guesses, search, try_again
 
 NEAR = 1.1  # times the loss at the best first state
 

@@ -9,11 +9,11 @@ import torch
 
 from diagnosis.sets import recorded
 from physid.data.format import RecordingSet
-from physid.diagnosis.beliefs import believe
-from physid.diagnosis.hypothesis import Hypothesis, conclude
-from physid.diagnosis.observations import observe
-from physid.diagnosis.prepare import prepare
-from physid.diagnosis.scatter import astray
+from physid.diagnosis.conclusion.parametric_bootstrap import astray
+from physid.diagnosis.inputs.model_source import believe
+from physid.diagnosis.inputs.observations import observe
+from physid.diagnosis.reference.nominal_fit import prepare
+from physid.diagnosis.testing.hypothesis import Hypothesis, conclude
 from physid.effects import find
 
 MOST = 0.5  # of a parameter: no clean data mislead an estimate further

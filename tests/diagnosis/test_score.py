@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 import torch
 
-from physid.diagnosis.linear import Normal
-from physid.diagnosis.nulls import p_value
-from physid.diagnosis.score import Conditional, Group, condition, gains, steady_gains
+from physid.diagnosis.reference.null_simulations import p_value
+from physid.diagnosis.testing.score_test import Conditional, Group, condition, gains, steady_gains
+from physid.estimation.least_squares.normal_equations import Normal
 
 ONE = torch.ones(1, dtype=torch.float64)
 NO_NUISANCE = (torch.zeros(0, dtype=torch.int64), *2 * [torch.zeros(0, 1, dtype=torch.float64)])

@@ -8,11 +8,11 @@ from torch import Tensor
 
 from diagnosis.sets import recorded
 from physid.data.format import RecordingSet
-from physid.diagnosis import settle as settling
-from physid.diagnosis.beliefs import believe
-from physid.diagnosis.observations import observe
-from physid.diagnosis.prepare import prepare
-from physid.diagnosis.settle import settle
+from physid.diagnosis.inputs.model_source import believe
+from physid.diagnosis.inputs.observations import observe
+from physid.diagnosis.reference import discrepancy as settling
+from physid.diagnosis.reference.discrepancy import settle
+from physid.diagnosis.reference.nominal_fit import prepare
 from physid.effects import find
 
 JUMP = 0.01  # [m]

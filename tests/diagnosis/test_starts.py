@@ -7,8 +7,8 @@ import dataclasses
 import pytest
 import torch
 
-from physid.diagnosis.starts import SPANS, guess_starts
-from physid.diagnosis.windows import Windows
+from physid.estimation.least_squares.initial_states import SPANS, guess_starts
+from physid.estimation.prediction.segments import Windows
 from physid.scenes.push import SCENE
 
 SPEED = 0.8  # [m/s]

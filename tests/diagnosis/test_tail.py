@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from physid.diagnosis.tail import Tail, together
+from physid.diagnosis.testing.null_tails import Tail, together
 
 RARE = {1: 10.83, 2: 13.82, 3: 16.27}  # chi-squared that is exceeded once in a thousand, by degrees of freedom
 DEVIATION = 3.09  # the same of a normal variable

@@ -8,16 +8,16 @@ from typing import Any, cast
 import pytest
 import torch
 
-from physid.diagnosis.attribute import Attribution
-from physid.diagnosis.conclusion import hollow, reconsider
-from physid.diagnosis.evidence import both_needed, complete, distinguishable, foretold
-from physid.diagnosis.gap import Closing, Interval
-from physid.diagnosis.hypothesis import Hypothesis
-from physid.diagnosis.stage import Row, Stage
-from physid.diagnosis.tail import Tail
-from physid.diagnosis.terms import Term
-from physid.diagnosis.verdict import judge
+from physid.diagnosis.conclusion.conclusion import hollow, reconsider
+from physid.diagnosis.conclusion.gap import Closing, Interval
+from physid.diagnosis.conclusion.verdict import judge
+from physid.diagnosis.selection.attribution import Attribution
+from physid.diagnosis.selection.evidence import both_needed, complete, distinguishable, foretold
+from physid.diagnosis.testing.hypothesis import Hypothesis
+from physid.diagnosis.testing.lack_of_fit import Row, Stage
+from physid.diagnosis.testing.null_tails import Tail
 from physid.effects import CATALOGUE
+from physid.estimation.prediction.effect_parameters import Term
 
 FLOOR = 1e-3
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from physid.diagnosis.windows import HITS, Windows
+from physid.estimation.prediction.segments import HITS, Windows
 
 
 def around(*hits: int, frames: int = 150) -> Windows:

@@ -12,7 +12,6 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from physid.bullet.world import simulate
 from physid.effects import CATALOGUE, find, from_values
 from physid.physics.contact import ContactRule, Penetrating, Split
 from physid.physics.effect import Effect
@@ -22,6 +21,7 @@ from physid.physics.state import State
 from physid.physics.world import Plane, World
 from physid.scenes.scene import Body, Ground, Scene
 from physid.scenes.setup import REST_DEPTH, Excitation
+from physid.simulators.bullet.world import simulate
 
 Array = NDArray[np.float64]
 H, FRAMES = 1 / 240, 49

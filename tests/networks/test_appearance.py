@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 import torch
 
-from physid.bullet.camera import Studio
 from physid.networks.appearance import Appearance, cut_appearance
 from physid.networks.camera import PinholeCamera
 from physid.networks.chart import PlanarChart
@@ -17,6 +16,7 @@ from physid.scenes.collide import SCENE as COLLIDE
 from physid.scenes.push import SCENE as PUSH
 from physid.scenes.scene import Scene
 from physid.scenes.slide import SCENE as SLIDE
+from physid.simulators.bullet.camera import Studio
 
 COLOUR_ERROR = 0.075
 """Mean absolute colour error over blocks of 15 pixels: PyBullet's edges and arrows are jagged, ours a pixel wide; the

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 import torch
 
+from physid.compiler import machine
+from physid.compiler.emit import LANES
 from physid.physics.friction import Pyramid
 from physid.physics.fused import backend
-from physid.physics.fused.compiler import machine
-from physid.physics.fused.compiler.emit import LANES
 from physid.physics.layer import PhysicsLayer
 from physid.physics.parameters import Parameters
 from physid.physics.state import State
@@ -27,7 +27,7 @@ import pytest
 features = dict(llvm.get_host_cpu_features())
 features["avx512f"] = not features.get("avx512f", False)
 with mock.patch.object(llvm, "get_host_cpu_features", lambda: features):
-    from physid.physics.fused.compiler.emit import LANES
+    from physid.compiler.emit import LANES
 print(f"{LANES} at once")
 sys.exit(pytest.main(sys.argv[1:]))
 """

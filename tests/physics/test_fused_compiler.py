@@ -8,11 +8,11 @@ import pytest
 import torch
 from torch import Tensor
 
-from physid.physics.fused.compiler.control import MOVES, Code
-from physid.physics.fused.compiler.emit import LANES
-from physid.physics.fused.compiler.graph import Value, least, most, root, size, total, where
-from physid.physics.fused.compiler.machine import load
-from physid.physics.fused.compiler.section import Layout, Record, Section
+from physid.compiler.control import MOVES, Code
+from physid.compiler.emit import LANES
+from physid.compiler.graph import Value, least, most, root, size, total, where
+from physid.compiler.machine import load
+from physid.compiler.section import Layout, Record, Section
 from physid.physics.fused.formulas import algebra
 from physid.physics.rotations import exponential, multiply, to_matrix
 

@@ -90,7 +90,7 @@ def test_seeds_are_kept_one_by_one_and_more_of_them_run_only_what_is_missing(
         fitted.append(folder.name)
         return {"test/position_error": float(values.get("seed_everything", 9)), "seconds": 1.0}
 
-    monkeypatch.setattr("physid.training.run.fit", fit)
+    monkeypatch.setattr("physid.training.runs.run.fit", fit)
     monkeypatch.setattr("physid.reproduce.run._record", lambda *_: None)
 
     def error(seeds: int, again: bool = False) -> Result:
@@ -174,7 +174,7 @@ def test_cells_with_the_same_films_share_an_encoder_once_it_is_learned(
         seen.append(values)
         return {}
 
-    monkeypatch.setattr("physid.training.run.fit", fit)
+    monkeypatch.setattr("physid.training.runs.run.fit", fit)
     (cell,) = choose("paper", ["supervised/push_mass"])
     (alone,) = choose("reduced", ["supervised/push_mass"])
     donor = tmp_path / "supervised/push_friction"

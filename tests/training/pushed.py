@@ -11,8 +11,8 @@ from physid.physics.layer import PhysicsLayer
 from physid.physics.state import State
 from physid.scenes.catalogue import find_setup
 from physid.scenes.scene import Scene
-from physid.training.engine import Engine
-from physid.training.physical_parameters import PhysicalParameters
+from physid.training.learners.engine import Engine
+from physid.training.parameters.physical_parameters import PhysicalParameters
 
 TRUE_FRICTION = 0.12
 SCENE: Scene = dataclasses.replace(find_setup("push").scene, unknown=("block.friction",))

@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from physid.training.video.calming import Calming
+from physid.training.refinement.kesten_step import Calming
 
 CURVATURE = torch.tensor([[3.0, 0.5], [0.5, 0.2]], dtype=torch.float64)
 FAR = torch.tensor([0.4, -0.3], dtype=torch.float64)

@@ -5,7 +5,7 @@ import torch
 from physid.networks.camera import PinholeCamera
 from physid.networks.chart import PlanarChart, SpatialChart
 from physid.networks.encoder import Encoding
-from physid.training.deep_supervision import HARMONICS, DeepSupervision, rotation_features
+from physid.training.vision.deep_supervision import HARMONICS, DeepSupervision, rotation_features
 
 CAMERA = PinholeCamera(128, 128, (0, 0, 3), (0, 0, 0), (0, 1, 0), 40.0)
 CHART = PlanarChart(CAMERA, (0, 0, 1), 0.0, [0.2, 0.2])

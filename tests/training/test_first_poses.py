@@ -13,14 +13,14 @@ from torch import Tensor
 from physid.physics.rotations import exponential, multiply
 from physid.physics.state import State
 from physid.scenes.catalogue import find_setup
-from physid.training import normal_equations
-from physid.training.normal_equations import NormalEquations
-from physid.training.pose_loss import PoseLoss
-from physid.training.slopes import Slopes, slopes
-from physid.training.supervised import SupervisedID
-from physid.training.trajectories import Trajectories
-from physid.training.video.first_poses import Placing, place
-from physid.training.video.model import VideoModel
+from physid.training.learners.supervised import SupervisedID
+from physid.training.parameters.pose_loss import PoseLoss
+from physid.training.parameters.slopes import Slopes, slopes
+from physid.training.parameters.trajectories import Trajectories
+from physid.training.refinement import normal_equations
+from physid.training.refinement.initial_poses import Placing, place
+from physid.training.refinement.normal_equations import NormalEquations
+from physid.training.vision.model import VideoModel
 
 FRAMES, STEPS, MANY = 50, 6, 12
 OFF, TURNED = 1e-3, 0.01  # [m], [rad], of what is read

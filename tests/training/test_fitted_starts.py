@@ -19,12 +19,12 @@ from physid.data.generation import GenerateConfig, Noise
 from physid.physics.rotations import angle_between, exponential, multiply
 from physid.scenes.catalogue import find_setup
 from physid.scenes.lying import lay_down
-from physid.training.first_states.fitted import Starts
-from physid.training.first_states.pose_noise import pose_noise
-from physid.training.observability import SensorNoise
-from physid.training.pose_loss import PoseLoss
-from physid.training.sysid import SysID
-from physid.training.trajectories import Trajectories
+from physid.training.identifiability.identifiability import SensorNoise
+from physid.training.initial_states.fitted import Starts
+from physid.training.initial_states.pose_noise import pose_noise
+from physid.training.learners.sysid import SysID
+from physid.training.parameters.pose_loss import PoseLoss
+from physid.training.parameters.trajectories import Trajectories
 
 CONFIG = Path(__file__).parents[2] / "configs" / "sysid" / "push_friction.yaml"
 BOTH = "model.learn=[block.mass,block.friction]"

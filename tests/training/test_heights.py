@@ -10,12 +10,12 @@ from torch import Tensor
 
 from physid.physics.state import State
 from physid.scenes.catalogue import find_setup
-from physid.training.normal_equations import NormalEquations
-from physid.training.pose_loss import PoseLoss
-from physid.training.supervised import SupervisedID
-from physid.training.trajectories import Trajectories
-from physid.training.video.heights import land
-from physid.training.video.model import VideoModel
+from physid.training.learners.supervised import SupervisedID
+from physid.training.parameters.pose_loss import PoseLoss
+from physid.training.parameters.trajectories import Trajectories
+from physid.training.refinement.landing_height import land
+from physid.training.refinement.normal_equations import NormalEquations
+from physid.training.vision.model import VideoModel
 
 FRAMES, STEPS = 160, 5
 DEPTH = 0.03  # [m] by which images mistake how far away a body is

@@ -5,10 +5,10 @@ import torch
 
 from physid.networks.encoder import Encoding
 from physid.scenes.catalogue import find_setup
-from physid.training.learning import DEFAULT_OPTIMIZER, build_optimizer
-from physid.training.supervised import SupervisedID
-from physid.training.video.imagination import Imagination, encoding_losses
-from physid.training.video.model import VideoModel
+from physid.training.learners.optimisation import DEFAULT_OPTIMIZER, build_optimizer
+from physid.training.learners.supervised import SupervisedID
+from physid.training.vision.model import VideoModel
+from physid.training.vision.synthetic_images import Imagination, encoding_losses
 
 BACKGROUND = torch.full((4, 3, 128, 128), 0.7)
 SIZE = 0.25  # [m]

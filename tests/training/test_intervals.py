@@ -14,10 +14,10 @@ from torch import Tensor
 
 from physid.cli import main
 from physid.runs import summarize
-from physid.training.intervals import Pull, coarse_pull, intervals
-from physid.training.normal_equations import NormalEquations
-from physid.training.pose_loss import PoseLoss
-from physid.training.video.refinement import QUANTILE, SMALLEST, interval
+from physid.training.parameters.intervals import Pull, coarse_pull, intervals
+from physid.training.parameters.pose_loss import PoseLoss
+from physid.training.refinement.normal_equations import NormalEquations
+from physid.training.refinement.refinement import QUANTILE, SMALLEST, interval
 
 CONFIGS = Path(__file__).parents[2] / "configs" / "sysid"
 EXACT = 1e-9

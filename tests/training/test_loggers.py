@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 
 from diagnosis.documents import NAMED, diagnosis
-from physid.diagnosis.figures import figures_of
-from physid.training.loggers import log_result
+from physid.diagnosis.conclusion.metrics import figures_of
+from physid.training.runs.loggers import log_result
 
 HEAD, BLOCK = 7, 32768  # of a log as LevelDB writes it: after a head come records in blocks, each with a head, too
 PATIENCE = 20.0  # [s]

@@ -14,11 +14,11 @@ import pytest
 import torch
 
 from physid.cli import main
-from physid.training.engine import Engine
-from physid.training.observability import Observability, SensorNoise
-from physid.training.observe import ObserveConfig, Observed, observe, predict
-from physid.training.sensitivity import residuals, sensitivity
-from physid.training.slopes import slopes
+from physid.training.identifiability.identifiability import Observability, SensorNoise
+from physid.training.identifiability.planned_experiment import ObserveConfig, Observed, observe, predict
+from physid.training.learners.engine import Engine
+from physid.training.parameters.sensitivity import residuals, sensitivity
+from physid.training.parameters.slopes import slopes
 
 CONFIGS = Path(__file__).parents[2] / "configs" / "observe"
 BOTH = ("block.mass", "block.friction")

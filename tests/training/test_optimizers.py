@@ -9,8 +9,8 @@ import torch
 from torch import Tensor, nn
 
 from physid.physics.layer import SolverError
-from physid.training.gauss_newton import GaussNewton
-from physid.training.pattern_search import PatternSearch
+from physid.training.parameters.gauss_newton import GaussNewton
+from physid.training.parameters.pattern_search import PatternSearch
 
 CLOSE = 1e-6
 

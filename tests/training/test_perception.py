@@ -15,9 +15,9 @@ from physid.data.generate import generate
 from physid.data.generation import GenerateConfig, Noise
 from physid.physics.layer import PhysicsLayer
 from physid.physics.world import World
-from physid.training.engine import Engine
-from physid.training.self_supervised import SelfSupervisedID
-from physid.training.trajectories import Trajectories
+from physid.training.learners.engine import Engine
+from physid.training.learners.self_supervised import SelfSupervisedID
+from physid.training.parameters.trajectories import Trajectories
 
 FRICTION = 0.12
 CONFIG = Path(__file__).parents[2] / "configs" / "sysid" / "push_friction.yaml"

@@ -1,6 +1,6 @@
 import pytest
 
-from physid.training.phases import Phase, Phases
+from physid.training.learners.phases import Phase, Phases
 
 
 def test_the_phases_follow_each_other() -> None:

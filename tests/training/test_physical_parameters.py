@@ -7,7 +7,7 @@ import torch
 
 from physid.physics.parameters import box_inertia
 from physid.scenes.catalogue import find_setup
-from physid.training.physical_parameters import PhysicalParameters
+from physid.training.parameters.physical_parameters import PhysicalParameters
 
 EXACT = 1e-14
 COLLIDE = find_setup("collide").scene

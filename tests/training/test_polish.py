@@ -6,10 +6,10 @@ import torch
 from physid.physics.rotations import angle_between
 from physid.scenes.catalogue import find_setup
 from physid.scenes.scene import Scene
-from physid.training.video import polish
-from physid.training.video.decoder import Decoder
-from physid.training.video.model import chart_of
-from physid.training.video.polish import Polish
+from physid.training.vision import pose_refinement as polish
+from physid.training.vision.decoder import Decoder
+from physid.training.vision.model import chart_of
+from physid.training.vision.pose_refinement import Polish
 
 SCENE = find_setup("push").scene
 TOLERANCE = 1e-3  # [m], [rad]; a pixel is 21 mm

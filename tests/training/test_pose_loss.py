@@ -8,8 +8,8 @@ import torch
 from scipy.spatial.transform import Rotation
 from torch import Tensor
 
-from physid.training.metrics import PositionError, RotationError
-from physid.training.pose_loss import PoseLoss, pose_residual
+from physid.training.learners.metrics import PositionError, RotationError
+from physid.training.parameters.pose_loss import PoseLoss, pose_residual
 
 CLOSE = 1e-10
 REAL = torch.tensor([[True] * 5, [True, True, True, False, False]])

@@ -7,9 +7,9 @@ from typing import Any, cast
 import torch
 from torch import Tensor
 
-from physid.training.video.first_state import Start
-from physid.training.video.model import VideoModel
-from physid.training.video.pose_memory import PoseMemory
+from physid.training.vision.initial_state import Start
+from physid.training.vision.model import VideoModel
+from physid.training.vision.pose_cache import PoseMemory
 
 
 class Reader:

@@ -20,12 +20,12 @@ from torch.utils.data import DataLoader
 from physid.cli import main
 from physid.physics.layer import PhysicsLayer, SolverError
 from physid.physics.lcp import SolverSettings
-from physid.training import baselines
-from physid.training.base import NonFiniteLossError, OptimizerFactory
-from physid.training.engine import Engine
-from physid.training.gauss_newton import GaussNewton
-from physid.training.sysid import SysID
-from physid.training.trajectories import Trajectories
+from physid.training.learners.base import NonFiniteLossError, OptimizerFactory
+from physid.training.learners.engine import Engine
+from physid.training.learners.sysid import SysID
+from physid.training.parameters.gauss_newton import GaussNewton
+from physid.training.parameters.trajectories import Trajectories
+from physid.training.runs import baselines
 
 FOUND = 1e-3
 SMOOTHED = 1e-6  # contacts act a little across a gap

@@ -15,9 +15,9 @@ from physid.cli import main
 from physid.data.format import RecordingSet, write_scene
 from physid.data.recording import Recording
 from physid.data.trajectory import write_trajectory
-from physid.training.learning import take_encoder
-from physid.training.self_supervised import SelfSupervisedID
-from physid.training.supervised import SupervisedID
+from physid.training.learners.optimisation import take_encoder
+from physid.training.learners.self_supervised import SelfSupervisedID
+from physid.training.learners.supervised import SupervisedID
 
 CONFIGS = Path(__file__).parent.parent.parent / "configs"
 MISSED = 10.0  # block sizes: after a step of learning anything in view will do

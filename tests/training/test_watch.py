@@ -11,7 +11,6 @@ import pytest
 import torch
 from torch import Tensor
 
-from physid.bullet.camera import Studio
 from physid.cli import main
 from physid.data.format import RecordingSet, trajectory_path, write_scene, write_sums
 from physid.data.generate import generate
@@ -22,11 +21,12 @@ from physid.data.trajectory import write_trajectory
 from physid.networks.appearance import Appearance
 from physid.networks.encoder import as_image
 from physid.physics.rotations import conjugate, logarithm, multiply
-from physid.training.run import CHECKPOINT, restore
-from physid.training.video.decoder import Decoder
-from physid.training.video.echo import smoothed
-from physid.training.video.model import VideoModel
-from physid.training.video.watch import watch
+from physid.simulators.bullet.camera import Studio
+from physid.training.runs.run import CHECKPOINT, restore
+from physid.training.tracking.track import watch
+from physid.training.tracking.tracking_error import smoothed
+from physid.training.vision.decoder import Decoder
+from physid.training.vision.model import VideoModel
 
 PIXEL = 0.0208  # [m] in the middle of the view
 EXACT = 0.12  # [pixel] root mean square error of a place along each axis

@@ -7,14 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from physid.bullet.engine import Engine
-from physid.bullet.world import Motion
 from physid.data.generate import draw
 from physid.data.generation import GenerateConfig
 from physid.physics.effect import Effect
 from physid.scenes.rotations import rotate
 from physid.scenes.scene import Scene
 from physid.scenes.setup import Excitation
+from physid.simulators.bullet.engine import Engine
+from physid.simulators.bullet.world import Motion
 
 Array = NDArray[np.float64]
 SHARE = 0.2  # part of an effect's work that a phase must hold to be named

@@ -8,8 +8,8 @@ from collections.abc import Iterable, Mapping
 from physid.benchmark.bank import Bank
 from physid.benchmark.judging import MEDIUM, Judged
 from physid.benchmark.scoring import open_judged
-from physid.diagnosis.confidence import NONE_AFTER_HITS, RIGHT
-from physid.diagnosis.document import VERDICTS
+from physid.diagnosis.conclusion.confidence import NONE_AFTER_HITS, RIGHT
+from physid.diagnosis.report.document import VERDICTS
 
 Counts = Mapping[str, tuple[int, int]]
 AFTER_HITS = "none after hits"
@@ -48,7 +48,7 @@ def count(judged: Iterable[Judged]) -> Counts:
 
 
 def as_code(counts: Counts) -> str:
-    """Spell counts as they stand in physid/diagnosis/confidence.py."""
+    """Spell counts as they stand in physid/diagnosis/conclusion/confidence.py."""
     rows = "".join(f'    "{verdict}": {counts[verdict]},\n' for verdict in VERDICTS)
     return f"RIGHT: dict[Name, tuple[int, int]] = {{\n{rows}}}\nNONE_AFTER_HITS = {counts[AFTER_HITS]}"
 

@@ -42,7 +42,7 @@ def with_poses(recordings: Path, verdict: Path) -> Path:
     """Return a set that has poses: the recordings, or what is read from their films into the folder of the verdict."""
     if RecordingSet(recordings).has_poses(0):
         return recordings
-    from physid.training.video.watch import watch
+    from physid.training.tracking.track import watch
 
     watch(recordings, verdict / READ)
     return verdict / READ

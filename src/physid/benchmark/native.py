@@ -11,8 +11,8 @@ from typing import ClassVar, final
 
 from torch import Tensor
 
-from physid.bullet.native import Settings
 from physid.physics.effect import Effect, Site, quantity
+from physid.simulators.bullet.native import Settings
 
 
 @final

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from physid.bullet.engine import Engine
-from physid.bullet.world import Motion
 from physid.scenes.placing import span
 from physid.scenes.rotations import conjugate, from_vector, multiply, to_vector
 from physid.scenes.scene import Scene
 from physid.scenes.setup import Excitation
+from physid.simulators.bullet.engine import Engine
+from physid.simulators.bullet.world import Motion
 
 Array = NDArray[np.float64]
 SPAN = 0.1  # [s] over which the change of a rate is told

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physid.benchmark.replay import SPAN, axes_of, difference, length_of, replay
-from physid.bullet.world import Motion, observed
 from physid.data.generate import draw
 from physid.data.generation import GenerateConfig
 from physid.physics.effect import Effect
@@ -17,6 +16,7 @@ from physid.scenes.catalogue import with_parameters
 from physid.scenes.rotations import conjugate, multiply, to_vector
 from physid.scenes.scene import Scene
 from physid.scenes.setup import Excitation
+from physid.simulators.bullet.world import Motion, observed
 
 Array = NDArray[np.float64]
 WINDOW = 0.5  # [s] after so long the nominal model starts again from the true state: impacts would amplify anything

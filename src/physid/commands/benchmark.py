@@ -34,7 +34,7 @@ def benchmark(
     `seal` makes recording sets with hidden effects and publishes the salted hash of their labels; `diagnose` sees the
     recordings only; `score` opens the labels once every set has its verdict. Without a step, all three; each goes on
     where it stopped. `calibrate` counts right verdicts on a calibration bank, whose seeds are never scored, and prints
-    them as physid/diagnosis/confidence.py holds them.
+    them as physid/diagnosis/conclusion/confidence.py holds them.
 
     Examples:
       physid benchmark diagnosis --quick

@@ -68,7 +68,7 @@ def diagnose(
         quiet: Hide the progress bar.
     """
     from physid.configuration import compose
-    from physid.diagnosis.sentences import summary_lines
+    from physid.diagnosis.report.sentences import summary_lines
     from physid.effects import CATALOGUE
     from physid.effects.loading import with_own
 
@@ -100,10 +100,10 @@ def _run(recordings: Path, folder: Path, *, quiet: bool, **options: Any) -> Mapp
 
 def _log(folder: Path, wandb: str, config: Mapping[str, Any], found: Mapping[str, Any]) -> None:
     """Set a diagnosis to wandb."""
-    from physid.diagnosis.figures import figures_of
-    from physid.diagnosis.overlay import FILM
-    from physid.diagnosis.report import REPORT
-    from physid.training.loggers import log_result
+    from physid.diagnosis.conclusion.metrics import figures_of
+    from physid.diagnosis.report.overlay import FILM
+    from physid.diagnosis.report.page import REPORT
+    from physid.training.runs.loggers import log_result
 
     ranking = [(" + ".join(row["effects"]), row["score"], row["p_value"]) for row in found["ranking"]]
     tables = {"ranking": (("effects", "score", "p_value"), ranking)}
@@ -121,7 +121,7 @@ def _has_films_alone(recordings: Path) -> bool:
 def _read(films: Path, into: Path, *, encoder: Path | None, limit: int | None, quiet: bool) -> Path:
     """Read poses from films, once, and return the set that has them."""
     from physid.commands.terminal import frame_bar, resumable
-    from physid.training.video.watch import watch
+    from physid.training.tracking.track import watch
 
     if not quiet:
         print(f"Poses are read from the films of {films} into {into}", flush=True)

@@ -31,7 +31,7 @@ def fit(
     """
     from physid.runs import first_process, open_folder, summarize
     from physid.schema import check_keys
-    from physid.training import run
+    from physid.training.runs import run
 
     check_keys(configuration, run.GROUPS)
     folder = open_folder(configuration, run_dir, resume=resume, overwrite=overwrite)
@@ -100,8 +100,8 @@ def predict(
     """
     from physid.runs import fill_folder, folder_of
     from physid.schema import check_keys
-    from physid.training import run
     from physid.training.callbacks.predictions import PARAMETERS, Predictions
+    from physid.training.runs import run
 
     check_keys(configuration, run.GROUPS)
     if forces is not None:
@@ -119,7 +119,7 @@ def _evaluate(
     """Run one evaluation stage and print its figures."""
     from physid.runs import folder_of, summarize
     from physid.schema import check_keys
-    from physid.training import run
+    from physid.training.runs import run
 
     check_keys(configuration, run.GROUPS)
     folder = folder_of(configuration, run_dir)

@@ -98,7 +98,7 @@ def watch(
         quiet: Hide the progress bar.
     """
     from physid.data.reading import read_reading
-    from physid.training.video.watch import watch as run
+    from physid.training.tracking.track import watch as run
 
     folder = out or Path("data") / f"{films.resolve().name}_read"
     with resumable(), frame_bar(quiet) as say:
@@ -125,8 +125,8 @@ def observe(configuration: Configuration, *, out: Path | None = None) -> None:
         configuration: Scene, excitation, parameters and noise.
         out: Folder of the result; runs/observe/NAME by default.
     """
-    from physid.training.observe import ObserveConfig
-    from physid.training.observe import observe as run
+    from physid.training.identifiability.planned_experiment import ObserveConfig
+    from physid.training.identifiability.planned_experiment import observe as run
 
     found = run(ObserveConfig.from_mapping(configuration.values))
     folder = out or Path("runs/observe") / configuration.name

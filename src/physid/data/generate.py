@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from physid.bullet.world import Motion, observed, simulate
 from physid.data.format import DESCRIPTION, read_scene, trajectory_path, write_scene, write_sums
 from physid.data.generation import GenerateConfig, Noise
 from physid.data.recording import Recording
@@ -19,6 +18,7 @@ from physid.data.truth import FILE, Truth, read_truth, write_truth
 from physid.scenes.catalogue import find_setup
 from physid.scenes.rotations import from_vector, multiply
 from physid.scenes.setup import Excitation
+from physid.simulators.bullet.world import Motion, observed, simulate
 
 if TYPE_CHECKING:
     from physid.physics.effect import Effect
@@ -119,7 +119,7 @@ def _write_one(config: GenerateConfig, folder: Path, index: int, split: str, ext
     pose = observed(motion.pose, effects, scene.time_step)
     images = {}
     if scene.camera is not None:
-        from physid.bullet.camera import film
+        from physid.simulators.bullet.camera import film
 
         images = film(scene, pose)
     disturbed = bool(config.noise) or pose is not motion.pose

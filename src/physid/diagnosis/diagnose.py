@@ -13,20 +13,20 @@ import torch
 from physid.data.files import write_text
 from physid.data.format import RecordingSet
 from physid.data.reading import read_reading
-from physid.diagnosis.attribute import attribute
-from physid.diagnosis.beliefs import believe
-from physid.diagnosis.conclusion import draw_conclusion
-from physid.diagnosis.document import check_diagnosis, write_diagnosis
-from physid.diagnosis.nominal import NominalModel
-from physid.diagnosis.observations import Observations, observe
-from physid.diagnosis.overlay import overlay
-from physid.diagnosis.pictures import draw
-from physid.diagnosis.prepare import Prepared, prepare
-from physid.diagnosis.report import write_report
-from physid.diagnosis.resume import forget, remembered
-from physid.diagnosis.saving import save_model
-from physid.diagnosis.soundness import require_sound
+from physid.diagnosis.conclusion.conclusion import draw_conclusion
+from physid.diagnosis.conclusion.fitted_model import save_model
+from physid.diagnosis.inputs.model_source import believe
+from physid.diagnosis.inputs.observations import Observations, observe
+from physid.diagnosis.inputs.requirements import require_sound
+from physid.diagnosis.reference.nominal_fit import Prepared, prepare
+from physid.diagnosis.reference.nominal_fit_cache import forget, remembered
+from physid.diagnosis.report.document import check_diagnosis, write_diagnosis
+from physid.diagnosis.report.figures import draw
+from physid.diagnosis.report.overlay import overlay
+from physid.diagnosis.report.page import write_report
+from physid.diagnosis.selection.attribution import attribute
 from physid.effects import CATALOGUE
+from physid.estimation.prediction.nominal_model import NominalModel
 from physid.physics.effect import Effect
 from physid.physics.layer import SolverError
 

@@ -135,7 +135,7 @@ class Fit(Cell):
         """Carry out one fit; one that was interrupted goes on."""
         from physid.configuration import compose
         from physid.runs import open_folder
-        from physid.training.run import fit
+        from physid.training.runs.run import fit
 
         overrides = [f"data.folder={data}", *self.overrides, *settings]
         configuration = compose([str(configs / self.configuration)], overrides)
@@ -211,7 +211,7 @@ class Observe(Cell):
     def run(self, configs: Path, data: Path, folder: Path) -> list[Result]:
         """Judge the scene (see `Cell.run`); a deviation that is not finite is a parameter that is not observed."""
         from physid.configuration import compose
-        from physid.training.observe import ObserveConfig, observe
+        from physid.training.identifiability.planned_experiment import ObserveConfig, observe
 
         configuration = compose([str(configs / "observe" / f"{self.scene}.yaml")], list(self.overrides))
         found = observe(ObserveConfig.from_mapping(configuration.values)).result

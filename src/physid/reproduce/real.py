@@ -49,7 +49,7 @@ class Tosses(Cell):
         from physid.configuration import compose
         from physid.data.importers import import_cube_tosses
         from physid.runs import open_folder
-        from physid.training.run import fit
+        from physid.training.runs.run import fit
 
         imported = data / "cube"
         import_cube_tosses(_folder(), imported)

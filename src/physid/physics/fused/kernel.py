@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from physid.compiler.control import MOVES
+from physid.compiler.section import Section
 from physid.physics.fused import sections
-from physid.physics.fused.compiler.control import MOVES
-from physid.physics.fused.compiler.section import Section
 from physid.physics.fused.formulas.layouts import BODY
 from physid.physics.fused.records import STATE, Shape
 from physid.physics.fused.writer import INPUTS, SHARED_INPUTS, Writer

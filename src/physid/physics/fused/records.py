@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
 
-from physid.physics.fused.compiler.emit import LANES
-from physid.physics.fused.compiler.section import Layout
+from physid.compiler.emit import LANES
+from physid.compiler.section import Layout
 from physid.physics.fused.formulas.layouts import (
     BLOCK,
     BODY,

@@ -11,10 +11,10 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from physid.compiler.emit import LANES
 from physid.physics.contact import Speculative, Split
 from physid.physics.effect import Effect, StepInputs
 from physid.physics.fused.ahead import inputs_ahead
-from physid.physics.fused.compiler.emit import LANES
 from physid.physics.fused.formulas.layouts import CONSTANTS
 from physid.physics.fused.formulas.layouts import INPUTS as FIELDS
 from physid.physics.fused.records import Shape

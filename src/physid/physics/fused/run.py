@@ -12,8 +12,8 @@ from typing import Literal
 import torch
 from torch import Tensor
 
-from physid.physics.fused.compiler.emit import ALIGNMENT, LANES
-from physid.physics.fused.compiler.machine import Kernel, load
+from physid.compiler.emit import ALIGNMENT, LANES
+from physid.compiler.machine import Kernel, load
 from physid.physics.fused.kernel import write_backward, write_forward
 from physid.physics.fused.records import Shape
 from physid.physics.fused.writer import ARGUMENTS

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from physid.physics.fused.compiler.section import Layout, Record, Section
+from physid.compiler.section import Layout, Record, Section
 from physid.physics.fused.formulas import axis, body, direction, face, ground, lane, lift, linear, newton, pair, reverse
 from physid.physics.fused.formulas.cone import impulse_of
 from physid.physics.fused.formulas.layouts import (

@@ -8,8 +8,8 @@ from itertools import accumulate, pairwise
 import torch
 from torch import Tensor
 
+from physid.compiler.emit import LANES
 from physid.physics.effect import Effect, StepInputs
-from physid.physics.fused.compiler.emit import LANES
 from physid.physics.fused.formulas.layouts import BODY
 from physid.physics.fused.formulas.layouts import INPUTS as FIELDS
 from physid.physics.fused.rollout import Inputs, Outcome, by_frame, by_group, constants_of, roll, shape_of, stepwise

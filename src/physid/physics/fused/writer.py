@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from physid.physics.fused.compiler.control import Code
-from physid.physics.fused.compiler.emit import LANES
+from physid.compiler.control import Code
+from physid.compiler.emit import LANES
 from physid.physics.fused.formulas.layouts import CONSTANTS
 from physid.physics.fused.records import CHOSEN, SOLVED, STATE, Shape
 

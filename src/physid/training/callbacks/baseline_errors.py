@@ -8,9 +8,9 @@ import lightning as L
 import torch
 
 from physid.scenes.catalogue import with_parameters
-from physid.training import baselines
-from physid.training.metrics import PoseErrors
-from physid.training.sysid import SysID
+from physid.training.learners.metrics import PoseErrors
+from physid.training.learners.sysid import SysID
+from physid.training.runs import baselines
 
 
 @final

@@ -8,8 +8,8 @@ from typing import Protocol, final
 import lightning as L
 import torch
 
-from physid.training.intervals import Pull, intervals
-from physid.training.physical_parameters import PhysicalParameters
+from physid.training.parameters.intervals import Pull, intervals
+from physid.training.parameters.physical_parameters import PhysicalParameters
 
 
 class Pulled(Protocol):

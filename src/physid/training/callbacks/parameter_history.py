@@ -15,7 +15,7 @@ from torch import Tensor
 
 from physid.data.files import write_text
 from physid.data.truth import Truth, read_truth
-from physid.training.physical_parameters import PhysicalParameters
+from physid.training.parameters.physical_parameters import PhysicalParameters
 
 BLUE, RED = "tab:blue", "tab:red"
 

@@ -11,8 +11,8 @@ import torch
 from lightning.pytorch.loggers import WandbLogger
 from torch import Tensor
 
-from physid.training.video.film import Pixels, compare, foresee, write_film, write_rows
-from physid.training.video.model import VideoModel
+from physid.training.vision.model import VideoModel
+from physid.training.vision.predicted_video import Pixels, compare, foresee, write_film, write_rows
 
 PAPER = (0, 30, 60, 120, 180)
 """The frames that the paper shows."""

@@ -16,8 +16,8 @@ from physid.data.format import FOLDER, write_scene, write_sums
 from physid.data.recording import Recording
 from physid.data.trajectory import write_trajectory
 from physid.scenes.catalogue import with_parameters
-from physid.training.physical_parameters import PhysicalParameters
-from physid.training.trajectories import Trajectories
+from physid.training.parameters.physical_parameters import PhysicalParameters
+from physid.training.parameters.trajectories import Trajectories
 
 PARAMETERS = "parameters.json"
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from physid.physics.fused.compiler.graph import Value, least, root, total
+from physid.compiler.graph import Value, least, root, total
 
 Vector = list[Value]
 Matrix = list[list[Value]]

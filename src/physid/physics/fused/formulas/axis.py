@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import reduce
 
-from physid.physics.fused.compiler.graph import Value, least, most, root, size, total, where
-from physid.physics.fused.compiler.section import Record
+from physid.compiler.graph import Value, least, most, root, size, total, where
+from physid.compiler.section import Record
 from physid.physics.fused.formulas.algebra import Matrix, Vector, cross, dot, rows, scale, subtract, transpose
 
 FAR_APART = 1e6

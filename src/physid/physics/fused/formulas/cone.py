@@ -14,8 +14,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from physid.compiler.graph import Value, most, root, size
 from physid.physics.friction import SLACK_COMPLIANCE
-from physid.physics.fused.compiler.graph import Value, most, root, size
 from physid.physics.fused.formulas.algebra import Matrix, Vector, dot, scale, subtract
 
 SLIP_SPEED = 1e-2

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from physid.physics.fused.compiler.graph import Value, most, root, total, where
-from physid.physics.fused.compiler.section import Record
+from physid.compiler.graph import Value, most, root, total, where
+from physid.compiler.section import Record
 from physid.physics.fused.formulas.algebra import (
     Matrix,
     Vector,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from physid.physics.fused.compiler.graph import Value, most, size, where
-from physid.physics.fused.compiler.section import Record
+from physid.compiler.graph import Value, most, size, where
+from physid.compiler.section import Record
 from physid.physics.fused.formulas.algebra import Vector, add, apply, dot, scale, subtract
 from physid.physics.fused.formulas.axis import axes_of, half_of, pick
 

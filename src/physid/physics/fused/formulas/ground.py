@@ -5,8 +5,8 @@ from __future__ import annotations
 from functools import reduce
 from itertools import product
 
-from physid.physics.fused.compiler.graph import Value, most, total, where
-from physid.physics.fused.compiler.section import Record
+from physid.compiler.graph import Value, most, total, where
+from physid.compiler.section import Record
 from physid.physics.fused.formulas.algebra import add, apply, dot, rows, scale, transpose
 from physid.physics.fused.formulas.touch import Material, Touch, write_patch
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from physid.physics.fused.compiler.graph import Value, least, most, total, where
-from physid.physics.fused.compiler.section import Record
+from physid.compiler.graph import Value, least, most, total, where
+from physid.compiler.section import Record
 
 WARM_STEPS = 8.0
 """Newton steps that a start from the previous solution may take before the solver starts afresh."""

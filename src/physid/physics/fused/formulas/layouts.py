@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from physid.physics.fused.compiler.section import Layout
+from physid.compiler.section import Layout
 
 CONSTANTS = Layout(
     step=1,  # h [s]

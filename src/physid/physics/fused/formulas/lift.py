@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from physid.physics.fused.compiler.graph import where
-from physid.physics.fused.compiler.section import Record
+from physid.compiler.graph import where
+from physid.compiler.section import Record
 from physid.physics.step import FAR
 
 

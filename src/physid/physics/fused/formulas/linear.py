@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from physid.physics.fused.compiler.graph import Value
-from physid.physics.fused.compiler.section import Formula, Record
+from physid.compiler.graph import Value
+from physid.compiler.section import Formula, Record
 from physid.physics.fused.formulas.algebra import Matrix, Vector
 
 

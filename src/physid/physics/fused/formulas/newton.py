@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from physid.physics.fused.compiler.graph import Value, size, total, where
-from physid.physics.fused.compiler.section import Record
+from physid.compiler.graph import Value, size, total, where
+from physid.compiler.section import Record
 from physid.physics.fused.formulas.algebra import Vector, add, apply, scale, subtract
 from physid.physics.fused.formulas.body import symmetric
 from physid.physics.fused.formulas.cone import begin, impulse_of, slide

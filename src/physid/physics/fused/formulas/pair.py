@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import reduce
 
-from physid.physics.fused.compiler.graph import Value, least, most, root, total, where
-from physid.physics.fused.compiler.section import Record
+from physid.compiler.graph import Value, least, most, root, total, where
+from physid.compiler.section import Record
 from physid.physics.fused.formulas.algebra import Vector, add, apply, cross, dot, scale, subtract, transpose
 from physid.physics.fused.formulas.axis import axes_of, half_of, pick
 from physid.physics.fused.formulas.face import Face

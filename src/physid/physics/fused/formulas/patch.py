@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from physid.compiler.graph import Value, total
+from physid.compiler.section import Record
 from physid.physics.contact import WARP_COMPLIANCE
-from physid.physics.fused.compiler.graph import Value, total
-from physid.physics.fused.compiler.section import Record
 from physid.physics.fused.formulas.algebra import Vector, add, apply, cross, dot, rows, scale, subtract, transpose
 from physid.physics.fused.formulas.cone import Contact
 

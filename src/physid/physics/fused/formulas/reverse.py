@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from physid.physics.fused.compiler.adjoint import slopes
-from physid.physics.fused.compiler.graph import Value, stop, total
-from physid.physics.fused.compiler.section import Record
+from physid.compiler.adjoint import slopes
+from physid.compiler.graph import Value, stop, total
+from physid.compiler.section import Record
 from physid.physics.fused.formulas.algebra import add, apply, dot, rows, scale, subtract, transpose
 from physid.physics.fused.formulas.body import symmetric
 from physid.physics.fused.formulas.cone import impulse_of

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from functools import reduce
 from operator import and_
 
+from physid.compiler.graph import Value, least, most, root, size, total, where
+from physid.compiler.section import Record
 from physid.physics.contact import FLATNESS
-from physid.physics.fused.compiler.graph import Value, least, most, root, size, total, where
-from physid.physics.fused.compiler.section import Record
 from physid.physics.fused.formulas.algebra import Matrix, Vector, add, cross, decay, dot, scale, subtract, unit
 from physid.physics.step import FAR, REACH
 

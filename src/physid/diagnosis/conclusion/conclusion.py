@@ -1,0 +1,179 @@
+"""From what the search found to the content of diagnosis.json."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from physid.diagnosis.conclusion.confidence import confidence
+from physid.diagnosis.conclusion.gap import Closing, closing, floor_of, held_out_parts, position_errors, position_floors
+from physid.diagnosis.conclusion.localisation import SITES, places, sites
+from physid.diagnosis.conclusion.next_experiment import NextExperiment, next_experiment
+from physid.diagnosis.conclusion.parametric_bootstrap import astray
+from physid.diagnosis.conclusion.verdict import Diagnosis, Estimate, Found, Name, judge
+from physid.diagnosis.reference.nominal_fit import Prepared
+from physid.diagnosis.selection.attribution import Attribution
+from physid.diagnosis.selection.evidence import foretold
+from physid.diagnosis.testing.hypothesis import Hypothesis
+
+BLAMING: tuple[Name, ...] = ("named", "group", "partial")
+"""Verdicts that name effects."""
+
+
+@dataclass(frozen=True)
+class Conclusion:
+    """A diagnosis, and the hypotheses behind it.
+
+    Attributes:
+        diagnosis: What is said.
+        chosen: The hypothesis that is blamed; None where nothing or nobody is.
+        shown: The same, fitted to all frames.
+        further: The experiment that would tell the members of a group apart; None where there is no group.
+    """
+
+    diagnosis: Diagnosis
+    chosen: Hypothesis | None
+    shown: Hypothesis | None
+    further: NextExperiment | None = None
+
+
+def draw_conclusion(prepared: Prepared, found: Attribution, generator: torch.Generator) -> Conclusion:
+    """Judge what the search found: the verdict, the sizes with their intervals, and how far the gap closes.
+
+    Args:
+        prepared: The recordings and the fitted nominal model.
+        found: What the search found.
+        generator: Randomness of the bootstrap.
+    """
+    judged = _closings(prepared, found.nominal, found.best, generator)
+    verdict = judge(found, judged["transfer"])
+    best, covariance = found.best, None
+    if verdict in BLAMING and best is not None:
+        covariance = best.covariance() + astray(best, generator)
+        if hollow(best, covariance, judged.values()):
+            verdict = reconsider(verdict, foretold(found.nominal, best))
+    chosen, shown = (best, found.whole_best) if verdict in BLAMING else (None, None)
+    closings = _closings(prepared, found.whole_nominal, shown, generator) if found.calm else judged
+    if chosen is None:
+        closings = {name: _unclosed(one) for name, one in closings.items()}
+    wide = covariance if shown is chosen or shown is None else shown.covariance() + astray(shown, generator)
+    where = places(found.stage, [body.name for body in prepared.observations.scene.bodies])
+    further = None if chosen is None else next_experiment(prepared, found)
+    diagnosis = Diagnosis(
+        verdict=verdict,
+        effects=[] if chosen is None or covariance is None else _effects(chosen, covariance),
+        group=[] if chosen is None else _group(found, chosen),
+        confidence=confidence(verdict, found),
+        ranking=_ranking(found),
+        sites=dict.fromkeys(SITES, 0.0) if verdict == "none" else sites(found, chosen is not None),
+        places=[] if verdict == "none" else [place for place in where if place.evidence > 0],
+        floor=floor_of(prepared.noise),
+        same=closings["same"],
+        transfer=closings["transfer"],
+        parameters=_parameters(found.whole_nominal, shown, wide),
+        next_experiment=further.sentence if further else None,
+    )
+    return Conclusion(diagnosis, chosen, shown, further)
+
+
+def _closings(
+    prepared: Prepared, nominal: Hypothesis, best: Hypothesis | None, generator: torch.Generator
+) -> dict[str, Closing | None]:
+    """Compare errors before and after on each part of the recordings that nothing was fitted to."""
+    before = position_errors(nominal, prepared.observations)
+    after = before if best is None else position_errors(best, prepared.observations)
+    floors = position_floors(nominal.experiment, prepared.noise)
+    parts = held_out_parts(prepared.observations)
+    return {name: closing(before, after, floors, chosen, generator) for name, chosen in parts.items()}
+
+
+def hollow(chosen: Hypothesis, covariance: Tensor, closings: Iterable[Closing | None]) -> bool:
+    """Tell whether effects explain nothing: no size differs from that of no effect, and there is no gap to close.
+
+    After hits an effect may fit what is left a little better than chance without being there.
+
+    Args:
+        chosen: The effects that would be blamed.
+        covariance: Of the shared parameters, shape (P, P).
+        closings: How far gaps close; None where a protocol is missing.
+    """
+    if any(one is not None and one.shrink is not None for one in closings):
+        return False
+    return len(chosen.absent(covariance)) == len(chosen.names)
+
+
+def reconsider(verdict: Name, foretells: bool) -> Name:
+    """Return the verdict where the effects that were found are hollow.
+
+    Where they are but a part, what they leave is there without them. What leaves nothing and foretells trajectories
+    that nothing was fitted to is there: it shows in a few hits, from which its size is hardly known. All else may be
+    chance.
+    """
+    if verdict == "partial":
+        return "unknown"
+    return verdict if foretells else "none"
+
+
+def _unclosed(one: Closing | None) -> Closing | None:
+    return None if one is None else Closing(one.before, None, None, one.floor)
+
+
+def _group(found: Attribution, chosen: Hypothesis) -> list[str]:
+    """Name every effect of the hypotheses that cannot be told from the chosen one, its own first."""
+    tied = [name for one in (chosen, *found.group) for name in one.names]
+    return list(dict.fromkeys([*tied, *found.alike]))
+
+
+def _ranking(found: Attribution) -> list[tuple[tuple[str, ...], float, float]]:
+    """List hypotheses with the squared residual that they explain: fitted ones by prediction, others by the score test.
+
+    The best fitted one comes first, for it may be a pair whose p-value is that of its gain among effect-free data.
+    """
+    base = float(found.nominal.held_out.sum())
+    rows = {row.names: row.gain for row in found.stage.rows}
+    rows |= {one.names: base - float(one.held_out.sum()) for one in found.tried}
+    ranked = sorted(rows.items(), key=lambda row: -row[1])
+    return [(names, gain, found.stage.chance(names, gain)) for names, gain in ranked]
+
+
+def _effects(chosen: Hypothesis, covariance: Tensor) -> list[Found]:
+    """Give the fitted effects with the 90 % intervals of their parameters."""
+    predictor, first = chosen.experiment.predictor, chosen.fit.point.nominal.shape[1] + 1
+    reach = chosen.reach(covariance)[first:].tolist()
+    made = []
+    for name in chosen.names:
+        kind = next(kind for kind in predictor.candidates if kind.name == name)
+        parameters = {}
+        for place, column in enumerate(chosen.columns.tolist()):
+            term = predictor.terms[column]
+            if term.effect is kind:
+                known = term.quantity
+                value = float(chosen.fit.point.effects[0, column])
+                low, high = value - reach[place], value + reach[place]
+                parameters[term.name] = Estimate(value, max(low, known.low), min(high, known.high), known.unit)
+        made.append(Found(name, kind.site, parameters))
+    return made
+
+
+def _parameters(
+    nominal: Hypothesis, chosen: Hypothesis | None, covariance: Tensor | None
+) -> dict[str, tuple[float, Estimate | None]]:
+    """Give the unknown parameters, refitted without and with the effects."""
+    model = nominal.experiment.predictor.model
+    before = model.to_values(nominal.fit.point.nominal[0]).tolist()
+    after: Sequence[Estimate | None] = [None] * len(before)
+    if chosen is not None and covariance is not None:
+        after = _values(chosen, covariance)
+    return {name: (old, new) for name, old, new in zip(model.unknown, before, after, strict=True)}
+
+
+def _values(hypothesis: Hypothesis, covariance: Tensor) -> list[Estimate]:
+    """Give the unknown parameters of a hypothesis with 90 % intervals, made in the coordinates of the fit."""
+    model, point = hypothesis.experiment.predictor.model, hypothesis.fit.point.nominal[0]
+    reach = hypothesis.reach(covariance)[: len(point)]
+    values = (model.to_values(each).tolist() for each in (point, point - reach, point + reach))
+    units = ["kg" if name.endswith(".mass") else "-" for name in model.unknown]
+    return [Estimate(*each) for each in zip(*values, units, strict=True)]

@@ -1,0 +1,70 @@
+"""The nominal model with what was found, as a configuration that `physid fit` takes: the loop is closed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from physid.data.files import write_text
+from physid.diagnosis.conclusion.conclusion import Conclusion
+from physid.effects import CATALOGUE
+from physid.estimation.prediction.nominal_model import NominalModel
+
+DIGITS = 6
+
+
+def save_model(path: Path, recordings: Path, model: NominalModel, conclusion: Conclusion) -> None:
+    """Write a configuration of `physid fit`: parameters start from their new estimates, the effects are at work.
+
+    An effect of a user's own file cannot be named in a configuration: it is left out, and a comment says so.
+
+    Args:
+        path: The file, NAME.yaml.
+        recordings: What shall be fitted.
+        model: The nominal model.
+        conclusion: What was found; without effects the nominal model is written, refitted.
+    """
+    diagnosis, chosen = conclusion.diagnosis, conclusion.chosen
+    known = {kind.name for kind in CATALOGUE}
+    effects = {effect.name: _values(effect.values()) for effect in model.effects}
+    effects |= {
+        one.name: _values({name: value.value for name, value in one.parameters.items()})
+        for one in diagnosis.effects
+        if one.name in known
+    }
+    values = {
+        name: _rounded(before if after is None else after.value)
+        for name, (before, after) in diagnosis.parameters.items()
+    }
+    content: dict[str, Any] = {
+        "seed_everything": 0,
+        "model": {
+            "class_path": "physid.training.learners.sysid.SysID",
+            "learn": list(model.unknown),
+            "values": values,
+            "engine": {"substeps": model.substeps, "effects": effects},
+            "optimizer": {"class_path": "physid.training.parameters.gauss_newton.GaussNewton"},
+        },
+        "data": {
+            "class_path": "physid.data.datamodule.RecordingsDataModule",
+            "folder": str(recordings),
+            "shuffle": False,
+        },
+        "trainer": {"accelerator": "cpu", "max_epochs": 12},
+    }
+    found = f"with {' and '.join(chosen.names)}" if chosen else "as it was believed: nothing was found"
+    head = f"# The nominal model {found}. physid fit --config {path.name}\n"
+    own = [one.name for one in diagnosis.effects if one.name not in known]
+    head += "".join(f"# {name} is not in the catalogue and left out.\n" for name in own)
+    write_text(path, head + yaml.safe_dump(content, sort_keys=False, width=120))
+
+
+def _values(values: Mapping[str, Any]) -> dict[str, float]:
+    return {name: _rounded(float(value)) for name, value in values.items()}
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.{DIGITS}g}")

@@ -1,0 +1,118 @@
+"""How far the gap closes: prediction errors before and after, on trajectories that were held out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from physid.diagnosis.inputs.observations import SAME, SELECT, TRANSFER, Observations
+from physid.diagnosis.testing.hypothesis import Hypothesis
+from physid.diagnosis.testing.lack_of_fit import Stage
+from physid.diagnosis.testing.residual_wrench import freed
+from physid.estimation.least_squares.experiment import Experiment
+from physid.estimation.measurement.sensor_noise import Noise
+
+BOOTSTRAPS = 1000
+INTERVAL = (0.05, 0.95)
+NO_GAP = 1.02  # a gap below this multiple of the floor is none, and its shrink is not defined
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A value with its 90 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Closing:
+    """Errors of the predicted positions on one part of the recordings.
+
+    Attributes:
+        before: Root mean square error of the nominal model, refitted [m].
+        after: With the effects [m]; None where none were added.
+        shrink: S = (before - after) / (before - floor), None where there is no gap to close.
+        floor: What the true model would leave on these trajectories [m].
+    """
+
+    before: float
+    after: float | None
+    shrink: Interval | None
+    floor: float
+
+
+def floor_of(noise: Noise) -> float:
+    """Return the root mean square position error of a perfect model [m]."""
+    return noise.floor
+
+
+def position_floors(experiment: Experiment, noise: Noise) -> Tensor:
+    """Compute the mean square position error that each trajectory would have under the true model [m^2], shape (R,).
+
+    Noise gives 3 sigma^2, a reader of films its own error; frames whose numerics disturb more have a larger variance
+    and, in `position_errors`, a weight that is smaller by the same factor.
+    """
+    weight = _weights(experiment)
+    count = (weight > 0).sum((1, 2))
+    return noise.floor**2 * count / weight.sum((1, 2)).clamp_min(1e-9)
+
+
+def _weights(experiment: Experiment) -> Tensor:
+    """Return the weights of the positions in each frame, 1 at most, shape (R, T, N)."""
+    scale = experiment.scale[..., 3]
+    return (scale / scale.amax().clamp_min(1e-30)) ** 2
+
+
+def position_errors(hypothesis: Hypothesis, observations: Observations) -> Tensor:
+    """Compute the mean square position error of each trajectory [m^2], shape (R,).
+
+    First states are fitted to each window; frames count by their robust weights.
+    """
+    weight = _weights(hypothesis.experiment)
+    square = hypothesis.fit.residual[..., 3:].square().sum(-1) * weight
+    total: Tensor = square.sum((1, 2)) / weight.sum((1, 2)).clamp_min(1e-9)
+    return total
+
+
+def freeform_errors(stage: Stage, experiment: Experiment, noise: Noise) -> Tensor:
+    """Compute the mean square position errors that a free residual wrench leaves [m^2], shape (R,)."""
+    first = stage.fit.linear.parts[0].shared.shape[-1] - len(stage.cells)
+    free = torch.tensor([first + k for k, cell in enumerate(stage.cells) if cell.piece is not None])
+    square = freed(stage.fit, free)[..., 3:].square().sum((1, 2, 3)) * noise.position**2
+    total: Tensor = square / _weights(experiment).sum((1, 2)).clamp_min(1e-9)
+    return total
+
+
+def closing(
+    before: Tensor, after: Tensor, floors: Tensor, chosen: Tensor, generator: torch.Generator
+) -> Closing | None:
+    """Compare mean square errors (R,) [m^2] of the chosen trajectories; the interval is a bootstrap over them."""
+    rows = chosen.nonzero()[:, 0]
+    if not len(rows):
+        return None
+
+    def errors(index: Tensor) -> tuple[Tensor, Tensor]:
+        return before[index].mean(-1).sqrt(), after[index].mean(-1).sqrt()
+
+    old, new = (float(value) for value in errors(rows))
+    floor = float(floors[rows].mean().sqrt())
+    if old < NO_GAP * floor:
+        return Closing(old, new, None, floor)
+    draws = rows[torch.randint(len(rows), (BOOTSTRAPS, len(rows)), generator=generator)]
+    olds, news = errors(draws)
+    shrinks = (olds - news) / (olds - floor).clamp_min(1e-3 * floor)
+    low, high = (float(shrinks.quantile(q)) for q in INTERVAL)
+    return Closing(old, new, Interval((old - new) / (old - floor), low, high), floor)
+
+
+def held_out_parts(observations: Observations) -> dict[str, Tensor]:
+    """Return which trajectories report on the same protocol (held-out ones, else `select`) and on the transfer."""
+    same = observations.having(SAME)
+    return {
+        "same": same if bool(same.any()) else observations.having(SELECT),
+        "transfer": observations.having(TRANSFER),
+    }

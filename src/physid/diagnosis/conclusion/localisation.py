@@ -1,0 +1,122 @@
+"""Where the model's prediction leaves the recordings: phase, body, degree of freedom, time, and site."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from physid.diagnosis.selection.attribution import Attribution
+from physid.diagnosis.testing.lack_of_fit import Stage
+from physid.diagnosis.testing.score_test import gains, joined
+from physid.physics.effect import Site
+
+SITES: tuple[Site, ...] = ("perception", "actuation", "dynamics", "contact")
+COOL = 0.01  # share of the best gain by which an explanation must fall behind to count e times less
+ROUNDING = 1e-6  # squared residual, in units of the noise
+WARM = 0.1  # the same between whole sites, where nothing is named
+
+
+@dataclass(frozen=True)
+class Place:
+    """One cell of the map.
+
+    Attributes:
+        phase: What the body does.
+        body: Name of the body.
+        dof: x, y, z, rx, ry or rz, in the axes of the ground.
+        evidence: How many standard deviations the gap stands out there.
+        share: Part of the gap that a residual wrench in this cell alone explains.
+    """
+
+    phase: str
+    body: str
+    dof: str
+    evidence: float
+    share: float
+
+
+def places(stage: Stage, names: list[str]) -> list[Place]:
+    """List the cells (phase x body x degree of freedom), those with most evidence first.
+
+    Args:
+        stage: What the nominal model leaves unexplained.
+        names: Names of the bodies.
+    """
+    total = max(stage.excess, 1e-9)
+    evidence = _shown(stage.cell_gain[:, stage.counted].sum(1))
+    found = [
+        Place(cell.phase, names[cell.body], cell.dof, float(gain.sqrt()), min(1.0, float(gain) / total))
+        for cell, gain in zip(stage.cells, evidence, strict=True)
+        if cell.phase is not None
+    ]
+    return sorted(found, key=lambda place: -place.evidence)
+
+
+def over_time(stage: Stage, body: int) -> tuple[Tensor, list[str]]:
+    """Return the evidence over pieces of time (from the start of windows) and degrees of freedom, (dof, pieces)."""
+    evidence = _shown(stage.cell_gain[:, stage.counted].sum(1))
+    pieces = [
+        (cell, gain)
+        for cell, gain in zip(stage.cells, evidence, strict=True)
+        if cell.piece is not None and cell.body == body
+    ]
+    dofs = sorted({cell.dof for cell, _ in pieces}, key=("x", "y", "z", "rx", "ry", "rz").index)
+    table = torch.zeros(len(dofs), 1 + max((cell.piece or 0) for cell, _ in pieces))
+    for cell, gain in pieces:
+        table[dofs.index(cell.dof), cell.piece or 0] = gain.sqrt()
+    return table, dofs
+
+
+def _shown(gains: Tensor) -> Tensor:
+    """Let gains that are nothing but rounding be zero."""
+    return torch.where(gains > ROUNDING, gains, torch.zeros_like(gains))
+
+
+def sites(found: Attribution, named: bool) -> dict[str, float]:
+    """Weigh the sites by how well they explain the gap.
+
+    Where effects are named, a site stands for its best one; where none is, for all of its effects together, since what
+    the catalogue lacks is nearest to what is made in the same place. An explanation that falls d behind the best, in
+    squared residual, weighs exp(-d / (2 T)) with a temperature T of 1 % of the best gain (10 % where nothing is named)
+    and at least 2, so that near ties share.
+
+    Args:
+        found: What the search found.
+        named: Whether effects are named.
+    """
+    explained = _hypotheses(found) if named else _whole_sites(found.stage, _kinds(found))
+    best = max((gain for _, gain in explained), default=0.0)
+    weights = dict.fromkeys(SITES, 0.0)
+    for where, gain in explained:
+        weight = torch.tensor((gain - best) / (2 * max(2.0, (COOL if named else WARM) * best))).exp()
+        for site in where:
+            weights[site] += float(weight) / len(where)
+    total = sum(weights.values())
+    return {site: round(weight / total, 4) if total else 0.0 for site, weight in weights.items()}
+
+
+def _kinds(found: Attribution) -> dict[str, Site]:
+    return {kind.name: kind.site for kind in found.nominal.experiment.predictor.candidates}
+
+
+def _hypotheses(found: Attribution) -> list[tuple[list[Site], float]]:
+    """List hypotheses: the sites of their effects, and what they explain."""
+    kinds, base = _kinds(found), float(found.nominal.held_out.sum())
+    explained = {row.names: row.gain for row in found.stage.rows}
+    explained |= {one.names: base - float(one.held_out.sum()) for one in found.tried}
+    return [([kinds[name] for name in names], gain) for names, gain in explained.items()]
+
+
+def _whole_sites(stage: Stage, kinds: Mapping[str, Site]) -> list[tuple[list[Site], float]]:
+    """List what all effects of a site explain together, at any size, beyond what they explain by chance."""
+    listed: list[tuple[list[Site], float]] = []
+    for site in SITES:
+        groups = [group for group in stage.groups if kinds[group.names[0]] == site]
+        if groups:
+            chance = sum(float(row.tail.mean) for row in stage.rows if kinds[row.names[0]] == site)
+            gain = float(gains(stage.conditional, joined(groups).unbounded())[0])
+            listed.append(([site], max(0.0, gain - chance)))
+    return listed

@@ -1,0 +1,46 @@
+"""How far estimates go astray where hits amplify: data with known parameters, made by the other engine, are fitted."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from physid.diagnosis.reference.null_simulations import jitter
+from physid.diagnosis.reference.replay import replay
+from physid.diagnosis.testing.hypothesis import Hypothesis
+from physid.estimation.least_squares.prior import prior
+
+REPLAYS = 6  # runs of the other engine
+
+
+def astray(hypothesis: Hypothesis, generator: torch.Generator) -> Tensor:
+    """Estimate how far the shared parameters go astray without any noise of the sensor.
+
+    The other engine makes data from first states and parameters as uncertain as the fit. One Gauss-Newton step fits
+    them again; what it misses of the parameters that made the data is what engines differ by, and what hits amplify.
+
+    Args:
+        hypothesis: The fit.
+        generator: Source of randomness.
+
+    Returns:
+        Mean of e e^T with e the errors, in the coordinates of the fit: unknown parameters, engine, effects; (P, P).
+        Zero where no window is busy: there the scatter over trajectories tells all.
+    """
+    experiment, fit = hypothesis.experiment, hypothesis.fit
+    predictor, count = experiment.predictor, fit.point.nominal.shape[1] + 1 + len(hypothesis.columns)
+    if not bool(predictor.windows.busy.any()):
+        return torch.zeros(count, count, dtype=torch.float64)
+    errors = []
+    for _ in range(REPLAYS):
+        point = jitter(experiment, fit, generator)
+        made = replay(predictor.model, predictor.wrench, predictor.windows, point, hypothesis.working)
+        residual = experiment.replace(pose=made).residual(fit.jacobian.base.pose, fit.point)
+        normal = fit.linear.respond(residual, experiment.scale).of(experiment.fitted)
+        matrix = normal.matrix.sum(0) + torch.diag(prior(experiment.predictor, hypothesis.columns))
+        error = torch.linalg.solve(matrix, normal.vector.sum(0))[:, 0]
+        unknown = fit.point.nominal.shape[1]
+        error[:unknown] -= (point.nominal - fit.point.nominal)[0]
+        errors.append(error)
+    table = torch.stack(errors)
+    return table.T @ table / REPLAYS

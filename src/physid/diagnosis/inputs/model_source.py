@@ -1,0 +1,92 @@
+"""What the user believes of the system: the nominal model, from a configuration, a run or a checkpoint."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import torch
+import yaml
+
+from physid.effects import from_values
+from physid.estimation.prediction.nominal_model import NominalModel
+from physid.scenes.catalogue import with_parameters
+from physid.scenes.scene import Scene
+
+CONFIG, CHECKPOINT = "config.yaml", Path("checkpoints", "last.ckpt")
+LOGARITHM = "physical.logarithm"  # where a checkpoint of SysID keeps the logarithms of what was learned
+
+
+def believe(scene: Scene, source: Path | Mapping[str, Any] | None) -> NominalModel:
+    """Build the nominal model.
+
+    Of a configuration of `physid fit` with SysID these keys count: `model.learn` (what is unknown), `model.values`
+    (better values than those of recording.yaml), `model.engine.substeps` and `model.engine.effects`. A run or its
+    checkpoint gives the values that were fitted as well; the diagnosis refits them.
+
+    Args:
+        scene: The scene as recording.yaml describes it.
+        source: A configuration (a file without `base`, or its content), a folder of a run, a checkpoint in it, or None.
+
+    Raises:
+        ValueError: If the source is none of these, or names what the scene does not have.
+    """
+    if source is None:
+        return NominalModel(scene)
+    config, place, fitted = _read(source)
+    known = _without_classes(config.get("model") or {})
+    values = dict(known.get("values") or {})
+    unknown = tuple(scene.unknown if known.get("learn") is None else known["learn"])
+    if fitted is not None:
+        if len(fitted) != len(unknown):
+            raise ValueError(
+                f"{place}: expected {len(unknown)} fitted parameters ({', '.join(unknown)}), found {len(fitted)}"
+            )
+        values |= dict(zip(unknown, fitted, strict=True))
+    engine = known.get("engine") or {}
+    try:
+        scene = dataclasses.replace(with_parameters(scene, values), unknown=unknown)
+        effects = tuple(from_values(name, each) for name, each in (engine.get("effects") or {}).items())
+    except ValueError as error:
+        raise ValueError(f"{place}: {error}") from None
+    return NominalModel(scene, effects, int(engine.get("substeps") or 1))
+
+
+def _read(source: Path | Mapping[str, Any]) -> tuple[Mapping[str, Any], str, list[float] | None]:
+    """Return a configuration, what it is called, and fitted values where there is a checkpoint."""
+    if isinstance(source, Mapping):
+        return source, "model", None
+    if source.is_dir():
+        return _read(source / CHECKPOINT)
+    if source.suffix == ".ckpt":
+        if not source.is_file():
+            raise ValueError(f"{source} does not exist: expected a run of `physid fit`, or its checkpoint")
+        state = torch.load(source, map_location="cpu", weights_only=True).get("state_dict", {})
+        if LOGARITHM not in state:
+            raise ValueError(f"{source}: expected a checkpoint of SysID with {LOGARITHM}, found none")
+        config = source.parent.parent / CONFIG
+        return _yaml(config), str(source), state[LOGARITHM].double().exp().tolist()
+    return _yaml(source), str(source), None
+
+
+def _yaml(path: Path) -> Mapping[str, Any]:
+    if not path.is_file():
+        raise ValueError(f"{path} does not exist: expected a configuration of `physid fit`")
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except yaml.YAMLError as error:
+        raise ValueError(f"{path}: no valid YAML: {error}") from None
+    if not isinstance(content, Mapping):
+        raise ValueError(f"{path}: expected a configuration of `physid fit`, found {type(content).__name__}")
+    return content
+
+
+def _without_classes(node: Any) -> Any:
+    """Merge `init_args` into the mapping they stand in, at all levels."""
+    if not isinstance(node, Mapping):
+        return node
+    merged = {key: value for key, value in node.items() if key not in ("class_path", "init_args")}
+    merged |= node.get("init_args") or {}
+    return {key: _without_classes(value) for key, value in merged.items()}

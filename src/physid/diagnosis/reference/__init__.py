@@ -1,0 +1,1 @@
+"""The nominal model against a reference simulator: replays, discrepancy, null simulations, nominal fit."""

@@ -1,0 +1,166 @@
+"""Fitting with the numerics of the other engine: what PyBullet makes of the same states and parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import torch
+from torch import Tensor
+
+from physid.diagnosis.reference.replay import replay
+from physid.estimation.least_squares.experiment import Experiment, Fit
+from physid.estimation.least_squares.levenberg_marquardt import gauss_newton
+from physid.estimation.least_squares.prior import clamp_effects
+from physid.estimation.measurement.poses import difference
+from physid.estimation.prediction.rollout import Predictor, Variants
+from physid.estimation.prediction.segments import Windows
+from physid.physics.effect import Effect
+
+ROUNDS = 5  # most replays
+SETTLED = 0.1  # a change of the loss by less than this share of its standard deviation ends the rounds
+SHORTER = 0.4  # a step of a first state that did not help is tried again, shortened by this
+STEADY = 0.85  # largest ratio of successive steps of the shared parameters that is extrapolated
+
+Say = Callable[[str], None]
+
+
+def settle(
+    experiment: Experiment,
+    fit: Fit,
+    effects: Tensor,
+    names: Sequence[str],
+    say: Say = lambda _: None,
+    rounds: int = ROUNDS,
+) -> tuple[Experiment, Fit]:
+    """Fit and replay in turn until both agree on how far the other engine leaves the prediction.
+
+    A window takes a new first state only if it then explains the window better with the replay of that very state;
+    where it does not, the next round tries a shorter step. Shared parameters that keep creeping in one direction are
+    extrapolated (Aitken 1926).
+
+    A hit may go another way for a hair. That is no evidence against an effect: the gap between the engines that is
+    known of the model without it stands in each window that the replays explain worse.
+
+    Args:
+        experiment: What to explain.
+        fit: Where to start.
+        effects: Indices of the free parameters of effects.
+        names: Their effects, which the other engine has too, at the values of the fit.
+        say: Told what is being done.
+        rounds: Most replays.
+
+    Returns:
+        The experiment with the gap between the engines at the best point, and the fit there.
+    """
+    say("replaying the fit in the other engine")
+    best, windows = fit.point, experiment.predictor.windows
+    engine = _renewed(experiment, fit, names).engine
+    stride = torch.ones(len(windows), dtype=torch.float64)
+    loss = torch.full_like(stride, torch.inf)
+    if names:
+        both = [one.losses(best)[0] for one in (experiment, experiment.replace(engine=engine))]
+        engine, loss = _by_window(windows, both[1] < both[0], engine, experiment.engine), torch.minimum(*both)
+    path: list[Tensor] = []
+    for turn in range(rounds):
+        before = float(loss.clamp_max(1e12).sum())
+        known = experiment.replace(engine=engine)
+        fit = gauss_newton(known, known.at(best, fit), effects, steps=0 if turn else 2)
+        trial = between(best, fit.point, stride)
+        path.append(_shared(trial, effects))
+        if (further := _aitken(path)) is not None:
+            trial = _with_shared(experiment.predictor, trial, effects, further)
+            path.clear()
+        fit = experiment.at(trial, fit)
+        say("replaying the fit in the other engine")
+        fresh = _renewed(experiment, fit, names).engine
+        now = experiment.replace(engine=fresh).losses(trial)[0]
+        better = now < loss
+        stride = torch.where(better, torch.ones_like(stride), stride * SHORTER)
+        best = between(best, trial, better.to(torch.float64))
+        engine = _by_window(windows, better, fresh, engine)
+        loss = torch.minimum(now, loss)
+        if before - float(loss.sum()) < SETTLED * (2 * float(loss.sum())) ** 0.5:
+            break
+    experiment = experiment.replace(engine=engine)
+    return experiment, gauss_newton(experiment, experiment.at(best, fit), effects, steps=6)
+
+
+def engine_gap(predictor: Predictor, fit: Fit, follow: Tensor, working: Sequence[Effect] = ()) -> Tensor:
+    """Compute how far PyBullet leaves the prediction of a fit, from the same states; zero where it is not followed.
+
+    Args:
+        predictor: The experiment.
+        fit: First states and parameters.
+        follow: Which windows, shape (K,).
+        working: Effects at work.
+
+    Returns:
+        Shape (R, T, N, 6).
+    """
+    other = replay(predictor.model, predictor.wrench, predictor.windows, fit.point, working, follow)
+    seen = fit.jacobian.base.pose[0]
+    inside = predictor.windows.spread(follow)[..., None, None]
+    return difference(torch.where(inside, other, seen), seen)
+
+
+def working_effects(predictor: Predictor, point: Variants, names: Sequence[str]) -> tuple[Effect, ...]:
+    """Return some effects with the values that they have at a point."""
+    values = {term.label: point.effects[0, k : k + 1] for k, term in enumerate(predictor.terms)}
+    return tuple(
+        kind(**{name: values[f"{kind.name}.{name}"] for name in kind.quantities()})
+        for kind in predictor.candidates
+        if kind.name in names
+    )
+
+
+def between(one: Variants, other: Variants, share: Tensor) -> Variants:
+    """Return states between two points, by a share for each window (K,); everything else is the other's."""
+    part = share[:, None, None]
+    turned = torch.where((one.pose[..., 3:] * other.pose[..., 3:]).sum(-1, keepdim=True) < 0, -1.0, 1.0)
+    quaternion = one.pose[..., 3:] + part * (turned * other.pose[..., 3:] - one.pose[..., 3:])
+    quaternion = quaternion / quaternion.norm(dim=-1, keepdim=True)
+    position = one.pose[..., :3] + part * (other.pose[..., :3] - one.pose[..., :3])
+    twist = one.twist + part * (other.twist - one.twist)
+    return other.replace(pose=torch.cat([position, quaternion], -1), twist=twist)
+
+
+def _renewed(experiment: Experiment, fit: Fit, names: Sequence[str]) -> Experiment:
+    working = working_effects(experiment.predictor, fit.point, names)
+    return experiment.replace(engine=engine_gap(experiment.predictor, fit, experiment.follow, working))
+
+
+def _by_window(windows: Windows, mask: Tensor, first: Tensor, second: Tensor) -> Tensor:
+    """Take the windows (K,) where `mask` holds from the first of two tables (R, T, N, 6), others from the second."""
+    chosen = second.clone()
+    for batch in windows.batches:
+        rows = batch.inside & mask[batch.windows, None]
+        row = batch.trajectory[:, None].expand_as(batch.frame)[rows]
+        chosen[row, batch.frame[rows]] = first[row, batch.frame[rows]]
+    return chosen
+
+
+def _shared(point: Variants, effects: Tensor) -> Tensor:
+    return torch.cat([point.nominal[0], point.engine[0], point.effects[0, effects]])
+
+
+def _with_shared(predictor: Predictor, point: Variants, effects: Tensor, shared: Tensor) -> Variants:
+    unknown = point.nominal.shape[1]
+    values = point.effects.clone()
+    values[0, effects] = shared[unknown + 1 :]
+    return point.replace(
+        nominal=shared[None, :unknown],
+        engine=shared[None, unknown : unknown + 1],
+        effects=clamp_effects(predictor, values),
+    )
+
+
+def _aitken(path: list[Tensor]) -> Tensor | None:
+    """Extrapolate three points that creep in one direction, x + d r / (1 - r) with r the ratio of the last steps."""
+    if len(path) < 3:
+        return None
+    first, second = path[-2] - path[-3], path[-1] - path[-2]
+    length = first.abs().clamp_min(1e-9)
+    ratio = float((second / length * (first / length)).sum() / (first / length).square().sum())
+    if not 0.2 < ratio < STEADY:
+        return None
+    return path[-1] + second * ratio / (1 - ratio)

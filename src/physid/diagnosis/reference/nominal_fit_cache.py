@@ -1,0 +1,107 @@
+"""What an interrupted diagnosis leaves behind: the fitted nominal model, so that the next run need not fit it again."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import torch
+
+from physid.data.files import write_whole
+from physid.diagnosis.inputs.observations import Observations
+from physid.diagnosis.reference.nominal_fit import NONE, Prepared
+from physid.estimation.least_squares.experiment import Experiment
+from physid.estimation.least_squares.jacobian import Directions
+from physid.estimation.measurement.sensor_noise import Noise
+from physid.estimation.prediction.nominal_model import NominalModel
+from physid.estimation.prediction.rollout import Predictor, Variants
+from physid.estimation.prediction.segments import Windows
+from physid.physics.effect import Effect
+
+FILE = "prepared.pt"
+LAYOUT = 2  # of what the file holds; another one is not read
+WINDOWS = ("trajectory", "start", "size", "busy")
+POINT = ("pose", "twist", "nominal", "effects", "engine")
+
+
+def remembered(
+    folder: Path,
+    observations: Observations,
+    model: NominalModel,
+    candidates: Sequence[type[Effect]],
+    generator: torch.Generator,
+    make: Callable[[], Prepared],
+) -> Prepared:
+    """Return the fitted nominal model, from an interrupted run with the same inputs if there is one.
+
+    Args:
+        folder: Output folder of the diagnosis.
+        observations: What was recorded.
+        model: What is believed.
+        candidates: Effects that may be added.
+        generator: Source of randomness; goes on as if nothing had been interrupted.
+        make: Fits the nominal model.
+    """
+    key = _key(observations, model, candidates, generator)
+    path = folder / FILE
+    if path.is_file():
+        state = torch.load(path, weights_only=True)
+        if state["key"] == key:
+            generator.set_state(state["generator"])
+            return _restored(state, observations, model, candidates)
+    prepared = make()
+    experiment, windows = prepared.experiment, prepared.experiment.predictor.windows
+    state = {name: getattr(windows, name) for name in WINDOWS}
+    state |= {f"point.{name}": getattr(prepared.fit.point, name) for name in POINT}
+    state |= {name: getattr(experiment, name) for name in ("scale", "engine", "follow")}
+    state |= {"frame": experiment.directions.frame, "free": experiment.directions.free, "phases": prepared.phases}
+    state |= {"events": prepared.events}
+    state |= {"noise": (prepared.noise.rotation, prepared.noise.position)}
+    state |= {"factors": None if prepared.noise.error is None else prepared.noise.error.factors}
+    write_whole(path, lambda part: torch.save(state | {"key": key, "generator": generator.get_state()}, part))
+    return prepared
+
+
+def forget(folder: Path) -> None:
+    """Remove what only an interrupted diagnosis needs."""
+    (folder / FILE).unlink(missing_ok=True)
+
+
+def _restored(
+    state: dict[str, torch.Tensor], observations: Observations, model: NominalModel, candidates: Sequence[type[Effect]]
+) -> Prepared:
+    """Put the parts together again."""
+    windows = Windows(*observations.pose.shape[:2], *(state[name] for name in WINDOWS))
+    predictor = Predictor(model, observations.wrench, windows, candidates)
+    directions = Directions(state["frame"], state["free"])
+    experiment = Experiment(
+        predictor,
+        observations.pose,
+        state["scale"],
+        observations.fitted,
+        directions,
+        state["engine"],
+        state["follow"],
+    )
+    fit = experiment.linearise(Variants(*(state[f"point.{name}"] for name in POINT)), NONE)
+    rotation, position = map(float, state["noise"])
+    error = observations.error
+    if error is not None:
+        rotations, positions = map(float, state["factors"])
+        error = dataclasses.replace(error, factors=(rotations, positions))
+    return Prepared(observations, experiment, fit, Noise(rotation, position, error), state["phases"], state["events"])
+
+
+def _key(
+    observations: Observations, model: NominalModel, candidates: Sequence[type[Effect]], generator: torch.Generator
+) -> str:
+    """Return a checksum of all that the fit depends on."""
+    digest = hashlib.sha256(b"" if observations.error is None else observations.error.track.numpy().tobytes())
+    for array in (observations.pose, observations.wrench, observations.present, generator.get_state()):
+        digest.update(array.numpy().tobytes())
+    known = [(effect.name, [float(value) for value in effect.values().values()]) for effect in model.effects]
+    named = [(kind.name, sorted(kind.quantities())) for kind in candidates]
+    digest.update(repr((LAYOUT, model.scene, model.substeps, known, observations.roles, named)).encode())
+    return digest.hexdigest()

@@ -1,0 +1,168 @@
+"""Matched nulls: data sets as they would be if the fitted nominal model were true, made by the other engine."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from physid.diagnosis.reference.replay import replay
+from physid.estimation.least_squares.experiment import Experiment, Fit
+from physid.estimation.least_squares.initial_states import SPANS
+from physid.estimation.least_squares.line_search import try_losses
+from physid.estimation.least_squares.normal_equations import Part
+from physid.estimation.least_squares.prior import prior
+from physid.estimation.measurement.sensor_noise import Noise
+from physid.estimation.prediction.rollout import Variants
+from physid.physics.effect import Effect
+
+REPLAYS = 4  # runs of the other engine, each from other first states and parameters
+SURE = 3.0  # standard deviations by which a draw of first states may fit worse than expected
+HALVINGS = 6
+DRAWS = 75  # draws of the noise on top of each
+
+
+@dataclass(frozen=True)
+class Nulls:
+    """Residuals that effect-free data would leave.
+
+    Attributes:
+        residual: Observed minus predicted, shape (Z, R, T, N, 6).
+    """
+
+    residual: Tensor
+
+
+def draw_nulls(
+    experiment: Experiment,
+    fit: Fit,
+    noise: Noise,
+    effects: tuple[Effect, ...],
+    generator: torch.Generator,
+    replays: int = REPLAYS,
+    draws: int = DRAWS,
+) -> Nulls:
+    """Make data as they would be if the fit were the truth.
+
+    The recorded forces are replayed in PyBullet from states and parameters as uncertain as the fit, and noise is added.
+
+    Args:
+        experiment: The experiment.
+        fit: The model that is taken to be true.
+        noise: White noise of the poses.
+        effects: Effects of that model, beside the nominal ones.
+        generator: Source of randomness.
+        replays: Runs of PyBullet.
+        draws: Draws of the noise for each run.
+
+    Returns:
+        Z = replays * draws data sets.
+    """
+    residuals = []
+    for _ in range(replays):
+        clean = noiseless(experiment, fit, effects, generator)
+        residuals.append(clean + noise.draw(draws, clean, generator))
+    return Nulls(torch.cat(residuals))
+
+
+def with_signs(nulls: Nulls, fit: Fit, chosen: Tensor, generator: torch.Generator) -> Nulls:
+    """Put the residuals of a fit into some windows (a mask of shape (K,)), each window's with a random sign.
+
+    This is the wild bootstrap (Wu 1986): what an effect does to all hits has the same sign everywhere, what chaos does
+    has not. It holds whatever makes these windows fit badly.
+    """
+    windows, residuals = fit.linear.windows, nulls.residual.clone()
+    signs = 2.0 * torch.randint(2, (len(residuals), len(windows)), generator=generator) - 1
+    for batch in windows.batches:
+        inside = batch.inside & chosen[batch.windows, None]
+        rows, frames = batch.trajectory[:, None].expand_as(batch.frame)[inside], batch.frame[inside]
+        own = signs[:, batch.windows[:, None].expand_as(batch.frame)[inside]].to(residuals.dtype)
+        residuals[:, rows, frames] = own[..., None, None] * fit.residual[rows, frames]
+    return Nulls(residuals)
+
+
+def noiseless(experiment: Experiment, fit: Fit, effects: tuple[Effect, ...], generator: torch.Generator) -> Tensor:
+    """Return the residuals of one replay without noise, shape (R, T, N, 6); see `draw_nulls`."""
+    predictor = experiment.predictor
+    point = jitter(experiment, fit, generator)
+    real = replay(predictor.model, predictor.wrench, predictor.windows, point, effects)
+    return experiment.replace(pose=real).residual(fit.jacobian.base.pose, fit.point)[0]
+
+
+def floors(experiment: Experiment, fit: Fit, generator: torch.Generator, replays: int = 4) -> Tensor:
+    """Compute how much the numerics disturb each window: squared residuals per frame that replays leave.
+
+    Where small differences grow (impacts, a body that just stops), two runs of one engine from states that the data
+    cannot tell apart differ by more than the noise.
+
+    Returns:
+        Mean square in units of the noise, after first states and unknown parameters are fitted again; shape (K,).
+    """
+    unknown = torch.arange(fit.point.nominal.shape[1] + 1)
+    clean = torch.stack([noiseless(experiment, fit, (), generator) for _ in range(replays)])
+    respond = fit.linear.respond(clean, experiment.scale).select(unknown).of(experiment.fitted)
+    matrix = respond.matrix.sum(0) + torch.diag(prior(experiment.predictor, torch.zeros(0, dtype=torch.int64)))
+    change = torch.linalg.solve(matrix, respond.vector.sum(0))
+    clean = clean - torch.einsum("pz,prtnk->zrtnk", change, fit.jacobian.shared[unknown])
+
+    def left(part: Part) -> Tensor:
+        data = part.batch.columns(clean * experiment.scale)
+        return part.profiled(data).square().sum(1).mean(-1)
+
+    return fit.linear.gather(left) / experiment.counted()
+
+
+def jitter(experiment: Experiment, fit: Fit, generator: torch.Generator) -> Variants:
+    """Draw first states and unknown parameters around a fit, as far as the data leave them open."""
+    unknown = fit.point.nominal.shape[1]
+    normal = fit.normal().of(experiment.fitted)
+    matrix = normal.matrix.sum(0)[:unknown, :unknown] + torch.eye(unknown, dtype=torch.float64) / 9
+    draw = torch.randn(unknown, 1, generator=generator, dtype=torch.float64)
+    shift = torch.linalg.solve_triangular(torch.linalg.cholesky(matrix).mT, draw, upper=True)[:, 0]
+    shared = torch.zeros(fit.linear.parts[0].shared.shape[-1], dtype=torch.float64)
+    shared[:unknown] = shift
+    states = []
+    # A first velocity that friction stops at once leaves no trace; then what the first frames show bounds the draw.
+    sure = torch.diag(1 / _first_frames(experiment) ** 2)
+    for part in fit.linear.parts:
+        free = torch.randn(*part.factor.shape[:2], 1, generator=generator, dtype=torch.float64)
+        factor = torch.linalg.cholesky(part.factor @ part.factor.mT + sure)
+        follow = torch.cholesky_solve(part.state.mT @ (part.shared @ shared)[..., None], factor)
+        states.append((torch.linalg.solve_triangular(factor.mT, free, upper=True) - follow)[..., 0])
+    order = torch.cat([part.batch.windows for part in fit.linear.parts]).argsort()
+    drawn = fit.point.replace(nominal=fit.point.nominal + shift)
+    return _believable(experiment, fit, drawn, torch.cat(states)[order])
+
+
+def _believable(experiment: Experiment, fit: Fit, drawn: Variants, change: Tensor) -> Variants:
+    """Move first states by a draw (K, D), shortened in calm windows as long as the data contradict it.
+
+    A body that starts near rest takes small velocities in its stride or slips for long; a line knows nothing of that.
+    """
+    calm = ~experiment.predictor.windows.busy
+    free = change.shape[1]
+    most = fit.loss + free + SURE * (2 * free) ** 0.5
+    for _ in range(HALVINGS):
+        pose, twist = experiment.directions.move(fit.point.pose, fit.point.twist, change[None])
+        moved = drawn.replace(pose=pose, twist=twist)
+        wrong = calm & (try_losses(experiment, moved)[0] > most)
+        if not bool(wrong.any()):
+            break
+        change = torch.where(wrong[:, None], change / 2, change)
+    return moved
+
+
+def p_value(observed: float, null: Tensor) -> float:
+    """Return (1 + #{null >= observed}) / (1 + #null), which is never 0."""
+    return (1 + int((null >= observed).sum())) / (1 + len(null))
+
+
+def _first_frames(experiment: Experiment) -> Tensor:
+    """Return the standard deviations of first states that a line through the first frames would leave, shape (D,)."""
+    step = experiment.predictor.model.scene.time_step
+    count = max(5.0, SPANS[0] / step)
+    still = [1 / float(experiment.scale[..., k : k + 3].amax()) for k in (0, 3)]
+    slope = (12 / count**3) ** 0.5 / step
+    kinds = [k // 3 for _, k in experiment.directions.used]
+    return torch.tensor([still[kind % 2] * (1.0 if kind < 2 else slope) for kind in kinds], dtype=torch.float64)

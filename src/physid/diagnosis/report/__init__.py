@@ -1,0 +1,1 @@
+"""The document and the page of a diagnosis: diagnosis.json, sentences, figures, HTML."""

@@ -1,0 +1,161 @@
+"""What a report draws beside diagnosis.json."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physid.diagnosis.report.document import SPLITS
+
+LEVELS = ("sensor", "repeatability", "numerical")
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Position error over time, root mean square over the trajectories of a split.
+
+    Attributes:
+        split: same or transfer.
+        time: Shape (T,) [s].
+        before: Of the refitted nominal model, shape (T,) [m].
+        after: With the effect, shape (T,) [m]; None where no effect was added.
+        freeform: With a free residual wrench, shape (T,) [m]; None where there is none.
+    """
+
+    split: str
+    time: NDArray[np.float64]
+    before: NDArray[np.float64]
+    after: NDArray[np.float64] | None = None
+    freeform: NDArray[np.float64] | None = None
+
+    def __post_init__(self) -> None:
+        """Check the split and the shapes."""
+        if self.split not in SPLITS:
+            raise ValueError(f"Curve.split: expected one of {', '.join(SPLITS)}, found {self.split!r}")
+        shape = np.shape(self.time)
+        if len(shape) != 1 or shape[0] < 2:
+            raise ValueError(f"Curve.time: expected shape (T,) with at least two frames, found {shape}")
+        for name, values in self.lines.items():
+            if np.shape(values) != shape or not np.isfinite(values).all():
+                raise ValueError(f"Curve.{name}: expected finite values of shape {shape}, found {np.shape(values)}")
+
+    @property
+    def lines(self) -> dict[str, NDArray[np.float64]]:
+        """The lines that there are, by name."""
+        lines = {"before": self.before, "after": self.after, "freeform": self.freeform}
+        return {name: values for name, values in lines.items() if values is not None}
+
+
+@dataclass(frozen=True)
+class TimeMap:
+    """Evidence over time.
+
+    Attributes:
+        rows: Pairs (body, degree of freedom), F of them.
+        edges: Limits of the pieces of time, shape (K + 1,) [s].
+        evidence: Shape (F, K).
+    """
+
+    rows: tuple[tuple[str, str], ...]
+    edges: NDArray[np.float64]
+    evidence: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        """Check the shapes."""
+        expected = (len(self.rows), len(self.edges) - 1)
+        if min(expected) < 1 or np.shape(self.evidence) != expected or not np.isfinite(self.evidence).all():
+            found = np.shape(self.evidence)
+            raise ValueError(
+                f"TimeMap.evidence: expected finite values of shape {expected} (rows, pieces), found {found}"
+            )
+
+
+@dataclass(frozen=True)
+class Film:
+    """A film of recording and model.
+
+    Attributes:
+        title: What it shows.
+        path: An mp4 file.
+    """
+
+    title: str
+    path: Path
+
+
+@dataclass(frozen=True)
+class Still:
+    """A picture out of a film.
+
+    Attributes:
+        caption: When, and how far off the models are.
+        picture: A WebP file.
+    """
+
+    caption: str
+    picture: bytes
+
+
+@dataclass(frozen=True)
+class Overlay:
+    """What models predict, drawn over a recorded film, side by side.
+
+    Attributes:
+        trajectory: Which one.
+        models: Names of the models, one or two.
+        larger: How many times as large as they are differences are drawn.
+        stills: Pictures at some times.
+        film: All of them as a film; None where it could not be written.
+    """
+
+    trajectory: str
+    models: tuple[str, ...]
+    larger: int
+    stills: tuple[Still, ...]
+    film: Film | None
+
+
+@dataclass(frozen=True)
+class ReportData:
+    """What a report draws beside diagnosis.json; whatever is left out is left out of the page.
+
+    Attributes:
+        title: Name of the recording set.
+        curves: Errors over time.
+        time_map: Evidence over time.
+        levels: Floors [m] by name: sensor, repeatability (None where nothing was repeated), numerical.
+        freeform: Error [m] that a free residual wrench leaves, by split.
+        threshold: Score that effect-free replays seldom exceed.
+        replicates: How many effect-free replays stand behind the p-values.
+        formulas: A line about each effect, by name.
+        next_config: Text of the generate config of the next experiment.
+        films: Recording and model, before and after.
+        overlay: The same, drawn over a recorded film.
+        facts: What was diagnosed, for the small print.
+        interval: Level of the intervals.
+    """
+
+    title: str = ""
+    curves: tuple[Curve, ...] = ()
+    time_map: TimeMap | None = None
+    levels: Mapping[str, float | None] = field(default_factory=dict)
+    freeform: Mapping[str, float] = field(default_factory=dict)
+    threshold: float | None = None
+    replicates: int | None = None
+    formulas: Mapping[str, str] = field(default_factory=dict)
+    next_config: str | None = None
+    films: tuple[Film, ...] = ()
+    overlay: Overlay | None = None
+    facts: Mapping[str, str] = field(default_factory=dict)
+    interval: float = 0.9
+
+    def __post_init__(self) -> None:
+        """Check the names of levels and splits."""
+        for what, names, known in (("levels", self.levels, LEVELS), ("freeform", self.freeform, SPLITS)):
+            strange = [name for name in names if name not in known]
+            if strange:
+                raise ValueError(f"ReportData.{what}: expected {', '.join(known)} only, found {', '.join(strange)}")

@@ -1,0 +1,43 @@
+"""Which hypotheses are worth fitting, by what the score test says of them."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+from physid.diagnosis.selection.comparison import Names
+from physid.diagnosis.testing.hypothesis import Hypothesis
+from physid.diagnosis.testing.lack_of_fit import Stage
+from physid.diagnosis.testing.score_test import gains, joined
+
+SURVIVE = 0.1  # share of the best gain that a candidate needs to be fitted
+MOST_SINGLES, MOST_PAIRS = 10, 5
+
+
+def survivors(stage: Stage) -> list[Names]:
+    """Return the effects worth fitting: what a line at the null says of a strong effect may fall short by far."""
+    worth = [row for row in stage.rows if row.gain >= SURVIVE * stage.rows[0].gain]
+    return [row.names for row in worth][:MOST_SINGLES]
+
+
+def ranked_pairs(stage: Stage) -> list[Names]:
+    """Return all pairs of effects that are significant alone, those with the largest linear gain first."""
+    alone = {row.names[0] for row in stage.significant}
+    groups = [group for group in stage.groups if group.names[0] in alone]
+    both = {
+        tuple(sorted((one.names[0], two.names[0]))): float(gains(stage.conditional, joined((one, two)))[0])
+        for one, two in combinations(groups, 2)
+    }
+    return sorted(both, key=lambda names: -both[names])
+
+
+def first_pairs(ranked: list[Names], best: Hypothesis, left: Stage) -> list[Names]:
+    """Return pairs worth fitting: the best with what it leaves, and the best of all pairs by their linear gain."""
+    further = (tuple(sorted((*best.names, row.names[0]))) for row in left.significant)
+    with_best = [names for names in further if names in ranked][: MOST_PAIRS // 2]
+    chosen = [*with_best, *(names for names in ranked if names not in with_best)]
+    return chosen[:MOST_PAIRS]
+
+
+def swapped_pairs(ranked: list[Names], pair: Hypothesis, tried: list[Names]) -> list[Names]:
+    """Return pairs that share one effect with a pair: alone, the other may have stood for a part of both."""
+    return [names for names in ranked if len({*names, *pair.names}) == 3 and names not in tried][:MOST_PAIRS]

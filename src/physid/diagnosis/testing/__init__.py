@@ -1,0 +1,1 @@
+"""Tests of a hypothesis: score tests and null distributions, lack of fit, residual wrenches, equivalence."""

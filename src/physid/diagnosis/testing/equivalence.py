@@ -1,0 +1,67 @@
+"""Effects that recordings cannot tell apart: their signatures point in one direction once all else is refitted."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from physid.diagnosis.testing.hypothesis import Hypothesis
+from physid.diagnosis.testing.lack_of_fit import Stage
+from physid.diagnosis.testing.score_test import VISIBLE, Conditional, Group, condition
+from physid.estimation.least_squares.prior import prior
+
+ALIKE = 0.98  # squared cosine of two signatures from which on they are one
+CALM = 0.5  # share of a signature that must lie in calm windows to be judged there
+
+
+def alike(stage: Stage, best: Hypothesis) -> tuple[str, ...]:
+    """List the effects that could take the place of a part of the best hypothesis, to first order.
+
+    Only calm windows count, for where a hit falls in time is beyond a linear model: a clock that runs fast and a
+    stronger gravity are one in every flight, and differ in hits that fall into another step.
+
+    Args:
+        stage: The nominal model, linearised with all candidates.
+        best: The hypothesis, whose fitted values give the direction of each part.
+    """
+    experiment = best.experiment
+    calm = (~experiment.predictor.windows.busy).to(torch.float64)
+    whole, quiet = (stage.fit.linear.normal(share).of(experiment.fitted) for share in (None, calm))
+    offset = stage.fit.point.nominal.shape[1] + 1
+    change = best.fit.point.effects[0] - stage.fit.point.effects[0]
+    found = []
+    for part in (group for group in stage.groups if group.names[0] in best.names):
+        others = [group.columns for group in stage.groups if group.names[0] in best.names and group is not part]
+        nuisance = torch.cat([torch.arange(offset), *others])
+        shared = torch.arange(offset + len(change))
+        always = prior(experiment.predictor, torch.zeros(0, dtype=torch.int64))
+        ridge = torch.cat([always, *(prior(experiment.predictor, each - offset)[offset:] for each in others)])
+        all_of, calm_of = (condition(normal.select(shared), nuisance, ridge) for normal in (whole, quiet))
+        direction = change[part.columns - offset]
+        if _energy(calm_of, part, direction) < CALM * _energy(all_of, part, direction):
+            continue
+        rivals = (group for group in stage.groups if group.names[0] not in best.names)
+        found += [one.names[0] for one in rivals if cosine(calm_of, part, direction, one) >= ALIKE]
+    return tuple(dict.fromkeys(found))
+
+
+def cosine(given: Conditional, part: Group, direction: Tensor, other: Group) -> float:
+    """Compute the share of a signature that another effect can make, 1 if they are one (a squared cosine).
+
+    Args:
+        given: Normal equations after the nuisances.
+        part: The effect.
+        direction: Change of its parameters, shape (k,).
+        other: The other effect, which may change its parameters at will, as far as they show.
+    """
+    size = other.typical
+    matrix = given.matrix[other.columns][:, other.columns] * size[:, None] * size
+    across = given.matrix[other.columns][:, part.columns] @ direction * size
+    values, axes = torch.linalg.eigh((matrix + matrix.T) / 2)
+    inverse = torch.where(values > VISIBLE**2, 1 / values.clamp_min(1e-30), torch.zeros_like(values))
+    made = float(((axes.T @ across).square() * inverse).sum())
+    return made / max(_energy(given, part, direction), 1e-30)
+
+
+def _energy(given: Conditional, part: Group, direction: Tensor) -> float:
+    return float(direction @ given.matrix[part.columns][:, part.columns] @ direction)

@@ -1,0 +1,224 @@
+"""One hypothesis: the nominal model with some effects added, fitted, and how well it predicts held-out data."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import torch
+from torch import Tensor
+
+from physid.diagnosis.reference.discrepancy import working_effects
+from physid.estimation.least_squares.experiment import Experiment, Fit
+from physid.estimation.least_squares.levenberg_marquardt import FIRST_DAMPING, gauss_newton, solve_shared
+from physid.estimation.least_squares.line_search import Step, best_step
+from physid.estimation.least_squares.multi_start import carried, search, try_again
+from physid.estimation.least_squares.normal_equations import Normal
+from physid.estimation.least_squares.prior import clamp_effects, prior
+from physid.estimation.prediction.rollout import Predictor, Variants
+from physid.estimation.prediction.step_effects import has
+from physid.physics.effect import Effect
+
+CONFIDENCE = 0.9
+STRIDES = (1.0, 0.5, 0.25, 0.1)  # parts of the linear step that are tried first
+KEPT = 0.5  # share of what a linear step promises that it must keep; else first states follow along a curve ...
+FAR, FOLLOWING = (1.0, 0.5), 3  # ... to these parts of it, and unknown parameters in so many Gauss-Newton steps
+SIZES = (1.0, 3.0)  # times the typical one: finite sizes from which a fit may begin
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """The nominal model with effects added.
+
+    Attributes:
+        names: Names of the effects; none for the nominal model.
+        columns: Indices of their parameters among the predictor's terms, shape (E,).
+        experiment: What it was fitted to.
+        fit: The fit.
+        normal: Normal equations at the fit.
+        held_out: Squared residual of each trajectory, predicted without it where it was among the fitted ones; (R,).
+    """
+
+    names: tuple[str, ...]
+    columns: Tensor
+    experiment: Experiment
+    fit: Fit
+    normal: Normal
+    held_out: Tensor
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Fitted parameters of the effects by "effect.parameter"."""
+        terms = self.experiment.predictor.terms
+        return {terms[k].label: float(self.fit.point.effects[0, k]) for k in self.columns.tolist()}
+
+    @property
+    def working(self) -> tuple[Effect, ...]:
+        """The effects at their fitted values."""
+        return working_effects(self.experiment.predictor, self.fit.point, self.names)
+
+    def covariance(self) -> Tensor:
+        """Estimate the covariance of the shared parameters: from their changes when each trajectory is left out.
+
+        Whole trajectories stand for all that disturbs them, and it counts that they were fitted themselves (CR3: Bell
+        and McCaffrey 2002). No variance is below that of white noise.
+        """
+        fitted = self.normal.of(self.experiment.fitted)
+        inverse = torch.linalg.inv(fitted.matrix.sum(0) + torch.diag(prior(self.experiment.predictor, self.columns)))
+        changes = left_out(fitted, prior(self.experiment.predictor, self.columns))
+        robust = changes.T @ changes
+        larger = torch.maximum(robust.diagonal(), inverse.diagonal()).sqrt()
+        spread = robust.diagonal().clamp_min(1e-30).sqrt()
+        covariance: Tensor = robust / spread[:, None] / spread * larger[:, None] * larger
+        return covariance
+
+    def reach(self, covariance: Tensor) -> Tensor:
+        """Return how far the 90 % intervals of the shared parameters reach to either side, shape (P,).
+
+        Their covariance comes from a few trajectories (Student 1908).
+        """
+        from scipy.stats import t as student
+
+        quantile = float(student.ppf((1 + CONFIDENCE) / 2, max(int(self.experiment.fitted.sum()) - 1, 1)))
+        return quantile * covariance.diagonal().sqrt()
+
+    def absent(self, covariance: Tensor) -> list[str]:
+        """List the effects all of whose sizes may be those of no effect."""
+        predictor = self.experiment.predictor
+        reach = self.reach(covariance)[self.fit.point.nominal.shape[1] + 1 :]
+        away = (self.fit.point.effects[0] - predictor.null)[self.columns].abs() > reach
+        present = {
+            predictor.terms[k].effect.name for k, sure in zip(self.columns.tolist(), away.tolist(), strict=True) if sure
+        }
+        return [name for name in self.names if name not in present]
+
+
+def columns_of(predictor: Predictor, names: Sequence[str]) -> Tensor:
+    """Return the indices of the parameters of some effects among the predictor's terms."""
+    return torch.tensor([k for k, term in enumerate(predictor.terms) if term.effect.name in names], dtype=torch.int64)
+
+
+def begin_hypothesis(experiment: Experiment, start: Fit, names: tuple[str, ...], steps: int = 5) -> Hypothesis:
+    """Fit the effects together with unknown parameters and first states, as far as a few steps go.
+
+    Args:
+        experiment: What to explain.
+        start: A fit without them (or with some), linearised with columns for them.
+        names: Names of the effects.
+        steps: Most Gauss-Newton steps.
+    """
+    columns = columns_of(experiment.predictor, names)
+    return conclude(
+        experiment, gauss_newton(experiment, _first_step(experiment, start, columns), columns, steps), names
+    )
+
+
+def begin_afresh(
+    experiment: Experiment, point: Variants, names: tuple[str, ...], change: Tensor, steps: int = 5
+) -> Hypothesis:
+    """Fit effects from finite sizes, with the first guesses of the unknown parameters; the best fit is returned.
+
+    Args:
+        experiment: What to explain.
+        point: First states, without effects.
+        names: Names of the effects.
+        change: Their parameters as a line at the null suggests: its direction is taken, shape (E,).
+        steps: Most Gauss-Newton steps.
+
+    Raises:
+        SolverError: If a fit cannot be simulated.
+    """
+    predictor, columns = experiment.predictor, columns_of(experiment.predictor, names)
+    known = [predictor.terms[k].quantity for k in columns.tolist()]
+    typical = torch.tensor([one.typical - one.null for one in known], dtype=torch.float64)
+    direction = change / typical
+    direction = direction / direction.abs().max().clamp_min(1e-9)
+    guess = point.replace(nominal=predictor.model.guess[None])
+    counts, found = experiment.fitted[predictor.windows.trajectory], []
+    for size in SIZES:
+        effects = point.effects.clone()
+        effects[0, columns] = predictor.null[columns] + size * typical * direction
+        start = try_again(experiment, guess.replace(effects=clamp_effects(predictor, effects)))
+        found.append(gauss_newton(experiment, start, columns, steps))
+    return conclude(experiment, min(found, key=lambda fit: float(fit.loss[counts].sum())), names)
+
+
+def finish_hypothesis(begun: Hypothesis, steps: int = 16) -> Hypothesis:
+    """Fit a hypothesis to the end, with first states guessed anew once its effects are known."""
+    experiment, columns = begun.experiment, begun.columns
+    fit = gauss_newton(experiment, begun.fit, columns, steps)
+    again = try_again(experiment, fit.point)
+    if again is not fit.point:
+        fit = gauss_newton(experiment, again, columns, steps)
+    return conclude(experiment, fit, begun.names)
+
+
+def retried(one: Hypothesis, steps: int = 8) -> Hypothesis:
+    """Fit a hypothesis again with new first states where it fits badly; the better fit is returned."""
+    point = search(one.experiment, one.fit)
+    if point is one.fit.point:
+        return one
+    fit = gauss_newton(one.experiment, point, one.columns, steps)
+    counts = one.experiment.fitted[one.experiment.predictor.windows.trajectory]
+    better = float((one.fit.loss - fit.loss)[counts].sum()) > 0
+    return conclude(one.experiment, fit, one.names) if better else one
+
+
+def conclude(experiment: Experiment, fit: Fit, names: tuple[str, ...]) -> Hypothesis:
+    """Cross-validate a fit: every fitted trajectory is predicted with the parameters of the others."""
+    columns = columns_of(experiment.predictor, names)
+    normal = fit.normal()
+    others = experiment.fitted.nonzero()[:, 0]
+    changes = torch.zeros_like(normal.vector)
+    changes[others] = left_out(normal.of(others), prior(experiment.predictor, columns))
+    return Hypothesis(names, columns, experiment, fit, normal, normal.loss(changes))
+
+
+def left_out(normal: Normal, ridge: Tensor) -> Tensor:
+    """Return how the shared parameters change when each of R trajectories is left out of the fit, shape (R, P)."""
+    matrix = normal.matrix.sum(0) + torch.diag(ridge) - normal.matrix
+    changes: Tensor = torch.linalg.solve(matrix, normal.vector.sum(0) - normal.vector)
+    return changes
+
+
+def _first_step(experiment: Experiment, start: Fit, columns: Tensor) -> Variants:
+    """Take the best part of the linear step from a fit that has columns for the effects."""
+    always = start.point.nominal.shape[1] + 1
+    among = torch.cat([torch.arange(always), always + _places(start.effects, columns)])
+    normal = start.normal().select(among)
+    change = solve_shared(normal, experiment.fitted, prior(experiment.predictor, columns))
+    damping = torch.full_like(start.loss, FIRST_DAMPING)
+    step = best_step(experiment, start, columns, change, damping, STRIDES)
+    counts = experiment.fitted[experiment.predictor.windows.trajectory]
+    promised = (normal.square - normal.loss(change))[experiment.fitted].sum()
+    kept = float((start.loss - step.loss)[counts].sum()) > KEPT * float(promised)
+    if kept or not _seen(experiment, columns):
+        return step.point
+    found: list[Step | Fit] = [step, *_carried_along(experiment, start, columns, change[always:])]
+    return min(found, key=lambda one: float(one.loss[counts].sum())).point
+
+
+def _seen(experiment: Experiment, columns: Tensor) -> bool:
+    """Tell whether some of the effects act on what a camera reports."""
+    return any(has(experiment.predictor.terms[k].effect, "observe") for k in columns.tolist())
+
+
+def _carried_along(experiment: Experiment, start: Fit, columns: Tensor, change: Tensor) -> list[Fit]:
+    """Fit unknown parameters to parts of a change of effects, when first states follow what a camera sees.
+
+    A camera that is turned moves and turns all that it reports: first states follow along a curve, and a line leaves
+    it at once.
+    """
+    predictor, found = experiment.predictor, []
+    for share, nominal in product(FAR, (start.point.nominal, predictor.model.guess[None])):
+        effects = start.point.effects.clone()
+        effects[0, columns] += share * change
+        there = start.point.replace(nominal=nominal, effects=clamp_effects(predictor, effects))
+        found.append(gauss_newton(experiment, carried(experiment, start, there), columns[:0], FOLLOWING))
+    return found
+
+
+def _places(present: Tensor, wanted: Tensor) -> Tensor:
+    """Return where the wanted indices stand among those present."""
+    return torch.tensor([present.tolist().index(k) for k in wanted.tolist()], dtype=torch.int64)

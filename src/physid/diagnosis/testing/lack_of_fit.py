@@ -1,0 +1,197 @@
+"""One look at a fitted hypothesis: what is still missing, against data for which nothing is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from physid.diagnosis.reference.nominal_fit import Prepared
+from physid.diagnosis.reference.null_simulations import draw_nulls, p_value
+from physid.diagnosis.testing.hypothesis import Hypothesis
+from physid.diagnosis.testing.null_distribution import BAD, Gain, ScoreTest
+from physid.diagnosis.testing.null_tails import Tail, together
+from physid.diagnosis.testing.residual_wrench import Cell, gain_alone, local_gain, residual_wrenches
+from physid.diagnosis.testing.score_test import Conditional, Group, groups_of
+from physid.estimation.least_squares.experiment import Experiment, Fit
+from physid.estimation.least_squares.prior import prior
+
+MARGIN = 1.25  # by which a gain must exceed those in effect-free data
+CELL_DRAWS = 10  # every so many effect-free data sets serve for the cells
+
+
+@dataclass(frozen=True)
+class Row(Gain):
+    """What one more effect would gain, beside chance.
+
+    Attributes:
+        tail: How far its gain reaches in effect-free data.
+        steady_tail: The same of its steady gain.
+        p_value: How often any effect deviates as far in effect-free data.
+    """
+
+    tail: Tail
+    steady_tail: Tail
+    p_value: float
+
+    def deviation(self, margin: float = 1.0) -> float:
+        """Return how rare the steady gain, divided by a margin, is by chance, in standard deviations.
+
+        Hits let some effects gain much by chance, and others nothing.
+        """
+        return float(self.steady_tail.deviation(self.steady / margin))
+
+
+@dataclass(frozen=True)
+class Stage:
+    """What a hypothesis leaves unexplained.
+
+    Attributes:
+        fit: The hypothesis' fit, linearised with all candidates and residual wrenches.
+        cells: What the residual wrenches are.
+        rows: What each effect that it lacks would gain, best first.
+        null_best: The largest deviation of a gain in each effect-free data set (Westfall and Young 1993), shape (Z,).
+        null_steady: The same of steady gains.
+        free: What a free residual wrench explains, by window, shape (K,).
+        null_free: The same for effect-free data: fitted trajectories together, shape (Z,).
+        conditional: Normal equations of all effects after the nuisances.
+        groups: Columns of the effects.
+        counted: Windows of the fitted trajectories that a free residual wrench may speak about, shape (K,).
+        cell_gain: What a residual wrench in each cell alone explains, by window, beyond the mean of effect-free data;
+            in the order of `cells`, shape (F, K).
+    """
+
+    fit: Fit
+    cells: list[Cell]
+    rows: list[Row]
+    null_best: Tensor
+    null_steady: Tensor
+    free: Tensor
+    null_free: Tensor
+    conditional: Conditional
+    groups: list[Group]
+    counted: Tensor
+    cell_gain: Tensor
+
+    @property
+    def left(self) -> float:
+        """What a free residual wrench explains in the fitted trajectories."""
+        return float(self.free[self.counted].sum())
+
+    @property
+    def excess(self) -> float:
+        """The same beyond what it explains in effect-free data."""
+        return self.left - float(self.null_free.mean())
+
+    @property
+    def missing(self) -> float:
+        """How much squared residual is unexplained beyond chance, as far as one effect or a free wrench shows it."""
+        return max([0.0, self.excess, *(row.gain for row in self.significant)])
+
+    @property
+    def p_value(self) -> float:
+        """How often effect-free data look at least as suspicious: by one effect, or by a free residual wrench."""
+        return min(1.0, 2 * min(self.p_best, self.p_free))
+
+    @property
+    def p_best(self) -> float:
+        """How often effect-free data gain as much by any one effect.
+
+        Effect-free data come from one other engine, and reality is a third: what is found must exceed them by a margin.
+        """
+        return p_value(max(row.deviation(MARGIN) for row in self.rows), self.null_steady) if self.rows else 1.0
+
+    @property
+    def p_free(self) -> float:
+        """How often effect-free data leave as much to a free residual wrench, with the same margin."""
+        return p_value(float(self.null_free.mean()) + self.excess / MARGIN, self.null_free)
+
+    @property
+    def limit(self) -> float:
+        """The deviation that the gain of some effect reaches in one of a hundred effect-free data sets."""
+        return float(self.null_best.quantile(0.99))
+
+    @property
+    def significant(self) -> list[Row]:
+        """The effects that gain more, steadily, than one in a hundred effect-free data sets, best first."""
+        limit = float(self.null_steady.quantile(0.99))
+        return [row for row in self.rows if row.deviation() >= limit]
+
+    def reach(self, names: tuple[str, ...]) -> float:
+        """Return what effects gain together in one of a hundred effect-free data sets."""
+        return float(self._tail(names).gain(self.limit))
+
+    def chance(self, names: tuple[str, ...], gain: float) -> float:
+        """Return how often effect-free data give any effect as much as these gain together."""
+        return p_value(float(self._tail(names).deviation(max(gain, 0.0))), self.null_best)
+
+    def _tail(self, names: tuple[str, ...]) -> Tail:
+        return together([row.tail for row in self.rows if row.names[0] in names])
+
+
+def examine(prepared: Prepared, hypothesis: Hypothesis, generator: torch.Generator) -> Stage:
+    """Look at what a hypothesis leaves unexplained.
+
+    Args:
+        prepared: The recordings.
+        hypothesis: The hypothesis.
+        generator: Randomness of the effect-free data.
+    """
+    experiment = hypothesis.experiment
+    predictor, windows = experiment.predictor, experiment.predictor.windows
+    planar = not bool(experiment.directions.free[..., 0].any())
+    cells, wrenches = residual_wrenches(
+        prepared.phases, experiment.directions.frame, planar, windows, predictor.model.scene.time_step
+    )
+    count = len(predictor.terms)
+    fit = experiment.linearise(hypothesis.fit.point, torch.arange(count), wrenches)
+    offset = fit.point.nominal.shape[1] + 1
+    groups = [
+        group
+        for group in groups_of(predictor.terms, offset, fit.point.effects[0])
+        if group.names[0] not in hypothesis.names
+    ]
+    nuisance = torch.cat([torch.arange(offset), offset + hypothesis.columns])
+    test = ScoreTest(experiment, fit, groups, offset + count, nuisance, prior(experiment.predictor, hypothesis.columns))
+
+    nulls = draw_nulls(experiment, hypothesis.fit, prepared.noise, hypothesis.working, generator)
+    response = test.respond(nulls)
+    chance = test.chance(nulls, response, generator)
+    cleaned = test.cleaned(nulls, response)
+    free = torch.tensor([offset + count + k for k, cell in enumerate(cells) if cell.piece is not None])
+    counted = experiment.fitted[windows.trajectory] & _sound(experiment, hypothesis.fit)
+    conditional, gained = test.observed()
+    steady = torch.tensor([gain.steady for gain in gained], dtype=torch.float64)
+    rare = chance.steady_tail.deviation(steady).tolist()
+    rows = [
+        Row(**vars(gain), tail=chance.tail[k], steady_tail=chance.steady_tail[k], p_value=p_value(z, chance.steady))
+        for k, (gain, z) in enumerate(zip(gained, rare, strict=True))
+    ]
+    return Stage(
+        fit,
+        cells,
+        sorted(rows, key=lambda row: -row.gain),
+        chance.best,
+        chance.steady,
+        local_gain(fit.linear, free)[:, 0],
+        local_gain(fit.linear, free, cleaned, experiment.scale)[counted].sum(0),
+        conditional,
+        groups,
+        counted,
+        _cell_gains(fit, offset + count + torch.arange(len(cells)), cleaned[::CELL_DRAWS], experiment.scale),
+    )
+
+
+def _sound(experiment: Experiment, fit: Fit) -> Tensor:
+    """Return the windows whose misfit tells about the model: calm ones, and busy ones if most of them fit badly."""
+    windows = experiment.predictor.windows
+    followed = experiment.misfit(fit.point)[windows.busy & experiment.follow]
+    badly = len(followed) > 0 and float(followed.median()) > BAD
+    return ~windows.busy | (experiment.follow & badly)
+
+
+def _cell_gains(fit: Fit, columns: Tensor, cleaned: Tensor, scale: Tensor) -> Tensor:
+    """Compute what each residual wrench explains alone, beyond its mean over effect-free data; shape (F, K)."""
+    chance = gain_alone(fit.linear, columns, cleaned, scale).mean(2)
+    return (gain_alone(fit.linear, columns)[..., 0] - chance).T

@@ -1,0 +1,154 @@
+"""A residual wrench that is free to be anything: by pieces of time, or in one phase only."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from physid.diagnosis.inputs.motion_phases import PHASES
+from physid.estimation.least_squares.experiment import Fit
+from physid.estimation.least_squares.normal_equations import Linearised, Part
+from physid.estimation.prediction.segments import Windows
+
+PIECE_TIME = 0.16  # [s] length of one piece of a residual wrench
+FORCE, TORQUE = 1.0, 0.1  # [N], [N m] units of a residual wrench
+SPREAD = 100.0  # prior standard deviation of a residual wrench, in these units
+SELDOM = 0.01  # a phase that makes up less than this share of the frames has no cell
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Where a residual wrench may act.
+
+    Attributes:
+        body: Index of the body.
+        dof: x, y, z, rx, ry or rz, in the axes of the ground.
+        phase: A name of PHASES, or None for a piece of time.
+        piece: Which piece of its window, or None for a phase.
+    """
+
+    body: int
+    dof: str
+    phase: str | None = None
+    piece: int | None = None
+
+
+def piece_frames(time_step: float) -> int:
+    """Return the frames of one piece of a residual wrench."""
+    return max(2, round(PIECE_TIME / time_step))
+
+
+DOFS = ("rx", "ry", "rz", "x", "y", "z")
+PLANAR = ("rz", "x", "y")
+
+
+def residual_wrenches(
+    phases: Tensor, frame: Tensor, planar: bool, windows: Windows, time_step: float
+) -> tuple[list[Cell], Tensor]:
+    """List residual wrenches of unit size; phases that are seldom within windows have none.
+
+    Args:
+        phases: Codes of PHASES, shape (R, T, N).
+        frame: Axes of the ground (tangent, tangent, normal), rows of (3, 3).
+        planar: Whether bodies stay on the ground, so that only motion in its plane is of interest.
+        windows: How trajectories are cut.
+        time_step: [s] between frames.
+
+    Returns:
+        The cells, and their wrenches, shape (F, R, T, N, 6).
+    """
+    bodies = phases.shape[2]
+    inside = windows.spread(torch.ones(len(windows), dtype=torch.bool))
+    piece = windows.position // piece_frames(time_step)
+    pieces = int(piece.max()) + 1
+    cells: list[Cell] = []
+    masks: list[Tensor] = []
+    for body in range(bodies):
+        share = torch.bincount(phases[:, :, body][inside], minlength=len(PHASES)) / inside.sum()
+        for dof in PLANAR if planar else DOFS:
+            for k in range(pieces):
+                cells.append(Cell(body, dof, piece=k))
+                masks.append(piece == k)
+            for code in (share > SELDOM).nonzero()[:, 0].tolist():
+                cells.append(Cell(body, dof, phase=PHASES[code]))
+                masks.append(phases[:, :, body] == code)
+    wrench = torch.zeros(len(cells), *phases.shape, 6, dtype=torch.float64)
+    for row, (cell, mask) in enumerate(zip(cells, masks, strict=True)):
+        k = DOFS.index(cell.dof)
+        wrench[row, :, :, cell.body, 3 * (k // 3) : 3 * (k // 3) + 3] = (
+            mask[..., None] * frame[k % 3] * (FORCE if k >= 3 else TORQUE)
+        )
+    return cells, wrench
+
+
+def local_gain(
+    linear: Linearised, columns: Tensor, residuals: Tensor | None = None, scale: Tensor | None = None
+) -> Tensor:
+    """Compute what columns explain when each window has its own amplitudes.
+
+    Args:
+        linear: The linearised experiment.
+        columns: Shared columns to free, shape (F,).
+        residuals: Other data, shape (Z, R, T, N, 6), with `scale`; None for the observed ones.
+        scale: One over the standard deviation, shape (R, T, N, 6).
+
+    Returns:
+        Explained squared residual of each window, shape (K, Z).
+    """
+
+    def explain(part: Part) -> Tensor:
+        data = _data(part, residuals, scale)
+        clean = part.profiled(part.shared[..., columns])
+        gram = clean.mT @ clean + torch.eye(len(columns), dtype=clean.dtype) / SPREAD**2
+        moment = clean.mT @ data
+        gain: Tensor = (moment * torch.linalg.solve(gram, moment)).sum(1)
+        return gain
+
+    return linear.gather(explain)
+
+
+def gain_alone(
+    linear: Linearised, columns: Tensor, residuals: Tensor | None = None, scale: Tensor | None = None
+) -> Tensor:
+    """Compute what each column explains alone when each window has its own amplitude; see `local_gain`.
+
+    Returns:
+        Explained squared residual of each window, shape (K, F, Z).
+    """
+
+    def explain(part: Part) -> Tensor:
+        clean = part.profiled(part.shared[..., columns])
+        gram = clean.square().sum(1) + 1 / SPREAD**2
+        moment: Tensor = clean.mT @ _data(part, residuals, scale)
+        return moment.square() / gram[..., None]
+
+    return linear.gather(explain)
+
+
+def _data(part: Part, residuals: Tensor | None, scale: Tensor | None) -> Tensor:
+    """Return the observed residuals of a part, or others, in units of the noise, shape (k, M, Z)."""
+    if residuals is None or scale is None:
+        return part.residual[..., None]
+    return part.batch.columns(residuals * scale)
+
+
+def freed(fit: Fit, columns: Tensor) -> Tensor:
+    """Return the residuals, in units of the noise, that are left when each window has its own amplitudes of columns.
+
+    Args:
+        fit: A linearised experiment.
+        columns: Shared columns to free, shape (F,).
+
+    Returns:
+        Shape (R, T, N, 6).
+    """
+    left = torch.zeros_like(fit.residual)[None]
+    for part in fit.linear.parts:
+        clean = part.profiled(part.shared[..., columns])
+        gram = clean.mT @ clean + torch.eye(len(columns), dtype=clean.dtype) / SPREAD**2
+        data = part.profiled(part.residual[..., None])
+        rest = data - clean @ torch.linalg.solve(gram, clean.mT @ data)
+        part.batch.put(rest[..., 0].unflatten(1, (-1, *fit.residual.shape[2:]))[None], left)
+    return left[0]

@@ -1,0 +1,157 @@
+"""The score test: how much each candidate would gain if it were added to the fitted nominal model (Rao 1948)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from physid.estimation.least_squares.normal_equations import Normal
+from physid.estimation.prediction.effect_parameters import Term
+
+VISIBLE = 1.0  # a direction in which the typical size stays below so many standard deviations is not tested
+
+
+@dataclass(frozen=True)
+class Group:
+    """The columns that belong to one hypothesis: the parameters of one effect, or of several."""
+
+    names: tuple[str, ...]
+    columns: Tensor
+    typical: Tensor
+    low: Tensor
+    high: Tensor
+
+    def unbounded(self) -> Group:
+        """Return the same without ranges."""
+        return replace(self, low=torch.full_like(self.low, -torch.inf), high=torch.full_like(self.high, torch.inf))
+
+
+def joined(groups: Sequence[Group]) -> Group:
+    """Return several groups as one hypothesis."""
+    parts = (torch.cat([getattr(one, name) for one in groups]) for name in ("columns", "typical", "low", "high"))
+    return Group(tuple(name for one in groups for name in one.names), *parts)
+
+
+def groups_of(terms: Sequence[Term], offset: int, present: Tensor) -> list[Group]:
+    """Make one group per effect, whose columns start at `offset`; changes count from the values `present` (Q,)."""
+    groups: dict[str, list[int]] = {}
+    for index, term in enumerate(terms):
+        groups.setdefault(term.effect.name, []).append(index)
+    made = []
+    for name, indices in groups.items():
+        known = [terms[index].quantity for index in indices]
+        chosen = torch.tensor(indices)
+        low, high = ([getattr(one, bound) for one in known] for bound in ("low", "high"))
+        made.append(
+            Group(
+                names=(name,),
+                columns=chosen + offset,
+                typical=torch.tensor([one.typical - one.null for one in known], dtype=torch.float64),
+                low=torch.tensor(low, dtype=torch.float64) - present[chosen],
+                high=torch.tensor(high, dtype=torch.float64) - present[chosen],
+            )
+        )
+    return made
+
+
+@dataclass(frozen=True)
+class Conditional:
+    """Normal equations of all columns after the nuisance columns are solved for.
+
+    Attributes:
+        matrix: Shape (Q, Q).
+        vector: Shape (Q, K), for K data sets.
+        nuisance: Which columns were solved for.
+        absorbed: How much of each nuisance column fits each column, shape (n, Q).
+        solved: How much of each nuisance column fits the data, shape (n, K).
+    """
+
+    matrix: Tensor
+    vector: Tensor
+    nuisance: Tensor
+    absorbed: Tensor
+    solved: Tensor
+
+
+def condition(normal: Normal, nuisance: Tensor, ridge: Tensor) -> Conditional:
+    """Solve for the nuisance columns.
+
+    Args:
+        normal: Normal equations of the fitted trajectories.
+        nuisance: Indices of nuisance columns.
+        ridge: Prior precision of the nuisance columns.
+    """
+    matrix = normal.matrix.sum(0)
+    vector = normal.vector.sum(0)
+    vector = vector[:, None] if vector.ndim == 1 else vector
+    inner = torch.linalg.inv(matrix[nuisance][:, nuisance] + torch.diag(ridge))
+    across = matrix[:, nuisance] @ inner
+    return Conditional(
+        matrix - across @ matrix[nuisance],
+        vector - across @ vector[nuisance],
+        nuisance,
+        across.T,
+        inner @ vector[nuisance],
+    )
+
+
+def gains(conditional: Conditional, group: Group) -> tuple[Tensor, Tensor, Tensor]:
+    """Compute what a group explains, 2 b . x - x . A x at its best admissible x.
+
+    Args:
+        conditional: Normal equations after the nuisances.
+        group: Columns and their ranges.
+
+    Returns:
+        Gains of the squared residual (K,), the changes (K, k), and how many standard deviations the typical size
+        makes in the directions that the data can see, shape (k,) (0 for the others).
+    """
+    matrix = conditional.matrix[group.columns][:, group.columns]
+    gain, change, visible = _best(matrix[None], conditional.vector[group.columns].T, group)
+    return gain, change, visible[0]
+
+
+def steady_gains(conditional: Conditional, group: Group, hits: Normal) -> Tensor:
+    """Compute what a group still explains without the hit that says most for it.
+
+    What an effect does shows in many hits; one hit that goes another way in two engines may look like any effect.
+
+    Args:
+        conditional: Normal equations after the nuisances, for K data sets.
+        group: Columns and their ranges.
+        hits: Normal equations of all columns for the same data sets, one for each of W windows with a hit: matrices
+            (W, P, P) and vectors (W, P, K).
+
+    Returns:
+        Shape (K,).
+    """
+    gain, change, _ = gains(conditional, group)
+    if len(hits.vector) == 0:
+        return gain
+    clean = change.new_zeros(hits.vector.shape[1], len(group.columns))
+    clean[group.columns, torch.arange(len(group.columns))] = 1
+    clean[conditional.nuisance] -= conditional.absorbed[:, group.columns]
+    matrix = clean.T @ hits.matrix @ clean
+    vector = clean.T @ (hits.vector - hits.matrix[..., conditional.nuisance] @ conditional.solved)
+    bent = torch.einsum("ki,wij,kj->wk", change, matrix, change)
+    most = (2 * torch.einsum("wik,ki->wk", vector, change) - bent).argmax(0)
+    rest = conditional.matrix[group.columns][:, group.columns] - matrix[most]
+    left = conditional.vector[group.columns].T - vector[most, :, torch.arange(len(most))]
+    return _best(rest, left, group)[0].minimum(gain)
+
+
+def _best(matrix: Tensor, vector: Tensor, group: Group) -> tuple[Tensor, Tensor, Tensor]:
+    """Return gains (K,), changes (K, k) and visibility for matrices (K or 1, k, k) and vectors (K, k)."""
+    typical = group.typical
+    matrix, vector = matrix * typical[:, None] * typical, vector * typical
+    values, axes = torch.linalg.eigh((matrix + matrix.mT) / 2)
+    seen = values > VISIBLE**2
+    inverse = torch.where(seen, 1 / values.clamp_min(1e-30), torch.zeros_like(values))
+    best = (axes @ (inverse[..., None] * (axes.mT @ vector[..., None])))[..., 0] * typical
+    change = torch.minimum(torch.maximum(best, group.low), group.high)
+    scaled = change / typical
+    gain = 2 * (scaled * vector).sum(-1) - (scaled * (matrix @ scaled[..., None])[..., 0]).sum(-1)
+    return gain.clamp_min(0), change, torch.where(seen, values.clamp_min(0).sqrt(), torch.zeros_like(values))

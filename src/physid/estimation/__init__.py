@@ -1,0 +1,1 @@
+"""Estimating parameters and initial states from recorded poses: what training and diagnosis share."""

@@ -1,0 +1,1 @@
+"""Weighted nonlinear least squares with initial states profiled out (variable projection), by Levenberg-Marquardt."""

@@ -1,0 +1,128 @@
+"""What is explained, and a point at which it has been linearised."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from physid.estimation.least_squares.jacobian import Directions, Jacobian, differentiate
+from physid.estimation.least_squares.normal_equations import Linearised, Normal, linearise
+from physid.estimation.measurement.poses import difference
+from physid.estimation.prediction.rollout import Prediction, Predictor, Variants
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """Observed trajectories and the model that shall explain them.
+
+    Attributes:
+        predictor: The model under the commanded wrenches.
+        pose: Observed poses, shape (R, T, N, 7).
+        scale: One over the standard deviation of the noise times the root of the weight, shape (R, T, N, 6).
+        fitted: Trajectories that determine shared parameters (the others only have their first states fitted), (R,).
+        directions: Free changes of first states.
+        engine: How far the other engine leaves this one (a shared column with a prior of 0 +- 1), (R, T, N, 6).
+        follow: Windows in which the other engine is followed, shape (K,); where small errors grow fast it cannot be.
+    """
+
+    predictor: Predictor
+    pose: Tensor
+    scale: Tensor
+    fitted: Tensor
+    directions: Directions
+    engine: Tensor
+    follow: Tensor
+
+    def residual(self, predicted: Tensor, point: Variants) -> Tensor:
+        """Return observed minus predicted poses, as rotation vectors and positions; (C, R, T, N, 6)."""
+        return difference(self.pose, predicted) - point.engine[:, :, None, None, None] * self.engine
+
+    def losses(self, point: Variants) -> Tensor:
+        """Return the squared residual of each variant and window, in units of the noise; (C, K)."""
+        return self.losses_of(self.predictor.predict(point), point)
+
+    def losses_of(self, predicted: Prediction, point: Variants) -> Tensor:
+        """Return the losses of what has been predicted."""
+        square = (self.residual(predicted.pose, point) * self.scale).square().sum((3, 4))
+        return self.predictor.windows.sum_frames(square)
+
+    def counted(self) -> Tensor:
+        """Return how many values of each window count, at least 1, shape (K,)."""
+        return self.predictor.windows.sum_frames((self.scale > 0).sum((2, 3))[None].double())[0].clamp_min(1)
+
+    def misfit(self, point: Variants) -> Tensor:
+        """Return the mean squared residual of each window, in units of the noise, shape (K,)."""
+        return self.losses(point)[0] / self.counted()
+
+    def linearise(self, point: Variants, effects: Tensor, forces: Tensor | None = None) -> Fit:
+        """Linearise at a point; see `differentiate` for the columns."""
+        jacobian = differentiate(self.predictor, point, self.directions, effects, forces)
+        unknown = point.nominal.shape[1]
+        columns = [jacobian.shared[:unknown], self.engine[None], jacobian.shared[unknown:]]
+        return self._fit(point, effects, replace(jacobian, shared=torch.cat(columns)))
+
+    def at(self, point: Variants, near: Fit) -> Fit:
+        """Return the residuals at a point with the Jacobian of a fit nearby, which costs one prediction.
+
+        At the point of that fit it costs none: `near` has the same predictor, whatever else of the experiment changed.
+        """
+        jacobian, unknown = near.jacobian, point.nominal.shape[1]
+        columns = jacobian.shared.clone()
+        columns[unknown] = self.engine
+        base = jacobian.base if point is near.point else self.predictor.predict(point)
+        return self._fit(point, near.effects, replace(jacobian, base=base, shared=columns))
+
+    def moved(self, point: Variants, near: Fit, base: Prediction | None) -> Fit:
+        """Do as `at`, with a fit of this very experiment and what the model predicts at the point, if that is known."""
+        base = self.predictor.predict(point) if base is None else base
+        residual = self.residual(base.pose, point)[0]
+        linear = near.linear.observing(residual, self.scale)
+        return Fit.of(point, near.effects, replace(near.jacobian, base=base), residual, linear)
+
+    def _fit(self, point: Variants, effects: Tensor, jacobian: Jacobian) -> Fit:
+        residual = self.residual(jacobian.base.pose, point)[0]
+        linear = linearise(residual, self.scale, jacobian, self.directions, self.predictor.windows)
+        return Fit.of(point, effects, jacobian, residual, linear)
+
+    def only(self, chosen: Tensor, elsewhere: Tensor) -> Experiment:
+        """Return the experiment with some of the windows (indices, in order); states elsewhere are (R, T, N, 7)."""
+        directions = replace(self.directions, free=self.directions.free[chosen])
+        predictor = self.predictor.over(self.predictor.windows.only(chosen), elsewhere)
+        return replace(self, predictor=predictor, directions=directions, follow=self.follow[chosen])
+
+    def replace(self, **changes: object) -> Experiment:
+        """Return a copy with some fields changed."""
+        return replace(self, **changes)  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A point and the experiment linearised there.
+
+    Attributes:
+        point: First states, unknown parameters, effects.
+        effects: Indices of the effects' parameters that are columns.
+        jacobian: Prediction and its changes.
+        residual: Observed minus predicted, shape (R, T, N, 6).
+        linear: The same in units of the noise, by window.
+        loss: Squared residual of each window, shape (K,).
+    """
+
+    point: Variants
+    effects: Tensor
+    jacobian: Jacobian
+    residual: Tensor
+    linear: Linearised
+    loss: Tensor
+
+    @classmethod
+    def of(cls, point: Variants, effects: Tensor, jacobian: Jacobian, residual: Tensor, linear: Linearised) -> Fit:
+        """Return a fit with the losses of its residuals."""
+        loss = linear.gather(lambda part: part.residual.square().sum(1))
+        return cls(point, effects, jacobian, residual, linear, loss)
+
+    def normal(self) -> Normal:
+        """Return the normal equations of the shared columns."""
+        return self.linear.normal()

@@ -1,0 +1,134 @@
+"""First guesses of the states in which windows start, from the observed poses alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from physid.estimation.prediction.segments import Windows
+from physid.physics.collision import reach
+from physid.physics.rotations import conjugate, exponential, logarithm, multiply
+from physid.scenes.lying import lay_down
+from physid.scenes.scene import Scene
+
+SPANS = (0.06, 0.035, 0.02)  # [s] first frames that may give the first velocity; short ones end before an impact
+GUESSES = len(SPANS) + 1  # one from each, and one at rest
+FLAT = 0.03  # [rad] a face that leans more than this does not lie on the ground
+NEAR = 0.25  # a body lies on the ground if the gap is below this share of its height (a camera may see it too high) ...
+STEADY = 0.5  # ... and it falls by less than this share of a free fall ...
+SINKS, SOON = 0.04, 0.25  # ... and does not sink by this share of its height soon after [s]: a late camera shows it
+MEDIAN = 5  # frames whose median height counts: one wild pose is no fall
+
+
+@dataclass(frozen=True)
+class Starts:
+    """Guessed states at the first frames of windows.
+
+    Attributes:
+        pose: Guesses, shape (G, K, N, 7).
+        twist: Shape (G, K, N, 6).
+        resting: Bodies that lie flat on the ground and stay there at first, shape (K, N).
+    """
+
+    pose: Tensor
+    twist: Tensor
+    resting: Tensor
+
+
+def guess_starts(pose: Tensor, seen: Tensor, windows: Windows, scene: Scene) -> Starts:
+    """Guess first states from the first frames of each window.
+
+    A body that lies on the ground is put exactly there, without tumbling: then only its motion in the ground's plane
+    is free. The last guess lets it be at rest, for the way back to rest from a wrong first velocity has no slope. Other
+    bodies are taken to fall freely for a while; the shorter the while, the less an impact disturbs.
+
+    Args:
+        pose: Observed poses, shape (R, T, N, 7).
+        seen: Weights of the frames, 0 for those to ignore, shape (R, T, N).
+        windows: How trajectories are cut.
+        scene: Sizes, ground, time step.
+    """
+    bodies = pose.shape[2]
+    starts = Starts(
+        pose.new_zeros(GUESSES, len(windows), bodies, 7),
+        pose.new_zeros(GUESSES, len(windows), bodies, 6),
+        torch.zeros(len(windows), bodies, dtype=torch.bool),
+    )
+    for batch in windows.batches:
+        cut, weight = batch.cut(pose[None])[0], batch.cut(seen[None], fill=0.0)[0]
+        guessed = _guess(cut, weight, scene)
+        for name in ("pose", "twist"):
+            getattr(starts, name)[:, batch.windows] = getattr(guessed, name)
+        starts.resting[batch.windows] = guessed.resting
+    starts.resting[_sinks(pose, seen, scene)[windows.trajectory, windows.start]] = False
+    return starts
+
+
+def _sinks(pose: Tensor, seen: Tensor, scene: Scene) -> Tensor:
+    """Tell which bodies get nearer to the ground soon after each frame: they did not lie on it, shape (R, T, N)."""
+    normal, size = pose.new_tensor(scene.ground.normal), pose.new_tensor(scene.sizes)
+    half = reach(pose[..., 3:], size, normal)
+    bottom = pose[..., :3] @ normal - half
+    frames = max(MEDIAN, round(SOON / scene.time_step))
+    last = torch.full_like(bottom[:, :1], torch.inf).expand(-1, frames + MEDIAN - 2, -1)
+    known = torch.cat([torch.where(seen > 0, bottom, torch.inf), last], 1)
+    smooth = known.unfold(1, MEDIAN, 1).median(-1).values
+    lowest = smooth.unfold(1, frames, 1).amin(-1)
+    return smooth[:, : bottom.shape[1]] - lowest > SINKS * 2 * half
+
+
+def _guess(cut: Tensor, weight: Tensor, scene: Scene) -> Starts:
+    """Guess the first states of windows from their poses (K, L, N, 7) and the weights of the frames (K, L, N)."""
+    length = cut.shape[1]
+    anchor = cut[:, :1, :, 3:]
+    turn = logarithm(multiply(cut[..., 3:], conjugate(anchor.expand_as(cut[..., 3:]))))
+    motion = torch.cat([turn, cut[..., :3]], -1)
+    time = torch.arange(length, dtype=cut.dtype) * scene.time_step
+    frames = [min(max(5, round(span / scene.time_step)), length) for span in SPANS]
+    gravity = torch.tensor(scene.gravity, dtype=cut.dtype)
+    dropped = torch.cat([torch.zeros(3, dtype=cut.dtype), gravity / 2]) * time[:, None, None] ** 2
+    still, resting = _lying(motion[:, : frames[0]], weight, time, anchor, scene)
+    poses, twists = [], []
+    for count in frames:
+        value, slope, _ = _polynomial((motion - dropped)[:, :count], weight, time, 1)
+        (pose, twist), _ = _lying(motion[:, :count], weight, time, anchor, scene)
+        poses.append(torch.where(resting[..., None], pose, _compose(value, anchor)))
+        twists.append(torch.where(resting[..., None], twist, slope))
+    poses.append(torch.where(resting[..., None], still[0], poses[-1]))
+    twists.append(torch.where(resting[..., None], 0 * still[1], twists[-1]))
+    return Starts(torch.stack(poses), torch.stack(twists), resting)
+
+
+def _lying(
+    motion: Tensor, weight: Tensor, time: Tensor, anchor: Tensor, scene: Scene
+) -> tuple[tuple[Tensor, Tensor], Tensor]:
+    """Return the states that bodies have if they lie on the ground, and whether they do."""
+    normal = torch.tensor(scene.ground.normal, dtype=motion.dtype)
+    value, slope, bend = _polynomial(motion, weight, time, 2)
+    pose, lean, gap, height = lay_down(_compose(value, anchor), scene)
+    last = float(time[motion.shape[1] - 1])
+    fall = abs(float(torch.tensor(scene.gravity, dtype=motion.dtype) @ normal)) * last**2 / 2
+    speed, spin = slope[..., 3:] @ normal, slope[..., :3] @ normal
+    sunk = (speed * last + (bend[..., 3:] @ normal) * last**2).abs()
+    resting = (lean < FLAT) & (gap.abs() < NEAR * height) & (sunk < STEADY * fall)
+    twist = torch.cat([spin[..., None] * normal, slope[..., 3:] - speed[..., None] * normal], -1)
+    return (pose, twist), resting
+
+
+def _compose(value: Tensor, anchor: Tensor) -> Tensor:
+    """Return poses from rotation vectors relative to attitudes (K, 1, N, 4), and positions; value is (K, N, 6)."""
+    return torch.cat([value[..., 3:], multiply(exponential(value[..., :3]), anchor[:, 0])], -1)
+
+
+def _polynomial(value: Tensor, weight: Tensor, time: Tensor, degree: int) -> tuple[Tensor, Tensor, Tensor]:
+    """Fit a + b t + c t^2 to (K, L, N, 6) with weights and times that go on; returns a, b, c, each (K, N, 6)."""
+    count = value.shape[1]
+    last = time[count - 1]
+    basis = torch.stack([(time[:count] / last) ** k for k in range(degree + 1)], -1)
+    weight = weight[:, :count]
+    gram = torch.einsum("wtn,ti,tj->wnij", weight, basis, basis) + 1e-9 * torch.eye(degree + 1, dtype=value.dtype)
+    solved = torch.linalg.solve(gram, torch.einsum("wtn,ti,wtnk->wnik", weight, basis, value))
+    bend = solved[..., 2, :] / last**2 if degree == 2 else torch.zeros_like(solved[..., 0, :])
+    return solved[..., 0, :], solved[..., 1, :] / last, bend

@@ -1,0 +1,140 @@
+"""Derivatives of predicted poses by batched differences: one rollout for all columns at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from physid.estimation.measurement.poses import difference
+from physid.estimation.prediction.rollout import Prediction, Predictor, Variants
+from physid.physics.rotations import exponential, multiply
+
+TURN, SHIFT, SPIN, SPEED = 1e-5, 1e-5, 1e-4, 1e-4  # steps: [rad], [m], [rad/s], [m/s]
+NOMINAL = 1e-4  # step of an unknown parameter, in the coordinates of the fit
+STEEP = 0.9  # a ground whose normal has more than this along x takes its first tangent from y
+EFFECT = 1e-3  # step of a parameter of an effect, as a share of its typical size
+
+
+@dataclass(frozen=True)
+class Directions:
+    """Which changes of the first states are free.
+
+    Attributes:
+        frame: Ground axes (tangent, tangent, normal) as rows, shape (3, 3).
+        free: Of each body: turn, shift, spin, speed along the three axes; shape (K, N, 12).
+    """
+
+    frame: Tensor
+    free: Tensor
+
+    @classmethod
+    def of(cls, normal: Tensor, resting: Tensor) -> Directions:
+        """Leave resting bodies their motion in the ground's plane, all others everything; `resting` is (K, N)."""
+        axis = torch.eye(3, dtype=normal.dtype)[0 if abs(float(normal[0])) < STEEP else 1]
+        first = axis - (axis @ normal) * normal
+        first = first / first.norm()
+        frame = torch.stack([first, torch.linalg.cross(normal, first), normal])
+        planar = torch.tensor([0, 0, 1, 1, 1, 0] * 2, dtype=torch.bool)
+        return cls(frame, torch.where(resting[..., None], planar, torch.ones_like(planar)))
+
+    @property
+    def used(self) -> list[tuple[int, int]]:
+        """Pairs (body, direction) that are free in some window: the columns of a state Jacobian."""
+        some = self.free.any(0)
+        return [(int(body), int(k)) for body, k in some.nonzero()]
+
+    def move(self, pose: Tensor, twist: Tensor, change: Tensor) -> tuple[Tensor, Tensor]:
+        """Move states along columns.
+
+        Args:
+            pose: Shape (..., K, N, 7).
+            twist: Shape (..., K, N, 6).
+            change: Amount along each column, shape (..., K, D); what is not free does not move.
+
+        Returns:
+            New poses and twists.
+        """
+        full = torch.zeros(*change.shape[:-1], *self.free.shape[1:], dtype=change.dtype)
+        for column, (body, k) in enumerate(self.used):
+            full[..., body, k] = change[..., column] * self.free[:, body, k]
+        world = full.unflatten(-1, (4, 3)) @ self.frame
+        turn, shift, spin, speed = world.unbind(-2)
+        quaternion = multiply(exponential(turn), pose[..., 3:].expand(*turn.shape[:-1], 4))
+        quaternion = quaternion / quaternion.norm(dim=-1, keepdim=True)
+        return torch.cat([pose[..., :3] + shift, quaternion], -1), twist + torch.cat([spin, speed], -1)
+
+    def steps(self) -> Tensor:
+        """Return the step of the difference for each column, shape (D,)."""
+        sizes = (TURN, SHIFT, SPIN, SPEED)
+        return torch.tensor([sizes[k // 3] for _, k in self.used], dtype=torch.float64)
+
+
+@dataclass(frozen=True)
+class Jacobian:
+    """A prediction and how it changes.
+
+    Attributes:
+        base: The prediction itself.
+        state: Change of poses by the first states, shape (D, R, T, N, 6).
+        shared: Change by unknown parameters, parameters of effects, then forces; shape (P, R, T, N, 6).
+    """
+
+    base: Prediction
+    state: Tensor
+    shared: Tensor
+
+
+def differentiate(
+    predictor: Predictor,
+    point: Variants,
+    directions: Directions,
+    effects: Tensor,
+    forces: Tensor | None = None,
+) -> Jacobian:
+    """Take forward differences of the predicted poses.
+
+    Args:
+        predictor: The experiment.
+        point: Where, a single variant.
+        directions: Free changes of the first states.
+        effects: Which parameters of effects are columns (indices into the predictor's terms), shape (E,).
+        forces: Wrenches whose amplitudes are further columns, shape (F, R, T, N, 6) [N m, N].
+
+    Returns:
+        The prediction and its Jacobian; shared columns are ordered unknown parameters, effects, forces.
+    """
+    d, p, e = len(directions.used), point.nominal.shape[1], len(effects)
+    f = 0 if forces is None else len(forces)
+    many = point.repeat(1 + d + p + e)
+    steps = directions.steps()
+    change = torch.zeros(d, len(directions.free), d, dtype=torch.float64)
+    change[torch.arange(d), :, torch.arange(d)] = steps[:, None]
+    many.pose[1 : 1 + d], many.twist[1 : 1 + d] = directions.move(point.pose, point.twist, change)
+    columns = torch.arange(p)
+    many.nominal[1 + d + columns, columns] += NOMINAL
+    sizes = effect_steps(predictor, point.effects[0])[effects]
+    many.effects[1 + d + p + torch.arange(e), effects] += sizes
+    predicted = predictor.predict(many)
+    base = Prediction(*(getattr(predicted, name)[:1] for name in Prediction.__annotations__))
+    scale = torch.cat([steps, torch.full((p,), NOMINAL, dtype=torch.float64), sizes])
+    slope = difference(predicted.pose[1:], base.pose) / scale[:, None, None, None, None]
+    shared = slope[d:]
+    if forces is not None and f:
+        pushed = predictor.predict(point.repeat(f).replace(force=FORCE * forces))
+        shared = torch.cat([shared, difference(pushed.pose, base.pose) / FORCE])
+    return Jacobian(base, slope[:d], shared)
+
+
+FORCE = 1e-3  # share of the wrenches given that is applied
+
+
+def effect_steps(predictor: Predictor, present: Tensor) -> Tensor:
+    """Return the steps of the parameters of effects: towards the typical value, and away from a limit; shape (Q,)."""
+    sizes = []
+    for value, term in zip(present.tolist(), predictor.terms, strict=True):
+        known = term.quantity
+        step = EFFECT * (known.typical - known.null)
+        sizes.append(step if known.low <= value + step <= known.high else -step)
+    return torch.tensor(sizes, dtype=torch.float64)

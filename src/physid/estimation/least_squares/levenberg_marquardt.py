@@ -1,0 +1,92 @@
+"""Fitting parameters and first states to trajectories: Gauss-Newton with damping (Levenberg 1944, Marquardt 1963)."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from physid.estimation.least_squares.experiment import Experiment, Fit
+from physid.estimation.least_squares.line_search import best_step
+from physid.estimation.least_squares.normal_equations import Normal
+from physid.estimation.least_squares.prior import prior
+from physid.estimation.prediction.rollout import Variants
+
+FIRST_DAMPING = 1e-3
+WHOLE, PARTS = (
+    (1.0,),
+    (0.5, 0.2, 0.0),
+)  # parts of the step of the shared parameters: the first, and those tried if it fails
+HARDLY = 0.1  # [rad/s], [m/s] first velocity of a body that may as well be at rest
+CHORDS = 2  # most steps with a Jacobian of an earlier point
+CONVERGED = 1e-2  # a step that gains less than this share of a standard deviation of the loss is the last
+
+
+def solve_shared(normal: Normal, fitted: Tensor, ridge: Tensor) -> Tensor:
+    """Return the change of the shared parameters that the fitted trajectories want, with a ridge (P,) on it."""
+    matrix = normal.matrix[fitted].sum(0) + torch.diag(ridge)
+    change: Tensor = torch.linalg.solve(matrix, normal.vector[fitted].sum(0))
+    return change
+
+
+def gauss_newton(experiment: Experiment, start: Variants | Fit, effects: Tensor, steps: int = 10) -> Fit:
+    """Minimise the squared residuals over first states, unknown parameters and some parameters of effects.
+
+    Every window has a damping of its own, for its first state; the shared parameters take the whole step or, if that
+    does not help, a part of it or none. All dampings are tried in one batch, and each window keeps the best state.
+    A Jacobian costs several times a step: it serves for some steps (the chord method), but it is a new one that says
+    that nothing is left to gain.
+
+    Args:
+        experiment: What to explain.
+        start: First point; or a fit nearby, whose Jacobian serves for the first steps.
+        effects: Indices of the free parameters of effects, shape (E,).
+        steps: Most Jacobians before the last one; 0 for that of `start` alone.
+
+    Returns:
+        The best point found, linearised there, or so near that nothing was left to gain.
+    """
+    if isinstance(start, Fit):
+        fit, age, made = experiment.at(at_rest(experiment, start.point), start), 1, 0
+    else:
+        fit, age, made = experiment.linearise(at_rest(experiment, start), effects), 0, 1
+    damping = torch.full_like(fit.loss, FIRST_DAMPING)
+    ridge = prior(experiment.predictor, effects)
+    counts = experiment.fitted[experiment.predictor.windows.trajectory]
+    while True:
+        change = solve_shared(fit.normal(), experiment.fitted, ridge)
+        for shares in (WHOLE, PARTS) if age == 0 else (WHOLE,):
+            step = best_step(experiment, fit, effects, change, damping, shares)
+            gain = float((fit.loss - step.loss)[counts].sum())
+            if float((fit.loss - step.loss).sum()) > 0:
+                break
+        helps = gain > 0 or bool((step.loss < fit.loss).any())
+        followed = float((fit.loss - step.loss)[~counts].sum())
+        little = max(gain, followed) < CONVERGED * (1 + float(step.loss.sum())) ** 0.5
+        if helps and (age == 0 or gain + followed > 0):
+            damping, age = step.damping, age + 1
+            fit = experiment.moved(step.point, fit, step.predicted)
+            if age == 1 and little:
+                return fit
+        elif age == 0:
+            return fit
+        else:
+            little = True
+        if little or age > CHORDS:
+            if made == steps:
+                return experiment.linearise(fit.point, effects) if steps else fit
+            fit, age, made = experiment.linearise(fit.point, effects), 0, made + 1
+
+
+def at_rest(experiment: Experiment, point: Variants) -> Variants:
+    """Let bodies that lie there and hardly move be at rest, in the windows that this explains better.
+
+    A first velocity that friction stops at once leaves no slope, so that no step leads back from a wrong one.
+    """
+    lying = ~experiment.directions.free[..., 0].any(1)
+    slow = lying & (point.twist[0].abs().amax((1, 2)) < HARDLY)
+    if not bool(slow.any()):
+        return point
+    still = point.replace(twist=torch.where(slow[:, None, None], torch.zeros_like(point.twist), point.twist))
+    losses = experiment.losses(Variants.join((point, still)))
+    better = losses[1] < losses[0]
+    return point.replace(twist=torch.where(better[:, None, None], still.twist, point.twist))

@@ -1,0 +1,133 @@
+"""Steps that are tried: several at once, of which each window keeps what explains it best."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from physid.estimation.least_squares.experiment import Experiment, Fit
+from physid.estimation.least_squares.prior import clamp_effects
+from physid.estimation.prediction.rollout import Prediction, Predictor, Variants
+from physid.physics.layer import SolverError
+
+DAMPINGS = (0.1, 10.0)  # times the damping of a window: its first state tries both
+LARGEST = 1.0  # change of an unknown parameter in one step, in the coordinates of the fit
+
+
+@dataclass(frozen=True)
+class Step:
+    """The best of some steps.
+
+    Attributes:
+        point: Where it leads.
+        loss: Of each window, shape (K,).
+        damping: With which it was found, shape (K,).
+        predicted: What the model says there; None if some of the steps could not be simulated.
+    """
+
+    point: Variants
+    loss: Tensor
+    damping: Tensor
+    predicted: Prediction | None
+
+
+def best_step(
+    experiment: Experiment, fit: Fit, effects: Tensor, change: Tensor, damping: Tensor, shares: Sequence[float]
+) -> Step:
+    """Try parts of a step, each with all dampings of the first states and with states left alone.
+
+    The part with the smallest loss of the fitted trajectories is taken, and for each window its best first state.
+
+    Args:
+        experiment: What to explain.
+        fit: Where the step starts.
+        effects: Which parameters of effects move, shape (E,); all of them are columns of the fit.
+        change: Step of unknown parameters, engine and these effects, shape (P + 1 + E,).
+        damping: Of each window, shape (K,).
+        shares: Parts of the step that are tried; 0 last.
+
+    Returns:
+        What is best.
+    """
+    shared, moves = [], []
+    for share in shares:
+        part = share * change
+        shared += [part] * (1 + len(DAMPINGS))
+        full = _among_columns(fit, effects, part)
+        moves += [fit.linear.state_change(full, factor * damping) for factor in DAMPINGS]
+        moves.append(torch.zeros_like(moves[-1]))
+    trials = _moved(experiment, fit, effects, torch.stack(shared), torch.stack(moves))
+    each = 1 + len(DAMPINGS)
+    found, predicted = attempt(experiment, trials)
+    losses = found.unflatten(0, (len(shares), each))
+    least, which = losses.min(1)
+    counts = experiment.fitted[experiment.predictor.windows.trajectory]
+    share = int(least[:, counts].sum(1).argmin())
+    chosen = which[share]
+    rows, pick = share * each + chosen, torch.arange(len(chosen))
+    first = slice(share * each, share * each + 1)
+    better = trials[first].replace(pose=trials.pose[rows, pick][None], twist=trials.twist[rows, pick][None])
+    factor = torch.tensor([*DAMPINGS, DAMPINGS[-1]], dtype=damping.dtype)[chosen]
+    known = predicted and _picked(experiment.predictor, predicted, rows, better.effects)
+    return Step(better, least[share], (damping * factor).clamp(1e-9, 1e3), known)
+
+
+def _picked(predictor: Predictor, predicted: Prediction, rows: Tensor, effects: Tensor) -> Prediction:
+    """Put a prediction together from variants (C, ...): of each window the row (K,); they share effects (1, Q)."""
+    windows = predictor.windows
+    where = windows.spread(rows)
+    trajectory, frame = torch.arange(windows.trajectories)[:, None], torch.arange(windows.frames)
+    state, twist, impulse = (
+        value[where, trajectory, frame][None] for value in (predicted.state, predicted.twist, predicted.impulse)
+    )
+    return Prediction(predictor.observe(state, effects), state, twist, impulse)
+
+
+def _among_columns(fit: Fit, effects: Tensor, change: Tensor) -> Tensor:
+    """Put a step of unknown parameters, engine and some effects in its places among all shared columns of a fit."""
+    always = fit.point.nominal.shape[1] + 1
+    present = fit.effects.tolist()
+    full = torch.zeros(fit.linear.parts[0].shared.shape[-1], dtype=change.dtype)
+    full[:always] = change[:always]
+    full[[always + present.index(k) for k in effects.tolist()]] = change[always:]
+    return full
+
+
+def _moved(experiment: Experiment, fit: Fit, effects: Tensor, shared: Tensor, moves: Tensor) -> Variants:
+    """Return the points that steps of shared parameters (C, P + 1 + E) and of first states (C, K, D) lead to."""
+    unknown = fit.point.nominal.shape[1]
+    many = fit.point.repeat(len(shared))
+    pose, twist = experiment.directions.move(many.pose, many.twist, moves)
+    values = many.effects.clone()
+    values[:, effects] += shared[:, unknown + 1 :]
+    return Variants(
+        pose,
+        twist,
+        many.nominal + shared[:, :unknown].clamp(-LARGEST, LARGEST),
+        clamp_effects(experiment.predictor, values),
+        many.engine + shared[:, unknown : unknown + 1],
+    )
+
+
+def try_losses(experiment: Experiment, trials: Variants) -> Tensor:
+    """Return the losses of all trials; one that cannot be simulated loses everything."""
+    return attempt(experiment, trials)[0]
+
+
+def attempt(experiment: Experiment, trials: Variants) -> tuple[Tensor, Prediction | None]:
+    """Return the losses of all trials, and their predictions; one that cannot be simulated loses everything."""
+    try:
+        predicted = experiment.predictor.predict(trials)
+        return experiment.losses_of(predicted, trials).nan_to_num(nan=torch.inf), predicted
+    except SolverError:
+        pass
+    losses = []
+    for k in range(len(trials)):
+        try:
+            losses.append(experiment.losses(trials[k : k + 1])[0])
+        except SolverError:
+            losses.append(torch.full(trials.pose.shape[1:2], torch.inf, dtype=torch.float64))
+    return torch.stack(losses), None

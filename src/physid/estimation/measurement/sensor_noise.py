@@ -1,0 +1,133 @@
+"""How noisy the observed poses are, and which of them are wild."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from physid.estimation.measurement.poses import difference
+from physid.estimation.measurement.tracking_error import ReaderError
+
+NORMAL_MAD = 1.4826  # standard deviation over median absolute deviation, for a normal distribution
+SOFT, WILD = 3.0, 6.0  # [standard deviations] beyond the first a frame counts less, beyond the second not at all
+TRIM, TRIMMED = 3.0, 0.98661  # cut [standard deviations], and what it leaves of a normal standard deviation
+JUMP = (0.1, 0.015)  # [rad], [m] least deviation of a pose from its neighbours that no motion explains
+JUMP_SIGMAS = 10.0
+FLOOR = (3e-4, 1e-4)  # [rad], [m] noise that is assumed at least: below, integrators differ by more than sensors
+
+
+@dataclass(frozen=True)
+class Noise:
+    """White noise of the observed poses.
+
+    Attributes:
+        rotation: Standard deviation of each component of a rotation vector [rad].
+        position: Standard deviation of each coordinate [m].
+        error: Where poses were read from films, the error that this noise stands for; it is not white.
+    """
+
+    rotation: float
+    position: float
+    error: ReaderError | None = None
+
+    @property
+    def floor(self) -> float:
+        """Root mean square position error of a perfect model, sqrt(3) sigma where the noise is white [m]."""
+        return 3**0.5 * self.position if self.error is None else self.error.floor
+
+    def spread(self) -> Tensor:
+        """Return the standard deviations of the six coordinates of a pose, shape (6,)."""
+        if self.error is not None:
+            return self.error.spread.maximum(torch.tensor(FLOOR, dtype=torch.float64).repeat_interleave(3))
+        return torch.tensor([self.rotation] * 3 + [self.position] * 3, dtype=torch.float64)
+
+    def draw(self, count: int, like: Tensor, generator: torch.Generator) -> Tensor:
+        """Draw the noise of so many data sets, each of the shape of `like` (R, T, N, 6)."""
+        if self.error is not None:
+            return self.error.draw(count, generator)
+        return torch.randn(count, *like.shape, generator=generator, dtype=like.dtype) * self.spread()
+
+
+def wild_poses(pose: Tensor, present: Tensor) -> Tensor:
+    """Find poses that leave their neighbours further than any motion could; no model is needed.
+
+    Each pose is compared with the mean of its neighbours k frames before and after, for k = 1, 2, 3: the median of
+    the three deviations is small for smooth motions and for the neighbours of a wild pose, and large for itself.
+
+    Args:
+        pose: Shape (R, T, N, 7).
+        present: Frames that exist, shape (R, T, N).
+
+    Returns:
+        Shape (R, T, N).
+    """
+    frames = pose.shape[1]
+    index = torch.arange(frames)
+    deviations = []
+    for k in (1, 2, 3):
+        # At an end both neighbours lie on the same side, and the line through them is continued.
+        low, high = index < k, index >= frames - k
+        near = torch.where(low, index + k, index - k).clamp(0, frames - 1)
+        far = torch.where(low, index + 2 * k, torch.where(high, index - 2 * k, index + k)).clamp(0, frames - 1)
+        one, other = difference(pose[:, near], pose), difference(pose[:, far], pose)
+        deviations.append(torch.where((low | high)[:, None, None], 2 * one - other, (one + other) / 2))
+    odd = torch.stack(deviations).median(0).values.unflatten(-1, (2, 3)).norm(dim=-1)
+    scale = NORMAL_MAD * odd[present.bool()].median(0).values
+    limit = torch.maximum(JUMP_SIGMAS * scale, torch.tensor(JUMP, dtype=pose.dtype))
+    wild: Tensor = (odd > limit).any(-1) & present.bool()
+    return wild
+
+
+def estimate_noise(residual: Tensor, weight: Tensor, error: ReaderError | None = None) -> Noise:
+    """Estimate white noise from residuals: by r_t - (r_{t-1} + r_{t+1}) / 2, which an error of the model hardly enters.
+
+    Args:
+        residual: Observed minus predicted, shape (R, T, N, 6).
+        weight: Weights of the frames, 0 for those to ignore, shape (R, T, N).
+        error: That of a reader of films, whose size is then estimated.
+    """
+    if error is not None:
+        error = error.sized(residual, weight)
+        return Noise(*_largest(error.spread), error)
+    bent = residual[:, 1:-1] - (residual[:, :-2] + residual[:, 2:]) / 2
+    good = (weight[:, 1:-1] > 0) & (weight[:, :-2] > 0) & (weight[:, 2:] > 0)
+    values = bent[good].unflatten(-1, (2, 3)).abs() / 1.5**0.5
+    rotation, position = (max(_spread(values[:, k].flatten()), FLOOR[k]) for k in (0, 1))
+    return Noise(rotation, position)
+
+
+def _largest(spread: Tensor) -> tuple[float, float]:
+    """Return the largest standard deviation of a rotation and of a position, of six."""
+    return max(float(spread[:3].max()), FLOOR[0]), max(float(spread[3:].max()), FLOOR[1])
+
+
+def _spread(values: Tensor) -> float:
+    """Estimate a standard deviation from absolute values: by their median, then by those within a few of it."""
+    rough = NORMAL_MAD * values.median()
+    normal = values[values <= TRIM * rough]
+    return float(normal.square().mean().sqrt()) / TRIMMED
+
+
+def frame_weights(residual: Tensor, present: Tensor, noise: Noise) -> Tensor:
+    """Weigh frames by how far they leave the running median of the residuals (Huber 1964, cut off when wild).
+
+    An error of the model moves whole stretches and keeps its weight; a wild pose stands alone and loses it.
+
+    Args:
+        residual: Observed minus predicted, shape (R, T, N, 6).
+        present: Frames that exist and are not wild, shape (R, T, N).
+        noise: Scale of what is normal.
+
+    Returns:
+        Weights from 0 to 1, shape (R, T, N).
+    """
+    reach = min(2, (residual.shape[1] - 1) // 2)
+    padded = torch.cat(
+        [residual[:, :1].expand(-1, reach, -1, -1), residual, residual[:, -1:].expand(-1, reach, -1, -1)], 1
+    )
+    middle = padded.unfold(1, 2 * reach + 1, 1).median(-1).values
+    away = ((residual - middle) / noise.spread()).abs().amax(-1)
+    weight = (SOFT / away.clamp_min(SOFT)) * (away < WILD)
+    return weight * present

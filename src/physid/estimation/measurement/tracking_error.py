@@ -1,0 +1,119 @@
+"""The error of poses that were read from films, as far as reading them a second time shows it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import torch
+from torch import Tensor
+
+from physid.estimation.measurement.poses import difference
+
+SPANS = (1, 2, 4, 8, 16, 32)  # frames over which errors are averaged, to see how slowly they change
+SURE = 0.15  # standard deviation of the logarithm of the errors' size: drawn films differ from real ones
+UNREAD = 1e-6  # share of the variance of the worst direction below which a direction was not read at all
+KINDS = (slice(0, 3), slice(3, 6))  # rotation, position
+
+
+@dataclass(frozen=True)
+class ReaderError:
+    """What drawing and reading read poses once more does to them, along the recorded motion.
+
+    Such an error depends on where edges fall between pixels: it is alike in neighbouring frames, the more so the slower
+    a body moves, and some directions (the depth) are seen worse than others. How large it is follows from the
+    recordings themselves (see `sized`): films that are drawn are easier to read than real ones.
+
+    Attributes:
+        track: Poses read again relative to those read first, as rotation vectors and positions, shape (R, T, N, 6).
+        stretch: Change of the poses per share by which all places move away from the middle of the view; same shape.
+        deviation: How well that share is known, one standard deviation.
+        factors: By how much the errors of rotations and of positions are larger than those of `track`.
+    """
+
+    track: Tensor
+    stretch: Tensor
+    deviation: float
+    factors: tuple[float, float] = (1.0, 1.0)
+
+    @classmethod
+    def between(cls, read: Tensor, again: Tensor, middle: Tensor, deviation: float) -> ReaderError:
+        """Compare poses (R, T, N, 7) with what was read of them; `middle` (3,) is where the view is fixed [m]."""
+        away = torch.zeros_like(read[..., :6])
+        away[..., 3:] = read[..., :3] - middle
+        return cls(difference(again, read), away, deviation)
+
+    def sized(self, residual: Tensor, weight: Tensor) -> ReaderError:
+        """Return it with factors at which r_t - (r_{t-1} + r_{t+1}) / 2 is as large as in residuals (R, T, N, 6).
+
+        Args:
+            residual: Observed minus predicted.
+            weight: Weights of the frames, 0 for those to ignore, shape (R, T, N).
+        """
+        good = (weight[:, 1:-1] > 0) & (weight[:, :-2] > 0) & (weight[:, 2:] > 0)
+        found, own = (_roughness(each, good) for each in (residual, self.track))
+        first, second = (max(1.0, a / max(b, 1e-12)) for a, b in zip(found, own, strict=True))
+        return replace(self, factors=(first, second))
+
+    @cached_property
+    def spread(self) -> Tensor:
+        """Standard deviations of white noise that disturbs slow changes as much: rotation vector, position; shape (6,).
+
+        The largest over spans of n var(mean of n frames), whose square root this is; a constant of each trajectory is
+        no error, since its first state takes it up. Directions that a reader cannot err in, say off the ground, count
+        as those that it can: nothing was seen there.
+        """
+        return torch.stack([self._spread(span) for span in SPANS if span <= self.track.shape[1] // 2]).amax(0)
+
+    @cached_property
+    def floor(self) -> float:
+        """Root mean square error of a position [m], without what a first place and velocity take up."""
+        time = torch.linspace(-1, 1, self.track.shape[1], dtype=self.track.dtype)[:, None, None]
+        place = self._varying[..., KINDS[1]]
+        left = place - time * (time * place).sum(1, keepdim=True) / time.square().sum()
+        return self.factors[1] * float(left.square().sum(-1).mean().sqrt())
+
+    def draw(self, count: int, generator: torch.Generator) -> Tensor:
+        """Draw errors of data sets, shape (count, R, T, N, 6).
+
+        Each trajectory has the error of a random one, forwards or backwards and with a random sign; errors are larger
+        or smaller in all alike, for their size is not known exactly, and the scale is off in all alike.
+        """
+        rows = len(self.track)
+
+        def random_sign() -> Tensor:
+            return 2.0 * torch.randint(2, (count, rows, 1, 1, 1), generator=generator) - 1
+
+        chosen = self._scaled[torch.randint(rows, (count, rows), generator=generator)]
+        turned = torch.where(random_sign() > 0, chosen, chosen.flip(2))
+        shape, kind = (count, 1, 1, 1, 1), self.track.dtype
+        size = torch.exp(SURE * torch.randn(shape, generator=generator, dtype=kind))
+        share = self.deviation * torch.randn(shape, generator=generator, dtype=kind)
+        return random_sign() * size * turned + share * self.stretch
+
+    @property
+    def _scaled(self) -> Tensor:
+        factors = self.track.new_tensor([self.factors[0]] * 3 + [self.factors[1]] * 3)
+        return factors * self.track
+
+    @property
+    def _varying(self) -> Tensor:
+        return self.track - self.track.mean(1, keepdim=True)
+
+    def _spread(self, span: int) -> Tensor:
+        """Return the root of n var(mean of n frames) of each coordinate, at least that of the second best direction."""
+        found = []
+        for kind, factor in zip(KINDS, self.factors, strict=True):
+            means = self._varying[..., kind].unfold(1, span, span).mean(-1).flatten(0, 2)
+            power = span * means.T @ means / len(means)
+            _, second, first = torch.linalg.eigvalsh(power)
+            least = second if float(second) > UNREAD * float(first) else first
+            found.append(factor * power.diagonal().maximum(least).clamp_min(0).sqrt())
+        return torch.cat(found)
+
+
+def _roughness(value: Tensor, good: Tensor) -> tuple[float, float]:
+    """Return the median length of what leaves the middle of its neighbours, of rotations and of positions."""
+    bent = (value[:, 1:-1] - (value[:, :-2] + value[:, 2:]) / 2)[good]
+    first, second = (float(bent[:, kind].norm(dim=-1).median()) for kind in KINDS)
+    return first, second

@@ -1,0 +1,265 @@
+"""Predictions of many variants of one experiment at once: other states, parameters, effects, forces."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, fields, replace
+from functools import lru_cache
+from itertools import accumulate
+
+import torch
+from torch import Tensor
+
+from physid.estimation.prediction.effect_parameters import Term
+from physid.estimation.prediction.nominal_model import NominalModel
+from physid.estimation.prediction.segments import Batch, Windows
+from physid.estimation.prediction.step_effects import Clock, has, only_steps
+from physid.physics.contact import PATCH
+from physid.physics.effect import Effect
+from physid.physics.layer import PhysicsLayer, Rollout
+from physid.physics.state import State
+
+
+@dataclass(frozen=True)
+class Variants:
+    """C variants of an experiment with R trajectories in K windows.
+
+    Attributes:
+        pose: First poses of the windows, shape (C, K, N, 7).
+        twist: First twists, shape (C, K, N, 6).
+        nominal: Unknown parameters in the coordinates of the fit, shape (C, P).
+        effects: Parameters of the candidate effects, shape (C, Q).
+        engine: How far the numerics of the other engine are followed (0: not, 1: all the way), shape (C, 1).
+        force: Wrench on top of the acting one, shape (C, R, T, N, 6); None for none.
+    """
+
+    pose: Tensor
+    twist: Tensor
+    nominal: Tensor
+    effects: Tensor
+    engine: Tensor
+    force: Tensor | None = None
+
+    def __len__(self) -> int:
+        return self.pose.shape[0]
+
+    def __getitem__(self, chosen: slice) -> Variants:
+        return self._each(lambda value: value[chosen])
+
+    @classmethod
+    def join(cls, parts: Sequence[Variants]) -> Variants:
+        """Put variants without a force one after the other."""
+        names = [field.name for field in fields(cls) if field.name != "force"]
+        return cls(*(torch.cat([getattr(part, name) for part in parts]) for name in names))
+
+    def repeat(self, times: int) -> Variants:
+        """Repeat a single variant."""
+        return self._each(lambda value: value.expand(times, *value.shape[1:]).clone())
+
+    def _each(self, change: Callable[[Tensor], Tensor]) -> Variants:
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return Variants(**{name: None if value is None else change(value) for name, value in values.items()})  # type: ignore[arg-type]
+
+    def replace(self, **changes: Tensor) -> Variants:
+        """Return a copy with some fields changed."""
+        return replace(self, **changes)
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What the model says.
+
+    Attributes:
+        pose: Poses that the camera would report, shape (C, R, T, N, 7).
+        state: Poses before the camera, shape (C, R, T, N, 7).
+        twist: Shape (C, R, T, N, 6).
+        impulse: Of contacts along their normals from each frame to the next [N s], zero in the last of a window; shape
+            (C, R, T, K).
+    """
+
+    pose: Tensor
+    state: Tensor
+    twist: Tensor
+    impulse: Tensor
+
+
+class Predictor:
+    """Simulates an experiment (its commanded wrenches) under variants of the model.
+
+    Args:
+        model: The nominal model.
+        wrench: Commanded wrenches, shape (R, T, N, 6).
+        windows: How the trajectories are cut.
+        candidates: Effects whose parameters are the columns Q of `Variants.effects`, in this order.
+        most: World-steps that are simulated in one go, which bounds the memory.
+        elsewhere: States of frames that are in no window, shape (R, T, N, 7); None if there are none.
+    """
+
+    def __init__(
+        self,
+        model: NominalModel,
+        wrench: Tensor,
+        windows: Windows,
+        candidates: Sequence[type[Effect]] = (),
+        most: int = 400_000,
+        elsewhere: Tensor | None = None,
+    ) -> None:
+        self.model = model
+        self.wrench = wrench
+        self.windows = windows
+        self.candidates = tuple(candidates)
+        self.terms = tuple(Term(effect, name) for effect in candidates for name in effect.quantities())
+        self.null = torch.tensor([term.quantity.null for term in self.terms], dtype=torch.float64)
+        self._most, self._elsewhere = most, elsewhere
+        ends = list(accumulate(len(kind.quantities()) for kind in self.candidates))
+        starts = [0, *ends[:-1]]
+        self._columns = [(kind, slice(*ends)) for kind, *ends in zip(self.candidates, starts, ends, strict=True)]
+
+    def over(self, windows: Windows, elsewhere: Tensor) -> Predictor:
+        """Return the same with other windows, and states (R, T, N, 7) of the frames that are in none of them.
+
+        A camera that is late reports what was before a window.
+        """
+        return Predictor(self.model, self.wrench, windows, self.candidates, self._most, elsewhere)
+
+    def predict(self, variants: Variants) -> Prediction:
+        """Simulate all variants.
+
+        Raises:
+            SolverError: If a contact problem cannot be solved.
+        """
+        per = self.windows.cost
+        chunk = max(1, self._most // per)
+        parts = [self._predict(variants[start : start + chunk]) for start in range(0, len(variants), chunk)]
+        if len(parts) == 1:
+            return parts[0]
+        return Prediction(*(torch.cat([getattr(part, name) for part in parts]) for name in Prediction.__annotations__))
+
+    def observe(self, state: Tensor, effects: Tensor) -> Tensor:
+        """Return what the camera reports of poses (C, R, T, N, 7) under effects (C, Q)."""
+        step, trajectories = self.model.scene.time_step, state.shape[1]
+        seen = state.flatten(0, 1)
+        for effect in self.model.effects:
+            seen = effect.observe(seen, step)
+        poses: Tensor = seen.unflatten(0, state.shape[:2])
+        for effect, rows in self._at_work(effects, "observe", trajectories):
+            if not restarts(effect):
+                poses = poses.flatten(0, 1).index_copy(0, rows, effect.observe(poses.flatten(0, 1)[rows], step))
+                poses = poses.unflatten(0, state.shape[:2])
+        anew = any(restarts(effect) for effect, _ in self._at_work(effects, "observe", 1))
+        for size in self.windows.size.unique().tolist() if anew else ():
+            alike = (self.windows.size == size).nonzero()[:, 0]
+            for effect, rows in self._at_work(effects, "observe", len(alike)):
+                if restarts(effect):
+                    frame = self.windows.start[alike, None] + torch.arange(size)
+                    row = self.windows.trajectory[alike, None].expand_as(frame)
+                    own = poses[:, row, frame].flatten(0, 1)
+                    own = own.index_copy(0, rows, effect.observe(own[rows], step))
+                    poses[:, row, frame] = own.unflatten(0, (len(poses), -1))
+        return poses
+
+    @torch.no_grad()
+    def _predict(self, variants: Variants) -> Prediction:
+        wrench = self._acting(variants)
+        count, trajectories, frames, bodies = wrench.shape[:4]
+        contacts = PATCH * (bodies * (bodies + 1) // 2)
+        blank = wrench.new_zeros(trajectories, frames, bodies, 7) if self._elsewhere is None else self._elsewhere
+        state = blank.repeat(count, 1, 1, 1, 1)
+        twist = wrench.new_zeros(count, trajectories, frames, bodies, 6)
+        impulse = wrench.new_zeros(count, trajectories, frames, contacts)
+
+        @torch.no_grad()
+        def simulate(batch: Batch) -> None:
+            rollout = self._roll(variants, batch, batch.cut(wrench))
+            normal = rollout.impulse[..., 0]
+            held = torch.cat([normal, torch.zeros_like(normal[:, :1])], 1)
+            for value, into in ((rollout.pose, state), (rollout.twist, twist), (held, impulse)):
+                batch.put(value.unflatten(0, (-1, count)).transpose(0, 1), into)
+
+        _at_once(simulate, self.windows.batches)
+        return Prediction(self.observe(state, variants.effects), state, twist, impulse)
+
+    def _roll(self, variants: Variants, batch: Batch, wrench: Tensor) -> Rollout:
+        """Simulate the windows of a batch under wrenches (C, k, L, N, 6); the rollout's batch is (k, C).
+
+        Worlds are solved eight at a time, and take as long as the worst of them: variants of one window are in contact
+        at the same time.
+        """
+        first = self.windows.start[batch.windows].to(torch.float64) * self.model.scene.time_step
+        layer = PhysicsLayer(self.model.world, self._steps(variants.effects, first))
+        pose, twist = (
+            value[:, batch.windows].transpose(0, 1).flatten(0, 1) for value in (variants.pose, variants.twist)
+        )
+        parameters = self.model.parameters(variants.nominal.repeat(len(batch.windows), 1))
+        lengths = (self.windows.size[batch.windows] - 1).repeat_interleave(len(variants))
+        return layer.rollout(State(pose, twist), wrench.transpose(0, 1).flatten(0, 1)[:, :-1], parameters, lengths)
+
+    def _acting(self, variants: Variants) -> Tensor:
+        """Return the wrenches at work (C, R, T, N, 6)."""
+        step, (count, trajectories) = self.model.scene.time_step, (len(variants), self.wrench.shape[0])
+        wrench = self.wrench
+        for effect in self.model.effects:
+            wrench = effect.actuate(wrench, step)
+        wrench = wrench.repeat(count, 1, 1, 1)
+        for effect, rows in self._at_work(variants.effects, "actuate", trajectories):
+            wrench = wrench.index_copy(0, rows, effect.actuate(wrench[rows], step))
+        wrench = wrench.unflatten(0, (count, trajectories))
+        acting: Tensor = wrench if variants.force is None else wrench + variants.force
+        return acting
+
+    def _steps(self, effects: Tensor, first: Tensor) -> list[Effect]:
+        """Return the effects that act at the step, with a value for each window and variant (k, C).
+
+        Args:
+            effects: Parameters, shape (C, Q).
+            first: Times at which the windows start [s], shape (k,).
+        """
+        known = [only_steps(effect) for effect in self.model.effects if has(type(effect), "act")]
+        found = [
+            only_steps(_with_values(kind, part.repeat(len(first), 1))) for kind, part, _ in self._on(effects, "act")
+        ]
+        acting = known + found
+        late = bool(acting) and bool((first > 0).any())
+        return [Clock(first.repeat_interleave(len(effects))), *acting] if late else acting
+
+    def _at_work(self, effects: Tensor, hook: str, copies: int) -> list[tuple[Effect, Tensor]]:
+        """List the candidates with `hook` that are not null in some variant, and the rows (variant x copy) where."""
+        working = []
+        for kind, part, on in self._on(effects, hook):
+            rows = on.repeat_interleave(copies).nonzero()[:, 0]
+            working.append((_with_values(kind, part.repeat_interleave(copies, 0)[rows]), rows))
+        return working
+
+    def _on(self, effects: Tensor, hook: str) -> list[tuple[type[Effect], Tensor, Tensor]]:
+        """List the candidates with `hook` that are not null in some variant, their parameters (C, q), and where."""
+        on = effects != self.null
+        found = []
+        for kind, columns in self._columns:
+            if has(kind, hook) and bool(on[:, columns].any()):
+                found.append((kind, effects[:, columns], on[:, columns].any(1)))
+        return found
+
+
+def _at_once(simulate: Callable[[Batch], None], batches: Sequence[Batch]) -> None:
+    """Simulate batches, as many at once as torch uses threads: threads of one batch would wait in each step."""
+    threads, total = torch.get_num_threads(), sum(batch.frame.numel() for batch in batches)
+    parts = [part for batch in batches for part in batch.split(max(1, round(threads * batch.frame.numel() / total)))]
+    parts = sorted(parts, key=lambda part: -part.frame.numel())
+    for _ in map(simulate, parts) if min(threads, len(parts)) == 1 else _pool(threads).map(simulate, parts):
+        pass
+
+
+@lru_cache
+def _pool(threads: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(threads, initializer=torch.set_num_threads, initargs=(1,))
+
+
+def restarts(effect: Effect) -> bool:
+    """Tell whether a camera's effect counts from the first frame of a window, not of a trajectory."""
+    return bool(getattr(effect, "restarts", False))
+
+
+def _with_values(kind: type[Effect], values: Tensor) -> Effect:
+    """Return an effect with parameters (B, q)."""
+    return kind(**{name: values[:, k] for k, name in enumerate(kind.quantities())})

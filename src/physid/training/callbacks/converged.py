@@ -1,0 +1,36 @@
+"""Stop when the physical parameters have settled."""
+
+from __future__ import annotations
+
+from typing import final
+
+import lightning as L
+import torch
+from torch import Tensor
+
+from physid.training.parameters.physical_parameters import PhysicalParameters
+
+
+@final
+class Settled(L.Callback):
+    """End training once an epoch has changed no physical parameter by more than a tolerance.
+
+    Args:
+        tolerance: Largest relative change.
+    """
+
+    def __init__(self, tolerance: float = 1e-5) -> None:
+        if tolerance <= 0:
+            raise ValueError(f"tolerance must be positive, got {tolerance}")
+        self.tolerance = tolerance
+        self._before: Tensor | None = None
+
+    def on_train_epoch_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        """Remember the parameters."""
+        self._before = PhysicalParameters.of(pl_module).logarithm.detach().clone()
+
+    def on_train_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        """Compare, and stop."""
+        now = PhysicalParameters.of(pl_module).logarithm.detach()
+        if self._before is not None and bool(torch.all((now - self._before).abs() <= self.tolerance)):
+            trainer.should_stop = True

@@ -1,1 +1,0 @@
-"""First states of trajectories: given, guessed, or fitted together with the parameters."""

@@ -1,0 +1,1 @@
+"""Which parameters an experiment identifies: `physid identifiability`."""

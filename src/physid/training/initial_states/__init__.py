@@ -1,0 +1,1 @@
+"""Initial states of trajectories: given, guessed, or fitted together with the parameters."""

@@ -1,0 +1,1 @@
+"""The LightningModules: SysID, SupervisedID and SelfSupervisedID, with their phases and optimisation steps."""

@@ -1,0 +1,103 @@
+"""What every training module shares: it states its losses, the base sums, checks and logs them."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+import lightning as L
+import torch
+from torch import Tensor, nn
+from torch.optim import LBFGS, Optimizer
+
+from physid.training.parameters.gauss_newton import GaussNewton
+from physid.training.parameters.physical_parameters import PhysicalParameters
+
+LEARNED = "learned"
+OptimizerFactory = Callable[[Iterable[nn.Parameter]], Optimizer]
+
+
+class NonFiniteLossError(ValueError):
+    """A loss that is not a number; the message names the loss and the trajectories."""
+
+
+class TrainingModule(L.LightningModule, ABC):
+    """A module that is trained by summing the losses that it states.
+
+    Args:
+        optimizer: Builds the optimizer from the module's parameters.
+
+    Attributes:
+        evaluations: How often the losses of the whole training set were computed, a gradient included; shape ().
+    """
+
+    evaluations: Tensor
+
+    def __init__(self, optimizer: OptimizerFactory) -> None:
+        super().__init__()
+        self._optimizer = optimizer
+        self.register_buffer("evaluations", torch.zeros((), dtype=torch.float64))
+
+    @abstractmethod
+    def losses(self, batch: Any) -> dict[str, Tensor]:
+        """Compute the losses of a batch by name, each of shape (B,): one value for each trajectory."""
+
+    @abstractmethod
+    def indices(self, batch: Any) -> Tensor:
+        """Return which trajectory of the recording set each value of a loss belongs to, shape (B,)."""
+
+    def training_step(self, batch: Any, batch_idx: int) -> Tensor:
+        """Return the sum of the losses, averaged over the batch."""
+        losses = self.losses(batch)
+        self.require_finite(losses, batch)
+        self.count_evaluations(1)
+        means = {name: value.mean() for name, value in losses.items()}
+        total = torch.stack(list(means.values())).sum()
+        size = len(next(iter(losses.values())))
+        # With one batch an optimizer may evaluate it several times a step: the last value counts, not the mean.
+        many = self.trainer.num_training_batches > 1
+        for name, value in (means | {"loss": total}).items():
+            shown = name == "loss"
+            self.log(f"train/{name}", value.detach(), shown, on_step=not many, on_epoch=many, batch_size=size)
+        return total
+
+    def count_evaluations(self, copies: int) -> None:
+        """Count rollouts of this batch, as shares of the training set."""
+        self.evaluations += copies / max(int(self.trainer.num_training_batches), 1)
+        self.log("evaluations", self.evaluations.float())
+
+    def configure_optimizers(self) -> Optimizer:
+        """Build the optimizer.
+
+        Raises:
+            ValueError: If several processes would follow one that judges its steps by its own loss: they would part.
+        """
+        optimizer = self._optimizer(self.parameters())
+        if self.trainer.world_size > 1 and isinstance(optimizer, LBFGS | GaussNewton):
+            raise ValueError(
+                f"{type(optimizer).__name__} needs all trajectories in one process, got {self.trainer.world_size} "
+                "processes; set trainer.devices=1, or choose an optimizer such as torch.optim.Adam"
+            )
+        return optimizer
+
+    def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        """Keep the names of the learned parameters: other recordings may not call them unknown."""
+        checkpoint[LEARNED] = list(PhysicalParameters.of(self).names)
+
+    def require_finite(self, losses: Mapping[str, Tensor], batch: Any) -> None:
+        """Check losses of a batch, each of shape (B,).
+
+        Raises:
+            NonFiniteLossError: If one is not finite; the message names it and the trajectories.
+        """
+        for name, value in losses.items():
+            bad = ~torch.isfinite(value)
+            if bool(bad.any()):
+                which = sorted(set(self.indices(batch)[bad].tolist()))
+                shown = ", ".join(map(str, which[:5])) + (", ..." if len(which) > 5 else "")
+                raise NonFiniteLossError(
+                    f"the loss {name} of trajectory {shown} is not finite in epoch {self.current_epoch}; lower the "
+                    "learning rate, shorten the segments or look at that recording; checkpoints/last.ckpt holds the "
+                    "last good state"
+                )

@@ -1,0 +1,65 @@
+"""First poses as unknowns of each trajectory: neither what is read from an image nor a label is ever exact."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, final
+
+import torch
+from torch import Tensor
+
+from physid.networks.chart import PlanarChart
+from physid.training.initial_states.fitted import Explaining, Starts
+from physid.training.parameters.pose_loss import PoseLoss
+from physid.training.parameters.trajectories import Trajectories
+
+if TYPE_CHECKING:
+    from physid.training.vision.model import VideoModel
+
+MOST = 4
+"""Steps of a fit; readings are off by a millimetre, and the second step already changes little."""
+
+
+@final
+@dataclass(frozen=True)
+class Placing:
+    """Trajectories whose first poses are fitted to their motion, each to its own.
+
+    A hit makes a small error of a first pose large and lopsided, which no number of trajectories averages out. First
+    poses are therefore unknowns of each trajectory, as in SysID, and what is known of them is one pose among the
+    others: the parameters only answer for what no other first pose explains (variable projection, Golub & Pereyra
+    1973).
+
+    Attributes:
+        trajectories: With origins at the fitted first poses.
+    """
+
+    trajectories: Trajectories
+    _explaining: Explaining
+    _starts: Starts
+
+    def reduce(self, answer: Tensor, loss: PoseLoss, real: Tensor) -> Tensor:
+        """Take out of the derivatives J (P, B, T, N, 6) what other first poses would do as well; the same shape."""
+        return self._explaining.follow(self._starts, answer).slopes
+
+
+@torch.no_grad()
+def place(model: VideoModel, loss: PoseLoss, trajectories: Trajectories, real: Tensor) -> Placing:
+    """Fit the first poses of trajectories, and their velocities unless these start at rest.
+
+    Args:
+        model: Gives physics, parameters, and whether bodies lie on the ground.
+        loss: What errors of predicted poses cost.
+        trajectories: First states, wrenches, and the poses that should come out.
+        real: Which frames count, shape (B, T).
+    """
+    chart, physical = model.chart, copy.deepcopy(model.physical).to(model.physics_device)
+    explaining = Explaining(model.layer, physical, loss, trajectories, counted=real)
+    lying = isinstance(chart, PlanarChart) and not chart.hovering
+    up = trajectories.pose.new_tensor(model.up)
+    begin = Starts.near(trajectories.start, up, lying=lying, at_rest=model.start.at_rest)
+    starts, _ = explaining.fit(begin, MOST)
+    origin = torch.cat([starts.pose, starts.twist], -1)
+    return Placing(dataclasses.replace(trajectories, origin=origin), explaining, starts)

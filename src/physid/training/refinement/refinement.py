@@ -1,0 +1,157 @@
+"""The last phase of learning from video: the encoder stands still, the parameters take Gauss-Newton steps."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any, final
+
+import torch
+from torch import Tensor, nn
+
+from physid.networks.chart import PlanarChart
+from physid.training.learners.base import TrainingModule
+from physid.training.parameters.intervals import WIDEST
+from physid.training.parameters.pose_loss import PoseLoss
+from physid.training.parameters.trajectories import Trajectories
+from physid.training.refinement.horizon import Batch
+from physid.training.refinement.initial_poses import Placing, place
+from physid.training.refinement.kesten_step import Calming
+from physid.training.refinement.landing_height import Landing, land
+from physid.training.refinement.normal_equations import NormalEquations
+from physid.training.vision.model import VideoModel
+
+LARGEST_STEP = 0.5
+"""Of the logarithm of a parameter."""
+QUANTILE = 1.645
+"""Of the normal distribution: 90 % lie within so many standard deviations."""
+SMALLEST = 1e-5
+"""Standard deviation of a logarithm: even on poses without noise, engines differ by so much on pushes."""
+
+
+@final
+class Refinement(nn.Module):
+    """One Gauss-Newton step over all trajectories per epoch, each from a first state that is fitted.
+
+    Steps that turn back are shortened (see `Calming`).
+
+    Args:
+        loss: What errors of the rolled-out poses cost.
+    """
+
+    def __init__(self, loss: PoseLoss) -> None:
+        super().__init__()
+        self._loss, self._calm = loss, Calming()
+        self._equations: NormalEquations | None = None
+
+    def add(
+        self,
+        module: TrainingModule,
+        model: VideoModel,
+        pose: Tensor,
+        batch: Batch,
+        goal: Tensor,
+        real: Tensor,
+        *,
+        from_images: bool,
+    ) -> None:
+        """Add a batch of trajectories, and take the step after the last one of the epoch.
+
+        Args:
+            module: Logs the loss, and after the step the 90 % interval of each parameter as params/NAME/low and
+                params/NAME/high (see `NormalEquations.covariance`).
+            model: Its physics and parameters.
+            pose: Poses of the frames that the batch shows, known or read from images, shape (B, f, N, 7).
+            batch: A batch of the data module, or the part of it that is rolled out.
+            goal: The poses that should come out, shape (B, T, N, 7).
+            real: Which of them count, shape (B, T).
+            from_images: Whether poses were read from images: all of them share errors of the camera, and where bodies
+                may hover their depth is hardly known.
+
+        Raises:
+            NonFiniteLossError: If the loss of a trajectory is not finite.
+        """
+        # Poses that are not finite have no loss at all: the physics refuses them without naming the trajectory.
+        module.require_finite({"refined": pose.double().sum((1, 2, 3)) + goal.double().sum((1, 2, 3))}, batch)
+        if self._equations is None:
+            self._equations = NormalEquations(len(model.physical.names))
+        loss = add_to(self._equations, model, self._loss, pose, batch, goal, real, from_images=from_images)
+        module.require_finite({"refined": loss}, batch)
+        many = module.trainer.num_training_batches > 1
+        module.log("train/loss", loss.mean(), on_step=not many, on_epoch=many, prog_bar=True, batch_size=len(loss))
+        if module.trainer.is_last_batch:
+            bounds = self._finish(module, model)
+            module.log_dict({name: torch.tensor(value, dtype=torch.float64) for name, value in bounds.items()})
+
+    def _finish(self, module: TrainingModule, model: VideoModel) -> dict[str, float]:
+        """Take the step, forget the sums, and return the intervals."""
+        assert self._equations is not None
+        physical = model.physical
+        with torch.no_grad():
+            step = self._calm(self._equations.step(LARGEST_STEP), self._equations.curvature)
+            physical.logarithm.add_(step.to(physical.logarithm))
+        spread = self._equations.covariance().diagonal().sqrt().tolist()
+        self._equations = None
+        _count_a_step(module.optimizers())
+        return interval(physical.estimates(), spread)
+
+
+@torch.no_grad()
+def add_to(
+    equations: NormalEquations,
+    model: VideoModel,
+    loss: PoseLoss,
+    pose: Tensor,
+    batch: Batch,
+    goal: Tensor,
+    real: Tensor,
+    *,
+    from_images: bool,
+) -> Tensor:
+    """Add a batch of trajectories to normal equations (see `Refinement.add`); returns the loss of each (B,)."""
+    there = model.physics_device
+    state = model.first_state(pose, batch["shown"], batch["wrench"])
+    goal, real = torch.cat([state.pose[:, None], goal[:, 1:].to(state.pose)], 1), real.to(there)
+    trajectories = Trajectories(
+        pose=goal,
+        twist=state.twist[:, None].expand(-1, goal.shape[1], -1, -1),
+        wrench=batch["wrench"].to(state.pose),
+        length=batch["length"].to(there),
+        index=batch["index"].to(there),
+    )
+    own: Landing | Placing
+    if from_images and isinstance(model.chart, PlanarChart) and model.chart.hovering:
+        own = land(model, loss, trajectories, real)
+    else:
+        own = place(model, loss, trajectories, real)
+    shifted = _shifted(model, own.trajectories) if from_images else ()
+    return equations.add(model, loss, own.trajectories, real, own, shifted)
+
+
+def _shifted(model: VideoModel, trajectories: Trajectories) -> list[Trajectories]:
+    """Shift what was read from images by a standard deviation of each error that all of it shares."""
+    start, seen = trajectories.start, (model.chart, model.decoder.renderer.camera)
+    origins, goals = (model.calibration.shared_errors(*seen, pose) for pose in (start.pose, trajectories.pose))
+    return [
+        dataclasses.replace(trajectories, pose=there, origin=torch.cat([here, start.twist], -1))
+        for here, there in zip(origins, goals, strict=True)
+    ]
+
+
+def _count_a_step(optimizer: Any) -> None:
+    """Let the optimizer step without gradients: Lightning writes a checkpoint only where a step was counted."""
+    optimizer.zero_grad()
+    optimizer.step()
+
+
+def interval(estimates: dict[str, float], spread: list[float]) -> dict[str, float]:
+    """Return 90 % intervals from the standard deviations of the parameters' logarithms, at least SMALLEST.
+
+    A parameter of which nothing is known has none.
+    """
+    bounds: dict[str, float] = {}
+    for (name, value), deviation in zip(estimates.items(), spread, strict=True):
+        if deviation < WIDEST:
+            factor = math.exp(QUANTILE * max(deviation, SMALLEST))
+            bounds |= {f"params/{name}/low": value / factor, f"params/{name}/high": value * factor}
+    return bounds

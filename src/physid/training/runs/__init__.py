@@ -1,0 +1,1 @@
+"""One run in its folder: build, fit, evaluate, resume, log; baselines beside it."""

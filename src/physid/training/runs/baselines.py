@@ -1,0 +1,75 @@
+"""What to beat: other predictions of the same trajectories from the same first states."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from physid.physics.rotations import exponential, multiply, rotate
+from physid.scenes.scene import Scene
+from physid.scenes.setup import Excitation
+from physid.training.parameters.trajectories import Trajectories
+
+
+def held(trajectories: Trajectories) -> Tensor:
+    """Predict that nothing moves: the first pose at all times, (B, T, N, 7)."""
+    return trajectories.pose[:, :1].expand_as(trajectories.pose)
+
+
+def ballistic(trajectories: Trajectories, scene: Scene) -> Tensor:
+    """Predict free flight with constant spin, frozen at touch-down.
+
+    Args:
+        trajectories: Gives the first states and the frames to predict.
+        scene: Gives gravity, the ground, the time step and the sizes.
+
+    Returns:
+        Poses, shape (B, T, N, 7); a body stays where its lowest corner first reaches the ground.
+    """
+    pose, twist = trajectories.pose[:, :1], trajectories.twist[:, :1]
+    time = scene.time_step * torch.arange(trajectories.pose.shape[1]).to(pose)[:, None, None]
+    fall = 0.5 * time * (time + scene.time_step) * pose.new_tensor(scene.gravity)
+    position = pose[..., :3] + time * twist[..., 3:] + fall
+    turned = multiply(exponential(time * twist[..., :3]), pose[..., 3:].expand(-1, len(time), -1, -1))
+    flight = torch.cat([position, turned], -1)
+    down = _lowest(flight, scene) <= scene.ground.offset
+    last = torch.where(down.any(1), down.int().argmax(1), len(time) - 1)
+    frame = torch.arange(len(time), device=pose.device)[None, :, None].minimum(last[:, None])
+    return flight.gather(1, frame[..., None].expand_as(flight))
+
+
+def bullet(trajectories: Trajectories, scene: Scene, substeps: int) -> Tensor:
+    """Predict with PyBullet.
+
+    Args:
+        trajectories: Gives the first states and the wrenches.
+        scene: Gives the parameters.
+        substeps: Steps of PyBullet per frame.
+
+    Returns:
+        Poses, shape (B, T, N, 7).
+    """
+    from physid.simulators.bullet.world import simulate
+
+    motions = [
+        simulate(scene, Excitation(pose, twist, wrench), substeps=substeps).pose
+        for pose, twist, wrench in zip(
+            trajectories.pose[:, 0].cpu().numpy(),
+            trajectories.twist[:, 0].cpu().numpy(),
+            trajectories.wrench.cpu().numpy(),
+            strict=True,
+        )
+    ]
+    return torch.from_numpy(np.stack(motions)).to(trajectories.pose)
+
+
+def _lowest(pose: Tensor, scene: Scene) -> Tensor:
+    """Return the lowest height of each body's corners along the ground's normal [m], shape (B, T, N)."""
+    normal = pose.new_tensor(scene.ground.normal)
+    half = 0.5 * torch.from_numpy(scene.sizes).to(pose)
+    axes = torch.eye(3).to(pose)
+    reach = [
+        half[:, axis] * (rotate(pose[..., 3:], axes[axis].expand_as(pose[..., :3])) @ normal).abs() for axis in range(3)
+    ]
+    return pose[..., :3] @ normal - torch.stack(reach).sum(0)

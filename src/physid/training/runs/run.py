@@ -1,0 +1,253 @@
+"""One run of Lightning's Trainer in its own folder: build, fit or evaluate, resume, write the figures."""
+
+from __future__ import annotations
+
+import json
+import logging
+import math
+import signal
+import sys
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from multiprocessing import parent_process
+from pathlib import Path
+from typing import Any, Literal
+
+import lightning as L
+import torch
+import yaml
+from lightning.fabric.utilities.exceptions import MisconfigurationException
+from lightning.fabric.utilities.warnings import PossibleUserWarning
+from lightning.pytorch.callbacks import ModelCheckpoint
+from lightning.pytorch.cli import LightningCLI
+from lightning.pytorch.utilities.model_helpers import is_overridden
+from torch import Tensor
+
+from physid.training.callbacks.learning_rates import LearningRates
+from physid.training.callbacks.progress import Progress
+from physid.training.callbacks.run_state import RunState
+from physid.training.learners.base import LEARNED
+from physid.training.runs.loggers import build_loggers
+
+Stage = Literal["validate", "test", "predict"]
+CHECKPOINT = Path("checkpoints", "last.ckpt")
+CONFIG, FIGURES = "config.yaml", "metrics.json"
+MISFIT = "loading state_dict"  # how torch begins to say that weights are not those of a model
+# The keys of a configuration, and whose arguments stand below each (None: a class_path says so).
+GROUPS: dict[str, Callable[..., Any] | None] = {
+    "seed_everything": None,
+    "model": None,
+    "data": None,
+    "trainer": L.Trainer,
+    "wandb": None,
+}
+
+
+class Cli(LightningCLI):
+    """LightningCLI as a builder: it validates a resolved configuration and makes the objects that it names.
+
+    Args:
+        config: Resolved configuration.
+        fixed: Arguments of the Trainer that the run folder decides.
+        callbacks: Callbacks that every run has.
+    """
+
+    def __init__(self, config: Mapping[str, Any], fixed: Mapping[str, Any], callbacks: list[L.Callback]) -> None:
+        self._fixed = fixed
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "LightningCLI's args parameter is intended")
+            super().__init__(
+                args=dict(config),
+                run=False,
+                save_config_callback=None,
+                seed_everything_default=0,
+                trainer_defaults={"callbacks": callbacks},
+                parser_kwargs={"exit_on_error": False, "allow_abbrev": False},
+                auto_configure_optimizers=False,
+                load_from_checkpoint_support=False,
+            )
+
+    def instantiate_trainer(self, **kwargs: Any) -> L.Trainer:
+        """Build the Trainer with what the run folder decides."""
+        trainer: L.Trainer = super().instantiate_trainer(**kwargs, **self._fixed)
+        return trainer
+
+
+def fit(config: Mapping[str, Any], folder: Path, *, resume: bool = False) -> dict[str, float]:
+    """Train a model in a run folder, test it where it states how, and write metrics.json.
+
+    Args:
+        config: Resolved configuration with the keys of `GROUPS`.
+        folder: Run folder; gets metrics.csv, metrics.json, checkpoints and what the callbacks draw.
+        resume: Whether to go on from the last checkpoint, exactly; without one the run starts at the beginning.
+
+    Returns:
+        The last value of every figure that was logged, and `seconds`.
+
+    Raises:
+        KeyboardInterrupt: If the run was interrupted; the last checkpoint stays.
+        ValueError: If the configuration does not fit the classes it names.
+    """
+    checkpoint = folder / CHECKPOINT if resume and (folder / CHECKPOINT).exists() else None
+    state = RunState()
+    keep = ModelCheckpoint(
+        folder / CHECKPOINT.parent, CHECKPOINT.stem, save_on_train_epoch_end=True, enable_version_counter=False
+    )
+    config = dict(config)
+    loggers = build_loggers(folder, config.pop("wandb", "offline"), config, _epoch(checkpoint))
+    cli = _build(config, folder, [keep, state, LearningRates()], logger=loggers)
+    trainer, model, data = cli.trainer, cli.model, cli.datamodule
+    _until_interrupted(trainer, lambda: trainer.fit(model, datamodule=data, ckpt_path=checkpoint))
+    figures = _flat({**state.figures, **trainer.callback_metrics})
+    if is_overridden("test_step", model) and _has_test_split(data):
+        _until_interrupted(trainer, lambda: trainer.test(model, datamodule=data, verbose=False))
+        figures |= _flat(trainer.callback_metrics)
+    figures["seconds"] = state.seconds
+    if trainer.is_global_zero:
+        (folder / FIGURES).write_text(json.dumps(figures, indent=2, sort_keys=True) + "\n")
+    return figures
+
+
+def evaluate(
+    stage: Stage,
+    config: Mapping[str, Any],
+    folder: Path,
+    weights: Path | None = None,
+    *,
+    callbacks: Sequence[L.Callback] = (),
+    out: Path | None = None,
+) -> dict[str, float]:
+    """Validate, test or predict with a trained model.
+
+    Args:
+        stage: validate, test or predict.
+        config: Resolved configuration, as for `fit`.
+        folder: Run folder.
+        weights: Checkpoint to load; the last one of the run by default.
+        callbacks: Further callbacks, say one that writes what is predicted.
+        out: Folder into which callbacks write; the run folder by default.
+
+    Returns:
+        The figures that were logged; none for predict, whose callbacks write.
+
+    Raises:
+        KeyboardInterrupt: If the run was interrupted.
+        ValueError: If there is no checkpoint, or the configuration does not fit the classes it names.
+    """
+    weights = weights or folder / CHECKPOINT
+    if not weights.exists():
+        raise ValueError(f"{weights} does not exist: run `physid fit` first, or name another with --checkpoint")
+    cli = _build(
+        {key: value for key, value in config.items() if key != "wandb"} | {"model": _as_learned(config, weights)},
+        out or folder,
+        list(callbacks),
+        logger=False,
+        enable_checkpointing=False,
+    )
+    if stage == "validate" and not cli.datamodule.val_dataloader():
+        raise ValueError("there are no trajectories to validate on (split val or select); use `physid test`")
+    run: Callable[..., Any] = getattr(cli.trainer, stage)
+    options = {"return_predictions": False} if stage == "predict" else {"verbose": False}
+    _until_interrupted(cli.trainer, lambda: run(cli.model, datamodule=cli.datamodule, ckpt_path=weights, **options))
+    return _flat(cli.trainer.callback_metrics)
+
+
+def restore(folder: Path, recordings: Path) -> L.LightningModule:
+    """Return the model of a run, as its last checkpoint has it, for the scene of some recordings.
+
+    Raises:
+        ValueError: If the folder holds no run with a checkpoint, or the recordings show something else.
+    """
+    place, weights = folder / CONFIG, folder / CHECKPOINT
+    if not place.is_file() or not weights.is_file():
+        raise ValueError(f"{folder}: expected a run of `physid fit` with {CONFIG} and {CHECKPOINT}, found none")
+    config = yaml.safe_load(place.read_text(encoding="utf-8"))
+    data = config["data"]
+    given = {**(data.get("init_args") or {}), "folder": str(recordings)}
+    kept = {key: config[key] for key in ("seed_everything", "model", "trainer") if key in config}
+    model = _as_learned(config, weights)
+    cli = _build(kept | {"model": model, "data": {**data, "init_args": given}}, folder, [], logger=False)
+    module: Any = cli.model
+    module.attach(cli.datamodule.scene)
+    try:
+        module.load_state_dict(torch.load(weights, map_location="cpu", weights_only=True)["state_dict"])
+    except RuntimeError as error:
+        reason = str(error).splitlines()[-1].strip()
+        raise ValueError(f"{weights}: expected a model of the scene of {recordings}, found another: {reason}") from None
+    restored: L.LightningModule = module
+    return restored
+
+
+def _as_learned(config: Mapping[str, Any], weights: Path) -> Any:
+    """Return the model's configuration, with the parameters that were learned where it names none."""
+    model, learned = config["model"], torch.load(weights, map_location="cpu", weights_only=True).get(LEARNED)
+    arguments = model.get("init_args") or {}
+    known = learned is None or arguments.get("learn")
+    return model if known else {**model, "init_args": {**arguments, "learn": learned}}
+
+
+def _build(config: Mapping[str, Any], folder: Path, callbacks: list[L.Callback], **fixed: Any) -> Cli:
+    """Build trainer, model and data; the Trainer keeps quiet about what every user knows by now."""
+    logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
+    logging.getLogger("lightning.fabric").setLevel(logging.WARNING)
+    # Advice on loader workers, accelerators and logging intervals: the configurations have decided on these.
+    warnings.filterwarnings("ignore", category=PossibleUserWarning)
+    warnings.filterwarnings("ignore", "Total length of `list` across ranks is zero")
+    warnings.filterwarnings("ignore", "Be aware that when using `ckpt_path`, callbacks used to create")
+    warnings.filterwarnings("ignore", "Checkpoint directory .* exists and is not empty")
+    # Lightning's own use of torch, nothing that a user could change.
+    warnings.filterwarnings("ignore", "`isinstance\\(treespec, LeafSpec\\)` is deprecated")
+    # Several processes at work would draw over each other's bars.
+    bar = sys.stderr.isatty() and parent_process() is None
+    default = {"enable_progress_bar": bar, "enable_model_summary": False, "log_every_n_steps": 1}
+    trainer = {**default, **(config.get("trainer") or {})}
+    if trainer["enable_progress_bar"]:
+        callbacks = [*callbacks, Progress()]
+    return Cli({**config, "trainer": trainer}, {"default_root_dir": folder, **fixed}, callbacks)
+
+
+def _until_interrupted(trainer: L.Trainer, action: Callable[[], object]) -> None:
+    """Run a part of the Trainer; Ctrl-C ends it with a KeyboardInterrupt that says how to go on.
+
+    What the Trainer finds wrong in its own settings, say fewer epochs than a checkpoint has, or in a checkpoint of
+    another version, is the user's to mend.
+    """
+    handler = signal.getsignal(signal.SIGINT)
+    try:
+        action()
+    except MisconfigurationException as error:
+        raise ValueError(f"trainer: {error}") from None
+    except RuntimeError as error:
+        if MISFIT not in str(error):
+            raise
+        raise ValueError(
+            f"{trainer.ckpt_path}: expected a checkpoint of this version of physid and this model, found another: "
+            f"{str(error).splitlines()[-1].strip()} Begin in a new folder, or use the version that record.json names"
+        ) from None
+    except SystemExit:
+        if not trainer.interrupted:
+            raise
+        signal.signal(signal.SIGINT, handler)
+        raise KeyboardInterrupt(f"in epoch {trainer.current_epoch}; the same command with --resume goes on") from None
+
+
+def _has_test_split(data: Any) -> bool:
+    """Tell whether the data module has anything to test on."""
+    try:
+        data.test_dataloader()
+    except ValueError:
+        return False
+    return True
+
+
+def _epoch(checkpoint: Path | None) -> int | None:
+    """Return the epoch at whose end a checkpoint was written."""
+    if checkpoint is None:
+        return None
+    return int(torch.load(checkpoint, map_location="cpu", weights_only=True)["epoch"])
+
+
+def _flat(figures: Mapping[str, Tensor | float]) -> dict[str, float]:
+    """Return the figures as floats; what is not finite is left out, since JSON has no word for it."""
+    values = {name: float(value) for name, value in figures.items()}
+    return {name: value for name, value in values.items() if math.isfinite(value)}

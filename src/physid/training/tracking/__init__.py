@@ -1,0 +1,1 @@
+"""Poses tracked in films without training: `physid track`."""

@@ -1,0 +1,120 @@
+"""What bodies look like, and where they are in the first frames of films: where reading begins."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from physid.networks.chart import PlanarChart, PoseChart
+from physid.networks.encoder import as_image
+from physid.physics.rotations import to_matrix
+from physid.scenes.scene import Scene
+from physid.training.tracking.films import Filmed, Footage
+from physid.training.tracking.tracker import Reader
+from physid.training.vision.decoder import MODELS, Decoder
+from physid.training.vision.model import ChartName, VideoModel, chart_of
+from physid.training.vision.pose_refinement import Polish
+
+UPRIGHT, LYING = 0.02, 0.01
+"""[rad] and share of the height by which a body may be off that counts as upright, and as lying on the ground."""
+SEARCHING = Polish(steps=8, headings=24)
+UNSURE = 1e-3
+"""Deviation of the scale where no pose is known beforehand: about what drawn edges are off by."""
+
+
+def first_sight(
+    scene: Scene, footage: Footage, known: Sequence[Filmed], chart: ChartName | None, trained: Any = None
+) -> tuple[Reader, Tensor]:
+    """Begin to read films.
+
+    A trained model knows the bodies and finds them. Without one, first poses that are known tell what the bodies look
+    like. Without these, bodies on the ground are found by their outlines, and told from each other by their masks;
+    a heading that no outline tells is that of the first trajectory.
+
+    Args:
+        scene: Gives camera, ground and sizes.
+        footage: The films.
+        known: What is known of them.
+        chart: Which poses there are; None to judge by the first ones.
+        trained: A module of a fit from video, with an attribute `model`.
+
+    Returns:
+        The reader, and first poses (R, N, 7).
+
+    Raises:
+        ValueError: If the first poses cannot be found.
+    """
+    if trained is not None:
+        model: VideoModel = trained.model.eval()
+        frame, _, background = _first_frames(footage, range(len(known)))
+        return Reader.of_model(model), model.read(as_image(frame)[:, None], as_image(background))[1][:, 0].double()
+    if all(one.first is not None for one in known):
+        first = torch.from_numpy(np.stack([one.first for one in known if one.first is not None]))
+        return Reader.of_first_frames(scene, chart or chart_for(scene, first), footage, first), first
+    found = _find(scene, chart or "planar", footage, len(known))
+    reader = Reader.of_first_frames(scene, chart or "planar", footage, found)
+    reader.calibration.deviation.fill_(UNSURE)
+    reader.calibration.stretch.zero_()
+    return reader, found
+
+
+def chart_for(scene: Scene, pose: Tensor) -> ChartName:
+    """Judge by first poses (R, N, 7) which poses there are: of bodies that lie, stand upright, or are free."""
+    normal = pose.new_tensor(scene.ground.normal)
+    tilt = torch.linalg.cross(to_matrix(pose[..., 3:])[..., 2], normal.expand_as(pose[..., :3])).norm(dim=-1)
+    half = pose.new_tensor(scene.sizes[:, 2]) / 2
+    above = (pose[..., :3] @ normal - scene.ground.offset - half).abs() / half
+    if float(tilt.max()) > UPRIGHT:
+        return "spatial"
+    return "planar" if float(above.max()) < LYING else "hovering"
+
+
+def _first_frames(footage: Footage, indices: Sequence[int]) -> tuple[Tensor, Tensor, Tensor]:
+    """Return first frames (R, H, W, 3), masks (R, N, H, W) and backgrounds (R, H, W, 3)."""
+    first = [footage.first(index) for index in indices]
+    frame, mask, background = (torch.from_numpy(np.stack(each)) for each in zip(*first, strict=True))
+    return frame, mask, background
+
+
+def _find(scene: Scene, name: ChartName, footage: Footage, count: int) -> Tensor:
+    """Find first poses (R, N, 7) without any that is known: by outlines, then by what the first film shows."""
+    chart = chart_of(scene, name)
+    if not isinstance(chart, PlanarChart):
+        raise ValueError(
+            "expected the poses of the first frames, which tell what the bodies look like, found none; only bodies on "
+            "the ground are found without them: record first poses, or name the run of a trained encoder (--encoder)"
+        )
+    frame, mask, background = _first_frames(footage, range(count))
+    image, behind, rough = as_image(frame), as_image(background), _centres(chart, mask)
+    decoder = Decoder(scene)
+    pose = _fit_outlines(scene, chart, rough[:1], mask[:1])
+    decoder.cut(image[:1], mask[:1], pose)
+    for _ in range(2):  # by the look in the first film, then by that in many
+        pose = SEARCHING(chart, decoder, rough[:, None], image[:, None], behind)[:, 0]
+        decoder.cut(image[:MODELS], mask[:MODELS], pose[:MODELS])
+    return pose.double()
+
+
+def _centres(chart: PlanarChart, mask: Tensor) -> Tensor:
+    """Place unturned bodies where the middles of their masks (R, N, H, W) are, shape (R, N, 7)."""
+    height, width = mask.shape[-2:]
+    share = mask.float() / mask.sum((-2, -1), keepdim=True).clamp_min(1)
+    column = (share.sum(-2) * (torch.arange(width) + 0.5)).sum(-1)
+    row = (share.sum(-1) * (torch.arange(height) + 0.5)).sum(-1)
+    numbers = chart.neutral().repeat(*mask.shape[:2], 1)
+    numbers[..., 0], numbers[..., 1] = 2 * column / width - 1, 2 * row / height - 1
+    return chart.to_pose(numbers)
+
+
+def _fit_outlines(scene: Scene, chart: PoseChart, rough: Tensor, mask: Tensor) -> Tensor:
+    """Turn and move bodies (R, N, 7) until their outlines fill their masks (R, N, H, W): drawn in plain colours."""
+    decoder, image = Decoder(scene), torch.zeros(len(mask), 3, *mask.shape[-2:])
+    decoder.patches.zero_()
+    for body in range(mask.shape[1]):
+        decoder.patches[:, body, :, body % 3] = 1.0
+        image[:, body % 3] += mask[:, body]
+    return SEARCHING(chart, decoder, rough[:, None], image[:, None], torch.zeros_like(image))[:, 0]

@@ -1,0 +1,151 @@
+"""Poses read from films without training: bodies are followed from frame to frame by drawing them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from physid.networks.chart import PlanarChart, PoseChart
+from physid.networks.encoder import as_image
+from physid.scenes.scene import Scene
+from physid.training.tracking.films import Footage
+from physid.training.vision.calibration import Calibration
+from physid.training.vision.decoder import MODELS, Decoder
+from physid.training.vision.model import ChartName, VideoModel, chart_of
+from physid.training.vision.pose_refinement import Polish
+
+FOLLOWING = Polish(steps=2, wider=1.0)
+"""From the place where the last two frames put a body, two Gauss-Newton steps reach what the images tell."""
+SETTLING = Polish(steps=8)
+"""In first frames, whose poses may be a little off."""
+BLOCK = 32
+"""Frames of each film that are in memory at once."""
+LOST = 0.5
+"""Share of all colour that differs from the background, in a film or as drawn, in which film and drawing disagree."""
+CALIBRATED = 256
+"""First frames, at most, that the scale is measured in."""
+
+
+@final
+@dataclass(frozen=True)
+class Reader:
+    """Reads poses from films by following the bodies.
+
+    Bodies are expected to go on as in the last two frames; from there their poses are fitted to the frame, by drawing
+    them (see `Polish`).
+
+    Attributes:
+        name: Of the chart.
+        chart: Which poses there are.
+        decoder: Draws them.
+        calibration: Takes out a scale that all poses share.
+    """
+
+    name: ChartName
+    chart: PoseChart
+    decoder: Decoder
+    calibration: Calibration
+
+    @classmethod
+    def of_model(cls, model: VideoModel) -> Reader:
+        """Take the look of the bodies, and the scale, from a trained model."""
+        chart = model.chart
+        if isinstance(chart, PlanarChart):
+            return cls("hovering" if chart.hovering else "planar", chart, model.decoder, model.calibration)
+        return cls("spatial", chart, model.decoder, model.calibration)
+
+    @classmethod
+    def of_first_frames(cls, scene: Scene, chart: ChartName, footage: Footage, pose: Tensor) -> Reader:
+        """Learn the look of the bodies, and the scale, from first frames whose poses are known.
+
+        Args:
+            scene: Gives camera and sizes.
+            chart: Which poses there are.
+            footage: The films.
+            pose: First poses of its trajectories, shape (R, N, 7).
+
+        Raises:
+            ValueError: If a mask does not lie where the pose says.
+        """
+        pose = pose[:CALIBRATED]
+        first = [footage.first(index) for index in range(len(pose))]
+        frame, mask, background = (torch.from_numpy(np.stack(each)) for each in zip(*first, strict=True))
+        image = as_image(frame)
+        reader = cls(chart, chart_of(scene, chart), Decoder(scene), Calibration())
+        reader.decoder.cut(image[:MODELS], mask[:MODELS], pose[:MODELS])
+        like = pose[:, None].to(reader.decoder.patches)
+        found = SETTLING(reader.chart, reader.decoder, like, image[:, None], as_image(background))
+        reader.calibration.measure(reader.decoder.renderer.camera, found[:, 0], pose)
+        return reader
+
+    @torch.no_grad()
+    def read(
+        self,
+        footage: Footage,
+        indices: Sequence[int],
+        lengths: Sequence[int],
+        first: Tensor,
+        say: Callable[[int], object] = lambda _: None,
+    ) -> list[Tensor]:
+        """Read the poses of some trajectories, side by side.
+
+        Args:
+            footage: The films.
+            indices: Trajectories.
+            lengths: Their frames.
+            first: About where the bodies are in the first frames, shape (B, N, 7).
+            say: Told how many frames more were read.
+
+        Returns:
+            Poses (T, N, 7) of each, float64.
+
+        Raises:
+            ValueError: If a body is lost; the message names trajectory and frame.
+        """
+        background = as_image(torch.from_numpy(np.stack([footage.first(index)[2] for index in indices])))
+        numbers = [self.chart.to_numbers(first.to(background))] * 2
+        length, poses = torch.tensor(lengths), []
+        for frame in range(max(lengths)):
+            if frame % BLOCK == 0:
+                block = self._block(footage, indices, lengths, frame)
+            image = as_image(block[:, frame % BLOCK])
+            polish = FOLLOWING if frame else SETTLING
+            guess = self.chart.to_pose(2 * numbers[-1] - numbers[-2])
+            pose = polish(self.chart, self.decoder, guess[:, None], image[:, None], background)[:, 0]
+            self._require_sight(pose, image, background, frame, [*indices], frame < length)
+            numbers = [numbers[-1], self.chart.to_numbers(pose)] if frame else [self.chart.to_numbers(pose)] * 2
+            poses.append(pose)
+            say(int((frame < length).sum()))
+        read = self.calibration(self.chart, self.decoder.renderer.camera, torch.stack(poses, 1)).double()
+        read = torch.cat([read[..., :3], torch.nn.functional.normalize(read[..., 3:], dim=-1)], -1)
+        return [one[:count] for one, count in zip(read, lengths, strict=True)]
+
+    @staticmethod
+    def _block(footage: Footage, indices: Sequence[int], lengths: Sequence[int], start: int) -> Tensor:
+        """Return some frames of all films, (B, n, H, W, 3); a film that is over stands still."""
+        blocks = []
+        for index, length in zip(indices, lengths, strict=True):
+            shown = footage.frames(index, min(start, length - 1), min(start + BLOCK, length))
+            blocks.append(np.concatenate([shown, np.repeat(shown[-1:], BLOCK - len(shown), 0)]))
+        return torch.from_numpy(np.stack(blocks))
+
+    def _require_sight(
+        self, pose: Tensor, image: Tensor, background: Tensor, frame: int, indices: list[int], real: Tensor
+    ) -> None:
+        """Refuse poses (B, N, 7) whose drawings do not look like the images (B, 3, H, W)."""
+        drawn = self.decoder(pose[:, None], background)[:, 0]
+        here, there = ((one - background).abs().sum((1, 2, 3)) for one in (drawn, image))
+        share = (drawn - image).abs().sum((1, 2, 3)) / (here + there).clamp_min(1e-9)
+        lost = (share > LOST) & real
+        if bool(lost.any()):
+            row = int(lost.nonzero()[0, 0])
+            raise ValueError(
+                f"trajectory {indices[row]}: expected the bodies near where they were last, lost sight of them in "
+                f"frame {frame}: {float(share[row]):.0%} of what moves in front of the background is not drawn alike "
+                "(0 % would be perfect); cut the film there, or record at a higher rate"
+            )

@@ -1,0 +1,62 @@
+"""How well frames are understood and predicted: poses, and images."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, final
+
+import torch
+from torch import Tensor, nn
+from torchmetrics.image import PeakSignalNoiseRatio, StructuralSimilarityIndexMeasure
+
+from physid.networks.encoder import as_image
+from physid.scenes.scene import Scene
+from physid.training.learners.metrics import PoseErrors
+from physid.training.vision.model import Prediction, VideoModel, at_frames
+
+
+@final
+class VideoScores(nn.Module):
+    """Errors of encoded poses, of rolled-out poses, and of the video drawn from the rolled-out ones.
+
+    Args:
+        scene: Gives the sizes of the bodies.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        super().__init__()
+        self.poses = nn.ModuleDict({name: PoseErrors(scene) for name in ("polished", "encoded", "predicted")})
+        self.images = nn.ModuleDict(
+            {
+                "psnr": PeakSignalNoiseRatio(data_range=1.0, dim=(1, 2, 3), reduction="elementwise_mean"),
+                "ssim": StructuralSimilarityIndexMeasure(data_range=1.0),
+            }
+        )
+
+    def update(self, model: VideoModel, prediction: Prediction, batch: Mapping[str, Any]) -> None:
+        """Add a batch of trajectories; all but the poses of the recordings comes from their video."""
+        shown, there = batch["shown"], batch["pose"].device
+        recorded = at_frames(batch["pose"], shown)
+        real = shown < batch["length"][:, None]
+        predicted = at_frames(prediction.rolled.to(there), shown)
+        given = {"polished": prediction.polished, "encoded": prediction.encoded, "predicted": predicted}
+        for name, pose in given.items():
+            self.poses[name].update(pose.double(), recorded, real)  # type: ignore[operator]
+        drawn = model.decoder(predicted, as_image(batch["background"]))[real]
+        for metric in self.images.values():
+            metric.update(drawn, as_image(batch["frames"])[real])  # type: ignore[operator]
+
+    def take(self, stage: str) -> dict[str, Tensor]:
+        """Return all scores, and begin anew.
+
+        Their names are position_error and rotation_error of what is read from the frames, encoded_position_error and so
+        on of the encoder alone, predicted_position_error and so on of the rollout, psnr and ssim.
+        """
+        values: dict[str, Tensor] = {}
+        for kind, prefix in (("polished", ""), ("encoded", "encoded_"), ("predicted", "predicted_")):
+            errors = self.poses[kind].take()  # type: ignore[operator]
+            values |= {f"{stage}/{prefix}{name}": value for name, value in errors.items()}
+        for name, metric in self.images.items():
+            values[f"{stage}/{name}"] = metric.compute()  # type: ignore[operator]
+            metric.reset()  # type: ignore[operator]
+        return {name: torch.as_tensor(value).float() for name, value in values.items()}
