@@ -4,7 +4,7 @@
     python benchmarks/coverage.py --sets 10 --cases push_friction
 
 Each set has its own seed, forces, starts and noise (1 mm and 10 mrad on every pose, no velocities). First guesses are
-twice the truth, first states are fitted. "covered" is the share of the intervals that hold the truth, with Wilson's
+twice the truth, initial states are fitted. "covered" is the share of the intervals that hold the truth, with Wilson's
 95 % interval; "error / half width" is the median.
 """
 
@@ -78,9 +78,9 @@ def identify(case: Case, seed: int) -> dict[str, tuple[float, float, float, floa
     return found
 
 
-def wilson(hits: int, count: int, quantile: float = 1.96) -> tuple[float, float]:
+def wilson(impacts: int, count: int, quantile: float = 1.96) -> tuple[float, float]:
     """Return Wilson's 95 % interval of a share (1927)."""
-    share, square = hits / count, quantile**2 / count
+    share, square = impacts / count, quantile**2 / count
     middle = (share + square / 2) / (1 + square)
     half = quantile * math.sqrt(share * (1 - share) / count + square / (4 * count)) / (1 + square)
     return middle - half, middle + half
@@ -101,11 +101,11 @@ def main() -> None:
         runs = [identify(CASES[name], seed) for seed in tqdm(range(options.sets), desc=name)]
         for parameter in CASES[name].learn:
             rows = [run[parameter] for run in runs]
-            hits = sum(low <= true <= high for true, _, low, high in rows)
-            low, high = wilson(hits, len(rows))
+            impacts = sum(low <= true <= high for true, _, low, high in rows)
+            low, high = wilson(impacts, len(rows))
             width = median((high - low) / true for true, _, low, high in rows)
             ratio = median(abs(value - true) / ((high - low) / 2) for true, value, low, high in rows)
-            shown = f"{hits / len(rows):.1%} | {low:.1%} to {high:.1%} | {width:.2%} | {ratio:.2f}"
+            shown = f"{impacts / len(rows):.1%} | {low:.1%} to {high:.1%} | {width:.2%} | {ratio:.2f}"
             print(f"| {name} | {parameter} | {len(rows)} | {shown} |", flush=True)
 
 

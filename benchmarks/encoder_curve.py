@@ -29,9 +29,9 @@ from physid.training.learners.metrics import PoseErrors
 from physid.training.learners.optimisation import DEFAULT_OPTIMIZER, LARGEST_GRADIENT, build_optimizer
 from physid.training.learners.phases import Phases
 from physid.training.learners.supervised import SupervisedID
-from physid.training.vision import synthetic_images as imagination
+from physid.training.vision import synthetic_images as synthetic_images
 from physid.training.vision.model import VideoModel
-from physid.training.vision.synthetic_images import Imagination
+from physid.training.vision.synthetic_images import SyntheticImages
 
 CONFIG = Path(__file__).parents[1] / "configs" / "generate" / "push.yaml"
 LOOKED_AT = 16
@@ -69,15 +69,15 @@ def learn(films: RecordingSet, images: int, *, features: bool) -> None:
     model.look_at(films, list(range(LOOKED_AT)))
     seen = recorded(films)
     background = seen[1][:1]
-    known = Imagination(frames=512).draw_poses(model, 1)
-    shown = Imagination(frames=512).draw_images(model, known, background), background, known
+    known = SyntheticImages(frames=512).draw_poses(model, 1)
+    shown = SyntheticImages(frames=512).draw_images(model, known, background), background, known
     optimizer, phases, steps = build_optimizer(DEFAULT_OPTIMIZER, model, 0.0), Phases(0, 0), images // BATCH
     start = time.process_time()
     print("  images        imagined             recorded       CPU s")
     for step in range(1, steps + 1):
         for group in optimizer.param_groups:
             group["lr"] = phases.encoder_rate(step, steps) * group["highest"]
-        losses = Imagination(frames=BATCH).losses(model, background, 0.06)
+        losses = SyntheticImages(frames=BATCH).losses(model, background, 0.06)
         kept = [value.mean() for name, value in losses.items() if features or name != "imagined_features"]
         optimizer.zero_grad()
         torch.stack(kept).sum().backward()
@@ -104,9 +104,9 @@ def main() -> None:
         generate(
             GenerateConfig.from_mapping(compose([str(CONFIG)], ["trajectories=32"]).values), Path(place) / "push", 1
         )
-        hard = imagination.HARD if options.edges == "both" else 1.0
+        hard = synthetic_images.HARD if options.edges == "both" else 1.0
         constant = {"unknown_share": lambda *_: 1.0} if options.features == "constant" else {}
-        with mock.patch.multiple(imagination, HARD=hard, **constant):
+        with mock.patch.multiple(synthetic_images, HARD=hard, **constant):
             learn(RecordingSet(Path(place) / "push"), options.images, features=options.features != "off")
 
 

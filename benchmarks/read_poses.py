@@ -3,7 +3,7 @@
     python benchmarks/read_poses.py --sets 3
 
 Fresh sets of 48 trajectories with parameters of their own; their poses are known, or those of every tenth frame are off
-as polished ones are. The last phase of learning from video is carried out from a tenth above the truth, with so many
+as refined ones are. The last phase of learning from video is carried out from a tenth above the truth, with so many
 frames rolled out.
 """
 
@@ -35,7 +35,7 @@ from physid.training.refinement.horizon import Horizon
 CONFIG = Path(__file__).parents[1] / "configs" / "generate" / "collide.yaml"
 RANGES = {"block.mass": (1.0, 3.0), "block.friction": (0.06, 0.25)}
 OFF, TURNED = 1.2e-3, math.radians(0.6)
-"""Standard deviations of polished poses in each direction [m], [rad]."""
+"""Standard deviations of refined poses in each direction [m], [rad]."""
 EVERY = 10
 """Frames between those that are read where no pose is known."""
 READ = {False: "poses known", True: "poses read"}
@@ -53,7 +53,7 @@ def record(folder: Path, number: int) -> dict[str, float]:
 
 
 def astray(pose: Tensor) -> Tensor:
-    """Add the errors of polished poses to first poses (B, 1, N, 7)."""
+    """Add the errors of refined poses to initial poses (B, 1, N, 7)."""
     place = torch.cat([OFF * torch.randn_like(pose[..., :2]), torch.zeros_like(pose[..., :1])], -1)
     turn = torch.cat([torch.zeros_like(place[..., :2]), TURNED * torch.randn_like(place[..., :1])], -1)
     return torch.cat([pose[..., :3] + place, multiply(exponential(turn), pose[..., 3:])], -1)

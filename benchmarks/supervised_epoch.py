@@ -30,19 +30,19 @@ from physid.data.generation import GenerateConfig
 from physid.training.learners.phases import Phases
 from physid.training.learners.supervised import SupervisedID
 from physid.training.refinement.horizon import Horizon
-from physid.training.vision.pose_refinement import Polish
-from physid.training.vision.synthetic_images import Imagination
+from physid.training.vision.pose_refinement import PoseRefinement
+from physid.training.vision.synthetic_images import SyntheticImages
 
 EPOCHS = 2
 PHASES = {"warm-up": Phases(warm_up=3, refine=0), "joint": Phases(0, 0), "refine": Phases(warm_up=0, refine=3)}
 PARTS = {
     "decode frames": ("dataset.py", "_film"),
-    "imagine images": ("imagination.py", "draw_images"),
+    "imagine images": ("synthetic_images.py", "draw_images"),
     "encode": ("video/model.py", "encode"),
     "roll out": ("video/model.py", "roll_out"),
     "backward": ("module.py", "manual_backward"),
     "optimizer": ("adam.py", "step"),
-    "polish": ("polish.py", "__call__"),
+    "pose_refinement": ("refine.py", "__call__"),
     "normal equations": ("refinement.py", "add_to"),
 }
 """File and function of each part."""
@@ -72,8 +72,8 @@ def measure(folder: Path, phases: Phases, *, fast: bool | None = None) -> tuple[
     model = SupervisedID(
         learn=["block.friction"],
         phases=phases,
-        imagination=Imagination(frames=4),
-        polish=Polish(steps=8, headings=24),
+        synthetic_images=SyntheticImages(frames=4),
+        pose_refinement=PoseRefinement(steps=8, headings=24),
         horizon=Horizon(trajectories=2),
         fast=fast,
     )

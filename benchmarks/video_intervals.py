@@ -30,11 +30,11 @@ from physid.training.learners.supervised import SupervisedID
 from physid.training.parameters.physical_parameters import PhysicalParameters
 from physid.training.parameters.pose_loss import PoseLoss
 from physid.training.refinement.horizon import Horizon
-from physid.training.refinement.kesten_step import Calming
+from physid.training.refinement.kesten_step import KestenStep
 from physid.training.refinement.normal_equations import NormalEquations
 from physid.training.refinement.refinement import LARGEST_STEP, add_to, interval
 from physid.training.vision.model import at_frames, over_time
-from physid.training.vision.pose_refinement import Polish
+from physid.training.vision.pose_refinement import PoseRefinement
 
 CONFIGS = Path(__file__).parents[1] / "configs" / "generate"
 RANGES = {"block.friction": (0.06, 0.25), "block.mass": (1.0, 3.0)}
@@ -70,7 +70,7 @@ def load(run: Path) -> tuple[SupervisedID, str]:
         given["learn"],
         chart=given["chart"],
         loss=PoseLoss(**given["loss"]),
-        polish=Polish(**given["polish"]),
+        pose_refinement=PoseRefinement(**given["pose_refinement"]),
         horizon=Horizon(given["horizon"].get("frames")),
     ).attach(recordings.scene)
     module.load_state_dict(state, strict=False)
@@ -106,7 +106,7 @@ def refine(
     model = module.model
     model.physical = PhysicalParameters(scene, model.physical.names)
     bounds: dict[str, float] = {}
-    calm = Calming()
+    calm = KestenStep()
     for _ in range(STEPS):
         equations = NormalEquations(len(model.physical.names))
         add_to(equations, model, module.loss, encoded, batch, goal, real, from_images=from_images)

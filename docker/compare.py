@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-FIGURES = ("metrics.json", "results.json", "observability.json", "diagnosis.json")
+FIGURES = ("metrics.json", "results.json", "identifiability.json", "diagnosis.json")
 BYTES = ("SHA256SUMS", "parameters.csv")
 TIMES = ("seconds", "time")
 

@@ -99,7 +99,7 @@ def blocks(page: Path) -> Iterator[Block]:
 
 
 def in_list(lines: list[str], index: int) -> bool:
-    """Tell whether an indented line goes on with an item of a list."""
+    """Return whether an indented line goes on with an item of a list."""
     before = next((line for line in reversed(lines[:index]) if line.strip() and not line.startswith(" ")), "")
     return bool(re.match(r"^([*+-]|\d+\.) ", before))
 

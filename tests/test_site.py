@@ -43,7 +43,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def public(path: Path) -> bool:
-    """Tell whether a module is one: no package around it names its public parts by `__all__`."""
+    """Return whether a module is one: no package around it names its public parts by `__all__`."""
     packages = [parent / "__init__.py" for parent in path.parents if parent.is_relative_to(SOURCE)]
     around = [package for package in packages if package != path]
     return path.stem != "__main__" and not any("__all__" in package.read_text() for package in around)

@@ -186,7 +186,7 @@ def _resolve(merged: dict[str, Any]) -> dict[str, Any]:
 
 
 def _has(values: Any, path: Sequence[str]) -> bool:
-    """Tell whether nested values hold a path; `init_args` may be left out of the path."""
+    """Return whether nested values hold a path; `init_args` may be left out of the path."""
     if not path:
         return True
     if isinstance(values, list):

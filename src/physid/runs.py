@@ -16,7 +16,7 @@ LEFT_BY_A_RUN = ("metrics.csv", "metrics.json", "checkpoints")
 
 
 def first_process() -> bool:
-    """Tell whether this is the first of the processes that a run is spread over, or the only one.
+    """Return whether this is the first of the processes that a run is spread over, or the only one.
 
     Lightning, torchrun and SLURM start the same command once for each process and number them in the environment; all
     but the first leave the run folder and the terminal alone.

@@ -6,7 +6,7 @@ import pytest
 
 from physid.benchmark.bank import Bank, Size
 from physid.benchmark.plan import Plan
-from physid.benchmark.seal import seal
+from physid.benchmark.sealing.seal import seal
 
 TINY = Plan("score", 3, Size(sets=8, trajectories=6, steps=60))
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from physid.benchmark.accelerations import samples
-from physid.benchmark.baselines import FITTED, SPLITS, answers, free_residual, sparse_regression
-from physid.benchmark.invent import SPLIT
+from physid.benchmark.scoring.accelerations import samples
+from physid.benchmark.scoring.baselines import FITTED, SPLITS, answers, free_residual, sparse_regression
+from physid.benchmark.sealing.invent import SPLIT
 from physid.data.format import RecordingSet
 from physid.data.generate import generate
 from physid.data.generation import GenerateConfig, Noise

@@ -14,13 +14,13 @@ from tests.benchmark.stub import ignorant
 from physid.benchmark import plan
 from physid.benchmark.bank import QUICK, Bank, Size
 from physid.benchmark.films import NOISE, SCENES, filmed
-from physid.benchmark.hidden import ROLES, SHARES
-from physid.benchmark.invent import invent
 from physid.benchmark.labels import open_labels
 from physid.benchmark.plan import Plan, Task, tasks
-from physid.benchmark.scoring import score
-from physid.benchmark.seal import seal
-from physid.benchmark.severity import severity
+from physid.benchmark.scoring.scoring import score
+from physid.benchmark.sealing.hidden import ROLES, SHARES
+from physid.benchmark.sealing.invent import invent
+from physid.benchmark.sealing.seal import seal
+from physid.benchmark.sealing.severity import severity
 from physid.benchmark.verdicts import diagnose_bank
 from physid.data.files import write_text
 from physid.data.format import RecordingSet

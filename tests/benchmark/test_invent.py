@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from physid.benchmark import invent
 from physid.benchmark.bank import Size
 from physid.benchmark.plan import Plan, Task
+from physid.benchmark.sealing import invent
 
 
 def test_where_nothing_shows_another_configuration_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from tests.diagnosis.documents import diagnosis
 
-from physid.benchmark.baselines import bic, likelihood
-from physid.benchmark.figures import Figure, figures, reliability
-from physid.benchmark.intervals import bootstrap_calibration_error, half_power, wilson
-from physid.benchmark.judging import Judged, bin_of, judge
 from physid.benchmark.labels import Label, Part
+from physid.benchmark.scoring.baselines import bic, likelihood
+from physid.benchmark.scoring.figures import Figure, figures, reliability
+from physid.benchmark.scoring.intervals import bootstrap_calibration_error, half_power, wilson
+from physid.benchmark.scoring.judging import Judged, bin_of, judge
 
 DRAG = Part("viscous_drag", "dynamics", {"coefficient": 0.2}, 2.0)
 GAIN = Part("force_gain", "actuation", {"gain": 0.1}, 2.0)
@@ -115,8 +115,8 @@ def test_severities_have_names() -> None:
 @pytest.mark.parametrize(
     ("hits", "count", "low", "high"), [(0, 10, 0.0, 0.2775), (5, 10, 0.2366, 0.7634), (8, 10, 0.4902, 0.9433)]
 )
-def test_the_interval_of_wilson_is_the_published_one(hits: int, count: int, low: float, high: float) -> None:
-    assert wilson(hits, count) == pytest.approx((low, high), abs=1e-4)
+def test_the_interval_of_wilson_is_the_published_one(impacts: int, count: int, low: float, high: float) -> None:
+    assert wilson(impacts, count) == pytest.approx((low, high), abs=1e-4)
 
 
 def test_the_interval_of_wilson_is_symmetric_and_knows_nothing_without_trials() -> None:

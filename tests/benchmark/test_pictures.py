@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from physid.benchmark.pictures import draw_confusion, draw_power, draw_reliability, save
+from physid.benchmark.scoring.pictures import draw_confusion, draw_power, draw_reliability, save
 
 
 @pytest.mark.parametrize("draw", [draw_confusion, draw_power, draw_reliability])

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from physid.benchmark.hidden import CONFUSIONS, Hidden, candidates
-from physid.benchmark.native import NATIVE
-from physid.benchmark.outside import OUTSIDE
+from physid.benchmark.sealing.hidden import CONFUSIONS, Hidden, candidates
+from physid.benchmark.sealing.native import NATIVE
+from physid.benchmark.sealing.outside import OUTSIDE
 from physid.effects import CATALOGUE
 from physid.effects.laws import batch_equals_loop, null_is_identity
 from physid.physics.effect import Effect

@@ -14,13 +14,13 @@ import yaml
 from tests.benchmark.conftest import TINY
 
 from physid.benchmark.bank import QUICK, Bank, Size, read_bank
-from physid.benchmark.hidden import CONFUSIONS, ROLES, candidates
-from physid.benchmark.invent import in_view, invent
 from physid.benchmark.labels import open_labels
-from physid.benchmark.native import NATIVE
-from physid.benchmark.outside import OUTSIDE
 from physid.benchmark.plan import Plan, Task, tasks
-from physid.benchmark.seal import make, seal, seal_all
+from physid.benchmark.sealing.hidden import CONFUSIONS, ROLES, candidates
+from physid.benchmark.sealing.invent import in_view, invent
+from physid.benchmark.sealing.native import NATIVE
+from physid.benchmark.sealing.outside import OUTSIDE
+from physid.benchmark.sealing.seal import make, seal, seal_all
 from physid.data.format import RecordingSet
 from physid.data.generate import draw, generate
 from physid.data.generation import GenerateConfig
@@ -160,7 +160,7 @@ def test_where_an_effect_drives_bodies_out_of_view_another_is_hidden(
             raise ValueError("trajectory 1: a body left the view")
         generate(config, out, effects=effects, quiet=quiet)
 
-    monkeypatch.setattr("physid.benchmark.seal.generate", unlucky)
+    monkeypatch.setattr("physid.benchmark.sealing.seal.generate", unlucky)
     task = next(task for task in tasks(small) if task.role == "catalogue")
     name, label = make(tmp_path, small, task)
     first, second = tried

@@ -12,14 +12,14 @@ import pytest
 from tests.benchmark.stub import cheating, failing, ignorant
 
 from physid.benchmark.bank import Bank
-from physid.benchmark.calibrate import as_code, calibrate, count
-from physid.benchmark.judging import MEDIUM, Judged
 from physid.benchmark.labels import Label
-from physid.benchmark.scoring import report, score
+from physid.benchmark.scoring.calibrate import as_code, calibrate, count
+from physid.benchmark.scoring.judging import MEDIUM, Judged
+from physid.benchmark.scoring.scoring import report, score
 from physid.benchmark.verdicts import closed, diagnose_bank, diagnose_set
 from physid.cli import main
 from physid.diagnosis.conclusion.conclusion import confidence
-from physid.diagnosis.conclusion.confidence import NONE_AFTER_HITS, RIGHT
+from physid.diagnosis.conclusion.confidence import NONE_AFTER_IMPACTS, RIGHT
 
 
 @pytest.fixture
@@ -111,7 +111,7 @@ def test_counts_of_right_verdicts_are_those_by_hand_and_stand_as_in_the_diagnosi
     clear, faint = (
         Label("catalogue", "push", "rich", (), (("tether",),), severity) for severity in (MEDIUM, 0.99 * MEDIUM)
     )
-    (right, all_of), (after, all_after) = RIGHT["none"], NONE_AFTER_HITS
+    (right, all_of), (after, all_after) = RIGHT["none"], NONE_AFTER_IMPACTS
     plain, hit = (right + 1) / (all_of + 2), (after + 1) / (all_after + 2)
     said = (
         [(free, "none", plain, True)] * 3

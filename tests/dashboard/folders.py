@@ -40,7 +40,7 @@ DIAGNOSIS: dict[str, Any] = {
     },
     "next_experiment": None,
 }
-OBSERVABILITY = {
+IDENTIFIABILITY = {
     "config": {"scene": "push", "protocol": "paper"},
     "verdicts": {
         "block.mass": {"kind": "identified", "deviation": 0.02, "alone": 0.001, "combination": None, "combined": None},
@@ -120,7 +120,7 @@ def write_runs(root: Path) -> Path:
         ("score", "results.json", SCORE),
         ("diagnosis", "diagnosis.json", DIAGNOSIS),
         ("diagnosis_free", "diagnosis.json", none),
-        ("observe", "observability.json", OBSERVABILITY),
+        ("observe", "identifiability.json", IDENTIFIABILITY),
     ):
         (root / name).mkdir()
         (root / name / file).write_text(json.dumps(content))

@@ -99,9 +99,9 @@ def test_phases_degrees_of_freedom_and_sites_are_those_of_the_pipeline() -> None
     from typing import get_args
 
     from physid.diagnosis.inputs import motion_phases as phases
-    from physid.diagnosis.testing import residual_wrench as freeform
+    from physid.diagnosis.testing import residual_wrench as residual_wrench
     from physid.physics.effect import Site
 
     assert phases.PHASES == PHASES
-    assert set(freeform.DOFS) == set(DOFS)
+    assert set(residual_wrench.DOFS) == set(DOFS)
     assert set(get_args(Site)) == set(SITES)

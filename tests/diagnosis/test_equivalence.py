@@ -13,7 +13,7 @@ from physid.estimation.least_squares.jacobian import Directions, differentiate
 from physid.estimation.least_squares.normal_equations import linearise
 from physid.estimation.prediction.nominal_model import NominalModel
 from physid.estimation.prediction.rollout import Predictor, Variants
-from physid.estimation.prediction.segments import Windows
+from physid.estimation.prediction.segments import Segmentation
 from physid.scenes.catalogue import find_setup
 
 ONE = torch.ones(1, dtype=torch.float64)
@@ -51,13 +51,13 @@ def test_an_effect_that_does_not_show_is_alike_to_none() -> None:
 
 @pytest.mark.parametrize("cuts", [1, 3])
 def test_in_free_flight_a_clock_is_gravity_and_no_wind(cuts: int) -> None:
-    """g (1 + k)^2 t^2 / 2: windows start anew, so that no sample is taken across the edge of two windows."""
+    """g (1 + k)^2 t^2 / 2: segments start anew, so that no sample is taken across the edge of two segments."""
     scene = find_setup("toss").scene
     frames, kinds = 60, ["clock_rate", "gravity_error", "constant_force"]
     predictor = Predictor(
         NominalModel(scene),
         torch.zeros(1, frames, 1, 6, dtype=torch.float64),
-        Windows.equal(1, frames, frames // cuts),
+        Segmentation.equal(1, frames, frames // cuts),
         [find(name) for name in kinds],
     )
     pose = torch.tensor([0, 0, 5.0, 0, 0, 0, 1], dtype=torch.float64).expand(1, cuts, 1, 7)
@@ -69,7 +69,7 @@ def test_in_free_flight_a_clock_is_gravity_and_no_wind(cuts: int) -> None:
     directions = Directions.of(torch.tensor([0, 0, 1.0], dtype=torch.float64), resting)
     jacobian = differentiate(predictor, point, directions, torch.arange(len(predictor.terms)))
     scale = torch.full((1, frames, 1, 6), 1e4, dtype=torch.float64)
-    linear = linearise(torch.zeros_like(scale), scale, jacobian, directions, predictor.windows)
+    linear = linearise(torch.zeros_like(scale), scale, jacobian, directions, predictor.segments)
     nothing = torch.zeros(0, dtype=torch.int64)
     normal = condition(linear.normal(), nothing, torch.zeros(0, dtype=torch.float64))
     clock, gravity, wind = group(0), group(1), group(2, 3)

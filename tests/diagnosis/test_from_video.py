@@ -15,17 +15,17 @@ from physid.data.generate import generate
 from physid.data.generation import GenerateConfig
 from physid.data.reading import ECHO, FILE, read_reading
 from physid.data.trajectory import write_trajectory
-from physid.diagnosis.inputs.observations import observe
+from physid.diagnosis.inputs.observations import load_observations
 from physid.diagnosis.report.document import read_diagnosis
 from physid.estimation.measurement.sensor_noise import Noise, estimate_noise
-from physid.estimation.measurement.tracking_error import SURE, ReaderError
+from physid.estimation.measurement.tracking_error import SURE, TrackingError
 
 DRAG = 0.8
 WIDER = 2.0  # a 90 % interval misses now and then
 
 
-def error_of(track: torch.Tensor, deviation: float = 0.0) -> ReaderError:
-    return ReaderError(track, torch.ones_like(track), deviation)
+def error_of(track: torch.Tensor, deviation: float = 0.0) -> TrackingError:
+    return TrackingError(track, torch.ones_like(track), deviation)
 
 
 def correlated(rows: int, frames: int, share: float, seed: int = 0) -> torch.Tensor:
@@ -128,7 +128,7 @@ def test_films_alone_are_read_by_themselves_and_once_only(folder: Path, capsys: 
     assert "Diagnosis of films" in (out / "report.html").read_text()
     assert "data:image/webp" in (out / "report.html").read_text(), "the films are found for the overlay"
     written = (out / "read" / FILE).stat().st_mtime_ns
-    assert observe(RecordingSet(out / "read")).error is not None
+    assert load_observations(RecordingSet(out / "read")).error is not None
     assert main(["diagnose", str(films), f"--out={out}", "--quiet"]) == 0
     assert (out / "read" / FILE).stat().st_mtime_ns == written
     _assert_no_pair(out / "read", folder / "small")
@@ -137,9 +137,9 @@ def test_films_alone_are_read_by_themselves_and_once_only(folder: Path, capsys: 
 def _assert_no_pair(read: Path, known: Path) -> None:
     """A set that was read and one that was not are no pair."""
     assert read_reading(read) is not None
-    with pytest.raises(ValueError, match="physid watch on both sets"):
-        observe(RecordingSet(read), RecordingSet(known))
-    both = observe(RecordingSet(read), RecordingSet(read))
+    with pytest.raises(ValueError, match="physid track on both sets"):
+        load_observations(RecordingSet(read), RecordingSet(known))
+    both = load_observations(RecordingSet(read), RecordingSet(read))
     assert both.error is not None
     assert both.error.track.shape[0] == 8
     assert (read / ECHO).is_dir()

@@ -9,9 +9,9 @@ import torch
 
 from diagnosis.sets import recorded
 from physid.data.format import RecordingSet
-from physid.diagnosis.inputs.model_source import believe
-from physid.diagnosis.inputs.observations import observe
-from physid.diagnosis.reference.nominal_fit import prepare
+from physid.diagnosis.inputs.model_source import read_nominal_model
+from physid.diagnosis.inputs.observations import load_observations
+from physid.diagnosis.reference.nominal_fit import fit_nominal_model
 from physid.diagnosis.testing.hypothesis import begin_hypothesis, left_out
 from physid.effects import find
 from physid.estimation.least_squares.normal_equations import Normal
@@ -47,10 +47,12 @@ def test_a_trajectory_that_alone_tells_a_parameter_makes_it_wide() -> None:
 def test_a_camera_that_is_turned_far_is_followed(tmp_path: Path) -> None:
     turned = {"camera_yaw": {"angle": 0.4}}
     changes = {"protocol": "paper", "trajectories": 6, "split": {"fit": 1}, "unknown": ("block.mass", "block.friction")}
-    observations = observe(RecordingSet(recorded(tmp_path / "set", turned, **changes)))
+    observations = load_observations(RecordingSet(recorded(tmp_path / "set", turned, **changes)))
     generator = torch.Generator().manual_seed(0)
-    prepared = prepare(observations, believe(observations.scene, None), [find("camera_yaw")], generator)
-    start = prepared.experiment.linearise(prepared.fit.point, torch.tensor([0]))
-    found = begin_hypothesis(prepared.experiment, start, ("camera_yaw",))
+    nominal_fit = fit_nominal_model(
+        observations, read_nominal_model(observations.scene, None), [find("camera_yaw")], generator
+    )
+    start = nominal_fit.experiment.linearise(nominal_fit.fit.point, torch.tensor([0]))
+    found = begin_hypothesis(nominal_fit.experiment, start, ("camera_yaw",))
     assert found.values["camera_yaw.angle"] == pytest.approx(0.4, abs=0.02)
-    assert float(found.fit.loss.sum()) < 1.2 * float(prepared.experiment.counted().sum())
+    assert float(found.fit.loss.sum()) < 1.2 * float(nominal_fit.experiment.counted().sum())

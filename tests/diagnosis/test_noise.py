@@ -1,4 +1,4 @@
-"""Noise, wild poses and jolts are told from motion, whatever moves."""
+"""Noise, outliers and jolts are told from motion, whatever moves."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from physid.diagnosis.inputs.events import find_jolts
-from physid.estimation.measurement.sensor_noise import FLOOR, Noise, estimate_noise, frame_weights, wild_poses
+from physid.estimation.measurement.sensor_noise import FLOOR, Noise, estimate_noise, frame_weights, outlier_poses
 
 FRAMES, STEP = 120, 1 / 240
 NOISE = Noise(rotation=0.002, position=0.001)
@@ -31,7 +31,7 @@ def noise(*shape: int) -> Tensor:
 @pytest.mark.parametrize("speed", [0.0, 2.0, 20.0])
 def test_no_pose_of_a_smooth_motion_is_wild_not_even_at_its_ends(speed: float) -> None:
     pose = moving(speed)
-    assert not wild_poses(pose, torch.ones(pose.shape[:-1])).any()
+    assert not outlier_poses(pose, torch.ones(pose.shape[:-1])).any()
 
 
 def test_exactly_the_poses_that_were_moved_are_wild() -> None:
@@ -40,7 +40,7 @@ def test_exactly_the_poses_that_were_moved_are_wild() -> None:
     moved = torch.zeros(8, FRAMES, 1, dtype=torch.bool)
     moved[0, 0], moved[2, 50], moved[5, FRAMES - 1] = True, True, True
     pose[..., 1] += 0.2 * moved
-    assert torch.equal(wild_poses(pose, torch.ones(pose.shape[:-1])), moved)
+    assert torch.equal(outlier_poses(pose, torch.ones(pose.shape[:-1])), moved)
 
 
 def test_the_noise_is_estimated_whatever_smooth_error_the_model_makes() -> None:

@@ -14,7 +14,7 @@ from diagnosis.documents import NAMED
 from physid.data.format import RecordingSet
 from physid.data.generate import generate
 from physid.data.generation import GenerateConfig
-from physid.diagnosis.inputs.observations import Observations, observe
+from physid.diagnosis.inputs.observations import Observations, load_observations
 from physid.diagnosis.report.contents import Overlay, ReportData
 from physid.diagnosis.report.outlines import SIDE, draw_panel, view_of
 from physid.diagnosis.report.overlay import FILM, LARGER, VISIBLE, overlay
@@ -42,7 +42,7 @@ def model_off_by(observations: Observations, shift: torch.Tensor) -> Any:
 
 def drawn(films: Path, out: Path, before: torch.Tensor, after: torch.Tensor | None) -> Overlay | None:
     recordings = RecordingSet(films)
-    observations = observe(recordings)
+    observations = load_observations(recordings)
     chosen = None if after is None else model_off_by(observations, after)
     sources = [(recordings, index) for index in range(len(recordings))]
     found: Any = SimpleNamespace(shown=chosen)
@@ -52,7 +52,7 @@ def drawn(films: Path, out: Path, before: torch.Tensor, after: torch.Tensor | No
 def test_the_held_out_trajectory_that_is_missed_most_is_drawn_and_small_differences_are_enlarged(
     films: Path, tmp_path: Path
 ) -> None:
-    roles = observe(RecordingSet(films)).roles
+    roles = load_observations(RecordingSet(films)).roles
     held_out = [row for row, role in enumerate(roles) if role == "same"]
     before = torch.tensor([0.05, 0.05, 0.05, 0.05], dtype=torch.float64)
     before[held_out] = 0.004

@@ -1,4 +1,4 @@
-"""Predictions do not depend on how many windows are simulated at once."""
+"""Predictions do not depend on how many segments are simulated at once."""
 
 from __future__ import annotations
 
@@ -8,26 +8,26 @@ import torch
 
 from diagnosis.sets import recorded
 from physid.data.format import RecordingSet
-from physid.diagnosis.inputs.model_source import believe
-from physid.diagnosis.inputs.observations import observe
+from physid.diagnosis.inputs.model_source import read_nominal_model
+from physid.diagnosis.inputs.observations import load_observations
 from physid.effects import find
 from physid.estimation.prediction.rollout import Predictor, Variants
-from physid.estimation.prediction.segments import HITS, Windows
+from physid.estimation.prediction.segments import IMPACTS, Segmentation
 
 
 def test_threads_do_not_change_a_prediction(tmp_path: Path) -> None:
-    observations = observe(RecordingSet(recorded(tmp_path / "set", trajectories=6, split={"fit": 1})))
+    observations = load_observations(RecordingSet(recorded(tmp_path / "set", trajectories=6, split={"fit": 1})))
     events = torch.zeros(observations.pose.shape[:2], dtype=torch.bool)
     events[:, 40], events[0, 70] = True, True
-    windows, model = Windows.around(events, HITS), believe(observations.scene, None)
-    predictor = Predictor(model, observations.wrench, windows, [find("viscous_drag")])
-    pose = observations.pose[windows.trajectory, windows.start][None]
+    segments, model = Segmentation.around(events, IMPACTS), read_nominal_model(observations.scene, None)
+    predictor = Predictor(model, observations.wrench, segments, [find("viscous_drag")])
+    pose = observations.pose[segments.trajectory, segments.start][None]
     null = Variants(
         pose, torch.zeros_like(pose[..., :6]), model.guess[None], predictor.null[None], torch.zeros(1, 1).double()
     )
     many = null.repeat(5)
     many.effects[1:, 0] = torch.linspace(0.1, 0.4, 4, dtype=torch.float64)
-    assert len(windows.batches) > 2
+    assert len(segments.batches) > 2
     threads, predicted = torch.get_num_threads(), []
     try:
         for count in (1, 2, 3):

@@ -8,16 +8,16 @@ from typing import Any, cast
 import pytest
 import torch
 
-from physid.diagnosis.conclusion.conclusion import hollow, reconsider
+from physid.diagnosis.conclusion.conclusion import indistinguishable_from_zero, reconsider
 from physid.diagnosis.conclusion.gap import Closing, Interval
 from physid.diagnosis.conclusion.verdict import judge
 from physid.diagnosis.selection.attribution import Attribution
-from physid.diagnosis.selection.evidence import both_needed, complete, distinguishable, foretold
+from physid.diagnosis.selection.evidence import both_needed, complete, distinguishable, improves_held_out
 from physid.diagnosis.testing.hypothesis import Hypothesis
-from physid.diagnosis.testing.lack_of_fit import Row, Stage
+from physid.diagnosis.testing.lack_of_fit import LackOfFit, Row
 from physid.diagnosis.testing.null_tails import Tail
 from physid.effects import CATALOGUE
-from physid.estimation.prediction.effect_parameters import Term
+from physid.estimation.prediction.effect_parameters import EffectParameter
 
 FLOOR = 1e-3
 
@@ -125,10 +125,10 @@ def test_a_hair_is_left_by_laws_that_differ_a_little_and_is_no_part() -> None:
     assert judge(found(0.03, 0.001), None) == "partial"
 
 
-def stage(*rows: Row) -> Stage:
-    """Return a stage whose effect-free data deviate by 3 at most."""
+def lack(*rows: Row) -> LackOfFit:
+    """Return a stage whose null simulations deviate by 3 at most."""
     null = torch.linspace(0, 3, 300)
-    return Stage(cast(Any, None), [], list(rows), null, null, null, null, cast(Any, None), [], null > 0, null)
+    return LackOfFit(cast(Any, None), [], list(rows), null, null, null, null, cast(Any, None), [], null > 0, null)
 
 
 def row(name: str, gain: float, scale: float) -> Row:
@@ -139,9 +139,9 @@ def row(name: str, gain: float, scale: float) -> Row:
 
 def test_an_effect_that_hits_let_gain_by_chance_hides_no_other() -> None:
     by_chance, true = row("ground_restitution", 250.0, 60.0), row("length_scale", 60.0, 2.0)
-    assert stage(by_chance).p_best > 0.05
-    assert stage(by_chance, true).p_best < 0.01
-    assert [one.names for one in stage(by_chance, true).significant] == [("length_scale",)]
+    assert lack(by_chance).p_best > 0.05
+    assert lack(by_chance, true).p_best < 0.01
+    assert [one.names for one in lack(by_chance, true).significant] == [("length_scale",)]
 
 
 @pytest.mark.parametrize(
@@ -150,7 +150,7 @@ def test_an_effect_that_hits_let_gain_by_chance_hides_no_other() -> None:
 def test_wind_that_may_be_zero_and_closes_no_gap_is_not_there(size: float, gap: bool, absent: bool) -> None:
     """Its size is known to 0.2 N (90 %); the mass beside it does not matter."""
     wind = next(kind for kind in CATALOGUE if kind.name == "constant_force")
-    terms = [Term(wind, "x"), Term(wind, "y")]
+    terms = [EffectParameter(wind, "x"), EffectParameter(wind, "y")]
     point = SimpleNamespace(nominal=torch.zeros(1, 1), effects=torch.tensor([[size, 0.05]], dtype=torch.float64))
     null = torch.zeros(2, dtype=torch.float64)
     predictor = SimpleNamespace(terms=terms, candidates=[wind], null=null)
@@ -164,14 +164,14 @@ def test_wind_that_may_be_zero_and_closes_no_gap_is_not_there(size: float, gap: 
     )
     covariance = torch.eye(4, dtype=torch.float64) * (0.2 / 1.646) ** 2
     closings = [Closing(FLOOR, FLOOR, None, FLOOR), transfer(1.5, 0.7) if gap else None]
-    assert hollow(chosen, covariance, closings) is absent
+    assert indistinguishable_from_zero(chosen, covariance, closings) is absent
 
 
 @pytest.mark.parametrize(
     ("p_value", "others", "verdict"),
     [
         (1.0, 1.0, "none"),
-        (1.0, 29.0, "named"),  # it shows in a few hits, and those of other trajectories are foretold
+        (1.0, 29.0, "named"),  # it shows in a few impacts, and those of other trajectories are foretold
         (0.001, 29.0, "unknown"),  # what it leaves is there, whatever it is
     ],
 )
@@ -180,4 +180,4 @@ def test_what_may_be_nothing_is_blamed_where_it_foretells_others_and_leaves_noth
 ) -> None:
     nominal, best = hypothesis(600, 100 + others), hypothesis(100, 100)
     nominal.experiment.fitted = torch.tensor([True, False])
-    assert reconsider(judge(found(0.1, p_value), None), foretold(nominal, best)) == verdict
+    assert reconsider(judge(found(0.1, p_value), None), improves_held_out(nominal, best)) == verdict

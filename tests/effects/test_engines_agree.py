@@ -139,7 +139,7 @@ def tensor(values: object) -> torch.Tensor:
 def in_layer(
     scene: Scene, drawn: Excitation, effects: list[Effect], pose: Array, substeps: int, rule: ContactRule
 ) -> Array:
-    """Return the poses (T, N, 7) that the PhysicsLayer predicts from the first poses `pose`."""
+    """Return the poses (T, N, 7) that the PhysicsLayer predicts from the initial poses `pose`."""
     bodies = scene.bodies
     parameters = Parameters.of_boxes(
         size=tensor([body.size for body in bodies]),
@@ -167,7 +167,7 @@ def nominal(excite: Callable[[], Case], substeps: int, rule: ContactRule) -> tup
 
 
 def both(excite: Callable[[], Case], effects: list[Effect], substeps: int, rule: ContactRule) -> tuple[Array, Array]:
-    """Return the poses (T, N, 7) in PyBullet and in the PhysicsLayer, which starts from the same first poses."""
+    """Return the poses (T, N, 7) in PyBullet and in the PhysicsLayer, which starts from the same initial poses."""
     scene, drawn = excite()
     bullet = simulate(scene, drawn, effects, substeps).pose
     return bullet, in_layer(scene, drawn, effects, bullet[0], substeps, rule)

@@ -25,7 +25,7 @@ def test_tosses_are_compared_with_published_figures_and_baselines(
     assert found["cube.friction"].value == pytest.approx(0.18, abs=0.02)
     assert found["position error, held out"].paper == 13.5
     assert found["rotation error, held out"].paper == 16.5
-    ours, held = (found[f"position error, held out{words}"].value for words in ("", ", first pose held"))
+    ours, held = (found[f"position error, held out{words}"].value for words in ("", ", initial pose held"))
     assert ours is not None
     assert held is not None
     assert ours < held
@@ -36,10 +36,10 @@ def test_without_tosses_the_cell_is_left_out_and_says_where_to_get_them(
 ) -> None:
     monkeypatch.setenv(VARIABLE, str(tmp_path / "absent"))
     words = ["reproduce", f"--configs={CONFIGS}", f"--out={tmp_path / 'out'}", "--workers=1"]
-    assert main([*words, "--cell=real/cube_tosses,observe/slide"]) == 0
+    assert main([*words, "--cell=real/cube_tosses,identifiability/slide"]) == 0
     printed = capsys.readouterr().out
     assert "real/cube_tosses is left out: no tosses in" in printed
     assert VARIABLE in printed
-    assert {result.cell for result in read_results(tmp_path / "out" / "results.json")} == {"observe/slide"}
+    assert {result.cell for result in read_results(tmp_path / "out" / "results.json")} == {"identifiability/slide"}
     assert main([*words, "--cell=real/cube_tosses"]) == 2
     assert "nothing is left to run" in capsys.readouterr().err

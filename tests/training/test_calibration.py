@@ -1,4 +1,4 @@
-"""An error of scale that all polished poses share is measured, taken out, and stands in the interval."""
+"""An error of scale that all refined poses share is measured, taken out, and stands in the interval."""
 
 from __future__ import annotations
 

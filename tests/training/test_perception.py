@@ -86,5 +86,5 @@ def test_models_that_draw_what_they_see_refuse_perception_effects() -> None:
     from physid.scenes.push import SCENE
 
     module = SelfSupervisedID(learn=["block.friction"], engine=Engine(effects={"camera_offset": {"z": 0.1}}))
-    with pytest.raises(ValueError, match="physid watch"):
+    with pytest.raises(ValueError, match="physid track"):
         module.attach(SCENE)

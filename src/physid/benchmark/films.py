@@ -10,14 +10,14 @@ from physid.data.generation import GenerateConfig, Noise
 from physid.data.trajectory import write_trajectory
 
 EVERY, FIRST = 15, 7  # of each role every fifteenth set, from the eighth on
-SCENES = ("push",)  # where bodies lie on the ground: there no first pose is needed to find them
+SCENES = ("push",)  # where bodies lie on the ground: there no initial pose is needed to find them
 FEWEST, SHORTEST = 6, 60  # half as many films as trajectories elsewhere, half as long, but not less than this
 NOISE = Noise(position=1e-3, rotation=8e-3)  # what read poses are off by, without a constant of each trajectory
 READ = "read"  # folder of the poses, in that of the verdict
 
 
 def is_film(turn: int) -> bool:
-    """Tell whether the `turn`-th set of a role is one of films."""
+    """Return whether the `turn`-th set of a role is one of films."""
     return turn % EVERY == FIRST
 
 
@@ -42,9 +42,9 @@ def with_poses(recordings: Path, verdict: Path) -> Path:
     """Return a set that has poses: the recordings, or what is read from their films into the folder of the verdict."""
     if RecordingSet(recordings).has_poses(0):
         return recordings
-    from physid.training.tracking.track import watch
+    from physid.training.tracking.track import track
 
-    watch(recordings, verdict / READ)
+    track(recordings, verdict / READ)
     return verdict / READ
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from physid.benchmark.bank import SEALED, Bank, seal_of
-from physid.benchmark.hidden import Role
+from physid.benchmark.sealing.hidden import Role
 from physid.data.files import write_text
 
 FILE = "labels.json"

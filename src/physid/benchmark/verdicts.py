@@ -53,7 +53,7 @@ def diagnose_bank(
 
 
 def is_open(bank: Bank, name: str, *, again: bool = False) -> bool:
-    """Tell whether a set still waits for its verdict."""
+    """Return whether a set still waits for its verdict."""
     folder = bank.verdict(name)
     failed = (folder / FAILURE).is_file() and not again
     return not (failed or ((folder / FILE).is_file() and (folder / TIME).is_file()))

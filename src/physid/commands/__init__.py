@@ -6,19 +6,19 @@ from physid.commands.completion import completion
 from physid.commands.diagnoses import diagnose
 from physid.commands.fits import fit, predict, test, validate
 from physid.commands.overviews import dashboard, reproduce
-from physid.commands.recordings import effects, generate, import_, observe, watch
+from physid.commands.recordings import effects, generate, identifiability, import_, track
 
 __all__ = ["COMMANDS", "Command"]
 
 COMMANDS: tuple[Command, ...] = (
     Command(generate),
     Command(import_),
-    Command(watch),
+    Command(track),
     Command(fit),
     Command(validate),
     Command(test),
     Command(predict),
-    Command(observe),
+    Command(identifiability),
     Command(diagnose),
     Command(benchmark),
     Command(effects),

@@ -74,7 +74,7 @@ def benchmark(
 
 
 def _seal(place: Path, plan: Plan, workers: int, quiet: bool) -> None:
-    from physid.benchmark.seal import seal
+    from physid.benchmark.sealing.seal import seal
 
     bank = seal(place, plan, workers, quiet=quiet)
     print(f"{place}: {len(bank.sets)} sets; SHA-256 of the sealed labels {bank.seal}")
@@ -90,8 +90,8 @@ def _diagnose(place: Path, workers: int, again: bool, quiet: bool) -> None:
 
 def _judge(step: str, place: Path, target: Path) -> None:
     from physid.benchmark.bank import read_bank
-    from physid.benchmark.calibrate import as_code, calibrate
-    from physid.benchmark.scoring import report, score
+    from physid.benchmark.scoring.calibrate import as_code, calibrate
+    from physid.benchmark.scoring.scoring import report, score
 
     if step in ("all", "score"):
         print(f"{report(score(read_bank(place), target))}\n\n{target / 'results.html'}")

@@ -42,7 +42,7 @@ def diagnose(
 ) -> None:
     """Tell where a model leaves recordings, which effect causes it, and how far the gap closes.
 
-    Fits the nominal model, looks for a gap beyond what effect-free data show, and tries all effects of the catalogue.
+    Fits the nominal model, looks for a gap beyond what null simulations show, and tries all effects of the catalogue.
     The verdict is none, named, group (these recordings cannot tell which), partial or unknown. It lands in OUT as
     report.html for a person and as diagnosis.json for a machine; docs/diagnosis.md says how to read it.
 
@@ -55,7 +55,7 @@ def diagnose(
     Args:
         recordings: Folder of the recording set.
         out: Folder of the results; runs/diagnosis/NAME by default.
-        from_video: Read the poses from the films first, into OUT/read (see `physid watch`); recorded poses beyond the
+        from_video: Read the poses from the films first, into OUT/read (see `physid track`); recorded poses beyond the
             first are ignored. Recordings without poses are always read.
         encoder: Run of a fit from video whose encoder finds the bodies in the first frames; for --from-video.
         model: The nominal model: a configuration, run or checkpoint of `physid fit`; recording.yaml by default.
@@ -63,7 +63,7 @@ def diagnose(
         effects: Effects of your own as FILE.py:CLASS, several separated by commas.
         limit: At most so many trajectories of each set, the first ones.
         save_model: Where to write the model with what was found, as a configuration of `physid fit`.
-        seed: Seed of the effect-free data.
+        seed: Seed of the null simulations.
         wandb: Log figures, ranking, report and film as a run of wandb, into OUT/wandb or to the server.
         quiet: Hide the progress bar.
     """
@@ -111,7 +111,7 @@ def _log(folder: Path, wandb: str, config: Mapping[str, Any], found: Mapping[str
 
 
 def _has_films_alone(recordings: Path) -> bool:
-    """Tell whether a set has no poses, only films."""
+    """Return whether a set has no poses, only films."""
     from physid.data.format import RecordingSet
 
     known = RecordingSet(recordings)
@@ -121,12 +121,12 @@ def _has_films_alone(recordings: Path) -> bool:
 def _read(films: Path, into: Path, *, encoder: Path | None, limit: int | None, quiet: bool) -> Path:
     """Read poses from films, once, and return the set that has them."""
     from physid.commands.terminal import frame_bar, resumable
-    from physid.training.tracking.track import watch
+    from physid.training.tracking.track import track
 
     if not quiet:
         print(f"Poses are read from the films of {films} into {into}", flush=True)
     with resumable(), frame_bar(quiet) as say:
-        watch(films, into, encoder=encoder, limit=limit, say=say)
+        track(films, into, encoder=encoder, limit=limit, say=say)
     return into
 
 

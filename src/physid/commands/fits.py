@@ -80,10 +80,10 @@ def predict(
 ) -> None:
     """Predict recordings with a fitted model, or what would come of other forces.
 
-    Each trajectory is predicted from its first state, under the recorded forces or under planned ones. The result is a
-    recording set (docs/recordings.md): predicted poses, velocities and forces under the numbers of the trajectories,
-    the scene with the identified parameters; and parameters.json. Planned forces are a CSV file, one row for each
-    time step, with columns such as block.force_x [N] or block.torque_z [N m]; or a .npy array (n, bodies, 6).
+    Each trajectory is predicted from its initial state, under the recorded forces or under planned ones. The result is
+    a recording set (docs/recordings.md): predicted poses, velocities and forces under the numbers of the trajectories,
+    the scene with the identified parameters; and parameters.json. Planned forces are a CSV file, one row for each time
+    step, with columns such as block.force_x [N] or block.torque_z [N m]; or a .npy array (n, bodies, 6).
 
     Examples:
       physid predict --run-dir runs/push_friction

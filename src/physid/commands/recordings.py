@@ -68,7 +68,7 @@ def import_(kind: Literal["cube-tosses"], folder: Path, *, out: Path | None = No
     print(f"{target}: {import_cube_tosses(folder, target)} trajectories")
 
 
-def watch(
+def track(
     films: Path,
     *,
     out: Path | None = None,
@@ -79,13 +79,13 @@ def watch(
 ) -> None:
     """Read poses from films into a recording set, which fit, predict and diagnose use as any other.
 
-    The bodies are cut out of the first frames by masks and first poses, or found there by their outlines, and followed
-    from frame to frame by drawing them; nothing is trained. Similar motions are then drawn by PyBullet and read: the
-    set `echo` in the folder, which tells a diagnosis how far the poses can be trusted. An interrupted run goes on where
-    it stopped.
+    The bodies are cut out of the first frames by masks and initial poses, or found there by their outlines, and
+    followed from frame to frame by drawing them; nothing is trained. Similar motions are then drawn by PyBullet and
+    read: the set `echo` in the folder, which tells a diagnosis how far the poses can be trusted. An interrupted run
+    goes on where it stopped.
 
     Examples:
-      physid watch data/films --out data/read
+      physid track data/films --out data/read
       physid diagnose data/read
 
     Args:
@@ -93,12 +93,12 @@ def watch(
         out: Folder of the set to write; data/NAME_read by default.
         encoder: Run of a fit from video, whose encoder finds the bodies in the first frames.
         chart: Which poses there are: of bodies that lie on the ground (planar), are parallel to it (hovering) or free
-            (spatial); by default what the first poses say.
+            (spatial); by default what the initial poses say.
         limit: At most so many trajectories, the first ones.
         quiet: Hide the progress bar.
     """
     from physid.data.reading import read_reading
-    from physid.training.tracking.track import watch as run
+    from physid.training.tracking.track import track as run
 
     folder = out or Path("data") / f"{films.resolve().name}_read"
     with resumable(), frame_bar(quiet) as say:
@@ -109,27 +109,27 @@ def watch(
           f"+- {reading.stretch_deviation:.2%}")  # fmt: skip
 
 
-def observe(configuration: Configuration, *, out: Path | None = None) -> None:
-    """Tell which parameters can be identified, before anything is recorded.
+def identifiability(configuration: Configuration, *, out: Path | None = None) -> None:
+    """Return which parameters can be identified, before anything is recorded.
 
     From the sensitivity of a scene's trajectories to mass, friction and restitution: is each identified, only in a
     combination with others (which), or not at all; and which standard deviation is to be expected with a given sensor
-    noise. The figures land in runs/observe/NAME as observability.json and observability.png.
+    noise. The figures land in runs/identifiability/NAME as identifiability.json and identifiability.png.
 
     Examples:
-      physid observe --config configs/observe/push.yaml
-      physid observe --config configs/observe/push.yaml protocol=rich trajectories=100 noise.position=0.002
-      physid observe --config configs/observe/push.yaml constant_force=5.5
+      physid identifiability --config configs/identifiability/push.yaml
+      physid identifiability --config configs/identifiability/push.yaml trajectories=100 noise.position=0.002
+      physid identifiability --config configs/identifiability/push.yaml constant_force=5.5
 
     Args:
         configuration: Scene, excitation, parameters and noise.
-        out: Folder of the result; runs/observe/NAME by default.
+        out: Folder of the result; runs/identifiability/NAME by default.
     """
-    from physid.training.identifiability.planned_experiment import ObserveConfig
-    from physid.training.identifiability.planned_experiment import observe as run
+    from physid.training.identifiability.planned_experiment import IdentifiabilityConfig
+    from physid.training.identifiability.planned_experiment import analyse as run
 
-    found = run(ObserveConfig.from_mapping(configuration.values))
-    folder = out or Path("runs/observe") / configuration.name
+    found = run(IdentifiabilityConfig.from_mapping(configuration.values))
+    folder = out or Path("runs/identifiability") / configuration.name
     found.write(folder)
     print(f"{found.table()}\n{folder}")
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 HISTORY, FIGURES, CONFIG, RECORD = "metrics.csv", "metrics.json", "config.yaml", "record.json"
 PARAMETERS, DIAGNOSIS, CELLS, REPORT = "parameters.csv", "diagnosis.json", "results.json", "report.html"
-OBSERVABILITY = "observability.json"
-LEFT_BY_A_RUN = (HISTORY, FIGURES, DIAGNOSIS, OBSERVABILITY, CELLS)
+IDENTIFIABILITY = "identifiability.json"
+LEFT_BY_A_RUN = (HISTORY, FIGURES, DIAGNOSIS, IDENTIFIABILITY, CELLS)
 NOT_RUNS = ("wandb", "checkpoints", "trajectories", "sealed", "__pycache__")
 
 

@@ -17,7 +17,7 @@ from physid.dashboard.folders import (
     DIAGNOSIS,
     FIGURES,
     HISTORY,
-    OBSERVABILITY,
+    IDENTIFIABILITY,
     PARAMETERS,
     RECORD,
     REPORT,
@@ -44,21 +44,21 @@ def read_run(folder: Path, root: Path, *, light: bool = False) -> dict[str, Any]
     notes: list[str] = []
     figures = _mapping(folder / FIGURES, notes)
     diagnosis = _mapping(folder / DIAGNOSIS, notes)
-    observability = _mapping(folder / OBSERVABILITY, notes)
+    identifiability = _mapping(folder / IDENTIFIABILITY, notes)
     record = _mapping(folder / RECORD, notes)
     cells, score = _results(folder / CELLS, notes)
     text, config = _config(folder / CONFIG, notes)
-    config = config or observability.get("config") or {}
+    config = config or identifiability.get("config") or {}
     curves = _curves(folder / HISTORY, notes)
     history = _curves(folder / PARAMETERS, notes)
     media, too_large = ([], []) if light else read_media(folder)
-    kind = _kind(bool(diagnosis), bool(observability), bool(cells or score) and not curves)
+    kind = _kind(bool(diagnosis), bool(identifiability), bool(cells or score) and not curves)
     figures = {name: value for name, value in figures.items() if isinstance(value, int | float)}
     figures |= {each["name"]: each["value"] for each in score.get("figures", ()) if each.get("value") is not None}
     return {
         "id": folder.relative_to(root).as_posix() if folder != root else folder.resolve().name,
         "kind": kind,
-        "state": "finished" if figures or diagnosis or observability or cells or score else "unfinished",
+        "state": "finished" if figures or diagnosis or identifiability or cells or score else "unfinished",
         "date": _date(folder),
         "method": _last_word(config.get("model")),
         "data": _data(config),
@@ -68,7 +68,7 @@ def read_run(folder: Path, root: Path, *, light: bool = False) -> dict[str, Any]
         "media": media,
         "diagnosis": diagnosis or None,
         "sentence": _sentence(diagnosis),
-        "observability": observability or None,
+        "identifiability": identifiability or None,
         "report": None if light else _report(folder / REPORT, notes),
         "cells": cells,
         "score": score or None,
@@ -79,9 +79,9 @@ def read_run(folder: Path, root: Path, *, light: bool = False) -> dict[str, Any]
     }
 
 
-def _kind(diagnosis: bool, observability: bool, only_cells: bool) -> str:
+def _kind(diagnosis: bool, identifiability: bool, only_cells: bool) -> str:
     """Return what a folder holds first of all."""
-    kinds = {"diagnosis": diagnosis, "observation": observability, "benchmark": only_cells}
+    kinds = {"diagnosis": diagnosis, "identifiability": identifiability, "benchmark": only_cells}
     return next((name for name, found in kinds.items() if found), "fit")
 
 
@@ -206,7 +206,7 @@ def _date(folder: Path) -> str:
     """Return when the run wrote its last figures, to the second."""
     times = [
         path.stat().st_mtime
-        for name in (FIGURES, DIAGNOSIS, OBSERVABILITY, CELLS, HISTORY)
+        for name in (FIGURES, DIAGNOSIS, IDENTIFIABILITY, CELLS, HISTORY)
         if (path := folder / name).exists()
     ]
     return datetime.fromtimestamp(max(times), UTC).isoformat(timespec="seconds")

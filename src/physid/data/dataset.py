@@ -146,7 +146,7 @@ def _numbers_of(recordings: RecordingSet, trajectory: int, unposed: bool) -> Ite
     if not posed and not unposed:
         raise ValueError(
             f"{recordings.paths[trajectory]}: pose: expected poses, found a recording with video only; read them first "
-            "(physid watch)"
+            "(physid track)"
         )
     recording = recordings.read(trajectory, video=not posed)
     pose = recording.pose

@@ -66,12 +66,12 @@ class RecordingSet:
         return read_film(self.paths[index], which)
 
     def has_poses(self, index: int) -> bool:
-        """Tell whether trajectory `index` has poses, or a film alone."""
+        """Return whether trajectory `index` has poses, or a film alone."""
         with open_trajectory(self.paths[index]) as file:
             return "pose" in file
 
     def has_film(self, index: int) -> bool:
-        """Tell whether trajectory `index` has a film."""
+        """Return whether trajectory `index` has a film."""
         with open_trajectory(self.paths[index]) as file:
             return "frames" in file
 

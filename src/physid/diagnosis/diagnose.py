@@ -15,11 +15,11 @@ from physid.data.format import RecordingSet
 from physid.data.reading import read_reading
 from physid.diagnosis.conclusion.conclusion import draw_conclusion
 from physid.diagnosis.conclusion.fitted_model import save_model
-from physid.diagnosis.inputs.model_source import believe
-from physid.diagnosis.inputs.observations import Observations, observe
-from physid.diagnosis.inputs.requirements import require_sound
-from physid.diagnosis.reference.nominal_fit import Prepared, prepare
-from physid.diagnosis.reference.nominal_fit_cache import forget, remembered
+from physid.diagnosis.inputs.model_source import read_nominal_model
+from physid.diagnosis.inputs.observations import Observations, load_observations
+from physid.diagnosis.inputs.requirements import require_usable
+from physid.diagnosis.reference.nominal_fit import NominalFit, fit_nominal_model
+from physid.diagnosis.reference.nominal_fit_cache import cached_fit, clear_cache
 from physid.diagnosis.report.document import check_diagnosis, write_diagnosis
 from physid.diagnosis.report.figures import draw
 from physid.diagnosis.report.overlay import overlay
@@ -56,9 +56,9 @@ def diagnose(
         transfer: Folder of a second set: the same bodies under another protocol, which certifies a cause.
         effects: Candidates beside the catalogue.
         limit: At most so many trajectories of each set, the first ones.
-        seed: Seed of the effect-free data and of the bootstrap.
+        seed: Seed of the null simulations and of the bootstrap.
         save: Where to write the model with what was found, as a configuration of `physid fit`.
-        say: Told what is being done.
+        say: Called with what is being done.
 
     Returns:
         The document, as diagnosis.json holds it.
@@ -68,27 +68,29 @@ def diagnose(
     """
     begun = time.perf_counter()
     say("reading the recordings")
-    observations = observe(RecordingSet(recordings), None if transfer is None else RecordingSet(transfer), limit)
-    require_sound(observations)
-    believed = believe(observations.scene, model)
+    observations = load_observations(
+        RecordingSet(recordings), None if transfer is None else RecordingSet(transfer), limit
+    )
+    require_usable(observations)
+    believed_model = read_nominal_model(observations.scene, model)
     generator = torch.Generator().manual_seed(seed)
-    prepared = _fitted(out, observations, believed, effects, generator, say)
-    found = attribute(prepared, generator, say)
-    conclusion = draw_conclusion(prepared, found, generator)
+    nominal_fit = _fitted(out, observations, believed_model, effects, generator, say)
+    found = attribute(nominal_fit, generator, say)
+    conclusion = draw_conclusion(nominal_fit, found, generator)
     say("writing the report")
     document = check_diagnosis(conclusion.diagnosis.to_mapping())
     reading = read_reading(recordings)
     title = Path(reading.films).name if reading else recordings.name
-    pictures = draw(title, prepared, found, conclusion, time.perf_counter() - begun)
+    pictures = draw(title, nominal_fit, found, conclusion, time.perf_counter() - begun)
     drawn = overlay(out, _sources(recordings, transfer, limit), observations, found.whole_nominal, conclusion)
     pictures = dataclasses.replace(pictures, overlay=drawn)
     write_report(out, document, pictures)
     write_diagnosis(out, document)
-    forget(out)
+    clear_cache(out)
     if conclusion.further and conclusion.further.config:
         write_text(out / NEXT, conclusion.further.config)
     if save is not None:
-        save_model(save, recordings, believed, conclusion)
+        save_model(save, recordings, believed_model, conclusion)
     return document
 
 
@@ -101,22 +103,22 @@ def _sources(recordings: Path, transfer: Path | None, limit: int | None) -> list
 def _fitted(
     out: Path,
     observations: Observations,
-    believed: NominalModel,
+    believed_model: NominalModel,
     effects: Sequence[type[Effect]],
     generator: torch.Generator,
     say: Callable[[str], None],
-) -> Prepared:
+) -> NominalFit:
     """Fit the nominal model, or take the fit of an interrupted run; effects that it knows are no candidates."""
-    known = {effect.name for effect in believed.effects}
+    known = {effect.name for effect in believed_model.effects}
     candidates = [kind for kind in (*CATALOGUE, *effects) if kind.name not in known]
     try:
-        return remembered(
+        return cached_fit(
             out,
             observations,
-            believed,
+            believed_model,
             candidates,
             generator,
-            lambda: prepare(observations, believed, candidates, generator, say),
+            lambda: fit_nominal_model(observations, believed_model, candidates, generator, say),
         )
     except SolverError as error:
         raise ValueError(

@@ -23,7 +23,7 @@ class ClockRate(Effect):
 
     name: ClassVar[str] = "clock_rate"
     site: ClassVar[Site] = "perception"
-    restarts: ClassVar[bool] = True  # what has piled up before a window is a change of its first state
+    restarts: ClassVar[bool] = True  # what has piled up before a window is a change of its initial state
     change: Tensor = quantity("-", low=-0.2, high=0.2, typical=0.02)
 
     def observe(self, pose: Tensor, time_step: float) -> Tensor:

@@ -53,7 +53,7 @@ def cut_appearance(
     texels: int = 32,
     shared: bool = False,
 ) -> Appearance:
-    """Cut the content patches of all bodies out of the first frames, at their known first poses.
+    """Cut the content patches of all bodies out of the first frames, at their known initial poses.
 
     A patch is the frame at the image points of the face, averaged over those neighbours alone that lie within the
     mask and well within the face. Texels that are not seen take the mean colour of their face; a face that is not
@@ -111,7 +111,7 @@ def _check_overlap(mask: Tensor, outline: Tensor) -> None:
     overlap = torch.minimum(mask, outline).sum((-2, -1)) / torch.maximum(mask, outline).sum((-2, -1)).clamp_min(1)
     for wrong, complaint in (
         (area == 0, "is empty: the body is out of view; draw the recording again, or leave it out"),
-        (overlap < LEAST_OVERLAP, "does not lie where the first pose and the camera put the body; check both"),
+        (overlap < LEAST_OVERLAP, "does not lie where the initial pose and the camera put the body; check both"),
     ):
         if wrong.any():
             sample, body = wrong.nonzero()[0].tolist()

@@ -93,7 +93,7 @@ def _in_pixels(rows: Tensor, camera: PinholeCamera) -> Tensor:
 
 
 def _outline(side: Tensor, facing: Tensor) -> Tensor:
-    """Tell which edges have no visible face beyond them: the neighbour at s = +-1 is the face on that side."""
+    """Return which edges have no visible face beyond them: the neighbour at s = +-1 is the face on that side."""
     edges = []
     for tangents in TANGENTS:
         for axis in tangents:

@@ -9,7 +9,7 @@ CPU_UNITS = ("avx512_bf16", "amx_bf16")
 
 
 def has_bfloat16(device: str) -> bool:
-    """Tell whether a kind of device, "cpu" or "cuda", computes in bfloat16 by itself.
+    """Return whether a kind of device, "cpu" or "cuda", computes in bfloat16 by itself.
 
     Others imitate it: an EPYC with AVX2 alone multiplies matrices in bfloat16 at an eightieth of the speed
     of single precision.

@@ -101,7 +101,7 @@ class ContactRule(ABC):
         """
 
     def exists(self, gap: Tensor, reach: Tensor) -> Tensor:
-        """Tell which contacts enter the problem at all; `reach` [m] bounds the distance worth looking at."""
+        """Return which contacts enter the problem at all; `reach` [m] bounds the distance worth looking at."""
         return gap < reach
 
     def displacement(self, gap: Tensor) -> Tensor | None:

@@ -56,7 +56,7 @@ class Cell(ABC):
         return None
 
     def finished(self, folder: Path) -> bool:
-        """Tell whether its results are in its folder."""
+        """Return whether its results are in its folder."""
         return (folder / RESULTS).exists()
 
     @abstractmethod
@@ -114,7 +114,7 @@ class Fit(Cell):
         return f"{self.file or self.name}.yaml"
 
     def finished(self, folder: Path) -> bool:
-        """Tell whether its results are there, and those of every seed that is wanted: fewer may have been run."""
+        """Return whether its results are there, and those of every seed that is wanted: fewer may have been run."""
         seeds = range(self.seeds if self.seeds > 1 else 0)
         return super().finished(folder) and all((folder / f"seed_{n}" / RESULTS).exists() for n in seeds)
 
@@ -192,11 +192,11 @@ class Fit(Cell):
 
 @final
 @dataclass(frozen=True)
-class Observe(Cell):
-    """A `physid observe`: whether mass and friction can be told apart.
+class Identifiable(Cell):
+    """A `physid identifiability`: whether mass and friction can be told apart.
 
     Attributes:
-        name: observe/CELL; the configuration is configs/observe/SCENE.yaml.
+        name: identifiability/CELL; the configuration is configs/identifiability/SCENE.yaml.
         scene: Which configuration.
         overrides: Further settings, key=value.
         minutes: See `Cell`.
@@ -211,10 +211,10 @@ class Observe(Cell):
     def run(self, configs: Path, data: Path, folder: Path) -> list[Result]:
         """Judge the scene (see `Cell.run`); a deviation that is not finite is a parameter that is not observed."""
         from physid.configuration import compose
-        from physid.training.identifiability.planned_experiment import ObserveConfig, observe
+        from physid.training.identifiability.planned_experiment import IdentifiabilityConfig, analyse
 
-        configuration = compose([str(configs / "observe" / f"{self.scene}.yaml")], list(self.overrides))
-        found = observe(ObserveConfig.from_mapping(configuration.values)).result
+        configuration = compose([str(configs / "identifiability" / f"{self.scene}.yaml")], list(self.overrides))
+        found = analyse(IdentifiabilityConfig.from_mapping(configuration.values)).result
         results = [
             Result(self.name, f"{verdict.name}: {verdict.kind}, expected deviation", PERCENT * verdict.deviation, "%")
             for verdict in found.verdicts()
@@ -223,7 +223,7 @@ class Observe(Cell):
 
 
 def _may_take(folder: Path, donor: Path) -> bool:
-    """Tell whether a run takes the encoder of another one: if that is done, unless this one has begun without."""
+    """Return whether a run takes the encoder of another one: if that is done, unless this one has begun without."""
     begun = folder / "config.yaml"
     return (donor / "metrics.json").exists() and (not begun.exists() or str(donor) in begun.read_text(encoding="utf-8"))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from physid.reproduce.cells import Cell, Fit, Observe, Recordings
+from physid.reproduce.cells import Cell, Fit, Identifiable, Recordings
 from physid.reproduce.real import Tosses
 from physid.reproduce.withheld import Withheld
 
@@ -65,10 +65,10 @@ def video(sets: dict[str, Recordings], minutes: float, suffix: str = "") -> tupl
 
 
 OBSERVE: tuple[Cell, ...] = (
-    Observe("observe/push", "push"),
-    Observe("observe/push_constant_force", "push", ("constant_force=5.5",)),
-    Observe("observe/slide", "slide"),
-    Observe("observe/collide", "collide"),
+    Identifiable("identifiability/push", "push"),
+    Identifiable("identifiability/push_constant_force", "push", ("constant_force=5.5",)),
+    Identifiable("identifiability/slide", "slide"),
+    Identifiable("identifiability/collide", "collide"),
 )
 
 VIDEO = video(FEW_FILMS, QUICK_MINUTES, "_quick")

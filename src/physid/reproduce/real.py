@@ -20,7 +20,7 @@ OTHERS = {
     "": "",
     "bullet_": ", PyBullet with the same parameters",
     "ballistic_": ", flight frozen at touch-down",
-    "held_": ", first pose held",
+    "held_": ", initial pose held",
 }
 
 

@@ -85,7 +85,7 @@ class Camera:
         return np.stack([column, row, depth], -1)
 
     def sees(self, pose: NDArray[np.float64], size: NDArray[np.float64], margin: float = 0.0) -> NDArray[np.bool_]:
-        """Tell whether boxes lie wholly inside the image.
+        """Return whether boxes lie wholly inside the image.
 
         Args:
             pose: Poses of the boxes, shape (..., N, 7).

@@ -20,7 +20,7 @@ class Excitation:
     """How a trajectory starts and what is commanded.
 
     Attributes:
-        pose: First poses, shape (N, 7).
+        pose: Initial poses, shape (N, 7).
         twist: First twists, angular [rad/s] and linear [m/s], shape (N, 6).
         wrench: Commanded torque [N m] and force [N], held from frame t to t+1; shape (T, N, 6).
     """

@@ -14,7 +14,7 @@ function runPage(run) {
     run.diagnosis && diagnosisSections(run),
     run.report && reportSection(run),
     run.score && scoreSections(run),
-    run.observability && observationSection(run.observability),
+    run.identifiability && identifiabilitySection(run.identifiability),
     run.parameters.length > 0 && parameterSection(run),
     run.cells.length > 0 && cellSection(run),
     run.media.length > 0 && mediaSection(run.media),
@@ -27,14 +27,14 @@ const OBSERVED = { identified: "good", combination: "warn" };
 const observedBadge = (verdict) => badge(verdict.kind === "combination" ? "in a combination" : words(verdict.kind), OBSERVED[verdict.kind] || "bad");
 
 /* What an experiment can tell: the standard deviation to expect of each parameter, and which combination is known. */
-function observationSection(observability) {
+function identifiabilitySection(identifiability) {
   const columns = [
     { title: "Parameter", cell: ([name]) => name },
     { title: "Expected", right: true, cell: ([, each]) => percent(each.deviation) },
     { title: "If it alone is unknown", right: true, cell: ([, each]) => percent(each.alone) },
     { title: "Verdict", cell: ([, each]) => [observedBadge(each), each.combination ? ` ${each.combination}, to ${percent(each.combined)}` : ""] },
   ];
-  return section("What can be observed", table(columns, Object.entries(observability.verdicts || {})));
+  return section("What can be identified", table(columns, Object.entries(identifiability.verdicts || {})));
 }
 
 function parameterSection(run) {

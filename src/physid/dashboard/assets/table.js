@@ -38,7 +38,7 @@ function nameCell(run) {
 
 function summaryOf(run) {
   if (run.diagnosis) return verdictOf(run.diagnosis).short;
-  if (run.observability) return Object.entries(run.observability.verdicts || {}).map(([name, each]) => `${name} ${each.kind}`).join(" ");
+  if (run.identifiability) return Object.entries(run.identifiability.verdicts || {}).map(([name, each]) => `${name} ${each.kind}`).join(" ");
   if (run.score) return run.score.figures.map((each) => each.name).join(" ");
   if (run.cells.length) return `${run.cells.filter((cell) => met(cell)).length}`;
   return run.parameters.map((each) => each.name).join(" ");
@@ -49,8 +49,8 @@ function resultCell(run) {
     const verdict = verdictOf(run.diagnosis);
     return h("div", { class: "result" }, h("div", {}, badge(run.diagnosis.verdict || "?", verdict.kind), verdict.short));
   }
-  if (run.observability) {
-    return h("div", { class: "result" }, Object.entries(run.observability.verdicts || {}).map(([name, each]) =>
+  if (run.identifiability) {
+    return h("div", { class: "result" }, Object.entries(run.identifiability.verdicts || {}).map(([name, each]) =>
       h("div", {}, h("span", { class: "soft small" }, name), observedBadge(each))));
   }
   const lines = run.parameters.map((each) => h("div", {},

@@ -12,11 +12,11 @@ from physid.diagnosis.conclusion.confidence import confidence
 from physid.diagnosis.conclusion.gap import Closing, closing, floor_of, held_out_parts, position_errors, position_floors
 from physid.diagnosis.conclusion.localisation import SITES, places, sites
 from physid.diagnosis.conclusion.next_experiment import NextExperiment, next_experiment
-from physid.diagnosis.conclusion.parametric_bootstrap import astray
+from physid.diagnosis.conclusion.parametric_bootstrap import bootstrap_spread
 from physid.diagnosis.conclusion.verdict import Diagnosis, Estimate, Found, Name, judge
-from physid.diagnosis.reference.nominal_fit import Prepared
+from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.selection.attribution import Attribution
-from physid.diagnosis.selection.evidence import foretold
+from physid.diagnosis.selection.evidence import improves_held_out
 from physid.diagnosis.testing.hypothesis import Hypothesis
 
 BLAMING: tuple[Name, ...] = ("named", "group", "partial")
@@ -40,28 +40,28 @@ class Conclusion:
     further: NextExperiment | None = None
 
 
-def draw_conclusion(prepared: Prepared, found: Attribution, generator: torch.Generator) -> Conclusion:
+def draw_conclusion(nominal_fit: NominalFit, found: Attribution, generator: torch.Generator) -> Conclusion:
     """Judge what the search found: the verdict, the sizes with their intervals, and how far the gap closes.
 
     Args:
-        prepared: The recordings and the fitted nominal model.
+        nominal_fit: The recordings and the fitted nominal model.
         found: What the search found.
         generator: Randomness of the bootstrap.
     """
-    judged = _closings(prepared, found.nominal, found.best, generator)
+    judged = _closings(nominal_fit, found.nominal, found.best, generator)
     verdict = judge(found, judged["transfer"])
     best, covariance = found.best, None
     if verdict in BLAMING and best is not None:
-        covariance = best.covariance() + astray(best, generator)
-        if hollow(best, covariance, judged.values()):
-            verdict = reconsider(verdict, foretold(found.nominal, best))
+        covariance = best.covariance() + bootstrap_spread(best, generator)
+        if indistinguishable_from_zero(best, covariance, judged.values()):
+            verdict = reconsider(verdict, improves_held_out(found.nominal, best))
     chosen, shown = (best, found.whole_best) if verdict in BLAMING else (None, None)
-    closings = _closings(prepared, found.whole_nominal, shown, generator) if found.calm else judged
+    closings = _closings(nominal_fit, found.whole_nominal, shown, generator) if found.contact_free else judged
     if chosen is None:
         closings = {name: _unclosed(one) for name, one in closings.items()}
-    wide = covariance if shown is chosen or shown is None else shown.covariance() + astray(shown, generator)
-    where = places(found.stage, [body.name for body in prepared.observations.scene.bodies])
-    further = None if chosen is None else next_experiment(prepared, found)
+    wide = covariance if shown is chosen or shown is None else shown.covariance() + bootstrap_spread(shown, generator)
+    where = places(found.lack, [body.name for body in nominal_fit.observations.scene.bodies])
+    further = None if chosen is None else next_experiment(nominal_fit, found)
     diagnosis = Diagnosis(
         verdict=verdict,
         effects=[] if chosen is None or covariance is None else _effects(chosen, covariance),
@@ -70,7 +70,7 @@ def draw_conclusion(prepared: Prepared, found: Attribution, generator: torch.Gen
         ranking=_ranking(found),
         sites=dict.fromkeys(SITES, 0.0) if verdict == "none" else sites(found, chosen is not None),
         places=[] if verdict == "none" else [place for place in where if place.evidence > 0],
-        floor=floor_of(prepared.noise),
+        floor=floor_of(nominal_fit.noise),
         same=closings["same"],
         transfer=closings["transfer"],
         parameters=_parameters(found.whole_nominal, shown, wide),
@@ -80,20 +80,20 @@ def draw_conclusion(prepared: Prepared, found: Attribution, generator: torch.Gen
 
 
 def _closings(
-    prepared: Prepared, nominal: Hypothesis, best: Hypothesis | None, generator: torch.Generator
+    nominal_fit: NominalFit, nominal: Hypothesis, best: Hypothesis | None, generator: torch.Generator
 ) -> dict[str, Closing | None]:
     """Compare errors before and after on each part of the recordings that nothing was fitted to."""
-    before = position_errors(nominal, prepared.observations)
-    after = before if best is None else position_errors(best, prepared.observations)
-    floors = position_floors(nominal.experiment, prepared.noise)
-    parts = held_out_parts(prepared.observations)
+    before = position_errors(nominal, nominal_fit.observations)
+    after = before if best is None else position_errors(best, nominal_fit.observations)
+    floors = position_floors(nominal.experiment, nominal_fit.noise)
+    parts = held_out_parts(nominal_fit.observations)
     return {name: closing(before, after, floors, chosen, generator) for name, chosen in parts.items()}
 
 
-def hollow(chosen: Hypothesis, covariance: Tensor, closings: Iterable[Closing | None]) -> bool:
-    """Tell whether effects explain nothing: no size differs from that of no effect, and there is no gap to close.
+def indistinguishable_from_zero(chosen: Hypothesis, covariance: Tensor, closings: Iterable[Closing | None]) -> bool:
+    """Return whether effects explain nothing: no size differs from that of no effect, and there is no gap to close.
 
-    After hits an effect may fit what is left a little better than chance without being there.
+    After impacts an effect may fit what is left a little better than chance without being there.
 
     Args:
         chosen: The effects that would be blamed.
@@ -109,7 +109,7 @@ def reconsider(verdict: Name, foretells: bool) -> Name:
     """Return the verdict where the effects that were found are hollow.
 
     Where they are but a part, what they leave is there without them. What leaves nothing and foretells trajectories
-    that nothing was fitted to is there: it shows in a few hits, from which its size is hardly known. All else may be
+    that nothing was fitted to is there: it shows in a few impacts, from which its size is hardly known. All else may be
     chance.
     """
     if verdict == "partial":
@@ -130,13 +130,13 @@ def _group(found: Attribution, chosen: Hypothesis) -> list[str]:
 def _ranking(found: Attribution) -> list[tuple[tuple[str, ...], float, float]]:
     """List hypotheses with the squared residual that they explain: fitted ones by prediction, others by the score test.
 
-    The best fitted one comes first, for it may be a pair whose p-value is that of its gain among effect-free data.
+    The best fitted one comes first, for it may be a pair whose p-value is that of its gain among null simulations.
     """
     base = float(found.nominal.held_out.sum())
-    rows = {row.names: row.gain for row in found.stage.rows}
+    rows = {row.names: row.gain for row in found.lack.rows}
     rows |= {one.names: base - float(one.held_out.sum()) for one in found.tried}
     ranked = sorted(rows.items(), key=lambda row: -row[1])
-    return [(names, gain, found.stage.chance(names, gain)) for names, gain in ranked]
+    return [(names, gain, found.lack.chance(names, gain)) for names, gain in ranked]
 
 
 def _effects(chosen: Hypothesis, covariance: Tensor) -> list[Found]:

@@ -13,20 +13,20 @@ RIGHT: dict[Name, tuple[int, int]] = {
     "unknown": (5, 6),
 }
 """Of each verdict: how many were right, of how many: on the 51 sets of a calibration bank (60 sets, seed 1616) that are
-free, or of medium severity and up. Sets in which a camera is wrong were diagnosed once more after first states were
+free, or of medium severity and up. Sets in which a camera is wrong were diagnosed once more after initial states were
 made to follow it along a curve.
 
 `physid benchmark diagnosis calibrate` prints such counts. Named and group are counted together.
 """
-NONE_AFTER_HITS = (3, 6)
-"""The same for `none` where many hits are beyond any fit, so that effects which act at hits do not show."""
-MOST_LOST = 0.1  # share of the busy windows, from which on they are many
+NONE_AFTER_IMPACTS = (3, 6)
+"""The same for `none` where many impacts are beyond any fit, so that effects which act at impacts do not show."""
+MOST_LOST = 0.1  # share of the contact segments, from which on they are many
 
 
 def confidence(verdict: Name, found: Attribution) -> float:
     """Return the probability that a verdict is right, (right + 1) / (all + 2) on calibration sets (Laplace 1774)."""
     experiment = found.nominal.experiment
-    busy = experiment.predictor.windows.busy
-    lost = float((busy & ~experiment.follow).sum()) > MOST_LOST * float(busy.sum())
-    right, count = NONE_AFTER_HITS if verdict == "none" and lost else RIGHT[verdict]
+    contact = experiment.predictor.segments.contact
+    lost = float((contact & ~experiment.follow).sum()) > MOST_LOST * float(contact.sum())
+    right, count = NONE_AFTER_IMPACTS if verdict == "none" and lost else RIGHT[verdict]
     return (right + 1) / (count + 2)

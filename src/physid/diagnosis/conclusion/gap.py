@@ -9,7 +9,7 @@ from torch import Tensor
 
 from physid.diagnosis.inputs.observations import SAME, SELECT, TRANSFER, Observations
 from physid.diagnosis.testing.hypothesis import Hypothesis
-from physid.diagnosis.testing.lack_of_fit import Stage
+from physid.diagnosis.testing.lack_of_fit import LackOfFit
 from physid.diagnosis.testing.residual_wrench import freed
 from physid.estimation.least_squares.experiment import Experiment
 from physid.estimation.measurement.sensor_noise import Noise
@@ -70,7 +70,7 @@ def _weights(experiment: Experiment) -> Tensor:
 def position_errors(hypothesis: Hypothesis, observations: Observations) -> Tensor:
     """Compute the mean square position error of each trajectory [m^2], shape (R,).
 
-    First states are fitted to each window; frames count by their robust weights.
+    Initial states are fitted to each segment; frames count by their robust weights.
     """
     weight = _weights(hypothesis.experiment)
     square = hypothesis.fit.residual[..., 3:].square().sum(-1) * weight
@@ -78,11 +78,11 @@ def position_errors(hypothesis: Hypothesis, observations: Observations) -> Tenso
     return total
 
 
-def freeform_errors(stage: Stage, experiment: Experiment, noise: Noise) -> Tensor:
+def residual_wrench_errors(lack: LackOfFit, experiment: Experiment, noise: Noise) -> Tensor:
     """Compute the mean square position errors that a free residual wrench leaves [m^2], shape (R,)."""
-    first = stage.fit.linear.parts[0].shared.shape[-1] - len(stage.cells)
-    free = torch.tensor([first + k for k, cell in enumerate(stage.cells) if cell.piece is not None])
-    square = freed(stage.fit, free)[..., 3:].square().sum((1, 2, 3)) * noise.position**2
+    first = lack.fit.linear.parts[0].shared.shape[-1] - len(lack.cells)
+    free = torch.tensor([first + k for k, cell in enumerate(lack.cells) if cell.piece is not None])
+    square = freed(lack.fit, free)[..., 3:].square().sum((1, 2, 3)) * noise.position**2
     total: Tensor = square / _weights(experiment).sum((1, 2)).clamp_min(1e-9)
     return total
 

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from physid.diagnosis.selection.attribution import Attribution
-from physid.diagnosis.testing.lack_of_fit import Stage
+from physid.diagnosis.testing.lack_of_fit import LackOfFit
 from physid.diagnosis.testing.score_test import gains, joined
 from physid.physics.effect import Site
 
@@ -38,29 +38,29 @@ class Place:
     share: float
 
 
-def places(stage: Stage, names: list[str]) -> list[Place]:
+def places(lack: LackOfFit, names: list[str]) -> list[Place]:
     """List the cells (phase x body x degree of freedom), those with most evidence first.
 
     Args:
-        stage: What the nominal model leaves unexplained.
+        lack: What the nominal model leaves unexplained.
         names: Names of the bodies.
     """
-    total = max(stage.excess, 1e-9)
-    evidence = _shown(stage.cell_gain[:, stage.counted].sum(1))
+    total = max(lack.excess, 1e-9)
+    evidence = _shown(lack.cell_gain[:, lack.counted].sum(1))
     found = [
         Place(cell.phase, names[cell.body], cell.dof, float(gain.sqrt()), min(1.0, float(gain) / total))
-        for cell, gain in zip(stage.cells, evidence, strict=True)
+        for cell, gain in zip(lack.cells, evidence, strict=True)
         if cell.phase is not None
     ]
     return sorted(found, key=lambda place: -place.evidence)
 
 
-def over_time(stage: Stage, body: int) -> tuple[Tensor, list[str]]:
-    """Return the evidence over pieces of time (from the start of windows) and degrees of freedom, (dof, pieces)."""
-    evidence = _shown(stage.cell_gain[:, stage.counted].sum(1))
+def over_time(lack: LackOfFit, body: int) -> tuple[Tensor, list[str]]:
+    """Return the evidence over pieces of time (from the start of segments) and degrees of freedom, (dof, pieces)."""
+    evidence = _shown(lack.cell_gain[:, lack.counted].sum(1))
     pieces = [
         (cell, gain)
-        for cell, gain in zip(stage.cells, evidence, strict=True)
+        for cell, gain in zip(lack.cells, evidence, strict=True)
         if cell.piece is not None and cell.body == body
     ]
     dofs = sorted({cell.dof for cell, _ in pieces}, key=("x", "y", "z", "rx", "ry", "rz").index)
@@ -87,7 +87,7 @@ def sites(found: Attribution, named: bool) -> dict[str, float]:
         found: What the search found.
         named: Whether effects are named.
     """
-    explained = _hypotheses(found) if named else _whole_sites(found.stage, _kinds(found))
+    explained = _hypotheses(found) if named else _whole_sites(found.lack, _kinds(found))
     best = max((gain for _, gain in explained), default=0.0)
     weights = dict.fromkeys(SITES, 0.0)
     for where, gain in explained:
@@ -105,18 +105,18 @@ def _kinds(found: Attribution) -> dict[str, Site]:
 def _hypotheses(found: Attribution) -> list[tuple[list[Site], float]]:
     """List hypotheses: the sites of their effects, and what they explain."""
     kinds, base = _kinds(found), float(found.nominal.held_out.sum())
-    explained = {row.names: row.gain for row in found.stage.rows}
+    explained = {row.names: row.gain for row in found.lack.rows}
     explained |= {one.names: base - float(one.held_out.sum()) for one in found.tried}
     return [([kinds[name] for name in names], gain) for names, gain in explained.items()]
 
 
-def _whole_sites(stage: Stage, kinds: Mapping[str, Site]) -> list[tuple[list[Site], float]]:
+def _whole_sites(lack: LackOfFit, kinds: Mapping[str, Site]) -> list[tuple[list[Site], float]]:
     """List what all effects of a site explain together, at any size, beyond what they explain by chance."""
     listed: list[tuple[list[Site], float]] = []
     for site in SITES:
-        groups = [group for group in stage.groups if kinds[group.names[0]] == site]
+        groups = [group for group in lack.groups if kinds[group.names[0]] == site]
         if groups:
-            chance = sum(float(row.tail.mean) for row in stage.rows if kinds[row.names[0]] == site)
-            gain = float(gains(stage.conditional, joined(groups).unbounded())[0])
+            chance = sum(float(row.tail.mean) for row in lack.rows if kinds[row.names[0]] == site)
+            gain = float(gains(lack.conditional, joined(groups).unbounded())[0])
             listed.append(([site], max(0.0, gain - chance)))
     return listed

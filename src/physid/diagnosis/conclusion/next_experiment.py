@@ -10,20 +10,20 @@ import torch
 import yaml
 
 from physid.diagnosis.inputs.observations import FIT, Observations
-from physid.diagnosis.reference.nominal_fit import Prepared, begin
+from physid.diagnosis.reference.nominal_fit import NominalFit, begin
 from physid.diagnosis.selection.attribution import Attribution
 from physid.diagnosis.testing.hypothesis import Hypothesis
 from physid.estimation.least_squares.experiment import Experiment
 from physid.estimation.least_squares.levenberg_marquardt import gauss_newton
 from physid.estimation.prediction.rollout import Predictor, Variants
-from physid.estimation.prediction.segments import Windows
+from physid.estimation.prediction.segments import Segmentation
 from physid.physics.layer import SolverError
 from physid.scenes.catalogue import SETUPS, with_parameters
 from physid.scenes.setup import Excitation, Setup
 
 DRAWN = 12  # trajectories of each protocol that are tried
-STEPS, SHORT_STEPS = 300, 60  # frames; in scenes with hits only the beginning can be foretold
-HITS = ("collide", "toss")
+STEPS, SHORT_STEPS = 300, 60  # frames; in scenes with impacts only the beginning can be foretold
+IMPACTS = ("collide", "toss")
 RECORD = 24  # trajectories that are asked for
 ENOUGH = 8.0  # standard deviations of the sensor, over all of them, by which predictions must differ ...
 IMITATE = 8  # most steps of a hypothesis that imitates another
@@ -70,12 +70,12 @@ class NextExperiment:
     config: str | None = None
 
 
-def next_experiment(prepared: Prepared, found: Attribution) -> NextExperiment | None:
+def next_experiment(nominal_fit: NominalFit, found: Attribution) -> NextExperiment | None:
     """Find the force profile under which the members of a group differ most; None where there is no group.
 
     The best hypothesis and its nearest rival predict trajectories of every protocol of the scene. What counts is what
-    is left of the difference once first states, unknown parameters and the size of the best effect have been fitted to
-    the rival. The protocol with the largest rest wins, if it tells more than more of the same would.
+    is left of the difference once initial states, unknown parameters and the size of the best effect have been fitted
+    to the rival. The protocol with the largest rest wins, if it tells more than more of the same would.
     """
     rivals = [one for one in found.group if one is not found.best]
     if found.best is None or not (rivals or found.alike):
@@ -84,7 +84,7 @@ def next_experiment(prepared: Prepared, found: Attribution) -> NextExperiment | 
     advice = next((text for members, text in REMEDIES if len(members & names) > 1), "")
     model = found.best.experiment.predictor.model
     setup = next((one for one in SETUPS if one.scene.name == model.scene.name), None)
-    best = None if setup is None or not rivals else _best_protocol(setup, found.best, rivals[0], prepared)
+    best = None if setup is None or not rivals else _best_protocol(setup, found.best, rivals[0], nominal_fit)
     now = _now(found.best, rivals[0]) if rivals else 0.0
     if best is None or best[0] < max(ENOUGH, MORE * now):
         sentence = "no force profile of this scene tells them apart" if setup else "other pushes may tell them apart"
@@ -102,36 +102,36 @@ def next_experiment(prepared: Prepared, found: Attribution) -> NextExperiment | 
 
 
 def _best_protocol(
-    setup: Setup, one: Hypothesis, other: Hypothesis, prepared: Prepared
+    setup: Setup, one: Hypothesis, other: Hypothesis, nominal_fit: NominalFit
 ) -> tuple[float, str, int] | None:
     """Return how far two hypotheses lie apart under the protocol where that is most, the protocol, and the frames."""
     tried, model = [], one.experiment.predictor.model
-    steps = SHORT_STEPS if setup.scene.name in HITS else STEPS
+    steps = SHORT_STEPS if setup.scene.name in IMPACTS else STEPS
     values = dict(zip(model.unknown, model.to_values(one.fit.point.nominal[0]).tolist(), strict=True))
     scene = with_parameters(model.scene, values)
     for protocol in setup.protocols:
         generator = np.random.default_rng(0)
         drawn = [setup.draw(scene, protocol, generator, steps) for _ in range(DRAWN)]
         try:
-            tried.append((_planned(drawn, one, other, prepared), protocol, steps))
+            tried.append((_planned(drawn, one, other, nominal_fit), protocol, steps))
         except SolverError:
             continue
     return max(tried, default=None)
 
 
-def _planned(drawn: Sequence[Excitation], one: Hypothesis, other: Hypothesis, prepared: Prepared) -> float:
+def _planned(drawn: Sequence[Excitation], one: Hypothesis, other: Hypothesis, nominal_fit: NominalFit) -> float:
     """Return by how much two hypotheses can be told apart (see `_told`) by an experiment that has not been made."""
-    known, scene = one.experiment.predictor, prepared.observations.scene
+    known, scene = one.experiment.predictor, nominal_fit.observations.scene
     wrench, pose, twist = (
         torch.from_numpy(np.stack([getattr(each, name) for each in drawn])) for name in ("wrench", "pose", "twist")
     )
     rows, steps = wrench.shape[:2]
-    predictor = Predictor(known.model, wrench, Windows.equal(rows, steps, steps), known.candidates)
+    predictor = Predictor(known.model, wrench, Segmentation.equal(rows, steps, steps), known.candidates)
     rival = other.fit.point.replace(pose=pose[None], twist=twist[None])
     present = torch.ones(wrench.shape[:3], dtype=torch.float64)
     seen = predictor.predict(rival).pose[0]
     observed = Observations(scene, seen, wrench, present, (FIT,) * rows, tuple(range(rows)))
-    experiment, guess = begin(predictor, observed, present, prepared.noise, one.fit.point.nominal)
+    experiment, guess = begin(predictor, observed, present, nominal_fit.noise, one.fit.point.nominal)
     same = guess.replace(pose=rival.pose, twist=rival.twist)
     points = [each.replace(effects=one.fit.point.effects) for each in (guess, same)]
     return _told(one, experiment, points)

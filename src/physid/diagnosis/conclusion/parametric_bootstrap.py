@@ -1,4 +1,4 @@
-"""How far estimates go astray where hits amplify: data with known parameters, made by the other engine, are fitted."""
+"""How far estimates scatter where impacts amplify: recordings replayed with known parameters are fitted."""
 
 from __future__ import annotations
 
@@ -10,14 +10,15 @@ from physid.diagnosis.reference.replay import replay
 from physid.diagnosis.testing.hypothesis import Hypothesis
 from physid.estimation.least_squares.prior import prior
 
-REPLAYS = 6  # runs of the other engine
+REPLAYS = 6  # runs of the reference simulator
 
 
-def astray(hypothesis: Hypothesis, generator: torch.Generator) -> Tensor:
-    """Estimate how far the shared parameters go astray without any noise of the sensor.
+def bootstrap_spread(hypothesis: Hypothesis, generator: torch.Generator) -> Tensor:
+    """Estimate how far the shared parameters diverge without any noise of the sensor.
 
-    The other engine makes data from first states and parameters as uncertain as the fit. One Gauss-Newton step fits
-    them again; what it misses of the parameters that made the data is what engines differ by, and what hits amplify.
+    The reference simulator makes data from initial states and parameters as uncertain as the fit. One Gauss-Newton step
+    fits them again; what it misses of the parameters that made the data is what engines differ by, and what impacts
+    amplify.
 
     Args:
         hypothesis: The fit.
@@ -25,16 +26,16 @@ def astray(hypothesis: Hypothesis, generator: torch.Generator) -> Tensor:
 
     Returns:
         Mean of e e^T with e the errors, in the coordinates of the fit: unknown parameters, engine, effects; (P, P).
-        Zero where no window is busy: there the scatter over trajectories tells all.
+        Zero where no segment is busy: there the scatter over trajectories tells all.
     """
     experiment, fit = hypothesis.experiment, hypothesis.fit
     predictor, count = experiment.predictor, fit.point.nominal.shape[1] + 1 + len(hypothesis.columns)
-    if not bool(predictor.windows.busy.any()):
+    if not bool(predictor.segments.contact.any()):
         return torch.zeros(count, count, dtype=torch.float64)
     errors = []
     for _ in range(REPLAYS):
         point = jitter(experiment, fit, generator)
-        made = replay(predictor.model, predictor.wrench, predictor.windows, point, hypothesis.working)
+        made = replay(predictor.model, predictor.wrench, predictor.segments, point, hypothesis.working)
         residual = experiment.replace(pose=made).residual(fit.jacobian.base.pose, fit.point)
         normal = fit.linear.respond(residual, experiment.scale).of(experiment.fitted)
         matrix = normal.matrix.sum(0) + torch.diag(prior(experiment.predictor, hypothesis.columns))

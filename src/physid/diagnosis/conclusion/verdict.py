@@ -115,8 +115,8 @@ def judge(found: Attribution, transfer: Closing | None) -> Name:
     """Turn what the search found into a verdict."""
     if found.best is None or found.left is None:
         return "unknown" if unexplained(found) else "none"
-    whole = complete(found.nominal, found.best, found.stage, found.left)
-    open_share = found.left.missing / explained(found.nominal, found.best, found.stage)
+    whole = complete(found.nominal, found.best, found.lack, found.left)
+    open_share = found.left.missing / explained(found.nominal, found.best, found.lack)
     if not _carries(transfer) or (not whole and open_share > PARTLY):
         return "unknown"
     if not whole:
@@ -125,7 +125,7 @@ def judge(found: Attribution, transfer: Closing | None) -> Name:
 
 
 def _carries(transfer: Closing | None) -> bool:
-    """Tell whether another protocol contradicts what was found: a gap is left there, and less than a half closes."""
+    """Return whether another protocol contradicts what was found: a gap is left there, and less than a half closes."""
     return transfer is None or _open(transfer) == 0 or (transfer.shrink is not None and transfer.shrink.high > CARRIES)
 
 

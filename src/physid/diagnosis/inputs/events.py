@@ -19,12 +19,12 @@ JOLT_LEAST = (1.5, 0.5)  # [rad/s], [m/s] change of velocity that is one
 
 
 def find_events(phases: Tensor, pose: Tensor, present: Tensor, noise: Noise, scene: Scene) -> Tensor:
-    """Find the frames at which some body hits another, is jolted, or touches the ground other than with a whole face.
+    """Find the frames in which a body hits another, is jolted, or touches the ground other than with a whole face.
 
     Args:
         phases: Codes of PHASES, shape (R, T, N).
         pose: Poses, shape (R, T, N, 7).
-        present: Frames that exist and are not wild, shape (R, T, N).
+        present: Frames that exist and are not outliers, shape (R, T, N).
         noise: Of the poses.
         scene: The ground.
 
@@ -47,7 +47,7 @@ def find_jolts(pose: Tensor, present: Tensor, noise: Noise, time_step: float) ->
 
     Args:
         pose: Shape (R, T, N, 7).
-        present: Frames that exist and are not wild, shape (R, T, N).
+        present: Frames that exist and are not outliers, shape (R, T, N).
         noise: Of the poses.
         time_step: h [s].
 

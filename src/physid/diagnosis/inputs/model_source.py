@@ -19,7 +19,7 @@ CONFIG, CHECKPOINT = "config.yaml", Path("checkpoints", "last.ckpt")
 LOGARITHM = "physical.logarithm"  # where a checkpoint of SysID keeps the logarithms of what was learned
 
 
-def believe(scene: Scene, source: Path | Mapping[str, Any] | None) -> NominalModel:
+def read_nominal_model(scene: Scene, source: Path | Mapping[str, Any] | None) -> NominalModel:
     """Build the nominal model.
 
     Of a configuration of `physid fit` with SysID these keys count: `model.learn` (what is unknown), `model.values`

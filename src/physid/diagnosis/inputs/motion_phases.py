@@ -48,7 +48,7 @@ def phases_of(prediction: Prediction, wrench: Tensor, scene: Scene) -> Tensor:
     weight = weight * torch.tensor(scene.gravity, dtype=wrench.dtype).norm() * scene.time_step
     normal = prediction.impulse[0].unflatten(-1, (-1, PATCH)).sum(-1)
     ground, between = normal[..., :bodies] / weight, _touching_others(normal, bodies)
-    # The last frame of a window has no step after it and continues the one before.
+    # The last frame of a segment has no step after it and continues the one before.
     blank = normal.sum(-1) == 0
     previous = torch.roll(ground, 1, 1)
     ground = torch.where(blank[..., None] & (previous > LIGHT), previous, ground)

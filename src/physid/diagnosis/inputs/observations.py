@@ -12,7 +12,7 @@ from torch import Tensor
 
 from physid.data.format import Recording, RecordingSet
 from physid.data.reading import ECHO, echo_of, read_reading
-from physid.estimation.measurement.tracking_error import ReaderError
+from physid.estimation.measurement.tracking_error import TrackingError
 from physid.scenes.scene import Scene
 
 FIT, SELECT, SAME, PROBE, TRANSFER = "fit", "select", "same", "probe", "transfer"
@@ -50,7 +50,7 @@ class Observations:
     present: Tensor
     roles: tuple[str, ...]
     indices: tuple[int, ...]
-    error: ReaderError | None = None
+    error: TrackingError | None = None
 
     @property
     def fitted(self) -> Tensor:
@@ -62,7 +62,9 @@ class Observations:
         return torch.tensor([each == role for each in self.roles])
 
 
-def observe(recordings: RecordingSet, transfer: RecordingSet | None = None, limit: int | None = None) -> Observations:
+def load_observations(
+    recordings: RecordingSet, transfer: RecordingSet | None = None, limit: int | None = None
+) -> Observations:
     """Read a recording set.
 
     Args:
@@ -84,7 +86,7 @@ def observe(recordings: RecordingSet, transfer: RecordingSet | None = None, limi
 
 def _reader_error(
     observations: Observations, recordings: RecordingSet, transfer: RecordingSet | None, limit: int | None
-) -> ReaderError | None:
+) -> TrackingError | None:
     """Compare poses that were read from films with what drawing and reading them again gives.
 
     Raises:
@@ -98,14 +100,14 @@ def _reader_error(
         if reading is None or echo is None:
             raise ValueError(
                 f"{each.folder}: expected poses that were read from films, as in the other set, and the set {ECHO} "
-                "beside them, found none; use physid watch on both sets"
+                "beside them, found none; use physid track on both sets"
             )
     again = from_recordings(observations.scene, [one for each in echoes if each for one in islice(each, limit)])
     camera = recordings.scene.camera
     assert camera is not None
     deviation = max(each.stretch_deviation for each in readings if each)
     middle = torch.tensor(camera.target, dtype=torch.float64)
-    return ReaderError.between(observations.pose, again.pose, middle, deviation)
+    return TrackingError.between(observations.pose, again.pose, middle, deviation)
 
 
 def require_even_time(recordings: list[Recording], time_step: float) -> None:
@@ -150,7 +152,7 @@ def from_recordings(scene: Scene, recordings: list[Recording]) -> Observations:
     if blind:
         raise ValueError(
             f"trajectory {blind[0]} has video but no poses: expected `pose` in every trajectory; read poses from the "
-            "films: physid watch"
+            "films: physid track"
         )
     frames, bodies = max(one.length for one in recordings), len(scene.bodies)
     pose = np.empty((len(recordings), frames, bodies, 7))

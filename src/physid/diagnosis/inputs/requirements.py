@@ -5,24 +5,24 @@ from __future__ import annotations
 import torch
 
 from physid.diagnosis.inputs.observations import Observations
-from physid.estimation.measurement.sensor_noise import wild_poses
+from physid.estimation.measurement.sensor_noise import outlier_poses
 
 LEAST_FITTED = 3  # trajectories: fewer leave no scatter from which an interval could come
 LEAST_FRAMES = 12
 STILL = (0.02, 0.005)  # [rad], [m] motion below which nothing moves
 FASTEST = 100.0  # [m/s] beyond this it is the unit that is wrong
 FARTHEST = 100.0  # times the largest edge: so far from the ground nothing is thrown
-TOO_WILD = 0.1  # share of wild poses that no robust fit survives
+TOO_WILD = 0.1  # share of outliers that no robust fit survives
 ROUGH = 0.2  # share of the whole motion by which poses may leave the middle of their neighbours
 STARTS, WAY = 5, 0.02  # first frames and [m]: who lies still in these and has gone so far was pushed
 
 
-def require_sound(observations: Observations) -> None:
+def require_usable(observations: Observations) -> None:
     """Refuse observations that cannot be diagnosed.
 
     Raises:
         ValueError: If there are too few trajectories or frames, nothing moves, units are evidently wrong, many poses
-            are wild, or forces are missing.
+            are outliers, or forces are missing.
     """
     fitted, frames = int(observations.fitted.sum()), observations.pose.shape[1]
     if fitted < LEAST_FITTED or frames < LEAST_FRAMES:
@@ -38,7 +38,7 @@ def require_sound(observations: Observations) -> None:
 
 def _require_order(observations: Observations) -> None:
     """Refuse poses that jump about."""
-    wild = float(wild_poses(observations.pose, observations.present).double().mean())
+    wild = float(outlier_poses(observations.pose, observations.present).double().mean())
     position = observations.pose[..., :3]
     bent = (position[:, 1:-1] - (position[:, :-2] + position[:, 2:]) / 2).norm(dim=-1)
     spread = (position - position.mean(1, keepdim=True)).norm(dim=-1).median()

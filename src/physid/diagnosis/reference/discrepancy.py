@@ -1,4 +1,4 @@
-"""Fitting with the numerics of the other engine: what PyBullet makes of the same states and parameters."""
+"""Fitting with the numerics of the reference simulator: what PyBullet makes of the same states and parameters."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from physid.estimation.least_squares.levenberg_marquardt import gauss_newton
 from physid.estimation.least_squares.prior import clamp_effects
 from physid.estimation.measurement.poses import difference
 from physid.estimation.prediction.rollout import Predictor, Variants
-from physid.estimation.prediction.segments import Windows
+from physid.estimation.prediction.segments import Segmentation
 from physid.physics.effect import Effect
 
 ROUNDS = 5  # most replays
 SETTLED = 0.1  # a change of the loss by less than this share of its standard deviation ends the rounds
-SHORTER = 0.4  # a step of a first state that did not help is tried again, shortened by this
+SHORTER = 0.4  # a step of an initial state that did not help is tried again, shortened by this
 STEADY = 0.85  # largest ratio of successive steps of the shared parameters that is extrapolated
 
 Say = Callable[[str], None]
 
 
-def settle(
+def fit_with_reference(
     experiment: Experiment,
     fit: Fit,
     effects: Tensor,
@@ -32,34 +32,34 @@ def settle(
     say: Say = lambda _: None,
     rounds: int = ROUNDS,
 ) -> tuple[Experiment, Fit]:
-    """Fit and replay in turn until both agree on how far the other engine leaves the prediction.
+    """Fit and replay in turn until both agree on how far the reference simulator leaves the prediction.
 
-    A window takes a new first state only if it then explains the window better with the replay of that very state;
+    A segment takes a new initial state only if it then explains the segment better with the replay of that very state;
     where it does not, the next round tries a shorter step. Shared parameters that keep creeping in one direction are
     extrapolated (Aitken 1926).
 
-    A hit may go another way for a hair. That is no evidence against an effect: the gap between the engines that is
-    known of the model without it stands in each window that the replays explain worse.
+    An impact may go another way for a hair. That is no evidence against an effect: the gap between the engines that is
+    known of the model without it stands in each segment that the replays explain worse.
 
     Args:
         experiment: What to explain.
         fit: Where to start.
         effects: Indices of the free parameters of effects.
-        names: Their effects, which the other engine has too, at the values of the fit.
-        say: Told what is being done.
+        names: Their effects, which the reference simulator has too, at the values of the fit.
+        say: Called with what is being done.
         rounds: Most replays.
 
     Returns:
         The experiment with the gap between the engines at the best point, and the fit there.
     """
-    say("replaying the fit in the other engine")
-    best, windows = fit.point, experiment.predictor.windows
+    say("replaying the fit in the reference simulator")
+    best, segments = fit.point, experiment.predictor.segments
     engine = _renewed(experiment, fit, names).engine
-    stride = torch.ones(len(windows), dtype=torch.float64)
+    stride = torch.ones(len(segments), dtype=torch.float64)
     loss = torch.full_like(stride, torch.inf)
     if names:
         both = [one.losses(best)[0] for one in (experiment, experiment.replace(engine=engine))]
-        engine, loss = _by_window(windows, both[1] < both[0], engine, experiment.engine), torch.minimum(*both)
+        engine, loss = _by_segment(segments, both[1] < both[0], engine, experiment.engine), torch.minimum(*both)
     path: list[Tensor] = []
     for turn in range(rounds):
         before = float(loss.clamp_max(1e12).sum())
@@ -71,13 +71,13 @@ def settle(
             trial = _with_shared(experiment.predictor, trial, effects, further)
             path.clear()
         fit = experiment.at(trial, fit)
-        say("replaying the fit in the other engine")
+        say("replaying the fit in the reference simulator")
         fresh = _renewed(experiment, fit, names).engine
         now = experiment.replace(engine=fresh).losses(trial)[0]
         better = now < loss
         stride = torch.where(better, torch.ones_like(stride), stride * SHORTER)
         best = between(best, trial, better.to(torch.float64))
-        engine = _by_window(windows, better, fresh, engine)
+        engine = _by_segment(segments, better, fresh, engine)
         loss = torch.minimum(now, loss)
         if before - float(loss.sum()) < SETTLED * (2 * float(loss.sum())) ** 0.5:
             break
@@ -85,21 +85,21 @@ def settle(
     return experiment, gauss_newton(experiment, experiment.at(best, fit), effects, steps=6)
 
 
-def engine_gap(predictor: Predictor, fit: Fit, follow: Tensor, working: Sequence[Effect] = ()) -> Tensor:
+def simulator_discrepancy(predictor: Predictor, fit: Fit, follow: Tensor, working: Sequence[Effect] = ()) -> Tensor:
     """Compute how far PyBullet leaves the prediction of a fit, from the same states; zero where it is not followed.
 
     Args:
         predictor: The experiment.
-        fit: First states and parameters.
-        follow: Which windows, shape (K,).
+        fit: Initial states and parameters.
+        follow: Which segments, shape (K,).
         working: Effects at work.
 
     Returns:
         Shape (R, T, N, 6).
     """
-    other = replay(predictor.model, predictor.wrench, predictor.windows, fit.point, working, follow)
+    other = replay(predictor.model, predictor.wrench, predictor.segments, fit.point, working, follow)
     seen = fit.jacobian.base.pose[0]
-    inside = predictor.windows.spread(follow)[..., None, None]
+    inside = predictor.segments.spread(follow)[..., None, None]
     return difference(torch.where(inside, other, seen), seen)
 
 
@@ -114,7 +114,7 @@ def working_effects(predictor: Predictor, point: Variants, names: Sequence[str])
 
 
 def between(one: Variants, other: Variants, share: Tensor) -> Variants:
-    """Return states between two points, by a share for each window (K,); everything else is the other's."""
+    """Return states between two points, by a share for each segment (K,); everything else is the other's."""
     part = share[:, None, None]
     turned = torch.where((one.pose[..., 3:] * other.pose[..., 3:]).sum(-1, keepdim=True) < 0, -1.0, 1.0)
     quaternion = one.pose[..., 3:] + part * (turned * other.pose[..., 3:] - one.pose[..., 3:])
@@ -126,14 +126,14 @@ def between(one: Variants, other: Variants, share: Tensor) -> Variants:
 
 def _renewed(experiment: Experiment, fit: Fit, names: Sequence[str]) -> Experiment:
     working = working_effects(experiment.predictor, fit.point, names)
-    return experiment.replace(engine=engine_gap(experiment.predictor, fit, experiment.follow, working))
+    return experiment.replace(engine=simulator_discrepancy(experiment.predictor, fit, experiment.follow, working))
 
 
-def _by_window(windows: Windows, mask: Tensor, first: Tensor, second: Tensor) -> Tensor:
-    """Take the windows (K,) where `mask` holds from the first of two tables (R, T, N, 6), others from the second."""
+def _by_segment(segments: Segmentation, mask: Tensor, first: Tensor, second: Tensor) -> Tensor:
+    """Take the segments (K,) where `mask` holds from the first of two tables (R, T, N, 6), others from the second."""
     chosen = second.clone()
-    for batch in windows.batches:
-        rows = batch.inside & mask[batch.windows, None]
+    for batch in segments.batches:
+        rows = batch.inside & mask[batch.segments, None]
         row = batch.trajectory[:, None].expand_as(batch.frame)[rows]
         chosen[row, batch.frame[rows]] = first[row, batch.frame[rows]]
     return chosen

@@ -11,13 +11,13 @@ import torch
 
 from physid.data.files import write_whole
 from physid.diagnosis.inputs.observations import Observations
-from physid.diagnosis.reference.nominal_fit import NONE, Prepared
+from physid.diagnosis.reference.nominal_fit import NONE, NominalFit
 from physid.estimation.least_squares.experiment import Experiment
 from physid.estimation.least_squares.jacobian import Directions
 from physid.estimation.measurement.sensor_noise import Noise
 from physid.estimation.prediction.nominal_model import NominalModel
 from physid.estimation.prediction.rollout import Predictor, Variants
-from physid.estimation.prediction.segments import Windows
+from physid.estimation.prediction.segments import Segmentation
 from physid.physics.effect import Effect
 
 FILE = "prepared.pt"
@@ -26,14 +26,14 @@ WINDOWS = ("trajectory", "start", "size", "busy")
 POINT = ("pose", "twist", "nominal", "effects", "engine")
 
 
-def remembered(
+def cached_fit(
     folder: Path,
     observations: Observations,
     model: NominalModel,
     candidates: Sequence[type[Effect]],
     generator: torch.Generator,
-    make: Callable[[], Prepared],
-) -> Prepared:
+    make: Callable[[], NominalFit],
+) -> NominalFit:
     """Return the fitted nominal model, from an interrupted run with the same inputs if there is one.
 
     Args:
@@ -51,30 +51,30 @@ def remembered(
         if state["key"] == key:
             generator.set_state(state["generator"])
             return _restored(state, observations, model, candidates)
-    prepared = make()
-    experiment, windows = prepared.experiment, prepared.experiment.predictor.windows
-    state = {name: getattr(windows, name) for name in WINDOWS}
-    state |= {f"point.{name}": getattr(prepared.fit.point, name) for name in POINT}
+    nominal_fit = make()
+    experiment, segments = nominal_fit.experiment, nominal_fit.experiment.predictor.segments
+    state = {name: getattr(segments, name) for name in WINDOWS}
+    state |= {f"point.{name}": getattr(nominal_fit.fit.point, name) for name in POINT}
     state |= {name: getattr(experiment, name) for name in ("scale", "engine", "follow")}
-    state |= {"frame": experiment.directions.frame, "free": experiment.directions.free, "phases": prepared.phases}
-    state |= {"events": prepared.events}
-    state |= {"noise": (prepared.noise.rotation, prepared.noise.position)}
-    state |= {"factors": None if prepared.noise.error is None else prepared.noise.error.factors}
+    state |= {"frame": experiment.directions.frame, "free": experiment.directions.free, "phases": nominal_fit.phases}
+    state |= {"events": nominal_fit.events}
+    state |= {"noise": (nominal_fit.noise.rotation, nominal_fit.noise.position)}
+    state |= {"factors": None if nominal_fit.noise.error is None else nominal_fit.noise.error.factors}
     write_whole(path, lambda part: torch.save(state | {"key": key, "generator": generator.get_state()}, part))
-    return prepared
+    return nominal_fit
 
 
-def forget(folder: Path) -> None:
+def clear_cache(folder: Path) -> None:
     """Remove what only an interrupted diagnosis needs."""
     (folder / FILE).unlink(missing_ok=True)
 
 
 def _restored(
     state: dict[str, torch.Tensor], observations: Observations, model: NominalModel, candidates: Sequence[type[Effect]]
-) -> Prepared:
+) -> NominalFit:
     """Put the parts together again."""
-    windows = Windows(*observations.pose.shape[:2], *(state[name] for name in WINDOWS))
-    predictor = Predictor(model, observations.wrench, windows, candidates)
+    segments = Segmentation(*observations.pose.shape[:2], *(state[name] for name in WINDOWS))
+    predictor = Predictor(model, observations.wrench, segments, candidates)
     directions = Directions(state["frame"], state["free"])
     experiment = Experiment(
         predictor,
@@ -91,7 +91,7 @@ def _restored(
     if error is not None:
         rotations, positions = map(float, state["factors"])
         error = dataclasses.replace(error, factors=(rotations, positions))
-    return Prepared(observations, experiment, fit, Noise(rotation, position, error), state["phases"], state["events"])
+    return NominalFit(observations, experiment, fit, Noise(rotation, position, error), state["phases"], state["events"])
 
 
 def _key(

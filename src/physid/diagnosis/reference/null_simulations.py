@@ -1,4 +1,4 @@
-"""Matched nulls: data sets as they would be if the fitted nominal model were true, made by the other engine."""
+"""Null simulations: recordings as the reference simulator makes them if the fitted nominal model is true."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from physid.estimation.measurement.sensor_noise import Noise
 from physid.estimation.prediction.rollout import Variants
 from physid.physics.effect import Effect
 
-REPLAYS = 4  # runs of the other engine, each from other first states and parameters
-SURE = 3.0  # standard deviations by which a draw of first states may fit worse than expected
+REPLAYS = 4  # runs of the reference simulator, each from other initial states and parameters
+SURE = 3.0  # standard deviations by which a draw of initial states may fit worse than expected
 HALVINGS = 6
 DRAWS = 75  # draws of the noise on top of each
 
 
 @dataclass(frozen=True)
-class Nulls:
-    """Residuals that effect-free data would leave.
+class NullSimulations:
+    """Residuals that null simulations would leave.
 
     Attributes:
         residual: Observed minus predicted, shape (Z, R, T, N, 6).
@@ -34,7 +34,7 @@ class Nulls:
     residual: Tensor
 
 
-def draw_nulls(
+def draw_null_simulations(
     experiment: Experiment,
     fit: Fit,
     noise: Noise,
@@ -42,7 +42,7 @@ def draw_nulls(
     generator: torch.Generator,
     replays: int = REPLAYS,
     draws: int = DRAWS,
-) -> Nulls:
+) -> NullSimulations:
     """Make data as they would be if the fit were the truth.
 
     The recorded forces are replayed in PyBullet from states and parameters as uncertain as the fit, and noise is added.
@@ -63,41 +63,41 @@ def draw_nulls(
     for _ in range(replays):
         clean = noiseless(experiment, fit, effects, generator)
         residuals.append(clean + noise.draw(draws, clean, generator))
-    return Nulls(torch.cat(residuals))
+    return NullSimulations(torch.cat(residuals))
 
 
-def with_signs(nulls: Nulls, fit: Fit, chosen: Tensor, generator: torch.Generator) -> Nulls:
-    """Put the residuals of a fit into some windows (a mask of shape (K,)), each window's with a random sign.
+def with_signs(null_data: NullSimulations, fit: Fit, chosen: Tensor, generator: torch.Generator) -> NullSimulations:
+    """Put the residuals of a fit into some segments (a mask of shape (K,)), each segment's with a random sign.
 
-    This is the wild bootstrap (Wu 1986): what an effect does to all hits has the same sign everywhere, what chaos does
-    has not. It holds whatever makes these windows fit badly.
+    This is the wild bootstrap (Wu 1986): what an effect does to all impacts has the same sign everywhere, what chaos
+    does has not. It holds whatever makes these segments fit badly.
     """
-    windows, residuals = fit.linear.windows, nulls.residual.clone()
-    signs = 2.0 * torch.randint(2, (len(residuals), len(windows)), generator=generator) - 1
-    for batch in windows.batches:
-        inside = batch.inside & chosen[batch.windows, None]
+    segments, residuals = fit.linear.segments, null_data.residual.clone()
+    signs = 2.0 * torch.randint(2, (len(residuals), len(segments)), generator=generator) - 1
+    for batch in segments.batches:
+        inside = batch.inside & chosen[batch.segments, None]
         rows, frames = batch.trajectory[:, None].expand_as(batch.frame)[inside], batch.frame[inside]
-        own = signs[:, batch.windows[:, None].expand_as(batch.frame)[inside]].to(residuals.dtype)
+        own = signs[:, batch.segments[:, None].expand_as(batch.frame)[inside]].to(residuals.dtype)
         residuals[:, rows, frames] = own[..., None, None] * fit.residual[rows, frames]
-    return Nulls(residuals)
+    return NullSimulations(residuals)
 
 
 def noiseless(experiment: Experiment, fit: Fit, effects: tuple[Effect, ...], generator: torch.Generator) -> Tensor:
-    """Return the residuals of one replay without noise, shape (R, T, N, 6); see `draw_nulls`."""
+    """Return the residuals of one replay without noise, shape (R, T, N, 6); see `draw_null_simulations`."""
     predictor = experiment.predictor
     point = jitter(experiment, fit, generator)
-    real = replay(predictor.model, predictor.wrench, predictor.windows, point, effects)
+    real = replay(predictor.model, predictor.wrench, predictor.segments, point, effects)
     return experiment.replace(pose=real).residual(fit.jacobian.base.pose, fit.point)[0]
 
 
 def floors(experiment: Experiment, fit: Fit, generator: torch.Generator, replays: int = 4) -> Tensor:
-    """Compute how much the numerics disturb each window: squared residuals per frame that replays leave.
+    """Compute how much the numerics disturb each segment: squared residuals per frame that replays leave.
 
     Where small differences grow (impacts, a body that just stops), two runs of one engine from states that the data
     cannot tell apart differ by more than the noise.
 
     Returns:
-        Mean square in units of the noise, after first states and unknown parameters are fitted again; shape (K,).
+        Mean square in units of the noise, after initial states and unknown parameters are fitted again; shape (K,).
     """
     unknown = torch.arange(fit.point.nominal.shape[1] + 1)
     clean = torch.stack([noiseless(experiment, fit, (), generator) for _ in range(replays)])
@@ -114,7 +114,7 @@ def floors(experiment: Experiment, fit: Fit, generator: torch.Generator, replays
 
 
 def jitter(experiment: Experiment, fit: Fit, generator: torch.Generator) -> Variants:
-    """Draw first states and unknown parameters around a fit, as far as the data leave them open."""
+    """Draw initial states and unknown parameters around a fit, as far as the data leave them open."""
     unknown = fit.point.nominal.shape[1]
     normal = fit.normal().of(experiment.fitted)
     matrix = normal.matrix.sum(0)[:unknown, :unknown] + torch.eye(unknown, dtype=torch.float64) / 9
@@ -123,30 +123,30 @@ def jitter(experiment: Experiment, fit: Fit, generator: torch.Generator) -> Vari
     shared = torch.zeros(fit.linear.parts[0].shared.shape[-1], dtype=torch.float64)
     shared[:unknown] = shift
     states = []
-    # A first velocity that friction stops at once leaves no trace; then what the first frames show bounds the draw.
+    # A initial velocity that friction stops at once leaves no trace; then what the first frames show bounds the draw.
     sure = torch.diag(1 / _first_frames(experiment) ** 2)
     for part in fit.linear.parts:
         free = torch.randn(*part.factor.shape[:2], 1, generator=generator, dtype=torch.float64)
         factor = torch.linalg.cholesky(part.factor @ part.factor.mT + sure)
         follow = torch.cholesky_solve(part.state.mT @ (part.shared @ shared)[..., None], factor)
         states.append((torch.linalg.solve_triangular(factor.mT, free, upper=True) - follow)[..., 0])
-    order = torch.cat([part.batch.windows for part in fit.linear.parts]).argsort()
+    order = torch.cat([part.batch.segments for part in fit.linear.parts]).argsort()
     drawn = fit.point.replace(nominal=fit.point.nominal + shift)
     return _believable(experiment, fit, drawn, torch.cat(states)[order])
 
 
 def _believable(experiment: Experiment, fit: Fit, drawn: Variants, change: Tensor) -> Variants:
-    """Move first states by a draw (K, D), shortened in calm windows as long as the data contradict it.
+    """Move initial states by a draw (K, D), shortened in contact-free segments as long as the data contradict it.
 
     A body that starts near rest takes small velocities in its stride or slips for long; a line knows nothing of that.
     """
-    calm = ~experiment.predictor.windows.busy
+    contact_free = ~experiment.predictor.segments.contact
     free = change.shape[1]
     most = fit.loss + free + SURE * (2 * free) ** 0.5
     for _ in range(HALVINGS):
         pose, twist = experiment.directions.move(fit.point.pose, fit.point.twist, change[None])
         moved = drawn.replace(pose=pose, twist=twist)
-        wrong = calm & (try_losses(experiment, moved)[0] > most)
+        wrong = contact_free & (try_losses(experiment, moved)[0] > most)
         if not bool(wrong.any()):
             break
         change = torch.where(wrong[:, None], change / 2, change)
@@ -159,7 +159,7 @@ def p_value(observed: float, null: Tensor) -> float:
 
 
 def _first_frames(experiment: Experiment) -> Tensor:
-    """Return the standard deviations of first states that a line through the first frames would leave, shape (D,)."""
+    """Return the standard deviations of initial states that a line through the first frames would leave, shape (D,)."""
     step = experiment.predictor.model.scene.time_step
     count = max(5.0, SPANS[0] / step)
     still = [1 / float(experiment.scale[..., k : k + 3].amax()) for k in (0, 3)]

@@ -1,4 +1,4 @@
-"""The other engine: the experiment replayed by PyBullet, from the same states and with the same parameters."""
+"""The reference simulator: the experiment replayed by PyBullet, from the same states and with the same parameters."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from torch import Tensor
 
 from physid.estimation.prediction.nominal_model import NominalModel
 from physid.estimation.prediction.rollout import Variants, restarts
-from physid.estimation.prediction.segments import Windows
+from physid.estimation.prediction.segments import Segmentation
 from physid.estimation.prediction.step_effects import AtStep, has
 from physid.physics.effect import Effect
 from physid.scenes.catalogue import with_parameters
@@ -20,23 +20,23 @@ from physid.scenes.setup import Excitation
 def replay(
     model: NominalModel,
     wrench: Tensor,
-    windows: Windows,
+    segments: Segmentation,
     point: Variants,
     effects: Sequence[Effect] = (),
     chosen: Tensor | None = None,
 ) -> Tensor:
-    """Simulate windows in PyBullet.
+    """Simulate segments in PyBullet.
 
     Args:
         model: The nominal model.
         wrench: Commanded wrenches, shape (R, T, N, 6).
-        windows: How trajectories are cut.
-        point: First states and unknown parameters, a single variant.
+        segments: How trajectories are cut.
+        point: Initial states and unknown parameters, a single variant.
         effects: Effects beside those of the nominal model.
-        chosen: Which windows, shape (K,); None for all.
+        chosen: Which segments, shape (K,); None for all.
 
     Returns:
-        Poses that the camera would report, shape (R, T, N, 7); zeros outside the chosen windows.
+        Poses that the camera would report, shape (R, T, N, 7); zeros outside the chosen segments.
     """
     from physid.simulators.bullet.world import simulate_all
 
@@ -47,18 +47,19 @@ def replay(
         wrench = effect.actuate(wrench, scene.time_step)
     steps = [AtStep(effect) for effect in working if has(type(effect), "act")]
     seen = torch.zeros(*wrench.shape[:-1], 7, dtype=wrench.dtype)
-    wanted = list(range(len(windows))) if chosen is None else chosen.nonzero()[:, 0].tolist()
+    wanted = list(range(len(segments))) if chosen is None else chosen.nonzero()[:, 0].tolist()
     places = [
-        tuple(int(value[window]) for value in (windows.trajectory, windows.start, windows.size)) for window in wanted
+        tuple(int(value[segment]) for value in (segments.trajectory, segments.start, segments.size))
+        for segment in wanted
     ]
-    starts = [
+    initial = [
         Excitation(
-            point.pose[0, window].numpy(), point.twist[0, window].numpy(), wrench[row, first : first + size].numpy()
+            point.pose[0, segment].numpy(), point.twist[0, segment].numpy(), wrench[row, first : first + size].numpy()
         )
-        for window, (row, first, size) in zip(wanted, places, strict=True)
+        for segment, (row, first, size) in zip(wanted, places, strict=True)
     ]
     clocks = [first * scene.time_step for _, first, _ in places]
-    motions = simulate_all(scene, starts, steps, model.substeps, clocks)
+    motions = simulate_all(scene, initial, steps, model.substeps, clocks)
     for (row, first, size), motion in zip(places, motions, strict=True):
         pose = torch.from_numpy(motion.pose)
         for effect in working:

@@ -30,7 +30,7 @@ class Curve:
     time: NDArray[np.float64]
     before: NDArray[np.float64]
     after: NDArray[np.float64] | None = None
-    freeform: NDArray[np.float64] | None = None
+    residual_wrench: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         """Check the split and the shapes."""
@@ -46,7 +46,7 @@ class Curve:
     @property
     def lines(self) -> dict[str, NDArray[np.float64]]:
         """The lines that there are, by name."""
-        lines = {"before": self.before, "after": self.after, "freeform": self.freeform}
+        lines = {"before": self.before, "after": self.after, "freeform": self.residual_wrench}
         return {name: values for name, values in lines.items() if values is not None}
 
 
@@ -129,8 +129,8 @@ class ReportData:
         time_map: Evidence over time.
         levels: Floors [m] by name: sensor, repeatability (None where nothing was repeated), numerical.
         freeform: Error [m] that a free residual wrench leaves, by split.
-        threshold: Score that effect-free replays seldom exceed.
-        replicates: How many effect-free replays stand behind the p-values.
+        threshold: Score that null simulations seldom exceed.
+        replicates: How many null simulations stand behind the p-values.
         formulas: A line about each effect, by name.
         next_config: Text of the generate config of the next experiment.
         films: Recording and model, before and after.
@@ -143,7 +143,7 @@ class ReportData:
     curves: tuple[Curve, ...] = ()
     time_map: TimeMap | None = None
     levels: Mapping[str, float | None] = field(default_factory=dict)
-    freeform: Mapping[str, float] = field(default_factory=dict)
+    residual_wrench: Mapping[str, float] = field(default_factory=dict)
     threshold: float | None = None
     replicates: int | None = None
     formulas: Mapping[str, str] = field(default_factory=dict)
@@ -155,7 +155,7 @@ class ReportData:
 
     def __post_init__(self) -> None:
         """Check the names of levels and splits."""
-        for what, names, known in (("levels", self.levels, LEVELS), ("freeform", self.freeform, SPLITS)):
+        for what, names, known in (("levels", self.levels, LEVELS), ("freeform", self.residual_wrench, SPLITS)):
             strange = [name for name in names if name not in known]
             if strange:
                 raise ValueError(f"ReportData.{what}: expected {', '.join(known)} only, found {', '.join(strange)}")

@@ -122,8 +122,8 @@ def error_levels(diagnosis: Mapping[str, Any], pictures: ReportData) -> Markup |
         rows.append((f"Gap, {name}", error["before"], "before"))
         if error["after"] is not None:
             rows.append(("… with the effect", error["after"], "after"))
-        if split in pictures.freeform:
-            rows.append(("… with a free residual", pictures.freeform[split], "freeform"))
+        if split in pictures.residual_wrench:
+            rows.append(("… with a free residual", pictures.residual_wrench[split], "freeform"))
     known = [value for _, value, _ in rows if value]
     if not known:
         return None

@@ -23,9 +23,9 @@ def ranking(diagnosis: Mapping[str, Any], pictures: ReportData) -> Markup | None
     rows = [_candidate(each, blamed, diagnosis["group"], most, line) for each in candidates]
     notes = []
     if line is not None:
-        notes.append(f"The line marks the score {figure(line)} that effect-free replays seldom exceed.")
+        notes.append(f"The line marks the score {figure(line)} that null simulations seldom exceed.")
     if pictures.replicates:
-        notes.append(f"p-values come from {pictures.replicates} effect-free replays, for the best of all candidates.")
+        notes.append(f"p-values come from {pictures.replicates} null simulations, for the best of all candidates.")
     left = len(diagnosis["ranking"]) - len(candidates)
     notes += [f"{left} more candidates are in diagnosis.json."] * (left > 0)
     return card("Ranking of the candidates", element("div", rows, class_="ranking"), note=" ".join(notes), wide=True)

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import torch
 
 from physid.diagnosis.reference.discrepancy import Say
-from physid.diagnosis.reference.nominal_fit import Prepared
+from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.selection.candidates import first_pairs, ranked_pairs, survivors, swapped_pairs
-from physid.diagnosis.selection.comparison import by_prediction, contest
-from physid.diagnosis.selection.contact_free import calm, everywhere
+from physid.diagnosis.selection.comparison import by_prediction, compare_candidates
+from physid.diagnosis.selection.contact_free import contact_free, refit_all_segments
 from physid.diagnosis.selection.evidence import (
     ALPHA,
     both_needed,
@@ -22,13 +22,13 @@ from physid.diagnosis.selection.evidence import (
     sound,
 )
 from physid.diagnosis.testing.equivalence import alike
-from physid.diagnosis.testing.hypothesis import Hypothesis, begin_afresh, begin_hypothesis, conclude
-from physid.diagnosis.testing.lack_of_fit import Stage, examine
+from physid.diagnosis.testing.hypothesis import Hypothesis, begin_from_finite_sizes, begin_hypothesis, conclude
+from physid.diagnosis.testing.lack_of_fit import LackOfFit, find_lack_of_fit
 from physid.physics.layer import SolverError
 
 SECOND = 0.01  # share of the gap from which on a second effect is looked for
-AFRESH = 6  # single effects that are fitted again from finite sizes, where the best leaves a gap
-AT_HITS = 3  # effects that are tried beside one that calm windows showed
+MULTI_START = 6  # single effects that are fitted again from finite sizes, where the best leaves a gap
+AT_IMPACTS = 3  # effects that are tried beside one that contact-free segments showed
 
 
 @dataclass(frozen=True)
@@ -37,89 +37,89 @@ class Attribution:
 
     Attributes:
         nominal: The model without effects.
-        stage: What it leaves unexplained.
+        lack: What it leaves unexplained.
         tried: All hypotheses that were fitted, best predictions first.
         best: The best of them; None if nothing is missing, or no effect is confirmed by held-out trajectories.
         left: What the best leaves unexplained; None if nothing is missing.
         group: Hypotheses that predict as well as the best, itself included.
         alike: Effects whose signature is that of a part of the best wherever the motion is calm.
-        everywhere: The nominal model and the best fitted to all windows, where calm ones alone were searched; the
-            effects are as these say.
+        everywhere: The nominal model and the best fitted to all segments, where contact-free ones alone were searched;
+            the effects are as these say.
     """
 
     nominal: Hypothesis
-    stage: Stage
+    lack: LackOfFit
     tried: list[Hypothesis]
     best: Hypothesis | None
-    left: Stage | None
+    left: LackOfFit | None
     group: list[Hypothesis]
     alike: tuple[str, ...] = ()
-    everywhere: tuple[Hypothesis, Hypothesis | None] | None = None
+    refit_all_segments: tuple[Hypothesis, Hypothesis | None] | None = None
 
     @property
-    def calm(self) -> bool:
-        """Whether calm windows alone were searched."""
-        return self.everywhere is not None
+    def contact_free(self) -> bool:
+        """Whether contact-free segments alone were searched."""
+        return self.refit_all_segments is not None
 
     @property
     def whole_nominal(self) -> Hypothesis:
-        """The model without effects, in all windows."""
-        return self.nominal if self.everywhere is None else self.everywhere[0]
+        """The model without effects, in all segments."""
+        return self.nominal if self.refit_all_segments is None else self.refit_all_segments[0]
 
     @property
     def whole_best(self) -> Hypothesis | None:
-        """The best hypothesis, in all windows."""
-        return self.best if self.everywhere is None else self.everywhere[1]
+        """The best hypothesis, in all segments."""
+        return self.best if self.refit_all_segments is None else self.refit_all_segments[1]
 
 
-def attribute(prepared: Prepared, generator: torch.Generator, say: Say = lambda _: None) -> Attribution:
+def attribute(nominal_fit: NominalFit, generator: torch.Generator, say: Say = lambda _: None) -> Attribution:
     """Search the catalogue for what the nominal model lacks: first where the motion is calm, then everywhere.
 
     Args:
-        prepared: The fitted nominal model.
-        generator: Randomness of effect-free data.
-        say: Told what is being done.
+        nominal_fit: The fitted nominal model.
+        generator: Randomness of null simulations.
+        say: Called with what is being done.
     """
-    quiet = calm(prepared, generator, say)
+    quiet = contact_free(nominal_fit, generator, say)
     if quiet is not None:
         found = _search(quiet, generator, say)
         if found.best is not None or unexplained(found):
-            return _with_second(prepared, _with_all_frames(prepared, found, say), generator, say)
-    return _search(prepared, generator, say)
+            return _with_second(nominal_fit, _with_all_frames(nominal_fit, found, say), generator, say)
+    return _search(nominal_fit, generator, say)
 
 
-def _with_all_frames(prepared: Prepared, found: Attribution, say: Say) -> Attribution:
-    """Fit what calm windows showed to all frames; where that cannot be simulated, it stays as it is."""
+def _with_all_frames(nominal_fit: NominalFit, found: Attribution, say: Say) -> Attribution:
+    """Fit what contact-free segments showed to all frames; where that cannot be simulated, it stays as it is."""
     say("fitting what was found to all frames")
     try:
-        best = None if found.best is None else everywhere(prepared, found.best)
+        best = None if found.best is None else refit_all_segments(nominal_fit, found.best)
     except SolverError:
         return found
-    return replace(found, everywhere=(conclude(prepared.experiment, prepared.fit, ()), best))
+    return replace(found, refit_all_segments=(conclude(nominal_fit.experiment, nominal_fit.fit, ()), best))
 
 
-def _with_second(prepared: Prepared, found: Attribution, generator: torch.Generator, say: Say) -> Attribution:
-    """Look in all windows for a second effect: it may act at hits alone, or move all that a camera sees of a flight."""
+def _with_second(nominal_fit: NominalFit, found: Attribution, generator: torch.Generator, say: Say) -> Attribution:
+    """Look in all segments for a second effect: it may act at impacts alone, or move all that a camera sees."""
     one = found.whole_best
-    if not found.calm or one is None or len(one.names) > 1:
+    if not found.contact_free or one is None or len(one.names) > 1:
         return found
     say(f"looking at what {one.names[0]} leaves at hits")
     try:
-        return _beside(prepared, found, one, generator, say) or found
+        return _beside(nominal_fit, found, one, generator, say) or found
     except SolverError:
-        return found  # what cannot be simulated does not undo what calm windows showed
+        return found  # what cannot be simulated does not undo what contact-free segments showed
 
 
 def _beside(
-    prepared: Prepared, found: Attribution, one: Hypothesis, generator: torch.Generator, say: Say
+    nominal_fit: NominalFit, found: Attribution, one: Hypothesis, generator: torch.Generator, say: Say
 ) -> Attribution | None:
-    """Return the best pair of an effect and another that are both needed in all windows; None if there is none."""
+    """Return the best pair of an effect and another that are both needed in all segments; None if there is none."""
     nominal = found.whole_nominal
-    left = examine(prepared, one, generator)
-    further = sorted(left.significant, key=lambda row: -row.deviation())[:AT_HITS]
+    left = find_lack_of_fit(nominal_fit, one, generator)
+    further = sorted(left.significant, key=lambda row: -row.deviation())[:AT_IMPACTS]
     if left.p_value > ALPHA or not further:
         return None
-    pairs = contest(
+    pairs = compare_candidates(
         [(*one.names, *row.names) for row in further],
         lambda names: begin_hypothesis(one.experiment, left.fit, names),
         one,
@@ -128,62 +128,62 @@ def _beside(
     needed = [pair for pair in pairs if sound(nominal, pair, left) and both_needed(pair, nominal, [one], left)]
     if not needed:
         return None
-    stage, rest = examine(prepared, nominal, generator), examine(prepared, needed[0], generator)
-    whole = complete(nominal, needed[0], stage, rest)
+    lack, rest = find_lack_of_fit(nominal_fit, nominal, generator), find_lack_of_fit(nominal_fit, needed[0], generator)
+    whole = complete(nominal, needed[0], lack, rest)
     group = [pair for pair in needed if pair is needed[0] or not distinguishable(nominal, needed[0], pair, rest, whole)]
-    return Attribution(nominal, stage, [*needed, one], needed[0], rest, group, alike(stage, needed[0]))
+    return Attribution(nominal, lack, [*needed, one], needed[0], rest, group, alike(lack, needed[0]))
 
 
 def unexplained(found: Attribution) -> bool:
-    """Tell whether a gap is beyond doubt although no effect was confirmed."""
-    return found.best is None and (found.stage.p_free <= ALPHA or evident(found.nominal))
+    """Return whether a gap is beyond doubt although no effect was confirmed."""
+    return found.best is None and (found.lack.p_free <= ALPHA or evident(found.nominal))
 
 
-def _search(prepared: Prepared, generator: torch.Generator, say: Say) -> Attribution:
-    """Search the catalogue for what the nominal model lacks in the windows given."""
-    nominal = conclude(prepared.experiment, prepared.fit, ())
-    say("testing all effects at once, against effect-free data")
-    stage = examine(prepared, nominal, generator)
-    if stage.p_value > ALPHA and not evident(nominal):
-        return Attribution(nominal, stage, [], None, None, [])
-    singles = contest(
-        survivors(stage), lambda names: begin_hypothesis(prepared.experiment, stage.fit, names), nominal, say
+def _search(nominal_fit: NominalFit, generator: torch.Generator, say: Say) -> Attribution:
+    """Search the catalogue for what the nominal model lacks in the segments given."""
+    nominal = conclude(nominal_fit.experiment, nominal_fit.fit, ())
+    say("testing all effects at once, against null simulations")
+    lack = find_lack_of_fit(nominal_fit, nominal, generator)
+    if lack.p_value > ALPHA and not evident(nominal):
+        return Attribution(nominal, lack, [], None, None, [])
+    singles = compare_candidates(
+        survivors(lack), lambda names: begin_hypothesis(nominal_fit.experiment, lack.fit, names), nominal, say
     )
-    best, left = _best_of(prepared, nominal, stage, singles, generator, say)
-    if best is not None and left is not None and not complete(nominal, best, stage, left) and evident(nominal):
-        singles = _afresh(prepared, nominal, stage, singles, say)
-        best, left = _best_of(prepared, nominal, stage, singles, generator, say)
+    best, left = _best_of(nominal_fit, nominal, lack, singles, generator, say)
+    if best is not None and left is not None and not complete(nominal, best, lack, left) and evident(nominal):
+        singles = _from_finite_sizes(nominal_fit, nominal, lack, singles, say)
+        best, left = _best_of(nominal_fit, nominal, lack, singles, generator, say)
     if best is None or left is None:
-        return Attribution(nominal, stage, [], None, None, [])
-    tried = singles = [one for one in _since(best, singles) if sound(nominal, one, stage)]
-    if left.p_value <= ALPHA and left.missing > SECOND * explained(nominal, best, stage):
-        tried = by_prediction([*singles, *_needed_pairs(prepared, nominal, stage, singles, left, say)])
+        return Attribution(nominal, lack, [], None, None, [])
+    tried = singles = [one for one in _since(best, singles) if sound(nominal, one, lack)]
+    if left.p_value <= ALPHA and left.missing > SECOND * explained(nominal, best, lack):
+        tried = by_prediction([*singles, *_needed_pairs(nominal_fit, nominal, lack, singles, left, say)])
         if tried[0] is not best:
-            best, left = _best_of(prepared, nominal, stage, tried, generator, say)
+            best, left = _best_of(nominal_fit, nominal, lack, tried, generator, say)
             assert best is not None and left is not None
             tried = _since(best, tried)
-    whole = complete(nominal, best, stage, left)
+    whole = complete(nominal, best, lack, left)
     group = [one for one in tried if one is best or not distinguishable(nominal, best, one, left, whole)]
-    return Attribution(nominal, stage, tried, best, left, group, alike(stage, best))
+    return Attribution(nominal, lack, tried, best, left, group, alike(lack, best))
 
 
 def _best_of(
-    prepared: Prepared,
+    nominal_fit: NominalFit,
     nominal: Hypothesis,
-    stage: Stage,
+    lack: LackOfFit,
     tried: Sequence[Hypothesis],
     generator: torch.Generator,
     say: Say,
-) -> tuple[Hypothesis, Stage] | tuple[None, None]:
+) -> tuple[Hypothesis, LackOfFit] | tuple[None, None]:
     """Return the hypothesis that predicts best, of those that are confirmed, and what it leaves.
 
     One near which the model cannot be simulated is passed over: what it leaves cannot be told.
     """
     for one in tried:
-        if sound(nominal, one, stage):
+        if sound(nominal, one, lack):
             say(f"looking at what {' + '.join(one.names)} leaves")
             try:
-                return one, examine(prepared, one, generator)
+                return one, find_lack_of_fit(nominal_fit, one, generator)
             except SolverError:
                 continue
     return None, None
@@ -194,18 +194,18 @@ def _since(best: Hypothesis, tried: Sequence[Hypothesis]) -> list[Hypothesis]:
     return list(tried[next(k for k, one in enumerate(tried) if one is best) :])
 
 
-def _afresh(
-    prepared: Prepared, nominal: Hypothesis, stage: Stage, singles: list[Hypothesis], say: Say
+def _from_finite_sizes(
+    nominal_fit: NominalFit, nominal: Hypothesis, lack: LackOfFit, singles: list[Hypothesis], say: Say
 ) -> list[Hypothesis]:
     """Fit single effects again from finite sizes and first guesses; of each, what predicts better is returned.
 
     A strong effect has driven the nominal fit far away, to a friction of nearly nothing, say, and no small step of
     any effect leads back from there.
     """
-    changes = {row.names: row.change for row in stage.rows}
-    again = contest(
-        [one.names for one in singles[:AFRESH]],
-        lambda names: begin_afresh(prepared.experiment, stage.fit.point, names, changes[names]),
+    changes = {row.names: row.change for row in lack.rows}
+    again = compare_candidates(
+        [one.names for one in singles[:MULTI_START]],
+        lambda names: begin_from_finite_sizes(nominal_fit.experiment, lack.fit.point, names, changes[names]),
         nominal,
         say,
     )
@@ -216,7 +216,7 @@ def _afresh(
 
 
 def _needed_pairs(
-    prepared: Prepared, nominal: Hypothesis, stage: Stage, singles: list[Hypothesis], left: Stage, say: Say
+    nominal_fit: NominalFit, nominal: Hypothesis, lack: LackOfFit, singles: list[Hypothesis], left: LackOfFit, say: Say
 ) -> list[Hypothesis]:
     """Fit pairs, and then those that share one effect with the best of them; return the pairs that are needed."""
     best = singles[0]
@@ -224,12 +224,12 @@ def _needed_pairs(
     def begin(names: tuple[str, ...]) -> Hypothesis:
         if set(best.names) < set(names):
             return begin_hypothesis(best.experiment, left.fit, names)
-        return begin_hypothesis(prepared.experiment, stage.fit, names)
+        return begin_hypothesis(nominal_fit.experiment, lack.fit, names)
 
-    ranked = ranked_pairs(stage)
-    pairs = contest(first_pairs(ranked, best, left), begin, best, say)
+    ranked = ranked_pairs(lack)
+    pairs = compare_candidates(first_pairs(ranked, best, left), begin, best, say)
     needed = [pair for pair in pairs if both_needed(pair, nominal, singles, left)]
     if not needed:
         return []
-    further = contest(swapped_pairs(ranked, needed[0], [pair.names for pair in pairs]), begin, best, say)
+    further = compare_candidates(swapped_pairs(ranked, needed[0], [pair.names for pair in pairs]), begin, best, say)
     return [*needed, *(pair for pair in further if both_needed(pair, nominal, singles, left))]

@@ -6,31 +6,31 @@ from itertools import combinations
 
 from physid.diagnosis.selection.comparison import Names
 from physid.diagnosis.testing.hypothesis import Hypothesis
-from physid.diagnosis.testing.lack_of_fit import Stage
+from physid.diagnosis.testing.lack_of_fit import LackOfFit
 from physid.diagnosis.testing.score_test import gains, joined
 
 SURVIVE = 0.1  # share of the best gain that a candidate needs to be fitted
 MOST_SINGLES, MOST_PAIRS = 10, 5
 
 
-def survivors(stage: Stage) -> list[Names]:
+def survivors(lack: LackOfFit) -> list[Names]:
     """Return the effects worth fitting: what a line at the null says of a strong effect may fall short by far."""
-    worth = [row for row in stage.rows if row.gain >= SURVIVE * stage.rows[0].gain]
+    worth = [row for row in lack.rows if row.gain >= SURVIVE * lack.rows[0].gain]
     return [row.names for row in worth][:MOST_SINGLES]
 
 
-def ranked_pairs(stage: Stage) -> list[Names]:
+def ranked_pairs(lack: LackOfFit) -> list[Names]:
     """Return all pairs of effects that are significant alone, those with the largest linear gain first."""
-    alone = {row.names[0] for row in stage.significant}
-    groups = [group for group in stage.groups if group.names[0] in alone]
+    alone = {row.names[0] for row in lack.significant}
+    groups = [group for group in lack.groups if group.names[0] in alone]
     both = {
-        tuple(sorted((one.names[0], two.names[0]))): float(gains(stage.conditional, joined((one, two)))[0])
+        tuple(sorted((one.names[0], two.names[0]))): float(gains(lack.conditional, joined((one, two)))[0])
         for one, two in combinations(groups, 2)
     }
     return sorted(both, key=lambda names: -both[names])
 
 
-def first_pairs(ranked: list[Names], best: Hypothesis, left: Stage) -> list[Names]:
+def first_pairs(ranked: list[Names], best: Hypothesis, left: LackOfFit) -> list[Names]:
     """Return pairs worth fitting: the best with what it leaves, and the best of all pairs by their linear gain."""
     further = (tuple(sorted((*best.names, row.names[0]))) for row in left.significant)
     with_best = [names for names in further if names in ranked][: MOST_PAIRS // 2]

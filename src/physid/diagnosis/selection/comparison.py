@@ -1,30 +1,30 @@
-"""A contest of hypotheses: each is fitted, those far behind are left, the best are settled with the other engine."""
+"""Comparing candidates: each is fitted, those far behind are dropped, the best are refitted with the reference."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from physid.diagnosis.reference.discrepancy import Say, settle
-from physid.diagnosis.testing.hypothesis import Hypothesis, conclude, finish_hypothesis, retried
+from physid.diagnosis.reference.discrepancy import Say, fit_with_reference
+from physid.diagnosis.testing.hypothesis import Hypothesis, conclude, finish_hypothesis, refitted_from_new_states
 from physid.physics.layer import SolverError
 
 BEHIND = 0.5  # share of the gap that a hypothesis may leave open after a few steps, beyond the best, to be fitted on
-SETTLE_MOST = 4  # hypotheses that are settled with the other engine: the best, and others ...
+MOST_REFITTED = 4  # hypotheses that are settled with the reference simulator: the best, and others ...
 NEAR = 0.2  # ... whose gap is open by at most this share more
 
 Names = tuple[str, ...]
 
 
-def contest(
+def compare_candidates(
     wanted: Sequence[Names], begin: Callable[[Names], Hypothesis], before: Hypothesis, say: Say
 ) -> list[Hypothesis]:
-    """Fit hypotheses and settle the best of them with the other engine; best predictions first.
+    """Fit hypotheses and settle the best of them with the reference simulator; best predictions first.
 
     Args:
         wanted: Names of the effects of each.
         begin: Fits one of them for a few steps.
         before: The hypothesis that they shall improve on.
-        say: Told what is being done.
+        say: Called with what is being done.
     """
     begun = []
     for number, names in enumerate(wanted):
@@ -36,10 +36,10 @@ def contest(
     begun = by_prediction(begun)
     fitted = by_prediction([_finished(one, say) if _hopeful(one, begun[0], before) else one for one in begun])
     settled: list[Hypothesis] = []
-    for one in fitted[:SETTLE_MOST]:
+    for one in fitted[:MOST_REFITTED]:
         if settled and gain(one, settled[0]) > NEAR * gain(before, settled[0]):
             break
-        settled.append(_settled(one, say))
+        settled.append(_fitted_with_reference(one, say))
     return by_prediction([*settled, *fitted[len(settled) :]])
 
 
@@ -55,7 +55,7 @@ def by_prediction(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
 
 
 def _hopeful(one: Hypothesis, first: Hypothesis, before: Hypothesis) -> bool:
-    """Tell whether a hypothesis that was begun may still become the best: how much of the gap it leaves open."""
+    """Return whether a hypothesis that was begun may still become the best: how much of the gap it leaves open."""
     return gain(one, first) <= BEHIND * gain(before, first)
 
 
@@ -68,12 +68,12 @@ def _finished(one: Hypothesis, say: Say) -> Hypothesis:
         return one
 
 
-def _settled(one: Hypothesis, say: Say) -> Hypothesis:
-    """Fit a hypothesis with the numerics of the other engine; where that cannot be simulated it stays as it is."""
-    say(f"replaying {' + '.join(one.names)} in the other engine")
+def _fitted_with_reference(one: Hypothesis, say: Say) -> Hypothesis:
+    """Fit a hypothesis with the numerics of the reference simulator; where these cannot be simulated it stays."""
+    say(f"replaying {' + '.join(one.names)} in the reference simulator")
     try:
-        again = retried(one)
-        experiment, fit = settle(again.experiment, again.fit, again.columns, again.names)
+        again = refitted_from_new_states(one)
+        experiment, fit = fit_with_reference(again.experiment, again.fit, again.columns, again.names)
     except SolverError:
         return one
     return conclude(experiment, fit, one.names)

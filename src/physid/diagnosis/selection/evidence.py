@@ -6,45 +6,45 @@ from torch import Tensor
 
 from physid.diagnosis.selection.comparison import gain
 from physid.diagnosis.testing.hypothesis import Hypothesis
-from physid.diagnosis.testing.lack_of_fit import Stage
+from physid.diagnosis.testing.lack_of_fit import LackOfFit
 
-ALPHA = 0.02  # effect-free data are called suspicious this often
+ALPHA = 0.02  # null simulations are called suspicious this often
 CLEAR = 2.5  # standard errors by which a prediction must be worse to be told apart
 NATS = 12.0  # and by how much squared residual at least
 SAME = 0.003  # share of what the best explains that the numerics may decide between two hypotheses
-EVIDENT = 2.0  # mean squared residual, in units of the noise, that no effect-free trajectories have
+EVIDENT = 2.0  # mean squared residual, in units of the noise, that no null simulation reaches
 CLOSED = 0.02  # share of the gap that may be left without a second look
 CLOSED_BY_PAIR = 0.005  # the same where two effects are blamed
 MOST_OF_IT = 0.5  # share of what one effect leaves that a second one must explain
 
 
-def sound(nominal: Hypothesis, one: Hypothesis, stage: Stage) -> bool:
-    """Tell whether a hypothesis explains more than chance, where it was fitted and where it was not."""
-    return confirmed(nominal, one) and beyond_chance(nominal, one, stage)
+def sound(nominal: Hypothesis, one: Hypothesis, lack: LackOfFit) -> bool:
+    """Return whether a hypothesis explains more than chance, where it was fitted and where it was not."""
+    return confirmed(nominal, one) and beyond_chance(nominal, one, lack)
 
 
-def explained(nominal: Hypothesis, best: Hypothesis, stage: Stage) -> float:
+def explained(nominal: Hypothesis, best: Hypothesis, lack: LackOfFit) -> float:
     """Return what the best explains: in squared residual of the fitted trajectories, or by a free residual wrench."""
-    return max(gain(nominal, best), stage.excess, 1e-9)
+    return max(gain(nominal, best), lack.excess, 1e-9)
 
 
-def complete(nominal: Hypothesis, best: Hypothesis, stage: Stage, left: Stage) -> bool:
-    """Tell whether the best leaves nothing, or so little that laws which differ by a hair account for it.
+def complete(nominal: Hypothesis, best: Hypothesis, lack: LackOfFit, left: LackOfFit) -> bool:
+    """Return whether the best leaves nothing, or so little that laws which differ by a hair account for it.
 
     Two effects follow a foreign law more closely than one: of a pair less may be left.
     """
     closed = CLOSED if len(best.names) == 1 else CLOSED_BY_PAIR
-    return left.p_value > ALPHA or left.missing < closed * explained(nominal, best, stage)
+    return left.p_value > ALPHA or left.missing < closed * explained(nominal, best, lack)
 
 
 def confirmed(nominal: Hypothesis, one: Hypothesis) -> bool:
-    """Tell whether a hypothesis predicts better than the nominal model where nothing was fitted to."""
+    """Return whether a hypothesis predicts better than the nominal model where nothing was fitted to."""
     better = _advance(nominal, one)
     return len(better) == 0 or float(better.sum()) > 0
 
 
-def foretold(nominal: Hypothesis, one: Hypothesis) -> bool:
-    """Tell whether a hypothesis predicts better there by more than chance lets it."""
+def improves_held_out(nominal: Hypothesis, one: Hypothesis) -> bool:
+    """Return whether a hypothesis predicts better there by more than chance lets it."""
     return float(_advance(nominal, one).sum()) > NATS
 
 
@@ -53,15 +53,15 @@ def _advance(nominal: Hypothesis, one: Hypothesis) -> Tensor:
     return (nominal.held_out - one.held_out)[~nominal.experiment.fitted]
 
 
-def beyond_chance(nominal: Hypothesis, one: Hypothesis, stage: Stage) -> bool:
-    """Tell whether a hypothesis explains more than it does in effect-free data."""
-    return gain(nominal, one) > stage.reach(one.names)
+def beyond_chance(nominal: Hypothesis, one: Hypothesis, lack: LackOfFit) -> bool:
+    """Return whether a hypothesis explains more than it does in null simulations."""
+    return gain(nominal, one) > lack.reach(one.names)
 
 
 def evident(nominal: Hypothesis) -> bool:
-    """Tell whether trajectories that nothing was fitted to leave the model by more than any numerics account for.
+    """Return whether trajectories that nothing was fitted to leave the model by more than any numerics account for.
 
-    After hits effect-free data scatter widely and one effect alone may not stand out from them; the gap does.
+    After impacts null simulations scatter widely and one effect alone may not stand out from them; the gap does.
     """
     experiment = nominal.experiment
     reported = ~experiment.fitted
@@ -69,8 +69,10 @@ def evident(nominal: Hypothesis) -> bool:
     return float(nominal.held_out[reported].sum()) > EVIDENT * float(count)
 
 
-def distinguishable(nominal: Hypothesis, best: Hypothesis, other: Hypothesis, left: Stage, whole: bool = False) -> bool:
-    """Tell whether another hypothesis predicts held-out trajectories clearly worse than the best.
+def distinguishable(
+    nominal: Hypothesis, best: Hypothesis, other: Hypothesis, left: LackOfFit, whole: bool = False
+) -> bool:
+    """Return whether another hypothesis predicts held-out trajectories clearly worse than the best.
 
     If the other were true, the squared residuals of both would differ by more than d with a probability of at most
     exp(-d / 2). That bound trusts the noise, and the numerics, which are known to a share of what is explained; where
@@ -86,8 +88,8 @@ def distinguishable(nominal: Hypothesis, best: Hypothesis, other: Hypothesis, le
     return float(worse.sum()) > least
 
 
-def both_needed(pair: Hypothesis, nominal: Hypothesis, singles: list[Hypothesis], left: Stage) -> bool:
-    """Tell whether a pair accounts for most of what the best single effect leaves, and for more than each part alone.
+def both_needed(pair: Hypothesis, nominal: Hypothesis, singles: list[Hypothesis], left: LackOfFit) -> bool:
+    """Return whether a pair accounts for most of what the best single effect leaves, and for more than each part alone.
 
     Neither part may have sizes that are known no better than that they may be null.
     """

@@ -6,41 +6,41 @@ import torch
 from torch import Tensor
 
 from physid.diagnosis.testing.hypothesis import Hypothesis
-from physid.diagnosis.testing.lack_of_fit import Stage
+from physid.diagnosis.testing.lack_of_fit import LackOfFit
 from physid.diagnosis.testing.score_test import VISIBLE, Conditional, Group, condition
 from physid.estimation.least_squares.prior import prior
 
 ALIKE = 0.98  # squared cosine of two signatures from which on they are one
-CALM = 0.5  # share of a signature that must lie in calm windows to be judged there
+CONTACT_FREE = 0.5  # share of a signature that must lie in contact-free segments to be judged there
 
 
-def alike(stage: Stage, best: Hypothesis) -> tuple[str, ...]:
+def alike(lack: LackOfFit, best: Hypothesis) -> tuple[str, ...]:
     """List the effects that could take the place of a part of the best hypothesis, to first order.
 
-    Only calm windows count, for where a hit falls in time is beyond a linear model: a clock that runs fast and a
-    stronger gravity are one in every flight, and differ in hits that fall into another step.
+    Only contact-free segments count, for where an impact falls in time is beyond a linear model: a clock that runs fast
+    and a stronger gravity are one in every flight, and differ in impacts that fall into another step.
 
     Args:
-        stage: The nominal model, linearised with all candidates.
+        lack: The nominal model, linearised with all candidates.
         best: The hypothesis, whose fitted values give the direction of each part.
     """
     experiment = best.experiment
-    calm = (~experiment.predictor.windows.busy).to(torch.float64)
-    whole, quiet = (stage.fit.linear.normal(share).of(experiment.fitted) for share in (None, calm))
-    offset = stage.fit.point.nominal.shape[1] + 1
-    change = best.fit.point.effects[0] - stage.fit.point.effects[0]
+    contact_free = (~experiment.predictor.segments.contact).to(torch.float64)
+    whole, quiet = (lack.fit.linear.normal(share).of(experiment.fitted) for share in (None, contact_free))
+    offset = lack.fit.point.nominal.shape[1] + 1
+    change = best.fit.point.effects[0] - lack.fit.point.effects[0]
     found = []
-    for part in (group for group in stage.groups if group.names[0] in best.names):
-        others = [group.columns for group in stage.groups if group.names[0] in best.names and group is not part]
+    for part in (group for group in lack.groups if group.names[0] in best.names):
+        others = [group.columns for group in lack.groups if group.names[0] in best.names and group is not part]
         nuisance = torch.cat([torch.arange(offset), *others])
         shared = torch.arange(offset + len(change))
         always = prior(experiment.predictor, torch.zeros(0, dtype=torch.int64))
         ridge = torch.cat([always, *(prior(experiment.predictor, each - offset)[offset:] for each in others)])
         all_of, calm_of = (condition(normal.select(shared), nuisance, ridge) for normal in (whole, quiet))
         direction = change[part.columns - offset]
-        if _energy(calm_of, part, direction) < CALM * _energy(all_of, part, direction):
+        if _energy(calm_of, part, direction) < CONTACT_FREE * _energy(all_of, part, direction):
             continue
-        rivals = (group for group in stage.groups if group.names[0] not in best.names)
+        rivals = (group for group in lack.groups if group.names[0] not in best.names)
         found += [one.names[0] for one in rivals if cosine(calm_of, part, direction, one) >= ALIKE]
     return tuple(dict.fromkeys(found))
 

@@ -13,7 +13,7 @@ from physid.diagnosis.reference.discrepancy import working_effects
 from physid.estimation.least_squares.experiment import Experiment, Fit
 from physid.estimation.least_squares.levenberg_marquardt import FIRST_DAMPING, gauss_newton, solve_shared
 from physid.estimation.least_squares.line_search import Step, best_step
-from physid.estimation.least_squares.multi_start import carried, search, try_again
+from physid.estimation.least_squares.multi_start import carried, search, try_new_states
 from physid.estimation.least_squares.normal_equations import Normal
 from physid.estimation.least_squares.prior import clamp_effects, prior
 from physid.estimation.prediction.rollout import Predictor, Variants
@@ -22,7 +22,7 @@ from physid.physics.effect import Effect
 
 CONFIDENCE = 0.9
 STRIDES = (1.0, 0.5, 0.25, 0.1)  # parts of the linear step that are tried first
-KEPT = 0.5  # share of what a linear step promises that it must keep; else first states follow along a curve ...
+KEPT = 0.5  # share of what a linear step promises that it must keep; else initial states follow along a curve ...
 FAR, FOLLOWING = (1.0, 0.5), 3  # ... to these parts of it, and unknown parameters in so many Gauss-Newton steps
 SIZES = (1.0, 3.0)  # times the typical one: finite sizes from which a fit may begin
 
@@ -100,7 +100,7 @@ def columns_of(predictor: Predictor, names: Sequence[str]) -> Tensor:
 
 
 def begin_hypothesis(experiment: Experiment, start: Fit, names: tuple[str, ...], steps: int = 5) -> Hypothesis:
-    """Fit the effects together with unknown parameters and first states, as far as a few steps go.
+    """Fit the effects together with unknown parameters and initial states, as far as a few steps go.
 
     Args:
         experiment: What to explain.
@@ -114,14 +114,14 @@ def begin_hypothesis(experiment: Experiment, start: Fit, names: tuple[str, ...],
     )
 
 
-def begin_afresh(
+def begin_from_finite_sizes(
     experiment: Experiment, point: Variants, names: tuple[str, ...], change: Tensor, steps: int = 5
 ) -> Hypothesis:
     """Fit effects from finite sizes, with the first guesses of the unknown parameters; the best fit is returned.
 
     Args:
         experiment: What to explain.
-        point: First states, without effects.
+        point: Initial states, without effects.
         names: Names of the effects.
         change: Their parameters as a line at the null suggests: its direction is taken, shape (E,).
         steps: Most Gauss-Newton steps.
@@ -135,32 +135,32 @@ def begin_afresh(
     direction = change / typical
     direction = direction / direction.abs().max().clamp_min(1e-9)
     guess = point.replace(nominal=predictor.model.guess[None])
-    counts, found = experiment.fitted[predictor.windows.trajectory], []
+    counts, found = experiment.fitted[predictor.segments.trajectory], []
     for size in SIZES:
         effects = point.effects.clone()
         effects[0, columns] = predictor.null[columns] + size * typical * direction
-        start = try_again(experiment, guess.replace(effects=clamp_effects(predictor, effects)))
+        start = try_new_states(experiment, guess.replace(effects=clamp_effects(predictor, effects)))
         found.append(gauss_newton(experiment, start, columns, steps))
     return conclude(experiment, min(found, key=lambda fit: float(fit.loss[counts].sum())), names)
 
 
 def finish_hypothesis(begun: Hypothesis, steps: int = 16) -> Hypothesis:
-    """Fit a hypothesis to the end, with first states guessed anew once its effects are known."""
+    """Fit a hypothesis to the end, with initial states guessed anew once its effects are known."""
     experiment, columns = begun.experiment, begun.columns
     fit = gauss_newton(experiment, begun.fit, columns, steps)
-    again = try_again(experiment, fit.point)
+    again = try_new_states(experiment, fit.point)
     if again is not fit.point:
         fit = gauss_newton(experiment, again, columns, steps)
     return conclude(experiment, fit, begun.names)
 
 
-def retried(one: Hypothesis, steps: int = 8) -> Hypothesis:
-    """Fit a hypothesis again with new first states where it fits badly; the better fit is returned."""
+def refitted_from_new_states(one: Hypothesis, steps: int = 8) -> Hypothesis:
+    """Fit a hypothesis again with new initial states where it fits badly; the better fit is returned."""
     point = search(one.experiment, one.fit)
     if point is one.fit.point:
         return one
     fit = gauss_newton(one.experiment, point, one.columns, steps)
-    counts = one.experiment.fitted[one.experiment.predictor.windows.trajectory]
+    counts = one.experiment.fitted[one.experiment.predictor.segments.trajectory]
     better = float((one.fit.loss - fit.loss)[counts].sum()) > 0
     return conclude(one.experiment, fit, one.names) if better else one
 
@@ -190,7 +190,7 @@ def _first_step(experiment: Experiment, start: Fit, columns: Tensor) -> Variants
     change = solve_shared(normal, experiment.fitted, prior(experiment.predictor, columns))
     damping = torch.full_like(start.loss, FIRST_DAMPING)
     step = best_step(experiment, start, columns, change, damping, STRIDES)
-    counts = experiment.fitted[experiment.predictor.windows.trajectory]
+    counts = experiment.fitted[experiment.predictor.segments.trajectory]
     promised = (normal.square - normal.loss(change))[experiment.fitted].sum()
     kept = float((start.loss - step.loss)[counts].sum()) > KEPT * float(promised)
     if kept or not _seen(experiment, columns):
@@ -200,14 +200,14 @@ def _first_step(experiment: Experiment, start: Fit, columns: Tensor) -> Variants
 
 
 def _seen(experiment: Experiment, columns: Tensor) -> bool:
-    """Tell whether some of the effects act on what a camera reports."""
+    """Return whether some of the effects act on what a camera reports."""
     return any(has(experiment.predictor.terms[k].effect, "observe") for k in columns.tolist())
 
 
 def _carried_along(experiment: Experiment, start: Fit, columns: Tensor, change: Tensor) -> list[Fit]:
-    """Fit unknown parameters to parts of a change of effects, when first states follow what a camera sees.
+    """Fit unknown parameters to parts of a change of effects, when initial states follow what a camera sees.
 
-    A camera that is turned moves and turns all that it reports: first states follow along a curve, and a line leaves
+    A camera that is turned moves and turns all that it reports: initial states follow along a curve, and a line leaves
     it at once.
     """
     predictor, found = experiment.predictor, []

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from physid.diagnosis.reference.nominal_fit import Prepared
-from physid.diagnosis.reference.null_simulations import draw_nulls, p_value
+from physid.diagnosis.reference.nominal_fit import NominalFit
+from physid.diagnosis.reference.null_simulations import draw_null_simulations, p_value
 from physid.diagnosis.testing.hypothesis import Hypothesis
 from physid.diagnosis.testing.null_distribution import BAD, Gain, ScoreTest
 from physid.diagnosis.testing.null_tails import Tail, together
@@ -17,8 +17,8 @@ from physid.diagnosis.testing.score_test import Conditional, Group, groups_of
 from physid.estimation.least_squares.experiment import Experiment, Fit
 from physid.estimation.least_squares.prior import prior
 
-MARGIN = 1.25  # by which a gain must exceed those in effect-free data
-CELL_DRAWS = 10  # every so many effect-free data sets serve for the cells
+MARGIN = 1.25  # by which a gain must exceed those in null simulations
+CELL_DRAWS = 10  # every so many null simulations serve for the cells
 
 
 @dataclass(frozen=True)
@@ -26,9 +26,9 @@ class Row(Gain):
     """What one more effect would gain, beside chance.
 
     Attributes:
-        tail: How far its gain reaches in effect-free data.
+        tail: How far its gain reaches in null simulations.
         steady_tail: The same of its steady gain.
-        p_value: How often any effect deviates as far in effect-free data.
+        p_value: How often any effect deviates as far in null simulations.
     """
 
     tail: Tail
@@ -44,21 +44,21 @@ class Row(Gain):
 
 
 @dataclass(frozen=True)
-class Stage:
+class LackOfFit:
     """What a hypothesis leaves unexplained.
 
     Attributes:
         fit: The hypothesis' fit, linearised with all candidates and residual wrenches.
         cells: What the residual wrenches are.
         rows: What each effect that it lacks would gain, best first.
-        null_best: The largest deviation of a gain in each effect-free data set (Westfall and Young 1993), shape (Z,).
+        null_best: The largest deviation of a gain in each null simulation (Westfall and Young 1993), shape (Z,).
         null_steady: The same of steady gains.
-        free: What a free residual wrench explains, by window, shape (K,).
-        null_free: The same for effect-free data: fitted trajectories together, shape (Z,).
+        free: What a free residual wrench explains, by segment, shape (K,).
+        null_free: The same for null simulations: fitted trajectories together, shape (Z,).
         conditional: Normal equations of all effects after the nuisances.
         groups: Columns of the effects.
-        counted: Windows of the fitted trajectories that a free residual wrench may speak about, shape (K,).
-        cell_gain: What a residual wrench in each cell alone explains, by window, beyond the mean of effect-free data;
+        counted: Segments of the fitted trajectories that a free residual wrench may speak about, shape (K,).
+        cell_gain: What a residual wrench in each cell alone explains, by segment, beyond the mean of null simulations;
             in the order of `cells`, shape (F, K).
     """
 
@@ -81,7 +81,7 @@ class Stage:
 
     @property
     def excess(self) -> float:
-        """The same beyond what it explains in effect-free data."""
+        """The same beyond what it explains in null simulations."""
         return self.left - float(self.null_free.mean())
 
     @property
@@ -91,58 +91,59 @@ class Stage:
 
     @property
     def p_value(self) -> float:
-        """How often effect-free data look at least as suspicious: by one effect, or by a free residual wrench."""
+        """How often null simulations look at least as suspicious: by one effect, or by a free residual wrench."""
         return min(1.0, 2 * min(self.p_best, self.p_free))
 
     @property
     def p_best(self) -> float:
-        """How often effect-free data gain as much by any one effect.
+        """How often null simulations gain as much by any one effect.
 
-        Effect-free data come from one other engine, and reality is a third: what is found must exceed them by a margin.
+        Null simulations come from one reference simulator, and reality is a third: what is found must exceed them by a
+        margin.
         """
         return p_value(max(row.deviation(MARGIN) for row in self.rows), self.null_steady) if self.rows else 1.0
 
     @property
     def p_free(self) -> float:
-        """How often effect-free data leave as much to a free residual wrench, with the same margin."""
+        """How often null simulations leave as much to a free residual wrench, with the same margin."""
         return p_value(float(self.null_free.mean()) + self.excess / MARGIN, self.null_free)
 
     @property
     def limit(self) -> float:
-        """The deviation that the gain of some effect reaches in one of a hundred effect-free data sets."""
+        """The deviation that the gain of some effect reaches in one of a hundred null simulations."""
         return float(self.null_best.quantile(0.99))
 
     @property
     def significant(self) -> list[Row]:
-        """The effects that gain more, steadily, than one in a hundred effect-free data sets, best first."""
+        """The effects that gain more, steadily, than one in a hundred null simulations, best first."""
         limit = float(self.null_steady.quantile(0.99))
         return [row for row in self.rows if row.deviation() >= limit]
 
     def reach(self, names: tuple[str, ...]) -> float:
-        """Return what effects gain together in one of a hundred effect-free data sets."""
+        """Return what effects gain together in one of a hundred null simulations."""
         return float(self._tail(names).gain(self.limit))
 
     def chance(self, names: tuple[str, ...], gain: float) -> float:
-        """Return how often effect-free data give any effect as much as these gain together."""
+        """Return how often null simulations give any effect as much as these gain together."""
         return p_value(float(self._tail(names).deviation(max(gain, 0.0))), self.null_best)
 
     def _tail(self, names: tuple[str, ...]) -> Tail:
         return together([row.tail for row in self.rows if row.names[0] in names])
 
 
-def examine(prepared: Prepared, hypothesis: Hypothesis, generator: torch.Generator) -> Stage:
+def find_lack_of_fit(nominal_fit: NominalFit, hypothesis: Hypothesis, generator: torch.Generator) -> LackOfFit:
     """Look at what a hypothesis leaves unexplained.
 
     Args:
-        prepared: The recordings.
+        nominal_fit: The recordings.
         hypothesis: The hypothesis.
-        generator: Randomness of the effect-free data.
+        generator: Randomness of the null simulations.
     """
     experiment = hypothesis.experiment
-    predictor, windows = experiment.predictor, experiment.predictor.windows
+    predictor, segments = experiment.predictor, experiment.predictor.segments
     planar = not bool(experiment.directions.free[..., 0].any())
     cells, wrenches = residual_wrenches(
-        prepared.phases, experiment.directions.frame, planar, windows, predictor.model.scene.time_step
+        nominal_fit.phases, experiment.directions.frame, planar, segments, predictor.model.scene.time_step
     )
     count = len(predictor.terms)
     fit = experiment.linearise(hypothesis.fit.point, torch.arange(count), wrenches)
@@ -155,12 +156,12 @@ def examine(prepared: Prepared, hypothesis: Hypothesis, generator: torch.Generat
     nuisance = torch.cat([torch.arange(offset), offset + hypothesis.columns])
     test = ScoreTest(experiment, fit, groups, offset + count, nuisance, prior(experiment.predictor, hypothesis.columns))
 
-    nulls = draw_nulls(experiment, hypothesis.fit, prepared.noise, hypothesis.working, generator)
-    response = test.respond(nulls)
-    chance = test.chance(nulls, response, generator)
-    cleaned = test.cleaned(nulls, response)
+    null_data = draw_null_simulations(experiment, hypothesis.fit, nominal_fit.noise, hypothesis.working, generator)
+    response = test.respond(null_data)
+    chance = test.chance(null_data, response, generator)
+    cleaned = test.cleaned(null_data, response)
     free = torch.tensor([offset + count + k for k, cell in enumerate(cells) if cell.piece is not None])
-    counted = experiment.fitted[windows.trajectory] & _sound(experiment, hypothesis.fit)
+    counted = experiment.fitted[segments.trajectory] & _sound(experiment, hypothesis.fit)
     conditional, gained = test.observed()
     steady = torch.tensor([gain.steady for gain in gained], dtype=torch.float64)
     rare = chance.steady_tail.deviation(steady).tolist()
@@ -168,7 +169,7 @@ def examine(prepared: Prepared, hypothesis: Hypothesis, generator: torch.Generat
         Row(**vars(gain), tail=chance.tail[k], steady_tail=chance.steady_tail[k], p_value=p_value(z, chance.steady))
         for k, (gain, z) in enumerate(zip(gained, rare, strict=True))
     ]
-    return Stage(
+    return LackOfFit(
         fit,
         cells,
         sorted(rows, key=lambda row: -row.gain),
@@ -184,14 +185,14 @@ def examine(prepared: Prepared, hypothesis: Hypothesis, generator: torch.Generat
 
 
 def _sound(experiment: Experiment, fit: Fit) -> Tensor:
-    """Return the windows whose misfit tells about the model: calm ones, and busy ones if most of them fit badly."""
-    windows = experiment.predictor.windows
-    followed = experiment.misfit(fit.point)[windows.busy & experiment.follow]
+    """Return the segments whose misfit is evidence: contact-free ones, and those with contact if most fit badly."""
+    segments = experiment.predictor.segments
+    followed = experiment.misfit(fit.point)[segments.contact & experiment.follow]
     badly = len(followed) > 0 and float(followed.median()) > BAD
-    return ~windows.busy | (experiment.follow & badly)
+    return ~segments.contact | (experiment.follow & badly)
 
 
 def _cell_gains(fit: Fit, columns: Tensor, cleaned: Tensor, scale: Tensor) -> Tensor:
-    """Compute what each residual wrench explains alone, beyond its mean over effect-free data; shape (F, K)."""
+    """Compute what each residual wrench explains alone, beyond its mean over null simulations; shape (F, K)."""
     chance = gain_alone(fit.linear, columns, cleaned, scale).mean(2)
     return (gain_alone(fit.linear, columns)[..., 0] - chance).T

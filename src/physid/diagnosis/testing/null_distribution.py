@@ -1,4 +1,4 @@
-"""The score test of many effects at once, and what chance gives it in effect-free data."""
+"""The score test of many effects at once, and what chance gives it in null simulations."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from physid.diagnosis.reference.null_simulations import Nulls, with_signs
+from physid.diagnosis.reference.null_simulations import NullSimulations, with_signs
 from physid.diagnosis.testing.null_tails import Tail
 from physid.diagnosis.testing.score_test import Conditional, Group, condition, gains, steady_gains
 from physid.estimation.least_squares.experiment import Experiment, Fit
 from physid.estimation.least_squares.normal_equations import Normal
 
-BAD = 2.0  # mean squared residual, in units of the noise, that the numerics of a hit do not explain
+BAD = 2.0  # mean squared residual, in units of the noise, that the numerics of an impact do not explain
 
 
 @dataclass(frozen=True)
-class Chance:
-    """What effects gain in Z effect-free data sets.
+class NullDistribution:
+    """What effects gain in Z null simulations.
 
     Attributes:
         tail: How far the gain of each effect reaches there, shape (G,).
@@ -40,7 +40,7 @@ class Gain:
     Attributes:
         names: The effect (or several).
         gain: Explained squared residual, in units of the noise.
-        steady: What is left of it without the hit that says most for it.
+        steady: What is left of it without the impact that says most for it.
         change: Linear estimate of the parameters, shape (k,).
         visible: How many standard deviations its typical size makes, along the best direction.
     """
@@ -73,63 +73,65 @@ class ScoreTest:
     ridge: Tensor
 
     @property
-    def hits(self) -> Tensor:
-        """Windows with hits that determine shared parameters, shape (K,)."""
-        windows = self.experiment.predictor.windows
-        return windows.busy & self.experiment.fitted[windows.trajectory]
+    def impacts(self) -> Tensor:
+        """Segments with impacts that determine shared parameters, shape (K,)."""
+        segments = self.experiment.predictor.segments
+        return segments.contact & self.experiment.fitted[segments.trajectory]
 
     def observed(self) -> tuple[Conditional, list[Gain]]:
         """Return the normal equations after the nuisances, and what each group would gain."""
-        own = self.fit.linear.by_window()
+        own = self.fit.linear.by_segment()
         given = self._given(own)
-        hits = own.select(torch.arange(self.count)).of(self.hits)
-        hits = replace(hits, vector=hits.vector[..., None])
+        impacts = own.select(torch.arange(self.count)).of(self.impacts)
+        impacts = replace(impacts, vector=impacts.vector[..., None])
         found = []
         for group in self.groups:
             gain, change, visible = gains(given, group)
-            steady = float(steady_gains(given, group, hits))
+            steady = float(steady_gains(given, group, impacts))
             found.append(Gain(group.names, float(gain), steady, change[0], float(visible.max())))
         return given, found
 
-    def respond(self, nulls: Nulls) -> Normal:
-        """Return the normal equations of effect-free data by window.
+    def respond(self, null_data: NullSimulations) -> Normal:
+        """Return the normal equations of null simulations by segment.
 
-        Hits that fit badly count there as little as such hits of the recording: by their misfit.
+        Hits that fit badly count there as little as such impacts of the recording: by their misfit.
         """
-        windows = self.experiment.predictor.windows
-        response = self.fit.linear.respond_by_window(nulls.residual, self.experiment.scale)
+        segments = self.experiment.predictor.segments
+        response = self.fit.linear.respond_by_segment(null_data.residual, self.experiment.scale)
         away = response.square / self.experiment.counted()[:, None]
-        share = torch.where(windows.busy[:, None], (BAD / away).clamp_max(1), torch.ones_like(away))
+        share = torch.where(segments.contact[:, None], (BAD / away).clamp_max(1), torch.ones_like(away))
         return replace(response, vector=share[:, None] * response.vector, square=share * response.square)
 
-    def chance(self, nulls: Nulls, response: Normal, generator: torch.Generator) -> Chance:
-        """Return what chance gives: as effect-free data say, and where hits fit badly as random signs say, if more.
+    def chance(self, null_data: NullSimulations, response: Normal, generator: torch.Generator) -> NullDistribution:
+        """Return what chance gives: as null simulations say, and where impacts fit badly as random signs say, if more.
 
         Args:
-            nulls: Effect-free data.
-            response: Their normal equations by window.
+            null_data: Null simulations.
+            response: Their normal equations by segment.
             generator: Randomness of the signs.
         """
         given = self._given(response)
         each = torch.stack([gains(given, group)[0] for group in self.groups])
-        hits = response.select(torch.arange(self.count)).of(self.hits)
-        steady = torch.stack([steady_gains(given, group, hits) for group in self.groups])
+        impacts = response.select(torch.arange(self.count)).of(self.impacts)
+        steady = torch.stack([steady_gains(given, group, impacts) for group in self.groups])
         tail, steady_tail = Tail.of(each), Tail.of(steady)
-        bad = self.experiment.predictor.windows.busy & (self.experiment.misfit(self.fit.point) > BAD)
+        bad = self.experiment.predictor.segments.contact & (self.experiment.misfit(self.fit.point) > BAD)
         if bool(bad.any()):
-            signed = with_signs(nulls, self.fit, bad, generator)
-            wild = self._given(self.fit.linear.respond_by_window(signed.residual, self.experiment.scale))
+            signed = with_signs(null_data, self.fit, bad, generator)
+            wild = self._given(self.fit.linear.respond_by_segment(signed.residual, self.experiment.scale))
             by_sign = Tail.of(torch.stack([gains(wild, group)[0] for group in self.groups]))
             tail, steady_tail = tail.widened(by_sign), steady_tail.widened(by_sign)
-        return Chance(tail, steady_tail, tail.deviation(each.T).amax(1), steady_tail.deviation(steady.T).amax(1))
+        return NullDistribution(
+            tail, steady_tail, tail.deviation(each.T).amax(1), steady_tail.deviation(steady.T).amax(1)
+        )
 
-    def cleaned(self, nulls: Nulls, response: Normal) -> Tensor:
-        """Return the residuals of effect-free data after the nuisances are fitted to each set."""
-        normal = response.per(self.experiment.predictor.windows).select(self.nuisance).of(self.experiment.fitted)
+    def cleaned(self, null_data: NullSimulations, response: Normal) -> Tensor:
+        """Return the residuals of null simulations after the nuisances are fitted to each set."""
+        normal = response.per(self.experiment.predictor.segments).select(self.nuisance).of(self.experiment.fitted)
         change = torch.linalg.solve(normal.matrix.sum(0) + torch.diag(self.ridge), normal.vector.sum(0))
-        return nulls.residual - torch.einsum("pz,prtnk->zrtnk", change, self.fit.jacobian.shared[self.nuisance])
+        return null_data.residual - torch.einsum("pz,prtnk->zrtnk", change, self.fit.jacobian.shared[self.nuisance])
 
     def _given(self, own: Normal) -> Conditional:
-        """Solve for the nuisances in normal equations by window."""
-        by_trajectory = own.per(self.experiment.predictor.windows).select(torch.arange(self.count))
+        """Solve for the nuisances in normal equations by segment."""
+        by_trajectory = own.per(self.experiment.predictor.segments).select(torch.arange(self.count))
         return condition(by_trajectory.of(self.experiment.fitted), self.nuisance, self.ridge)

@@ -1,4 +1,4 @@
-"""How far gains reach by chance, effect by effect: in effect-free data, and where hits fit badly."""
+"""How far gains reach by chance, effect by effect: in null simulations, and where impacts fit badly."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from torch import Tensor
 class Tail:
     """The distribution of a gain under chance: a gamma distribution with the mean and the variance that were seen.
 
-    What k parameters gain from white noise is chi-squared with k degrees of freedom, which is one of these; hits make
-    the tail longer. A multiple of the mean would ask twice as much of three parameters as of one.
+    What k parameters gain from white noise is chi-squared with k degrees of freedom, which is one of these; impacts
+    make the tail longer. A multiple of the mean would ask twice as much of three parameters as of one.
 
     Attributes:
         mean: At least 1.

@@ -10,7 +10,7 @@ from torch import Tensor
 from physid.diagnosis.inputs.motion_phases import PHASES
 from physid.estimation.least_squares.experiment import Fit
 from physid.estimation.least_squares.normal_equations import Linearised, Part
-from physid.estimation.prediction.segments import Windows
+from physid.estimation.prediction.segments import Segmentation
 
 PIECE_TIME = 0.16  # [s] length of one piece of a residual wrench
 FORCE, TORQUE = 1.0, 0.1  # [N], [N m] units of a residual wrench
@@ -26,7 +26,7 @@ class Cell:
         body: Index of the body.
         dof: x, y, z, rx, ry or rz, in the axes of the ground.
         phase: A name of PHASES, or None for a piece of time.
-        piece: Which piece of its window, or None for a phase.
+        piece: Which piece of its segment, or None for a phase.
     """
 
     body: int
@@ -45,23 +45,23 @@ PLANAR = ("rz", "x", "y")
 
 
 def residual_wrenches(
-    phases: Tensor, frame: Tensor, planar: bool, windows: Windows, time_step: float
+    phases: Tensor, frame: Tensor, planar: bool, segments: Segmentation, time_step: float
 ) -> tuple[list[Cell], Tensor]:
-    """List residual wrenches of unit size; phases that are seldom within windows have none.
+    """List residual wrenches of unit size; phases that are seldom within segments have none.
 
     Args:
         phases: Codes of PHASES, shape (R, T, N).
         frame: Axes of the ground (tangent, tangent, normal), rows of (3, 3).
         planar: Whether bodies stay on the ground, so that only motion in its plane is of interest.
-        windows: How trajectories are cut.
+        segments: How trajectories are cut.
         time_step: [s] between frames.
 
     Returns:
         The cells, and their wrenches, shape (F, R, T, N, 6).
     """
     bodies = phases.shape[2]
-    inside = windows.spread(torch.ones(len(windows), dtype=torch.bool))
-    piece = windows.position // piece_frames(time_step)
+    inside = segments.spread(torch.ones(len(segments), dtype=torch.bool))
+    piece = segments.position // piece_frames(time_step)
     pieces = int(piece.max()) + 1
     cells: list[Cell] = []
     masks: list[Tensor] = []
@@ -86,7 +86,7 @@ def residual_wrenches(
 def local_gain(
     linear: Linearised, columns: Tensor, residuals: Tensor | None = None, scale: Tensor | None = None
 ) -> Tensor:
-    """Compute what columns explain when each window has its own amplitudes.
+    """Compute what columns explain when each segment has its own amplitudes.
 
     Args:
         linear: The linearised experiment.
@@ -95,7 +95,7 @@ def local_gain(
         scale: One over the standard deviation, shape (R, T, N, 6).
 
     Returns:
-        Explained squared residual of each window, shape (K, Z).
+        Explained squared residual of each segment, shape (K, Z).
     """
 
     def explain(part: Part) -> Tensor:
@@ -112,10 +112,10 @@ def local_gain(
 def gain_alone(
     linear: Linearised, columns: Tensor, residuals: Tensor | None = None, scale: Tensor | None = None
 ) -> Tensor:
-    """Compute what each column explains alone when each window has its own amplitude; see `local_gain`.
+    """Compute what each column explains alone when each segment has its own amplitude; see `local_gain`.
 
     Returns:
-        Explained squared residual of each window, shape (K, F, Z).
+        Explained squared residual of each segment, shape (K, F, Z).
     """
 
     def explain(part: Part) -> Tensor:
@@ -135,7 +135,7 @@ def _data(part: Part, residuals: Tensor | None, scale: Tensor | None) -> Tensor:
 
 
 def freed(fit: Fit, columns: Tensor) -> Tensor:
-    """Return the residuals, in units of the noise, that are left when each window has its own amplitudes of columns.
+    """Return the residuals, in units of the noise, that are left when each segment has its own amplitudes of columns.
 
     Args:
         fit: A linearised experiment.

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from physid.estimation.least_squares.normal_equations import Normal
-from physid.estimation.prediction.effect_parameters import Term
+from physid.estimation.prediction.effect_parameters import EffectParameter
 
 VISIBLE = 1.0  # a direction in which the typical size stays below so many standard deviations is not tested
 
@@ -35,7 +35,7 @@ def joined(groups: Sequence[Group]) -> Group:
     return Group(tuple(name for one in groups for name in one.names), *parts)
 
 
-def groups_of(terms: Sequence[Term], offset: int, present: Tensor) -> list[Group]:
+def groups_of(terms: Sequence[EffectParameter], offset: int, present: Tensor) -> list[Group]:
     """Make one group per effect, whose columns start at `offset`; changes count from the values `present` (Q,)."""
     groups: dict[str, list[int]] = {}
     for index, term in enumerate(terms):
@@ -114,28 +114,28 @@ def gains(conditional: Conditional, group: Group) -> tuple[Tensor, Tensor, Tenso
     return gain, change, visible[0]
 
 
-def steady_gains(conditional: Conditional, group: Group, hits: Normal) -> Tensor:
-    """Compute what a group still explains without the hit that says most for it.
+def steady_gains(conditional: Conditional, group: Group, impacts: Normal) -> Tensor:
+    """Compute what a group still explains without the impact that says most for it.
 
-    What an effect does shows in many hits; one hit that goes another way in two engines may look like any effect.
+    What an effect does shows in many impacts; one impact that goes another way in two engines may look like any effect.
 
     Args:
         conditional: Normal equations after the nuisances, for K data sets.
         group: Columns and their ranges.
-        hits: Normal equations of all columns for the same data sets, one for each of W windows with a hit: matrices
-            (W, P, P) and vectors (W, P, K).
+        impacts: Normal equations of all columns for the same data sets, one for each of W segments with an impact:
+            matrices (W, P, P) and vectors (W, P, K).
 
     Returns:
         Shape (K,).
     """
     gain, change, _ = gains(conditional, group)
-    if len(hits.vector) == 0:
+    if len(impacts.vector) == 0:
         return gain
-    clean = change.new_zeros(hits.vector.shape[1], len(group.columns))
+    clean = change.new_zeros(impacts.vector.shape[1], len(group.columns))
     clean[group.columns, torch.arange(len(group.columns))] = 1
     clean[conditional.nuisance] -= conditional.absorbed[:, group.columns]
-    matrix = clean.T @ hits.matrix @ clean
-    vector = clean.T @ (hits.vector - hits.matrix[..., conditional.nuisance] @ conditional.solved)
+    matrix = clean.T @ impacts.matrix @ clean
+    vector = clean.T @ (impacts.vector - impacts.matrix[..., conditional.nuisance] @ conditional.solved)
     bent = torch.einsum("ki,wij,kj->wk", change, matrix, change)
     most = (2 * torch.einsum("wik,ki->wk", vector, change) - bent).argmax(0)
     rest = conditional.matrix[group.columns][:, group.columns] - matrix[most]

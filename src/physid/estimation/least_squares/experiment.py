@@ -21,10 +21,11 @@ class Experiment:
         predictor: The model under the commanded wrenches.
         pose: Observed poses, shape (R, T, N, 7).
         scale: One over the standard deviation of the noise times the root of the weight, shape (R, T, N, 6).
-        fitted: Trajectories that determine shared parameters (the others only have their first states fitted), (R,).
-        directions: Free changes of first states.
-        engine: How far the other engine leaves this one (a shared column with a prior of 0 +- 1), (R, T, N, 6).
-        follow: Windows in which the other engine is followed, shape (K,); where small errors grow fast it cannot be.
+        fitted: Trajectories that determine shared parameters (the others only have their initial states fitted), (R,).
+        directions: Free changes of initial states.
+        engine: How far the reference simulator leaves this one (a shared column with a prior of 0 +- 1), (R, T, N, 6).
+        follow: Segments in which the reference simulator is followed, shape (K,); where small errors grow fast it
+            cannot be.
     """
 
     predictor: Predictor
@@ -40,20 +41,20 @@ class Experiment:
         return difference(self.pose, predicted) - point.engine[:, :, None, None, None] * self.engine
 
     def losses(self, point: Variants) -> Tensor:
-        """Return the squared residual of each variant and window, in units of the noise; (C, K)."""
+        """Return the squared residual of each variant and segment, in units of the noise; (C, K)."""
         return self.losses_of(self.predictor.predict(point), point)
 
     def losses_of(self, predicted: Prediction, point: Variants) -> Tensor:
         """Return the losses of what has been predicted."""
         square = (self.residual(predicted.pose, point) * self.scale).square().sum((3, 4))
-        return self.predictor.windows.sum_frames(square)
+        return self.predictor.segments.sum_frames(square)
 
     def counted(self) -> Tensor:
-        """Return how many values of each window count, at least 1, shape (K,)."""
-        return self.predictor.windows.sum_frames((self.scale > 0).sum((2, 3))[None].double())[0].clamp_min(1)
+        """Return how many values of each segment count, at least 1, shape (K,)."""
+        return self.predictor.segments.sum_frames((self.scale > 0).sum((2, 3))[None].double())[0].clamp_min(1)
 
     def misfit(self, point: Variants) -> Tensor:
-        """Return the mean squared residual of each window, in units of the noise, shape (K,)."""
+        """Return the mean squared residual of each segment, in units of the noise, shape (K,)."""
         return self.losses(point)[0] / self.counted()
 
     def linearise(self, point: Variants, effects: Tensor, forces: Tensor | None = None) -> Fit:
@@ -83,13 +84,13 @@ class Experiment:
 
     def _fit(self, point: Variants, effects: Tensor, jacobian: Jacobian) -> Fit:
         residual = self.residual(jacobian.base.pose, point)[0]
-        linear = linearise(residual, self.scale, jacobian, self.directions, self.predictor.windows)
+        linear = linearise(residual, self.scale, jacobian, self.directions, self.predictor.segments)
         return Fit.of(point, effects, jacobian, residual, linear)
 
     def only(self, chosen: Tensor, elsewhere: Tensor) -> Experiment:
-        """Return the experiment with some of the windows (indices, in order); states elsewhere are (R, T, N, 7)."""
+        """Return the experiment with some of the segments (indices, in order); states elsewhere are (R, T, N, 7)."""
         directions = replace(self.directions, free=self.directions.free[chosen])
-        predictor = self.predictor.over(self.predictor.windows.only(chosen), elsewhere)
+        predictor = self.predictor.over(self.predictor.segments.only(chosen), elsewhere)
         return replace(self, predictor=predictor, directions=directions, follow=self.follow[chosen])
 
     def replace(self, **changes: object) -> Experiment:
@@ -102,12 +103,12 @@ class Fit:
     """A point and the experiment linearised there.
 
     Attributes:
-        point: First states, unknown parameters, effects.
+        point: Initial states, unknown parameters, effects.
         effects: Indices of the effects' parameters that are columns.
         jacobian: Prediction and its changes.
         residual: Observed minus predicted, shape (R, T, N, 6).
-        linear: The same in units of the noise, by window.
-        loss: Squared residual of each window, shape (K,).
+        linear: The same in units of the noise, by segment.
+        loss: Squared residual of each segment, shape (K,).
     """
 
     point: Variants

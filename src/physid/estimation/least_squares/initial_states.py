@@ -1,4 +1,4 @@
-"""First guesses of the states in which windows start, from the observed poses alone."""
+"""First guesses of the states in which segments start, from the observed poses alone."""
 
 from __future__ import annotations
 
@@ -7,24 +7,24 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from physid.estimation.prediction.segments import Windows
+from physid.estimation.prediction.segments import Segmentation
 from physid.physics.collision import reach
 from physid.physics.rotations import conjugate, exponential, logarithm, multiply
 from physid.scenes.lying import lay_down
 from physid.scenes.scene import Scene
 
-SPANS = (0.06, 0.035, 0.02)  # [s] first frames that may give the first velocity; short ones end before an impact
+SPANS = (0.06, 0.035, 0.02)  # [s] first frames that may give the initial velocity; short ones end before an impact
 GUESSES = len(SPANS) + 1  # one from each, and one at rest
 FLAT = 0.03  # [rad] a face that leans more than this does not lie on the ground
 NEAR = 0.25  # a body lies on the ground if the gap is below this share of its height (a camera may see it too high) ...
 STEADY = 0.5  # ... and it falls by less than this share of a free fall ...
 SINKS, SOON = 0.04, 0.25  # ... and does not sink by this share of its height soon after [s]: a late camera shows it
-MEDIAN = 5  # frames whose median height counts: one wild pose is no fall
+MEDIAN = 5  # frames whose median height counts: one outlier is no fall
 
 
 @dataclass(frozen=True)
-class Starts:
-    """Guessed states at the first frames of windows.
+class InitialStates:
+    """Guessed states at the first frames of segments.
 
     Attributes:
         pose: Guesses, shape (G, K, N, 7).
@@ -37,37 +37,37 @@ class Starts:
     resting: Tensor
 
 
-def guess_starts(pose: Tensor, seen: Tensor, windows: Windows, scene: Scene) -> Starts:
-    """Guess first states from the first frames of each window.
+def guess_initial_states(pose: Tensor, seen: Tensor, segments: Segmentation, scene: Scene) -> InitialStates:
+    """Guess initial states from the first frames of each segment.
 
     A body that lies on the ground is put exactly there, without tumbling: then only its motion in the ground's plane
-    is free. The last guess lets it be at rest, for the way back to rest from a wrong first velocity has no slope. Other
-    bodies are taken to fall freely for a while; the shorter the while, the less an impact disturbs.
+    is free. The last guess lets it be at rest, for the way back to rest from a wrong initial velocity has no slope.
+    Other bodies are taken to fall freely for a while; the shorter the while, the less an impact disturbs.
 
     Args:
         pose: Observed poses, shape (R, T, N, 7).
         seen: Weights of the frames, 0 for those to ignore, shape (R, T, N).
-        windows: How trajectories are cut.
+        segments: How trajectories are cut.
         scene: Sizes, ground, time step.
     """
     bodies = pose.shape[2]
-    starts = Starts(
-        pose.new_zeros(GUESSES, len(windows), bodies, 7),
-        pose.new_zeros(GUESSES, len(windows), bodies, 6),
-        torch.zeros(len(windows), bodies, dtype=torch.bool),
+    initial = InitialStates(
+        pose.new_zeros(GUESSES, len(segments), bodies, 7),
+        pose.new_zeros(GUESSES, len(segments), bodies, 6),
+        torch.zeros(len(segments), bodies, dtype=torch.bool),
     )
-    for batch in windows.batches:
+    for batch in segments.batches:
         cut, weight = batch.cut(pose[None])[0], batch.cut(seen[None], fill=0.0)[0]
         guessed = _guess(cut, weight, scene)
         for name in ("pose", "twist"):
-            getattr(starts, name)[:, batch.windows] = getattr(guessed, name)
-        starts.resting[batch.windows] = guessed.resting
-    starts.resting[_sinks(pose, seen, scene)[windows.trajectory, windows.start]] = False
-    return starts
+            getattr(initial, name)[:, batch.segments] = getattr(guessed, name)
+        initial.resting[batch.segments] = guessed.resting
+    initial.resting[_sinks(pose, seen, scene)[segments.trajectory, segments.start]] = False
+    return initial
 
 
 def _sinks(pose: Tensor, seen: Tensor, scene: Scene) -> Tensor:
-    """Tell which bodies get nearer to the ground soon after each frame: they did not lie on it, shape (R, T, N)."""
+    """Return which bodies get nearer to the ground soon after each frame: they did not lie on it, shape (R, T, N)."""
     normal, size = pose.new_tensor(scene.ground.normal), pose.new_tensor(scene.sizes)
     half = reach(pose[..., 3:], size, normal)
     bottom = pose[..., :3] @ normal - half
@@ -79,8 +79,8 @@ def _sinks(pose: Tensor, seen: Tensor, scene: Scene) -> Tensor:
     return smooth[:, : bottom.shape[1]] - lowest > SINKS * 2 * half
 
 
-def _guess(cut: Tensor, weight: Tensor, scene: Scene) -> Starts:
-    """Guess the first states of windows from their poses (K, L, N, 7) and the weights of the frames (K, L, N)."""
+def _guess(cut: Tensor, weight: Tensor, scene: Scene) -> InitialStates:
+    """Guess the initial states of segments from their poses (K, L, N, 7) and the weights of the frames (K, L, N)."""
     length = cut.shape[1]
     anchor = cut[:, :1, :, 3:]
     turn = logarithm(multiply(cut[..., 3:], conjugate(anchor.expand_as(cut[..., 3:]))))
@@ -98,7 +98,7 @@ def _guess(cut: Tensor, weight: Tensor, scene: Scene) -> Starts:
         twists.append(torch.where(resting[..., None], twist, slope))
     poses.append(torch.where(resting[..., None], still[0], poses[-1]))
     twists.append(torch.where(resting[..., None], 0 * still[1], twists[-1]))
-    return Starts(torch.stack(poses), torch.stack(twists), resting)
+    return InitialStates(torch.stack(poses), torch.stack(twists), resting)
 
 
 def _lying(

@@ -19,7 +19,7 @@ EFFECT = 1e-3  # step of a parameter of an effect, as a share of its typical siz
 
 @dataclass(frozen=True)
 class Directions:
-    """Which changes of the first states are free.
+    """Which changes of the initial states are free.
 
     Attributes:
         frame: Ground axes (tangent, tangent, normal) as rows, shape (3, 3).
@@ -41,7 +41,7 @@ class Directions:
 
     @property
     def used(self) -> list[tuple[int, int]]:
-        """Pairs (body, direction) that are free in some window: the columns of a state Jacobian."""
+        """Pairs (body, direction) that are free in some segment: the columns of a state Jacobian."""
         some = self.free.any(0)
         return [(int(body), int(k)) for body, k in some.nonzero()]
 
@@ -77,7 +77,7 @@ class Jacobian:
 
     Attributes:
         base: The prediction itself.
-        state: Change of poses by the first states, shape (D, R, T, N, 6).
+        state: Change of poses by the initial states, shape (D, R, T, N, 6).
         shared: Change by unknown parameters, parameters of effects, then forces; shape (P, R, T, N, 6).
     """
 
@@ -98,7 +98,7 @@ def differentiate(
     Args:
         predictor: The experiment.
         point: Where, a single variant.
-        directions: Free changes of the first states.
+        directions: Free changes of the initial states.
         effects: Which parameters of effects are columns (indices into the predictor's terms), shape (E,).
         forces: Wrenches whose amplitudes are further columns, shape (F, R, T, N, 6) [N m, N].
 

@@ -1,4 +1,4 @@
-"""Fitting parameters and first states to trajectories: Gauss-Newton with damping (Levenberg 1944, Marquardt 1963)."""
+"""Fitting parameters and initial states to trajectories: Gauss-Newton with damping (Levenberg 1944, Marquardt 1963)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ WHOLE, PARTS = (
     (1.0,),
     (0.5, 0.2, 0.0),
 )  # parts of the step of the shared parameters: the first, and those tried if it fails
-HARDLY = 0.1  # [rad/s], [m/s] first velocity of a body that may as well be at rest
+HARDLY = 0.1  # [rad/s], [m/s] initial velocity of a body that may as well be at rest
 CHORDS = 2  # most steps with a Jacobian of an earlier point
 CONVERGED = 1e-2  # a step that gains less than this share of a standard deviation of the loss is the last
 
@@ -29,10 +29,10 @@ def solve_shared(normal: Normal, fitted: Tensor, ridge: Tensor) -> Tensor:
 
 
 def gauss_newton(experiment: Experiment, start: Variants | Fit, effects: Tensor, steps: int = 10) -> Fit:
-    """Minimise the squared residuals over first states, unknown parameters and some parameters of effects.
+    """Minimise the squared residuals over initial states, unknown parameters and some parameters of effects.
 
-    Every window has a damping of its own, for its first state; the shared parameters take the whole step or, if that
-    does not help, a part of it or none. All dampings are tried in one batch, and each window keeps the best state.
+    Every segment has a damping of its own, for its initial state; the shared parameters take the whole step or, if that
+    does not help, a part of it or none. All dampings are tried in one batch, and each segment keeps the best state.
     A Jacobian costs several times a step: it serves for some steps (the chord method), but it is a new one that says
     that nothing is left to gain.
 
@@ -51,7 +51,7 @@ def gauss_newton(experiment: Experiment, start: Variants | Fit, effects: Tensor,
         fit, age, made = experiment.linearise(at_rest(experiment, start), effects), 0, 1
     damping = torch.full_like(fit.loss, FIRST_DAMPING)
     ridge = prior(experiment.predictor, effects)
-    counts = experiment.fitted[experiment.predictor.windows.trajectory]
+    counts = experiment.fitted[experiment.predictor.segments.trajectory]
     while True:
         change = solve_shared(fit.normal(), experiment.fitted, ridge)
         for shares in (WHOLE, PARTS) if age == 0 else (WHOLE,):
@@ -78,9 +78,9 @@ def gauss_newton(experiment: Experiment, start: Variants | Fit, effects: Tensor,
 
 
 def at_rest(experiment: Experiment, point: Variants) -> Variants:
-    """Let bodies that lie there and hardly move be at rest, in the windows that this explains better.
+    """Let bodies that lie there and hardly move be at rest, in the segments that this explains better.
 
-    A first velocity that friction stops at once leaves no slope, so that no step leads back from a wrong one.
+    A initial velocity that friction stops at once leaves no slope, so that no step leads back from a wrong one.
     """
     lying = ~experiment.directions.free[..., 0].any(1)
     slow = lying & (point.twist[0].abs().amax((1, 2)) < HARDLY)

@@ -1,4 +1,4 @@
-"""Steps that are tried: several at once, of which each window keeps what explains it best."""
+"""Steps that are tried: several at once, of which each segment keeps what explains it best."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from physid.estimation.least_squares.prior import clamp_effects
 from physid.estimation.prediction.rollout import Prediction, Predictor, Variants
 from physid.physics.layer import SolverError
 
-DAMPINGS = (0.1, 10.0)  # times the damping of a window: its first state tries both
+DAMPINGS = (0.1, 10.0)  # times the damping of a segment: its initial state tries both
 LARGEST = 1.0  # change of an unknown parameter in one step, in the coordinates of the fit
 
 
@@ -23,7 +23,7 @@ class Step:
 
     Attributes:
         point: Where it leads.
-        loss: Of each window, shape (K,).
+        loss: Of each segment, shape (K,).
         damping: With which it was found, shape (K,).
         predicted: What the model says there; None if some of the steps could not be simulated.
     """
@@ -37,16 +37,16 @@ class Step:
 def best_step(
     experiment: Experiment, fit: Fit, effects: Tensor, change: Tensor, damping: Tensor, shares: Sequence[float]
 ) -> Step:
-    """Try parts of a step, each with all dampings of the first states and with states left alone.
+    """Try parts of a step, each with all dampings of the initial states and with states left alone.
 
-    The part with the smallest loss of the fitted trajectories is taken, and for each window its best first state.
+    The part with the smallest loss of the fitted trajectories is taken, and for each segment its best initial state.
 
     Args:
         experiment: What to explain.
         fit: Where the step starts.
         effects: Which parameters of effects move, shape (E,); all of them are columns of the fit.
         change: Step of unknown parameters, engine and these effects, shape (P + 1 + E,).
-        damping: Of each window, shape (K,).
+        damping: Of each segment, shape (K,).
         shares: Parts of the step that are tried; 0 last.
 
     Returns:
@@ -64,7 +64,7 @@ def best_step(
     found, predicted = attempt(experiment, trials)
     losses = found.unflatten(0, (len(shares), each))
     least, which = losses.min(1)
-    counts = experiment.fitted[experiment.predictor.windows.trajectory]
+    counts = experiment.fitted[experiment.predictor.segments.trajectory]
     share = int(least[:, counts].sum(1).argmin())
     chosen = which[share]
     rows, pick = share * each + chosen, torch.arange(len(chosen))
@@ -76,10 +76,10 @@ def best_step(
 
 
 def _picked(predictor: Predictor, predicted: Prediction, rows: Tensor, effects: Tensor) -> Prediction:
-    """Put a prediction together from variants (C, ...): of each window the row (K,); they share effects (1, Q)."""
-    windows = predictor.windows
-    where = windows.spread(rows)
-    trajectory, frame = torch.arange(windows.trajectories)[:, None], torch.arange(windows.frames)
+    """Put a prediction together from variants (C, ...): of each segment the row (K,); they share effects (1, Q)."""
+    segments = predictor.segments
+    where = segments.spread(rows)
+    trajectory, frame = torch.arange(segments.trajectories)[:, None], torch.arange(segments.frames)
     state, twist, impulse = (
         value[where, trajectory, frame][None] for value in (predicted.state, predicted.twist, predicted.impulse)
     )
@@ -97,7 +97,7 @@ def _among_columns(fit: Fit, effects: Tensor, change: Tensor) -> Tensor:
 
 
 def _moved(experiment: Experiment, fit: Fit, effects: Tensor, shared: Tensor, moves: Tensor) -> Variants:
-    """Return the points that steps of shared parameters (C, P + 1 + E) and of first states (C, K, D) lead to."""
+    """Return the points that steps of shared parameters (C, P + 1 + E) and of initial states (C, K, D) lead to."""
     unknown = fit.point.nominal.shape[1]
     many = fit.point.repeat(len(shared))
     pose, twist = experiment.directions.move(many.pose, many.twist, moves)

@@ -1,4 +1,4 @@
-"""First states that are guessed anew once an effect is known."""
+"""Initial states that are guessed anew once an effect is known."""
 
 from __future__ import annotations
 
@@ -6,21 +6,21 @@ import torch
 from torch import Tensor
 
 from physid.estimation.least_squares.experiment import Experiment, Fit
-from physid.estimation.least_squares.initial_states import guess_starts
+from physid.estimation.least_squares.initial_states import guess_initial_states
 from physid.estimation.least_squares.levenberg_marquardt import gauss_newton
 from physid.estimation.least_squares.line_search import try_losses
 from physid.estimation.measurement.poses import difference
 from physid.estimation.prediction.rollout import Variants
 from physid.physics.rotations import exponential, multiply
 
-DOUBTFUL = 1.4  # mean squared residual, in units of the noise, of a window whose first state may be wrong
-MOST = 0.5  # share of the windows that may be such
+DOUBTFUL = 1.4  # mean squared residual, in units of the noise, of a segment whose initial state may be wrong
+MOST = 0.5  # share of the segments that may be such
 ROUNDS = 4  # Gauss-Newton steps from each guess
 UNDO = 8  # rounds in which what a camera changes is undone
 
 
 def guesses(experiment: Experiment, point: Variants) -> Variants:
-    """Return the point itself, and with new guesses of all first states.
+    """Return the point itself, and with new guesses of all initial states.
 
     Before a strong effect was known, a body hit the ground too early or too late, or friction stopped it at once, and
     no small step leads from there to the right state. What the effects change of observed poses is taken off before
@@ -32,14 +32,14 @@ def guesses(experiment: Experiment, point: Variants) -> Variants:
 
 
 def carried(experiment: Experiment, fit: Fit, point: Variants) -> Variants:
-    """Return a point with first states from which the camera sees what a fit predicts, where that explains more.
+    """Return a point with initial states from which the camera sees what a fit predicts, where that explains more.
 
     The point's effects act on what is seen: s is found from p = observe(s) by s <- s + p - observe(s).
 
     Args:
         experiment: What to explain.
         fit: A fit, with other effects.
-        point: Its first states, and the effects and unknown parameters that are tried.
+        point: Its initial states, and the effects and unknown parameters that are tried.
     """
     seen = fit.jacobian.base.pose
     state = seen
@@ -55,29 +55,29 @@ def _shifted(pose: Tensor, off: Tensor) -> Tensor:
 
 
 def _guessed(experiment: Experiment, point: Variants, pose: Tensor, weight: Tensor) -> Variants:
-    """Return the point itself, and with first states guessed from poses (R, T, N, 7)."""
+    """Return the point itself, and with initial states guessed from poses (R, T, N, 7)."""
     predictor = experiment.predictor
-    starts = guess_starts(pose, weight, predictor.windows, predictor.model.scene)
-    return point.repeat(1 + len(starts.pose)).replace(
-        pose=torch.cat([point.pose, starts.pose]), twist=torch.cat([point.twist, starts.twist])
+    initial = guess_initial_states(pose, weight, predictor.segments, predictor.model.scene)
+    return point.repeat(1 + len(initial.pose)).replace(
+        pose=torch.cat([point.pose, initial.pose]), twist=torch.cat([point.twist, initial.twist])
     )
 
 
-def try_again(experiment: Experiment, point: Variants) -> Variants:
-    """Guess first states anew, and keep what explains a window better; the point itself if nothing does."""
+def try_new_states(experiment: Experiment, point: Variants) -> Variants:
+    """Guess initial states anew, and keep what explains a segment better; the point itself if nothing does."""
     many = guesses(experiment, point)
     best = try_losses(experiment, many).argmin(0)
     return _picked(many, best) if bool(best.any()) else point
 
 
 def search(experiment: Experiment, fit: Fit) -> Variants:
-    """Fit the first states of badly fitted windows from new guesses, and keep what explains a window better.
+    """Fit the initial states of badly fitted segments from new guesses, and keep what explains a segment better.
 
-    A wrong first state and wrong parameters may hold each other, so that neither moves alone: the guess has to be
-    fitted before it is compared. Where most windows fit badly it is the model that is wrong, and nothing is tried.
+    A wrong initial state and wrong parameters may hold each other, so that neither moves alone: the guess has to be
+    fitted before it is compared. Where most segments fit badly it is the model that is wrong, and nothing is tried.
     """
-    windows = experiment.predictor.windows
-    count = windows.sum_frames((experiment.scale > 0).sum((2, 3))[None].double())[0]
+    segments = experiment.predictor.segments
+    count = segments.sum_frames((experiment.scale > 0).sum((2, 3))[None].double())[0]
     doubtful = fit.loss > DOUBTFUL * count
     if not 0 < float(doubtful.double().mean()) <= MOST:
         return fit.point
@@ -95,11 +95,11 @@ def search(experiment: Experiment, fit: Fit) -> Variants:
 
 
 def _of(point: Variants, chosen: Tensor) -> Variants:
-    """Return the first states of some windows only."""
+    """Return the initial states of some segments only."""
     return point.replace(pose=point.pose[:, chosen], twist=point.twist[:, chosen])
 
 
 def _picked(many: Variants, best: Tensor) -> Variants:
-    """Return for each window the first state of one variant, best (K,)."""
+    """Return for each segment the initial state of one variant, best (K,)."""
     pick = torch.arange(len(best))
     return many[:1].replace(pose=many.pose[best, pick][None], twist=many.twist[best, pick][None])

@@ -1,4 +1,4 @@
-"""The linearised experiment: residuals and columns in units of the noise, with the first states profiled out."""
+"""The linearised experiment: residuals and columns in units of the noise, with the initial states profiled out."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import torch
 from torch import Tensor
 
 from physid.estimation.least_squares.jacobian import Directions, Jacobian
-from physid.estimation.prediction.segments import Batch, Windows
+from physid.estimation.prediction.segments import Batch, Segmentation
 
-# How far a first state may move from its guess, per column kind: [rad], [m], [rad/s], [m/s].
+# How far an initial state may move from its guess, per column kind: [rad], [m], [rad/s], [m/s].
 STATE_SPREAD = (0.2, 0.2, 5.0, 2.0)
 
 
 @dataclass(frozen=True)
 class Normal:
-    """Normal equations of the shared columns, one per trajectory (or window), after first states are profiled out.
+    """Normal equations of the shared columns, one per trajectory (or segment), after initial states are profiled out.
 
     With x the change of the shared parameters, the squared residual of trajectory r is c_r - 2 b_r . x + x . A_r x.
 
@@ -39,9 +39,9 @@ class Normal:
         """Keep some trajectories."""
         return Normal(self.matrix[trajectories], self.vector[trajectories], self.square[trajectories])
 
-    def per(self, windows: Windows) -> Normal:
-        """Turn what is by window into what is by trajectory."""
-        return Normal(*(windows.sum_windows(each) for each in (self.matrix, self.vector, self.square)))
+    def per(self, segments: Segmentation) -> Normal:
+        """Turn what is by segment into what is by trajectory."""
+        return Normal(*(segments.sum_segments(each) for each in (self.matrix, self.vector, self.square)))
 
     def loss(self, change: Tensor) -> Tensor:
         """Return the squared residual of each trajectory after the change (P,) or (R, P) of the shared parameters."""
@@ -52,10 +52,10 @@ class Normal:
 
 @dataclass(frozen=True)
 class Part:
-    """Residuals and columns of the windows of one batch, in units of the noise.
+    """Residuals and columns of the segments of one batch, in units of the noise.
 
     Attributes:
-        batch: The windows.
+        batch: The segments.
         residual: Shape (k, M), M = L N 6.
         state: Shape (k, M, D).
         shared: Shape (k, M, P).
@@ -69,7 +69,7 @@ class Part:
     factor: Tensor
 
     def profiled(self, columns: Tensor) -> Tensor:
-        """Return columns (k, M, K) without what a change of the first states explains."""
+        """Return columns (k, M, K) without what a change of the initial states explains."""
         return columns - self.state @ torch.cholesky_solve(self.state.mT @ columns, self.factor)
 
 
@@ -78,36 +78,36 @@ class Linearised:
     """The linearised experiment.
 
     Attributes:
-        windows: How trajectories are cut.
-        parts: Residuals and columns, one part for each batch of windows.
+        segments: How trajectories are cut.
+        parts: Residuals and columns, one part for each batch of segments.
     """
 
-    windows: Windows
+    segments: Segmentation
     parts: tuple[Part, ...]
 
     def gather(self, compute: Callable[[Part], Tensor]) -> Tensor:
-        """Compute a value (k, ...) of the windows of each part and return them in order, shape (K, ...)."""
+        """Compute a value (k, ...) of the segments of each part and return them in order, shape (K, ...)."""
         values = [compute(part) for part in self.parts]
-        whole = values[0].new_zeros(len(self.windows), *values[0].shape[1:])
+        whole = values[0].new_zeros(len(self.segments), *values[0].shape[1:])
         for part, value in zip(self.parts, values, strict=True):
-            whole[part.batch.windows] = value
+            whole[part.batch.segments] = value
         return whole
 
     def observing(self, residual: Tensor, scale: Tensor) -> Linearised:
         """Return the same columns with other residuals, observed minus predicted; both have the shape (R, T, N, 6)."""
         weighed = (residual * scale)[None]
         parts = [replace(part, residual=part.batch.columns(weighed)[..., 0]) for part in self.parts]
-        return Linearised(self.windows, tuple(parts))
+        return Linearised(self.segments, tuple(parts))
 
     def normal(self, share: Tensor | None = None) -> Normal:
-        """Return the normal equations of the shared columns by trajectory; windows may count by a share (K,)."""
-        own = self.by_window()
+        """Return the normal equations of the shared columns by trajectory; segments may count by a share (K,)."""
+        own = self.by_segment()
         if share is not None:
             own = Normal(share[:, None, None] * own.matrix, share[:, None] * own.vector, share * own.square)
-        return own.per(self.windows)
+        return own.per(self.segments)
 
-    def by_window(self) -> Normal:
-        """Return the normal equations of the shared columns by window."""
+    def by_segment(self) -> Normal:
+        """Return the normal equations of the shared columns by segment."""
         clean = [part.profiled(part.shared) for part in self.parts]
         by_part = {id(part): each for part, each in zip(self.parts, clean, strict=True)}
         matrix = self.gather(lambda part: part.shared.mT @ by_part[id(part)])
@@ -117,17 +117,17 @@ class Linearised:
 
     def respond(self, residuals: Tensor, scale: Tensor) -> Normal:
         """Return the normal equations by trajectory for other data; see `respond_by_window`."""
-        return self.respond_by_window(residuals, scale).per(self.windows)
+        return self.respond_by_segment(residuals, scale).per(self.segments)
 
-    def respond_by_window(self, residuals: Tensor, scale: Tensor) -> Normal:
-        """Return the normal equations by window for other data.
+    def respond_by_segment(self, residuals: Tensor, scale: Tensor) -> Normal:
+        """Return the normal equations by segment for other data.
 
         Args:
             residuals: Observed minus predicted of Z data sets, shape (Z, R, T, N, 6).
             scale: One over the standard deviation, shape (R, T, N, 6).
         """
         matrices, vectors, squares = [], [], []
-        order = torch.cat([part.batch.windows for part in self.parts]).argsort()
+        order = torch.cat([part.batch.segments for part in self.parts]).argsort()
         for part in self.parts:
             data = part.batch.columns(residuals * scale)
             clean = part.profiled(part.shared)
@@ -137,17 +137,17 @@ class Linearised:
         return Normal(*(torch.cat(each)[order] for each in (matrices, vectors, squares)))
 
     def state_change(self, change: Tensor, damping: Tensor) -> Tensor:
-        """Return the best change of the first states (K, D) when the shared parameters change by (P,).
+        """Return the best change of the initial states (K, D) when the shared parameters change by (P,).
 
         Args:
             change: Of the shared parameters.
-            damping: Of each window, relative to the diagonal (Marquardt 1963), shape (K,).
+            damping: Of each segment, relative to the diagonal (Marquardt 1963), shape (K,).
         """
 
         def solve(part: Part) -> Tensor:
             left = part.residual - part.shared @ change
             gram = part.factor @ part.factor.mT
-            diagonal = damping[part.batch.windows, None] * gram.diagonal(dim1=-2, dim2=-1)
+            diagonal = damping[part.batch.segments, None] * gram.diagonal(dim1=-2, dim2=-1)
             moment = part.state.mT @ left[..., None]
             own: Tensor = torch.linalg.solve(gram + torch.diag_embed(diagonal), moment)[..., 0]
             return own
@@ -156,7 +156,7 @@ class Linearised:
 
 
 def linearise(
-    residual: Tensor, scale: Tensor, jacobian: Jacobian, directions: Directions, windows: Windows
+    residual: Tensor, scale: Tensor, jacobian: Jacobian, directions: Directions, segments: Segmentation
 ) -> Linearised:
     """Bring residuals and columns into units of the noise.
 
@@ -164,15 +164,15 @@ def linearise(
         residual: Observed minus predicted, shape (R, T, N, 6).
         scale: One over the standard deviation, 0 where there is nothing to see; shape (R, T, N, 6).
         jacobian: Change of the prediction.
-        directions: Free changes of the first states.
-        windows: How trajectories are cut.
+        directions: Free changes of the initial states.
+        segments: How trajectories are cut.
     """
     spread = torch.tensor([STATE_SPREAD[k // 3] for _, k in directions.used], dtype=residual.dtype)
     parts = []
-    for batch in windows.batches:
+    for batch in segments.batches:
         state, shared = (batch.columns(columns * scale) for columns in (jacobian.state, jacobian.shared))
         gram = state.mT @ state
         ridge = 1 / spread**2 + 1e-9 * gram.diagonal(dim1=-2, dim2=-1)
         factor = torch.linalg.cholesky(gram + torch.diag_embed(ridge))
         parts.append(Part(batch, batch.columns((residual * scale)[None])[..., 0], state, shared, factor))
-    return Linearised(windows, tuple(parts))
+    return Linearised(segments, tuple(parts))

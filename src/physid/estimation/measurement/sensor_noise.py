@@ -1,4 +1,4 @@
-"""How noisy the observed poses are, and which of them are wild."""
+"""How noisy the observed poses are, and which of them are outliers."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from physid.estimation.measurement.poses import difference
-from physid.estimation.measurement.tracking_error import ReaderError
+from physid.estimation.measurement.tracking_error import TrackingError
 
 NORMAL_MAD = 1.4826  # standard deviation over median absolute deviation, for a normal distribution
 SOFT, WILD = 3.0, 6.0  # [standard deviations] beyond the first a frame counts less, beyond the second not at all
@@ -30,7 +30,7 @@ class Noise:
 
     rotation: float
     position: float
-    error: ReaderError | None = None
+    error: TrackingError | None = None
 
     @property
     def floor(self) -> float:
@@ -50,11 +50,11 @@ class Noise:
         return torch.randn(count, *like.shape, generator=generator, dtype=like.dtype) * self.spread()
 
 
-def wild_poses(pose: Tensor, present: Tensor) -> Tensor:
+def outlier_poses(pose: Tensor, present: Tensor) -> Tensor:
     """Find poses that leave their neighbours further than any motion could; no model is needed.
 
     Each pose is compared with the mean of its neighbours k frames before and after, for k = 1, 2, 3: the median of
-    the three deviations is small for smooth motions and for the neighbours of a wild pose, and large for itself.
+    the three deviations is small for smooth motions and for the neighbours of a outlier, and large for itself.
 
     Args:
         pose: Shape (R, T, N, 7).
@@ -80,7 +80,7 @@ def wild_poses(pose: Tensor, present: Tensor) -> Tensor:
     return wild
 
 
-def estimate_noise(residual: Tensor, weight: Tensor, error: ReaderError | None = None) -> Noise:
+def estimate_noise(residual: Tensor, weight: Tensor, error: TrackingError | None = None) -> Noise:
     """Estimate white noise from residuals: by r_t - (r_{t-1} + r_{t+1}) / 2, which an error of the model hardly enters.
 
     Args:
@@ -111,13 +111,13 @@ def _spread(values: Tensor) -> float:
 
 
 def frame_weights(residual: Tensor, present: Tensor, noise: Noise) -> Tensor:
-    """Weigh frames by how far they leave the running median of the residuals (Huber 1964, cut off when wild).
+    """Weigh frames by how far they leave the running median of the residuals (Huber 1964, cut off when outliers).
 
-    An error of the model moves whole stretches and keeps its weight; a wild pose stands alone and loses it.
+    An error of the model moves whole stretches and keeps its weight; a outlier stands alone and loses it.
 
     Args:
         residual: Observed minus predicted, shape (R, T, N, 6).
-        present: Frames that exist and are not wild, shape (R, T, N).
+        present: Frames that exist and are not outliers, shape (R, T, N).
         noise: Scale of what is normal.
 
     Returns:

@@ -17,7 +17,7 @@ KINDS = (slice(0, 3), slice(3, 6))  # rotation, position
 
 
 @dataclass(frozen=True)
-class ReaderError:
+class TrackingError:
     """What drawing and reading read poses once more does to them, along the recorded motion.
 
     Such an error depends on where edges fall between pixels: it is alike in neighbouring frames, the more so the slower
@@ -37,13 +37,13 @@ class ReaderError:
     factors: tuple[float, float] = (1.0, 1.0)
 
     @classmethod
-    def between(cls, read: Tensor, again: Tensor, middle: Tensor, deviation: float) -> ReaderError:
+    def between(cls, read: Tensor, again: Tensor, middle: Tensor, deviation: float) -> TrackingError:
         """Compare poses (R, T, N, 7) with what was read of them; `middle` (3,) is where the view is fixed [m]."""
         away = torch.zeros_like(read[..., :6])
         away[..., 3:] = read[..., :3] - middle
         return cls(difference(again, read), away, deviation)
 
-    def sized(self, residual: Tensor, weight: Tensor) -> ReaderError:
+    def sized(self, residual: Tensor, weight: Tensor) -> TrackingError:
         """Return it with factors at which r_t - (r_{t-1} + r_{t+1}) / 2 is as large as in residuals (R, T, N, 6).
 
         Args:
@@ -60,7 +60,7 @@ class ReaderError:
         """Standard deviations of white noise that disturbs slow changes as much: rotation vector, position; shape (6,).
 
         The largest over spans of n var(mean of n frames), whose square root this is; a constant of each trajectory is
-        no error, since its first state takes it up. Directions that a reader cannot err in, say off the ground, count
+        no error, since its initial state takes it up. Directions that a reader cannot err in, say off the ground, count
         as those that it can: nothing was seen there.
         """
         return torch.stack([self._spread(span) for span in SPANS if span <= self.track.shape[1] // 2]).amax(0)

@@ -8,7 +8,7 @@ from physid.physics.effect import Effect, Quantity
 
 
 @dataclass(frozen=True)
-class Term:
+class EffectParameter:
     """One parameter of a candidate effect."""
 
     effect: type[Effect]

@@ -11,9 +11,9 @@ from itertools import accumulate
 import torch
 from torch import Tensor
 
-from physid.estimation.prediction.effect_parameters import Term
+from physid.estimation.prediction.effect_parameters import EffectParameter
 from physid.estimation.prediction.nominal_model import NominalModel
-from physid.estimation.prediction.segments import Batch, Windows
+from physid.estimation.prediction.segments import Batch, Segmentation
 from physid.estimation.prediction.step_effects import Clock, has, only_steps
 from physid.physics.contact import PATCH
 from physid.physics.effect import Effect
@@ -23,14 +23,14 @@ from physid.physics.state import State
 
 @dataclass(frozen=True)
 class Variants:
-    """C variants of an experiment with R trajectories in K windows.
+    """C variants of an experiment with R trajectories in K segments.
 
     Attributes:
-        pose: First poses of the windows, shape (C, K, N, 7).
-        twist: First twists, shape (C, K, N, 6).
+        pose: Initial poses of the segments, shape (C, K, N, 7).
+        twist: Initial twists, shape (C, K, N, 6).
         nominal: Unknown parameters in the coordinates of the fit, shape (C, P).
         effects: Parameters of the candidate effects, shape (C, Q).
-        engine: How far the numerics of the other engine are followed (0: not, 1: all the way), shape (C, 1).
+        engine: How far the numerics of the reference simulator are followed (0: not, 1: all the way), shape (C, 1).
         force: Wrench on top of the acting one, shape (C, R, T, N, 6); None for none.
     """
 
@@ -74,7 +74,7 @@ class Prediction:
         pose: Poses that the camera would report, shape (C, R, T, N, 7).
         state: Poses before the camera, shape (C, R, T, N, 7).
         twist: Shape (C, R, T, N, 6).
-        impulse: Of contacts along their normals from each frame to the next [N s], zero in the last of a window; shape
+        impulse: Of contacts along their normals from each frame to the next [N s], zero in the last of a segment; shape
             (C, R, T, K).
     """
 
@@ -90,38 +90,38 @@ class Predictor:
     Args:
         model: The nominal model.
         wrench: Commanded wrenches, shape (R, T, N, 6).
-        windows: How the trajectories are cut.
+        segments: How the trajectories are cut.
         candidates: Effects whose parameters are the columns Q of `Variants.effects`, in this order.
         most: World-steps that are simulated in one go, which bounds the memory.
-        elsewhere: States of frames that are in no window, shape (R, T, N, 7); None if there are none.
+        elsewhere: States of frames that are in no segment, shape (R, T, N, 7); None if there are none.
     """
 
     def __init__(
         self,
         model: NominalModel,
         wrench: Tensor,
-        windows: Windows,
+        segments: Segmentation,
         candidates: Sequence[type[Effect]] = (),
         most: int = 400_000,
         elsewhere: Tensor | None = None,
     ) -> None:
         self.model = model
         self.wrench = wrench
-        self.windows = windows
+        self.segments = segments
         self.candidates = tuple(candidates)
-        self.terms = tuple(Term(effect, name) for effect in candidates for name in effect.quantities())
+        self.terms = tuple(EffectParameter(effect, name) for effect in candidates for name in effect.quantities())
         self.null = torch.tensor([term.quantity.null for term in self.terms], dtype=torch.float64)
         self._most, self._elsewhere = most, elsewhere
         ends = list(accumulate(len(kind.quantities()) for kind in self.candidates))
-        starts = [0, *ends[:-1]]
-        self._columns = [(kind, slice(*ends)) for kind, *ends in zip(self.candidates, starts, ends, strict=True)]
+        initial = [0, *ends[:-1]]
+        self._columns = [(kind, slice(*ends)) for kind, *ends in zip(self.candidates, initial, ends, strict=True)]
 
-    def over(self, windows: Windows, elsewhere: Tensor) -> Predictor:
-        """Return the same with other windows, and states (R, T, N, 7) of the frames that are in none of them.
+    def over(self, segments: Segmentation, elsewhere: Tensor) -> Predictor:
+        """Return the same with other segments, and states (R, T, N, 7) of the frames that are in none of them.
 
-        A camera that is late reports what was before a window.
+        A camera that is late reports what was before a segment.
         """
-        return Predictor(self.model, self.wrench, windows, self.candidates, self._most, elsewhere)
+        return Predictor(self.model, self.wrench, segments, self.candidates, self._most, elsewhere)
 
     def predict(self, variants: Variants) -> Prediction:
         """Simulate all variants.
@@ -129,7 +129,7 @@ class Predictor:
         Raises:
             SolverError: If a contact problem cannot be solved.
         """
-        per = self.windows.cost
+        per = self.segments.cost
         chunk = max(1, self._most // per)
         parts = [self._predict(variants[start : start + chunk]) for start in range(0, len(variants), chunk)]
         if len(parts) == 1:
@@ -148,12 +148,12 @@ class Predictor:
                 poses = poses.flatten(0, 1).index_copy(0, rows, effect.observe(poses.flatten(0, 1)[rows], step))
                 poses = poses.unflatten(0, state.shape[:2])
         anew = any(restarts(effect) for effect, _ in self._at_work(effects, "observe", 1))
-        for size in self.windows.size.unique().tolist() if anew else ():
-            alike = (self.windows.size == size).nonzero()[:, 0]
+        for size in self.segments.size.unique().tolist() if anew else ():
+            alike = (self.segments.size == size).nonzero()[:, 0]
             for effect, rows in self._at_work(effects, "observe", len(alike)):
                 if restarts(effect):
-                    frame = self.windows.start[alike, None] + torch.arange(size)
-                    row = self.windows.trajectory[alike, None].expand_as(frame)
+                    frame = self.segments.start[alike, None] + torch.arange(size)
+                    row = self.segments.trajectory[alike, None].expand_as(frame)
                     own = poses[:, row, frame].flatten(0, 1)
                     own = own.index_copy(0, rows, effect.observe(own[rows], step))
                     poses[:, row, frame] = own.unflatten(0, (len(poses), -1))
@@ -177,22 +177,22 @@ class Predictor:
             for value, into in ((rollout.pose, state), (rollout.twist, twist), (held, impulse)):
                 batch.put(value.unflatten(0, (-1, count)).transpose(0, 1), into)
 
-        _at_once(simulate, self.windows.batches)
+        _at_once(simulate, self.segments.batches)
         return Prediction(self.observe(state, variants.effects), state, twist, impulse)
 
     def _roll(self, variants: Variants, batch: Batch, wrench: Tensor) -> Rollout:
-        """Simulate the windows of a batch under wrenches (C, k, L, N, 6); the rollout's batch is (k, C).
+        """Simulate the segments of a batch under wrenches (C, k, L, N, 6); the rollout's batch is (k, C).
 
-        Worlds are solved eight at a time, and take as long as the worst of them: variants of one window are in contact
+        Worlds are solved eight at a time, and take as long as the worst of them: variants of one segment are in contact
         at the same time.
         """
-        first = self.windows.start[batch.windows].to(torch.float64) * self.model.scene.time_step
+        first = self.segments.start[batch.segments].to(torch.float64) * self.model.scene.time_step
         layer = PhysicsLayer(self.model.world, self._steps(variants.effects, first))
         pose, twist = (
-            value[:, batch.windows].transpose(0, 1).flatten(0, 1) for value in (variants.pose, variants.twist)
+            value[:, batch.segments].transpose(0, 1).flatten(0, 1) for value in (variants.pose, variants.twist)
         )
-        parameters = self.model.parameters(variants.nominal.repeat(len(batch.windows), 1))
-        lengths = (self.windows.size[batch.windows] - 1).repeat_interleave(len(variants))
+        parameters = self.model.parameters(variants.nominal.repeat(len(batch.segments), 1))
+        lengths = (self.segments.size[batch.segments] - 1).repeat_interleave(len(variants))
         return layer.rollout(State(pose, twist), wrench.transpose(0, 1).flatten(0, 1)[:, :-1], parameters, lengths)
 
     def _acting(self, variants: Variants) -> Tensor:
@@ -209,11 +209,11 @@ class Predictor:
         return acting
 
     def _steps(self, effects: Tensor, first: Tensor) -> list[Effect]:
-        """Return the effects that act at the step, with a value for each window and variant (k, C).
+        """Return the effects that act at the step, with a value for each segment and variant (k, C).
 
         Args:
             effects: Parameters, shape (C, Q).
-            first: Times at which the windows start [s], shape (k,).
+            first: Times at which the segments start [s], shape (k,).
         """
         known = [only_steps(effect) for effect in self.model.effects if has(type(effect), "act")]
         found = [
@@ -256,7 +256,7 @@ def _pool(threads: int) -> ThreadPoolExecutor:
 
 
 def restarts(effect: Effect) -> bool:
-    """Tell whether a camera's effect counts from the first frame of a window, not of a trajectory."""
+    """Return whether a camera's effect counts from the first frame of a segment, not of a trajectory."""
     return bool(getattr(effect, "restarts", False))
 
 

@@ -14,7 +14,7 @@ from physid.physics.state import State
 @final
 @dataclasses.dataclass(frozen=True)
 class Clock(Effect):
-    """t' = t + t0: windows that start later, with the time since the first frame of their trajectory."""
+    """t' = t + t0: segments that start later, with the time since the first frame of their trajectory."""
 
     name: ClassVar[str] = "clock"
     site: ClassVar[Site] = "dynamics"
@@ -50,5 +50,5 @@ def only_steps(effect: Effect) -> Effect:
 
 
 def has(kind: type[Effect], hook: str) -> bool:
-    """Tell whether an effect does something at a hook: actuate, act or observe."""
+    """Return whether an effect does something at a hook: actuate, act or observe."""
     return getattr(kind, hook) is not getattr(Effect, hook)

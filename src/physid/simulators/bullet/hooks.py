@@ -56,7 +56,7 @@ class Hooks:
 
         Args:
             scene: The scene.
-            pose: First poses, shape (B, N, 7).
+            pose: Initial poses, shape (B, N, 7).
             twist: First twists, shape (B, N, 6).
             time_step: Length of one step [s].
         """
@@ -86,7 +86,7 @@ class Hooks:
         return engine
 
     def start(self, pose: Array) -> Array:
-        """Return first poses (B, N, 7) that keep the distance of each body from the ground although sizes differ."""
+        """Return initial poses (B, N, 7) that keep the distance of each body from the ground although sizes differ."""
         normal = self._nominal.ground_normal
         taller = reach(torch.from_numpy(pose[..., 3:]), self._known.size - self._nominal.size, normal)
         lift = taller[..., None] * normal

@@ -44,7 +44,7 @@ def simulate(scene: Scene, excitation: Excitation, effects: Sequence[Effect] = (
 
     Args:
         scene: The scene, with the parameters to simulate.
-        excitation: First state and commanded wrenches (T, N, 6).
+        excitation: Initial state and commanded wrenches (T, N, 6).
         effects: Effects of the catalogue, used unchanged, in this order.
         substeps: Steps of PyBullet between two frames.
 
@@ -70,7 +70,7 @@ def simulate_all(
 
     Args:
         scene: The scene, with the parameters to simulate.
-        excitations: First states and commanded wrenches, of any lengths.
+        excitations: Initial states and commanded wrenches, of any lengths.
         effects: See `simulate`.
         substeps: Steps of PyBullet between two frames.
         clocks: Times that effects see at the first frames [s]; None for 0.

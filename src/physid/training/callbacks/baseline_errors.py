@@ -18,7 +18,7 @@ class BaselineErrors(L.Callback):
     """Log what other predictions of the tested whole trajectories are off by.
 
     test/bullet_position_error is PyBullet's with the same parameters, test/ballistic_... that of free flight frozen at
-    touch-down, test/held_... that of the first pose held; rotation errors and deviations likewise.
+    touch-down, test/held_... that of the initial pose held; rotation errors and deviations likewise.
     """
 
     def __init__(self) -> None:

@@ -12,7 +12,7 @@ from physid.training.parameters.physical_parameters import PhysicalParameters
 
 
 @final
-class Settled(L.Callback):
+class Converged(L.Callback):
     """End training once an epoch has changed no physical parameter by more than a tolerance.
 
     Args:

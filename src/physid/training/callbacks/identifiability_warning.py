@@ -8,7 +8,7 @@ from typing import Protocol, final
 import lightning as L
 import torch
 
-from physid.training.identifiability.identifiability import Observability, SensorNoise
+from physid.training.identifiability.identifiability import Identifiability, SensorNoise
 
 logger = logging.getLogger("physid")
 
@@ -16,13 +16,13 @@ logger = logging.getLogger("physid")
 class Judging(Protocol):
     """A module that can tell what its last batch reveals."""
 
-    def observability(self, noise: SensorNoise | None) -> Observability:
+    def identifiability(self, noise: SensorNoise | None) -> Identifiability:
         """Return what is known of the learned parameters."""
 
 
 @final
-class ObservabilityWarning(L.Callback):
-    """After the last epoch, judge each learned parameter as `physid observe` does, and warn of those that fail.
+class IdentifiabilityWarning(L.Callback):
+    """After the last epoch, judge each learned parameter as `physid identifiability` does, and warn of those that fail.
 
     Logs params/NAME/expected_deviation, relative, for the noise that is assumed, and params/NAME/observable, 1 if the
     parameter is identified, else 0. Its rollouts are no part of the
@@ -40,7 +40,7 @@ class ObservabilityWarning(L.Callback):
         if not (trainer.should_stop or trainer.current_epoch + 1 == trainer.max_epochs):
             return
         judge: Judging = pl_module  # type: ignore[assignment]
-        for verdict in judge.observability(self.noise).verdicts():
+        for verdict in judge.identifiability(self.noise).verdicts():
             deviation = torch.tensor(verdict.deviation, dtype=torch.float64)
             pl_module.log(f"params/{verdict.name}/expected_deviation", deviation)
             identified = verdict.kind == "identified"

@@ -86,7 +86,7 @@ class Verdict:
 
 @final
 @dataclass(frozen=True)
-class Observability:
+class Identifiability:
     """Fisher's information on the logarithms of the parameters, and what follows from it.
 
     F = J^T S^-1 J; no unbiased estimate has a covariance below F^-1 (Cramer 1946, Rao 1945). The eigenvectors of F are
@@ -114,7 +114,7 @@ class Observability:
     @classmethod
     def of(
         cls, names: tuple[str, ...], sensitivity: Tensor, real: Tensor, noise: SensorNoise, accept: float = ACCEPT
-    ) -> Observability:
+    ) -> Identifiability:
         """Compute the information.
 
         Args:

@@ -1,4 +1,4 @@
-"""What a planned experiment can tell, before any recording: `physid observe`."""
+"""What a planned experiment can tell, before any recording: `physid identifiability`."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from physid.scenes.catalogue import find_setup, with_parameters
 from physid.scenes.scene import Scene
 from physid.scenes.setup import Excitation
 from physid.scenes.strict import check_keys, nearest, number, whole
-from physid.training.identifiability.identifiability import ACCEPT, Observability, SensorNoise, percent
+from physid.training.identifiability.identifiability import ACCEPT, Identifiability, SensorNoise, percent
 from physid.training.identifiability.plot import draw
-from physid.training.initial_states.projection import without_starts
+from physid.training.initial_states.projection import project_out_initial_states
 from physid.training.learners.engine import Engine
 from physid.training.parameters.physical_parameters import PhysicalParameters
 from physid.training.parameters.slopes import slopes
@@ -33,7 +33,7 @@ Start = Literal["known", "estimated"]
 
 @final
 @dataclass(frozen=True)
-class ObserveConfig:
+class IdentifiabilityConfig:
     """An experiment to judge.
 
     Attributes:
@@ -46,7 +46,7 @@ class ObserveConfig:
         trajectories: How many.
         steps: Frames of each.
         segment: Steps of a segment that starts from a known state; None for whole trajectories.
-        start: Whether the first state of each trajectory or segment is known, or estimated from the same noisy poses.
+        start: Whether the initial state of each trajectory or segment is known, or estimated from the same noisy poses.
         noise: What the sensor adds to the poses.
         accept: Largest relative deviation of a parameter that counts as identified.
         seed: Of the excitations.
@@ -83,7 +83,7 @@ class ObserveConfig:
         self.build_parameters()
 
     @classmethod
-    def from_mapping(cls, values: object) -> ObserveConfig:
+    def from_mapping(cls, values: object) -> IdentifiabilityConfig:
         """Build a configuration from a resolved mapping.
 
         Raises:
@@ -127,7 +127,7 @@ class ObserveConfig:
 
 @final
 @dataclass(frozen=True)
-class Observed:
+class IdentifiabilityResult:
     """What was judged, and what was found.
 
     Attributes:
@@ -137,8 +137,8 @@ class Observed:
         bent: How many of them were left out (see `Slopes`).
     """
 
-    config: ObserveConfig
-    result: Observability
+    config: IdentifiabilityConfig
+    result: Identifiability
     count: int
     bent: int
 
@@ -149,7 +149,7 @@ class Observed:
         held = f", constant force {low:g}{f' to {high:g}' if low != high else ''} N" if config.constant_force else ""
         cut = "" if config.segment is None else f", in segments of {config.segment} steps"
         noise = f"{1e3 * config.noise.position:g} mm and {1e3 * config.noise.rotation:g} mrad"
-        length = f"{config.trajectories} trajectories of {config.steps} frames{cut}, first states {config.start}"
+        length = f"{config.trajectories} trajectories of {config.steps} frames{cut}, initial states {config.start}"
         lines = [
             f"{config.scene}, protocol {config.protocol}{held}: {length}",
             f"expected: one standard deviation, with {noise} of noise on each pose; {percent(config.accept)} is enough",
@@ -161,17 +161,17 @@ class Observed:
         return "\n".join(lines)
 
     def to_mapping(self) -> dict[str, Any]:
-        """Return the content of observability.json."""
+        """Return the content of identifiability.json."""
         plain = dataclasses.asdict(self.config)
         return {"config": plain, "examined": self.count, "left_out": self.bent, **self.result.to_mapping()}
 
     def write(self, folder: Path) -> None:
-        """Write observability.json and observability.png."""
-        write_text(folder / "observability.json", json.dumps(self.to_mapping(), indent=2) + "\n")
-        draw(self.result, f"{self.config.scene}, protocol {self.config.protocol}", folder / "observability.png")
+        """Write identifiability.json and identifiability.png."""
+        write_text(folder / "identifiability.json", json.dumps(self.to_mapping(), indent=2) + "\n")
+        draw(self.result, f"{self.config.scene}, protocol {self.config.protocol}", folder / "identifiability.png")
 
 
-def observe(config: ObserveConfig, engine: Engine | None = None) -> Observed:
+def analyse(config: IdentifiabilityConfig, engine: Engine | None = None) -> IdentifiabilityResult:
     """Judge which parameters an experiment would tell, by the sensitivity of the predicted trajectories.
 
     Args:
@@ -186,10 +186,10 @@ def observe(config: ObserveConfig, engine: Engine | None = None) -> Observed:
     found = slopes(layer, physical, planned)
     answer = found.sensitivity
     if config.start == "estimated":
-        answer = without_starts(layer, physical, planned, answer, config.noise.weights)
+        answer = project_out_initial_states(layer, physical, planned, answer, config.noise.weights)
     keep = found.usable
-    result = Observability.of(physical.names, answer[:, keep], planned.real[keep], config.noise, config.accept)
-    return Observed(config, result, len(planned), found.bent)
+    result = Identifiability.of(physical.names, answer[:, keep], planned.real[keep], config.noise, config.accept)
+    return IdentifiabilityResult(config, result, len(planned), found.bent)
 
 
 @torch.no_grad()

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from physid.training.identifiability.identifiability import Observability, percent
+from physid.training.identifiability.identifiability import Identifiability, percent
 
 CEILING = 10.0
 """Relative standard deviation at which bars end: an estimate that is off by so much says nothing."""
 
 
-def draw(result: Observability, title: str, path: Path) -> None:
+def draw(result: Identifiability, title: str, path: Path) -> None:
     """Draw the expected deviation of each direction as a bar, and the exponents of its product as a row of squares.
 
     Args:

@@ -1,4 +1,4 @@
-"""First states as unknowns: fitted for the present parameters, and taken out of what these explain."""
+"""Initial states as unknowns: fitted for the present parameters, and taken out of what these explain."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Starts:
 
     @classmethod
     def guess(cls, trajectories: Trajectories, scene: Scene) -> Starts:
-        """Guess from the first poses; a body that lies on the ground stays on it."""
+        """Guess from the initial poses; a body that lies on the ground stays on it."""
         pose, twist, lies = guess(trajectories, scene)
         planar = torch.tensor(PLANAR, dtype=torch.bool, device=pose.device)
         free = torch.where(lies[..., None], planar, torch.ones_like(planar))
@@ -144,7 +144,7 @@ class Explaining:
         return self.trajectories.real if self.counted is None else self.counted
 
     def residual(self, starts: Starts) -> Tensor:
-        """Return residuals from some first states, shape (B, T, N, 6)."""
+        """Return residuals from some initial states, shape (B, T, N, 6)."""
         return residuals(self.layer, self.physical, starts.of(self.trajectories), self.logarithm)
 
     def cost(self, residual: Tensor) -> Tensor:
@@ -152,7 +152,7 @@ class Explaining:
         return torch.stack(list(self.loss(residual, self.real).values())).sum(0)
 
     def slopes(self, starts: Starts, residual: Tensor) -> Tensor:
-        """Return derivatives by the first states, one-sided differences, shape (D, B, T, N, 6)."""
+        """Return derivatives by the initial states, one-sided differences, shape (D, B, T, N, 6)."""
         count, batch = len(starts.columns), len(self.trajectories)
         moves = MOVE * torch.eye(count).to(residual).repeat_interleave(batch, 0)
         each = self.logarithm
@@ -165,7 +165,7 @@ class Explaining:
 
     @torch.no_grad()
     def fit(self, starts: Starts, most: int = MOST) -> tuple[Starts, int]:
-        """Fit the first states, parameters as they are: Gauss-Newton with damping (Levenberg 1944, Marquardt 1963).
+        """Fit the initial states, parameters as they are: Gauss-Newton with damping (Levenberg 1944, Marquardt 1963).
 
         Args:
             starts: Where to begin.
@@ -198,32 +198,32 @@ class Explaining:
 
     @torch.no_grad()
     def better(self, starts: Starts, other: Starts) -> tuple[Starts, int]:
-        """Fit first states from another beginning too; returns the better ones of each trajectory, and the rollouts."""
+        """Fit initial states from another beginning too; return the better ones of each trajectory, and rollouts."""
         fitted, rollouts = self.fit(other)
         better = self.cost(self.residual(fitted)) < self.cost(self.residual(starts))
         return starts.chosen(better, fitted), rollouts + 2
 
     @torch.no_grad()
-    def follow(self, starts: Starts, answer: Tensor) -> Following:
-        """Find how the first states follow the parameters, from derivatives J (P, B, T, N, 6) at fixed first states."""
+    def follow(self, starts: Starts, answer: Tensor) -> TrackedFit:
+        """Find how the initial states follow the parameters, from derivatives J (P, B, T, N, 6) at fixed ones."""
         residual = self.residual(starts)
         slopes = self.slopes(starts, residual)
         weight = self.loss.weights(residual, self.real)
         wanted = torch.einsum("dbtni,pbtni,btni->bdp", slopes, answer, weight)
         response = -torch.linalg.solve(_gram(slopes, weight), wanted)
         followed = answer + torch.einsum("dbtni,bdp->pbtni", slopes, response)
-        return Following(starts, response, followed, len(slopes) + 1)
+        return TrackedFit(starts, response, followed, len(slopes) + 1)
 
 
 @final
 @dataclass(frozen=True)
-class Following:
-    """First states that follow the parameters to first order.
+class TrackedFit:
+    """Initial states that follow the parameters to first order.
 
     Attributes:
         starts: The states at the present parameters.
         response: Their moves along the columns per unit of ln(parameter), -(A^T W A)^-1 A^T W J with A the derivatives
-            of the poses by the first states; shape (B, D, P).
+            of the poses by the initial states; shape (B, D, P).
         slopes: What remains of J for the parameters, J + A response; shape (P, B, T, N, 6).
         rollouts: How many rollouts of all trajectories that took.
     """
@@ -254,7 +254,7 @@ def _gram(slopes: Tensor, weight: Tensor) -> Tensor:
 
 
 def _step(slopes: Tensor, residual: Tensor, weight: Tensor, damping: float) -> Tensor:
-    """Return the damped step of each trajectory's first state, shape (B, D)."""
+    """Return the damped step of each trajectory's initial state, shape (B, D)."""
     gram = _gram(slopes, weight)
     damped = gram + damping * torch.diag_embed(gram.diagonal(dim1=1, dim2=2))
     wanted = torch.einsum("dbtni,btni,btni->bd", slopes, residual, weight)

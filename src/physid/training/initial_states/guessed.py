@@ -1,4 +1,4 @@
-"""First guesses of unknown first states, from the first poses alone."""
+"""First guesses of unknown initial states, from the initial poses alone."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ STEADY = 0.5  # ... and it falls by less than this share of a free fall
 
 
 def guess(trajectories: Trajectories, scene: Scene) -> tuple[Tensor, Tensor, Tensor]:
-    """Fit polynomials to the first poses.
+    """Fit polynomials to the initial poses.
 
     A body that lies on the ground is put exactly there and moves in its plane, with a constant acceleration. Others are
     taken to fall freely.

@@ -18,10 +18,10 @@ MOVE = 1e-4
 
 
 @torch.no_grad()
-def without_starts(
+def project_out_initial_states(
     layer: PhysicsLayer, parameters: PhysicalParameters, trajectories: Trajectories, answer: Tensor, scale: Tensor
 ) -> Tensor:
-    """Take out of derivatives what another first state would do as well.
+    """Take out of derivatives what another initial state would do as well.
 
     Place, attitude and velocity of every body in the first frame are unknowns of each trajectory; what remains
     is J - A (A^T A)^+ A^T J, with A the derivatives by them, both in units of the noise. A move without a usable slope,
@@ -52,7 +52,7 @@ def without_starts(
 def _moved(
     layer: PhysicsLayer, parameters: PhysicalParameters, trajectories: Trajectories, difference: float
 ) -> Tensor:
-    """Return central differences by the 12 N coordinates of the first state, shape (12 N, B, T, N, 6)."""
+    """Return central differences by the 12 N coordinates of the initial state, shape (12 N, B, T, N, 6)."""
     count, (batch, _, bodies, _) = 12 * trajectories.pose.shape[2], trajectories.pose.shape
     moves = difference * torch.eye(count, dtype=trajectories.pose.dtype).reshape(count, bodies, 12)
     moves = torch.cat([moves, -moves]).repeat_interleave(batch, 0)

@@ -1,4 +1,4 @@
-"""The first states of the training segments, from one evaluation of the loss to the next."""
+"""The initial states of the training segments, from one evaluation of the loss to the next."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from torch import Tensor
 
 from physid.physics.layer import SolverError
 from physid.scenes.scene import Scene
-from physid.training.initial_states.fitted import Explaining, Following, Starts
+from physid.training.initial_states.fitted import Explaining, Starts, TrackedFit
 from physid.training.parameters.sensitivity import sensitivity
 
 IMPROVE = 2
-"""Steps of the first states for each step of the parameters."""
+"""Steps of the initial states for each step of the parameters."""
 
 
 @final
-class FollowedStarts:
-    """Fits first states a little at every evaluation, beginning where they were and following the parameters.
+class TrackedInitialStates:
+    """Fits initial states a little at every evaluation, beginning where they were and following the parameters.
 
     Args:
         scene: What the first guess needs.
@@ -27,19 +27,19 @@ class FollowedStarts:
 
     def __init__(self, scene: Scene) -> None:
         self._scene = scene
-        self._last: Following | None = None
+        self._last: TrackedFit | None = None
         self._index = self._point = torch.empty(0)
         self._resumed: dict[str, Tensor] | None = None
 
-    def improve(self, explaining: Explaining, *, afresh: bool) -> tuple[Following, int]:
-        """Improve the first states for the present parameters.
+    def improve(self, explaining: Explaining, *, afresh: bool) -> tuple[TrackedFit, int]:
+        """Improve the initial states for the present parameters.
 
         Args:
             explaining: Trajectories, model and loss.
             afresh: Whether to fit from the first guess as well, to leave a local minimum.
 
         Returns:
-            The first states and how they follow the parameters, and how many rollouts of all trajectories that took.
+            The initial states and how they follow the parameters, and how many rollouts of all trajectories that took.
         """
         cut, physical = explaining.trajectories, explaining.physical
         try:
@@ -54,14 +54,14 @@ class FollowedStarts:
         self._index, self._point = cut.index, physical.logarithm.detach().clone()
         return self._last, spent + 2 * len(answer) + self._last.rollouts
 
-    def last(self, explaining: Explaining, *, fitted: bool) -> Following | None:
-        """Return what was found last; where nothing was, improve. None if first states are not fitted."""
+    def last(self, explaining: Explaining, *, fitted: bool) -> TrackedFit | None:
+        """Return what was found last; where nothing was, improve. None if initial states are not fitted."""
         if not fitted:
             return None
         return self.improve(explaining, afresh=False)[0] if self._last is None else self._last
 
     def starts(self, explaining: Explaining) -> Starts:
-        """Return the first states to begin with: the last ones, moved along with the parameters; else a guess."""
+        """Return the initial states to begin with: the last ones, moved along with the parameters; else a guess."""
         cut = explaining.trajectories
         if self._last is not None and torch.equal(self._index, cut.index):
             return self._last.at(explaining.physical.logarithm.detach() - self._point)
@@ -78,5 +78,5 @@ class FollowedStarts:
         return {"index": self._index, "pose": starts.pose, "twist": starts.twist}
 
     def load_state_dict(self, state: dict[str, Tensor]) -> None:
-        """Take the first states of the run that is resumed."""
+        """Take the initial states of the run that is resumed."""
         self._resumed = state or None

@@ -28,10 +28,10 @@ from physid.training.refinement.horizon import Batch, Horizon, spread
 from physid.training.refinement.refinement import Refinement
 from physid.training.vision.initial_state import Start
 from physid.training.vision.model import ChartName, VideoModel, at_frames, over_time
-from physid.training.vision.pose_cache import PoseMemory
-from physid.training.vision.pose_refinement import Polish
+from physid.training.vision.pose_cache import PoseCache
+from physid.training.vision.pose_refinement import PoseRefinement
 from physid.training.vision.scores import VideoScores
-from physid.training.vision.synthetic_images import Imagination
+from physid.training.vision.synthetic_images import SyntheticImages
 
 
 @final
@@ -46,17 +46,17 @@ class SelfSupervisedID(TrainingModule):
         learn: Names of the parameters to learn ("block.friction"); None for the scene's unknown ones.
         values: Values that replace the scene's, by name: a first guess, or better knowledge of a fixed parameter.
         chart: Which poses the encoder can express: planar, hovering or spatial (see `chart_of`).
-        start: How the first state follows from the encoded poses; None for a start at rest, as in the paper.
+        start: How the initial state follows from the encoded poses; None for a start at rest, as in the paper.
         phases: How long each phase lasts; None for the usual ones.
         loss: What an error of rolled-out poses costs while the parameters are refined; its rotation weight holds for
             imagined images, too.
         alpha: Weight of the images drawn from rolled-out poses.
         beta: Weight of the latent distributions' divergence from the standard normal one.
         latent: Length of the latent vector.
-        imagination: Images drawn of the bodies at random poses, from which the encoder learns as well; with frames = 0
-            reconstruction is all, as in the paper.
+        synthetic_images: Images drawn of the bodies at random poses, from which the encoder learns as well; with frames
+            = 0 reconstruction is all, as in the paper.
         blur: How the blur goes.
-        polish: How encoded poses are made better by the decoder where the parameters are refined, and in tests; None
+        refine: How encoded poses are made better by the decoder where the parameters are refined, and in tests; None
             for not at all.
         horizon: How far, and how many, trajectories are rolled out in training; None for all of them.
         engine: Rules of the physics; None for the layer's own.
@@ -85,10 +85,10 @@ class SelfSupervisedID(TrainingModule):
         alpha: float = 0.1,
         beta: float = 2e-5,
         latent: int = 16,
-        imagination: Imagination | None = None,
+        synthetic_images: SyntheticImages | None = None,
         blur: BlurSchedule | None = None,
         horizon: Horizon | None = None,
-        polish: Polish | None = None,
+        pose_refinement: PoseRefinement | None = None,
         engine: Engine | None = None,
         optimizer: OptimizerFactory | None = None,
         parameter_rate: float = 1e-2,
@@ -101,10 +101,13 @@ class SelfSupervisedID(TrainingModule):
         self.learn, self.values, self.chart = learn, values, chart
         self.start, self.phases, self.loss = start or Start(), phases or Phases(), loss or PoseLoss()
         self.alpha, self.beta, self.latent = alpha, beta, latent
-        self.imagination, self.polish = imagination or Imagination(), polish or Polish()
+        self.synthetic_images, self.pose_refinement = (
+            synthetic_images or SyntheticImages(),
+            pose_refinement or PoseRefinement(),
+        )
         self.schedule = blur or BlurSchedule()
         self.horizon, self.engine = horizon or Horizon(), engine or Engine()
-        self.refinement, self.memory, self.blur = Refinement(self.loss), PoseMemory(), GaussianBlur()
+        self.refinement, self.memory, self.blur = Refinement(self.loss), PoseCache(), GaussianBlur()
         self.parameter_rate, self.physics_device, self.fast = parameter_rate, physics_device, fast
         self.encoder = encoder
 
@@ -134,7 +137,8 @@ class SelfSupervisedID(TrainingModule):
         physical, layer = PhysicalParameters(scene, self.learn, self.values), self.engine.layer(scene)
         self.model = VideoModel(
             scene, physical, layer, self.chart, self.start,
-            polish=self.polish, latent=self.latent, physics_device=self.physics_device, fast=self.fast,
+            pose_refinement=self.pose_refinement, latent=self.latent, physics_device=self.physics_device,
+            fast=self.fast,
         )  # fmt: skip
         self.scores = VideoScores(scene)
         return self
@@ -153,7 +157,7 @@ class SelfSupervisedID(TrainingModule):
         The encoder warms up with imagined images alone, or, where there are none, by reconstruction as in the paper.
         """
         background, shown = as_image(batch["background"]), batch["shown"]
-        values = self.imagination.losses(self.model, background, self.loss.rotation_weight)
+        values = self.synthetic_images.losses(self.model, background, self.loss.rotation_weight)
         if values and self.phase is Phase.WARM_UP:
             return values
         image = as_image(batch["frames"])

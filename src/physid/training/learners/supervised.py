@@ -26,9 +26,9 @@ from physid.training.refinement.horizon import Horizon, spread
 from physid.training.refinement.refinement import Refinement
 from physid.training.vision.initial_state import Start
 from physid.training.vision.model import ChartName, VideoModel, at_frames
-from physid.training.vision.pose_refinement import Polish
+from physid.training.vision.pose_refinement import PoseRefinement
 from physid.training.vision.scores import VideoScores
-from physid.training.vision.synthetic_images import Imagination, encoding_losses
+from physid.training.vision.synthetic_images import SyntheticImages, encoding_losses
 
 Batch = Mapping[str, Any]
 
@@ -44,12 +44,12 @@ class SupervisedID(TrainingModule):
         learn: Names of the parameters to learn ("block.friction"); None for the scene's unknown ones.
         values: Values that replace the scene's, by name: a first guess, or better knowledge of a fixed parameter.
         chart: Which poses the encoder can express: planar, hovering or spatial (see `chart_of`).
-        start: How the first state follows from the encoded poses; None for a start at rest.
+        start: How the initial state follows from the encoded poses; None for a start at rest.
         phases: How long each phase lasts; None for the usual ones.
         loss: What an error of the poses costs; None for the paper's.
         alpha: Weight of the rolled-out poses.
-        imagination: Images drawn of the bodies at random poses, from which the encoder learns as well.
-        polish: How encoded poses are made better by the decoder where the parameters are refined, and in tests; None
+        synthetic_images: Images drawn of the bodies at random poses, from which the encoder learns as well.
+        refine: How encoded poses are made better by the decoder where the parameters are refined, and in tests; None
             for not at all.
         horizon: How far, and how many, trajectories are rolled out in training; None for all of them.
         engine: Rules of the physics; None for the layer's own.
@@ -75,9 +75,9 @@ class SupervisedID(TrainingModule):
         phases: Phases | None = None,
         loss: PoseLoss | None = None,
         alpha: float = 0.1,
-        imagination: Imagination | None = None,
+        synthetic_images: SyntheticImages | None = None,
         horizon: Horizon | None = None,
-        polish: Polish | None = None,
+        pose_refinement: PoseRefinement | None = None,
         engine: Engine | None = None,
         optimizer: OptimizerFactory | None = None,
         parameter_rate: float = 1e-2,
@@ -89,7 +89,10 @@ class SupervisedID(TrainingModule):
         self.automatic_optimization = False
         self.learn, self.values, self.chart = learn, values, chart
         self.start, self.phases, self.loss = start or Start(), phases or Phases(), loss or PoseLoss()
-        self.imagination, self.polish = imagination or Imagination(), polish or Polish()
+        self.synthetic_images, self.pose_refinement = (
+            synthetic_images or SyntheticImages(),
+            pose_refinement or PoseRefinement(),
+        )
         self.alpha, self.horizon, self.engine = alpha, horizon or Horizon(), engine or Engine()
         self.refinement = Refinement(self.loss)
         self.parameter_rate, self.physics_device, self.fast = parameter_rate, physics_device, fast
@@ -121,7 +124,7 @@ class SupervisedID(TrainingModule):
         physical, layer = PhysicalParameters(scene, self.learn, self.values), self.engine.layer(scene)
         self.model = VideoModel(
             scene, physical, layer, self.chart, self.start,
-            polish=self.polish, physics_device=self.physics_device, fast=self.fast,
+            pose_refinement=self.pose_refinement, physics_device=self.physics_device, fast=self.fast,
         )  # fmt: skip
         self.scores = VideoScores(scene)
         return self
@@ -140,7 +143,7 @@ class SupervisedID(TrainingModule):
         encoding = self.model.encode(as_image(batch["frames"]), background)
         real, recorded = shown < batch["length"][:, None], at_frames(batch["pose"], shown).to(encoding.pose)
         weight = self.loss.rotation_weight
-        imagined = self.imagination.losses(self.model, background, weight)
+        imagined = self.synthetic_images.losses(self.model, background, weight)
         if self.phase is Phase.WARM_UP:
             values = encoding_losses(self.model, encoding, recorded, weight)
             return {f"encoded_{name}": mean_over_time(value, real) for name, value in values.items()} | imagined

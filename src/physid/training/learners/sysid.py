@@ -13,14 +13,14 @@ from torch import Tensor
 
 from physid.physics.layer import PhysicsLayer
 from physid.scenes.scene import Scene
-from physid.training.callbacks.identifiability_warning import ObservabilityWarning
+from physid.training.callbacks.identifiability_warning import IdentifiabilityWarning
 from physid.training.callbacks.intervals import Intervals
 from physid.training.callbacks.parameter_history import ParameterHistory
-from physid.training.identifiability.identifiability import Observability, SensorNoise
-from physid.training.initial_states.fitted import Explaining, Following, Starts
+from physid.training.identifiability.identifiability import Identifiability, SensorNoise
+from physid.training.initial_states.fitted import Explaining, Starts, TrackedFit
 from physid.training.initial_states.pose_noise import pose_noise, weighed_by
-from physid.training.initial_states.projection import without_starts
-from physid.training.initial_states.tracked import FollowedStarts
+from physid.training.initial_states.projection import project_out_initial_states
+from physid.training.initial_states.tracked import TrackedInitialStates
 from physid.training.learners.base import OptimizerFactory, TrainingModule
 from physid.training.learners.engine import Engine
 from physid.training.learners.metrics import PoseErrors
@@ -37,31 +37,32 @@ Batch = Mapping[str, Any]
 JUDGED = 8
 """Trajectories that suffice to judge what can be told."""
 AFRESH = 3
-"""Every so many epochs first states are also fitted from the first guess again, to leave a local minimum."""
+"""Every so many epochs initial states are also fitted from the first guess again, to leave a local minimum."""
 
 
 @final
 class SysID(TrainingModule):
     """Identify physical parameters by matching predicted to recorded trajectories.
 
-    The loss is the paper's (see `PoseLoss`), with each trajectory predicted from its first state. With `segment` it is
-    cut into short ones, each predicted from its own first state: collisions and tumbling amplify every error, so that
-    over long trajectories the loss has no usable slope. First states are those recorded, or, where only poses were
-    recorded, unknowns of each trajectory, fitted anew for every value of the parameters (variable projection, Golub &
-    Pereyra 1973): the noise of one pose would otherwise pull the parameters.
+    The loss is the paper's (see `PoseLoss`), with each trajectory predicted from its initial state. With `segment` it
+    is cut into short ones, each predicted from its own initial state: collisions and tumbling amplify every error, so
+    that over long trajectories the loss has no usable slope. Initial states are those recorded, or, where only poses
+    were recorded, unknowns of each trajectory, fitted anew for every value of the parameters (variable projection,
+    Golub & Pereyra 1973): the noise of one pose would otherwise pull the parameters.
 
     Args:
         learn: Names of the parameters to learn ("block.friction"); None for the scene's unknown ones.
         values: Values that replace the scene's, by name: a first guess, or better knowledge of a fixed parameter.
         segment: Steps of a segment in training; None for whole trajectories, as in the paper.
         test_segment: The same in validation and test, where errors over whole trajectories are reported as well.
-        twist: Where first velocities come from: the recording (estimated where it has none), or always from its poses.
-        start: Whether first states are as recorded or fitted; None for fitted without twists, or if cameras distort.
-        seen: Frames (at most half of them) to which first states are fitted in tests and predictions.
+        twist: Where initial velocities come from: the recording (estimated where it has none), or always from its
+            poses.
+        start: Whether initial states are as recorded or fitted; None for fitted without twists, or if cameras distort.
+        seen: Frames (at most half of them) to which initial states are fitted in tests and predictions.
         loss: What an error of the poses costs; None for the paper's loss.
-        warm_up: Where no loss is given and first states are fitted: epochs with the paper's loss, before its rotations
-            are weighed by the noise of the poses. They hold the spin, which would else hide that the friction is far
-            off.
+        warm_up: Where no loss is given and initial states are fitted: epochs with the paper's loss, before its
+            rotations are weighed by the noise of the poses. They hold the spin, which would else hide that the friction
+            is far off.
         engine: Rules of the physics; None for the layer's own.
         optimizer: Adam, LBFGS, GaussNewton or PatternSearch; None for GaussNewton.
 
@@ -108,13 +109,13 @@ class SysID(TrainingModule):
     def attach(self, scene: Scene) -> SysID:
         """Build physics, parameters and metrics for a scene; returns itself."""
         self.scene, self.layer = scene, self.engine.layer(scene)
-        self.physical, self.starts = PhysicalParameters(scene, self.learn, self.values), FollowedStarts(scene)
+        self.physical, self.starts = PhysicalParameters(scene, self.learn, self.values), TrackedInitialStates(scene)
         self.errors = torch.nn.ModuleDict({name: PoseErrors(scene) for name in ("fitted", "segments", "whole")})
         return self
 
     def configure_callbacks(self) -> list[L.Callback]:
         """Find intervals, keep and draw the history of the parameters, and warn of those that cannot be told."""
-        return [Intervals(), ParameterHistory(), ObservabilityWarning()]
+        return [Intervals(), ParameterHistory(), IdentifiabilityWarning()]
 
     def trajectories(self, batch: Batch, segment: int | None = None) -> Trajectories:
         """Return a batch of the data module as trajectories, cut into segments."""
@@ -124,11 +125,11 @@ class SysID(TrainingModule):
         return self._known[1].segments(segment)
 
     def fits_starts(self, batch: Batch) -> bool:
-        """Tell whether first states are fitted."""
+        """Return whether initial states are fitted."""
         return self.start == "fitted" or (self.start is None and ("twist" not in batch or self.layer.distorts))
 
     def losses(self, batch: Batch) -> dict[str, Tensor]:
-        """Compute the losses of each training segment (see `PoseLoss`), its first state following the parameters."""
+        """Compute the losses of each training segment (see `PoseLoss`), its initial state following the parameters."""
         cut = self.trajectories(batch, self.segment)
         if self.fits_starts(batch):
             self._weigh(batch)
@@ -156,8 +157,8 @@ class SysID(TrainingModule):
         return self.loss.curvature(weighing, slopes, cut.real)
 
     @torch.no_grad()
-    def answer(self, batch: Batch, follow: Following | None) -> tuple[Trajectories, Tensor]:
-        """Return the training segments from their first states, and their answer to ln(parameter) (P, B, T, N, 6)."""
+    def answer(self, batch: Batch, follow: TrackedFit | None) -> tuple[Trajectories, Tensor]:
+        """Return the training segments from their initial states, and their answer to ln(parameter) (P, B, T, N, 6)."""
         cut = self.trajectories(batch, self.segment)
         found = None if follow is None else (follow.starts.of(cut), follow.slopes)
         return found or (cut, sensitivity(self.layer, self.physical, cut))
@@ -183,7 +184,7 @@ class SysID(TrainingModule):
         total = torch.stack(list(losses.values())).sum(0).unflatten(0, (len(points), -1))
         return total, len(points) * (rollouts + 1)
 
-    def observability(self, noise: SensorNoise | None = None) -> Observability:
+    def identifiability(self, noise: SensorNoise | None = None) -> Identifiability:
         """Judge what some trajectories of the last training batch tell, under their own noise if none is given."""
         cut = self.trajectories(self._batch, self.segment)
         noise = noise or pose_noise(cut)
@@ -194,8 +195,8 @@ class SysID(TrainingModule):
         usable = found.usable | ~found.usable.any()  # better all than none
         cut, answer = cut.chosen(usable), found.sensitivity[:, usable]
         if self.fits_starts(self._batch):
-            answer = without_starts(self.layer, self.physical, cut, answer, noise.weights)
-        return Observability.of(self.physical.names, answer, cut.real, noise)
+            answer = project_out_initial_states(self.layer, self.physical, cut, answer, noise.weights)
+        return Identifiability.of(self.physical.names, answer, cut.real, noise)
 
     @torch.no_grad()
     def pull(self) -> Pull:
@@ -236,7 +237,7 @@ class SysID(TrainingModule):
         self._log_errors("train/", "fitted")
 
     def predict_step(self, batch: Batch, batch_idx: int) -> Trajectories:
-        """Predict whole trajectories from their first state, under the recorded or the planned wrenches."""
+        """Predict whole trajectories from their initial state, under the recorded or the planned wrenches."""
         known = self._started(self.trajectories(batch), batch)
         return known.predicted(self.layer, self.physical(), batch.get("future"))
 
@@ -262,7 +263,7 @@ class SysID(TrainingModule):
         return {"segments": self.test_segment} | ({} if self.test_segment is None else {"whole": None})
 
     def _started(self, cut: Trajectories, batch: Batch) -> Trajectories:
-        """Return trajectories with first states from their beginnings alone, where these are to be fitted."""
+        """Return trajectories with initial states from their beginnings alone, where these are to be fitted."""
         if not self.fits_starts(batch):
             return cut
         self._weigh(batch)
@@ -283,12 +284,12 @@ class SysID(TrainingModule):
         return Explaining(self.layer, self.physical, self.loss, cut, logarithm)
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Keep the first states too: a resumed run begins from them."""
+        """Keep the initial states too: a resumed run begins from them."""
         super().on_save_checkpoint(checkpoint)
         checkpoint["starts"] = self.starts.state_dict(self.physical.logarithm)
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Take the first states of the run that is resumed."""
+        """Take the initial states of the run that is resumed."""
         self.starts.load_state_dict(checkpoint.get("starts", {}))
 
     def _log_tested(self, stage: str) -> None:

@@ -17,7 +17,7 @@ DIFFERENCE = 1e-3
 def residuals(
     layer: PhysicsLayer, parameters: PhysicalParameters, trajectories: Trajectories, logarithm: Tensor | None = None
 ) -> Tensor:
-    """Predict trajectories from their first states and compare them with what was recorded.
+    """Predict trajectories from their initial states and compare them with what was recorded.
 
     Args:
         layer: The physics.

@@ -75,7 +75,7 @@ class Trajectories:
         return torch.arange(self.pose.shape[1], device=self.pose.device) < self.length[:, None]
 
     def rolled(self, layer: PhysicsLayer, parameters: Parameters, wrench: Tensor | None = None) -> Rollout:
-        """Predict them from their first states.
+        """Predict them from their initial states.
 
         Args:
             layer: The physics.
@@ -87,12 +87,12 @@ class Trajectories:
 
         Raises:
             SolverError: If a contact problem cannot be solved; the message begins with the trajectories.
-            ValueError: If the first states are those that a camera reports, and it does not report true ones.
+            ValueError: If the initial states are those that a camera reports, and it does not report true ones.
         """
         if layer.distorts and self.origin is None:
             raise ValueError(
-                "expected first states that are fitted where a perception effect is at work, got recorded ones; leave "
-                "model.start out, or set it to fitted"
+                "expected initial states that are fitted where a perception effect is at work, got recorded ones; "
+                "leave model.start out, or set it to fitted"
             )
         wrench = self.wrench if wrench is None else wrench
         try:
@@ -104,7 +104,7 @@ class Trajectories:
             raise SolverError(f"trajectory {shown}: {error}", error.samples) from None
 
     def predicted(self, layer: PhysicsLayer, parameters: Parameters, wrench: Tensor | None = None) -> Trajectories:
-        """Return what is predicted from their first states, under their own or under other wrenches (see `rolled`)."""
+        """Return what is predicted from their initial states, under their own or other wrenches (see `rolled`)."""
         rollout = self.rolled(layer, parameters, wrench)
         if wrench is None:
             return Trajectories(rollout.pose, rollout.twist, self.wrench, self.length, self.index)

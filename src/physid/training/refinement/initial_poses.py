@@ -1,4 +1,4 @@
-"""First poses as unknowns of each trajectory: neither what is read from an image nor a label is ever exact."""
+"""Initial poses as unknowns of each trajectory: neither what is read from an image nor a label is ever exact."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ MOST = 4
 @final
 @dataclass(frozen=True)
 class Placing:
-    """Trajectories whose first poses are fitted to their motion, each to its own.
+    """Trajectories whose initial poses are fitted to their motion, each to its own.
 
-    A hit makes a small error of a first pose large and lopsided, which no number of trajectories averages out. First
+    A hit makes a small error of a initial pose large and lopsided, which no number of trajectories averages out. First
     poses are therefore unknowns of each trajectory, as in SysID, and what is known of them is one pose among the
-    others: the parameters only answer for what no other first pose explains (variable projection, Golub & Pereyra
+    others: the parameters only answer for what no other initial pose explains (variable projection, Golub & Pereyra
     1973).
 
     Attributes:
-        trajectories: With origins at the fitted first poses.
+        trajectories: With origins at the fitted initial poses.
     """
 
     trajectories: Trajectories
@@ -41,18 +41,18 @@ class Placing:
     _starts: Starts
 
     def reduce(self, answer: Tensor, loss: PoseLoss, real: Tensor) -> Tensor:
-        """Take out of the derivatives J (P, B, T, N, 6) what other first poses would do as well; the same shape."""
+        """Take out of the derivatives J (P, B, T, N, 6) what other initial poses would do as well; the same shape."""
         return self._explaining.follow(self._starts, answer).slopes
 
 
 @torch.no_grad()
 def place(model: VideoModel, loss: PoseLoss, trajectories: Trajectories, real: Tensor) -> Placing:
-    """Fit the first poses of trajectories, and their velocities unless these start at rest.
+    """Fit the initial poses of trajectories, and their velocities unless these start at rest.
 
     Args:
         model: Gives physics, parameters, and whether bodies lie on the ground.
         loss: What errors of predicted poses cost.
-        trajectories: First states, wrenches, and the poses that should come out.
+        trajectories: Initial states, wrenches, and the poses that should come out.
         real: Which frames count, shape (B, T).
     """
     chart, physical = model.chart, copy.deepcopy(model.physical).to(model.physics_device)

@@ -12,7 +12,7 @@ BACK = 0.5
 
 
 @final
-class Calming(nn.Module):
+class KestenStep(nn.Module):
     """Shortens steps to x / (1 + n), n how many of the full ones x turned back so far (Kesten 1958).
 
     Where it depends on a parameter whether bodies hit each other, full steps go to and fro within the noise; shortened

@@ -1,4 +1,4 @@
-"""First heights of bodies that hover, from when they land: a single image hardly tells how far away a body is."""
+"""Initial heights of bodies that hover, from when they land: a single image hardly tells how far away a body is."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ FAINT = 1e-12
 
 @final
 @dataclass(frozen=True)
-class Landing:
-    """Trajectories whose first heights are fitted to their motion, each to its own.
+class LandingHeight:
+    """Trajectories whose initial heights are fitted to their motion, each to its own.
 
     A body that starts higher, at the same place in the image, lands later and stays behind. Heights are unknowns of
     each trajectory beside the parameters of all of them, so that the parameters only answer for what no height
@@ -56,14 +56,14 @@ class Landing:
 
 
 @torch.no_grad()
-def land(model: VideoModel, loss: PoseLoss, trajectories: Trajectories, real: Tensor) -> Landing:
-    """Fit the first heights of trajectories by some Gauss-Newton steps, along the rays from the camera.
+def land(model: VideoModel, loss: PoseLoss, trajectories: Trajectories, real: Tensor) -> LandingHeight:
+    """Fit the initial heights of trajectories by some Gauss-Newton steps, along the rays from the camera.
 
     Args:
         model: Gives physics, parameters and camera.
         loss: What errors of predicted poses cost.
-        trajectories: First states, wrenches, and the poses that should come out, read from images: their depth does not
-            count.
+        trajectories: Initial states, wrenches, and the poses that should come out, read from images: their depth does
+            not count.
         real: Which frames count, shape (B, T).
     """
     chart, camera = model.chart, model.decoder.renderer.camera
@@ -102,7 +102,7 @@ def land(model: VideoModel, loss: PoseLoss, trajectories: Trajectories, real: Te
     away = ((predicted[..., :3] - goal[..., :3]) * rays).sum(-1, keepdim=True)
     goal = torch.cat([goal[..., :3] + away * rays, goal[..., 3:]], -1)
     origin = torch.cat([first(height).pose, start.twist], -1)
-    return Landing(dataclasses.replace(trajectories, pose=goal, origin=origin), slopes, rays)
+    return LandingHeight(dataclasses.replace(trajectories, pose=goal, origin=origin), slopes, rays)
 
 
 def _across(value: Tensor, rays: Tensor) -> Tensor:

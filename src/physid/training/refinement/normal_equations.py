@@ -25,7 +25,7 @@ FLOOR = 1e-12
 
 
 class OwnUnknowns(Protocol):
-    """Unknowns of each trajectory beside the parameters of all of them, say its first pose, fitted beforehand."""
+    """Unknowns of each trajectory beside the parameters of all of them, say its initial pose, fitted beforehand."""
 
     def reduce(self, answer: Tensor, loss: PoseLoss, real: Tensor) -> Tensor:
         """Take out of the derivatives J (P, B, T, N, 6) by the parameters what these unknowns would do as well."""
@@ -94,7 +94,7 @@ class NormalEquations:
         Args:
             model: Gives physics and parameters.
             loss: What errors of predicted poses cost.
-            trajectories: First states, wrenches, and the poses that should come out; on the device of the physics.
+            trajectories: Initial states, wrenches, and the poses that should come out; on the device of the physics.
             real: Which frames count, shape (B, T).
             own: The trajectories' own unknowns, if they have any.
             shifted: The same trajectories with a standard deviation of each error that all of them share.

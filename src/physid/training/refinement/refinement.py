@@ -16,8 +16,8 @@ from physid.training.parameters.pose_loss import PoseLoss
 from physid.training.parameters.trajectories import Trajectories
 from physid.training.refinement.horizon import Batch
 from physid.training.refinement.initial_poses import Placing, place
-from physid.training.refinement.kesten_step import Calming
-from physid.training.refinement.landing_height import Landing, land
+from physid.training.refinement.kesten_step import KestenStep
+from physid.training.refinement.landing_height import LandingHeight, land
 from physid.training.refinement.normal_equations import NormalEquations
 from physid.training.vision.model import VideoModel
 
@@ -31,7 +31,7 @@ SMALLEST = 1e-5
 
 @final
 class Refinement(nn.Module):
-    """One Gauss-Newton step over all trajectories per epoch, each from a first state that is fitted.
+    """One Gauss-Newton step over all trajectories per epoch, each from an initial state that is fitted.
 
     Steps that turn back are shortened (see `Calming`).
 
@@ -41,7 +41,7 @@ class Refinement(nn.Module):
 
     def __init__(self, loss: PoseLoss) -> None:
         super().__init__()
-        self._loss, self._calm = loss, Calming()
+        self._loss, self._calm = loss, KestenStep()
         self._equations: NormalEquations | None = None
 
     def add(
@@ -110,7 +110,7 @@ def add_to(
 ) -> Tensor:
     """Add a batch of trajectories to normal equations (see `Refinement.add`); returns the loss of each (B,)."""
     there = model.physics_device
-    state = model.first_state(pose, batch["shown"], batch["wrench"])
+    state = model.initial_state(pose, batch["shown"], batch["wrench"])
     goal, real = torch.cat([state.pose[:, None], goal[:, 1:].to(state.pose)], 1), real.to(there)
     trajectories = Trajectories(
         pose=goal,
@@ -119,7 +119,7 @@ def add_to(
         length=batch["length"].to(there),
         index=batch["index"].to(there),
     )
-    own: Landing | Placing
+    own: LandingHeight | Placing
     if from_images and isinstance(model.chart, PlanarChart) and model.chart.hovering:
         own = land(model, loss, trajectories, real)
     else:

@@ -1,4 +1,4 @@
-"""What to beat: other predictions of the same trajectories from the same first states."""
+"""What to beat: other predictions of the same trajectories from the same initial states."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from physid.training.parameters.trajectories import Trajectories
 
 
 def held(trajectories: Trajectories) -> Tensor:
-    """Predict that nothing moves: the first pose at all times, (B, T, N, 7)."""
+    """Predict that nothing moves: the initial pose at all times, (B, T, N, 7)."""
     return trajectories.pose[:, :1].expand_as(trajectories.pose)
 
 
@@ -21,7 +21,7 @@ def ballistic(trajectories: Trajectories, scene: Scene) -> Tensor:
     """Predict free flight with constant spin, frozen at touch-down.
 
     Args:
-        trajectories: Gives the first states and the frames to predict.
+        trajectories: Gives the initial states and the frames to predict.
         scene: Gives gravity, the ground, the time step and the sizes.
 
     Returns:
@@ -43,7 +43,7 @@ def bullet(trajectories: Trajectories, scene: Scene, substeps: int) -> Tensor:
     """Predict with PyBullet.
 
     Args:
-        trajectories: Gives the first states and the wrenches.
+        trajectories: Gives the initial states and the wrenches.
         scene: Gives the parameters.
         substeps: Steps of PyBullet per frame.
 

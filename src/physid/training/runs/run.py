@@ -232,7 +232,7 @@ def _until_interrupted(trainer: L.Trainer, action: Callable[[], object]) -> None
 
 
 def _has_test_split(data: Any) -> bool:
-    """Tell whether the data module has anything to test on."""
+    """Return whether the data module has anything to test on."""
     try:
         data.test_dataloader()
     except ValueError:

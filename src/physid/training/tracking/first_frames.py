@@ -17,21 +17,21 @@ from physid.training.tracking.films import Filmed, Footage
 from physid.training.tracking.tracker import Reader
 from physid.training.vision.decoder import MODELS, Decoder
 from physid.training.vision.model import ChartName, VideoModel, chart_of
-from physid.training.vision.pose_refinement import Polish
+from physid.training.vision.pose_refinement import PoseRefinement
 
 UPRIGHT, LYING = 0.02, 0.01
 """[rad] and share of the height by which a body may be off that counts as upright, and as lying on the ground."""
-SEARCHING = Polish(steps=8, headings=24)
+SEARCHING = PoseRefinement(steps=8, headings=24)
 UNSURE = 1e-3
 """Deviation of the scale where no pose is known beforehand: about what drawn edges are off by."""
 
 
-def first_sight(
+def first_frames_of(
     scene: Scene, footage: Footage, known: Sequence[Filmed], chart: ChartName | None, trained: Any = None
 ) -> tuple[Reader, Tensor]:
     """Begin to read films.
 
-    A trained model knows the bodies and finds them. Without one, first poses that are known tell what the bodies look
+    A trained model knows the bodies and finds them. Without one, initial poses that are known tell what the bodies look
     like. Without these, bodies on the ground are found by their outlines, and told from each other by their masks;
     a heading that no outline tells is that of the first trajectory.
 
@@ -43,10 +43,10 @@ def first_sight(
         trained: A module of a fit from video, with an attribute `model`.
 
     Returns:
-        The reader, and first poses (R, N, 7).
+        The reader, and initial poses (R, N, 7).
 
     Raises:
-        ValueError: If the first poses cannot be found.
+        ValueError: If the initial poses cannot be found.
     """
     if trained is not None:
         model: VideoModel = trained.model.eval()
@@ -63,7 +63,7 @@ def first_sight(
 
 
 def chart_for(scene: Scene, pose: Tensor) -> ChartName:
-    """Judge by first poses (R, N, 7) which poses there are: of bodies that lie, stand upright, or are free."""
+    """Judge by initial poses (R, N, 7) which poses there are: of bodies that lie, stand upright, or are free."""
     normal = pose.new_tensor(scene.ground.normal)
     tilt = torch.linalg.cross(to_matrix(pose[..., 3:])[..., 2], normal.expand_as(pose[..., :3])).norm(dim=-1)
     half = pose.new_tensor(scene.sizes[:, 2]) / 2
@@ -81,12 +81,12 @@ def _first_frames(footage: Footage, indices: Sequence[int]) -> tuple[Tensor, Ten
 
 
 def _find(scene: Scene, name: ChartName, footage: Footage, count: int) -> Tensor:
-    """Find first poses (R, N, 7) without any that is known: by outlines, then by what the first film shows."""
+    """Find initial poses (R, N, 7) without any that is known: by outlines, then by what the first film shows."""
     chart = chart_of(scene, name)
     if not isinstance(chart, PlanarChart):
         raise ValueError(
             "expected the poses of the first frames, which tell what the bodies look like, found none; only bodies on "
-            "the ground are found without them: record first poses, or name the run of a trained encoder (--encoder)"
+            "the ground are found without them: record initial poses, or name the run of a trained encoder (--encoder)"
         )
     frame, mask, background = _first_frames(footage, range(count))
     image, behind, rough = as_image(frame), as_image(background), _centres(chart, mask)

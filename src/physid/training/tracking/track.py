@@ -1,4 +1,4 @@
-"""Films in, a recording set with poses out: `physid watch`."""
+"""Films in, a recording set with poses out: `physid track`."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from physid.data.video import check_video
 from physid.scenes.scene import Scene
 from physid.training.runs.run import CHECKPOINT, restore
 from physid.training.tracking.films import Drawn, Filmed, Footage, Recorded
-from physid.training.tracking.first_frames import first_sight
+from physid.training.tracking.first_frames import first_frames_of
 from physid.training.tracking.tracker import Reader
-from physid.training.tracking.tracking_error import Rehearsal, colour_noise, hard_edged
+from physid.training.tracking.tracking_error import TrackingStudy, colour_noise, hard_edged
 from physid.training.vision.model import ChartName
 
 AT_ONCE = 32
 """Films that are read side by side."""
 
 
-def watch(
+def track(
     films: Path,
     out: Path,
     *,
@@ -38,7 +38,7 @@ def watch(
 ) -> RecordingSet:
     """Read poses from films, and how far they can be trusted, into a recording set; goes on where it was interrupted.
 
-    Of recorded poses only the first ones are looked at (see `first_sight`).
+    Of recorded poses only the first ones are looked at (see `first_frames_of`).
 
     Args:
         films: Recording set with films.
@@ -46,7 +46,7 @@ def watch(
         encoder: Run of a trained encoder, which finds the bodies in the first frames; None to do without.
         chart: Which poses there are; None to judge by the first ones.
         limit: At most so many trajectories, the first ones.
-        say: Told what is being done, how many frames of how many.
+        say: Called with what is being done, how many frames of how many.
 
     Returns:
         The set.
@@ -65,7 +65,7 @@ def watch(
     check_video(recordings, range(count))
     scene = dataclasses.replace(recordings.scene, source=f"read by physid from the films of {films.name}")
     known, filmed = [Filmed.of(recordings, index) for index in range(count)], Recorded(recordings)
-    reader, first = first_sight(scene, filmed, known, chart, encoder and restore(encoder, films))
+    reader, first = first_frames_of(scene, filmed, known, chart, encoder and restore(encoder, films))
     stretch, deviation = (float(one) for one in (reader.calibration.stretch, reader.calibration.deviation))
     write_reading(out, Reading(str(films.resolve()), str(encoder or ""), reader.name, stretch, deviation, key))
     found = _read_into(out, scene, reader, filmed, known, first, partial(say, "reading the films"))
@@ -81,7 +81,7 @@ def _key(recordings: RecordingSet, encoder: Path | None, chart: ChartName | None
 
 
 def _complete(folder: Path, count: int) -> bool:
-    """Tell whether so many trajectories were read."""
+    """Return whether so many trajectories were read."""
     wanted = (trajectory_path(folder, index) for index in range(count))
     return (folder / DESCRIPTION).is_file() and all(path.is_file() for path in wanted)
 
@@ -104,7 +104,7 @@ def _read_into(
         reader: Reads.
         footage: The films.
         known: All but the poses.
-        first: About the first poses, shape (R, N, 7).
+        first: About the initial poses, shape (R, N, 7).
         say: Told how many frames of how many were read.
         become: What is written of poses (T, N, 7) of a trajectory.
     """
@@ -140,7 +140,7 @@ def _echo(
     """Let PyBullet draw motions like those that were read, and read these films from the beginning."""
     camera = read.scene.camera
     assert camera is not None
-    rehearsal = Rehearsal(reader.chart, camera.width, [torch.from_numpy(one.pose) for one in read])
+    rehearsal = TrackingStudy(reader.chart, camera.width, [torch.from_numpy(one.pose) for one in read])
     sights = [filmed.first(index) for index in range(len(known))]
     faces = (255 * hard_edged(reader.decoder.patches[0])).round().byte().movedim(2, -1).cpu().numpy()
     poses, backgrounds = [pose.numpy() for pose in rehearsal.poses], [background for _, _, background in sights]

@@ -17,11 +17,11 @@ from physid.training.tracking.films import Footage
 from physid.training.vision.calibration import Calibration
 from physid.training.vision.decoder import MODELS, Decoder
 from physid.training.vision.model import ChartName, VideoModel, chart_of
-from physid.training.vision.pose_refinement import Polish
+from physid.training.vision.pose_refinement import PoseRefinement
 
-FOLLOWING = Polish(steps=2, wider=1.0)
+FOLLOWING = PoseRefinement(steps=2, wider=1.0)
 """From the place where the last two frames put a body, two Gauss-Newton steps reach what the images tell."""
-SETTLING = Polish(steps=8)
+SETTLING = PoseRefinement(steps=8)
 """In first frames, whose poses may be a little off."""
 BLOCK = 32
 """Frames of each film that are in memory at once."""
@@ -37,7 +37,7 @@ class Reader:
     """Reads poses from films by following the bodies.
 
     Bodies are expected to go on as in the last two frames; from there their poses are fitted to the frame, by drawing
-    them (see `Polish`).
+    them (see `Refine`).
 
     Attributes:
         name: Of the chart.
@@ -67,7 +67,7 @@ class Reader:
             scene: Gives camera and sizes.
             chart: Which poses there are.
             footage: The films.
-            pose: First poses of its trajectories, shape (R, N, 7).
+            pose: Initial poses of its trajectories, shape (R, N, 7).
 
         Raises:
             ValueError: If a mask does not lie where the pose says.
@@ -114,9 +114,9 @@ class Reader:
             if frame % BLOCK == 0:
                 block = self._block(footage, indices, lengths, frame)
             image = as_image(block[:, frame % BLOCK])
-            polish = FOLLOWING if frame else SETTLING
+            pose_refinement = FOLLOWING if frame else SETTLING
             guess = self.chart.to_pose(2 * numbers[-1] - numbers[-2])
-            pose = polish(self.chart, self.decoder, guess[:, None], image[:, None], background)[:, 0]
+            pose = pose_refinement(self.chart, self.decoder, guess[:, None], image[:, None], background)[:, 0]
             self._require_sight(pose, image, background, frame, [*indices], frame < length)
             numbers = [numbers[-1], self.chart.to_numbers(pose)] if frame else [self.chart.to_numbers(pose)] * 2
             poses.append(pose)

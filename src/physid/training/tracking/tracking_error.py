@@ -25,7 +25,7 @@ SILENT = 0.5
 
 
 @final
-class Rehearsal:
+class TrackingStudy:
     """Motions like those that were read, to be drawn: smoothed, and moved by up to half a pixel.
 
     Read poses are drawn to places between the pixels where a reader errs least; drawn there, they would look better

@@ -1,4 +1,4 @@
-"""How far polished positions are off alike: by a share of their distance from the middle of the view, and an offset."""
+"""How far refined positions are off alike: by a share of their distance from the middle of the view, and an offset."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SHARED = 3
 
 @final
 class Calibration(nn.Module):
-    """Takes errors out of polished poses that all of them share: a' = (1 + s) a + o.
+    """Takes errors out of refined poses that all of them share: a' = (1 + s) a + o.
 
     Drawn images never fit those of a camera wholly; a twentieth of a pixel at the edge of the view, 0.1 %, is 0.1 % of
     every acceleration, hence of a friction, and no number of trajectories makes it smaller. Where all bodies slide the
@@ -44,13 +44,13 @@ class Calibration(nn.Module):
 
     @torch.no_grad()
     def measure(self, camera: PinholeCamera, found: Tensor, true: Tensor, *, offset: bool = False) -> None:
-        """Regress the errors of polished places in the image, a_true - a, on (a, 1), or on a alone.
+        """Regress the errors of refined places in the image, a_true - a, on (a, 1), or on a alone.
 
         Args:
             camera: Says where in the image a pose is; a is counted from its middle.
             found: Polished poses, uncalibrated, shape (M, N, 7).
             true: Known poses, shape (M, N, 7).
-            offset: Whether there is an offset. Where first poses and goals are read alike it moves both, and does no
+            offset: Whether there is an offset. Where initial poses and goals are read alike it moves both, and does no
                 harm.
         """
         middle = found.new_tensor([camera.width, camera.height], dtype=torch.float64) / 2
@@ -70,7 +70,7 @@ class Calibration(nn.Module):
         self.root.copy_(root)
 
     def forward(self, chart: PoseChart, camera: PinholeCamera, pose: Tensor) -> Tensor:
-        """Calibrate polished poses (..., N, 7)."""
+        """Calibrate refined poses (..., N, 7)."""
         return moved(camera, stretched(chart, pose, float(self.stretch)), self.offset)
 
     def shared_errors(self, chart: PoseChart, camera: PinholeCamera, pose: Tensor) -> list[Tensor]:

@@ -56,7 +56,7 @@ class Decoder(nn.Module):
         self.register_buffer("patches", unknown)
 
     def model(self, recordings: RecordingSet, trajectories: Sequence[int]) -> tuple[Tensor, Tensor, Tensor]:
-        """Cut the appearance out of the first frames of some trajectories, by their masks and first poses.
+        """Cut the appearance out of the first frames of some trajectories, by their masks and initial poses.
 
         The paper takes shape and appearance of the objects as known in the same way; no other pose is looked at.
 
@@ -68,7 +68,7 @@ class Decoder(nn.Module):
             What it looked at: poses (M, 1, N, 7), images (M, 1, 3, H, W) and backgrounds (M, 3, H, W).
 
         Raises:
-            ValueError: If a trajectory has no poses, or a mask does not lie where the first pose says.
+            ValueError: If a trajectory has no poses, or a mask does not lie where the initial pose says.
         """
         chosen = trajectories[:MODELS]
         films = [recordings.film(index, [0]) for index in chosen]
@@ -77,7 +77,7 @@ class Decoder(nn.Module):
         pose = torch.stack([torch.from_numpy(one[0]) for one in poses if one is not None])
         if len(pose) < len(chosen):
             raise ValueError(
-                f"{recordings.folder}: pose: expected first poses to cut out the bodies' faces, found none"
+                f"{recordings.folder}: pose: expected initial poses to cut out the bodies' faces, found none"
             )
         try:
             self.cut(as_image(frame[:, 0]), mask, pose)

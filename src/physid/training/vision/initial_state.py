@@ -19,9 +19,9 @@ PASSES = 2
 
 @dataclass(frozen=True)
 class Start:
-    """How the first state follows from encoded poses.
+    """How the initial state follows from encoded poses.
 
-    At rest the first pose is all that counts, as in the paper without supervision. Otherwise velocities come from the
+    At rest the initial pose is all that counts, as in the paper without supervision. Otherwise velocities come from the
     poses of frames 0, S and 2 S by the paper's eq. (4), never from the network. Its effective force is the known wrench
     with everything that the ground does: it is measured by rolling out a guess for 2 S frames, f = M (v(t + h) - v(t))
     / h.
@@ -49,7 +49,7 @@ class Start:
         here = shown[:, None] == shown.new_tensor(wanted)[:, None]
         missing = [frame for frame, there in zip(wanted, here.any(-1).all(0).tolist(), strict=True) if not there]
         if missing:
-            raise ValueError(f"first states need frames {wanted}, not shown are {missing}; name them in data.video")
+            raise ValueError(f"initial states need frames {wanted}, not shown are {missing}; name them in data.video")
         return here.int().argmax(-1)
 
     def __call__(

@@ -1,4 +1,4 @@
-"""Everything between frames and predicted frames: encoder, first state, physics, decoder."""
+"""Everything between frames and predicted frames: encoder, initial state, physics, decoder."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from physid.training.vision.calibration import Calibration
 from physid.training.vision.decoder import Decoder, camera_of
 from physid.training.vision.deep_supervision import DeepSupervision
 from physid.training.vision.initial_state import Start
-from physid.training.vision.pose_refinement import Polish
+from physid.training.vision.pose_refinement import PoseRefinement
 
 ChartName = Literal["planar", "hovering", "spatial"]
 AT_ONCE = 1024
@@ -56,12 +56,12 @@ class Prediction:
 
     Attributes:
         encoded: Poses as the encoder reads them from the frames, shape (B, f, N, 7).
-        polished: The same, polished; of bodies that may hover, as far away as the motion over all frames says.
-        rolled: Poses rolled out from the first polished one, shape (B, T, N, 7), float64, on the physics' device.
+        refined: The same, refined; of bodies that may hover, as far away as the motion over all frames says.
+        rolled: Poses rolled out from the first refined one, shape (B, T, N, 7), float64, on the physics' device.
     """
 
     encoded: Tensor
-    polished: Tensor
+    refined: Tensor
     rolled: Tensor
 
 
@@ -74,8 +74,8 @@ class VideoModel(nn.Module):
         physical: The physical parameters.
         layer: The physics.
         chart: Which poses the encoder can express.
-        start: How the first state follows from encoded poses.
-        polish: How encoded poses are made better where no gradient is needed.
+        start: How the initial state follows from encoded poses.
+        refine: How encoded poses are made better where no gradient is needed.
         latent: Length of the latent vector of a variational encoder, the paper's without supervision; None for a plain
             one.
         physics_device: Where trajectories are rolled out; the fastest implementation runs on a CPU.
@@ -92,7 +92,7 @@ class VideoModel(nn.Module):
         chart: ChartName,
         start: Start,
         *,
-        polish: Polish,
+        pose_refinement: PoseRefinement,
         latent: int | None = None,
         physics_device: str = "cpu",
         fast: bool | None = None,
@@ -101,9 +101,9 @@ class VideoModel(nn.Module):
         if layer.distorts:
             raise ValueError(
                 "expected no effects of perception, for images are drawn as the camera is believed to see; read the "
-                "poses from the films (physid watch), and fit these with SysID"
+                "poses from the films (physid track), and fit these with SysID"
             )
-        self.physical, self.layer, self.start, self.polish = physical, layer, start, polish
+        self.physical, self.layer, self.start, self.pose_refinement = physical, layer, start, pose_refinement
         self.chart, self.decoder, self.calibration = chart_of(scene, chart), Decoder(scene), Calibration()
         camera = self.decoder.renderer.camera
         if latent is None:
@@ -135,15 +135,15 @@ class VideoModel(nn.Module):
 
     @torch.no_grad()
     def read(self, image: Tensor, background: Tensor) -> tuple[Tensor, Tensor]:
-        """Read poses (B, f, N, 7) from images (see `encode`), as the encoder gives them, and polished."""
+        """Read poses (B, f, N, 7) from images (see `encode`), as the encoder gives them, and refined."""
         encoded = self.encode(image, background).pose
-        polished = self.polish(self.chart, self.decoder, encoded, image, background)
-        return encoded, self.calibration(self.chart, self.decoder.renderer.camera, polished)
+        refined = self.pose_refinement(self.chart, self.decoder, encoded, image, background)
+        return encoded, self.calibration(self.chart, self.decoder.renderer.camera, refined)
 
     def look_at(self, recordings: RecordingSet, trajectories: Sequence[int]) -> None:
         """Learn what the bodies look like, and how exactly they are found, from some first frames (see `Decoder`)."""
         pose, image, background = self.decoder.model(recordings, trajectories)
-        found = self.polish(self.chart, self.decoder, pose, image, background)
+        found = self.pose_refinement(self.chart, self.decoder, pose, image, background)
         self.calibration.measure(self.decoder.renderer.camera, found[:, 0], pose[:, 0], offset=True)
 
     def parameters_there(self) -> Parameters:
@@ -151,7 +151,7 @@ class VideoModel(nn.Module):
         here = self.physical()
         return Parameters(**{f.name: getattr(here, f.name).to(self.physics_device) for f in dataclasses.fields(here)})
 
-    def first_state(self, pose: Tensor, shown: Tensor, wrench: Tensor) -> State:
+    def initial_state(self, pose: Tensor, shown: Tensor, wrench: Tensor) -> State:
         """Find the states at the first frames from encoded poses (B, f, N, 7) of the frames shown (B, f)."""
         there = self.physics_device
         pose, shown, wrench = pose.to(there, torch.float64), shown.to(there), wrench.to(there, torch.float64)
@@ -168,7 +168,7 @@ class VideoModel(nn.Module):
         Returns:
             Poses, shape (B, T, N, 7), float64, on the device of the physics.
         """
-        return self._rolled(self.first_state(pose, shown, wrench), wrench).pose
+        return self._rolled(self.initial_state(pose, shown, wrench), wrench).pose
 
     def _rolled(self, state: State, wrench: Tensor) -> Rollout:
         """Roll out states under wrenches (B, T, N, 6), the last of which is not used."""
@@ -179,17 +179,17 @@ class VideoModel(nn.Module):
 
     def predict(self, batch: Mapping[str, Any]) -> Prediction:
         """Encode the frames of a batch of the data module, and roll out its trajectories from the first one."""
-        encoded, polished = self.read(as_image(batch["frames"]), as_image(batch["background"]))
-        rolled = self.roll_out(polished, batch["shown"], batch["wrench"])
+        encoded, refined = self.read(as_image(batch["frames"]), as_image(batch["background"]))
+        rolled = self.roll_out(refined, batch["shown"], batch["wrench"])
         if isinstance(self.chart, PlanarChart) and self.chart.hovering:
-            polished = self._landed(polished, batch)
-        return Prediction(encoded, polished, rolled)
+            refined = self._landed(refined, batch)
+        return Prediction(encoded, refined, rolled)
 
     @torch.no_grad()
     def _landed(self, pose: Tensor, batch: Mapping[str, Any]) -> Tensor:
-        """Move polished poses (B, f, N, 7) along the rays from the camera to where the motion says they are."""
+        """Move refined poses (B, f, N, 7) along the rays from the camera to where the motion says they are."""
         there, shown = self.physics_device, batch["shown"]
-        state = self.first_state(pose, shown, batch["wrench"])
+        state = self.initial_state(pose, shown, batch["wrench"])
         goal, real = over_time(pose.to(there, torch.float64), batch)
         wrench = batch["wrench"].to(state.pose)
         twist = state.twist[:, None].expand(-1, goal.shape[1], -1, -1)
@@ -208,7 +208,7 @@ class VideoModel(nn.Module):
         place = self.start.places(batch["shown"])
         row = torch.arange(len(place), device=place.device)[:, None]
         _, pose = self.read(as_image(batch["frames"][row, place]), as_image(batch["background"]))
-        state = self.first_state(pose, batch["shown"][row, place], batch["wrench"])
+        state = self.initial_state(pose, batch["shown"][row, place], batch["wrench"])
         wrench, length = batch["wrench"], batch["length"]
         if "future" in batch:
             wrench, length = batch["future"], torch.full_like(length, batch["future"].shape[1])

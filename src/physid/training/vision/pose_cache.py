@@ -13,7 +13,7 @@ from physid.training.vision.model import VideoModel
 
 
 @final
-class PoseMemory(nn.Module):
+class PoseCache(nn.Module):
     """Reads frames, and keeps what it has read; part of a checkpoint, so that resuming is exact."""
 
     def __init__(self) -> None:
@@ -21,10 +21,10 @@ class PoseMemory(nn.Module):
         self._known: dict[tuple[int, int], Tensor] = {}
 
     def forward(self, model: VideoModel, batch: Mapping[str, Any]) -> Tensor:
-        """Return the polished poses (B, f, N, 7) of the frames that a batch of the data module shows.
+        """Return the refined poses (B, f, N, 7) of the frames that a batch of the data module shows.
 
         Frames beyond the length of the batch, say of a part that is rolled out (see `Horizon`), are not read unless the
-        first state needs them; in their place stands the pose of the trajectory's first frame.
+        initial state needs them; in their place stands the pose of the trajectory's first frame.
         """
         first = model.start.places(batch["shown"])
         needed = (batch["shown"] < batch["length"][:, None]).scatter(1, first, True)

@@ -37,8 +37,8 @@ DAMPING = 1e-2
 
 @final
 @dataclass(frozen=True)
-class Polish:
-    """How encoded poses are polished.
+class PoseRefinement:
+    """How encoded poses are refined.
 
     The raw numbers n of all bodies in an image minimise |blur(decoded(n)) - blur(I)|^2, starting from the encoder's.
     This is inference by the decoder, started by the encoder (Kim et al. 2018 call it semi-amortised): the encoder need
@@ -65,12 +65,13 @@ class Polish:
     def __post_init__(self) -> None:
         if self.steps < 0 or self.headings < 1 or self.sigma <= 0:
             raise ValueError(
-                f"polish needs steps >= 0, headings >= 1 and sigma > 0, got {self.steps}, {self.headings}, {self.sigma}"
+                f"pose_refinement needs steps >= 0, headings >= 1 and sigma > 0, got {self.steps}, "
+                f"{self.headings}, {self.sigma}"
             )
 
     @torch.no_grad()
     def __call__(self, chart: PoseChart, decoder: Decoder, pose: Tensor, image: Tensor, background: Tensor) -> Tensor:
-        """Polish encoded poses.
+        """Refine encoded poses.
 
         Args:
             chart: Which poses there are.
@@ -86,14 +87,14 @@ class Polish:
             return pose
         behind = background[:, None].expand_as(image).flatten(0, 1)
         parts = zip(*(value.split(AT_ONCE) for value in (pose.flatten(0, 1), image.flatten(0, 1), behind)), strict=True)
-        done = [self._polish_part(chart, decoder, *part) for part in parts]
-        polished: Tensor = torch.cat(done).unflatten(0, pose.shape[:2])
-        return polished
+        done = [self._refine_part(chart, decoder, *part) for part in parts]
+        refined: Tensor = torch.cat(done).unflatten(0, pose.shape[:2])
+        return refined
 
-    def _polish_part(
+    def _refine_part(
         self, chart: PoseChart, decoder: Decoder, pose: Tensor, image: Tensor, background: Tensor
     ) -> Tensor:
-        """Polish the poses (M, N, 7) of M images, from several headings each."""
+        """Refine the poses (M, N, 7) of M images, from several headings each."""
         sigmas = (self.wider * self.sigma, self.sigma)
         wide, fine = (_Mismatch(sigma, decoder, chart, pose, image, background) for sigma in sigmas)
         numbers, _ = self._descend(chart, wide, chart.to_numbers(pose), self.steps // 2)

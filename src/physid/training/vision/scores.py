@@ -25,7 +25,7 @@ class VideoScores(nn.Module):
 
     def __init__(self, scene: Scene) -> None:
         super().__init__()
-        self.poses = nn.ModuleDict({name: PoseErrors(scene) for name in ("polished", "encoded", "predicted")})
+        self.poses = nn.ModuleDict({name: PoseErrors(scene) for name in ("refined", "encoded", "predicted")})
         self.images = nn.ModuleDict(
             {
                 "psnr": PeakSignalNoiseRatio(data_range=1.0, dim=(1, 2, 3), reduction="elementwise_mean"),
@@ -39,7 +39,7 @@ class VideoScores(nn.Module):
         recorded = at_frames(batch["pose"], shown)
         real = shown < batch["length"][:, None]
         predicted = at_frames(prediction.rolled.to(there), shown)
-        given = {"polished": prediction.polished, "encoded": prediction.encoded, "predicted": predicted}
+        given = {"refined": prediction.refined, "encoded": prediction.encoded, "predicted": predicted}
         for name, pose in given.items():
             self.poses[name].update(pose.double(), recorded, real)  # type: ignore[operator]
         drawn = model.decoder(predicted, as_image(batch["background"]))[real]
@@ -53,7 +53,7 @@ class VideoScores(nn.Module):
         on of the encoder alone, predicted_position_error and so on of the rollout, psnr and ssim.
         """
         values: dict[str, Tensor] = {}
-        for kind, prefix in (("polished", ""), ("encoded", "encoded_"), ("predicted", "predicted_")):
+        for kind, prefix in (("refined", ""), ("encoded", "encoded_"), ("predicted", "predicted_")):
             errors = self.poses[kind].take()  # type: ignore[operator]
             values |= {f"{stage}/{prefix}{name}": value for name, value in errors.items()}
         for name, metric in self.images.items():

@@ -24,7 +24,7 @@ FROM_FEATURES = 0.3
 
 @final
 @dataclass(frozen=True)
-class Imagination:
+class SyntheticImages:
     """How bodies are placed in imagined images.
 
     Recordings show few headings, one per trajectory where nothing turns, and an encoder learns those by heart. What the
@@ -48,8 +48,8 @@ class Imagination:
     def __post_init__(self) -> None:
         if self.frames < 0 or not 0 < self.extent <= 1 or not 0 <= self.near <= 1 or self.height < 0:
             raise ValueError(
-                f"imagination needs frames >= 0, extent in (0, 1], near in [0, 1] and height >= 0, got {self.frames}, "
-                f"{self.extent}, {self.near} and {self.height}"
+                f"synthetic_images needs frames >= 0, extent in (0, 1], near in [0, 1] and height >= 0, got "
+                f"{self.frames}, {self.extent}, {self.near} and {self.height}"
             )
 
     def draw_poses(self, model: VideoModel, batch: int) -> Tensor:
@@ -140,7 +140,7 @@ def encoding_losses(model: VideoModel, encoding: Encoding, pose: Tensor, rotatio
 
 
 def unknown_share(error: Tensor, bodies: int) -> Tensor:
-    """Tell how little is known of rotations, by which features count: 1 at first, 0 where all are right.
+    """Return how little is known of rotations, by which features count: 1 at first, 0 where all are right.
 
     Once rotations are known, positions have the layers to themselves; of a constant weight the features would outweigh
     them to the end.

@@ -1,0 +1,1 @@
+"""Opening the labels of a bank: verdicts judged, compared with baselines, reported."""

@@ -1,0 +1,166 @@
+"""Open the labels, judge every verdict, and write the figures."""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from physid.benchmark.bank import Bank
+from physid.benchmark.films import seen_poses
+from physid.benchmark.labels import Label, open_labels
+from physid.benchmark.scoring.baselines import answers
+from physid.benchmark.scoring.compare import baseline_figures
+from physid.benchmark.scoring.figures import (
+    HEADER,
+    Figure,
+    by_effect,
+    by_role,
+    by_scene,
+    by_severity,
+    by_source,
+    figures,
+)
+from physid.benchmark.scoring.judging import Judged, judge
+from physid.benchmark.scoring.pictures import draw_confusion, draw_power, draw_reliability, save
+from physid.benchmark.verdicts import FAILURE, TIME, is_open
+from physid.data.files import write_text
+from physid.data.format import RecordingSet
+from physid.diagnosis.report.document import FILE, read_diagnosis
+from physid.record import checksum
+
+Table = list[tuple[str, ...]]
+
+
+@dataclass(frozen=True)
+class Score:
+    """How well a diagnosis does.
+
+    Attributes:
+        figures: The figures of the design.
+        tables: Further tables, by title.
+        judged: What became of each set.
+    """
+
+    figures: list[Figure]
+    tables: dict[str, Table]
+    judged: list[Judged]
+
+
+def score(bank: Bank, out: Path) -> Score:
+    """Score the verdicts on a bank, and write results.json, results.md, results.html and the pictures.
+
+    Args:
+        bank: The bank.
+        out: Folder of the results.
+
+    Returns:
+        The score.
+
+    Raises:
+        ValueError: If a set has no verdict yet, a recording or the labels were changed after sealing.
+    """
+    judged, labels = open_judged(bank)
+    said = {}
+    for one in judged:
+        if one.verdict != "failed":
+            document = read_diagnosis(bank.verdict(one.name) / FILE)
+            seen = RecordingSet(seen_poses(bank.recordings(one.name), bank.verdict(one.name)))
+            said[one.name] = answers(seen, document, labels[one.name].noise)
+    answered = [one for one in judged if one.name in said]
+    tables = {
+        "By role": by_role(judged),
+        "By severity": by_severity(judged),
+        "By scene, of sets that are free or of medium severity and up": by_scene(judged),
+        "By source, of sets that are free or of medium severity and up": by_source(judged),
+        "Beside simpler methods": baseline_figures(answered, said),
+        "Not answered well, of sets that are free or of medium severity and up": by_effect(judged),
+    }
+    result = Score(figures(judged), tables, judged)
+    _write(bank, result, out)
+    return result
+
+
+def open_judged(bank: Bank) -> tuple[list[Judged], dict[str, Label]]:
+    """Check that all verdicts are there and nothing was changed, then open the labels and judge."""
+    waiting = [name for name in bank.sets if is_open(bank, name)]
+    if waiting:
+        raise ValueError(
+            f"{bank.folder}: expected a verdict on each of the {len(bank.sets)} sets before the labels are opened, "
+            f"found none on {len(waiting)} ({', '.join(waiting[:3])}{', ...' if len(waiting) > 3 else ''}); "
+            f"first: physid benchmark diagnosis diagnose --bank {bank.folder}"
+        )
+    for name, mark in bank.sets.items():
+        if checksum(bank.recordings(name)) != mark:
+            raise ValueError(f"{bank.recordings(name)}: expected the recordings that were sealed, found others")
+    labels = open_labels(bank)
+    return [_judged(bank, name, labels[name]) for name in bank.sets], labels
+
+
+def _judged(bank: Bank, name: str, label: Label) -> Judged:
+    folder = bank.verdict(name)
+    if (folder / FAILURE).is_file():
+        return Judged(name, label, "failed")
+    spent = json.loads((folder / TIME).read_text(encoding="utf-8"))
+    return judge(name, read_diagnosis(folder / FILE), label, spent)
+
+
+def report(result: Score) -> str:
+    """Lay the figures and tables out for a terminal."""
+    parts = [_columns([HEADER, *(figure.row() for figure in result.figures)])]
+    parts += [f"{title}\n{_columns(table)}" for title, table in result.tables.items() if len(table) > 1]
+    return "\n\n".join(parts)
+
+
+def _write(bank: Bank, result: Score, out: Path) -> None:
+    """Write results.json, results.md, results.html and the pictures."""
+    pictures = {
+        "confusion": save(draw_confusion(result.judged), out / "confusion.png"),
+        "power": save(draw_power(result.judged), out / "power.png"),
+        "reliability": save(draw_reliability(result.judged), out / "reliability.png"),
+    }
+    values = {
+        "bank": {"purpose": bank.purpose, "sets": len(bank.sets), "seal": bank.seal},
+        "figures": [asdict(figure) for figure in result.figures],
+        "tables": {title: [list(row) for row in table] for title, table in result.tables.items()},
+        "sets": [asdict(one) for one in result.judged],
+    }
+    write_text(out / "results.json", json.dumps(values, indent=1) + "\n")
+    tables = {"Figures": [HEADER, *(figure.row() for figure in result.figures)], **result.tables}
+    title = f"physid benchmark diagnosis: {len(bank.sets)} sets ({bank.purpose})"
+    markdown = "\n\n".join(f"## {name}\n\n{_markdown(table)}" for name, table in tables.items())
+    write_text(out / "results.md", f"# {title}\n\nLabels: SHA-256 {bank.seal}\n\n{markdown}\n")
+    write_text(out / "results.html", _page(title, bank.seal, tables, pictures))
+
+
+def _columns(table: Sequence[tuple[str, ...]]) -> str:
+    widths = [max(len(row[k]) for row in table) for k in range(len(table[0]))]
+    lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in table]
+    return "\n".join([lines[0], "  ".join("-" * width for width in widths), *lines[1:]])
+
+
+def _markdown(table: Sequence[tuple[str, ...]]) -> str:
+    lines = ["| " + " | ".join(row) + " |" for row in table]
+    return "\n".join([lines[0], "|" + "---|" * len(table[0]), *lines[1:]])
+
+
+def _page(title: str, seal: str, tables: dict[str, Table], pictures: dict[str, bytes]) -> str:
+    """Return a page that needs no other file."""
+    style = (
+        "body{font:15px/1.5 system-ui,sans-serif;max-width:70rem;margin:2rem auto;padding:0 1rem;color:#1f2933}"
+        "table{border-collapse:collapse;font-size:13px;margin:.5rem 0 2rem}td,th{padding:.25rem .7rem;text-align:left;"
+        "border-bottom:1px solid #d9dee3}img{max-width:100%}code{font-size:12px;word-break:break-all}"
+    )
+    parts = [f"<h1>{html.escape(title)}</h1><p>Labels: <code>{seal}</code></p>"]
+    for name, table in tables.items():
+        head = "".join(f"<th>{html.escape(cell)}</th>" for cell in table[0])
+        body = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in table[1:])
+        parts.append(f"<h2>{html.escape(name)}</h2><table><tr>{head}</tr>{body}</table>")
+    for name, data in pictures.items():
+        coded = base64.b64encode(data).decode()
+        parts.append(f'<h2>{name.capitalize()}</h2><img alt="{name}" src="data:image/png;base64,{coded}">')
+    head = f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{html.escape(title)}</title>'
+    return f"{head}<style>{style}</style><body>{''.join(parts)}</body></html>\n"

@@ -1,0 +1,1 @@
+"""Making a bank: effects are drawn, recordings made, labels sealed."""

@@ -1,0 +1,120 @@
+"""What is hidden in a recording set, and which answers are right."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import torch
+
+from physid.benchmark.sealing.native import NATIVE
+from physid.benchmark.sealing.outside import OUTSIDE
+from physid.effects import CATALOGUE, find
+from physid.physics.effect import Effect
+
+Role = Literal["free", "catalogue", "native", "outside", "alias", "pair"]
+ROLES: tuple[Role, ...] = get_args(Role)
+SHARES: Mapping[Role, float] = {"free": 10, "catalogue": 18, "native": 7, "outside": 7, "alias": 4, "pair": 4}
+"""How the sets of a bank are dealt out."""
+
+
+@dataclass(frozen=True)
+class Confusion:
+    """Effects that one scene and protocol can hardly tell apart, so that only the group is asked for.
+
+    Attributes:
+        effects: The effects.
+        scene: The scene.
+        protocols: The protocols.
+        reason: Why.
+    """
+
+    effects: tuple[str, ...]
+    scene: str
+    protocols: tuple[str, ...]
+    reason: str
+
+
+BOTH = ("paper", "rich")
+CONFUSIONS: tuple[Confusion, ...] = (
+    Confusion(("constant_force", "ground_tilt"), "push", BOTH, "one mass on a plane: wind or tilt"),
+    Confusion(("camera_yaw", "force_misalignment"), "push", BOTH, "no fixed edge in view"),
+    Confusion(("force_offset", "com_offset"), "push", ("rich",), "no free fall"),
+    Confusion(("viscous_drag", "quadratic_drag", "friction_drift"), "push", ("paper",), "speed grows with time"),
+    Confusion(("force_delay", "force_lag", "observation_latency"), "push", ("rich",), "few steps of the command"),
+    Confusion(("length_scale", "gravity_error", "clock_rate"), "toss", ("paper",), "free flight fills most frames"),
+    Confusion(("ground_restitution", "contact_compliance"), "toss", BOTH, "one height of fall"),
+)
+"""From the confusions that were known before the diagnosis was written."""
+
+ABSORBED: Mapping[str, tuple[str, ...]] = {"toss": ("ground_restitution",)}
+"""By scene: effects of the catalogue that are a change of an unknown parameter, and no right answer there."""
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """What the nominal model lacks in one set.
+
+    Attributes:
+        role: What the set is for.
+        kinds: The effects, in the order in which they act; none for an effect-free set.
+    """
+
+    role: Role
+    kinds: tuple[type[Effect], ...] = ()
+
+    def right(self, scene: str) -> list[list[str]]:
+        """Return the sets of names each of which is a right answer; none where that is `none` or `unknown`."""
+        if self.role == "native":
+            kin = getattr(self.kinds[0], "kin")  # noqa: B009
+            return [[name] for name in kin if name not in ABSORBED.get(scene, ())]
+        return [] if self.role in ("free", "outside") else [[kind.name for kind in self.kinds]]
+
+    @property
+    def sites(self) -> list[str]:
+        """The sites of the effects."""
+        return [kind.site for kind in self.kinds]
+
+
+def candidates(role: Role, scene: str, protocol: str) -> list[Hidden]:
+    """List what may be hidden in sets of one role, scene and protocol."""
+    if role == "free":
+        return [Hidden("free")]
+    if role == "alias":
+        fitting = (one for one in CONFUSIONS if one.scene == scene and protocol in one.protocols)
+        return [Hidden("alias", (find(name),)) for one in fitting for name in one.effects]
+    near = {name for one in CONFUSIONS if one.scene == scene and protocol in one.protocols for name in one.effects}
+    clear = [kind for kind in CATALOGUE if kind.name not in near]
+    if role == "pair":
+        return [
+            Hidden("pair", (one, two))
+            for index, one in enumerate(clear)
+            for two in clear[index + 1 :]
+            if one.site != two.site and not confused(one.name, two.name)
+        ]
+    kinds: Sequence[type[Effect]] = {"catalogue": clear, "native": NATIVE, "outside": OUTSIDE}[role]
+    return [Hidden(role, (kind,)) for kind in kinds]
+
+
+def confused(one: str, two: str) -> bool:
+    """Return whether two effects can be taken for each other somewhere."""
+    return any({one, two} <= set(each.effects) for each in CONFUSIONS)
+
+
+def build(kind: type[Effect], values: Mapping[str, float]) -> Effect:
+    """Build an effect of any ring from numbers."""
+    return kind(**{key: torch.tensor([value], dtype=torch.float64) for key, value in values.items()})
+
+
+def scaled(kind: type[Effect], direction: Mapping[str, float], size: float) -> dict[str, float]:
+    """Return parameters `size` times their typical values along a direction, cut at their ranges.
+
+    Args:
+        kind: The effect.
+        direction: One number for each parameter, +-1 where there is but one.
+        size: Multiple of the typical values.
+    """
+    quantities = kind.quantities()
+    wanted = {key: q.null + size * direction[key] * (q.typical - q.null) for key, q in quantities.items()}
+    return {key: min(max(value, quantities[key].low), quantities[key].high) for key, value in wanted.items()}

@@ -1,0 +1,91 @@
+"""Make a bank: recording sets with hidden effects, and the labels sealed apart."""
+
+from __future__ import annotations
+
+import json
+import os
+import secrets
+import shutil
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+
+from physid.benchmark.bank import SEALED, SETS, Bank, write_bank
+from physid.benchmark.films import leave_out_poses
+from physid.benchmark.labels import Label, write_labels
+from physid.benchmark.plan import Plan, Task, tasks
+from physid.benchmark.sealing.invent import inventions
+from physid.data.files import write_text
+from physid.data.generate import generate
+from physid.data.generation import GenerateConfig
+from physid.record import checksum
+
+EPOCH = 1_700_000_000  # every file gets this date
+
+
+def seal(folder: Path, plan: Plan, workers: int = 1, *, quiet: bool = False) -> Bank:
+    """Make a bank, or go on with one that was interrupted.
+
+    Args:
+        folder: Where it shall lie.
+        plan: What to make.
+        workers: Processes; the recordings do not depend on it.
+        quiet: Whether to hide the progress bar.
+
+    Returns:
+        The bank.
+
+    Raises:
+        ValueError: If the folder holds another bank.
+    """
+    import joblib
+    from tqdm import tqdm
+
+    _keep_apart(folder, plan)
+    jobs = (joblib.delayed(make)(folder.absolute(), plan, task) for task in tasks(plan))
+    parallel = joblib.Parallel(n_jobs=workers, return_as="generator_unordered", batch_size=1)
+    labels = dict(tqdm(parallel(jobs), total=plan.size.sets, desc="sealing", disable=quiet or None))
+    mark = seal_all(folder, labels)
+    sums = {name: checksum(folder / SETS / name) for name in sorted(labels)}
+    bank = Bank(folder, plan.purpose, sums, mark)
+    write_bank(bank)
+    return bank
+
+
+def seal_all(folder: Path, labels: Mapping[str, Label]) -> str:
+    """Give all recordings one date, and seal the labels with a fresh salt; returns the seal."""
+    for path in sorted((folder / SETS).rglob("*"), reverse=True):
+        os.utime(path, (EPOCH, EPOCH))
+    return write_labels(folder, labels, secrets.token_hex(32))
+
+
+def _keep_apart(folder: Path, plan: Plan) -> None:
+    """Refuse to mix two banks in one folder."""
+    path = folder / SEALED / "plan.json"
+    values = json.loads(json.dumps(asdict(plan)))
+    if path.is_file() and json.loads(path.read_text(encoding="utf-8")) != values:
+        raise ValueError(
+            f"{folder} holds a bank of another seed, size or purpose; choose another folder, or delete this one first"
+        )
+    write_text(path, json.dumps(values) + "\n")
+
+
+def make(folder: Path, plan: Plan, task: Task) -> tuple[str, Label]:
+    """Make one set, or return its label where it is there."""
+    kept = folder / SEALED / "parts" / f"{task.name}.json"
+    if kept.is_file():
+        return task.name, Label.from_mapping(json.loads(kept.read_text(encoding="utf-8")))
+    place, truth = folder / SETS / task.name, folder / SEALED / "truth" / f"{task.name}.yaml"
+    for config, effects, label in inventions(plan, task):
+        whole = GenerateConfig.from_mapping(config.to_mapping() | {"truth_file": str(truth)})
+        try:
+            generate(whole, place, effects=effects, quiet=True)
+        except ValueError:  # with these effects bodies leave the view in some trajectory
+            shutil.rmtree(place)
+            truth.unlink()
+            continue
+        if task.film:
+            leave_out_poses(place)
+        write_text(kept, json.dumps(label.to_mapping()) + "\n")
+        return task.name, label
+    raise ValueError(f"no effect for the role {task.role} shows in set {task.name} as it should; take another seed")

@@ -1,0 +1,93 @@
+"""The search goes on past what cannot be simulated, and keeps what it has found.
+
+Which fit a solver gives up on is not to be had on purpose: fits and looks at them are stand-ins here.
+"""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+import torch
+
+from physid.diagnosis.selection import attribution as attribute
+from physid.diagnosis.selection import comparison as compare_candidates
+from physid.physics.layer import SolverError
+
+
+def hypothesis(*names: str, loss: float = 1.0) -> Any:
+    """Stand in for a fitted hypothesis of two trajectories."""
+    experiment = SimpleNamespace(fitted=torch.ones(2, dtype=torch.bool))
+    return SimpleNamespace(names=names, experiment=experiment, fit=None, held_out=torch.full((2,), loss), columns=())
+
+
+def lack(p_value: float) -> Any:
+    """Stand in for what a hypothesis leaves."""
+    return SimpleNamespace(p_value=p_value, p_free=p_value, missing=0.0, fit=None, significant=[])
+
+
+def test_a_hypothesis_that_cannot_be_looked_at_is_passed_over_and_the_next_one_answers(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    nominal, first, second = hypothesis(), hypothesis("first"), hypothesis("second")
+
+    def find_lack_of_fit(_: object, one: Any, __: object) -> Any:
+        if one is first:
+            raise SolverError("no solution")
+        return lack(0.001 if one is nominal else 1.0)
+
+    for name, stand_in in (
+        ("calm", lambda *_: None),
+        ("conclude", lambda *_: nominal),
+        ("examine", find_lack_of_fit),
+        ("survivors", lambda _: [first.names, second.names]),
+        ("contest", lambda *_: [first, second]),
+        ("evident", lambda _: False),
+        ("sound", lambda *_: True),
+        ("complete", lambda *_: True),
+        ("distinguishable", lambda *_: False),
+        ("alike", lambda *_: ()),
+    ):
+        monkeypatch.setattr(attribute, name, stand_in)
+    found = attribute.attribute(cast(Any, SimpleNamespace(experiment=None, fit=None)), torch.Generator())
+    assert found.best is second
+    assert found.group == [second]
+    assert found.left is not None
+
+
+def test_what_flights_showed_stays_where_what_it_leaves_at_hits_cannot_be_simulated(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fails(*_: object) -> None:
+        raise SolverError("no solution")
+
+    drag = hypothesis("drag")
+    named = attribute.Attribution(hypothesis(), lack(0.001), [drag], drag, lack(1.0), [drag])
+    for name, stand_in in (
+        ("calm", lambda *_: "calm windows"),
+        ("_search", lambda *_: named),
+        ("everywhere", lambda *_: drag),
+        ("conclude", lambda *_: hypothesis()),
+        ("examine", fails),
+    ):
+        monkeypatch.setattr(attribute, name, stand_in)
+    found = attribute.attribute(cast(Any, SimpleNamespace(experiment=None, fit=None)), torch.Generator())
+    assert found.contact_free
+    assert found.whole_best is drag
+    assert found.best is drag
+
+
+def test_a_hypothesis_that_the_other_engine_cannot_follow_stays_as_it_was_fitted(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fails(*_: object) -> None:
+        raise SolverError("no solution")
+
+    fitted = hypothesis("drag", loss=0.1)
+    monkeypatch.setattr(compare_candidates, "finish_hypothesis", lambda one: one)
+    monkeypatch.setattr(compare_candidates, "retried", lambda one: one)
+    monkeypatch.setattr(compare_candidates, "settle", fails)
+    assert compare_candidates.compare_candidates([fitted.names], lambda _: fitted, hypothesis(), lambda _: None) == [
+        fitted
+    ]

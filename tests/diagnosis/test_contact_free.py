@@ -1,0 +1,98 @@
+"""Flights decide alone what they can decide: impacts neither hide an effect that shows in flight nor bend its size."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, cast
+
+import pytest
+import torch
+
+from diagnosis.sets import recorded
+from physid.data.format import RecordingSet
+from physid.diagnosis.diagnose import diagnose
+from physid.diagnosis.inputs.model_source import read_nominal_model
+from physid.diagnosis.inputs.observations import load_observations
+from physid.diagnosis.reference.nominal_fit import NominalFit, fit_nominal_model
+from physid.diagnosis.selection import attribution as attribute
+from physid.diagnosis.selection.contact_free import LATE, contact_free
+from physid.effects import CATALOGUE
+from physid.estimation.prediction.segments import CONTACT_FREE, Segmentation
+from physid.physics.layer import SolverError
+
+DRAG, TOLERANCE = 0.6, 0.1
+TOSS: Mapping[str, Any] = {
+    "scene": "toss",
+    "steps": 120,
+    "unknown": ("block.friction", "block.restitution"),
+    "protocol_of_split": {},
+}
+
+
+def nominal_fit(folder: Path) -> NominalFit:
+    observations = load_observations(RecordingSet(folder), None, None)
+    model = read_nominal_model(observations.scene, None)
+    return fit_nominal_model(observations, model, list(CATALOGUE), torch.Generator().manual_seed(0))
+
+
+@pytest.fixture(scope="module")
+def tossed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("calm") / "tossed"
+    return recorded(folder, {"viscous_drag": {"coefficient": DRAG}}, **TOSS)
+
+
+def test_calm_windows_count_alone_and_none_of_what_a_late_camera_would_take_from_before_them(tossed: Path) -> None:
+    whole = nominal_fit(tossed)
+    part = contact_free(whole, torch.Generator().manual_seed(0))
+    assert part is not None
+    segments, kept = Segmentation.around(whole.events, CONTACT_FREE), part.experiment.predictor.segments
+    assert bool(segments.contact.any())
+    assert len(kept) == int((~segments.contact).sum())
+    counts = (part.experiment.scale > 0).any(-1).any(-1)
+    assert not bool(counts[segments.spread(segments.contact)].any())
+    late = round(LATE / whole.observations.scene.time_step)
+    for row, start, size in zip(kept.trajectory.tolist(), kept.start.tolist(), kept.size.tolist(), strict=True):
+        first = min(late, size // 2) if start else 0
+        assert not bool(counts[row, start : start + first].any())
+        assert bool(counts[row, start + first : start + size].all())
+
+
+def test_where_nothing_is_hit_there_is_no_such_part(tmp_path: Path) -> None:
+    assert contact_free(nominal_fit(recorded(tmp_path / "pushed")), torch.Generator()) is None
+
+
+@pytest.mark.slow
+def test_a_drag_that_shows_in_flight_is_named_with_its_size_although_blocks_bounce(
+    tossed: Path, tmp_path: Path
+) -> None:
+    found = diagnose(tossed, tmp_path)
+    assert found["verdict"] in ("named", "group")
+    assert found["effects"][0]["name"] == "viscous_drag"
+    assert found["effects"][0]["parameters"]["coefficient"]["value"] == pytest.approx(DRAG, rel=TOLERANCE)
+    # Flights say nothing of restitution: it comes from all frames, and not as anything between 0 and 1.
+    known = found["parameters"]["block.restitution"]["with_effect"]
+    assert known["high"] - known["low"] < 0.5 * known["value"]
+
+
+def test_what_cannot_be_simulated_in_all_frames_stays_as_calm_windows_say(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_: object) -> None:
+        raise SolverError("no solution")
+
+    monkeypatch.setattr(attribute, "everywhere", fails)
+    monkeypatch.setattr(attribute, "calm", lambda *_: "calm windows")
+    named = attribute.Attribution(*[cast(Any, name) for name in ("nominal", "stage", "tried", "best", "left", "group")])
+    monkeypatch.setattr(attribute, "_search", lambda *_: named)
+    assert attribute.attribute(cast(Any, "all windows"), torch.Generator()) is named
+    assert not named.contact_free
+
+
+@pytest.mark.slow
+def test_what_flights_show_and_what_bodies_on_the_ground_show_are_found_together(tmp_path: Path) -> None:
+    height = 0.003
+    hidden = {"viscous_drag": {"coefficient": DRAG}, "camera_offset": {"z": height}}
+    found = diagnose(recorded(tmp_path / "tossed", hidden, **TOSS), tmp_path / "out")
+    sizes = {effect["name"]: effect["parameters"] for effect in found["effects"]}
+    assert set(sizes) == set(hidden)
+    assert sizes["viscous_drag"]["coefficient"]["value"] == pytest.approx(DRAG, rel=0.15)
+    assert sizes["camera_offset"]["z"]["value"] == pytest.approx(height, rel=0.1)

@@ -1,0 +1,57 @@
+"""Initial states guessed from poses: good enough to begin with, whatever happens soon after."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+import torch
+
+from physid.estimation.least_squares.initial_states import SPANS, guess_initial_states
+from physid.estimation.prediction.segments import Segmentation
+from physid.scenes.push import SCENE
+
+SPEED = 0.8  # [m/s]
+NEAR = 0.1  # of the speed
+
+
+@pytest.mark.parametrize("brake", [0.0, 1.2, 12.0, 30.0])
+def test_the_speed_of_a_body_that_may_stop_soon_is_among_the_guesses(brake: float) -> None:
+    time = torch.arange(60, dtype=torch.float64) * SCENE.time_step
+    until = time.clamp_max(SPEED / brake) if brake else time
+    pose = torch.zeros(1, 60, 1, 7, dtype=torch.float64)
+    pose[0, :, 0, 0] = SPEED * until - brake * until**2 / 2
+    pose[..., 2], pose[..., 6] = SCENE.bodies[0].size[2] / 2, 1.0
+    initial = guess_initial_states(pose, torch.ones(1, 60, 1), Segmentation.equal(1, 60, 60), SCENE)
+    assert bool(initial.resting.all())
+    speeds = initial.twist[:, 0, 0, 3]
+    assert float((speeds - SPEED).abs().min()) < NEAR * SPEED
+    assert float(speeds.abs().min()) == 0, "rest is a guess, too: no slope leads back to it"
+
+
+def test_a_falling_body_has_the_speed_of_its_fall_however_long_one_looks() -> None:
+    time = torch.arange(60, dtype=torch.float64) * SCENE.time_step
+    pose = torch.zeros(1, 60, 1, 7, dtype=torch.float64)
+    pose[0, :, 0, 2] = 2 - 9.81 * time**2 / 2
+    pose[..., 6] = 1.0
+    scene = dataclasses.replace(SCENE, gravity=(0.0, 0.0, -9.81))
+    initial = guess_initial_states(pose, torch.ones(1, 60, 1), Segmentation.equal(1, 60, 60), scene)
+    assert not bool(initial.resting.any())
+    assert torch.allclose(initial.twist, torch.zeros_like(initial.twist), atol=1e-6)
+    assert len(initial.pose) > len(SPANS)
+
+
+@pytest.mark.parametrize(("late", "wild"), [(0, False), (5, False), (5, True)])
+def test_a_body_that_soon_falls_does_not_lie_there_although_a_late_camera_shows_it_still(late: int, wild: bool) -> None:
+    time = ((torch.arange(60) - late).clamp_min(0)).double() * SCENE.time_step
+    height, half = 0.035, SCENE.bodies[0].size[2] / 2
+    pose = torch.zeros(1, 60, 1, 7, dtype=torch.float64)
+    pose[0, :, 0, 2] = half + (height - 9.81 * time**2 / 2).clamp_min(0)
+    pose[..., 6] = 1.0
+    lying = pose.clone()
+    lying[..., 2] = half + height  # a camera that sees it too high, all the time
+    if wild:
+        lying[0, 20, 0, 2] -= 0.03
+    for seen, rests in ((pose, False), (lying, True)):
+        initial = guess_initial_states(seen, torch.ones(1, 60, 1), Segmentation.equal(1, 60, 60), SCENE)
+        assert bool(initial.resting.all()) is rests

@@ -1,0 +1,53 @@
+"""Where a gap lies when no effect is named: the site whose effects explain most together."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import torch
+
+from physid.diagnosis.conclusion.localisation import sites
+from physid.diagnosis.selection.attribution import Attribution
+from physid.diagnosis.testing.lack_of_fit import Row
+from physid.diagnosis.testing.null_tails import together
+from physid.diagnosis.testing.score_test import Conditional, Group
+from physid.effects import CATALOGUE
+
+STRENGTH = 100.0  # squared residual that a typical size makes
+NAMES = ("viscous_drag", "tether", "adhesion")  # two of the dynamics, one of contact
+
+
+def found(*sizes: float) -> Attribution:
+    """Return a search that named nothing; of each effect (all are orthogonal) the data want so many typical sizes."""
+    one, count = torch.ones(1, dtype=torch.float64), len(NAMES)
+    groups = [Group((name,), torch.tensor([k]), one, -one, one) for k, name in enumerate(NAMES)]
+    wanted = torch.tensor(sizes, dtype=torch.float64)[:, None]
+    conditional = Conditional(
+        STRENGTH * torch.eye(count, dtype=torch.float64), STRENGTH * wanted, *3 * [torch.zeros(0)]
+    )
+    rows = [
+        Row((name,), STRENGTH * size**2, STRENGTH * size**2, one, 10.0, together([]), together([]), 0.0)
+        for name, size in zip(NAMES, sizes, strict=True)
+    ]
+    lack = SimpleNamespace(groups=groups, conditional=conditional, rows=rows)
+    predictor = SimpleNamespace(candidates=CATALOGUE)
+    nominal = SimpleNamespace(experiment=SimpleNamespace(predictor=predictor), held_out=torch.zeros(1))
+    return Attribution(cast(Any, nominal), cast(Any, lack), [], None, None, [])
+
+
+def test_two_effects_of_one_site_outweigh_a_stronger_one_of_another_where_nothing_is_named() -> None:
+    shares = sites(found(0.9, 0.9, 1.0), named=False)
+    assert shares["dynamics"] > 0.8 > shares["contact"]
+    assert sites(found(0.9, 0.9, 1.0), named=True)["contact"] > 0.9
+
+
+def test_without_a_name_sizes_beyond_the_ranges_count() -> None:
+    shares = sites(found(3.0, 0.0, 2.0), named=False)
+    assert shares["dynamics"] > shares["contact"]
+
+
+def test_shares_make_up_a_whole_and_sites_without_effects_have_none() -> None:
+    shares = sites(found(1.0, 0.0, 1.0), named=False)
+    assert abs(sum(shares.values()) - 1) < 1e-3
+    assert shares["perception"] == shares["actuation"] == 0

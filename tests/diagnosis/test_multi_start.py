@@ -1,0 +1,94 @@
+"""Initial states that are guessed anew: a wrong one is mended, a right one is left alone."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from diagnosis.sets import recorded
+from physid.data.format import RecordingSet
+from physid.diagnosis.inputs.model_source import read_nominal_model
+from physid.diagnosis.inputs.observations import load_observations
+from physid.diagnosis.reference.nominal_fit import NONE, NominalFit, fit_nominal_model
+from physid.effects import find
+from physid.estimation.least_squares.multi_start import DOUBTFUL, carried, guesses, search, try_new_states
+
+NEAR = 1.1  # times the loss at the best initial state
+
+
+@pytest.fixture(scope="module")
+def nominal_fit(tmp_path_factory: pytest.TempPathFactory) -> NominalFit:
+    folder = recorded(tmp_path_factory.mktemp("restart") / "set", trajectories=4, steps=60, split={"fit": 1})
+    observations = load_observations(RecordingSet(folder))
+    generator = torch.Generator().manual_seed(0)
+    return fit_nominal_model(
+        observations,
+        read_nominal_model(observations.scene, None),
+        [find("camera_offset"), find("observation_latency"), find("camera_yaw")],
+        generator,
+    )
+
+
+def test_a_wrong_first_state_is_found_again_and_the_others_stay(nominal_fit: NominalFit) -> None:
+    experiment, right = nominal_fit.experiment, nominal_fit.fit
+    twist = right.point.twist.clone()
+    twist[0, 1] = 0.0
+    twist[0, 1, :, 2] = 4.0
+    wrong = experiment.linearise(right.point.replace(twist=twist), NONE)
+    count = experiment.predictor.segments.size * 6
+    assert wrong.loss[1] > 10 * DOUBTFUL * count[1]
+    found = search(experiment, wrong)
+    assert experiment.losses(found)[0, 1] < NEAR * right.loss[1]
+    well = wrong.loss < DOUBTFUL * count
+    assert well.any()
+    assert torch.equal(found.twist[0, well], wrong.point.twist[0, well])
+
+
+def test_where_all_fits_nothing_is_searched(nominal_fit: NominalFit) -> None:
+    count = nominal_fit.experiment.predictor.segments.size * 6
+    assert (nominal_fit.fit.loss < DOUBTFUL * count).all()
+    assert search(nominal_fit.experiment, nominal_fit.fit) is nominal_fit.fit.point
+
+
+def test_where_most_fit_badly_it_is_the_model_that_is_wrong(nominal_fit: NominalFit) -> None:
+    twist = nominal_fit.fit.point.twist.clone()
+    twist[..., 2] += 4.0
+    wrong = nominal_fit.experiment.linearise(nominal_fit.fit.point.replace(twist=twist), NONE)
+    assert search(nominal_fit.experiment, wrong) is wrong.point
+
+
+def test_a_new_guess_is_taken_only_if_it_explains_more(nominal_fit: NominalFit) -> None:
+    again = try_new_states(nominal_fit.experiment, nominal_fit.fit.point)
+    assert (nominal_fit.experiment.losses(again)[0] <= nominal_fit.fit.loss + 1e-9).all()
+
+
+def test_what_the_camera_adds_is_taken_off_before_a_state_is_guessed(nominal_fit: NominalFit) -> None:
+    experiment, shift = nominal_fit.experiment, 0.05
+    moved = experiment.replace(pose=experiment.pose + torch.tensor([shift, 0, 0, 0, 0, 0, 0], dtype=torch.float64))
+    point = nominal_fit.fit.point.replace(effects=torch.tensor([[shift, 0, 0, 0, 0]], dtype=torch.float64))
+    plain, seen = guesses(experiment, nominal_fit.fit.point), guesses(moved, point)
+    assert torch.allclose(seen.pose, plain.pose, atol=1e-9)
+    assert torch.allclose(seen.twist, plain.twist, atol=1e-6)
+
+
+def test_some_windows_are_predicted_as_among_all(nominal_fit: NominalFit) -> None:
+    experiment, point = nominal_fit.experiment, nominal_fit.fit.point
+    late = point.replace(effects=torch.full_like(point.effects, 0.01))
+    whole = experiment.predictor.predict(late)
+    chosen = torch.tensor([1, 2])
+    some = experiment.only(chosen, whole.state[0])
+    own = late.replace(pose=late.pose[:, chosen], twist=late.twist[:, chosen])
+    assert torch.equal(some.losses(own)[0], experiment.losses(late)[0, chosen])
+    assert torch.equal(some.predictor.predict(own).pose, whole.pose)
+
+
+def test_first_states_follow_a_turned_camera_so_that_it_sees_what_it_saw(nominal_fit: NominalFit) -> None:
+    experiment = nominal_fit.experiment
+    predictor, start = experiment.predictor, experiment.predictor.segments.start
+    effects = predictor.null[None].clone()
+    effects[0, [term.label for term in predictor.terms].index("camera_yaw.angle")] = 0.5
+    found = carried(experiment, nominal_fit.fit, nominal_fit.fit.point.replace(effects=effects))
+    assert float((found.pose - nominal_fit.fit.point.pose)[..., :3].norm(dim=-1).max()) > 0.01
+    now, before = predictor.predict(found).pose[0], nominal_fit.fit.jacobian.base.pose[0]
+    first = (predictor.segments.trajectory, start)
+    assert torch.allclose(now[first], before[first], atol=2e-3)

@@ -1,0 +1,101 @@
+"""Gauss-Newton: a Jacobian that serves for some steps leads to the same minimum, with fewer of them."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from diagnosis.sets import recorded
+from physid.data.format import RecordingSet
+from physid.diagnosis.inputs.model_source import read_nominal_model
+from physid.diagnosis.inputs.observations import load_observations
+from physid.diagnosis.reference.nominal_fit import NominalFit, fit_nominal_model
+from physid.effects import find
+from physid.estimation.least_squares import levenberg_marquardt as fitting
+from physid.estimation.least_squares.experiment import Experiment, Fit
+from physid.estimation.least_squares.levenberg_marquardt import CONVERGED, gauss_newton, solve_shared
+from physid.estimation.least_squares.line_search import best_step
+from physid.estimation.least_squares.prior import prior
+from physid.estimation.prediction.rollout import Predictor
+
+DRAG = 0.8
+FAR = 0.5  # of the logarithm of the friction
+
+
+@pytest.fixture(scope="module")
+def nominal_fit(tmp_path_factory: pytest.TempPathFactory) -> NominalFit:
+    effects = {"viscous_drag": {"coefficient": DRAG}}
+    folder = recorded(tmp_path_factory.mktemp("fit") / "set", effects, trajectories=6, steps=80, split={"fit": 1})
+    observations = load_observations(RecordingSet(folder))
+    generator = torch.Generator().manual_seed(0)
+    return fit_nominal_model(
+        observations, read_nominal_model(observations.scene, None), [find("viscous_drag")], generator
+    )
+
+
+def counted(monkeypatch: pytest.MonkeyPatch, nominal_fit: NominalFit, chords: int) -> tuple[Fit, int]:
+    """Fit the drag, and count the Jacobians that it takes."""
+    made = 0
+    linearise = Experiment.linearise
+
+    def count(*arguments: object) -> Fit:
+        nonlocal made
+        made += 1
+        return linearise(*arguments)  # type: ignore[arg-type]
+
+    with monkeypatch.context() as patch:
+        patch.setattr(fitting, "CHORDS", chords)
+        patch.setattr(Experiment, "linearise", count)
+        far = nominal_fit.fit.point.replace(nominal=nominal_fit.fit.point.nominal + FAR)
+        return gauss_newton(nominal_fit.experiment, far, torch.tensor([0])), made
+
+
+def test_an_older_jacobian_leads_to_the_same_minimum(monkeypatch: pytest.MonkeyPatch, nominal_fit: NominalFit) -> None:
+    (one, many), (other, few) = (counted(monkeypatch, nominal_fit, chords) for chords in (0, fitting.CHORDS))
+    tolerance = CONVERGED * (1 + float(one.loss.sum())) ** 0.5
+    assert float(other.loss.sum()) < float(nominal_fit.fit.loss.sum()) - 100 * tolerance
+    assert abs(float((one.loss - other.loss).sum())) < 2 * tolerance
+    assert float(other.point.effects[0, 0]) == pytest.approx(float(one.point.effects[0, 0]), rel=1e-2)
+    assert few < many
+
+
+def test_residuals_with_an_older_jacobian_are_those_of_the_point(nominal_fit: NominalFit) -> None:
+    moved = nominal_fit.fit.point.replace(effects=nominal_fit.fit.point.effects + 0.1)
+    near = nominal_fit.experiment.linearise(nominal_fit.fit.point, torch.tensor([0]))
+    quick, whole = nominal_fit.experiment.at(moved, near), nominal_fit.experiment.linearise(moved, torch.tensor([0]))
+    assert torch.allclose(quick.residual, whole.residual, atol=1e-12)
+    assert torch.allclose(quick.loss, whole.loss)
+    assert torch.equal(quick.jacobian.state, near.jacobian.state)
+
+
+def test_a_known_jacobian_alone_does_not_make_things_worse(nominal_fit: NominalFit) -> None:
+    near = nominal_fit.experiment.linearise(nominal_fit.fit.point, torch.tensor([0]))
+    better = gauss_newton(nominal_fit.experiment, near, torch.tensor([0]), steps=0)
+    assert float(better.loss.sum()) < float(near.loss.sum())
+
+
+@pytest.mark.parametrize("effects", [{}, {"observation_latency": {"latency": 0.02}}], ids=["still", "late camera"])
+def test_what_a_step_predicts_need_not_be_predicted_again(
+    nominal_fit: NominalFit, effects: dict[str, dict[str, float]]
+) -> None:
+    experiment, drag = nominal_fit.experiment, torch.tensor([0])
+    if effects:
+        known = [*experiment.predictor.candidates, find("observation_latency")]
+        predictor = experiment.predictor
+        experiment = experiment.replace(
+            predictor=Predictor(predictor.model, predictor.wrench, predictor.segments, known)
+        )
+    values = torch.tensor([[0.0, *(value for each in effects.values() for value in each.values())]])
+    point = nominal_fit.fit.point.replace(nominal=nominal_fit.fit.point.nominal + FAR, effects=values.double())
+    fit = experiment.linearise(point, drag)
+    change = solve_shared(fit.normal(), experiment.fitted, prior(experiment.predictor, drag))
+    step = best_step(experiment, fit, drag, change, torch.full_like(fit.loss, 1e-3), (1.0, 0.5, 0.0))
+    assert step.predicted is not None
+    assert len(step.damping.unique()) > 1  # segments have kept different trials
+    again = experiment.predictor.predict(step.point)
+    assert torch.allclose(step.predicted.pose, again.pose, atol=1e-10)
+    assert torch.allclose(step.predicted.twist, again.twist, atol=1e-8)
+    assert torch.allclose(step.predicted.impulse, again.impulse, atol=1e-8)
+    kept, anew = experiment.moved(step.point, fit, step.predicted), experiment.at(step.point, fit)
+    assert torch.allclose(kept.loss, anew.loss, rtol=1e-6)
+    assert torch.allclose(kept.normal().vector, anew.normal().vector, rtol=1e-6, atol=1e-6)

@@ -1,0 +1,44 @@
+"""How far estimates diverge by numerics alone: not at all in pushes, visibly where impacts amplify."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import torch
+
+from diagnosis.sets import recorded
+from physid.data.format import RecordingSet
+from physid.diagnosis.conclusion.parametric_bootstrap import bootstrap_spread
+from physid.diagnosis.inputs.model_source import read_nominal_model
+from physid.diagnosis.inputs.observations import load_observations
+from physid.diagnosis.reference.nominal_fit import fit_nominal_model
+from physid.diagnosis.testing.hypothesis import Hypothesis, conclude
+from physid.effects import find
+
+MOST = 0.5  # of a parameter: no clean data mislead an estimate further
+
+
+def fitted(folder: Path, **changes: object) -> Hypothesis:
+    observations = load_observations(
+        RecordingSet(recorded(folder, trajectories=5, steps=60, split={"fit": 1}, **changes))
+    )
+    generator = torch.Generator().manual_seed(0)
+    nominal_fit = fit_nominal_model(
+        observations, read_nominal_model(observations.scene, None), [find("viscous_drag")], generator
+    )
+    return conclude(nominal_fit.experiment, nominal_fit.fit, ())
+
+
+def test_pushes_leave_the_scatter_over_trajectories_alone(tmp_path: Path) -> None:
+    assert not bootstrap_spread(fitted(tmp_path / "push"), torch.Generator()).any()
+
+
+@pytest.mark.slow
+def test_hits_lead_estimates_astray_by_a_little(tmp_path: Path) -> None:
+    unknown = ("block.friction",)
+    toss = fitted(tmp_path / "toss", scene="toss", protocol_of_split={}, seed=2, unknown=unknown)
+    moved = bootstrap_spread(toss, torch.Generator().manual_seed(1))
+    assert toss.experiment.predictor.segments.contact.any()
+    assert torch.linalg.eigvalsh(moved).min() > -1e-9
+    assert 0 < float(moved[0, 0].sqrt()) < MOST

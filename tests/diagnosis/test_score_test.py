@@ -1,0 +1,112 @@
+"""The score test against closed forms: what one column explains, with and without nuisances."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from physid.diagnosis.reference.null_simulations import p_value
+from physid.diagnosis.testing.score_test import Conditional, Group, condition, gains, steady_gains
+from physid.estimation.least_squares.normal_equations import Normal
+
+ONE = torch.ones(1, dtype=torch.float64)
+NO_NUISANCE = (torch.zeros(0, dtype=torch.int64), *2 * [torch.zeros(0, 1, dtype=torch.float64)])
+NO_RIDGE = torch.zeros(1, dtype=torch.float64)
+
+
+def normal(columns: torch.Tensor, data: torch.Tensor) -> Normal:
+    """Return the normal equations of columns (M, P) and data (M,), as one trajectory."""
+    return Normal((columns.T @ columns)[None], (columns.T @ data)[None], data.square().sum()[None])
+
+
+def group(column: int, low: float = -1e9, high: float = 1e9) -> Group:
+    limits = (torch.tensor([each], dtype=torch.float64) for each in (low, high))
+    return Group(("effect",), torch.tensor([column]), ONE, *limits)
+
+
+def drawn(count: int) -> tuple[torch.Tensor, torch.Tensor]:
+    generator = torch.Generator().manual_seed(count)
+    return torch.randn(50, count, generator=generator).double() * 3, torch.randn(50, generator=generator).double()
+
+
+def test_one_column_explains_its_projection() -> None:
+    columns, data = drawn(1)
+    equations = normal(columns, data)
+    gain, change, _ = gains(Conditional(equations.matrix[0], equations.vector[0][:, None], *NO_NUISANCE), group(0))
+    best = float(columns[:, 0] @ data / columns[:, 0].square().sum())
+    assert float(change) == pytest.approx(best)
+    assert float(gain) == pytest.approx(best**2 * float(columns[:, 0].square().sum()))
+
+
+def test_beside_a_nuisance_only_what_is_orthogonal_to_it_counts() -> None:
+    columns, data = drawn(2)
+    clean = columns[:, 1] - columns[:, 0] * (columns[:, 0] @ columns[:, 1] / columns[:, 0].square().sum())
+    given = condition(normal(columns, data), torch.tensor([0]), NO_RIDGE)
+    gain, _, visible = gains(given, group(1))
+    assert float(gain) == pytest.approx(float((clean @ data) ** 2 / clean.square().sum()))
+    assert float(visible) == pytest.approx(float(clean.norm()))
+
+
+def test_a_column_that_the_nuisance_absorbs_explains_nothing() -> None:
+    columns, data = drawn(1)
+    given = condition(normal(torch.cat([columns, 2 * columns], 1), data), torch.tensor([0]), NO_RIDGE)
+    gain, _, visible = gains(given, group(1))
+    assert float(gain) == 0
+    assert float(visible) == 0
+
+
+def test_a_change_stays_in_its_range() -> None:
+    columns, _ = drawn(1)
+    equations = normal(columns, 5 * columns[:, 0])
+    given = Conditional(equations.matrix[0], equations.vector[0][:, None], *NO_NUISANCE)
+    gain, change, _ = gains(given, group(0, low=0.0, high=2.0))
+    assert float(change) == pytest.approx(2.0)
+    assert float(gain) == pytest.approx((2 * 5 * 2 - 2**2) * float(columns.square().sum()))
+
+
+def test_the_p_value_counts_and_is_never_zero() -> None:
+    null = torch.arange(99.0)
+    assert p_value(1e9, null) == pytest.approx(0.01)
+    assert p_value(-1.0, null) == 1.0
+    assert p_value(50.0, null) == pytest.approx((1 + 49) / 100)
+
+
+def impacts(columns: torch.Tensor, data: torch.Tensor, count: int = 5) -> Normal:
+    """Return the normal equations of as many equal parts of the data as there shall be impacts."""
+    rows, values = columns.unflatten(0, (count, -1)), data.unflatten(0, (count, -1))[..., None]
+    return Normal(rows.mT @ rows, rows.mT @ values, values.square().sum(1))
+
+
+def test_what_is_steady_is_what_a_test_without_the_most_telling_hit_finds() -> None:
+    columns, data = drawn(2)
+    data = data + columns[:, 1] * torch.tensor([0.1, 0.1, 2.0, 0.1, 0.1], dtype=torch.float64).repeat_interleave(10)
+    nuisance = torch.tensor([0])
+    given = condition(normal(columns, data), nuisance, NO_RIDGE)
+    clean = columns[:, 1:] - columns[:, :1] * given.absorbed[0, 1]
+    left = data - columns[:, 0] * given.solved[0, 0]
+    others = torch.cat([torch.arange(20), torch.arange(30, 50)])
+    expected = float((clean[others, 0] @ left[others]) ** 2 / clean[others, 0].square().sum())
+    steady = float(steady_gains(given, group(1), impacts(columns, data)))
+    assert steady == pytest.approx(expected)
+    assert steady < 0.2 * float(gains(given, group(1))[0])
+
+
+def test_without_hits_and_for_what_all_hits_show_alike_nearly_all_is_steady() -> None:
+    columns, _ = drawn(1)
+    data = 2 * columns[:, 0]
+    equations = normal(columns, data)
+    given = Conditional(equations.matrix[0], equations.vector[0][:, None], *NO_NUISANCE)
+    whole = float(gains(given, group(0))[0])
+    none = Normal(torch.zeros(0, 1, 1), torch.zeros(0, 1, 1), torch.zeros(0, 1))
+    assert float(steady_gains(given, group(0), none)) == whole
+    assert float(steady_gains(given, group(0), impacts(columns, data))) > 0.5 * whole
+
+
+def test_a_change_of_the_nuisance_leaves_what_is_steady() -> None:
+    columns, data = drawn(2)
+    nuisance = torch.tensor([0])
+    steady = [
+        float(steady_gains(condition(normal(columns, moved), nuisance, NO_RIDGE), group(1), impacts(columns, moved)))
+        for moved in (data, data + 7 * columns[:, 0])
+    ]
+    assert steady[0] == pytest.approx(steady[1])

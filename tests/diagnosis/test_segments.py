@@ -1,0 +1,75 @@
+"""Segments: every frame in exactly one, sums that agree, impacts with a lead before them."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from physid.estimation.prediction.segments import IMPACTS, Segmentation
+
+
+def around(*impacts: int, frames: int = 150) -> Segmentation:
+    events = torch.zeros(2, frames, dtype=torch.bool)
+    events[0, list(impacts)] = True
+    return Segmentation.around(events, IMPACTS)
+
+
+@pytest.mark.parametrize("windows", [Segmentation.equal(3, 121, 30), around(), around(40), around(3, 60, 64, 149)])
+def test_every_frame_is_in_exactly_one_window(segments: Segmentation) -> None:
+    assert segments.sum_segments(segments.size).tolist() == [segments.frames] * segments.trajectories
+    counted = torch.zeros(segments.trajectories, segments.frames)
+    for row, start, size in zip(segments.trajectory, segments.start, segments.size, strict=True):
+        counted[row, start : start + size] += 1
+    assert (counted == 1).all()
+    assert int(segments.size.min()) > 1
+
+
+def test_equal_windows_are_equal_but_for_one_frame() -> None:
+    size = Segmentation.equal(1, 121, 30).size
+    assert int(size.max()) <= 30
+    assert int(size.max() - size.min()) <= 1
+
+
+def test_what_is_cut_is_put_back_where_it_was() -> None:
+    segments = around(40, 100)
+    value = torch.randn(1, 2, 150, 3, generator=torch.Generator().manual_seed(0))
+    back = torch.zeros_like(value)
+    for batch in segments.batches:
+        batch.put(batch.cut(value), back)
+    assert torch.equal(back, value)
+
+
+def test_sums_over_frames_and_windows_are_sums_over_trajectories() -> None:
+    segments = around(40, 100)
+    value = torch.rand(1, 2, 150, generator=torch.Generator().manual_seed(0))
+    whole = segments.sum_segments(segments.sum_frames(value)[0])
+    assert torch.allclose(whole, value.sum(2)[0])
+
+
+def test_a_calm_trajectory_is_one_window_and_a_hit_has_a_short_busy_one() -> None:
+    segments = around(40)
+    assert segments.size[segments.trajectory == 1].tolist() == [150]
+    contact = segments.contact & (segments.trajectory == 0)
+    assert int(segments.start[contact].min()) == 40 - IMPACTS.lead
+    assert int((segments.start + segments.size)[contact].max()) == 40 + IMPACTS.trail + 1
+    assert int(segments.size[contact].max()) <= IMPACTS.longest
+
+
+def test_each_window_has_its_value_on_its_frames() -> None:
+    segments = around(40)
+    spread = segments.spread(torch.arange(len(segments)))
+    for number, (row, start, size) in enumerate(zip(segments.trajectory, segments.start, segments.size, strict=True)):
+        assert (spread[row, start : start + size] == number).all()
+
+
+@pytest.mark.parametrize("parts", [1, 2, 3, 100])
+def test_parts_of_a_batch_are_all_of_it_with_the_longest_windows_first(parts: int) -> None:
+    for batch in around(3, 40, 60, 100, 149).batches:
+        split = batch.split(parts)
+        assert len(split) == min(parts, len(batch.segments))
+        assert sorted(torch.cat([part.segments for part in split]).tolist()) == sorted(batch.segments.tolist())
+        for part in split:
+            assert part.inside.sum(1).diff().le(0).all()
+            rows = [batch.segments.tolist().index(segment) for segment in part.segments.tolist()]
+            assert torch.equal(part.frame, batch.frame[rows])
+            assert torch.equal(part.trajectory, batch.trajectory[rows])

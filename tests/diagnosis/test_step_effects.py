@@ -1,0 +1,80 @@
+"""Effects that act at a step and on whole trajectories: the step takes the one, and leaves the other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, final
+
+import pytest
+import torch
+from tests.physics.test_fused import draw
+from torch import Tensor
+
+from physid.effects.friction_drift import FrictionDrift
+from physid.effects.viscous_drag import ViscousDrag
+from physid.estimation.prediction.step_effects import only_steps
+from physid.physics.effect import Effect, Site, StepInputs, quantity
+from physid.physics.layer import PhysicsLayer, Rollout
+from physid.physics.state import State
+from physid.scenes.catalogue import find_setup
+
+SIZES = torch.linspace(0.1, 0.4, 4, dtype=torch.float64)
+
+
+@final
+@dataclass(frozen=True)
+class PushedDrag(Effect):
+    """A drag that also changes what was commanded."""
+
+    name: ClassVar[str] = "pushed_drag"
+    site: ClassVar[Site] = "dynamics"
+    coefficient: Tensor = quantity("N s/m", low=0.0, high=5.0, typical=0.3)
+
+    def actuate(self, wrench: Tensor, time_step: float) -> Tensor:
+        """Push."""
+        return wrench + 1.0
+
+    def act(self, state: State, inputs: StepInputs) -> StepInputs:
+        """Slow down."""
+        return ViscousDrag(self.coefficient).act(state, inputs)
+
+
+@final
+@dataclass(frozen=True)
+class SeenDrift(Effect):
+    """A drift of the friction that also moves what the camera sees."""
+
+    name: ClassVar[str] = "seen_drift"
+    site: ClassVar[Site] = "contact"
+    rate: Tensor = quantity("1/s", low=-0.5, high=3.0, typical=0.3)
+
+    def act(self, state: State, inputs: StepInputs) -> StepInputs:
+        """Change the friction."""
+        return FrictionDrift(self.rate).act(state, inputs)
+
+    def load_observations(self, pose: Tensor, time_step: float) -> Tensor:
+        """Shift what is seen."""
+        return pose + 1.0
+
+
+def rolled(effect: Effect) -> Rollout:
+    case = draw(find_setup("push"), len(SIZES), 12)
+    with torch.no_grad():
+        return case.roll(PhysicsLayer(case.world, [effect]))
+
+
+@pytest.mark.parametrize(
+    ("mixed", "alone"),
+    [(PushedDrag(SIZES), ViscousDrag(SIZES)), (SeenDrift(SIZES), FrictionDrift(SIZES))],
+    ids=["asks for the state", "asks for the time"],
+)
+def test_a_step_takes_what_acts_at_it_with_the_values_of_each_world(mixed: Effect, alone: Effect) -> None:
+    effect = only_steps(mixed)
+    assert torch.equal(rolled(effect).pose, rolled(alone).pose)
+    pose = torch.zeros(len(SIZES), 3, 1, 7, dtype=torch.float64)
+    assert torch.equal(effect.observe(pose, 0.01), pose)
+
+
+def test_an_effect_that_only_acts_at_steps_stays_itself() -> None:
+    drag = ViscousDrag(SIZES)
+    assert only_steps(drag) is drag
