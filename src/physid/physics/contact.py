@@ -89,7 +89,7 @@ class ContactRule(ABC):
     correction: float
 
     @abstractmethod
-    def offset(self, gap: Tensor, speed: Tensor, free_speed: Tensor, restitution: Tensor, step: float) -> Tensor:
+    def offset(self, gap: Tensor, speed: Tensor, free_speed: Tensor, restitution: Tensor, step: Tensor) -> Tensor:
         """Compute c [m/s] of contacts, shape as `gap`.
 
         Args:
@@ -97,7 +97,7 @@ class ContactRule(ABC):
             speed: Normal velocities before the step [m/s].
             free_speed: Normal velocities after the step if there were no contact [m/s].
             restitution: Newton's coefficient k.
-            step: h [s].
+            step: h [s], to be broadcast.
         """
 
     def exists(self, gap: Tensor, reach: Tensor) -> Tensor:
@@ -125,7 +125,7 @@ class Speculative(ContactRule):
     correction: float = 0.2
     speed_limit: float = 1.0
 
-    def offset(self, gap: Tensor, speed: Tensor, free_speed: Tensor, restitution: Tensor, step: float) -> Tensor:
+    def offset(self, gap: Tensor, speed: Tensor, free_speed: Tensor, restitution: Tensor, step: Tensor) -> Tensor:
         """Compute c (see `ContactRule.offset`)."""
         overlap = (self.correction * gap / step).clamp_min(-self.speed_limit)
         still = torch.where(gap > 0, gap / step, overlap)
@@ -144,7 +144,7 @@ class Penetrating(ContactRule):
 
     correction: float = 0.08
 
-    def offset(self, gap: Tensor, speed: Tensor, free_speed: Tensor, restitution: Tensor, step: float) -> Tensor:
+    def offset(self, gap: Tensor, speed: Tensor, free_speed: Tensor, restitution: Tensor, step: Tensor) -> Tensor:
         """Compute c (see `ContactRule.offset`)."""
         still = self.correction * gap / step
         impact = (speed < 0) & (restitution > 0)
@@ -171,7 +171,7 @@ class Split(ContactRule):
     correction: float = 0.2
     slop: float = 1e-5
 
-    def offset(self, gap: Tensor, speed: Tensor, free_speed: Tensor, restitution: Tensor, step: float) -> Tensor:
+    def offset(self, gap: Tensor, speed: Tensor, free_speed: Tensor, restitution: Tensor, step: Tensor) -> Tensor:
         """Compute c (see `ContactRule.offset`)."""
         impact = (speed < 0) & (restitution > 0)
         return torch.where(impact, restitution * speed, torch.zeros_like(speed))

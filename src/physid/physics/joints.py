@@ -24,8 +24,8 @@ class Joint(ABC):
     def rows(self, state: State) -> tuple[Tensor, Tensor]:
         """Return the rows for the twist of the body (B, k, 6) and the error that they reduce (B, k)."""
 
-    def equations(self, state: State, step: float) -> tuple[Tensor, Tensor]:
-        """Return J_e (B, k, 6 N) and b_e (B, k) for a step of `step` seconds."""
+    def equations(self, state: State, step: Tensor) -> tuple[Tensor, Tensor]:
+        """Return J_e (B, k, 6 N) and b_e (B, k) for steps of so many seconds, shape (B or 1, 1)."""
         rows, error = self.rows(state)
         batch, bodies = state.pose.shape[:2]
         blocks = [rows if n == self.body else rows.new_zeros(batch, rows.shape[1], 6) for n in range(bodies)]

@@ -14,6 +14,7 @@ from torch.utils.checkpoint import checkpoint
 
 from physid.physics.effect import Effect, StepInputs
 from physid.physics.fused.backend import Backend, check_backend, use_fused
+from physid.physics.grid import TimeGrid, require_no_clock
 from physid.physics.lcp import SolverSettings
 from physid.physics.parameters import Parameters
 from physid.physics.state import State, check_shape
@@ -102,7 +103,13 @@ class PhysicsLayer(nn.Module):
         return self.rollout(initial_state, wrenches, parameters)
 
     def rollout(
-        self, initial_state: State, wrenches: Tensor, parameters: Parameters, lengths: Tensor | None = None
+        self,
+        initial_state: State,
+        wrenches: Tensor,
+        parameters: Parameters,
+        lengths: Tensor | None = None,
+        steps: Tensor | None = None,
+        start: Tensor | None = None,
     ) -> Rollout:
         """Predict the trajectories that follow from initial states under commanded wrenches.
 
@@ -112,12 +119,15 @@ class PhysicsLayer(nn.Module):
             parameters: Sizes, masses, inertias, friction, restitution.
             lengths: Steps that are needed of each world, shape (B,); what comes later has no meaning, and need not be
                 computed. Worlds of similar length beside each other are the fastest. None for all steps.
+            steps: Time from each frame to the next [s], shape (B or 1, T); None for `world.time_step`. No gradient.
+            start: Time of the first frame on the clock that effects see [s], shape (B or 1,); None for 0.
 
         Returns:
-            Poses, twists, impulses and solver status, with gradients to all three arguments and to the effects.
+            Poses, twists, impulses and solver status, with gradients to the first three arguments and to the effects.
 
         Raises:
-            ValueError: If a shape is off or a value is not finite.
+            ValueError: If a shape is off or a value is not finite, or an effect needs steps of one length and `steps`
+                are given.
             SolverError: If a step's contact problem cannot be solved.
         """
         batch, bodies = initial_state.pose.shape[:2]
@@ -128,23 +138,25 @@ class PhysicsLayer(nn.Module):
                 raise ValueError(f"parameters.{field.name} must have shape (1 or {batch}, {bodies}, ...), got {have}")
         if lengths is not None and lengths.shape != (batch,):
             raise ValueError(f"lengths must have shape ({batch},), got {tuple(lengths.shape)}")
+        grid = TimeGrid.of(self.world, initial_state, wrenches.shape[1], steps, start)
         effects = [effect.to(initial_state.pose) for effect in self.effects]
         for effect in effects:
+            if not grid.even and type(effect).actuate is not Effect.actuate:
+                require_no_clock(effect)
             wrenches = effect.actuate(wrenches, self.world.time_step)
         fused = use_fused(self.backend, self.world, initial_state.pose)
         if fused and wrenches.shape[1]:
-            rollout = self._compiled(initial_state, wrenches, parameters, effects, lengths)
+            rollout = self._compiled(initial_state, wrenches, parameters, effects, grid, lengths)
             if rollout is not None:
                 return rollout
         frames: list[Step] = []
         state, chunk = initial_state, self.checkpoint_every or max(wrenches.shape[1], 1)
-        for start in range(0, wrenches.shape[1], chunk):
-            part = wrenches[:, start : start + chunk]
+        for first in range(0, wrenches.shape[1], chunk):
+            arguments = state, wrenches[:, first : first + chunk], parameters, effects, grid, first
             if self.checkpoint_every is not None and torch.is_grad_enabled():
-                steps = checkpoint(self._frames, state, part, parameters, effects, start, use_reentrant=False)
+                frames.extend(checkpoint(self._frames, *arguments, use_reentrant=False))
             else:
-                steps = self._frames(state, part, parameters, effects, start)
-            frames.extend(steps)
+                frames.extend(self._frames(*arguments))
             state = frames[-1].state
         return _stack(initial_state, frames)
 
@@ -165,6 +177,7 @@ class PhysicsLayer(nn.Module):
         wrenches: Tensor,
         parameters: Parameters,
         effects: list[Effect],
+        grid: TimeGrid,
         lengths: Tensor | None,
     ) -> Rollout | None:
         """Do the rollout in compiled code; None if an effect asks for the state and gradients are wanted."""
@@ -172,11 +185,11 @@ class PhysicsLayer(nn.Module):
         from physid.physics.fused.stepping import roll_in_steps
 
         inputs = nominal_inputs(state, wrenches, parameters, self.world)
-        outcome = roll_all(state, inputs, wrenches, effects, self.world, self.solver, lengths)
+        outcome = roll_all(state, inputs, wrenches, effects, self.world, self.solver, grid, lengths)
         if outcome is None and torch.is_grad_enabled():
             return None
         if outcome is None:
-            outcome = roll_in_steps(state, inputs, wrenches, effects, self.world, self.solver, lengths)
+            outcome = roll_in_steps(state, inputs, wrenches, effects, self.world, self.solver, grid, lengths)
         pose, twist, impulse, residual, steps = outcome
         failed = ~(residual <= self.solver.residual(pose.dtype) / self.solver.tau(pose.dtype))
         if bool(failed.any()):
@@ -185,28 +198,34 @@ class PhysicsLayer(nn.Module):
             require_converged(Step(after, impulse[:, t], residual[:, t], steps[:, t], ~failed[:, t]), t, self.solver)
         return Rollout(pose, twist, impulse, SolverStatus(residual, steps.long()))
 
-    def _stepper(self, state: State) -> Callable[[State, StepInputs], Step]:
-        """Return what advances a state by one step."""
+    def _stepper(self, state: State) -> Callable[[State, StepInputs, Tensor], Step]:
+        """Return what advances a state by one step of a given length."""
         if use_fused(self.backend, self.world, state.pose):
             from physid.physics.fused.stepping import Stepper
 
             return Stepper(self.world, self.solver)
-        return lambda state, inputs: advance(state, inputs, self.world, self.solver)
+        return lambda state, inputs, step: advance(state, inputs, self.world, self.solver, step)
 
     def _frames(
-        self, state: State, wrenches: Tensor, parameters: Parameters, effects: list[Effect], start: int
+        self,
+        state: State,
+        wrenches: Tensor,
+        parameters: Parameters,
+        effects: list[Effect],
+        grid: TimeGrid,
+        first: int,
     ) -> list[Step]:
         inputs, step_from = nominal_inputs(state, wrenches, parameters, self.world), self._stepper(state)
         steps = []
         for t in range(wrenches.shape[1]):
             done: list[Step] = []
             for k in range(self.world.substeps):
-                time = inputs.time + (start + t) * self.world.time_step + k * self.world.step
-                now = inputs.replace(time=time, wrench=wrenches[:, t])
+                n = (first + t) * self.world.substeps + k
+                now = inputs.replace(time=inputs.time + grid.time(n), wrench=wrenches[:, t])
                 for effect in effects:
                     now = effect.act(state, now)
-                step = step_from(state, now)
-                require_converged(step, start + t, self.solver)
+                step = step_from(state, now, grid.step(n))
+                require_converged(step, first + t, self.solver)
                 state = step.state
                 done.append(step)
             steps.append(dataclasses.replace(step, impulse=torch.stack([each.impulse for each in done]).sum(0)))

@@ -42,8 +42,10 @@ class Step:
     converged: Tensor
 
 
-def advance(state: State, inputs: StepInputs, world: World, settings: SolverSettings) -> Step:
-    """Advance a batch by one step of `world.step` seconds.
+def advance(
+    state: State, inputs: StepInputs, world: World, settings: SolverSettings, step: Tensor | None = None
+) -> Step:
+    """Advance a batch by one step.
 
     Semi-implicit Euler: v+ from eq. (3), p+ = p + h v+, q+ = exp(h w+) q.
 
@@ -52,19 +54,20 @@ def advance(state: State, inputs: StepInputs, world: World, settings: SolverSett
         inputs: Wrenches and properties that act during the step.
         world: Ground, joints and rules.
         settings: Accuracy of the solver.
+        step: h [s], shape (B or 1,); None for `world.step`.
 
     Returns:
         The state after, the contact impulses, and how well the solver did.
     """
-    h = world.step
+    h = state.pose.new_full((1,), world.step) if step is None else step
     arm = rotate(state.quaternion, inputs.centre_of_mass)
     twist = _moved(state.twist, arm)
     patches = find_patches(state, inputs, world)
-    problem, scale = build_problem(state, twist, arm, patches, inputs, world)
+    problem, scale = build_problem(state, twist, arm, patches, inputs, world, h)
     solution = solve_contacts(problem, world.friction, settings)
     v, impulse = attach_gradient(problem, solution)
-    after = v[:, : 6 * twist.shape[1]].unflatten(1, twist.shape[1:]) * (STANDARD_GRAVITY * h)
-    motion = h * after + _removal(problem, twist.shape[1], patches, world, settings)
+    after = v[:, : 6 * twist.shape[1]].unflatten(1, twist.shape[1:]) * (STANDARD_GRAVITY * h)[:, None, None]
+    motion = h[:, None, None] * after + _removal(problem, twist.shape[1], patches, world, settings, h)
     centre = state.position + arm + motion[..., 3:]
     quaternion = normalize(multiply(exponential(motion[..., :3]), state.quaternion))
     arm = rotate(quaternion, inputs.centre_of_mass)
@@ -78,7 +81,7 @@ def advance(state: State, inputs: StepInputs, world: World, settings: SolverSett
 
 
 def _removal(
-    problem: ContactProblem, bodies: int, patches: list[Patch], world: World, settings: SolverSettings
+    problem: ContactProblem, bodies: int, patches: list[Patch], world: World, settings: SolverSettings, h: Tensor
 ) -> Tensor | float:
     """Return the displacement (B, N, 6) [rad, m] by which the rule of contact removes overlaps without velocity.
 
@@ -88,7 +91,7 @@ def _removal(
     touching = (problem.jacobian != 0).any(-1).any(-1)
     if not wanted or not bool(touching.any()):
         return 0.0
-    unit = STANDARD_GRAVITY * world.step**2
+    unit = (STANDARD_GRAVITY * h**2)[:, None]
     still = dataclasses.replace(
         problem,
         momentum=torch.zeros_like(problem.momentum),
@@ -97,7 +100,7 @@ def _removal(
         joint_velocity=torch.zeros_like(problem.joint_velocity),
     )
     v, _ = attach_gradient(still, solve_contacts(still, world.friction, settings))
-    displacement = v[:, : 6 * bodies].unflatten(1, (bodies, 6)) * unit
+    displacement = v[:, : 6 * bodies].unflatten(1, (bodies, 6)) * unit[..., None]
     return torch.where(touching.any(1)[:, None, None], displacement, 0.0)
 
 
@@ -120,7 +123,7 @@ def find_patches(state: State, inputs: StepInputs, world: World) -> list[Patch]:
 
 
 def build_problem(
-    state: State, twist: Tensor, arm: Tensor, patches: list[Patch], inputs: StepInputs, world: World
+    state: State, twist: Tensor, arm: Tensor, patches: list[Patch], inputs: StepInputs, world: World, h: Tensor
 ) -> tuple[ContactProblem, Tensor]:
     """Assemble eq. (3) in units of g h and m g h.
 
@@ -130,23 +133,23 @@ def build_problem(
     Returns:
         The problem, and the unit of its impulses [N s], shape (B,).
     """
-    h, unit = world.step, STANDARD_GRAVITY * world.step
+    unit = STANDARD_GRAVITY * h
     batch, bodies = twist.shape[:2]
     mean_mass = inputs.mass.mean(1)
-    mass, momentum = _newton_euler(state, twist, arm, inputs, world)
+    mass, momentum = _newton_euler(state, twist, arm, inputs, world, h)
     mass, momentum = mass / mean_mass[:, None, None, None], momentum / (mean_mass * unit)[:, None, None]
     free = torch.linalg.solve(mass, momentum).flatten(1)
     rows, offsets, frictions, compliances, modes = [], [], [], [], []
     for patch in patches:
         jacobian = _patch_jacobian(patch, state.position + arm)
-        speed = torch.einsum("bckn,bn->bck", jacobian, twist.flatten(1) / unit)[..., 0] * unit
-        free_speed = torch.einsum("bckn,bn->bck", jacobian, free)[..., 0] * unit
+        speed = torch.einsum("bckn,bn->bck", jacobian, twist.flatten(1) / unit[:, None])[..., 0] * unit[:, None]
+        free_speed = torch.einsum("bckn,bn->bck", jacobian, free)[..., 0] * unit[:, None]
         friction, restitution, compliance = _pair(patch, inputs)
-        reach = REACH + 2 * h * free_speed.detach().abs()
+        reach = REACH + 2 * h[:, None] * free_speed.detach().abs()
         exists = patch.active & world.contact.exists(patch.gap, reach)
-        offset = world.contact.offset(patch.gap, speed, free_speed, restitution[:, None], h)
+        offset = world.contact.offset(patch.gap, speed, free_speed, restitution[:, None], h[:, None])
         rows.append(torch.where(exists[..., None, None], jacobian, 0.0))
-        offsets.append(torch.where(exists, offset / unit, FAR))
+        offsets.append(torch.where(exists, offset / unit[:, None], FAR))
         frictions.append(torch.where(exists, friction[:, None], 0.0))
         correction = world.contact.correction * mean_mass / h**2
         compliances.append(torch.where(exists, (compliance * correction)[:, None], 0.0))
@@ -154,9 +157,9 @@ def build_problem(
     redundant = _place_modes(modes, mass)
     warps = redundant.shape[-1]
     warp_mass = torch.eye(warps, dtype=mass.dtype, device=mass.device).expand(batch, -1, -1) / WARP_COMPLIANCE
-    joints = [joint.equations(state, h) for joint in world.joints]
+    joints = [joint.equations(state, h[:, None]) for joint in world.joints]
     equality = torch.cat([rows_ for rows_, _ in joints], 1) if joints else mass.new_zeros(batch, 0, 6 * bodies)
-    wanted = torch.cat([b for _, b in joints], 1) / unit if joints else mass.new_zeros(batch, 0)
+    wanted = torch.cat([b for _, b in joints], 1) / unit[:, None] if joints else mass.new_zeros(batch, 0)
     problem = ContactProblem(
         mass=_block_diagonal(mass, warp_mass),
         momentum=torch.cat([momentum.flatten(1), mass.new_zeros(batch, warps)], 1),
@@ -191,7 +194,9 @@ def _place_modes(modes: list[Tensor], reference: Tensor) -> Tensor:
     return torch.cat(rows, 1) if rows else reference.new_zeros(reference.shape[0], 0, 3, 0)
 
 
-def _newton_euler(state: State, twist: Tensor, arm: Tensor, inputs: StepInputs, world: World) -> tuple[Tensor, Tensor]:
+def _newton_euler(
+    state: State, twist: Tensor, arm: Tensor, inputs: StepInputs, world: World, h: Tensor
+) -> tuple[Tensor, Tensor]:
     """Return M (B, N, 6, 6) and p = M v + h f (B, N, 6), with the gyroscopic torque -w x I w (eq. (2) of the paper)."""
     axes = to_matrix(state.quaternion)
     inertia = (axes * inputs.inertia[..., None, :]) @ axes.mT
@@ -205,7 +210,7 @@ def _newton_euler(state: State, twist: Tensor, arm: Tensor, inputs: StepInputs, 
         torque = torque - torch.linalg.cross(spin, spin_momentum)
     force = inputs.wrench[..., 3:] + inputs.mass[..., None] * inputs.gravity
     momentum = torch.cat([spin_momentum, inputs.mass[..., None] * twist[..., 3:]], -1)
-    return mass, momentum + world.step * torch.cat([torque, force], -1)
+    return mass, momentum + h[:, None, None] * torch.cat([torque, force], -1)
 
 
 def _patch_jacobian(patch: Patch, centres: Tensor) -> Tensor:

@@ -6,10 +6,10 @@ import dataclasses
 from collections.abc import Sequence
 from typing import NoReturn, cast
 
-import torch
 from torch import Tensor
 
 from physid.physics.effect import Effect, StepInputs
+from physid.physics.grid import TimeGrid
 from physid.physics.state import State
 from physid.physics.world import World
 
@@ -25,14 +25,17 @@ class _Unknown:
         raise _Read(name)
 
 
-def inputs_ahead(inputs: StepInputs, wrenches: Tensor, effects: Sequence[Effect], world: World) -> StepInputs | None:
+def inputs_ahead(
+    inputs: StepInputs, wrenches: Tensor, effects: Sequence[Effect], world: World, grid: TimeGrid
+) -> StepInputs | None:
     """Let effects act on all steps of a rollout at once.
 
     Args:
         inputs: Nominal inputs of the first step.
         wrenches: Shape (B, T, N, 6).
         effects: Those of the layer.
-        world: Its time step and substeps.
+        world: Its substeps.
+        grid: When the steps begin.
 
     Returns:
         Inputs whose batch axis holds the T * substeps steps of each world, one world after the other; None if an effect
@@ -40,7 +43,7 @@ def inputs_ahead(inputs: StepInputs, wrenches: Tensor, effects: Sequence[Effect]
     """
     try:
         _act(effects, inputs)  # a single step shows it as a rule, and costs little
-        return _act(*_of_all_steps(effects, inputs, wrenches, world))
+        return _act(*_of_all_steps(effects, inputs, wrenches, world, grid))
     except _Read:
         return None
 
@@ -52,15 +55,14 @@ def _act(effects: Sequence[Effect], inputs: StepInputs) -> StepInputs:
 
 
 def _of_all_steps(
-    effects: Sequence[Effect], inputs: StepInputs, wrenches: Tensor, world: World
+    effects: Sequence[Effect], inputs: StepInputs, wrenches: Tensor, world: World, grid: TimeGrid
 ) -> tuple[list[Effect], StepInputs]:
     """Return effects and inputs with a value for every step of each world, one world after the other."""
     batch, frames = wrenches.shape[:2]
     count = frames * world.substeps
-    steps = torch.arange(count, dtype=wrenches.dtype) * world.step
     now = _repeated(inputs, count)
     now = now.replace(
-        time=now.time + steps.repeat(batch),
+        time=now.time + grid.begin.expand(batch, -1).flatten(),
         wrench=wrenches.repeat_interleave(world.substeps, 1).flatten(0, 1),
     )
     whole = [

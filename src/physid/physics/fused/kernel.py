@@ -34,6 +34,7 @@ def write_forward(shape: Shape, name: str) -> str:
             for p in range(shape.patches):
                 w.zero(f"impulse{p}")
             with code.loop(0, w.substeps) as substep:
+                w.pace(group, frame, substep)
                 _step(w, w.tape(group, frame, substep), keeps)
             for field, width in (("pose", 7), ("twist", 6)):
                 w.body_rows("store_rows", ("body#", field), field, width, (code.add(frame, 1), rows), group)
@@ -56,6 +57,7 @@ def _step(w: Writer, tape: str, keeps: str) -> None:
     w.assemble()
     with code.when(keeps):
         w.move_tape(tape, w.known_before(), 0, save=True)
+    w.rescale()
     w.solve("")
     if shape.split:
         for k in range(shape.bodies):
@@ -101,6 +103,7 @@ def write_backward(shape: Shape, name: str) -> str:
                 w.zero(f"body{k}_bar", "wrench", 6)
             with code.loop(0, w.substeps) as reversed_substep:
                 substep = code.emit(f"sub i64 {w.substeps}, {code.add(reversed_substep, 1)}")
+                w.pace(group, frame, substep)
                 w.move_tape(w.tape(group, frame, substep), w.known_before() + w.solution(), 0, save=False)
                 _reverse_step(w)
             w.body_rows("store_rows", ("body#_bar", "wrench"), "wrench_bar", 6, (frame, w.frames), group)

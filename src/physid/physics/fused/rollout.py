@@ -20,6 +20,7 @@ from physid.physics.fused.formulas.layouts import INPUTS as FIELDS
 from physid.physics.fused.records import Shape
 from physid.physics.fused.run import run
 from physid.physics.fused.writer import SHARED_INPUTS
+from physid.physics.grid import TimeGrid
 from physid.physics.lcp import SolverSettings
 from physid.physics.state import State
 from physid.physics.step import STANDARD_GRAVITY
@@ -57,6 +58,7 @@ def roll_all(
     effects: Sequence[Effect],
     world: World,
     settings: SolverSettings,
+    grid: TimeGrid,
     lengths: Tensor | None = None,
 ) -> Outcome | None:
     """Predict trajectories under effects.
@@ -68,21 +70,21 @@ def roll_all(
         effects: Those of the layer.
         world: Ground and rules.
         settings: Accuracy of the solver.
+        grid: When the steps begin, and how long they last.
         lengths: See `roll`.
 
     Returns:
         As `roll`; None if an effect asks for the state.
     """
     if all(type(effect).act is Effect.act for effect in effects):
-        return roll(state, Inputs.of(inputs), wrenches, world, settings, lengths=lengths)
-    now = inputs_ahead(inputs, wrenches, effects, world)
+        return roll(state, Inputs.of(inputs), wrenches, world, settings, lengths=lengths, steps=grid.uneven)
+    now = inputs_ahead(inputs, wrenches, effects, world, grid)
     if now is None:
         return None
     steps = wrenches.shape[1] * world.substeps
     wanted = None if lengths is None else lengths * world.substeps
-    outcome = roll(
-        state, Inputs.of(now, steps), now.wrench.unflatten(0, (-1, steps)), stepwise(world), settings, lengths=wanted
-    )
+    wrenches, single = now.wrench.unflatten(0, (-1, steps)), stepwise(world)
+    outcome = roll(state, Inputs.of(now, steps), wrenches, single, settings, lengths=wanted, steps=grid.uneven)
     return by_frame(outcome, world.substeps)
 
 
@@ -106,6 +108,7 @@ def roll(
     settings: SolverSettings,
     memory: Tensor | None = None,
     lengths: Tensor | None = None,
+    steps: Tensor | None = None,
 ) -> Outcome:
     """Predict trajectories.
 
@@ -117,6 +120,7 @@ def roll(
         settings: Accuracy of the solver.
         memory: What a former call left for the start of this one; changed in place.
         lengths: Frames that each world needs, shape (B,); where no gradient is wanted, what comes later may be zeros.
+        steps: Length of each step of the engine [s], shape (B or 1, T substeps); None for `world.step`.
 
     Returns:
         Poses (B, T + 1, N, 7), twists (B, T + 1, N, 6), impulses (B, T, C, 3) [N s], the largest residual in each frame
@@ -125,9 +129,10 @@ def roll(
     shape = shape_of(world, state.pose.shape[1])
     tensors = [value.contiguous() for value in (state.pose, state.twist, wrenches, inputs.bodies, inputs.shared)]
     keep = torch.is_grad_enabled() and any(value.requires_grad for value in tensors)
-    arguments = (*tensors, shape, world, settings, keep, memory, None if keep else lengths)
-    pose, twist, impulse, residual, steps = _Rollout.apply(*arguments)  # type: ignore[no-untyped-call]
-    return pose, twist, impulse, residual / settings.tau(torch.float64), steps
+    steps = None if steps is None else steps.contiguous()
+    arguments = (*tensors, shape, world, settings, keep, memory, None if keep else lengths, steps)
+    pose, twist, impulse, residual, taken = _Rollout.apply(*arguments)  # type: ignore[no-untyped-call]
+    return pose, twist, impulse, residual / settings.tau(torch.float64), taken
 
 
 def shape_of(world: World, bodies: int) -> Shape:
@@ -180,7 +185,7 @@ def _distances(name: str, value: Tensor) -> dict[str, int]:
 class _Rollout(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, *arguments: Any) -> tuple[Tensor, ...]:
-        pose, twist, wrench, inputs, shared, shape, world, settings, keep, memory, lengths = arguments
+        pose, twist, wrench, inputs, shared, shape, world, settings, keep, memory, lengths, uneven = arguments
         (worlds, frames), bodies = wrench.shape[:2], pose.shape[1]
         new = pose.new_empty if lengths is None else pose.new_zeros
         poses, twists = new(worlds, frames + 1, bodies, 7), new(worlds, frames + 1, bodies, 6)
@@ -196,8 +201,10 @@ class _Rollout(torch.autograd.Function):
         written = {"pose": poses, "twist": twists, "impulse": impulse, "residual": residual, "newton_steps": steps}
         read |= {"tape": tape} if keep else {}
         read |= {"memory": memory} if memory is not None else {}
+        read |= {"steps": uneven} if uneven is not None else {}
+        numbers |= {"steps_by_world": uneven.shape[1] * (uneven.shape[0] > 1)} if uneven is not None else {}
         run("forward", shape, worlds, numbers, read | written)
-        ctx.save_for_backward(tape, inputs, shared, wrench, read["constants"])
+        ctx.save_for_backward(tape, inputs, shared, wrench, read["constants"], uneven)
         ctx.shape, ctx.numbers = shape, numbers
         ctx.mark_non_differentiable(residual, steps)
         ctx.set_materialize_grads(False)
@@ -206,10 +213,11 @@ class _Rollout(torch.autograd.Function):
     @staticmethod
     @torch.autograd.function.once_differentiable
     def backward(ctx: Any, *bars: Tensor | None) -> tuple[Tensor | None, ...]:
-        tape, inputs, shared, wrench, constants = ctx.saved_tensors
+        tape, inputs, shared, wrench, constants, uneven = ctx.saved_tensors
         worlds, _, bodies = wrench.shape[:3]
         varying = max(inputs.shape[1], shared.shape[1])
         read = {"tape": tape, "inputs": inputs, "shared": shared, "wrench": wrench, "constants": constants}
+        read |= {"steps": uneven} if uneven is not None else {}
         given = zip(("pose", "twist", "impulse"), bars, strict=False)
         read |= {f"{name}_bar": bar.contiguous() for name, bar in given if bar is not None}
         written = {
@@ -225,5 +233,5 @@ class _Rollout(torch.autograd.Function):
             *states,
             by_inputs.sum_to_size(inputs.shape),
             by_shared.sum_to_size(shared.shape),
-            *[None] * 6,
+            *[None] * 7,
         )

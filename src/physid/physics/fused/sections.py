@@ -38,6 +38,7 @@ TOUCH_BOXES = Section(
 )  # fmt: skip
 
 
+PACE = Section("set_unit", lane.set_unit, {"constants": CONSTANTS})
 LIFT_PATCH = Section("lift_patch", lift.lift_patch, {"patch": PATCH, "constants": CONSTANTS, "lifted": PATCH})
 LIFT_BODY = Section("lift_body", lift.lift_body, {"body": BODY, "lifted": BODY})
 
@@ -93,6 +94,9 @@ def world_sections() -> list[Section]:
     lanes = {"lane": LANE, "constants": CONSTANTS}
     return [
         Section("begin", lane.begin, lanes),
+        Section("rescale_body", newton.rescale_body, {"body": BODY, **lanes}),
+        Section("rescale", newton.rescale, {"contact": CONTACT, **lanes}),
+        PACE,
         Section("clear", lane.clear, {"lane": LANE}),
         Section("judge", newton.judge, {"motion": MOTION, "lane": LANE}),
         Section("check", lane.check, lanes),
@@ -178,6 +182,7 @@ def reverse_body_sections() -> list[Section]:
         "contact": CONTACT, "impulse_bar": IMPULSE, "shared": SHARED, "shared_bar": SHARED, "constants": CONSTANTS,
     }  # fmt: skip
     return [
+        PACE,
         Section("seed", reverse.seed, impulses),
         Section("begin_reverse", reverse.begin, {"body_bar": BODY, "motion": MOTION}),
         Section("push_body", reverse.push_body, {"body": BODY, "body_bar": BODY, "motion": MOTION}),

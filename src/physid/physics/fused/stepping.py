@@ -14,6 +14,7 @@ from physid.physics.fused.formulas.layouts import BODY
 from physid.physics.fused.formulas.layouts import INPUTS as FIELDS
 from physid.physics.fused.rollout import Inputs, Outcome, by_frame, by_group, constants_of, roll, shape_of, stepwise
 from physid.physics.fused.run import bind
+from physid.physics.grid import TimeGrid
 from physid.physics.lcp import SolverSettings
 from physid.physics.state import State
 from physid.physics.step import Step
@@ -31,12 +32,13 @@ class Stepper:
         self._settings = settings
         self._memory: Tensor | None = None
 
-    def __call__(self, state: State, inputs: StepInputs) -> Step:
+    def __call__(self, state: State, inputs: StepInputs, step: Tensor | None = None) -> Step:
         """Do as `physid.physics.step.advance`, with a `Cone`, without joints, on the CPU in float64."""
         if self._memory is None or self._memory.numel() != _memory_size(self._world, state):
             self._memory = torch.zeros(_memory_size(self._world, state), dtype=torch.float64)
         wrenches = inputs.wrench[:, None]
-        outcome = roll(state, Inputs.of(inputs), wrenches, self._world, self._settings, self._memory)
+        uneven = None if step is None or bool((step == self._world.step).all()) else step[:, None]
+        outcome = roll(state, Inputs.of(inputs), wrenches, self._world, self._settings, self._memory, steps=uneven)
         pose, twist, impulse, residual, steps = (value.squeeze(1) for value in outcome)
         return Step(
             state=State(pose[:, 1], twist[:, 1]),
@@ -59,6 +61,7 @@ def roll_in_steps(
     effects: Sequence[Effect],
     world: World,
     settings: SolverSettings,
+    grid: TimeGrid,
     lengths: Tensor | None = None,
 ) -> Outcome:
     """Predict trajectories under effects that ask for the state, without gradients.
@@ -73,6 +76,7 @@ def roll_in_steps(
         effects: Those of the layer.
         world: Ground and rules.
         settings: Accuracy of the solver.
+        grid: When the steps begin, and how long they last.
         lengths: See `roll`.
 
     Returns:
@@ -80,10 +84,10 @@ def roll_in_steps(
     """
     substeps, steps = world.substeps, wrenches.shape[1] * world.substeps
     wanted = None if lengths is None else lengths * substeps
-    going = _Going(state, inputs, steps, stepwise(world), settings, wanted)
+    going = _Going(state, inputs, steps, stepwise(world), settings, wanted, grid.uneven)
     accepted = settings.residual(torch.float64)
     for step in range(steps):
-        now = inputs.replace(time=inputs.time + step * world.step, wrench=wrenches[:, step // substeps])
+        now = inputs.replace(time=inputs.time + grid.time(step), wrench=wrenches[:, step // substeps])
         here = going.state(step)
         for effect in effects:
             now = effect.act(here, now)
@@ -108,6 +112,7 @@ class _Going:
         world: World,
         settings: SolverSettings,
         lengths: Tensor | None,
+        uneven: Tensor | None,
     ) -> None:
         worlds, bodies = state.pose.shape[:2]
         shape, new = shape_of(world, bodies), state.pose.new_zeros
@@ -126,6 +131,9 @@ class _Going:
         }  # fmt: skip
         numbers = {"worlds": worlds, "frames": steps, "substeps": 1}
         numbers |= {"inputs_by_world": self._bodies[0].numel(), "shared_by_world": self._shared[0].numel()}
+        if uneven is not None:
+            self._arrays["steps"] = uneven.contiguous()
+            numbers["steps_by_world"] = steps * (uneven.shape[0] > 1)
         self._kernel = bind("forward", shape, worlds, numbers, self._arrays, frames=1)
 
     def state(self, step: int) -> State:

@@ -8,7 +8,7 @@ from physid.physics.fused.formulas.layouts import CONSTANTS
 from physid.physics.fused.records import CHOSEN, SOLVED, STATE, Shape
 
 ARGUMENTS = (
-    "worlds", "frames", "substeps", "begin", "end", "lengths", "constants", "tape", "memory",
+    "worlds", "frames", "substeps", "begin", "end", "lengths", "steps", "steps_by_world", "constants", "tape", "memory",
     "inputs", "inputs_by_world", "inputs_by_frame", "shared", "shared_by_world", "shared_by_frame", "wrench",
     "pose", "twist", "impulse", "residual", "newton_steps",
     "pose_bar", "twist_bar", "impulse_bar", "inputs_bar", "shared_bar", "wrench_bar", "first_pose_bar",
@@ -44,6 +44,20 @@ class Writer:
     def call(self, section: str, *records: str) -> None:
         """Call a section on records."""
         self.code.call(section, *(self._at[record] for record in records))
+
+    def pace(self, group: str, frame: str, substep: str) -> None:
+        """Write the length of a step, where steps differ."""
+        code = self.code
+        with code.when(code.positive(code.argument("steps"))):
+            place = code.at(code.argument("steps", "ptr"), code.add(code.multiply(frame, self.substeps), substep))
+            self.rows("load_rows", self.at("constants", "step"), place, 1, code.argument("steps_by_world"), group)
+            self.call("set_unit", "constants")
+
+    def rescale(self) -> None:
+        """Write the previous solution in the units of a step of another length."""
+        with self.code.when(self.code.positive(self.code.argument("steps"))):
+            self.each_body("rescale_body", "body#", "lane", "constants")
+            self.each_patch("rescale", "contact*", "lane", "constants")
 
     def each_body(self, section: str, *names: str) -> None:
         """Call a section for every body; # in a name stands for its number."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from physid.compiler.graph import Value, least, most, total, where
 from physid.compiler.section import Record
+from physid.physics.step import STANDARD_GRAVITY
 
 WARM_STEPS = 8.0
 """Newton steps that a start from the previous solution may take before the solver starts afresh."""
@@ -24,13 +25,18 @@ def _rung(rung: Value, constants: Record) -> Value:
     return value
 
 
+def set_unit(constants: Record) -> None:
+    """Write the unit of velocities, g h, of a step of another length."""
+    constants["unit"] = [STANDARD_GRAVITY * constants.one("step")]
+
+
 def begin(lane: Record, constants: Record) -> None:
     """Begin with the previous solution if there is one."""
-    known = lane.one("known") > 0.5
+    known = lane.one("known") > 0.0
     rung = where(known, -1.0, 0.0)
     lane["rung"], lane["count"], lane["restart"] = [rung], [0.0], [where(known, 0.0, 1.0)]
     lane["compliance"] = [_rung(rung, constants)]
-    lane["known"], lane["length"], lane["lost"] = [1.0], [1.0], [0.0]
+    lane["known"], lane["length"], lane["lost"] = [constants.one("step")], [1.0], [0.0]
     lane["solved"] = [0.0]
 
 

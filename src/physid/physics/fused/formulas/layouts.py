@@ -66,5 +66,5 @@ LANE = Layout(
     numerator=1, denominator=1,  # of the longest step
     slope=1, curve=1,  # of the gap along a step
     restart=1, predicts=1, lost=1, solved=1,
-    known=1,  # 1 if there is a previous solution
+    known=1,  # length of the step of the previous solution [s]; 0 if there is none
 )  # fmt: skip

@@ -30,6 +30,26 @@ def recall(patch: Record, contact: Record) -> None:
     contact["fresh"], contact["label"], contact["slides"] = fresh, labels, [0.0] * 4
 
 
+def _ratio(lane: Record, constants: Record) -> Value:
+    """Return the unit of velocities of the previous solution in that of this step."""
+    known = lane.one("known")
+    return where(known > 0.0, known, constants.one("step")) / constants.one("step")
+
+
+def rescale_body(body: Record, lane: Record, constants: Record) -> None:
+    """Keep the velocity of the previous solution where the unit g h has changed."""
+    body["v"] = scale(_ratio(lane, constants), body["v"])
+
+
+def rescale(contact: Record, lane: Record, constants: Record) -> None:
+    """Keep the velocities among the unknowns, slacks and modes of a patch; impulses stay in proportion to the load."""
+    ratio = _ratio(lane, constants)
+    z, w = contact["z"], contact["w"]
+    contact["z"] = [ratio * x if k % 5 == 1 else x for k, x in enumerate(z)]
+    contact["w"] = [x if k % 5 == 1 else ratio * x for k, x in enumerate(w)]
+    contact["modes"] = scale(ratio, contact["modes"])
+
+
 def start(patch: Patch, bodies: Sequence[Record], lane: Record) -> None:
     """Start afresh, from free motion, in the worlds and contacts that are told to."""
     again = lane.one("restart") > 0.5
