@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 from physid.data.generate import generate
 from physid.data.generation import GenerateConfig, Noise
 from physid.diagnosis.diagnose import diagnose
-from physid.diagnosis.report.sentences import summary_lines
+from physid.diagnosis.document.sentences import summary_lines
 
 DRAG = 0.5
 TOLERANCE = 0.1

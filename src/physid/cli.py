@@ -89,7 +89,7 @@ def main(words: Sequence[str] | None = None) -> int:
 
 def overview() -> str:
     """Return the help of `physid` itself."""
-    lines = [f"  {styled(f'{command.name:<11}', 'bold', sys.stdout)}{command.summary}\n" for command in COMMANDS]
+    lines = [f"  {styled(f'{command.name:<16}', 'bold', sys.stdout)}{command.summary}\n" for command in COMMANDS]
     return OVERVIEW.format(commands="".join(lines))
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from tests.diagnosis.documents import diagnosis
 
-from physid.diagnosis.report.document import write_diagnosis
+from physid.diagnosis.document.document import write_diagnosis
 
 
 def ignorant(recordings: Path, out: Path) -> Mapping[str, Any]:

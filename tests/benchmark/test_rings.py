@@ -60,7 +60,7 @@ def test_the_rings_share_no_name_and_kin_stands_in_the_catalogue() -> None:
         assert set(getattr(kind, "kin")) <= known  # noqa: B009
 
 
-def test_a_pair_holds_nothing_that_its_scene_cannot_tell_apart() -> None:
+def test_a_pair_holds_nothing_that_its_scene_does_not_identify_apart() -> None:
     near = {name for one in CONFUSIONS if one.scene == "push" and "rich" in one.protocols for name in one.effects}
     named = {kind.name for hidden in candidates("pair", "push", "rich") for kind in hidden.kinds}
     assert near

@@ -18,7 +18,7 @@ from physid.benchmark.scoring.judging import MEDIUM, Judged
 from physid.benchmark.scoring.scoring import report, score
 from physid.benchmark.verdicts import closed, diagnose_bank, diagnose_set
 from physid.cli import main
-from physid.diagnosis.conclusion.conclusion import confidence
+from physid.diagnosis.conclusion import confidence
 from physid.diagnosis.conclusion.confidence import NONE_AFTER_IMPACTS, RIGHT
 
 
@@ -131,7 +131,7 @@ def test_counts_of_right_verdicts_are_those_by_hand_and_stand_as_in_the_diagnosi
         '    "partial": (0, 0),',
         '    "unknown": (0, 1),',
         "}",
-        "NONE_AFTER_HITS = (1, 3)",
+        "NONE_AFTER_IMPACTS = (1, 3)",
     ]
     shipped = Path(confidence.__file__).read_text()
     for words in ("RIGHT: dict[Name, tuple[int, int]] = {", *(f'    "{verdict}": (' for verdict in RIGHT)):

@@ -120,7 +120,7 @@ def write_runs(root: Path) -> Path:
         ("score", "results.json", SCORE),
         ("diagnosis", "diagnosis.json", DIAGNOSIS),
         ("diagnosis_free", "diagnosis.json", none),
-        ("observe", "identifiability.json", IDENTIFIABILITY),
+        ("identifiability", "identifiability.json", IDENTIFIABILITY),
     ):
         (root / name).mkdir()
         (root / name / file).write_text(json.dumps(content))

@@ -150,7 +150,7 @@ def test_a_benchmark_stands_beside_the_paper_and_its_targets(page: Page) -> None
 
 
 def test_an_observation_says_what_is_known_of_each_parameter(page: Page) -> None:
-    page.get_by_role("link", name="observe").click()
+    page.get_by_role("link", name="identifiability").click()
     expect(page.get_by_role("row", name="block.mass 2 %")).to_contain_text("identified")
     expect(page.get_by_role("row", name="block.friction 6 %")).to_contain_text(
         "block.mass * block.friction^0.38, to 0.15 %"

@@ -27,7 +27,7 @@ def test_every_kind_of_run_is_found_and_named_by_its_folder(root: Path) -> None:
         "damaged": "fit",
         "diagnosis": "diagnosis",
         "diagnosis_free": "diagnosis",
-        "observe": "identifiability",
+        "identifiability": "identifiability",
         "push_bad": "fit",
         "push_good": "fit",
         "reproduce": "benchmark",

@@ -38,11 +38,11 @@ def test_a_hypothesis_that_cannot_be_looked_at_is_passed_over_and_the_next_one_a
         return lack(0.001 if one is nominal else 1.0)
 
     for name, stand_in in (
-        ("calm", lambda *_: None),
+        ("contact_free", lambda *_: None),
         ("conclude", lambda *_: nominal),
-        ("examine", find_lack_of_fit),
+        ("find_lack_of_fit", find_lack_of_fit),
         ("survivors", lambda _: [first.names, second.names]),
-        ("contest", lambda *_: [first, second]),
+        ("compare_candidates", lambda *_: [first, second]),
         ("evident", lambda _: False),
         ("sound", lambda *_: True),
         ("complete", lambda *_: True),
@@ -56,7 +56,7 @@ def test_a_hypothesis_that_cannot_be_looked_at_is_passed_over_and_the_next_one_a
     assert found.left is not None
 
 
-def test_what_flights_showed_stays_where_what_it_leaves_at_hits_cannot_be_simulated(
+def test_what_flights_showed_stays_where_what_it_leaves_at_impacts_cannot_be_simulated(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def fails(*_: object) -> None:
@@ -65,11 +65,11 @@ def test_what_flights_showed_stays_where_what_it_leaves_at_hits_cannot_be_simula
     drag = hypothesis("drag")
     named = attribute.Attribution(hypothesis(), lack(0.001), [drag], drag, lack(1.0), [drag])
     for name, stand_in in (
-        ("calm", lambda *_: "calm windows"),
+        ("contact_free", lambda *_: "calm windows"),
         ("_search", lambda *_: named),
-        ("everywhere", lambda *_: drag),
+        ("refit_all_segments", lambda *_: drag),
         ("conclude", lambda *_: hypothesis()),
-        ("examine", fails),
+        ("find_lack_of_fit", fails),
     ):
         monkeypatch.setattr(attribute, name, stand_in)
     found = attribute.attribute(cast(Any, SimpleNamespace(experiment=None, fit=None)), torch.Generator())
@@ -78,7 +78,7 @@ def test_what_flights_showed_stays_where_what_it_leaves_at_hits_cannot_be_simula
     assert found.best is drag
 
 
-def test_a_hypothesis_that_the_other_engine_cannot_follow_stays_as_it_was_fitted(
+def test_a_hypothesis_that_the_reference_simulator_cannot_follow_stays_as_it_was_fitted(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def fails(*_: object) -> None:
@@ -86,8 +86,8 @@ def test_a_hypothesis_that_the_other_engine_cannot_follow_stays_as_it_was_fitted
 
     fitted = hypothesis("drag", loss=0.1)
     monkeypatch.setattr(compare_candidates, "finish_hypothesis", lambda one: one)
-    monkeypatch.setattr(compare_candidates, "retried", lambda one: one)
-    monkeypatch.setattr(compare_candidates, "settle", fails)
+    monkeypatch.setattr(compare_candidates, "refitted_from_new_states", lambda one: one)
+    monkeypatch.setattr(compare_candidates, "fit_with_reference", fails)
     assert compare_candidates.compare_candidates([fitted.names], lambda _: fitted, hypothesis(), lambda _: None) == [
         fitted
     ]

@@ -42,7 +42,9 @@ def tossed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return recorded(folder, {"viscous_drag": {"coefficient": DRAG}}, **TOSS)
 
 
-def test_calm_windows_count_alone_and_none_of_what_a_late_camera_would_take_from_before_them(tossed: Path) -> None:
+def test_contact_free_segments_count_alone_without_frames_that_a_late_camera_takes_from_before(
+    tossed: Path,
+) -> None:
     whole = nominal_fit(tossed)
     part = contact_free(whole, torch.Generator().manual_seed(0))
     assert part is not None
@@ -58,7 +60,7 @@ def test_calm_windows_count_alone_and_none_of_what_a_late_camera_would_take_from
         assert bool(counts[row, start + first : start + size].all())
 
 
-def test_where_nothing_is_hit_there_is_no_such_part(tmp_path: Path) -> None:
+def test_where_no_impact_is_there_is_no_such_part(tmp_path: Path) -> None:
     assert contact_free(nominal_fit(recorded(tmp_path / "pushed")), torch.Generator()) is None
 
 
@@ -75,12 +77,14 @@ def test_a_drag_that_shows_in_flight_is_named_with_its_size_although_blocks_boun
     assert known["high"] - known["low"] < 0.5 * known["value"]
 
 
-def test_what_cannot_be_simulated_in_all_frames_stays_as_calm_windows_say(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_cannot_be_simulated_in_all_frames_stays_as_contact_free_segments_say(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     def fails(*_: object) -> None:
         raise SolverError("no solution")
 
-    monkeypatch.setattr(attribute, "everywhere", fails)
-    monkeypatch.setattr(attribute, "calm", lambda *_: "calm windows")
+    monkeypatch.setattr(attribute, "refit_all_segments", fails)
+    monkeypatch.setattr(attribute, "contact_free", lambda *_: "calm windows")
     named = attribute.Attribution(*[cast(Any, name) for name in ("nominal", "stage", "tried", "best", "left", "group")])
     monkeypatch.setattr(attribute, "_search", lambda *_: named)
     assert attribute.attribute(cast(Any, "all windows"), torch.Generator()) is named

@@ -15,9 +15,9 @@ import torch
 from diagnosis.sets import FRICTION, Vortex, recorded, recorded_with, rewritten, with_wild_poses
 from physid.cli import main
 from physid.diagnosis.diagnose import NEXT, diagnose
+from physid.diagnosis.document.document import FILE, read_diagnosis
+from physid.diagnosis.document.sentences import MOST_LINES, caveat, summary_lines
 from physid.diagnosis.reference import nominal_fit_cache as resume
-from physid.diagnosis.report.document import FILE, read_diagnosis
-from physid.diagnosis.report.sentences import MOST_LINES, caveat, summary_lines
 from physid.effects import CATALOGUE
 
 DRAG = 0.8
@@ -97,7 +97,7 @@ def test_nothing_is_found_where_nothing_is_hidden(folder: Path, free: Path) -> N
 
 
 @pytest.mark.slow
-def test_wild_poses_decide_nothing(folder: Path, free: Path, dragged: Path) -> None:
+def test_outliers_decide_nothing(folder: Path, free: Path, dragged: Path) -> None:
     random = np.random.default_rng(0)
     for source, verdict in ((free, "none"), (dragged, "named")):
         wild = rewritten(source, folder / f"wild_{verdict}", lambda _, one: with_wild_poses(one, random))
@@ -121,7 +121,7 @@ def test_an_effect_outside_the_catalogue_is_unknown_until_its_law_is_given(folde
 
 
 @pytest.mark.slow
-def test_what_one_mass_cannot_tell_apart_is_a_group(folder: Path) -> None:
+def test_what_one_mass_does_not_identify_apart_is_a_group(folder: Path) -> None:
     found = diagnose(recorded(folder / "tilted", {"ground_tilt": {"x": 0.03, "y": 0.02}}), folder / "tilt")
     assert found["verdict"] == "group"
     assert set(found["group"]) == {"ground_tilt", "constant_force"}

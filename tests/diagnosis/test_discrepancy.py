@@ -18,7 +18,7 @@ from physid.effects import find
 JUMP = 0.01  # [m]
 
 
-def test_a_replay_that_goes_another_way_makes_no_window_worse(
+def test_a_replay_that_goes_another_way_makes_no_segment_worse(
     monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     effects = {"viscous_drag": {"coefficient": 0.8}}

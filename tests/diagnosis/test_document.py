@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from diagnosis.documents import diagnosis
-from physid.diagnosis.report.document import (
+from physid.diagnosis.document.document import (
     DOFS,
     PHASES,
     SITES,

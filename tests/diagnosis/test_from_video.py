@@ -15,8 +15,8 @@ from physid.data.generate import generate
 from physid.data.generation import GenerateConfig
 from physid.data.reading import ECHO, FILE, read_reading
 from physid.data.trajectory import write_trajectory
+from physid.diagnosis.document.document import read_diagnosis
 from physid.diagnosis.inputs.observations import load_observations
-from physid.diagnosis.report.document import read_diagnosis
 from physid.estimation.measurement.sensor_noise import Noise, estimate_noise
 from physid.estimation.measurement.tracking_error import SURE, TrackingError
 

@@ -29,7 +29,7 @@ def nominal_fit(tmp_path_factory: pytest.TempPathFactory) -> NominalFit:
     )
 
 
-def test_a_wrong_first_state_is_found_again_and_the_others_stay(nominal_fit: NominalFit) -> None:
+def test_a_wrong_initial_state_is_found_again_and_the_others_stay(nominal_fit: NominalFit) -> None:
     experiment, right = nominal_fit.experiment, nominal_fit.fit
     twist = right.point.twist.clone()
     twist[0, 1] = 0.0
@@ -71,7 +71,7 @@ def test_what_the_camera_adds_is_taken_off_before_a_state_is_guessed(nominal_fit
     assert torch.allclose(seen.twist, plain.twist, atol=1e-6)
 
 
-def test_some_windows_are_predicted_as_among_all(nominal_fit: NominalFit) -> None:
+def test_some_segments_are_predicted_as_among_all(nominal_fit: NominalFit) -> None:
     experiment, point = nominal_fit.experiment, nominal_fit.fit.point
     late = point.replace(effects=torch.full_like(point.effects, 0.01))
     whole = experiment.predictor.predict(late)
@@ -82,7 +82,7 @@ def test_some_windows_are_predicted_as_among_all(nominal_fit: NominalFit) -> Non
     assert torch.equal(some.predictor.predict(own).pose, whole.pose)
 
 
-def test_first_states_follow_a_turned_camera_so_that_it_sees_what_it_saw(nominal_fit: NominalFit) -> None:
+def test_initial_states_follow_a_turned_camera_so_that_it_sees_what_it_saw(nominal_fit: NominalFit) -> None:
     experiment = nominal_fit.experiment
     predictor, start = experiment.predictor, experiment.predictor.segments.start
     effects = predictor.null[None].clone()

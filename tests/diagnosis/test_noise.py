@@ -29,12 +29,12 @@ def noise(*shape: int) -> Tensor:
 
 
 @pytest.mark.parametrize("speed", [0.0, 2.0, 20.0])
-def test_no_pose_of_a_smooth_motion_is_wild_not_even_at_its_ends(speed: float) -> None:
+def test_no_pose_of_a_smooth_motion_is_an_outlier_not_even_at_its_ends(speed: float) -> None:
     pose = moving(speed)
     assert not outlier_poses(pose, torch.ones(pose.shape[:-1])).any()
 
 
-def test_exactly_the_poses_that_were_moved_are_wild() -> None:
+def test_exactly_the_poses_that_were_moved_are_outliers() -> None:
     pose = moving(1.0)
     pose[..., :3] += noise(8, FRAMES, 1)[..., 3:]
     moved = torch.zeros(8, FRAMES, 1, dtype=torch.bool)
@@ -56,7 +56,7 @@ def test_recordings_without_noise_are_given_what_integrators_differ_by() -> None
     assert (found.rotation, found.position) == FLOOR
 
 
-def test_a_wild_frame_loses_its_weight_and_a_wrong_stretch_keeps_it() -> None:
+def test_an_outlying_frame_loses_its_weight_and_a_wrong_stretch_keeps_it() -> None:
     residual = torch.zeros(1, FRAMES, 1, 6, dtype=torch.float64)
     residual[0, 30, 0, 3] = 20 * NOISE.position
     residual[0, 60:, 0, 3] = 20 * NOISE.position

@@ -26,7 +26,7 @@ def test_gain_undoes_deviation(tail: Tail) -> None:
     assert torch.allclose(tail.gain(tail.deviation(gains)), gains, rtol=1e-4)
 
 
-def test_a_tail_is_that_of_the_draws_and_at_least_that_of_chance_without_hits() -> None:
+def test_a_tail_is_that_of_the_draws_and_at_least_that_of_chance_without_impacts() -> None:
     generator = torch.Generator().manual_seed(0)
     normal = torch.randn(2, 4000, 3, generator=generator, dtype=torch.float64)
     three, nothing = normal[0].square().sum(-1), 1e-3 * normal[1, :, 0].square()
@@ -35,7 +35,7 @@ def test_a_tail_is_that_of_the_draws_and_at_least_that_of_chance_without_hits() 
     assert tail.variance.tolist() == pytest.approx([6, 2], rel=0.1)
 
 
-def test_hits_that_let_an_effect_gain_much_by_chance_make_the_same_gain_common() -> None:
+def test_impacts_that_let_an_effect_gain_much_by_chance_make_the_same_gain_common() -> None:
     impacts = Tail(torch.tensor(3.0), torch.tensor(60.0))
     assert float(impacts.deviation(30.0)) < 2.5 < float(chi_squared(3).deviation(30.0))
     assert float(impacts.widened(chi_squared(3)).variance) == 60.0

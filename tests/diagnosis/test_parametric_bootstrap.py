@@ -35,7 +35,7 @@ def test_pushes_leave_the_scatter_over_trajectories_alone(tmp_path: Path) -> Non
 
 
 @pytest.mark.slow
-def test_hits_lead_estimates_astray_by_a_little(tmp_path: Path) -> None:
+def test_impacts_make_estimates_scatter_a_little(tmp_path: Path) -> None:
     unknown = ("block.friction",)
     toss = fitted(tmp_path / "toss", scene="toss", protocol_of_split={}, seed=2, unknown=unknown)
     moved = bootstrap_spread(toss, torch.Generator().manual_seed(1))

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from diagnosis.documents import diagnosis
+from physid.diagnosis.document.document import VERDICTS
+from physid.diagnosis.document.sentences import verdict_sentence
+from physid.diagnosis.report import films as report_films
 from physid.diagnosis.report.curves import Axis
-from physid.diagnosis.report.document import VERDICTS
 from physid.diagnosis.report.page import Curve, Film, ReportData, TimeMap, render, write_report
-from physid.diagnosis.report.page import films as report_films
-from physid.diagnosis.report.sentences import verdict_sentence
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 PHONE = {"width": 390, "height": 844}

@@ -14,7 +14,7 @@ from physid.cli import main
 from physid.data.format import RecordingSet, write_scene
 from physid.data.recording import Recording
 from physid.diagnosis.diagnose import diagnose
-from physid.diagnosis.report.document import FILE
+from physid.diagnosis.document.document import FILE
 
 
 @pytest.fixture(scope="module")

@@ -26,7 +26,7 @@ def linear() -> Linearised:
     return Linearised(segments, tuple(parts))
 
 
-def test_a_column_explains_its_projection_after_first_states(linear: Linearised) -> None:
+def test_a_column_explains_its_projection_after_initial_states(linear: Linearised) -> None:
     part = linear.parts[0]
     clean, data = part.profiled(part.shared)[0, :, 2], part.residual[0]
     wanted = float((clean @ data) ** 2 / (clean @ clean + 1 / SPREAD**2))

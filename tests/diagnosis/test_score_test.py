@@ -77,7 +77,7 @@ def impacts(columns: torch.Tensor, data: torch.Tensor, count: int = 5) -> Normal
     return Normal(rows.mT @ rows, rows.mT @ values, values.square().sum(1))
 
 
-def test_what_is_steady_is_what_a_test_without_the_most_telling_hit_finds() -> None:
+def test_what_is_steady_is_what_a_test_without_the_most_informative_impact_finds() -> None:
     columns, data = drawn(2)
     data = data + columns[:, 1] * torch.tensor([0.1, 0.1, 2.0, 0.1, 0.1], dtype=torch.float64).repeat_interleave(10)
     nuisance = torch.tensor([0])
@@ -91,7 +91,7 @@ def test_what_is_steady_is_what_a_test_without_the_most_telling_hit_finds() -> N
     assert steady < 0.2 * float(gains(given, group(1))[0])
 
 
-def test_without_hits_and_for_what_all_hits_show_alike_nearly_all_is_steady() -> None:
+def test_without_impacts_and_for_what_all_impacts_show_alike_nearly_all_is_steady() -> None:
     columns, _ = drawn(1)
     data = 2 * columns[:, 0]
     equations = normal(columns, data)

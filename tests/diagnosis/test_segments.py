@@ -14,8 +14,8 @@ def around(*impacts: int, frames: int = 150) -> Segmentation:
     return Segmentation.around(events, IMPACTS)
 
 
-@pytest.mark.parametrize("windows", [Segmentation.equal(3, 121, 30), around(), around(40), around(3, 60, 64, 149)])
-def test_every_frame_is_in_exactly_one_window(segments: Segmentation) -> None:
+@pytest.mark.parametrize("segments", [Segmentation.equal(3, 121, 30), around(), around(40), around(3, 60, 64, 149)])
+def test_every_frame_is_in_exactly_one_segment(segments: Segmentation) -> None:
     assert segments.sum_segments(segments.size).tolist() == [segments.frames] * segments.trajectories
     counted = torch.zeros(segments.trajectories, segments.frames)
     for row, start, size in zip(segments.trajectory, segments.start, segments.size, strict=True):
@@ -24,7 +24,7 @@ def test_every_frame_is_in_exactly_one_window(segments: Segmentation) -> None:
     assert int(segments.size.min()) > 1
 
 
-def test_equal_windows_are_equal_but_for_one_frame() -> None:
+def test_equal_segments_are_equal_but_for_one_frame() -> None:
     size = Segmentation.equal(1, 121, 30).size
     assert int(size.max()) <= 30
     assert int(size.max() - size.min()) <= 1
@@ -39,14 +39,14 @@ def test_what_is_cut_is_put_back_where_it_was() -> None:
     assert torch.equal(back, value)
 
 
-def test_sums_over_frames_and_windows_are_sums_over_trajectories() -> None:
+def test_sums_over_frames_and_segments_are_sums_over_trajectories() -> None:
     segments = around(40, 100)
     value = torch.rand(1, 2, 150, generator=torch.Generator().manual_seed(0))
     whole = segments.sum_segments(segments.sum_frames(value)[0])
     assert torch.allclose(whole, value.sum(2)[0])
 
 
-def test_a_calm_trajectory_is_one_window_and_a_hit_has_a_short_busy_one() -> None:
+def test_a_contact_free_trajectory_is_one_segment_and_an_impact_has_a_short_one() -> None:
     segments = around(40)
     assert segments.size[segments.trajectory == 1].tolist() == [150]
     contact = segments.contact & (segments.trajectory == 0)
@@ -55,7 +55,7 @@ def test_a_calm_trajectory_is_one_window_and_a_hit_has_a_short_busy_one() -> Non
     assert int(segments.size[contact].max()) <= IMPACTS.longest
 
 
-def test_each_window_has_its_value_on_its_frames() -> None:
+def test_each_segment_has_its_value_on_its_frames() -> None:
     segments = around(40)
     spread = segments.spread(torch.arange(len(segments)))
     for number, (row, start, size) in enumerate(zip(segments.trajectory, segments.start, segments.size, strict=True)):
@@ -63,7 +63,7 @@ def test_each_window_has_its_value_on_its_frames() -> None:
 
 
 @pytest.mark.parametrize("parts", [1, 2, 3, 100])
-def test_parts_of_a_batch_are_all_of_it_with_the_longest_windows_first(parts: int) -> None:
+def test_parts_of_a_batch_are_all_of_it_with_the_longest_segments_first(parts: int) -> None:
     for batch in around(3, 40, 60, 100, 149).batches:
         split = batch.split(parts)
         assert len(split) == min(parts, len(batch.segments))

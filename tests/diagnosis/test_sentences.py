@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from diagnosis.documents import diagnosis
-from physid.diagnosis.report.document import VERDICTS
-from physid.diagnosis.report.sentences import (
+from physid.diagnosis.document.document import VERDICTS
+from physid.diagnosis.document.sentences import (
     MOST_LINES,
     caveat,
     effect_lines,

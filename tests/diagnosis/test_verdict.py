@@ -46,7 +46,7 @@ def test_what_leaves_nothing_and_carries_over_is_named() -> None:
     assert judge(found(), transfer(1.01, 0.99)) == "named"
 
 
-def test_what_cannot_be_told_from_another_is_a_group() -> None:
+def test_what_cannot_be_distinguished_from_another_is_a_group() -> None:
     assert judge(found(alike=("clock_rate",)), None) == "group"
 
 
@@ -137,7 +137,7 @@ def row(name: str, gain: float, scale: float) -> Row:
     return Row((name,), gain, gain, torch.zeros(1), 1.0, tail, tail, 1.0)
 
 
-def test_an_effect_that_hits_let_gain_by_chance_hides_no_other() -> None:
+def test_an_effect_that_impacts_let_gain_by_chance_hides_no_other() -> None:
     by_chance, true = row("ground_restitution", 250.0, 60.0), row("length_scale", 60.0, 2.0)
     assert lack(by_chance).p_best > 0.05
     assert lack(by_chance, true).p_best < 0.01
@@ -175,7 +175,7 @@ def test_wind_that_may_be_zero_and_closes_no_gap_is_not_there(size: float, gap: 
         (0.001, 29.0, "unknown"),  # what it leaves is there, whatever it is
     ],
 )
-def test_what_may_be_nothing_is_blamed_where_it_foretells_others_and_leaves_nothing(
+def test_what_may_be_nothing_is_blamed_where_it_predicts_others_and_leaves_nothing(
     p_value: float, others: float, verdict: str
 ) -> None:
     nominal, best = hypothesis(600, 100 + others), hypothesis(100, 100)

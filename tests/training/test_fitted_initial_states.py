@@ -54,7 +54,7 @@ def test_a_tilted_box_is_laid_flat_on_an_incline() -> None:
 
 
 @pytest.mark.parametrize("scene", ["push_rich", "toss"])
-def test_first_states_are_recovered_from_poses_alone(
+def test_initial_states_are_recovered_from_poses_alone(
     scene: str, recordings: Callable[[str], Path], tmp_path: Path
 ) -> None:
     data = RecordingsDataModule(recordings(scene), limit=3, shuffle=False)
@@ -70,7 +70,7 @@ def test_first_states_are_recovered_from_poses_alone(
     assert torch.allclose(starts.twist, known.twist[:, 0], atol=1e-3)
 
 
-def test_the_gradient_is_that_of_the_least_loss_over_the_first_states() -> None:
+def test_the_gradient_is_that_of_the_least_loss_over_the_initial_states() -> None:
     batch = without_twists(push_batch(frames=60))
     batch["pose"] = batch["pose"].clone()
     batch["pose"][..., :2] += 1e-3 * torch.randn(3, 60, 1, 2, generator=torch.Generator().manual_seed(0))
@@ -138,7 +138,7 @@ def test_the_noise_of_poses_is_seen_in_their_third_differences(noise: Noise, tmp
     assert found.rotation == pytest.approx(noise.rotation, rel=0.1)
 
 
-def test_a_resumed_identification_with_fitted_starts_equals_one_in_one_go(
+def test_a_resumed_identification_with_fitted_initial_states_equals_one_in_one_go(
     recordings: Callable[[str], Path], tmp_path: Path
 ) -> None:
     common = ["--config", str(CONFIG), f"data.folder={recordings('push')}", "data.limit=2", "model.start=fitted"]

@@ -61,7 +61,7 @@ def test_the_information_on_a_pushed_block_is_that_of_the_closed_form(start: Lit
     assert analyse(config).result.information.numpy() == pytest.approx(wanted, rel=CLOSED_FORM)
 
 
-def test_one_constant_push_tells_mass_and_friction_in_one_combination_only() -> None:
+def test_one_constant_push_identifies_mass_and_friction_in_one_combination_only() -> None:
     observed = analyse(dataclasses.replace(PUSH, constant_force=(5.5, 5.5)))
     assert kinds(observed) == ["combination", "combination"]
     assert math.isinf(observed.result.condition)
@@ -74,7 +74,7 @@ def test_one_constant_push_tells_mass_and_friction_in_one_combination_only() -> 
 
 
 @pytest.mark.parametrize(("learn", "kind"), [(("block.mass",), "identified"), (("block.friction",), "identified")])
-def test_a_constant_push_tells_mass_or_friction_if_the_other_is_known(learn: tuple[str, ...], kind: str) -> None:
+def test_a_constant_push_identifies_mass_or_friction_if_the_other_is_known(learn: tuple[str, ...], kind: str) -> None:
     assert kinds(analyse(dataclasses.replace(PUSH, learn=learn, constant_force=(5.5, 5.5)))) == [kind]
 
 
@@ -87,12 +87,12 @@ def test_forces_redrawn_at_each_step_make_a_push_badly_conditioned_but_not_singu
         assert 10 < verdict.deviation / verdict.alone < 50
 
 
-def test_constant_pushes_of_different_strength_tell_mass_and_friction() -> None:
+def test_constant_pushes_of_different_strength_identify_mass_and_friction() -> None:
     drawn, spread = analyse(PUSH).result, analyse(dataclasses.replace(PUSH, constant_force=(4.0, 8.0))).result
     assert spread.condition < drawn.condition / 3
 
 
-def test_a_slide_tells_the_friction_and_nothing_about_the_mass() -> None:
+def test_a_slide_identifies_the_friction_and_nothing_about_the_mass() -> None:
     observed = analyse(IdentifiabilityConfig("slide", BOTH, trajectories=4, steps=120))
     assert kinds(observed) == ["unobservable", "identified"]
     mass, friction = observed.result.verdicts()
@@ -185,7 +185,7 @@ def test_every_configuration_prints_a_table_and_leaves_figures_and_a_picture(
     file: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     tiny = ["trajectories=2", "steps=40", f"--out={tmp_path}"]
-    assert main(["observe", "--config", str(CONFIGS / file), *tiny]) == 0
+    assert main(["identifiability", "--config", str(CONFIGS / file), *tiny]) == 0
     assert "verdict" in capsys.readouterr().out
     figures = json.loads((tmp_path / "identifiability.json").read_text())
     assert figures["config"]["trajectories"] == 2
@@ -193,7 +193,7 @@ def test_every_configuration_prints_a_table_and_leaves_figures_and_a_picture(
     assert (tmp_path / "identifiability.png").stat().st_size > 1000
 
 
-def test_a_fit_does_not_report_what_cannot_be_told_without_a_warning(
+def test_a_fit_does_not_report_what_is_not_identifiable_without_a_warning(
     recordings: Callable[[str], Path], tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     file = CONFIGS.parent / "sysid" / "slide_friction.yaml"
@@ -228,7 +228,7 @@ def test_a_fit_does_not_report_what_cannot_be_told_without_a_warning(
     ],
 )
 def test_a_mistake_is_answered_in_one_line(override: str, said: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["observe", "--config", str(CONFIGS / "push.yaml"), override]) == 2
+    assert main(["identifiability", "--config", str(CONFIGS / "push.yaml"), override]) == 2
     message = capsys.readouterr().err
     assert said in message
     assert message.count("\n") == 1

@@ -78,7 +78,7 @@ def test_differences_over_a_coarse_step_are_those_of_a_parabola() -> None:
     assert torch.allclose(pull.curvature, bend.expand(3, 2, 2))
 
 
-def test_a_fit_reports_intervals_and_marks_what_cannot_be_told(
+def test_a_fit_reports_intervals_and_marks_what_is_not_identifiable(
     recordings: Callable[[str], Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     config, data = str(CONFIGS / "slide_friction.yaml"), f"data.folder={recordings('push')}"

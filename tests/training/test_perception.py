@@ -73,7 +73,7 @@ def test_without_effects_what_the_camera_reports_is_the_state_itself() -> None:
     assert layer.observe(pose) is pose
 
 
-def test_recorded_first_states_are_refused_where_the_camera_does_not_report_true_ones() -> None:
+def test_recorded_initial_states_are_refused_where_the_camera_does_not_report_true_ones() -> None:
     from tests.training.pushed import SCENE, push_batch
 
     layer = Engine(effects={"camera_offset": {"z": 0.1}}).layer(SCENE)

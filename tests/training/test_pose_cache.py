@@ -53,7 +53,7 @@ def test_each_frame_is_read_once_and_found_again_in_any_order() -> None:
     assert reader.images == 5
 
 
-def test_frames_beyond_the_end_are_not_read_but_for_those_that_give_the_first_state() -> None:
+def test_frames_beyond_the_end_are_not_read_but_for_those_that_give_the_initial_state() -> None:
     reader, memory = Reader(), PoseCache()
     model = cast(VideoModel, reader)
     found = memory(model, batch_of([3], [[4, 0, 7]], length=4))

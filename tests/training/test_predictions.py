@@ -82,7 +82,7 @@ def test_a_constant_planned_force_gives_the_closed_form(run: Path, tmp_path: Pat
     assert np.allclose(moved, expected, atol=1e-5)
 
 
-def test_a_first_state_of_ones_own_is_a_recording_of_one_frame(run: Path, tmp_path: Path) -> None:
+def test_a_initial_state_of_ones_own_is_a_recording_of_one_frame(run: Path, tmp_path: Path) -> None:
     known = RecordingSet(json.loads((run / "record.json").read_text())["data"].popitem()[0])
     first = known.read(0)
     assert first.pose is not None

@@ -81,6 +81,6 @@ def test_features_count_by_how_wrong_headings_are(wrong: float) -> None:
 
 
 @pytest.mark.parametrize("wrong", [{"frames": -1}, {"extent": 1.1}, {"near": math.inf}])
-def test_what_cannot_be_imagined_is_refused(wrong: dict[str, float]) -> None:
+def test_what_cannot_be_drawn_is_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(ValueError, match="synthetic_images needs"):
         SyntheticImages(**wrong)  # type: ignore[arg-type]

@@ -76,7 +76,7 @@ def test_every_optimizer_finds_the_friction(optimizer: OptimizerFactory, epochs:
 
 @pytest.mark.filterwarnings("ignore::lightning.fabric.utilities.warnings.PossibleUserWarning")
 @pytest.mark.filterwarnings("ignore:.isinstance.treespec")
-def test_an_estimate_that_the_trajectories_cannot_tell_comes_with_a_warning(
+def test_an_estimate_that_the_trajectories_does_not_identify_comes_with_a_warning(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     resting = push_batch() | {"wrench": torch.zeros(3, 25, 1, 6, dtype=torch.float64)}

@@ -183,7 +183,7 @@ def test_films_without_a_mask_are_refused(films: Path, tmp_path: Path, capsys: p
     write_scene(tmp_path / "films", recordings.scene)
     one = dataclasses.replace(recordings.read(0, video=True), mask=None)
     write_trajectory(trajectory_path(tmp_path / "films", 0), one)
-    assert main(["watch", str(tmp_path / "films"), "--out", str(tmp_path / "read"), "--quiet"]) == 2
+    assert main(["track", str(tmp_path / "films"), "--out", str(tmp_path / "read"), "--quiet"]) == 2
     assert "000000.h5: mask: expected it" in capsys.readouterr().err
     assert not (tmp_path / "read").exists()
 

@@ -14,7 +14,7 @@ from typing import Any
 from physid.benchmark.bank import SEALED, Bank
 from physid.benchmark.films import with_poses
 from physid.data.files import write_text
-from physid.diagnosis.report.document import FILE
+from physid.diagnosis.document.document import FILE
 
 TIME, FAILURE = "time.json", "failure.json"
 Diagnose = Callable[..., Mapping[str, Any]]

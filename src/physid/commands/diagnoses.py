@@ -40,7 +40,7 @@ def diagnose(
     wandb: Literal["offline", "online"] | None = None,
     quiet: bool = False,
 ) -> None:
-    """Tell where a model leaves recordings, which effect causes it, and how far the gap closes.
+    """Find where a model leaves recordings, which effect causes it, and how far the gap closes.
 
     Fits the nominal model, looks for a gap beyond what null simulations show, and tries all effects of the catalogue.
     The verdict is none, named, group (these recordings cannot tell which), partial or unknown. It lands in OUT as
@@ -68,7 +68,7 @@ def diagnose(
         quiet: Hide the progress bar.
     """
     from physid.configuration import compose
-    from physid.diagnosis.report.sentences import summary_lines
+    from physid.diagnosis.document.sentences import summary_lines
     from physid.effects import CATALOGUE
     from physid.effects.loading import with_own
 

@@ -110,7 +110,7 @@ def track(
 
 
 def identifiability(configuration: Configuration, *, out: Path | None = None) -> None:
-    """Return which parameters can be identified, before anything is recorded.
+    """Report which parameters an experiment identifies, before anything is recorded.
 
     From the sensitivity of a scene's trajectories to mass, friction and restitution: is each identified, only in a
     combination with others (which), or not at all; and which standard deviation is to be expected with a given sensor

@@ -23,7 +23,7 @@ from physid.dashboard.folders import (
     REPORT,
 )
 from physid.dashboard.media import MOST_BYTES, read_media
-from physid.diagnosis.report.sentences import verdict_sentence
+from physid.diagnosis.document.sentences import verdict_sentence
 
 SCORE = {"bank": dict, "figures": list, "tables": dict}  # what of a scored bank is shown
 

@@ -15,12 +15,12 @@ from physid.data.format import RecordingSet
 from physid.data.reading import read_reading
 from physid.diagnosis.conclusion.conclusion import draw_conclusion
 from physid.diagnosis.conclusion.fitted_model import save_model
+from physid.diagnosis.document.document import check_diagnosis, write_diagnosis
 from physid.diagnosis.inputs.model_source import read_nominal_model
 from physid.diagnosis.inputs.observations import Observations, load_observations
 from physid.diagnosis.inputs.requirements import require_usable
 from physid.diagnosis.reference.nominal_fit import NominalFit, fit_nominal_model
 from physid.diagnosis.reference.nominal_fit_cache import cached_fit, clear_cache
-from physid.diagnosis.report.document import check_diagnosis, write_diagnosis
 from physid.diagnosis.report.figures import draw
 from physid.diagnosis.report.overlay import overlay
 from physid.diagnosis.report.page import write_report

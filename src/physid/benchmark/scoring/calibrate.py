@@ -9,7 +9,7 @@ from physid.benchmark.bank import Bank
 from physid.benchmark.scoring.judging import MEDIUM, Judged
 from physid.benchmark.scoring.scoring import open_judged
 from physid.diagnosis.conclusion.confidence import NONE_AFTER_IMPACTS, RIGHT
-from physid.diagnosis.report.document import VERDICTS
+from physid.diagnosis.document.document import VERDICTS
 
 Counts = Mapping[str, tuple[int, int]]
 AFTER_HITS = "none after hits"
@@ -50,7 +50,7 @@ def count(judged: Iterable[Judged]) -> Counts:
 def as_code(counts: Counts) -> str:
     """Spell counts as they stand in physid/diagnosis/conclusion/confidence.py."""
     rows = "".join(f'    "{verdict}": {counts[verdict]},\n' for verdict in VERDICTS)
-    return f"RIGHT: dict[Name, tuple[int, int]] = {{\n{rows}}}\nNONE_AFTER_HITS = {counts[AFTER_HITS]}"
+    return f"RIGHT: dict[Name, tuple[int, int]] = {{\n{rows}}}\nNONE_AFTER_IMPACTS = {counts[AFTER_HITS]}"
 
 
 def _kind(one: Judged) -> str:

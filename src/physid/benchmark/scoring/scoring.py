@@ -29,7 +29,7 @@ from physid.benchmark.scoring.pictures import draw_confusion, draw_power, draw_r
 from physid.benchmark.verdicts import FAILURE, TIME, is_open
 from physid.data.files import write_text
 from physid.data.format import RecordingSet
-from physid.diagnosis.report.document import FILE, read_diagnosis
+from physid.diagnosis.document.document import FILE, read_diagnosis
 from physid.record import checksum
 
 Table = list[tuple[str, ...]]

@@ -22,7 +22,7 @@ from physid.physics.effect import Effect
 
 FILE = "prepared.pt"
 LAYOUT = 2  # of what the file holds; another one is not read
-WINDOWS = ("trajectory", "start", "size", "busy")
+WINDOWS = ("trajectory", "start", "size", "contact")
 POINT = ("pose", "twist", "nominal", "effects", "engine")
 
 

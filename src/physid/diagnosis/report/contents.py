@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from physid.diagnosis.report.document import SPLITS
+from physid.diagnosis.document.document import SPLITS
 
 LEVELS = ("sensor", "repeatability", "numerical")
 

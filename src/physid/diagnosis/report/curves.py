@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from physid.diagnosis.document.document import SPLITS
+from physid.diagnosis.document.sentences import SPLIT_NAMES, capital, closed, percent, quantity
 from physid.diagnosis.report.contents import LEVELS, Curve, ReportData
-from physid.diagnosis.report.document import SPLITS
 from physid.diagnosis.report.elements import Markup, card, element
-from physid.diagnosis.report.sentences import SPLIT_NAMES, capital, closed, percent, quantity
 
 LINES = {"before": "nominal model, refitted", "after": "with the effect", "freeform": "with a free residual wrench"}
 SPREAD_FOR_LOGARITHM = 12.0  # if errors exceed the floor by this factor, only a logarithmic axis shows both

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from physid.diagnosis.document.document import DOFS, PHASES, SITES
+from physid.diagnosis.document.sentences import capital, figure, percent, words
 from physid.diagnosis.report.contents import TimeMap
-from physid.diagnosis.report.document import DOFS, PHASES, SITES
 from physid.diagnosis.report.elements import Markup, card, element
-from physid.diagnosis.report.sentences import capital, figure, percent, words
 
 DARK = 0.55  # share of the largest evidence from which on the ink is light
 WIDE = 6  # a map with more columns takes the whole width

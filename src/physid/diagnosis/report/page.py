@@ -8,13 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from physid.data.files import write_text
-from physid.diagnosis.report.contents import Curve, Film, ReportData, TimeMap
-from physid.diagnosis.report.curves import error_curves, error_levels, shares
-from physid.diagnosis.report.document import FILE, check_diagnosis
-from physid.diagnosis.report.elements import Content, Markup, badge, element, section
-from physid.diagnosis.report.evidence_map import evidence_map, site_bar, site_name, time_map
-from physid.diagnosis.report.films import film_cards
-from physid.diagnosis.report.sentences import (
+from physid.diagnosis.document.document import FILE, check_diagnosis
+from physid.diagnosis.document.sentences import (
     capital,
     caveat,
     closed,
@@ -25,6 +20,11 @@ from physid.diagnosis.report.sentences import (
     where_sentence,
     words,
 )
+from physid.diagnosis.report.contents import Curve, Film, ReportData, TimeMap
+from physid.diagnosis.report.curves import error_curves, error_levels, shares
+from physid.diagnosis.report.elements import Content, Markup, badge, element, section
+from physid.diagnosis.report.evidence_map import evidence_map, site_bar, site_name, time_map
+from physid.diagnosis.report.films import film_cards
 from physid.diagnosis.report.style import STYLE
 from physid.diagnosis.report.tables import effects, group, parameters, ranking
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from physid.diagnosis.document.sentences import capital, figure, join, percent, resolved, unit_of, words
 from physid.diagnosis.report.contents import ReportData
 from physid.diagnosis.report.elements import Markup, badge, card, element
-from physid.diagnosis.report.sentences import capital, figure, join, percent, resolved, unit_of, words
 
 MOST_RANKED = 10
 

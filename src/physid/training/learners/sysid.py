@@ -34,8 +34,7 @@ from physid.training.parameters.slopes import slopes
 from physid.training.parameters.trajectories import Trajectories
 
 Batch = Mapping[str, Any]
-JUDGED = 8
-"""Trajectories that suffice to judge what can be told."""
+JUDGED = 8  # trajectories that suffice to judge what is identifiable
 AFRESH = 3
 """Every so many epochs initial states are also fitted from the first guess again, to leave a local minimum."""
 
@@ -114,7 +113,7 @@ class SysID(TrainingModule):
         return self
 
     def configure_callbacks(self) -> list[L.Callback]:
-        """Find intervals, keep and draw the history of the parameters, and warn of those that cannot be told."""
+        """Find intervals, keep and draw the history of the parameters, and warn of those that are not identifiable."""
         return [Intervals(), ParameterHistory(), IdentifiabilityWarning()]
 
     def trajectories(self, batch: Batch, segment: int | None = None) -> Trajectories:

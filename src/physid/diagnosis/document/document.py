@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from physid.data.files import write_text
-from physid.diagnosis.report.document_faults import Faults
+from physid.diagnosis.document.faults import Faults
 
 FILE = "diagnosis.json"
 FORMAT, VERSION = "physid-diagnosis", 1
