@@ -31,7 +31,7 @@ DIAGNOSED = {
 }
 FITTED = {"push_friction": "push", "slide_friction": "slide", "collide_both": "collide"}
 FILMED = ("supervised/push_friction_quick", "self_supervised/push_friction_quick")
-SHORT = ("trainer.max_epochs=4", "model.phases.warm_up=2", "model.phases.refine=1", "model.imagination.frames=2")
+SHORT = ("trainer.max_epochs=3", "model.phases.warm_up=1", "model.phases.refine=1")
 TIMES = ("seconds", "time", "duration", "rate", "per_second")
 
 
