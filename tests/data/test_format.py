@@ -85,12 +85,40 @@ def test_a_missing_trajectory_is_named(path: Path) -> None:
         ("wrench", np.zeros((FRAMES + 1, 1, 6)), r"wrench: expected shape \(8, 1, 6\), found \(9, 1, 6\)"),
         ("wrench", np.full((FRAMES, 1, 6), np.nan), "wrench: expected finite values, found .* in frame 0"),
         ("time", np.zeros(FRAMES), "time: expected increasing times, found 0 s in frame 1"),
+        ("wrench_time", np.zeros(FRAMES), "wrench_time: expected increasing times, found 0 s in row 1"),
+        ("wrench_time", np.arange(5.0), r"wrench_time: expected shape \(8\), found \(5,\)"),
+        ("pose", np.zeros((0, 1, 7)), r"pose: expected at least one of each axis, found shape \(0, 1, 7\)"),
         ("split", "trian", "split must be one of train, val, test"),
     ],
 )
 def test_a_recording_that_breaks_the_format_is_refused(name: str, value: object, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         dataclasses.replace(recording(), **{name: value})
+
+
+def test_a_body_may_be_unseen_but_not_known_in_part() -> None:
+    good = recording()
+    assert good.pose is not None
+    assert good.twist is not None
+    pose, twist = good.pose.copy(), good.twist.copy()
+    pose[[0, 5]] = twist[5] = np.nan
+    unseen = dataclasses.replace(good, pose=pose, twist=twist)
+    assert unseen.seen[:, 0].tolist() == [False, True, True, True, True, False, True, True]
+    with pytest.raises(ValueError, match=r"twist: expected finite values, found .* in frame 5"):
+        dataclasses.replace(good, twist=twist)
+    pose[3, 0, 6] = np.nan
+    with pytest.raises(ValueError, match=r"seven NaN for a body that was not seen, found .* in frame 3, body 0"):
+        dataclasses.replace(good, pose=pose)
+
+
+def test_forces_may_have_a_clock_of_their_own(path: Path) -> None:
+    one = dataclasses.replace(recording(), wrench=np.ones((20, 1, 6)), wrench_time=np.arange(20) / 500)
+    write_trajectory(path, one)
+    read = read_trajectory(path)
+    assert np.array_equal(read.wrench_stamps(1 / 60), np.arange(20) / 500)
+    assert np.array_equal(recording().wrench_stamps(1 / 60), np.arange(FRAMES) / 60)
+    with pytest.raises(ValueError, match=r"wrench: expected shape \(8, 1, 6\), found \(20, 1, 6\)"):
+        dataclasses.replace(one, wrench_time=None)
 
 
 def test_a_recording_needs_poses_or_frames() -> None:

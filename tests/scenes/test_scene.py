@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from physid.scenes.catalogue import SETUPS, bodies_of, find_setup, with_parameters
-from physid.scenes.scene import Body, Scene
+from physid.scenes.scene import SEMI_IMPLICIT_EULER, Body, Integration, Scene
 
 SAMPLE = yaml.safe_load("""
 format: physid-recordings
@@ -58,7 +58,9 @@ def test_a_scene_written_and_read_again_is_the_same(setup: Any) -> None:
         ("bodies.0.size", [1.0, 2.0], "must be a list of 3 numbers, got 2"),
         ("unknown", ["block.fricton"], 'unknown parameter "block.fricton"; did you mean "block.friction"'),
         ("ground", {"normal": [0, 0, 2], "offset": 0.0}, "ground.normal must have length 1, got 2"),
-        ("version", 2, "version 1, got 'physid-recordings', version 2"),
+        ("version", 3, "version 1 or 2, got 'physid-recordings', version 3"),
+        ("integration", {"scheme": "rk4", "step": 0.01}, 'unknown scheme "rk4"; known are semi_implicit_euler; leave'),
+        ("integration", {"scheme": "semi_implicit_euler", "step": 0.0}, "integration.step must be a number above 0"),
         ("camera", {"width": 128}, "camera: missing key height, position, target, up, fov_y"),
         ("time_step", 0.0, "time_step must be a number above 0"),
     ],
@@ -66,6 +68,16 @@ def test_a_scene_written_and_read_again_is_the_same(setup: Any) -> None:
 def test_a_mistake_is_named(path: str, value: object, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         Scene.from_mapping(changed(path, value))
+
+
+def test_what_physid_generated_in_version_1_was_integrated_at_its_time_step() -> None:
+    known = Integration(SEMI_IMPLICIT_EULER, SAMPLE["time_step"])
+    assert Scene.from_mapping(SAMPLE).integration == known
+    assert Scene.from_mapping(changed("source", "my lab")).integration is None
+    assert Scene.from_mapping(changed("version", 2)).integration is None
+    stated = changed("version", 2) | {"integration": {"scheme": "semi_implicit_euler", "step": 1e-3}}
+    assert Scene.from_mapping(stated).integration == Integration(SEMI_IMPLICIT_EULER, 1e-3)
+    assert Scene.from_mapping(Scene.from_mapping(SAMPLE).to_mapping()).integration == known
 
 
 def test_a_uniform_box_has_the_moments_of_the_textbook() -> None:

@@ -62,7 +62,7 @@ def import_(kind: Literal["cube-tosses"], folder: Path, *, out: Path | None = No
         folder: The folder with the original files.
         out: Folder of the recording set; data/KIND by default.
     """
-    from physid.data.importers import import_cube_tosses
+    from physid.data.importers.cube_tosses import import_cube_tosses
 
     target = out or Path("data") / kind
     print(f"{target}: {import_cube_tosses(folder, target)} trajectories")

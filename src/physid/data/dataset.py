@@ -11,9 +11,11 @@ from torch import Tensor
 from torch.utils.data import Dataset
 
 from physid.data.format import RecordingSet
+from physid.data.recording import Recording
 
 Item = dict[str, Tensor]
 Video = Literal["none", "all"] | Sequence[int]
+JITTER = 0.02  # share of the time step by which the steps of an even log may differ
 OVER_TIME = ("pose", "twist", "wrench", "frames", "shown")  # filled up along time where lengths differ
 
 
@@ -141,7 +143,11 @@ class Segments(Dataset[Item]):
 
 
 def _numbers_of(recordings: RecordingSet, trajectory: int, unposed: bool) -> Item:
-    """Read poses, wrenches and, where they are there, twists."""
+    """Read poses, wrenches and, where they are there, twists.
+
+    Raises:
+        ValueError: If they are no even log: a segment has one pose and one force for each time step.
+    """
     posed = recordings.has_poses(trajectory)
     if not posed and not unposed:
         raise ValueError(
@@ -149,6 +155,12 @@ def _numbers_of(recordings: RecordingSet, trajectory: int, unposed: bool) -> Ite
             "(physid track)"
         )
     recording = recordings.read(trajectory, video=not posed)
+    reason = _irregular(recording, recordings.scene.time_step)
+    if reason:
+        raise ValueError(
+            f"{recordings.paths[trajectory]}: expected one pose and one force of each body every time step, found "
+            f"{reason}; resample the recording for what learns from segments or films"
+        )
     pose = recording.pose
     if pose is None:
         pose = np.full((recording.length, len(recordings.scene.bodies), 7), np.nan)
@@ -157,6 +169,16 @@ def _numbers_of(recordings: RecordingSet, trajectory: int, unposed: bool) -> Ite
     if recording.twist is not None:
         numbers["twist"] = recording.twist
     return {name: torch.from_numpy(value) for name, value in numbers.items()}
+
+
+def _irregular(recording: Recording, time_step: float) -> str:
+    """Return what sets a recording apart from an even log; nothing where it is one."""
+    if recording.wrench_time is not None:
+        return "forces with a clock of their own (wrench_time)"
+    if recording.pose is not None and not recording.seen.all():
+        return f"a body that was not seen in frame {int(np.argwhere(~recording.seen)[0, 0])}"
+    off = np.abs(np.diff(recording.stamps(time_step)) - time_step) > JITTER * time_step
+    return f"another step after frame {int(off.argmax())}" if off.any() else ""
 
 
 def collate(items: Sequence[Item]) -> Item:

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-import h5py
 import numpy as np
 import yaml
 from numpy.typing import NDArray
 
 from physid.data.files import sha256, write_text
+from physid.data.observations.stamps import check_clocks
 from physid.data.recording import Recording
-from physid.data.trajectory import open_trajectory, read_film, read_trajectory
+from physid.data.trajectory import has_dataset, read_film, read_labels, read_trajectory
 from physid.scenes.scene import Scene
 
 __all__ = ["Recording", "RecordingSet", "trajectory_path", "write_scene", "write_sums"]
@@ -52,10 +52,15 @@ class RecordingSet:
         """Read trajectory `index`; frames, masks and background only with `video`.
 
         Raises:
-            ValueError: If the file is damaged or breaks the format.
+            ValueError: If the file is damaged or breaks the format, or its time stamps contradict `time_step`.
         """
         skip = () if video else ("frames", "mask", "background")
-        return read_trajectory(self.paths[index], bodies=len(self.scene.bodies), skip=skip)
+        recording = read_trajectory(self.paths[index], bodies=len(self.scene.bodies), skip=skip)
+        try:
+            check_clocks(recording, self.scene.time_step)
+        except ValueError as error:
+            raise ValueError(f"{self.paths[index]}: {error}") from None
+        return recording
 
     def film(self, index: int, which: list[int]) -> tuple[NDArray[np.uint8], NDArray[np.bool_], NDArray[np.uint8]]:
         """Read some frames (n, H, W, 3) of trajectory `index`, its masks (N, H, W) and its background (H, W, 3).
@@ -67,17 +72,15 @@ class RecordingSet:
 
     def has_poses(self, index: int) -> bool:
         """Return whether trajectory `index` has poses, or a film alone."""
-        with open_trajectory(self.paths[index]) as file:
-            return "pose" in file
+        return has_dataset(self.paths[index], "pose")
 
     def has_film(self, index: int) -> bool:
         """Return whether trajectory `index` has a film."""
-        with open_trajectory(self.paths[index]) as file:
-            return "frames" in file
+        return has_dataset(self.paths[index], "frames")
 
     def splits(self) -> list[str | None]:
         """Return the split of each trajectory, None where the file names none."""
-        return [self._attribute(path, "split") for path in self.paths]
+        return [read_labels(path)[0] for path in self.paths]
 
     def indices(self, names: Iterable[str]) -> list[int]:
         """Return the trajectories of some splits.
@@ -110,12 +113,7 @@ class RecordingSet:
 
     def labels(self, index: int) -> tuple[str | None, str | None]:
         """Return split and protocol of trajectory `index`, None where the file names none."""
-        return self._attribute(self.paths[index], "split"), self._attribute(self.paths[index], "protocol")
-
-    def _attribute(self, path: Path, name: str) -> str | None:
-        with open_trajectory(path) as file:
-            value = file.attrs.get(name)
-        return None if value is None or isinstance(value, h5py.Empty) else str(value)
+        return read_labels(self.paths[index])
 
 
 def trajectory_path(folder: Path, index: int) -> Path:

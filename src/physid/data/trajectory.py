@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physid.data.files import write_whole
-from physid.data.recording import LAYOUT, Recording, check_arrays
+from physid.data.hdf5 import FormatError, declared, names_in, opened, read_dataset, read_text
+from physid.data.recording import LAYOUT, Recording, check_arrays, check_shapes
 from physid.scenes.strict import nearest
 
 GZIP = 4
@@ -58,23 +59,30 @@ def read_trajectory(path: Path, *, bodies: int | None = None, skip: Iterable[str
             expected and what was found.
         FileNotFoundError: If there is no such file.
     """
-    with open_trajectory(path) as file:
-        unknown = [name for name in file if name not in LAYOUT]
-        if unknown:
-            raise ValueError(f'{path}: unknown dataset "{unknown[0]}"{nearest(unknown[0], LAYOUT)}')
-        left = set(skip)
-        arrays: dict[str, Any] = {
-            name: read_dataset(file, name) for name in LAYOUT if name in file and name not in left
-        }
-        attributes: dict[str, Any] = {name: _text(file, name) for name in ("split", "protocol")}
-        video = "frames" in file
+    left = set(skip)
+    with opened(path) as file:
+        names = names_in(file)
+        arrays: dict[str, Any] = _read_arrays(file, [name for name in names if name not in left], bodies)
+        attributes: dict[str, Any] = {name: read_text(file, name) for name in ("split", "protocol")}
     try:
         check_arrays(arrays, bodies)
-        if "pose" not in arrays and "frames" in left and video:
+        if "pose" not in arrays and "frames" in left and "frames" in names:
             raise ValueError("pose: expected to be there when frames are left on the disk, found none")
         return Recording(**arrays, **attributes)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
+
+
+def _read_arrays(file: h5py.File, names: list[str], bodies: int | None) -> dict[str, NDArray[Any]]:
+    """Read datasets, once all that they declare has been checked."""
+    for name in names:
+        if name not in LAYOUT:
+            raise FormatError(f'unknown dataset "{name}"{nearest(name, LAYOUT)}')
+    try:
+        check_shapes({name: declared(file, name) for name in names}, bodies)
+    except ValueError as error:
+        raise FormatError(str(error)) from None
+    return {name: read_dataset(file, name) for name in LAYOUT if name in names}
 
 
 def read_film(path: Path, which: list[int]) -> tuple[NDArray[np.uint8], NDArray[np.bool_], NDArray[np.uint8]]:
@@ -85,16 +93,17 @@ def read_film(path: Path, which: list[int]) -> tuple[NDArray[np.uint8], NDArray[
     Raises:
         ValueError: If one of the datasets is missing, a frame does not exist, or the file is damaged.
     """
-    with open_trajectory(path) as file:
+    with opened(path) as file:
+        there = names_in(file)
         for name in ("frames", "mask", "background"):
-            if name not in file:
-                raise ValueError(
-                    f"{path}: {name}: expected it for learning from video, found none; record it, or "
-                    f"generate the set with video=true"
+            if name not in there:
+                raise FormatError(
+                    f"{name}: expected it for learning from video, found none; record it, or generate the set with "
+                    "video=true"
                 )
         count = len(file["frames"])
         if not all(0 <= one < count for one in which):
-            raise ValueError(f"{path}: frames: expected frames below {count} to be asked for, found {which}")
+            raise FormatError(f"frames: expected frames below {count} to be asked for, found {which}")
         once, order = np.unique(which, return_inverse=True)
         first, last = int(once[0]), int(once[-1])
         if last - first + 1 == len(once):
@@ -104,37 +113,13 @@ def read_film(path: Path, which: list[int]) -> tuple[NDArray[np.uint8], NDArray[
         return frames[order], read_dataset(file, "mask"), read_dataset(file, "background")
 
 
-def open_trajectory(path: Path) -> h5py.File:
-    """Open a trajectory for reading.
-
-    Raises:
-        ValueError: If it is no HDF5 file.
-        FileNotFoundError: If there is no such file.
-    """
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: expected a trajectory, found no such file")
-    try:
-        return h5py.File(path, "r")
-    except OSError as error:
-        raise ValueError(f"{path}: expected an HDF5 file, found one that cannot be opened ({error})") from None
+def has_dataset(path: Path, name: str) -> bool:
+    """Tell whether a trajectory has a dataset."""
+    with opened(path) as file:
+        return name in file
 
 
-def read_dataset(file: h5py.File, name: str, index: int | slice | tuple[()] = ()) -> NDArray[Any]:
-    """Read a dataset, or a part of it, and let HDF5 verify its checksum.
-
-    Raises:
-        ValueError: If the checksum does not fit.
-    """
-    try:
-        return np.asarray(file[name][index])
-    except OSError as error:
-        raise ValueError(
-            f"{file.filename}: {name}: expected data that fit their checksum, found damaged ones ({error}); "
-            f"restore or regenerate the file"
-        ) from None
-
-
-def _text(file: h5py.File, name: str) -> str | None:
-    """Return a text attribute, or None."""
-    value = file.attrs.get(name)
-    return value.decode() if isinstance(value, bytes) else value
+def read_labels(path: Path) -> tuple[str | None, str | None]:
+    """Return split and protocol of a trajectory, None where the file names none."""
+    with opened(path) as file:
+        return read_text(file, "split"), read_text(file, "protocol")

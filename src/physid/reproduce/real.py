@@ -47,7 +47,7 @@ class Tosses(Cell):
     def run(self, configs: Path, data: Path, folder: Path) -> list[Result]:
         """Import, fit, test and compare (see `Cell.run`)."""
         from physid.configuration import compose
-        from physid.data.importers import import_cube_tosses
+        from physid.data.importers.cube_tosses import import_cube_tosses
         from physid.runs import open_folder
         from physid.training.runs.run import fit
 

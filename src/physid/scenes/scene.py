@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,8 +15,12 @@ from physid.scenes.camera import Camera, Triple
 from physid.scenes.strict import check_keys, nearest, number, triple
 
 FORMAT = "physid-recordings"
-VERSION = 1
+VERSION = 2
+READABLE = (1, VERSION)
+GENERATED = "pybullet"  # the `source` of all that version 1 of the format generated, always with one step per frame
 PARAMETERS = ("mass", "friction", "restitution")
+SEMI_IMPLICIT_EULER = "semi_implicit_euler"
+SCHEMES = (SEMI_IMPLICIT_EULER,)
 GRAVITY: Triple = (0.0, 0.0, -9.81)
 
 
@@ -103,6 +107,39 @@ class Ground:
 
 
 @dataclass(frozen=True)
+class Integration:
+    """The integrator of the simulator that made recordings.
+
+    Only a simulator has one: recordings of the real world, and those of which nothing is known, carry none, and nothing
+    may be assumed of them.
+
+    Attributes:
+        scheme: `semi_implicit_euler`: v+ = v + h a, then x+ = x + h v+, as PyBullet does.
+        step: Length h of its steps [s].
+
+    Raises:
+        ValueError: If the scheme is unknown, or the step is not positive.
+    """
+
+    scheme: str
+    step: float
+
+    def __post_init__(self) -> None:
+        if self.scheme not in SCHEMES:
+            raise ValueError(
+                f'integration.scheme: unknown scheme "{self.scheme}"{nearest(self.scheme, SCHEMES)}; leave '
+                "`integration` out where it is another one, or not known"
+            )
+        number(self.step, "integration.step", low=0.0, strict=True)
+
+    @classmethod
+    def from_mapping(cls, values: object) -> Integration:
+        """Build it from the `integration` entry of recording.yaml."""
+        known = check_keys(values, "integration", ("scheme", "step"))
+        return cls(str(known["scheme"]), number(known["step"], "integration.step"))
+
+
+@dataclass(frozen=True)
 class Scene:
     """A scene, as far as it is known: the content of `recording.yaml`.
 
@@ -115,6 +152,7 @@ class Scene:
         camera: The camera, or None where there is no video.
         gravity: Acceleration of gravity [m/s^2], world frame.
         source: Free text: where the recordings come from.
+        integration: How the simulator that made them integrated; None where no simulator did, or nothing is known.
 
     Raises:
         ValueError: If a value is of the wrong kind, two bodies share a name, or an unknown parameter has no body.
@@ -128,6 +166,7 @@ class Scene:
     camera: Camera | None = None
     gravity: Triple = GRAVITY
     source: str = ""
+    integration: Integration | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
@@ -148,29 +187,31 @@ class Scene:
             ValueError: If a key is missing or unknown, or a value is off.
         """
         required = ("format", "version", "scene", "time_step", "gravity", "ground", "bodies")
-        known = check_keys(values, "recording.yaml", required, ("unknown", "camera", "source"))
-        if known["format"] != FORMAT or known["version"] != VERSION:
+        known = check_keys(values, "recording.yaml", required, ("unknown", "camera", "source", "integration"))
+        if known["format"] != FORMAT or known["version"] not in READABLE:
             raise ValueError(
-                f"recording.yaml must say format {FORMAT}, version {VERSION}, "
+                f"recording.yaml must say format {FORMAT}, version {' or '.join(map(str, READABLE))}, "
                 f"got {known['format']!r}, version {known['version']!r}"
             )
         if not isinstance(known["bodies"], list) or not isinstance(known.get("unknown") or [], list):
             raise ValueError("recording.yaml: bodies and unknown must be lists")
         camera = known.get("camera")
+        time_step = number(known["time_step"], "time_step", low=0.0, strict=True)
         return cls(
             name=known["scene"],
-            time_step=number(known["time_step"], "time_step"),
+            time_step=time_step,
             ground=Ground.from_mapping(known["ground"]),
             bodies=tuple(Body.from_mapping(one, index) for index, one in enumerate(known["bodies"])),
             unknown=tuple(known.get("unknown") or ()),
             camera=None if camera is None else Camera.from_mapping(camera),
             gravity=triple(known["gravity"], "gravity"),
             source=str(known.get("source") or ""),
+            integration=_integration(known, time_step),
         )
 
     def to_mapping(self) -> dict[str, Any]:
         """Return the content of recording.yaml, in the order of the format's description."""
-        return {
+        content = {
             "format": FORMAT,
             "version": VERSION,
             "scene": self.name,
@@ -182,6 +223,7 @@ class Scene:
             "camera": None if self.camera is None else _plain(self.camera),
             "source": self.source,
         }
+        return content if self.integration is None else content | {"integration": _plain(self.integration)}
 
     @property
     def sizes(self) -> NDArray[np.float64]:
@@ -210,7 +252,16 @@ class Scene:
         return dataclasses.replace(self, bodies=tuple(bodies))
 
 
-def _plain(value: Body | Ground | Camera) -> dict[str, Any]:
+def _integration(known: Mapping[str, Any], time_step: float) -> Integration | None:
+    """Return how recordings were integrated: as they say, and as physid itself did when it wrote version 1."""
+    if known.get("integration") is not None:
+        return Integration.from_mapping(known["integration"])
+    if known["version"] == 1 and known.get("source") == GENERATED:
+        return Integration(SEMI_IMPLICIT_EULER, time_step)
+    return None
+
+
+def _plain(value: Body | Ground | Camera | Integration) -> dict[str, Any]:
     """Return the fields of a flat dataclass with tuples as lists."""
     fields = dataclasses.asdict(value)
     return {name: list(one) if isinstance(one, tuple) else one for name, one in fields.items()}

@@ -1,0 +1,1 @@
+"""Recordings from elsewhere, converted to recording sets; nothing is estimated on the way."""

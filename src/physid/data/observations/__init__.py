@@ -1,0 +1,1 @@
+"""Recorded trajectories as arrays, and the steps in which they are simulated."""
