@@ -40,6 +40,7 @@ TO_BE_DIVIDED = {"physics": 16, "fused/formulas": 16, "data": 15, "scenes": 13}
 TOP = 7  # modules beside the packages: the command line and what it needs
 HOMES = {
     "pybullet": ("simulators/bullet/",),
+    "mujoco": ("simulators/mujoco/",),
     "h5py": ("data/",),
     "lightning": ("data/datamodule.py", "training/"),
     "wandb": ("training/",),

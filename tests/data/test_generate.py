@@ -20,7 +20,10 @@ def sums(folder: Path) -> str:
     return (folder / "SHA256SUMS").read_text()
 
 
-@pytest.mark.parametrize("config", [SMALL, FILM], ids=["numbers", "video"])
+MUJOCO = dataclasses.replace(SMALL, simulator="mujoco", frame_rate=60.0, trajectories=3)
+
+
+@pytest.mark.parametrize("config", [SMALL, FILM, MUJOCO], ids=["numbers", "video", "mujoco"])
 def test_the_bytes_do_not_depend_on_the_number_of_workers(tmp_path: Path, config: GenerateConfig) -> None:
     for workers in (1, 2):
         generate(config, tmp_path / str(workers), workers, quiet=True)
@@ -131,3 +134,28 @@ def test_a_scene_from_which_bodies_always_escape_is_refused() -> None:
     config = GenerateConfig("push", trajectories=1, steps=300, true_values={"block.mass": 0.05})
     with pytest.raises(ValueError, match="left the view in all of 200 draws; lower steps"):
         draw(config, 0, "paper")
+
+
+def test_frames_come_at_the_rate_asked_for_and_forces_change_with_them(tmp_path: Path) -> None:
+    slow = dataclasses.replace(SMALL, frame_rate=60.0, steps=20)
+    for name, config in (("slow", slow), ("usual", dataclasses.replace(SMALL, steps=77))):
+        generate(config, tmp_path / name, quiet=True)
+    sets = [RecordingSet(tmp_path / name) for name in ("slow", "usual")]
+    assert [found.scene.time_step for found in sets] == [1 / 60, 1 / 240]
+    slow_one, usual_one = (found.read(0) for found in sets)
+    assert slow_one.pose is not None
+    assert slow_one.pose.shape == (20, 1, 7)
+    assert slow_one.wrench is not None
+    assert usual_one.wrench is not None
+    assert np.array_equal(slow_one.wrench, usual_one.wrench[::4])
+
+
+def test_two_simulators_move_a_block_alike_but_not_in_the_last_digit(tmp_path: Path) -> None:
+    for name in ("pybullet", "mujoco"):
+        generate(dataclasses.replace(SMALL, simulator=name, substeps=16), tmp_path / name, quiet=True)
+    sets = [RecordingSet(tmp_path / name) for name in ("pybullet", "mujoco")]
+    one, other = (found.read(0).pose for found in sets)
+    assert one is not None
+    assert other is not None
+    assert [found.scene.source for found in sets] == ["pybullet", "mujoco"]
+    assert 0 < np.abs(one - other)[..., :3].max() < 1e-4

@@ -26,6 +26,9 @@ from physid.data.splits import assign_splits
             'unknown effect "viscus_drag"; did you mean "viscous_drag"',
         ),
         ({"scene": "push", "effects": {"viscous_drag": {"coeff": 1.0}}}, 'unknown key "coeff"; did you mean "coeffic'),
+        ({"scene": "push", "simulator": "mujuco"}, 'unknown simulator "mujuco"; did you mean "mujoco"'),
+        ({"scene": "push", "frame_rate": 0.0}, "frame_rate must be a number above 0, got 0.0"),
+        ({"scene": "push", "substeps": 0}, "substeps must be a whole number of at least 1, got 0"),
         ({"scene": "push", "seed": 1.5}, "seed must be a whole number"),
     ],
 )

@@ -1,7 +1,8 @@
-"""Make a recording set with PyBullet: in parallel, resumable, the same bytes for any number of workers."""
+"""Make a recording set with a simulator: in parallel, resumable, the same bytes for any number of workers."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +19,8 @@ from physid.data.truth import FILE, Truth, read_truth, write_truth
 from physid.scenes.catalogue import find_setup
 from physid.scenes.rotations import from_vector, multiply
 from physid.scenes.setup import Excitation
-from physid.simulators.bullet.world import Motion, observed, simulate
+from physid.simulators.bullet.world import Motion, observed
+from physid.simulators.protocol import find_simulator
 
 if TYPE_CHECKING:
     from physid.physics.effect import Effect
@@ -26,6 +28,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 MOST_REDRAWS = 200
 VIEW_MARGIN = 1.0  # [pixel]
+SAME_INSTANT = 1e-6  # [frame] times that differ by rounding only
 
 
 @dataclass(frozen=True)
@@ -96,18 +99,27 @@ def draw(
     Raises:
         ValueError: If no draw stays in view.
     """
-    setup, scene = find_setup(config.scene), config.true_scene()
-    camera = setup.scene.camera
+    scene, simulator = config.true_scene(), find_simulator(config.simulator)
+    camera = find_setup(config.scene).scene.camera
     for attempt in range(MOST_REDRAWS):
-        generator = np.random.default_rng([config.seed, index, attempt])
-        excitation = setup.draw(scene, protocol, generator, config.steps)
-        motion = simulate(scene, excitation, effects)
+        excitation = _excite(config, protocol, np.random.default_rng([config.seed, index, attempt]))
+        (motion,) = simulator.simulate(scene, [excitation], effects, config.substeps)
         if camera is None or camera.sees(motion.pose, scene.sizes, VIEW_MARGIN).all():
             return excitation, motion, attempt
     raise ValueError(
-        f"trajectory {index} of {config.scene}: a body left the view in all of {MOST_REDRAWS} draws; "
+        f"trajectory {index} of {config.scene}, {config.steps * scene.time_step:.3g} s long: "
+        f"a body left the view in all of {MOST_REDRAWS} draws; "
         f"lower steps, or change masses, friction or effects so that bodies travel less"
     )
+
+
+def _excite(config: GenerateConfig, protocol: str, generator: np.random.Generator) -> Excitation:
+    """Draw an excitation at the scene's own frame rate, and sample its forces at the frames of the set."""
+    setup, scene = find_setup(config.scene), config.true_scene()
+    own = dataclasses.replace(scene, time_step=setup.scene.time_step)
+    rows = np.floor(np.arange(config.steps) * (scene.time_step / own.time_step) + SAME_INSTANT).astype(int)
+    drawn = setup.draw(own, protocol, generator, int(rows[-1]) + 1)
+    return dataclasses.replace(drawn, wrench=drawn.wrench[rows])
 
 
 def _write_one(config: GenerateConfig, folder: Path, index: int, split: str, extra: tuple[Effect, ...]) -> int:
@@ -153,7 +165,8 @@ def _describe(config: GenerateConfig, folder: Path, extra: Sequence[Effect]) -> 
     scene = config.known_scene()
     if (folder / DESCRIPTION).exists():
         before = read_truth(place)
-        then = {} if before is None else dict(before.generation)
+        # Sets made before a key was there had its default.
+        then = {} if before is None else GenerateConfig.from_mapping(before.generation).to_mapping()
         # More trajectories may be added to a set; anything else would mix two sets in one folder.
         other = [key for key, value in truth.generation.items() if key != "trajectories" and then.get(key) != value]
         if read_scene(folder) != scene or other:

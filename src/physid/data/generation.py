@@ -13,6 +13,7 @@ from physid.data.splits import assign_splits
 from physid.scenes.catalogue import bodies_of, find_setup, with_parameters
 from physid.scenes.scene import Scene
 from physid.scenes.strict import check_keys, nearest, number, whole
+from physid.simulators.protocol import find_simulator
 
 if TYPE_CHECKING:
     from physid.physics.effect import Effect
@@ -44,6 +45,10 @@ class GenerateConfig:
 
     Attributes:
         scene: push, slide, collide or toss.
+        simulator: Who makes the motion: pybullet or mujoco.
+        frame_rate: Frames per second [Hz]; None for the scene's own 240. Forces are drawn for the scene's own frames
+            and sampled at these: they change at frames only.
+        substeps: Steps of the simulator between two frames; None for its own choice.
         protocol: How trajectories are excited: paper or rich.
         protocol_of_split: Another protocol for some splits, by the split's name.
         trajectories: Number of trajectories.
@@ -63,6 +68,9 @@ class GenerateConfig:
     """
 
     scene: str
+    simulator: str = "pybullet"
+    frame_rate: float | None = None
+    substeps: int | None = None
     protocol: str = "paper"
     protocol_of_split: Mapping[str, str] = field(default_factory=dict)
     trajectories: int = 1000
@@ -79,6 +87,11 @@ class GenerateConfig:
 
     def __post_init__(self) -> None:
         setup = find_setup(self.scene)
+        find_simulator(self.simulator)
+        if self.frame_rate is not None:
+            number(self.frame_rate, "frame_rate", low=0.0, strict=True)
+        if self.substeps is not None:
+            whole(self.substeps, "substeps", low=1)
         whole(self.trajectories, "trajectories", low=1)
         whole(self.steps, "steps", low=2)
         whole(self.seed, "seed", low=0)
@@ -125,7 +138,9 @@ class GenerateConfig:
 
     @cached_property
     def _true_scene(self) -> Scene:
-        scene = with_parameters(find_setup(self.scene).scene, self.true_values)
+        own = find_setup(self.scene).scene
+        step = own.time_step if self.frame_rate is None else 1 / self.frame_rate
+        scene = dataclasses.replace(with_parameters(own, self.true_values), time_step=step, source=self.simulator)
         return scene if self.video else dataclasses.replace(scene, camera=None)
 
     def known_scene(self) -> Scene:

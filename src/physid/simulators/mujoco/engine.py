@@ -1,0 +1,212 @@
+"""A MuJoCo world that obeys the textbook: rigid boxes, Coulomb's cone, Newton's impacts, nothing else.
+
+MuJoCo finds the contacts, solves for the contact forces, and flies free bodies by Runge-Kutta steps. What this module
+adds is the reference acceleration of each contact row, between MuJoCo's position stage and its solver. MuJoCo's own is
+that of a spring and a damper, so that a body bounces off although its restitution is 0, and its convex cone lifts
+bodies that slide (by 0.1 to 1.7 mm; docs/decisions/0021-rigid-contact-in-mujoco.md). Here it is a rigid contact's:
+
+    normal:      a_n = (u - v_n) / h - mu |a - a_t|,  u = -e v_n at an impact, 0 at rest, never closer than the surface
+    tangential:  a_t = -v_t / h, what stops the slip within the step if the cone allows it; -2 v_t / h if it cannot
+
+The second term of the normal row undoes the lift of the convex cone (de Saxce & Feng 1998): its solution accelerates
+along the normal by mu |a - a_t| more than the reference, a being the tangential acceleration that comes out. That is
+found by iterating the solver. Poses follow by Moreau's midpoint rule, of second order between impacts.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from mujoco import mjtDisableBit
+from numpy.typing import NDArray
+
+from physid.scenes.placing import UP
+from physid.scenes.rotations import between, conjugate, rotate
+from physid.scenes.scene import Scene
+from physid.scenes.setup import REST_DEPTH
+from physid.simulators.mujoco.model import build_model
+
+Array = NDArray[np.float64]
+GRAVITY = 9.81  # [m/s^2] sets the slowest impact: one that lasts less than a step under this acceleration is a rest
+TOUCH = 1e-5  # [m] contacts at most this far apart touch: several times what a step of 1 ms misses a touch-down by
+PARTS = 32  # the shortest step is this part of a whole one: around impacts, which begin and end between whole steps
+REMOVAL = 50.0  # [1/s] rate at which an overlap of more than REST_DEPTH is taken back: there is hardly any
+REACH = 2.0  # contacts are looked for as far away as bodies come in this many steps ...
+LEAST_REACH = 1e-3  # [m] ... and at least so far
+LIFT_TOLERANCE = 1e-9  # [m/s] how well the lift of the convex cone must be known: 1e-9 m per step of 1 ms
+LASTING = 4.0  # slip that so many steps of friction would not end counts as lasting
+MOST_ROUNDS = 30  # of the solver; each gains a factor of about mu^2
+LEAST_FRICTION = 1e-5  # [-] mjMINMU: MuJoCo has no less, so that smooth contacts are given another reference
+SOFTER = 100.0  # factor on MuJoCo's least softness, 1e-4: four corners of a face share its load by their softness
+FAR = -1e3  # [m/s] normal velocity that a contact out of reach may have: any
+
+
+class Engine:
+    """A MuJoCo world with the bodies of a scene.
+
+    Poses and twists are those of the geometric centres, whatever the centres of mass; wrenches act at the former.
+
+    Args:
+        scene: What stands on the ground.
+        step: Length of one step [s].
+        centres: Offsets of the centres of mass from the geometric centres, body frame [m], shape (N, 3); None for none.
+    """
+
+    def __init__(self, scene: Scene, step: float, centres: Array | None = None) -> None:
+        count = len(scene.bodies)
+        self._model, self._pairs = build_model(scene, np.zeros((count, 3)) if centres is None else centres)
+        self._data, self._scratch = mujoco.MjData(self._model), mujoco.MjData(self._model)
+        self._step, self._count = step, count
+        self._radius = 0.5 * np.linalg.norm(scene.sizes, axis=1)
+        self._number = np.full((count + 1, count + 1), -1)  # of the pair of two geoms, the ground's being 0
+        for (first, second), number in self._pairs.items():
+            self._number[first + 1, second + 1] = self._number[second + 1, first + 1] = number
+        self._friction, self._restitution = np.zeros(len(self._pairs)), np.zeros(len(self._pairs))
+        self.place_ground(np.array(scene.ground.normal), scene.ground.offset)
+        friction = np.array([body.friction for body in scene.bodies])
+        restitution = np.array([body.restitution for body in scene.bodies])
+        self.set_contacts(friction, restitution, np.outer(friction, friction), np.outer(restitution, restitution))
+
+    def place_ground(self, normal: Array, offset: float) -> None:
+        """Put the ground so that it holds the points p with normal . p = offset [m]."""
+        self._data.mocap_pos[0] = offset * normal
+        self._data.mocap_quat[0] = np.roll(between(UP, normal), 1)
+
+    def set_contacts(self, friction: Array, restitution: Array, pair_friction: Array, pair_restitution: Array) -> None:
+        """Set the coefficients [-] of bodies with the ground, shape (N,), and with each other, shape (N, N)."""
+        for (first, second), number in self._pairs.items():
+            mu, e = (friction, restitution) if first < 0 else (pair_friction[first], pair_restitution[first])
+            self._friction[number], self._restitution[number] = mu[second], e[second]
+        self._model.pair_friction[:, :2] = np.maximum(self._friction, LEAST_FRICTION)[:, None]
+
+    def set_state(self, pose: Array, twist: Array) -> None:
+        """Put the bodies at poses (N, 7) with twists (N, 6), world frame."""
+        place = np.concatenate([pose[:, :3], pose[:, 6:], pose[:, 3:6]], 1)
+        spin = rotate(conjugate(pose[:, 3:]), twist[:, :3])
+        self._data.qpos[:] = place.ravel()
+        self._data.qvel[:] = np.concatenate([twist[:, 3:], spin], 1).ravel()
+
+    def read(self) -> tuple[Array, Array]:
+        """Return the poses (N, 7) and the twists (N, 6) of the bodies, world frame."""
+        place, motion = self._data.qpos.reshape(-1, 7), self._data.qvel.reshape(-1, 6)
+        pose = np.concatenate([place[:, :3], place[:, 4:], place[:, 3:4]], 1)
+        return pose, np.concatenate([rotate(pose[:, 3:], motion[:, 3:]), motion[:, :3]], 1)
+
+    def push(self, wrench: Array, at_mass: Array | None = None) -> None:
+        """Apply wrenches (N, 6) at the geometric centres, and forces (N, 3) at the centres of mass; world frame."""
+        self._data.qfrc_applied.reshape(-1, 6)[:, :3] = wrench[:, 3:]
+        self._data.xfrc_applied[2:, 3:] = wrench[:, :3]
+        if at_mass is not None:
+            self._data.xfrc_applied[2:, :3] = at_mass
+
+    def advance(self) -> None:
+        """Advance by one whole step, in shorter ones where bodies touch down."""
+        left = self._step
+        while left > 1e-9 * self._step:
+            left -= self._part(left)
+
+    def _part(self, longest: float) -> float:
+        """Advance by at most `longest` [s] and return by how much."""
+        data, shortest = self._data, self._step / PARTS
+        start = data.qpos.copy()
+        if not self._look(longest):
+            return self._fly(longest)
+        gap, normal = np.array(data.contact.dist), data.efc_vel[::3]
+        impact = -0.5 * GRAVITY * self._step
+        hit = (gap <= TOUCH) & (normal < impact)
+        if hit.any():
+            # Short and with the velocity after the impact, which happens at the step's beginning.
+            length = min(longest, shortest)
+            bounce = np.where(hit, -self._restitution[self._pair()] * normal, FAR)
+            after = self._solve(np.maximum(_closing(gap), bounce), length)
+            data.qpos[:], data.qvel[:] = self._moved(start, after, length), after
+            return length
+        length = _until_touch(gap, normal, longest, shortest)
+        # Moreau's midpoint rule: contacts are those of the mean pose.
+        middle = self._moved(start, data.qvel, 0.5 * length)
+        data.qpos[:] = middle
+        if not self._look(longest):
+            data.qpos[:] = start
+            return self._fly(length)
+        landing = data.efc_vel[::3] < 2 * impact  # only at the end of this step: nothing touched at its beginning
+        after = self._solve(np.where(landing, FAR, _closing(np.array(data.contact.dist))), length, SOFTER)
+        data.qpos[:], data.qvel[:] = self._moved(middle, after, 0.5 * length), after
+        return length
+
+    def _look(self, longest: float) -> bool:
+        """Look for contacts within reach and tell whether there are any."""
+        motion = self._data.qvel.reshape(-1, 6)
+        fastest = np.abs(motion[:, :3]).sum(1).max() + (np.abs(motion[:, 3:]).sum(1) * self._radius).max()
+        self._model.pair_margin[:] = LEAST_REACH + REACH * longest * fastest
+        mujoco.mj_step1(self._model, self._data)
+        return bool(self._data.ncon)
+
+    def _pair(self) -> Array:
+        """Return the number of the pair of each contact, shape (C,)."""
+        return np.asarray(self._number[tuple(self._data.contact.geom.T)])
+
+    def _moved(self, place: Array, motion: Array, time: float) -> Array:
+        """Return the positions that follow from constant velocities (6 N,) after so long [s]."""
+        moved = place.copy()
+        mujoco.mj_integratePos(self._model, moved, motion, time)
+        return moved
+
+    def _fly(self, length: float) -> float:
+        """Advance by a Runge-Kutta step without contacts, and return its length [s]."""
+        options = self._model.opt
+        options.timestep = length
+        options.disableflags |= int(mjtDisableBit.mjDSBL_CONTACT)
+        mujoco.mj_step(self._model, self._data)
+        options.disableflags &= ~int(mjtDisableBit.mjDSBL_CONTACT)
+        return length
+
+    def _solve(self, least: Array, length: float, softness: float = 1.0) -> Array:
+        """Find the velocities (6 N,) after a step at the present poses.
+
+        Args:
+            least: Least normal velocity of each contact after the step, shape (C,) [m/s].
+            length: Of the step [s].
+            softness: Factor on MuJoCo's least softness.
+        """
+        model, data = self._model, self._data
+        friction = self._friction[self._pair()]
+        jacobian, before, velocity = data.efc_J.reshape(-1, model.nv), data.qvel.copy(), data.efc_vel.reshape(-1, 3)
+        data.efc_R[:] *= softness
+        data.efc_D[:] /= softness
+        mujoco.mj_fwdActuation(model, data)
+        mujoco.mj_fwdAcceleration(model, data)
+        slip = np.hypot(velocity[:, 1], velocity[:, 2])
+        # Friction opposes the mean slip, which is second-order, or, where a step could end it, the slip after the step.
+        share = np.where(slip > LASTING * friction * GRAVITY * length, 0.5, 1.0)
+        wanted = -velocity / (share * length)[:, None]
+        smooth = friction < LEAST_FRICTION
+        if smooth.any():
+            wanted[smooth, 1:] = (jacobian @ data.qacc_smooth).reshape(-1, 3)[smooth, 1:]
+        rest, lift = (least - velocity[:, 0]) / length, friction * slip / (share * length)
+        for _ in range(MOST_ROUNDS):
+            wanted[:, 0] = rest - lift
+            data.efc_aref[:] = wanted.ravel()
+            mujoco.mj_fwdConstraint(model, data)
+            missed = (jacobian @ data.qacc).reshape(-1, 3) - wanted
+            known, lift = lift, friction * np.hypot(missed[:, 1], missed[:, 2])
+            if length * np.abs(lift - known).max() < LIFT_TOLERANCE:
+                break
+        data.qacc_warmstart[:] = data.qacc
+        return np.asarray(before + length * data.qacc)
+
+
+def _closing(gap: Array) -> Array:
+    """Return the least normal velocities [m/s] of contacts of some gaps [m], shape (C,).
+
+    Bodies rest at a gap of -REST_DEPTH, where those of the catalogue start. The law is linear, so that a face that lies
+    flat is held by all its corners. Contacts out of touch are free, for no step goes farther than to a touch-down.
+    """
+    return np.where(gap > TOUCH, FAR, -REMOVAL * (gap + REST_DEPTH))
+
+
+def _until_touch(gap: Array, normal: Array, longest: float, shortest: float) -> float:
+    """Return how long a step [s] may be so that no contact farther away than `TOUCH` is passed."""
+    coming = (gap > TOUCH) & (normal < 0)
+    if not coming.any():
+        return longest
+    return min(longest, max(shortest, float((gap[coming] / -normal[coming]).min())))

@@ -1,0 +1,127 @@
+"""What a simulator is, and those there are."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+from physid.scenes.scene import Scene
+from physid.scenes.setup import Excitation
+from physid.scenes.strict import nearest
+
+if TYPE_CHECKING:
+    from physid.simulators.bullet.world import Motion
+    from physid.physics.effect import Effect
+
+BULLET_STEP = 1 / 240  # [s] the longest step that is asked of PyBullet
+
+
+class Simulator(Protocol):
+    """Makes motions of a scene: a reference that knows nothing of the PhysicsLayer.
+
+    Attributes:
+        name: What configurations call it.
+    """
+
+    @property
+    def name(self) -> str: ...  # noqa: D102
+
+    def simulate(
+        self,
+        scene: Scene,
+        excitations: Sequence[Excitation],
+        effects: Sequence[Effect] = (),
+        substeps: int | None = None,
+        clocks: Sequence[float] | None = None,
+    ) -> list[Motion]:
+        """Simulate a scene under several force sequences.
+
+        Row t of a wrench is held from frame t to frame t+1, `scene.time_step` later; the last row is not used. Effects
+        change the commanded wrenches before they act and the inputs of each step; what they do to the observed
+        pose is not part of the motion.
+
+        Args:
+            scene: The scene, with the parameters to simulate.
+            excitations: First states and commanded wrenches, of any lengths.
+            effects: Effects of the catalogue, used unchanged, in this order; parameters of shape (1,).
+            substeps: Steps of the simulator between two frames; None for what `substeps_for` says.
+            clocks: Times that effects see at the first frames [s]; None for 0.
+
+        Returns:
+            The motion of each.
+
+        Raises:
+            ValueError: If an excitation does not fit the scene, an effect cannot be simulated, or a motion is not
+                finite.
+        """
+        ...
+
+    def substeps_for(self, time_step: float) -> int:
+        """Return how many steps it takes by default between frames that are `time_step` [s] apart."""
+        ...
+
+    def integration(self, step: float) -> Mapping[str, str | float] | None:
+        """Return scheme and step [s] where recordings share them with the model, None where nothing is shared."""
+        ...
+
+
+@dataclass(frozen=True)
+class _Simulator:
+    """A simulator behind the functions of its package, which is imported when it is first asked."""
+
+    name: str
+    longest_step: float
+    load: Callable[[], Callable[..., list[Motion]]]
+    scheme: str | None = None
+
+    def simulate(
+        self,
+        scene: Scene,
+        excitations: Sequence[Excitation],
+        effects: Sequence[Effect] = (),
+        substeps: int | None = None,
+        clocks: Sequence[float] | None = None,
+    ) -> list[Motion]:
+        """Simulate (see `Simulator.simulate`)."""
+        count = self.substeps_for(scene.time_step) if substeps is None else substeps
+        return self.load()(scene, excitations, effects, count, clocks)
+
+    def substeps_for(self, time_step: float) -> int:
+        """Return the number of steps that makes them at most `longest_step` long."""
+        return max(1, math.ceil(time_step / self.longest_step - 1e-9))
+
+    def integration(self, step: float) -> Mapping[str, str | float] | None:
+        """Return scheme and step [s], where there are any to share."""
+        return None if self.scheme is None else {"scheme": self.scheme, "step": step}
+
+
+def _bullet() -> Callable[..., list[Motion]]:
+    from physid.simulators.bullet.world import simulate_all
+
+    return simulate_all
+
+
+def _mujoco() -> Callable[..., list[Motion]]:
+    from physid.simulators.mujoco.world import simulate_all
+
+    return simulate_all
+
+
+SIMULATORS: tuple[Simulator, ...] = (
+    _Simulator("pybullet", BULLET_STEP, _bullet, scheme="semi_implicit_euler"),
+    _Simulator("mujoco", 1e-3, _mujoco),
+)
+
+
+def find_simulator(name: str) -> Simulator:
+    """Return a simulator by name.
+
+    Raises:
+        ValueError: If there is no such simulator.
+    """
+    known = {simulator.name: simulator for simulator in SIMULATORS}
+    if name not in known:
+        raise ValueError(f'unknown simulator "{name}"{nearest(name, known)}')
+    return known[name]

@@ -1,0 +1,37 @@
+"""Every simulator is asked in the same way."""
+
+import numpy as np
+import pytest
+
+from physid.scenes.catalogue import find_setup
+from physid.simulators.protocol import SIMULATORS, Simulator, find_simulator
+
+NAMES = [simulator.name for simulator in SIMULATORS]
+APART = 1e-3  # [m] between references after a quarter of a second
+
+
+def test_an_unknown_simulator_is_named_with_the_nearest() -> None:
+    with pytest.raises(ValueError, match='unknown simulator "mujocco"; did you mean "mujoco"'):
+        find_simulator("mujocco")
+
+
+@pytest.mark.parametrize("simulator", SIMULATORS, ids=NAMES)
+def test_its_default_steps_are_at_most_as_long_as_it_says(simulator: Simulator) -> None:
+    assert simulator.substeps_for(1 / 240) <= simulator.substeps_for(1 / 60) <= simulator.substeps_for(1.0)
+    assert simulator.substeps_for(1e-9) == 1
+
+
+@pytest.mark.parametrize("simulator", SIMULATORS, ids=NAMES)
+def test_references_agree_on_a_pushed_block(simulator: Simulator) -> None:
+    setup = find_setup("push")
+    drawn = setup.draw(setup.scene, "paper", np.random.default_rng(1), 60)
+    (motion,) = simulator.simulate(setup.scene, [drawn], substeps=16)
+    (other,) = find_simulator("mujoco").simulate(setup.scene, [drawn])
+    assert motion.pose.shape == (60, 1, 7)
+    assert motion.twist.shape == (60, 1, 6)
+    assert np.abs(motion.pose - other.pose).max() < APART
+
+
+def test_only_a_simulator_that_shares_its_scheme_with_the_model_says_so() -> None:
+    assert find_simulator("pybullet").integration(0.25) == {"scheme": "semi_implicit_euler", "step": 0.25}
+    assert find_simulator("mujoco").integration(0.25) is None
