@@ -25,7 +25,8 @@ def seen(scene: str, effects: tuple[Effect, ...]) -> NDArray[np.float64]:
     """Return the observed poses of a short trajectory of the rich protocol."""
     setup = find_setup(scene)
     excitation = setup.draw(setup.scene, "rich", np.random.default_rng(4), STEPS)
-    return observed(simulate(setup.scene, excitation, effects).pose, effects, setup.scene.time_step)
+    pose = simulate(setup.scene, excitation, effects).pose
+    return observed(pose, effects, setup.scene.time_step * np.arange(len(pose)))
 
 
 def typical(kind: type[Effect]) -> Effect:

@@ -83,7 +83,8 @@ def recorded_with(folder: Path, effects: Sequence[Effect], seed: int = 7) -> Pat
     write_scene(folder, known.known_scene())
     for index, split in enumerate(known.splits()):
         start = PUSH.draw(scene, known.protocol_for(split), random, known.steps)
-        pose = observed(simulate(scene, start, effects).pose, effects, scene.time_step)
+        pose = simulate(scene, start, effects).pose
+        pose = observed(pose, effects, scene.time_step * np.arange(len(pose)))
         turn = from_vector(random.normal(size=(*pose.shape[:-1], 3)) * NOISE.rotation)
         place = pose[..., :3] + random.normal(size=(*pose.shape[:-1], 3)) * NOISE.position
         seen = np.concatenate([place, multiply(turn, pose[..., 3:])], -1)

@@ -30,7 +30,7 @@ class PushedDrag(Effect):
     site: ClassVar[Site] = "dynamics"
     coefficient: Tensor = quantity("N s/m", low=0.0, high=5.0, typical=0.3)
 
-    def actuate(self, wrench: Tensor, time_step: float) -> Tensor:
+    def actuate(self, wrench: Tensor, time: Tensor) -> Tensor:
         """Push."""
         return wrench + 1.0
 
@@ -52,7 +52,7 @@ class SeenDrift(Effect):
         """Change the friction."""
         return FrictionDrift(self.rate).act(state, inputs)
 
-    def load_observations(self, pose: Tensor, time_step: float) -> Tensor:
+    def load_observations(self, pose: Tensor, time: Tensor) -> Tensor:
         """Shift what is seen."""
         return pose + 1.0
 
@@ -72,7 +72,7 @@ def test_a_step_takes_what_acts_at_it_with_the_values_of_each_world(mixed: Effec
     effect = only_steps(mixed)
     assert torch.equal(rolled(effect).pose, rolled(alone).pose)
     pose = torch.zeros(len(SIZES), 3, 1, 7, dtype=torch.float64)
-    assert torch.equal(effect.observe(pose, 0.01), pose)
+    assert torch.equal(effect.observe(pose, torch.arange(3)[None]), pose)
 
 
 def test_an_effect_that_only_acts_at_steps_stays_itself() -> None:

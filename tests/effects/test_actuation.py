@@ -22,9 +22,14 @@ def along_x(force: list[float]) -> Tensor:
     return wrench
 
 
+def clock(command: Tensor) -> Tensor:
+    """Return even times of the rows (1, T) [s]."""
+    return H * torch.arange(command.shape[1], dtype=torch.float64)[None]
+
+
 def acting(name: str, value: dict[str, float], command: Tensor) -> Tensor:
     """Return the force along x (T,) that acts."""
-    return from_values(name, value).actuate(command, H)[0, :, 0, 3]
+    return from_values(name, value).actuate(command, clock(command))[0, :, 0, 3]
 
 
 def test_a_gain_scales_the_command() -> None:
@@ -75,7 +80,7 @@ DELAYED = (("force_lag", {"time_constant": 0.03}), ("force_delay", {"delay": 0.0
 
 def test_a_misaligned_pusher_turns_force_and_torque() -> None:
     wrench = torch.tensor([0.0, 1.0, 5.0, 2.0, 0.0, 7.0], dtype=torch.float64).reshape(1, 1, 1, 6)
-    turned = from_values("force_misalignment", {"angle": math.pi / 6}).actuate(wrench, H).flatten()
+    turned = from_values("force_misalignment", {"angle": math.pi / 6}).actuate(wrench, clock(wrench)).flatten()
     c, s = math.cos(math.pi / 6), 0.5
     assert torch.allclose(turned, torch.tensor([-s, c, 5.0, 2 * c, 2 * s, 7.0], dtype=torch.float64))
 
@@ -88,3 +93,20 @@ def test_an_offset_force_turns_the_body_about_an_arm_that_goes_with_it() -> None
     inputs = probe.inputs.replace(wrench=force)
     torque = from_values("force_offset", {"x": 0.1}).act(probe.state.replace(pose=pose), inputs).wrench[..., :3]
     assert torch.allclose(torque, torch.tensor([0.0, 0.0, -0.2], dtype=torch.float64).expand(3, 2, 3))
+
+
+@pytest.mark.parametrize(("name", "value"), [("force_delay", {"delay": 0.013}), ("force_lag", {"time_constant": 0.02})])
+def test_what_is_late_does_not_depend_on_how_held_forces_are_cut_into_steps(name: str, value: dict[str, float]) -> None:
+    source = torch.Generator().manual_seed(0)
+    length = 0.002 + 0.02 * torch.rand(12, generator=source, dtype=torch.float64)
+    force = 10 * torch.rand(12, generator=source, dtype=torch.float64)
+    parts = torch.randint(1, 6, (12,), generator=source)
+    fine = (length / parts).repeat_interleave(parts)
+    effect, late = from_values(name, value), []
+    for lengths, forces in ((length, force), (fine, force.repeat_interleave(parts))):
+        time = (lengths.cumsum(0) - lengths)[None]
+        late.append(effect.actuate(along_x(forces.tolist()), time)[0, :, 0, 3] * lengths)
+    ends = parts.cumsum(0)
+    summed = torch.stack([part.sum() for part in late[1].tensor_split(ends[:-1])])
+    # The last row of either is held as long as the row before it.
+    assert torch.allclose(summed[:-1], late[0][:-1], atol=TOLERANCE)

@@ -126,7 +126,7 @@ class _Broken(Effect):
     site: ClassVar[Site] = "dynamics"
     c: Tensor = quantity("N", low=0.0, high=1.0, typical=0.5)
 
-    def actuate(self, wrench: Tensor, time_step: float) -> Tensor:
+    def actuate(self, wrench: Tensor, time: Tensor) -> Tensor:
         return wrench + (1 + self.c**2).mean()
 
 

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from physid.effects import from_values
 from physid.effects.probe import TIME_STEP, draw_probe
-from physid.effects.resampling import at_frames
+from physid.effects.resampling import at_times
 from physid.physics.rotations import angle_between, exponential
 
 TOLERANCE = 1e-12
@@ -17,7 +17,7 @@ PROBE = draw_probe()
 
 def seen(name: str, values: dict[str, float], pose: Tensor = PROBE.pose) -> Tensor:
     """Return what the camera reports."""
-    return from_values(name, values).observe(pose, TIME_STEP)
+    return from_values(name, values).observe(pose, TIME_STEP * torch.arange(pose.shape[1]).double()[None])
 
 
 def steady(frames: Tensor) -> Tensor:
@@ -61,16 +61,24 @@ def test_a_wrong_clock_stretches_time(change: float) -> None:
 def test_poses_between_frames_lie_on_the_shortest_way_and_meet_at_the_frames() -> None:
     pose = PROBE.pose[:1]
     whole = torch.arange(pose.shape[1]).double()
-    assert torch.equal(at_frames(pose, whole[None]), pose)
-    before, after = (at_frames(pose, (whole + shift)[None]) for shift in (-1e-9, 1e-9))
+    assert torch.equal(at_times(pose, FRAMES[None, : pose.shape[1]], whole[None]), pose)
+    before, after = (at_times(pose, FRAMES[None, : pose.shape[1]], (whole + shift)[None]) for shift in (-1e-9, 1e-9))
     assert torch.allclose(before, after, atol=1e-8)
+
+
+def test_poses_at_uneven_times_are_those_of_a_steady_motion() -> None:
+    uneven = (FRAMES + 0.3 * torch.rand(12, generator=torch.Generator().manual_seed(0), dtype=torch.float64))[None]
+    between = at_times(steady(uneven[0]), uneven, FRAMES[None] + 0.5)
+    wanted = steady(FRAMES + 0.5)
+    assert torch.allclose(between[..., :3], wanted[..., :3], atol=TOLERANCE)
+    assert angle_between(between[..., 3:], wanted[..., 3:]).max() < 1e-7
 
 
 def test_a_quaternion_and_its_negative_are_resampled_alike() -> None:
     pose = steady(FRAMES)
     flipped = pose.clone()
     flipped[:, ::2, :, 3:] *= -1
-    a, b = (at_frames(each, (FRAMES + 0.4)[None]) for each in (pose, flipped))
+    a, b = (at_times(each, FRAMES[None], (FRAMES + 0.4)[None]) for each in (pose, flipped))
     assert angle_between(a[..., 3:], b[..., 3:]).max() < 1e-7
 
 

@@ -6,12 +6,12 @@ import math
 import numpy as np
 import pytest
 
-from physid.simulators.bullet.world import Motion
 from physid.scenes.catalogue import find_setup
 from physid.scenes.placing import on_ground
 from physid.scenes.rotations import conjugate, rotate
 from physid.scenes.scene import Body, Ground, Scene
 from physid.scenes.setup import REST_DEPTH, Excitation
+from physid.simulators.bullet.world import Motion
 from physid.simulators.mujoco.world import simulate_all
 
 H, G, STEPS, SUBSTEPS = 1 / 60, 9.81, 61, 17

@@ -128,7 +128,7 @@ def _write_one(config: GenerateConfig, folder: Path, index: int, split: str, ext
     protocol = config.protocol_for(split)
     excitation, motion, redrawn = draw(config, index, protocol, effects)
     scene = config.true_scene()
-    pose = observed(motion.pose, effects, scene.time_step)
+    pose = observed(motion.pose, effects, scene.time_step * np.arange(len(motion.pose), dtype=np.float64))
     images = {}
     if scene.camera is not None:
         from physid.simulators.bullet.camera import film

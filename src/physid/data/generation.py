@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from physid.data.recording import SPLITS
 from physid.data.splits import assign_splits
 from physid.scenes.catalogue import bodies_of, find_setup, with_parameters
-from physid.scenes.scene import Scene
+from physid.scenes.scene import Integration, Scene
 from physid.scenes.strict import check_keys, nearest, number, whole
 from physid.simulators.protocol import find_simulator
 
@@ -140,7 +140,14 @@ class GenerateConfig:
     def _true_scene(self) -> Scene:
         own = find_setup(self.scene).scene
         step = own.time_step if self.frame_rate is None else 1 / self.frame_rate
-        scene = dataclasses.replace(with_parameters(own, self.true_values), time_step=step, source=self.simulator)
+        simulator = find_simulator(self.simulator)
+        shared = simulator.integration(step / (self.substeps or simulator.substeps_for(step)))
+        scene = dataclasses.replace(
+            with_parameters(own, self.true_values),
+            time_step=step,
+            source=self.simulator,
+            integration=None if shared is None else Integration.from_mapping(shared),
+        )
         return scene if self.video else dataclasses.replace(scene, camera=None)
 
     def known_scene(self) -> Scene:

@@ -26,7 +26,7 @@ class CameraOffset(Effect):
     y: Tensor = quantity("m", low=-0.5, high=0.5, typical=0.02)
     z: Tensor = quantity("m", low=-0.5, high=0.5, typical=0.02)
 
-    def observe(self, pose: Tensor, time_step: float) -> Tensor:
+    def observe(self, pose: Tensor, time: Tensor) -> Tensor:
         """Shift the reported positions."""
         offset = torch.stack([self.x, self.y, self.z], -1)[:, None, None]
         position, quaternion = pose[..., :3], pose[..., 3:]

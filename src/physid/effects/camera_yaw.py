@@ -23,7 +23,7 @@ class CameraYaw(Effect):
     site: ClassVar[Site] = "perception"
     angle: Tensor = quantity("rad", low=-0.5, high=0.5, typical=0.05)
 
-    def observe(self, pose: Tensor, time_step: float) -> Tensor:
+    def observe(self, pose: Tensor, time: Tensor) -> Tensor:
         """Turn the reported poses."""
         zero = torch.zeros_like(self.angle)
         turn = exponential(torch.stack([zero, zero, self.angle], -1))[:, None, None]

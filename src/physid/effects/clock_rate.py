@@ -3,17 +3,16 @@
 from dataclasses import dataclass
 from typing import ClassVar, final
 
-import torch
 from torch import Tensor
 
-from physid.effects.resampling import at_frames
+from physid.effects.resampling import at_times
 from physid.physics.effect import Effect, Site, quantity
 
 
 @final
 @dataclass(frozen=True)
 class ClockRate(Effect):
-    """P'(t) = P((1 + k) t) for the pose P, between frames at constant velocity (see `at_frames`).
+    """P'(t) = P((1 + k) t) for the pose P, between frames at constant velocity (see `at_times`).
 
     For k > 0 the camera sees more time pass than its clock says; the last poses continue at constant velocity.
 
@@ -26,7 +25,6 @@ class ClockRate(Effect):
     restarts: ClassVar[bool] = True  # what has piled up before a window is a change of its initial state
     change: Tensor = quantity("-", low=-0.2, high=0.2, typical=0.02)
 
-    def observe(self, pose: Tensor, time_step: float) -> Tensor:
+    def observe(self, pose: Tensor, time: Tensor) -> Tensor:
         """Report the poses of other times."""
-        frames = torch.arange(pose.shape[1], dtype=pose.dtype, device=pose.device)
-        return at_frames(pose, frames * (1 + self.change[:, None]))
+        return at_times(pose, time, time + (time - time[:, :1]) * self.change[:, None])

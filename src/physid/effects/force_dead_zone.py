@@ -27,7 +27,7 @@ class ForceDeadZone(Effect):
     site: ClassVar[Site] = "actuation"
     width: Tensor = quantity("N", low=0.0, high=5.0, typical=1.0)
 
-    def actuate(self, wrench: Tensor, time_step: float) -> Tensor:
+    def actuate(self, wrench: Tensor, time: Tensor) -> Tensor:
         """Shorten the commanded forces."""
         torque, force = wrench[..., :3], wrench[..., 3:]
         length = force.square().sum(-1, keepdim=True).clamp_min(SMALLEST**2).sqrt()

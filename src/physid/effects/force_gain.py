@@ -21,6 +21,6 @@ class ForceGain(Effect):
     site: ClassVar[Site] = "actuation"
     gain: Tensor = quantity("-", low=-0.9, high=2.0, typical=0.15)
 
-    def actuate(self, wrench: Tensor, time_step: float) -> Tensor:
+    def actuate(self, wrench: Tensor, time: Tensor) -> Tensor:
         """Scale the commanded wrenches."""
         return wrench * (1 + self.gain[:, None, None, None])

@@ -22,7 +22,7 @@ class ForceMisalignment(Effect):
     site: ClassVar[Site] = "actuation"
     angle: Tensor = quantity("rad", low=-0.8, high=0.8, typical=0.1)
 
-    def actuate(self, wrench: Tensor, time_step: float) -> Tensor:
+    def actuate(self, wrench: Tensor, time: Tensor) -> Tensor:
         """Turn the commanded wrenches."""
         cosine, sine = self.angle.cos()[:, None, None, None], self.angle.sin()[:, None, None, None]
         x, y, z = wrench.reshape(*wrench.shape[:-1], 2, 3).unbind(-1)

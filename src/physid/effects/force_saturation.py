@@ -32,7 +32,7 @@ class ForceSaturation(Effect):
         """Compute the force that a large command tends to, F c^(-1/4) [N]."""
         return self.reference * self.compression**-0.25
 
-    def actuate(self, wrench: Tensor, time_step: float) -> Tensor:
+    def actuate(self, wrench: Tensor, time: Tensor) -> Tensor:
         """Compress the commanded forces."""
         torque, force = wrench[..., :3], wrench[..., 3:]
         square = (force / self.reference).square().sum(-1, keepdim=True)

@@ -22,7 +22,7 @@ class LengthScale(Effect):
     site: ClassVar[Site] = "perception"
     change: Tensor = quantity("-", low=-0.3, high=0.3, typical=0.03)
 
-    def observe(self, pose: Tensor, time_step: float) -> Tensor:
+    def observe(self, pose: Tensor, time: Tensor) -> Tensor:
         """Scale the reported positions."""
         position, quaternion = pose[..., :3], pose[..., 3:]
         return torch.cat([position * (1 + self.change[:, None, None, None]), quaternion], -1)

@@ -25,7 +25,7 @@ class LensDistortion(Effect):
     site: ClassVar[Site] = "perception"
     k1: Tensor = quantity("1/m^2", low=-0.2, high=0.2, typical=0.02)
 
-    def observe(self, pose: Tensor, time_step: float) -> Tensor:
+    def observe(self, pose: Tensor, time: Tensor) -> Tensor:
         """Move the reported positions towards or away from the axis."""
         across, rest = pose[..., :2], pose[..., 2:]
         square = across.square().sum(-1, keepdim=True)

@@ -3,17 +3,16 @@
 from dataclasses import dataclass
 from typing import ClassVar, final
 
-import torch
 from torch import Tensor
 
-from physid.effects.resampling import at_frames
+from physid.effects.resampling import at_times
 from physid.physics.effect import Effect, Site, quantity
 
 
 @final
 @dataclass(frozen=True)
 class ObservationLatency(Effect):
-    """P'(t) = P(t - d) for the pose P, between frames at constant velocity (see `at_frames`).
+    """P'(t) = P(t - d) for the pose P, between frames at constant velocity (see `at_times`).
 
     At d = 0 the derivative is minus the change of pose over the last step, divided by its length.
 
@@ -25,7 +24,6 @@ class ObservationLatency(Effect):
     site: ClassVar[Site] = "perception"
     latency: Tensor = quantity("s", low=0.0, high=0.1, typical=0.02)
 
-    def observe(self, pose: Tensor, time_step: float) -> Tensor:
+    def observe(self, pose: Tensor, time: Tensor) -> Tensor:
         """Report earlier poses."""
-        frames = torch.arange(pose.shape[1], dtype=pose.dtype, device=pose.device)
-        return at_frames(pose, frames - (self.latency / time_step)[:, None])
+        return at_times(pose, time, time - self.latency[:, None])

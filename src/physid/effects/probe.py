@@ -33,6 +33,11 @@ class Probe:
     inputs: StepInputs
     pose: Tensor
 
+    @property
+    def time(self) -> Tensor:
+        """Times of the frames [s], shape (1, T)."""
+        return TIME_STEP * torch.arange(self.pose.shape[1], dtype=torch.float64)[None]
+
     def only(self, sample: int) -> Probe:
         """Return one sample as a batch of one."""
         one = slice(sample, sample + 1)
@@ -45,8 +50,8 @@ class Probe:
         """Return what the hooks of an effect give, by name: `actuate`, `observe`, and the inputs after `act`."""
         acting = effect.act(self.state, self.inputs)
         shown = {field.name: getattr(acting, field.name) for field in dataclasses.fields(acting)}
-        shown["actuate"] = effect.actuate(self.wrench, TIME_STEP)
-        shown["observe"] = effect.observe(self.pose, TIME_STEP)
+        shown["actuate"] = effect.actuate(self.wrench, self.time)
+        shown["observe"] = effect.observe(self.pose, self.time)
         return shown
 
     def untouched(self) -> dict[str, Tensor]:

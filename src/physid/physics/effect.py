@@ -106,16 +106,19 @@ class Effect(ABC):
     name: ClassVar[str]
     site: ClassVar[Site]
 
-    def actuate(self, wrench: Tensor, time_step: float) -> Tensor:
-        """Turn the commanded wrenches (B, T, N, 6) of a trajectory into those that act; held for `time_step` [s]."""
+    def actuate(self, wrench: Tensor, time: Tensor) -> Tensor:
+        """Turn the commanded wrenches (B, T, N, 6) of a trajectory into those that act.
+
+        Row k is held from time[:, k] to time[:, k + 1] [s]; `time` has the shape (1 or B, T).
+        """
         return wrench
 
     def act(self, state: State, inputs: StepInputs) -> StepInputs:
         """Change what enters one step of the engine (dynamics and contact effects)."""
         return inputs
 
-    def observe(self, pose: Tensor, time_step: float) -> Tensor:
-        """Turn the true poses (B, T, N, 7) of a trajectory into those that the camera reports every `time_step` [s]."""
+    def observe(self, pose: Tensor, time: Tensor) -> Tensor:
+        """Turn the true poses (B, T, N, 7) at some times (1 or B, T) [s] into those that the camera reports."""
         return pose
 
     @classmethod

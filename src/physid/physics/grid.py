@@ -7,15 +7,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from physid.physics.effect import Effect
 from physid.physics.state import State, check_shape
 from physid.physics.world import World
-
-CLOCKS = (1 / 240, 1 / 160)
-"""Two time steps between which an actuation effect shows whether it depends on them [s]."""
-
-PROBED = 64
-"""Commands that it is shown: enough for what it remembers over a third of a second."""
 
 
 @dataclass(frozen=True)
@@ -26,11 +19,13 @@ class TimeGrid:
         begin: Time at which each step begins [s], on the clock that effects see, shape (B or 1, T substeps).
         length: h of each step [s], shape (B or 1, T substeps).
         even: Whether every step is as long as `world.step`.
+        substeps: Steps in a frame.
     """
 
     begin: Tensor
     length: Tensor
     even: bool
+    substeps: int
 
     @classmethod
     def of(
@@ -61,7 +56,7 @@ class TimeGrid:
         if start is not None:
             _check("start", start, (None,), batch)
             begin = begin + start.detach().to(like)[:, None]
-        return cls(begin, length, steps is None)
+        return cls(begin, length, steps is None, substeps)
 
     def time(self, step: int) -> Tensor:
         """Return the time at which a step begins [s], shape (B or 1,)."""
@@ -70,6 +65,11 @@ class TimeGrid:
     def step(self, step: int) -> Tensor:
         """Return the length of a step [s], shape (B or 1,)."""
         return self.length[:, step]
+
+    @property
+    def frames(self) -> Tensor:
+        """Times at which the frames begin [s], shape (B or 1, T)."""
+        return self.begin[:, :: self.substeps]
 
     @property
     def uneven(self) -> Tensor | None:
@@ -81,19 +81,3 @@ def _check(name: str, value: Tensor, shape: tuple[int | None, ...], batch: int) 
     check_shape(name, value, shape)
     if value.shape[0] not in (1, batch):
         raise ValueError(f"{name} must have a first axis of 1 or {batch}, one for each world, got {value.shape[0]}")
-
-
-def require_no_clock(effect: Effect) -> None:
-    """Refuse an actuation effect that counts time in steps of one length where steps differ.
-
-    Raises:
-        ValueError: If what it does to commands at its typical size depends on the time step.
-    """
-    typical = {name: torch.tensor([size.typical], dtype=torch.float64) for name, size in effect.quantities().items()}
-    probe, ramp = effect.replace(**typical), torch.arange(1.0, PROBED + 1, dtype=torch.float64)
-    wrench = ramp[None, :, None, None].expand(1, PROBED, 1, 6)
-    if not torch.equal(*(probe.actuate(wrench, step) for step in CLOCKS)):
-        raise ValueError(
-            f"{effect.name} shifts or filters commands in steps of one length, but the steps of this rollout differ; "
-            "let it act on the commands at their own rate first, and roll out without it"
-        )

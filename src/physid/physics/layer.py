@@ -14,7 +14,7 @@ from torch.utils.checkpoint import checkpoint
 
 from physid.physics.effect import Effect, StepInputs
 from physid.physics.fused.backend import Backend, check_backend, use_fused
-from physid.physics.grid import TimeGrid, require_no_clock
+from physid.physics.grid import TimeGrid
 from physid.physics.lcp import SolverSettings
 from physid.physics.parameters import Parameters
 from physid.physics.state import State, check_shape
@@ -126,8 +126,7 @@ class PhysicsLayer(nn.Module):
             Poses, twists, impulses and solver status, with gradients to the first three arguments and to the effects.
 
         Raises:
-            ValueError: If a shape is off or a value is not finite, or an effect needs steps of one length and `steps`
-                are given.
+            ValueError: If a shape is off or a value is not finite.
             SolverError: If a step's contact problem cannot be solved.
         """
         batch, bodies = initial_state.pose.shape[:2]
@@ -141,9 +140,7 @@ class PhysicsLayer(nn.Module):
         grid = TimeGrid.of(self.world, initial_state, wrenches.shape[1], steps, start)
         effects = [effect.to(initial_state.pose) for effect in self.effects]
         for effect in effects:
-            if not grid.even and type(effect).actuate is not Effect.actuate:
-                require_no_clock(effect)
-            wrenches = effect.actuate(wrenches, self.world.time_step)
+            wrenches = effect.actuate(wrenches, grid.frames)
         fused = use_fused(self.backend, self.world, initial_state.pose)
         if fused and wrenches.shape[1]:
             rollout = self._compiled(initial_state, wrenches, parameters, effects, grid, lengths)
@@ -165,10 +162,19 @@ class PhysicsLayer(nn.Module):
         """Whether a perception effect is at work: true states are not what the camera reports."""
         return any(type(effect).observe is not Effect.observe for effect in self.effects)
 
-    def observe(self, pose: Tensor) -> Tensor:
-        """Return what the camera reports of true poses (B, T, N, 7), by the perception effects of the layer."""
+    def observe(self, pose: Tensor, time: Tensor | None = None) -> Tensor:
+        """Return what the camera reports of true poses (B, T, N, 7), by the perception effects of the layer.
+
+        Args:
+            pose: Poses of the centres.
+            time: Times of the frames [s], shape (1 or B, T); None for frames `world.time_step` apart.
+        """
+        if not self.distorts:
+            return pose
+        if time is None:
+            time = self.world.time_step * torch.arange(pose.shape[1]).to(pose)[None]
         for effect in self.effects:
-            pose = effect.to(pose).observe(pose, self.world.time_step)
+            pose = effect.to(pose).observe(pose, time.to(pose))
         return pose
 
     def _compiled(

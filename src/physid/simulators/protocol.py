@@ -12,8 +12,8 @@ from physid.scenes.setup import Excitation
 from physid.scenes.strict import nearest
 
 if TYPE_CHECKING:
-    from physid.simulators.bullet.world import Motion
     from physid.physics.effect import Effect
+    from physid.simulators.bullet.world import Motion
 
 BULLET_STEP = 1 / 240  # [s] the longest step that is asked of PyBullet
 

@@ -9,6 +9,7 @@ from typing import ClassVar, final
 import torch
 from torch import Tensor
 
+from physid.effects.force_delay import with_end
 from physid.physics.effect import Effect, Site, StepInputs, quantity
 from physid.physics.state import State
 
@@ -134,7 +135,7 @@ class CommandSteps(Effect):
     site: ClassVar[Site] = "actuation"
     quantum: Tensor = quantity("N", low=0.0, high=20.0, typical=3.0)
 
-    def actuate(self, wrench: Tensor, time_step: float) -> Tensor:
+    def actuate(self, wrench: Tensor, time: Tensor) -> Tensor:
         """Round the force."""
         if not bool(self.quantum.any()):
             return wrench
@@ -157,7 +158,7 @@ class PropellerTorque(Effect):
     site: ClassVar[Site] = "actuation"
     arm: Tensor = quantity("m", low=-0.2, high=0.2, typical=0.02)
 
-    def actuate(self, wrench: Tensor, time_step: float) -> Tensor:
+    def actuate(self, wrench: Tensor, time: Tensor) -> Tensor:
         """Add the torque."""
         torque = torch.zeros_like(wrench)
         torque[..., 2] = self.arm[:, None, None] * wrench[..., 3:].norm(dim=-1)
@@ -177,9 +178,9 @@ class Fatigue(Effect):
     site: ClassVar[Site] = "actuation"
     rate: Tensor = quantity("1/(N s)", low=0.0, high=2.0, typical=0.1)
 
-    def actuate(self, wrench: Tensor, time_step: float) -> Tensor:
+    def actuate(self, wrench: Tensor, time: Tensor) -> Tensor:
         """Weaken the wrench."""
-        done = (wrench[..., 3:].norm(dim=-1) * time_step).cumsum(1)
+        done = (wrench[..., 3:].norm(dim=-1) * with_end(time).diff(dim=1)[..., None]).cumsum(1)
         weak: Tensor = wrench / (1 + self.rate[:, None, None] * done)[..., None]
         return weak
 
@@ -197,11 +198,10 @@ class CameraSway(Effect):
     site: ClassVar[Site] = "perception"
     sway: Tensor = quantity("m", low=-0.1, high=0.1, typical=0.003)
 
-    def observe(self, pose: Tensor, time_step: float) -> Tensor:
+    def observe(self, pose: Tensor, time: Tensor) -> Tensor:
         """Shift the positions."""
-        time = torch.arange(pose.shape[1], dtype=pose.dtype) * time_step
         shift = torch.zeros_like(pose)
-        shift[..., 0] = self.sway[:, None, None] * (2 * pi * time / SWAY).sin()[None, :, None]
+        shift[..., 0] = self.sway[:, None, None] * (2 * pi * time / SWAY).sin()[..., None]
         return pose + shift
 
 
@@ -218,7 +218,7 @@ class Keystone(Effect):
     site: ClassVar[Site] = "perception"
     slope: Tensor = quantity("1/m", low=-0.3, high=0.3, typical=0.02)
 
-    def observe(self, pose: Tensor, time_step: float) -> Tensor:
+    def observe(self, pose: Tensor, time: Tensor) -> Tensor:
         """Distort the positions."""
         scale = 1 + self.slope[:, None, None] * pose[..., 0]
         return torch.cat([pose[..., :2] * scale[..., None], pose[..., 2:]], -1)

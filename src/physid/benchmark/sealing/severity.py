@@ -110,7 +110,7 @@ def _refitted(config: GenerateConfig, effects: Sequence[Effect], looks: Sequence
 
 def _brief(scene: Scene, unknown: Sequence[str], effects: Sequence[Effect], look: Look, spread: Array) -> list[Array]:
     """Return d and the changes by each unknown parameter, (1 + P, n), in each brief segment where these are linear."""
-    seen = observed(look.motion.pose, effects, scene.time_step)
+    seen = observed(look.motion.pose, effects, scene.time_step * np.arange(len(look.motion.pose), dtype=np.float64))
     plain = replay(scene, look.excitation, look.motion, BRIEF)
     scenes = [*_varied(scene, unknown), *_varied(scene, unknown, -CHANGE)]
     varied = (replay(each, look.excitation, look.motion, BRIEF) for each in scenes)
@@ -148,7 +148,7 @@ def _columns(
     scene: Scene, unknown: Sequence[str], effects: Sequence[Effect], look: Look, spread: Array, index: int
 ) -> Array:
     """Return d of a trajectory, e by each jitter, and the changes by each unknown parameter: shape (1 + J + P, n)."""
-    seen = observed(look.motion.pose, effects, scene.time_step)
+    seen = observed(look.motion.pose, effects, scene.time_step * np.arange(len(look.motion.pose), dtype=np.float64))
     generator = np.random.default_rng(index)
     plain = replay(scene, look.excitation, look.motion, WINDOW)
     bodies = len(scene.bodies)

@@ -17,6 +17,7 @@ from physid.estimation.least_squares.experiment import Experiment
 from physid.estimation.least_squares.levenberg_marquardt import gauss_newton
 from physid.estimation.prediction.rollout import Predictor, Variants
 from physid.estimation.prediction.segments import Segmentation
+from physid.estimation.prediction.timeline import Timeline
 from physid.physics.layer import SolverError
 from physid.scenes.catalogue import SETUPS, with_parameters
 from physid.scenes.setup import Excitation, Setup
@@ -126,11 +127,12 @@ def _planned(drawn: Sequence[Excitation], one: Hypothesis, other: Hypothesis, no
         torch.from_numpy(np.stack([getattr(each, name) for each in drawn])) for name in ("wrench", "pose", "twist")
     )
     rows, steps = wrench.shape[:2]
-    predictor = Predictor(known.model, wrench, Segmentation.equal(rows, steps, steps), known.candidates)
+    timeline = Timeline.regular(wrench, scene.time_step)
+    predictor = Predictor(known.model, timeline, Segmentation.equal(rows, steps, steps), known.candidates)
     rival = other.fit.point.replace(pose=pose[None], twist=twist[None])
     present = torch.ones(wrench.shape[:3], dtype=torch.float64)
     seen = predictor.predict(rival).pose[0]
-    observed = Observations(scene, seen, wrench, present, (FIT,) * rows, tuple(range(rows)))
+    observed = Observations(scene, seen, present, timeline, (FIT,) * rows, tuple(range(rows)))
     experiment, guess = begin(predictor, observed, present, nominal_fit.noise, one.fit.point.nominal)
     same = guess.replace(pose=rival.pose, twist=rival.twist)
     points = [each.replace(effects=one.fit.point.effects) for each in (guess, same)]

@@ -35,7 +35,7 @@ def bootstrap_spread(hypothesis: Hypothesis, generator: torch.Generator) -> Tens
     errors = []
     for _ in range(REPLAYS):
         point = jitter(experiment, fit, generator)
-        made = replay(predictor.model, predictor.wrench, predictor.segments, point, hypothesis.working)
+        made = replay(predictor.model, predictor.timeline, predictor.segments, point, hypothesis.working)
         residual = experiment.replace(pose=made).residual(fit.jacobian.base.pose, fit.point)
         normal = fit.linear.respond(residual, experiment.scale).of(experiment.fitted)
         matrix = normal.matrix.sum(0) + torch.diag(prior(experiment.predictor, hypothesis.columns))

@@ -51,7 +51,8 @@ def read_nominal_model(scene: Scene, source: Path | Mapping[str, Any] | None) ->
         effects = tuple(from_values(name, each) for name, each in (engine.get("effects") or {}).items())
     except ValueError as error:
         raise ValueError(f"{place}: {error}") from None
-    return NominalModel(scene, effects, int(engine.get("substeps") or 1))
+    substeps = engine.get("substeps")
+    return NominalModel(scene, effects, None if substeps is None else int(substeps))
 
 
 def _read(source: Path | Mapping[str, Any]) -> tuple[Mapping[str, Any], str, list[float] | None]:

@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from physid.estimation.prediction.rollout import Prediction
+from physid.estimation.prediction.timeline import Timeline
 from physid.physics.contact import PATCH
 from physid.scenes.scene import Scene
 
@@ -32,20 +33,22 @@ SWITCH_TIME = 0.02  # [s] ... and this long the body is being switched
 RARE = 0.2  # if more than this share of frames were switches, the command is noise and none is
 
 
-def phases_of(prediction: Prediction, wrench: Tensor, scene: Scene) -> Tensor:
+def phases_of(prediction: Prediction, timeline: Timeline, scene: Scene) -> Tensor:
     """Name what each body does at each frame.
 
     Args:
         prediction: A single variant.
-        wrench: Commanded wrenches, shape (R, T, N, 6).
+        timeline: Times of the frames, and commanded wrenches.
         scene: Masses, gravity, time step.
 
     Returns:
         Codes of PHASES, shape (R, T, N).
     """
     bodies = len(scene.bodies)
+    wrench = timeline.wrench
     weight = torch.tensor([body.mass for body in scene.bodies], dtype=wrench.dtype)
-    weight = weight * torch.tensor(scene.gravity, dtype=wrench.dtype).norm() * scene.time_step
+    length = timeline.time.diff(dim=1, append=timeline.time[:, -1:] + scene.time_step).clamp_min(1e-9)
+    weight = weight * torch.tensor(scene.gravity, dtype=wrench.dtype).norm() * length[..., None]
     normal = prediction.impulse[0].unflatten(-1, (-1, PATCH)).sum(-1)
     ground, between = normal[..., :bodies] / weight, _touching_others(normal, bodies)
     # The last frame of a segment has no step after it and continues the one before.

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import islice
 
-import numpy as np
 import torch
 from torch import Tensor
 
-from physid.data.format import Recording, RecordingSet
+from physid.data.format import RecordingSet
+from physid.data.observations.time_grid import TimeGrid
+from physid.data.observations.trajectories import Trajectories, load_trajectories
 from physid.data.reading import ECHO, echo_of, read_reading
 from physid.estimation.measurement.tracking_error import TrackingError
+from physid.estimation.prediction.timeline import Timeline
 from physid.scenes.scene import Scene
 
 FIT, SELECT, SAME, PROBE, TRANSFER = "fit", "select", "same", "probe", "transfer"
@@ -26,7 +28,6 @@ ROLES = {
     "test": SAME,
 }
 ENOUGH = 4  # from so many trajectories of another protocol on, every second one joins the fit as a probe
-JITTER = 0.02  # share of the time step by which time stamps may be off
 UNSPLIT = (FIT, SELECT, SAME)  # trajectories without a split play these parts in turn
 
 
@@ -37,8 +38,8 @@ class Observations:
     Attributes:
         scene: The scene as far as it is known.
         pose: Observed poses, shape (R, T, N, 7).
-        wrench: Commanded wrenches, shape (R, T, N, 6).
-        present: 1 for frames that exist (trajectories may differ in length), shape (R, T, N).
+        present: 1 where a body was seen (trajectories may differ in length, and miss frames), shape (R, T, N).
+        timeline: When poses were recorded, and the commanded wrenches in between.
         roles: fit, select, probe, same or transfer, one for each trajectory; the last two are only reported on.
         indices: Number of each trajectory in the recording set.
         error: How far poses that were read from films can be trusted; None for a sensor of poses.
@@ -46,8 +47,8 @@ class Observations:
 
     scene: Scene
     pose: Tensor
-    wrench: Tensor
     present: Tensor
+    timeline: Timeline
     roles: tuple[str, ...]
     indices: tuple[int, ...]
     error: TrackingError | None = None
@@ -75,16 +76,53 @@ def load_observations(
     Raises:
         ValueError: If a trajectory has no poses, or the second set holds other bodies; see also `require_sound`.
     """
-    read = list(islice(recordings, limit))
+    read = load_trajectories(recordings, _first(recordings, limit))
+    observations = _observed(recordings.scene, [read])
     if transfer is not None:
         require_same_scene(recordings, transfer)
-        read += [replace(one, split="report_transfer") for one in islice(transfer, limit)]
-    require_even_time(read, recordings.scene.time_step)
-    observations = from_recordings(recordings.scene, read)
-    return replace(observations, error=_reader_error(observations, recordings, transfer, limit))
+        more = load_trajectories(transfer, _first(transfer, limit))
+        more = replace(more, splits=("report_transfer",) * len(more))
+        observations = _observed(recordings.scene, [read, more])
+    return replace(observations, error=_tracking_error(observations, recordings, transfer, limit))
 
 
-def _reader_error(
+def _first(recordings: RecordingSet, limit: int | None) -> range:
+    """Return the numbers of the first trajectories."""
+    return range(len(recordings))[:limit]
+
+
+def _observed(scene: Scene, sets: Sequence[Trajectories]) -> Observations:
+    """Put trajectories of several sets one after the other; shorter ones are filled up with frames nobody saw."""
+    frames = max(each.pose.shape[1] for each in sets)
+    steps = max(each.grid.steps.shape[1] for each in sets)
+
+    def longer(value: Tensor, length: int) -> Tensor:
+        last = value[:, -1:].expand(-1, length - value.shape[1], *value.shape[2:])
+        return torch.cat([value, last], 1)
+
+    grid = TimeGrid(
+        torch.cat([longer(each.grid.steps, steps) for each in sets]),
+        torch.cat([longer(each.grid.wrench, steps) for each in sets]),
+        torch.cat([longer(each.grid.frame_step, frames) for each in sets]),
+        torch.cat([each.grid.count for each in sets]),
+    )
+    unseen = [
+        torch.cat([each.seen, each.seen.new_zeros(len(each), frames - each.seen.shape[1], each.seen.shape[2])], 1)
+        for each in sets
+    ]
+    splits = [split for each in sets for split in each.splits]
+    protocols = [protocol for each in sets for protocol in each.protocols]
+    return Observations(
+        scene,
+        torch.cat([longer(each.pose, frames) for each in sets]),
+        torch.cat(unseen).double(),
+        Timeline(torch.cat([longer(each.time, frames) for each in sets]), grid),
+        _roles(splits, protocols),
+        tuple(range(len(splits))),
+    )
+
+
+def _tracking_error(
     observations: Observations, recordings: RecordingSet, transfer: RecordingSet | None, limit: int | None
 ) -> TrackingError | None:
     """Compare poses that were read from films with what drawing and reading them again gives.
@@ -102,31 +140,12 @@ def _reader_error(
                 f"{each.folder}: expected poses that were read from films, as in the other set, and the set {ECHO} "
                 "beside them, found none; use physid track on both sets"
             )
-    again = from_recordings(observations.scene, [one for each in echoes if each for one in islice(each, limit)])
+    again = _observed(observations.scene, [load_trajectories(each, _first(each, limit)) for each in echoes if each])
     camera = recordings.scene.camera
     assert camera is not None
     deviation = max(each.stretch_deviation for each in readings if each)
     middle = torch.tensor(camera.target, dtype=torch.float64)
     return TrackingError.between(observations.pose, again.pose, middle, deviation)
-
-
-def require_even_time(recordings: list[Recording], time_step: float) -> None:
-    """Refuse time stamps that are not one time step apart.
-
-    Raises:
-        ValueError: Names trajectory and frame, what was expected and what was found.
-    """
-    for index, one in enumerate(recordings):
-        if one.time is None:
-            continue
-        steps = np.diff(one.time)
-        off = np.abs(steps - time_step) > JITTER * time_step
-        if off.any():
-            frame = int(off.argmax())
-            raise ValueError(
-                f"trajectory {index}: expected frames {time_step:.6g} s apart (time_step), found {steps[frame]:.6g} s "
-                f"between frames {frame} and {frame + 1}; resample the trajectory, or cut it there"
-            )
 
 
 def require_same_scene(recordings: RecordingSet, transfer: RecordingSet) -> None:
@@ -146,48 +165,19 @@ def require_same_scene(recordings: RecordingSet, transfer: RecordingSet) -> None
             )
 
 
-def from_recordings(scene: Scene, recordings: list[Recording]) -> Observations:
-    """Stack recordings; shorter ones are filled up with their last frame."""
-    blind = [index for index, one in enumerate(recordings) if one.pose is None]
-    if blind:
-        raise ValueError(
-            f"trajectory {blind[0]} has video but no poses: expected `pose` in every trajectory; read poses from the "
-            "films: physid track"
-        )
-    frames, bodies = max(one.length for one in recordings), len(scene.bodies)
-    pose = np.empty((len(recordings), frames, bodies, 7))
-    wrench = np.zeros((len(recordings), frames, bodies, 6))
-    present = np.zeros((len(recordings), frames, bodies))
-    for row, one in enumerate(recordings):
-        assert one.pose is not None
-        pose[row] = one.pose[np.minimum(np.arange(frames), one.length - 1)]
-        present[row, : one.length] = 1
-        if one.wrench is not None:
-            wrench[row, : one.length] = one.wrench
-    return Observations(
-        scene,
-        torch.from_numpy(pose),
-        torch.from_numpy(wrench),
-        torch.from_numpy(present),
-        _roles(recordings),
-        tuple(range(len(recordings))),
-    )
-
-
-def _roles(recordings: list[Recording]) -> tuple[str, ...]:
+def _roles(splits: Sequence[str | None], protocols: Sequence[str | None]) -> tuple[str, ...]:
     """Give each trajectory its part; one of another protocol than most of those fitted is for the transfer."""
-    turns = iter(UNSPLIT * len(recordings))
-    roles = [ROLES[one.split] if one.split else next(turns) for one in recordings]
+    turns = iter(UNSPLIT * len(splits))
+    roles = [ROLES[split] if split else next(turns) for split in splits]
     if SELECT not in roles:
         fitted = [row for row, role in enumerate(roles) if role == FIT]
         for row in fitted[2::3]:
             roles[row] = SELECT
     if TRANSFER not in roles:
-        used = Counter(one.protocol for one, role in zip(recordings, roles, strict=True) if role in (FIT, SELECT))
+        used = Counter(one for one, role in zip(protocols, roles, strict=True) if role in (FIT, SELECT))
         usual = used.most_common(1)[0][0] if used else None
         roles = [
-            TRANSFER if role == SAME and one.protocol != usual else role
-            for one, role in zip(recordings, roles, strict=True)
+            TRANSFER if role == SAME and one != usual else role for one, role in zip(protocols, roles, strict=True)
         ]
     return _with_probes(roles)
 

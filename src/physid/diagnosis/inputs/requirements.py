@@ -82,7 +82,7 @@ def _require_forces(observations: Observations) -> None:
     scene = observations.scene
     gravity, normal = (torch.tensor(each, dtype=torch.float64) for each in (scene.gravity, scene.ground.normal))
     level = float(torch.linalg.cross(gravity, normal).norm()) < 1e-3 * float(gravity.norm())
-    if bool((observations.wrench != 0).any()) or not level or len(scene.bodies) > 1:
+    if bool((observations.timeline.grid.wrench != 0).any()) or not level or len(scene.bodies) > 1:
         return
     way = observations.pose[..., :3] - observations.pose[:, :1, :, :3]
     flat = way - (way @ normal)[..., None] * normal

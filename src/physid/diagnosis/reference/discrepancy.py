@@ -52,6 +52,8 @@ def fit_with_reference(
     Returns:
         The experiment with the gap between the engines at the best point, and the fit there.
     """
+    if not bool(experiment.follow.any()):
+        return experiment, gauss_newton(experiment, fit, effects)
     say("replaying the fit in the reference simulator")
     best, segments = fit.point, experiment.predictor.segments
     engine = _renewed(experiment, fit, names).engine
@@ -97,7 +99,7 @@ def simulator_discrepancy(predictor: Predictor, fit: Fit, follow: Tensor, workin
     Returns:
         Shape (R, T, N, 6).
     """
-    other = replay(predictor.model, predictor.wrench, predictor.segments, fit.point, working, follow)
+    other = replay(predictor.model, predictor.timeline, predictor.segments, fit.point, working, follow)
     seen = fit.jacobian.base.pose[0]
     inside = predictor.segments.spread(follow)[..., None, None]
     return difference(torch.where(inside, other, seen), seen)

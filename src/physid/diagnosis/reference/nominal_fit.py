@@ -13,6 +13,7 @@ from physid.diagnosis.inputs.motion_phases import phases_of
 from physid.diagnosis.inputs.observations import Observations
 from physid.diagnosis.reference.discrepancy import Say, between, fit_with_reference
 from physid.diagnosis.reference.null_simulations import floors
+from physid.estimation.least_squares.discretisation import ChosenSteps, choose_steps
 from physid.estimation.least_squares.experiment import Experiment, Fit
 from physid.estimation.least_squares.initial_states import guess_initial_states
 from physid.estimation.least_squares.jacobian import Directions
@@ -24,12 +25,14 @@ from physid.estimation.measurement.tracking_error import TrackingError
 from physid.estimation.prediction.nominal_model import NominalModel
 from physid.estimation.prediction.rollout import Prediction, Predictor, Variants
 from physid.estimation.prediction.segments import IMPACTS, Segmentation
+from physid.estimation.prediction.timeline import Timeline
 from physid.physics.effect import Effect
 
 FIRST_NOISE = Noise(rotation=5e-3, position=2e-3)
 FACTORS = (1.0, 0.5, 0.25, 2.0, 4.0)  # first guesses of unknown parameters that are tried, times the one given
 LOST = 1.5  # times the usual misfit of contact segments, from which on one does not follow the reference simulator
-FIRST = 30  # frames of the segments of the first fit
+FIRST, FEWEST = 30 / 240, 10  # [s], and least frames, of the segments of the first fit
+CHOICES = 2  # times that the steps of the engine are chosen, and all is fitted with them
 CUTS = 3  # most times that trajectories are cut into segments around events
 NONE = torch.zeros(0, dtype=torch.int64)
 
@@ -45,6 +48,7 @@ class NominalFit:
         noise: White noise of the poses.
         phases: Codes of what each body is doing, shape (R, T, N).
         events: Frames at which small errors grow fast, shape (R, T).
+        steps: The steps of the engine that were chosen; None where they are known, or given.
     """
 
     observations: Observations
@@ -53,6 +57,7 @@ class NominalFit:
     noise: Noise
     phases: Tensor
     events: Tensor
+    steps: ChosenSteps | None = None
 
     @property
     def present(self) -> Tensor:
@@ -88,28 +93,50 @@ def fit_nominal_model(
     trajectories, frames = observations.pose.shape[:2]
     present = inliers(observations)
     say("fitting the nominal model to short windows")
-    short = Segmentation.equal(trajectories, frames, min(FIRST, frames))
-    predictor = Predictor(model, observations.wrench, short, candidates)
+    length = max(round(FIRST / observations.scene.time_step), FEWEST)
+    short = Segmentation.equal(trajectories, frames, min(length, frames))
+    timeline = _first_steps(observations, model)
+    predictor = Predictor(model, timeline, short, candidates)
     experiment, point = begin(predictor, observations, present, FIRST_NOISE)
     point = _scan(experiment, point)
     first = gauss_newton(experiment, point, NONE, steps=5)
     noise = estimate_noise(first.residual, present, observations.error)
     say("fitting the nominal model")
-    experiment, fit, events = _fit_segments(observations, model, candidates, present, noise, first)
+    experiment, fit, events = _fit_segments(observations, predictor, present, noise, first)
+    chosen = None
+    for _ in range(CHOICES if _chooses_steps(model) else 0):
+        say("choosing the steps of the engine")
+        noise, experiment = _weighed(experiment, fit, present, noise.error)
+        chosen = choose_steps(experiment, experiment.linearise(fit.point, NONE), observations.timeline)
+        experiment, fit, events = _fit_segments(
+            observations, experiment.predictor.at_times(chosen.timeline), present, noise, fit
+        )
     experiment, fit, noise = _follow(experiment, fit, present, noise.error, say)
     say("measuring where the numerics disturb")
     extra = (1 + floors(experiment, fit, generator)).rsqrt()
     segments = experiment.predictor.segments
     experiment = experiment.replace(scale=experiment.scale * segments.spread(extra)[..., None, None])
     experiment, fit = fit_with_reference(experiment, fit, NONE, (), say)
-    phases = phases_of(fit.jacobian.base, observations.wrench, model.scene)
-    return NominalFit(observations, experiment, fit, noise, phases, events)
+    phases = phases_of(fit.jacobian.base, observations.timeline, model.scene)
+    return NominalFit(observations, experiment, fit, noise, phases, events, chosen)
+
+
+def _first_steps(observations: Observations, model: NominalModel) -> Timeline:
+    """Return the timeline with the steps that are known, or the longest where they are chosen later."""
+    if model.substeps is not None:
+        return observations.timeline.refined(model.substeps)
+    made = model.scene.integration
+    return observations.timeline.refined(1 if made is None else max(1, round(model.scene.time_step / made.step)))
+
+
+def _chooses_steps(model: NominalModel) -> bool:
+    """Return whether the steps of the engine follow from the recordings: nobody says how these were integrated."""
+    return model.substeps is None and model.scene.integration is None
 
 
 def _fit_segments(
     observations: Observations,
-    model: NominalModel,
-    candidates: Sequence[type[Effect]],
+    predictor: Predictor,
     present: Tensor,
     noise: Noise,
     fit: Fit,
@@ -124,13 +151,14 @@ def _fit_segments(
     """
 
     def events_of(fit: Fit) -> Tensor:
-        phases = phases_of(fit.jacobian.base, observations.wrench, model.scene)
+        phases = phases_of(fit.jacobian.base, observations.timeline, model.scene)
         return find_events(phases, observations.pose, present, noise, model.scene)
 
+    model = predictor.model
     events = events_of(fit)
     for _ in range(CUTS):
-        segments = Segmentation.around(events, IMPACTS)
-        predictor = Predictor(model, observations.wrench, segments, candidates)
+        segments = Segmentation.around(events, IMPACTS, model.scene.time_step)
+        predictor = predictor.over(segments)
         experiment, point = begin(predictor, observations, present, noise, fit.point.nominal, fit.jacobian.base)
         fit = gauss_newton(experiment, point, NONE)
         fit = gauss_newton(experiment, search(experiment, fit), NONE)
@@ -152,6 +180,11 @@ def _follow(
     """
     segments = experiment.predictor.segments
     noise, experiment = _weighed(experiment, alone, present, error)
+    if experiment.predictor.model.scene.integration is None:
+        # Steps are fine, and no simulator is nearer to the recordings than the model itself.
+        own = _own_weight(segments, experiment.misfit(alone.point), segments.contact)
+        experiment = experiment.replace(scale=experiment.scale * own, follow=torch.zeros_like(experiment.follow))
+        return experiment, experiment.linearise(alone.point, NONE), noise
     own = _own_weight(segments, experiment.misfit(alone.point), segments.contact)
     fit = experiment.linearise(alone.point.replace(engine=torch.ones_like(alone.point.engine)), NONE)
     followed, fit = fit_with_reference(experiment.replace(scale=experiment.scale * own), fit, NONE, (), say)

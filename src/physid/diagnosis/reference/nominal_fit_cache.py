@@ -10,6 +10,7 @@ from pathlib import Path
 import torch
 
 from physid.data.files import write_whole
+from physid.data.observations.time_grid import TimeGrid
 from physid.diagnosis.inputs.observations import Observations
 from physid.diagnosis.reference.nominal_fit import NONE, NominalFit
 from physid.estimation.least_squares.experiment import Experiment
@@ -22,6 +23,7 @@ from physid.physics.effect import Effect
 
 FILE = "prepared.pt"
 LAYOUT = 2  # of what the file holds; another one is not read
+GRID = ("steps", "wrench", "frame_step", "count")
 WINDOWS = ("trajectory", "start", "size", "contact")
 POINT = ("pose", "twist", "nominal", "effects", "engine")
 
@@ -54,6 +56,7 @@ def cached_fit(
     nominal_fit = make()
     experiment, segments = nominal_fit.experiment, nominal_fit.experiment.predictor.segments
     state = {name: getattr(segments, name) for name in WINDOWS}
+    state |= {f"grid.{name}": getattr(experiment.predictor.timeline.grid, name) for name in GRID}
     state |= {f"point.{name}": getattr(nominal_fit.fit.point, name) for name in POINT}
     state |= {name: getattr(experiment, name) for name in ("scale", "engine", "follow")}
     state |= {"frame": experiment.directions.frame, "free": experiment.directions.free, "phases": nominal_fit.phases}
@@ -74,7 +77,9 @@ def _restored(
 ) -> NominalFit:
     """Put the parts together again."""
     segments = Segmentation(*observations.pose.shape[:2], *(state[name] for name in WINDOWS))
-    predictor = Predictor(model, observations.wrench, segments, candidates)
+    grid = TimeGrid(*(state[f"grid.{name}"] for name in GRID))
+    timeline = dataclasses.replace(observations.timeline, grid=grid)
+    predictor = Predictor(model, timeline, segments, candidates)
     directions = Directions(state["frame"], state["free"])
     experiment = Experiment(
         predictor,
@@ -99,7 +104,8 @@ def _key(
 ) -> str:
     """Return a checksum of all that the fit depends on."""
     digest = hashlib.sha256(b"" if observations.error is None else observations.error.track.numpy().tobytes())
-    for array in (observations.pose, observations.wrench, observations.present, generator.get_state()):
+    grid = observations.timeline.grid
+    for array in (observations.pose, observations.present, grid.steps, grid.wrench, generator.get_state()):
         digest.update(array.numpy().tobytes())
     known = [(effect.name, [float(value) for value in effect.values().values()]) for effect in model.effects]
     named = [(kind.name, sorted(kind.quantities())) for kind in candidates]

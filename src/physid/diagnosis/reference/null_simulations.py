@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from physid.diagnosis.reference.replay import replay
+from physid.diagnosis.reference.replay import Reference, references_of, replay
 from physid.estimation.least_squares.experiment import Experiment, Fit
 from physid.estimation.least_squares.initial_states import SPANS
 from physid.estimation.least_squares.line_search import try_losses
@@ -45,7 +45,8 @@ def draw_null_simulations(
 ) -> NullSimulations:
     """Make data as they would be if the fit were the truth.
 
-    The recorded forces are replayed in PyBullet from states and parameters as uncertain as the fit, and noise is added.
+    The recorded forces are replayed in the references, one after the other, from states and parameters as uncertain as
+    the fit, and noise is added.
 
     Args:
         experiment: The experiment.
@@ -53,15 +54,15 @@ def draw_null_simulations(
         noise: White noise of the poses.
         effects: Effects of that model, beside the nominal ones.
         generator: Source of randomness.
-        replays: Runs of PyBullet.
+        replays: Runs of reference simulators.
         draws: Draws of the noise for each run.
 
     Returns:
         Z = replays * draws data sets.
     """
-    residuals = []
-    for _ in range(replays):
-        clean = noiseless(experiment, fit, effects, generator)
+    residuals, references = [], references_of(experiment.predictor.model.scene)
+    for run in range(replays):
+        clean = noiseless(experiment, fit, effects, generator, references[run % len(references)])
         residuals.append(clean + noise.draw(draws, clean, generator))
     return NullSimulations(torch.cat(residuals))
 
@@ -82,11 +83,17 @@ def with_signs(null_data: NullSimulations, fit: Fit, chosen: Tensor, generator: 
     return NullSimulations(residuals)
 
 
-def noiseless(experiment: Experiment, fit: Fit, effects: tuple[Effect, ...], generator: torch.Generator) -> Tensor:
+def noiseless(
+    experiment: Experiment,
+    fit: Fit,
+    effects: tuple[Effect, ...],
+    generator: torch.Generator,
+    reference: Reference | None = None,
+) -> Tensor:
     """Return the residuals of one replay without noise, shape (R, T, N, 6); see `draw_null_simulations`."""
     predictor = experiment.predictor
     point = jitter(experiment, fit, generator)
-    real = replay(predictor.model, predictor.wrench, predictor.segments, point, effects)
+    real = replay(predictor.model, predictor.timeline, predictor.segments, point, effects, None, reference)
     return experiment.replace(pose=real).residual(fit.jacobian.base.pose, fit.point)[0]
 
 
@@ -100,7 +107,9 @@ def floors(experiment: Experiment, fit: Fit, generator: torch.Generator, replays
         Mean square in units of the noise, after initial states and unknown parameters are fitted again; shape (K,).
     """
     unknown = torch.arange(fit.point.nominal.shape[1] + 1)
-    clean = torch.stack([noiseless(experiment, fit, (), generator) for _ in range(replays)])
+    references = references_of(experiment.predictor.model.scene)
+    runs = (references[run % len(references)] for run in range(replays))
+    clean = torch.stack([noiseless(experiment, fit, (), generator, reference) for reference in runs])
     respond = fit.linear.respond(clean, experiment.scale).select(unknown).of(experiment.fitted)
     matrix = respond.matrix.sum(0) + torch.diag(prior(experiment.predictor, torch.zeros(0, dtype=torch.int64)))
     change = torch.linalg.solve(matrix, respond.vector.sum(0))

@@ -1,70 +1,154 @@
-"""The reference simulator: the experiment replayed by PyBullet, from the same states and with the same parameters."""
+"""Reference simulators: the experiment replayed by other engines, from the same states and with the same parameters."""
 
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
+from physid.effects.resampling import at_times
 from physid.estimation.prediction.nominal_model import NominalModel
 from physid.estimation.prediction.rollout import Variants, restarts
 from physid.estimation.prediction.segments import Segmentation
 from physid.estimation.prediction.step_effects import AtStep, has
+from physid.estimation.prediction.timeline import Timeline
 from physid.physics.effect import Effect
+from physid.physics.rotations import exponential, multiply
 from physid.scenes.catalogue import with_parameters
+from physid.scenes.scene import Scene
 from physid.scenes.setup import Excitation
+from physid.simulators.protocol import find_simulator
+
+FINE = 1e-3
+"""Longest step of a reference for recordings of which it is not known how they were integrated [s]."""
+JUMP = 5.0
+"""A velocity that changes by more than this multiple of g h in a step h was changed by an impact."""
+EARTH = 9.81  # [m/s^2]
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A simulator that knows nothing of the PhysicsLayer.
+
+    Attributes:
+        name: Of the simulator, see `physid.simulators.protocol`.
+        step: Its steps [s].
+        lags: Whether its positions run ahead of the velocities by half a step, and are to be put back: a semi-implicit
+            step x+ = x + h v+ does so, which matters where the recordings did not come from the same steps.
+    """
+
+    name: str
+    step: float
+    lags: bool = False
+
+
+def references_of(scene: Scene) -> tuple[Reference, ...]:
+    """Return the simulators that recordings of a scene are compared with.
+
+    Where recording.yaml says how a simulator integrated, it is that simulator with those steps: then nothing differs
+    from the recordings but what is wrong with the model. Of all others nothing is known, and PyBullet and MuJoCo with
+    fine steps stand for what good simulators make of the same scene.
+    """
+    if scene.integration is not None:
+        return (Reference("pybullet", scene.integration.step),)
+    step = scene.time_step / math.ceil(scene.time_step / FINE - 1e-9)
+    fine = [Reference("pybullet", step, lags=True)]
+    if find_spec("mujoco") is not None:
+        fine.append(Reference("mujoco", step))
+    return tuple(fine)
 
 
 def replay(
     model: NominalModel,
-    wrench: Tensor,
+    timeline: Timeline,
     segments: Segmentation,
     point: Variants,
     effects: Sequence[Effect] = (),
     chosen: Tensor | None = None,
+    reference: Reference | None = None,
 ) -> Tensor:
-    """Simulate segments in PyBullet.
+    """Simulate segments in a reference simulator.
 
     Args:
         model: The nominal model.
-        wrench: Commanded wrenches, shape (R, T, N, 6).
+        timeline: When poses were recorded, and the commanded wrenches in between.
         segments: How trajectories are cut.
         point: Initial states and unknown parameters, a single variant.
         effects: Effects beside those of the nominal model.
         chosen: Which segments, shape (K,); None for all.
+        reference: The simulator; None for the first of `references_of`.
 
     Returns:
         Poses that the camera would report, shape (R, T, N, 7); zeros outside the chosen segments.
     """
-    from physid.simulators.bullet.world import simulate_all
-
+    reference = reference or references_of(model.scene)[0]
     working = (*model.effects, *effects)
     values = dict(zip(model.unknown, model.to_values(point.nominal[0]).tolist(), strict=True))
-    scene = dataclasses.replace(with_parameters(model.scene, values), camera=None)
+    scene = with_parameters(model.scene, values)
+    scene = dataclasses.replace(scene, camera=None, time_step=reference.step)
+    wrench, begin = timeline.grid.wrench, timeline.step_time
     for effect in working:
-        wrench = effect.actuate(wrench, scene.time_step)
+        wrench = effect.actuate(wrench, begin)
+    impulse = pad((wrench * timeline.grid.steps[..., None, None]).cumsum(1), (0, 0, 0, 0, 1, 0))
     steps = [AtStep(effect) for effect in working if has(type(effect), "act")]
-    seen = torch.zeros(*wrench.shape[:-1], 7, dtype=wrench.dtype)
+    seen = wrench.new_zeros(*timeline.time.shape, wrench.shape[2], 7)
     wanted = list(range(len(segments))) if chosen is None else chosen.nonzero()[:, 0].tolist()
-    places = [
-        tuple(int(value[segment]) for value in (segments.trajectory, segments.start, segments.size))
-        for segment in wanted
-    ]
-    initial = [
-        Excitation(
-            point.pose[0, segment].numpy(), point.twist[0, segment].numpy(), wrench[row, first : first + size].numpy()
-        )
-        for segment, (row, first, size) in zip(wanted, places, strict=True)
-    ]
-    clocks = [first * scene.time_step for _, first, _ in places]
-    motions = simulate_all(scene, initial, steps, model.substeps, clocks)
-    for (row, first, size), motion in zip(places, motions, strict=True):
-        pose = torch.from_numpy(motion.pose)
+    initial, places = [], []
+    for segment in wanted:
+        row, first, size = (int(each[segment]) for each in (segments.trajectory, segments.start, segments.size))
+        stamps = timeline.time[row, first : first + size]
+        fine = stamps[0] + reference.step * torch.arange(_steps(stamps, reference.step) + 1)
+        force = _interpolated(impulse[row], timeline.grid.times[row], fine).diff(dim=0) / reference.step
+        held = torch.cat([force, torch.zeros_like(force[:1])]).numpy()
+        initial.append(Excitation(point.pose[0, segment].numpy(), point.twist[0, segment].numpy(), held))
+        places.append((row, first, size, stamps, fine))
+    clocks = [float(stamps[0]) for *_, stamps, _ in places]
+    motions = find_simulator(reference.name).simulate(scene, initial, steps, 1, clocks)
+    for (row, first, size, stamps, fine), motion in zip(places, motions, strict=True):
+        pose, twist = torch.from_numpy(motion.pose), torch.from_numpy(motion.twist)
+        pose = _put_back(pose, twist, reference.step) if reference.lags else pose
+        pose = at_times(pose[None], fine[None], stamps[None])[0] if len(fine) > 1 else pose
         for effect in working:
-            pose = effect.observe(pose[None], scene.time_step)[0] if restarts(effect) else pose
+            pose = effect.observe(pose[None], stamps[None])[0] if restarts(effect) else pose
         seen[row, first : first + size] = pose
     for effect in working:
-        seen = seen if restarts(effect) else effect.observe(seen, scene.time_step)
+        seen = seen if restarts(effect) else effect.observe(seen, timeline.time)
     return seen
+
+
+def _steps(stamps: Tensor, step: float) -> int:
+    """Return how many steps of the reference reach the last stamp."""
+    return math.ceil(float(stamps[-1] - stamps[0]) / step - 1e-6)
+
+
+def _interpolated(values: Tensor, time: Tensor, wanted: Tensor) -> Tensor:
+    """Interpolate values (S, ...) at increasing times (S,) linearly at others (W,), constant beyond the ends."""
+    right = torch.searchsorted(time, wanted).clamp(1, len(time) - 1)
+    length = time[right] - time[right - 1]
+    share = ((wanted - time[right - 1]) / length.clamp_min(torch.finfo(length.dtype).tiny)).clamp(0, 1)
+    share = share.reshape(-1, *[1] * (values.ndim - 1))
+    return torch.lerp(values[right - 1], values[right], share)
+
+
+def _put_back(pose: Tensor, twist: Tensor, step: float) -> Tensor:
+    """Take off the half step by which semi-implicit positions run ahead, but for what impacts changed.
+
+    With x+ = x + h v+ a constant acceleration a gives x0 + v0 t + a t (t + h) / 2, which is ahead of the truth by
+    h (v - v0) / 2. The velocity of an impact changes at once, somewhere in its step: there nothing runs ahead.
+
+    Args:
+        pose: Shape (T, N, 7).
+        twist: Shape (T, N, 6).
+        step: h [s].
+    """
+    change = twist.diff(dim=0)
+    smooth = change[..., 3:].norm(dim=-1, keepdim=True) <= JUMP * EARTH * step
+    ahead = pad((change * smooth).cumsum(0), (0, 0, 0, 0, 1, 0)) * (step / 2)
+    turned = multiply(exponential(-ahead[..., :3]), pose[..., 3:])
+    return torch.cat([pose[..., :3] - ahead[..., 3:], turned], -1)

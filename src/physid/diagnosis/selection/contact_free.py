@@ -35,7 +35,7 @@ def contact_free(nominal_fit: NominalFit, generator: torch.Generator, say: Say =
         None where no segment is busy, or fewer fitted trajectories have contact-free segments than a diagnosis needs.
     """
     observations, noise, base = nominal_fit.observations, nominal_fit.noise, nominal_fit.fit.jacobian.base
-    segments = Segmentation.around(nominal_fit.events, CONTACT_FREE)
+    segments = Segmentation.around(nominal_fit.events, CONTACT_FREE, observations.scene.time_step)
     chosen = (~segments.contact).nonzero()[:, 0]
     fitted = observations.fitted[segments.trajectory[chosen].unique()]
     if len(chosen) == len(segments) or int(fitted.sum()) < LEAST_FITTED:

@@ -26,13 +26,13 @@ class NominalModel:
     Attributes:
         scene: Bodies, ground, gravity; values of unknown parameters are a first guess.
         effects: Effects that are known already, with their values.
-        substeps: Steps of the engine per frame.
+        substeps: Steps of the engine per frame; None for those of the maker of the recordings, or as many as it takes.
         contact: When bodies touch.
     """
 
     scene: Scene
     effects: tuple[Effect, ...] = ()
-    substeps: int = 1
+    substeps: int | None = None
     contact: ContactRule = field(default_factory=Split)
 
     @property
@@ -44,7 +44,7 @@ class NominalModel:
     def world(self) -> World:
         """The static description that the PhysicsLayer takes."""
         ground = Plane(self.scene.ground.normal, self.scene.ground.offset)
-        return World(self.scene.time_step, self.substeps, self.scene.gravity, ground, contact=self.contact)
+        return World(self.scene.time_step, 1, self.scene.gravity, ground, contact=self.contact)
 
     @property
     def guess(self) -> Tensor:

@@ -14,7 +14,8 @@ from torch import Tensor
 from physid.estimation.prediction.effect_parameters import EffectParameter
 from physid.estimation.prediction.nominal_model import NominalModel
 from physid.estimation.prediction.segments import Batch, Segmentation
-from physid.estimation.prediction.step_effects import Clock, has, only_steps
+from physid.estimation.prediction.step_effects import has, only_steps
+from physid.estimation.prediction.timeline import Steps, Timeline
 from physid.physics.contact import PATCH
 from physid.physics.effect import Effect
 from physid.physics.layer import PhysicsLayer, Rollout
@@ -89,7 +90,7 @@ class Predictor:
 
     Args:
         model: The nominal model.
-        wrench: Commanded wrenches, shape (R, T, N, 6).
+        timeline: When poses were recorded, and the steps and commanded wrenches in between.
         segments: How the trajectories are cut.
         candidates: Effects whose parameters are the columns Q of `Variants.effects`, in this order.
         most: World-steps that are simulated in one go, which bounds the memory.
@@ -99,14 +100,14 @@ class Predictor:
     def __init__(
         self,
         model: NominalModel,
-        wrench: Tensor,
+        timeline: Timeline,
         segments: Segmentation,
         candidates: Sequence[type[Effect]] = (),
         most: int = 400_000,
         elsewhere: Tensor | None = None,
     ) -> None:
         self.model = model
-        self.wrench = wrench
+        self.timeline = timeline
         self.segments = segments
         self.candidates = tuple(candidates)
         self.terms = tuple(EffectParameter(effect, name) for effect in candidates for name in effect.quantities())
@@ -116,12 +117,16 @@ class Predictor:
         initial = [0, *ends[:-1]]
         self._columns = [(kind, slice(*ends)) for kind, *ends in zip(self.candidates, initial, ends, strict=True)]
 
-    def over(self, segments: Segmentation, elsewhere: Tensor) -> Predictor:
+    def over(self, segments: Segmentation, elsewhere: Tensor | None = None) -> Predictor:
         """Return the same with other segments, and states (R, T, N, 7) of the frames that are in none of them.
 
         A camera that is late reports what was before a segment.
         """
-        return Predictor(self.model, self.wrench, segments, self.candidates, self._most, elsewhere)
+        return Predictor(self.model, self.timeline, segments, self.candidates, self._most, elsewhere)
+
+    def at_times(self, timeline: Timeline) -> Predictor:
+        """Return the same with other times, or other steps between the same frames."""
+        return Predictor(self.model, timeline, self.segments, self.candidates, self._most, self._elsewhere)
 
     def predict(self, variants: Variants) -> Prediction:
         """Simulate all variants.
@@ -129,7 +134,7 @@ class Predictor:
         Raises:
             SolverError: If a contact problem cannot be solved.
         """
-        per = self.segments.cost
+        per = sum(self.timeline.cost(batch) for batch in self.segments.batches)
         chunk = max(1, self._most // per)
         parts = [self._predict(variants[start : start + chunk]) for start in range(0, len(variants), chunk)]
         if len(parts) == 1:
@@ -138,15 +143,16 @@ class Predictor:
 
     def observe(self, state: Tensor, effects: Tensor) -> Tensor:
         """Return what the camera reports of poses (C, R, T, N, 7) under effects (C, Q)."""
-        step, trajectories = self.model.scene.time_step, state.shape[1]
+        time, (count, trajectories) = self.timeline.time, state.shape[:2]
+        every = time.repeat(count, 1)
         seen = state.flatten(0, 1)
         for effect in self.model.effects:
-            seen = effect.observe(seen, step)
+            seen = effect.observe(seen, every)
         poses: Tensor = seen.unflatten(0, state.shape[:2])
         for effect, rows in self._at_work(effects, "observe", trajectories):
             if not restarts(effect):
-                poses = poses.flatten(0, 1).index_copy(0, rows, effect.observe(poses.flatten(0, 1)[rows], step))
-                poses = poses.unflatten(0, state.shape[:2])
+                own = effect.observe(poses.flatten(0, 1)[rows], every[rows])
+                poses = poses.flatten(0, 1).index_copy(0, rows, own).unflatten(0, state.shape[:2])
         anew = any(restarts(effect) for effect, _ in self._at_work(effects, "observe", 1))
         for size in self.segments.size.unique().tolist() if anew else ():
             alike = (self.segments.size == size).nonzero()[:, 0]
@@ -154,15 +160,15 @@ class Predictor:
                 if restarts(effect):
                     frame = self.segments.start[alike, None] + torch.arange(size)
                     row = self.segments.trajectory[alike, None].expand_as(frame)
-                    own = poses[:, row, frame].flatten(0, 1)
-                    own = own.index_copy(0, rows, effect.observe(own[rows], step))
+                    own, clock = poses[:, row, frame].flatten(0, 1), time[row, frame].repeat(count, 1)
+                    own = own.index_copy(0, rows, effect.observe(own[rows], clock[rows]))
                     poses[:, row, frame] = own.unflatten(0, (len(poses), -1))
         return poses
 
     @torch.no_grad()
     def _predict(self, variants: Variants) -> Prediction:
         wrench = self._acting(variants)
-        count, trajectories, frames, bodies = wrench.shape[:4]
+        (count, trajectories), frames, bodies = wrench.shape[:2], self.timeline.frames, wrench.shape[3]
         contacts = PATCH * (bodies * (bodies + 1) // 2)
         blank = wrench.new_zeros(trajectories, frames, bodies, 7) if self._elsewhere is None else self._elsewhere
         state = blank.repeat(count, 1, 1, 1, 1)
@@ -171,57 +177,62 @@ class Predictor:
 
         @torch.no_grad()
         def simulate(batch: Batch) -> None:
-            rollout = self._roll(variants, batch, batch.cut(wrench))
-            normal = rollout.impulse[..., 0]
-            held = torch.cat([normal, torch.zeros_like(normal[:, :1])], 1)
-            for value, into in ((rollout.pose, state), (rollout.twist, twist), (held, impulse)):
-                batch.put(value.unflatten(0, (-1, count)).transpose(0, 1), into)
+            steps = self.timeline.cut(batch)
+            rollout = self._roll(variants, batch, steps, steps.wrench(wrench))
+            held = steps.between_frames(rollout.impulse[..., 0])
+            parts = (steps.at_frames(rollout.pose), state), (steps.at_frames(rollout.twist), twist), (held, impulse)
+            for value, into in parts:
+                batch.put(value.transpose(0, 1), into)
 
         _at_once(simulate, self.segments.batches)
         return Prediction(self.observe(state, variants.effects), state, twist, impulse)
 
-    def _roll(self, variants: Variants, batch: Batch, wrench: Tensor) -> Rollout:
-        """Simulate the segments of a batch under wrenches (C, k, L, N, 6); the rollout's batch is (k, C).
+    def _roll(self, variants: Variants, batch: Batch, steps: Steps, wrench: Tensor) -> Rollout:
+        """Simulate the segments of a batch under wrenches (C, k, S, N, 6); the rollout's batch is (k, C).
 
         Worlds are solved eight at a time, and take as long as the worst of them: variants of one segment are in contact
         at the same time.
         """
-        first = self.segments.start[batch.segments].to(torch.float64) * self.model.scene.time_step
-        layer = PhysicsLayer(self.model.world, self._steps(variants.effects, first))
+        world, count = self.model.world, len(variants)
+        layer = PhysicsLayer(world, self._steps(variants.effects, len(batch.segments)))
         pose, twist = (
             value[:, batch.segments].transpose(0, 1).flatten(0, 1) for value in (variants.pose, variants.twist)
         )
         parameters = self.model.parameters(variants.nominal.repeat(len(batch.segments), 1))
-        lengths = (self.segments.size[batch.segments] - 1).repeat_interleave(len(variants))
-        return layer.rollout(State(pose, twist), wrench.transpose(0, 1).flatten(0, 1)[:, :-1], parameters, lengths)
+        even = bool((steps.length == world.time_step).all())
+        return layer.rollout(
+            State(pose, twist),
+            wrench.transpose(0, 1).flatten(0, 1),
+            parameters,
+            steps.count.repeat_interleave(count),
+            None if even else steps.length.repeat_interleave(count, 0),
+            steps.start.repeat_interleave(count),
+        )
 
     def _acting(self, variants: Variants) -> Tensor:
-        """Return the wrenches at work (C, R, T, N, 6)."""
-        step, (count, trajectories) = self.model.scene.time_step, (len(variants), self.wrench.shape[0])
-        wrench = self.wrench
+        """Return the wrenches at work in each step (C, R, S, N, 6)."""
+        wrench, time = self.timeline.grid.wrench, self.timeline.step_time
+        count, trajectories = len(variants), len(time)
         for effect in self.model.effects:
-            wrench = effect.actuate(wrench, step)
-        wrench = wrench.repeat(count, 1, 1, 1)
+            wrench = effect.actuate(wrench, time)
+        wrench, every = wrench.repeat(count, 1, 1, 1), time.repeat(count, 1)
         for effect, rows in self._at_work(variants.effects, "actuate", trajectories):
-            wrench = wrench.index_copy(0, rows, effect.actuate(wrench[rows], step))
+            wrench = wrench.index_copy(0, rows, effect.actuate(wrench[rows], every[rows]))
         wrench = wrench.unflatten(0, (count, trajectories))
-        acting: Tensor = wrench if variants.force is None else wrench + variants.force
+        acting: Tensor = wrench if variants.force is None else wrench + self.timeline.on_steps(variants.force)
         return acting
 
-    def _steps(self, effects: Tensor, first: Tensor) -> list[Effect]:
+    def _steps(self, effects: Tensor, segments: int) -> list[Effect]:
         """Return the effects that act at the step, with a value for each segment and variant (k, C).
 
         Args:
             effects: Parameters, shape (C, Q).
-            first: Times at which the segments start [s], shape (k,).
+            segments: k.
         """
         known = [only_steps(effect) for effect in self.model.effects if has(type(effect), "act")]
-        found = [
-            only_steps(_with_values(kind, part.repeat(len(first), 1))) for kind, part, _ in self._on(effects, "act")
+        return known + [
+            only_steps(_with_values(kind, part.repeat(segments, 1))) for kind, part, _ in self._on(effects, "act")
         ]
-        acting = known + found
-        late = bool(acting) and bool((first > 0).any())
-        return [Clock(first.repeat_interleave(len(effects))), *acting] if late else acting
 
     def _at_work(self, effects: Tensor, hook: str, copies: int) -> list[tuple[Effect, Tensor]]:
         """List the candidates with `hook` that are not null in some variant, and the rows (variant x copy) where."""

@@ -17,22 +17,32 @@ class CutRule:
     """How trajectories are cut around events.
 
     Attributes:
-        lead: Frames before an event that are busy like it.
-        trail: Frames after it.
-        longest: Most frames of a contact segment.
-        least: A calm stretch of fewer frames is no segment of its own.
+        lead: Time before an event that belongs to it [s].
+        trail: Time after it [s].
+        longest: Longest contact segment [s].
+        least: A shorter contact-free stretch is no segment of its own [s].
     """
 
-    lead: int
-    trail: int
-    longest: int
-    least: int
+    lead: float
+    trail: float
+    longest: float
+    least: float
+
+    def frames(self, time_step: float) -> tuple[int, int, int, int]:
+        """Return the same in frames, at least so many that the velocities before and after an event are seen."""
+        times = (self.lead, self.trail, self.longest, self.least)
+        lead, trail, longest, least = (
+            max(round(time / time_step), fewest) for time, fewest in zip(times, FEWEST, strict=True)
+        )
+        return lead, trail, longest, least
 
 
-# One hit to a segment, seldom more; frames before and after tell its velocities.
-IMPACTS = CutRule(lead=20, trail=6, longest=15, least=8)
-# Calm segments as long as they can be; overlaps of bodies are gone when they begin.
-CONTACT_FREE = CutRule(lead=4, trail=16, longest=30, least=12)
+FEWEST = (4, 3, 8, 6)
+"""Frames of lead, trail, contact segment and contact-free segment, however slow the camera."""
+# Seldom more than one impact to a segment; frames before and after show its velocities.
+IMPACTS = CutRule(lead=20 / 240, trail=6 / 240, longest=15 / 240, least=8 / 240)
+# Contact-free segments as long as they can be; overlaps of bodies are gone when they begin.
+CONTACT_FREE = CutRule(lead=4 / 240, trail=16 / 240, longest=30 / 240, least=12 / 240)
 CLASSES = (16, 32, 64, 128)  # segments of up to so many frames are simulated together
 
 
@@ -89,7 +99,7 @@ class Segmentation:
         trajectory: Whose each segment is, shape (K,).
         start: First frame, shape (K,).
         size: Number of frames, shape (K,).
-        busy: Segments with events, in which small errors grow fast, shape (K,).
+        contact: Segments with events, in which small errors grow fast, shape (K,).
     """
 
     trajectories: int
@@ -107,14 +117,15 @@ class Segmentation:
         return cls._of([[(a, b - a, False) for a, b in pairwise(edges)]] * trajectories, frames)
 
     @classmethod
-    def around(cls, events: Tensor, cutting: CutRule) -> Segmentation:
-        """Cut so that stretches with events become short segments, and calm stretches stay whole.
+    def around(cls, events: Tensor, cutting: CutRule, time_step: float = 1 / 240) -> Segmentation:
+        """Cut so that stretches with events become short segments, and contact-free ones stay whole.
 
         Args:
             events: Frames at which small errors grow fast, shape (R, T).
             cutting: Lengths.
+            time_step: Time between frames [s].
         """
-        return cls._of([_cuts(row, cutting) for row in events], events.shape[1])
+        return cls._of([_cuts(row, *cutting.frames(time_step)) for row in events], events.shape[1])
 
     @classmethod
     def _of(cls, cuts: list[list[Cut]], frames: int) -> Segmentation:
@@ -174,18 +185,18 @@ class Segmentation:
         return value.new_zeros(self.trajectories, *value.shape[1:]).index_add(0, self.trajectory, value)
 
 
-def _cuts(events: Tensor, cutting: CutRule) -> list[Cut]:
+def _cuts(events: Tensor, lead: int, trail: int, longest: int, least: int) -> list[Cut]:
     """Return the segments of one trajectory; events has shape (T,)."""
     contact = events.clone()
     for frame in events.nonzero()[:, 0].tolist():
-        contact[max(0, frame - cutting.lead) : frame + cutting.trail + 1] = True
+        contact[max(0, frame - lead) : frame + trail + 1] = True
     runs = _runs(contact)
     for first, count in runs:
-        if not contact[first] and count < cutting.least and len(runs) > 1:
+        if not contact[first] and count < least and len(runs) > 1:
             contact[first : first + count] = True
     cuts: list[Cut] = []
     for first, count in _runs(contact):
-        parts = -(-count // cutting.longest) if contact[first] else 1
+        parts = -(-count // longest) if contact[first] else 1
         edges = [first + count * k // parts for k in range(parts + 1)]
         cuts += [(a, b - a, bool(contact[first])) for a, b in pairwise(edges)]
     return cuts

@@ -3,26 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import ClassVar, final
 
 from torch import Tensor
 
-from physid.physics.effect import Effect, Site, StepInputs, quantity
+from physid.physics.effect import Effect, StepInputs
 from physid.physics.state import State
-
-
-@final
-@dataclasses.dataclass(frozen=True)
-class Clock(Effect):
-    """t' = t + t0: segments that start later, with the time since the first frame of their trajectory."""
-
-    name: ClassVar[str] = "clock"
-    site: ClassVar[Site] = "dynamics"
-    start: Tensor = quantity("s", low=0.0, high=1e6, typical=1.0)
-
-    def act(self, state: State, inputs: StepInputs) -> StepInputs:
-        """Set the clock forward."""
-        return inputs.replace(time=inputs.time + self.start)
 
 
 @dataclasses.dataclass(frozen=True)

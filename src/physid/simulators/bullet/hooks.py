@@ -45,8 +45,9 @@ class Hooks:
     def actuate(self, wrench: Array) -> Array:
         """Turn the commanded wrenches (T, N, 6) of a trajectory into those that act."""
         acting = torch.from_numpy(wrench)[None]
+        time = self._time_step * torch.arange(len(wrench), dtype=torch.float64)[None]
         for effect in self._effects:
-            acting = effect.actuate(acting, self._time_step)
+            acting = effect.actuate(acting, time)
         return np.asarray(acting[0].numpy())
 
     def build(self, scene: Scene, pose: Array, twist: Array, time_step: float) -> list[Engine]:

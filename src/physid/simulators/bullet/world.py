@@ -179,13 +179,13 @@ def _table(rows: list[Rows]) -> NDArray[np.float64]:
     return np.fromiter(numbers, np.float64, shape[0] * shape[1] * shape[2]).reshape(shape)
 
 
-def observed(pose: NDArray[np.float64], effects: Sequence[Effect], time_step: float) -> NDArray[np.float64]:
-    """Return the poses (T, N, 7) that the camera reports under the effects, in their order."""
+def observed(pose: NDArray[np.float64], effects: Sequence[Effect], time: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the poses (T, N, 7) that the camera reports at times (T,) [s] under the effects, in their order."""
     if not effects:
         return pose
     import torch
 
-    seen = torch.from_numpy(pose)[None]
+    seen, stamps = torch.from_numpy(pose)[None], torch.from_numpy(time)[None]
     for effect in effects:
-        seen = effect.observe(seen, time_step)
+        seen = effect.observe(seen, stamps)
     return np.asarray(seen[0].numpy())

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from physid.simulators.bullet.world import Motion
 from physid.scenes.scene import Scene
 from physid.scenes.setup import Excitation
+from physid.simulators.bullet.world import Motion
 from physid.simulators.mujoco.engine import Engine
 
 if TYPE_CHECKING:
