@@ -20,7 +20,7 @@ def generate(
     scheduler: str | None = None,
     quiet: bool = False,
 ) -> None:
-    """Make recordings of a scene with a simulator: PyBullet or MuJoCo.
+    """Make recordings of a scene with a simulator: PyBullet, MuJoCo or closed forms.
 
     The configuration says which scene, how it is excited, how many trajectories, with video or not. The recordings land
     in data/NAME, where NAME is that of the configuration file. An interrupted run goes on where it stopped, and the

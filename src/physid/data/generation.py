@@ -45,11 +45,11 @@ class GenerateConfig:
 
     Attributes:
         scene: push, slide, collide or toss.
-        simulator: Who makes the motion: pybullet or mujoco.
+        simulator: Who makes the motion: pybullet, mujoco or closed_form.
         frame_rate: Frames per second [Hz]; None for the scene's own 240. Forces are drawn for the scene's own frames
             and sampled at these: they change at frames only.
         substeps: Steps of the simulator between two frames; None for its own choice.
-        protocol: How trajectories are excited: paper or rich.
+        protocol: How trajectories are excited: paper, rich or straight (along one line), and for toss flight.
         protocol_of_split: Another protocol for some splits, by the split's name.
         trajectories: Number of trajectories.
         steps: Frames T of each trajectory; the force of a step is held from its frame to the next.

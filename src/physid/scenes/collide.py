@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from physid.scenes import straight
 from physid.scenes.forces import AXES, pieces, redrawn
 from physid.scenes.placing import on_ground, planar_twist, span, upstream
 from physid.scenes.push import TOP_VIEW
@@ -63,4 +64,4 @@ def _pair(scene: Scene, generator: np.random.Generator, heading: int) -> np.ndar
     return np.stack([on_ground(scene.ground, x, y, angle, body.size[2]) for (x, y), angle, body in places])
 
 
-COLLIDE = Setup(SCENE, {"paper": paper, "rich": rich}, materials={"other": "block"})
+COLLIDE = Setup(SCENE, {"paper": paper, "rich": rich, "straight": straight.collide}, materials={"other": "block"})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from physid.scenes import straight
 from physid.scenes.camera import Camera
 from physid.scenes.forces import AXES, pieces, redrawn
 from physid.scenes.placing import WORKSPACE, on_ground, planar_twist, span, upstream
@@ -47,4 +48,4 @@ def rich(scene: Scene, generator: np.random.Generator, steps: int) -> Excitation
     return Excitation(pose[None], twist[None], wrench)
 
 
-PUSH = Setup(SCENE, {"paper": paper, "rich": rich})
+PUSH = Setup(SCENE, {"paper": paper, "rich": rich, "straight": straight.push})

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from physid.scenes import straight
 from physid.scenes.forces import pieces
 from physid.scenes.placing import WORKSPACE, on_ground, planar_twist, span, upstream
 from physid.scenes.push import TOP_VIEW
@@ -52,4 +53,4 @@ def rich(scene: Scene, generator: np.random.Generator, steps: int) -> Excitation
     return Excitation(pose[None], twist[None], wrench)
 
 
-SLIDE = Setup(SCENE, {"paper": paper, "rich": rich})
+SLIDE = Setup(SCENE, {"paper": paper, "rich": rich, "straight": straight.slide})

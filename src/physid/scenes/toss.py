@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from physid.scenes import straight
 from physid.scenes.forces import pieces
 from physid.scenes.push import TOP_VIEW
 from physid.scenes.scene import Body, Ground, Scene
@@ -43,4 +44,4 @@ def _throw(generator: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     return pose, np.concatenate([generator.uniform(-5.0, 5.0, 3), velocity])
 
 
-TOSS = Setup(SCENE, {"paper": paper, "rich": rich})
+TOSS = Setup(SCENE, {"paper": paper, "rich": rich, "straight": straight.toss, "flight": straight.flight})

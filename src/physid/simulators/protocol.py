@@ -109,9 +109,16 @@ def _mujoco() -> Callable[..., list[Motion]]:
     return simulate_all
 
 
+def _closed_form() -> Callable[..., list[Motion]]:
+    from physid.simulators.closed_form.world import simulate_all
+
+    return simulate_all
+
+
 SIMULATORS: tuple[Simulator, ...] = (
     _Simulator("pybullet", BULLET_STEP, _bullet, scheme="semi_implicit_euler"),
     _Simulator("mujoco", 1e-3, _mujoco),
+    _Simulator("closed_form", math.inf, _closed_form),
 )
 
 

@@ -1,16 +1,7 @@
 """A MuJoCo world that obeys the textbook: rigid boxes, Coulomb's cone, Newton's impacts, nothing else.
 
-MuJoCo finds the contacts, solves for the contact forces, and flies free bodies by Runge-Kutta steps. What this module
-adds is the reference acceleration of each contact row, between MuJoCo's position stage and its solver. MuJoCo's own is
-that of a spring and a damper, so that a body bounces off although its restitution is 0, and its convex cone lifts
-bodies that slide (by 0.1 to 1.7 mm; docs/decisions/0021-rigid-contact-in-mujoco.md). Here it is a rigid contact's:
-
-    normal:      a_n = (u - v_n) / h - mu |a - a_t|,  u = -e v_n at an impact, 0 at rest, never closer than the surface
-    tangential:  a_t = -v_t / h, what stops the slip within the step if the cone allows it; -2 v_t / h if it cannot
-
-The second term of the normal row undoes the lift of the convex cone (de Saxce & Feng 1998): its solution accelerates
-along the normal by mu |a - a_t| more than the reference, a being the tangential acceleration that comes out. That is
-found by iterating the solver. Poses follow by Moreau's midpoint rule, of second order between impacts.
+MuJoCo finds the contacts, solves for the contact forces (see `contact`), and flies free bodies by Runge-Kutta steps. In
+contact poses follow by Moreau's midpoint rule, of second order; steps end where a contact begins or a slip ends.
 """
 
 from __future__ import annotations
@@ -24,6 +15,7 @@ from physid.scenes.placing import UP
 from physid.scenes.rotations import between, conjugate, rotate
 from physid.scenes.scene import Scene
 from physid.scenes.setup import REST_DEPTH
+from physid.simulators.mujoco.contact import LEAST_FRICTION, solve
 from physid.simulators.mujoco.model import build_model
 
 Array = NDArray[np.float64]
@@ -33,11 +25,7 @@ PARTS = 32  # the shortest step is this part of a whole one: around impacts, whi
 REMOVAL = 50.0  # [1/s] rate at which an overlap of more than REST_DEPTH is taken back: there is hardly any
 REACH = 2.0  # contacts are looked for as far away as bodies come in this many steps ...
 LEAST_REACH = 1e-3  # [m] ... and at least so far
-LIFT_TOLERANCE = 1e-9  # [m/s] how well the lift of the convex cone must be known: 1e-9 m per step of 1 ms
-LASTING = 4.0  # slip that so many steps of friction would not end counts as lasting
-MOST_ROUNDS = 30  # of the solver; each gains a factor of about mu^2
-LEAST_FRICTION = 1e-5  # [-] mjMINMU: MuJoCo has no less, so that smooth contacts are given another reference
-SOFTER = 100.0  # factor on MuJoCo's least softness, 1e-4: four corners of a face share its load by their softness
+MOST_TRIES = 6  # at the length of a step that ends where a slip does
 FAR = -1e3  # [m/s] normal velocity that a contact out of reach may have: any
 
 
@@ -118,19 +106,26 @@ class Engine:
             # Short and with the velocity after the impact, which happens at the step's beginning.
             length = min(longest, shortest)
             bounce = np.where(hit, -self._restitution[self._pair()] * normal, FAR)
-            after = self._solve(np.maximum(_closing(gap), bounce), length)
-            data.qpos[:], data.qvel[:] = self._moved(start, after, length), after
+            found = solve(
+                self._model, data, self._friction[self._pair()], np.maximum(_closing(gap), bounce), length, impact=True
+            )
+            data.qpos[:], data.qvel[:] = self._moved(start, found.velocity, length), found.velocity
             return length
         length = _until_touch(gap, normal, longest, shortest)
-        # Moreau's midpoint rule: contacts are those of the mean pose.
-        middle = self._moved(start, data.qvel, 0.5 * length)
-        data.qpos[:] = middle
-        if not self._look(longest):
-            data.qpos[:] = start
-            return self._fly(length)
-        landing = data.efc_vel[::3] < 2 * impact  # only at the end of this step: nothing touched at its beginning
-        after = self._solve(np.where(landing, FAR, _closing(np.array(data.contact.dist))), length, SOFTER)
-        data.qpos[:], data.qvel[:] = self._moved(middle, after, 0.5 * length), after
+        for _ in range(MOST_TRIES):
+            # Moreau's midpoint rule: contacts are those of the mean pose.
+            middle = self._moved(start, data.qvel, 0.5 * length)
+            data.qpos[:] = middle
+            if not self._look(longest):
+                data.qpos[:] = start
+                return self._fly(length)
+            landing = data.efc_vel[::3] < 2 * impact  # only at the end of this step: nothing touched at its beginning
+            least = np.where(landing, FAR, _closing(np.array(data.contact.dist)))
+            found = solve(self._model, data, self._friction[self._pair()], least, length, impact=False)
+            if found.kept == 1 or length <= shortest:
+                break
+            length = max(shortest, found.kept * length)
+        data.qpos[:], data.qvel[:] = self._moved(middle, found.velocity, 0.5 * length), found.velocity
         return length
 
     def _look(self, longest: float) -> bool:
@@ -159,40 +154,6 @@ class Engine:
         mujoco.mj_step(self._model, self._data)
         options.disableflags &= ~int(mjtDisableBit.mjDSBL_CONTACT)
         return length
-
-    def _solve(self, least: Array, length: float, softness: float = 1.0) -> Array:
-        """Find the velocities (6 N,) after a step at the present poses.
-
-        Args:
-            least: Least normal velocity of each contact after the step, shape (C,) [m/s].
-            length: Of the step [s].
-            softness: Factor on MuJoCo's least softness.
-        """
-        model, data = self._model, self._data
-        friction = self._friction[self._pair()]
-        jacobian, before, velocity = data.efc_J.reshape(-1, model.nv), data.qvel.copy(), data.efc_vel.reshape(-1, 3)
-        data.efc_R[:] *= softness
-        data.efc_D[:] /= softness
-        mujoco.mj_fwdActuation(model, data)
-        mujoco.mj_fwdAcceleration(model, data)
-        slip = np.hypot(velocity[:, 1], velocity[:, 2])
-        # Friction opposes the mean slip, which is second-order, or, where a step could end it, the slip after the step.
-        share = np.where(slip > LASTING * friction * GRAVITY * length, 0.5, 1.0)
-        wanted = -velocity / (share * length)[:, None]
-        smooth = friction < LEAST_FRICTION
-        if smooth.any():
-            wanted[smooth, 1:] = (jacobian @ data.qacc_smooth).reshape(-1, 3)[smooth, 1:]
-        rest, lift = (least - velocity[:, 0]) / length, friction * slip / (share * length)
-        for _ in range(MOST_ROUNDS):
-            wanted[:, 0] = rest - lift
-            data.efc_aref[:] = wanted.ravel()
-            mujoco.mj_fwdConstraint(model, data)
-            missed = (jacobian @ data.qacc).reshape(-1, 3) - wanted
-            known, lift = lift, friction * np.hypot(missed[:, 1], missed[:, 2])
-            if length * np.abs(lift - known).max() < LIFT_TOLERANCE:
-                break
-        data.qacc_warmstart[:] = data.qacc
-        return np.asarray(before + length * data.qacc)
 
 
 def _closing(gap: Array) -> Array:

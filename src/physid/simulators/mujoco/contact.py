@@ -1,0 +1,123 @@
+"""Rigid contact by MuJoCo's solver: the reference acceleration of each contact row is set between its stages.
+
+MuJoCo's own reference is that of a spring and a damper, so that a body bounces off although its restitution is 0, and
+its convex cone lifts bodies that slide (by 0.1 to 1.7 mm; docs/decisions/0021-rigid-contact-in-mujoco.md). Here it is
+
+    normal:      a_n = (u - v_n) / h - mu |a - a_t|,  u = -e v_n at an impact, 0 at rest
+    tangential:  a_t = -v_t / (s h), what ends the slip (s = 1) or its mean (s = 1/2) in a step if the cone allows it
+
+The second term of the normal row undoes the lift of the convex cone (de Saxce & Feng 1998): its solution accelerates
+along the normal by mu |a - a_t| more than the reference, a being the tangential acceleration that comes out. That is
+found by iterating the solver. With s = 1/2 friction opposes the mean slip of the step, which is of second order; where
+the slip would turn back within the step, s = 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+LIFT_TOLERANCE = 1e-9  # [m/s] how well the lift must be known: 1e-12 m per step of 1 ms, far below what tilts a face
+MOST_ROUNDS = 30  # of the solver; each gains a factor of about mu^2
+LEAST_FRICTION = 1e-5  # [-] mjMINMU: MuJoCo has no less, so that smooth contacts are given another reference
+SOFTER = 100.0  # factor on MuJoCo's least softness, 1e-4: four corners of a face share its load by their softness
+SLOW = 1e-5  # [m/s] slip that may turn back within a step without notice
+
+
+@dataclass(frozen=True)
+class Solution:
+    """What a step does.
+
+    Attributes:
+        velocity: After it, as MuJoCo orders them, shape (6 N,).
+        kept: About the part of the step until the first slip ends; 1 if none does.
+    """
+
+    velocity: Array
+    kept: float
+
+
+def solve(
+    model: mujoco.MjModel, data: mujoco.MjData, friction: Array, least: Array, length: float, *, impact: bool
+) -> Solution:
+    """Find the velocities after a step whose contacts have been looked for by `mj_step1`.
+
+    Args:
+        model: The world.
+        data: Its state, and the contacts.
+        friction: Coulomb coefficient of each contact [-], shape (C,).
+        least: Least normal velocity of each contact after the step [m/s], shape (C,).
+        length: Of the step [s].
+        impact: Whether bodies hit each other: impulses are exact, and friction opposes the slip after them.
+
+    Returns:
+        The solution.
+    """
+    velocity, count = data.efc_vel.reshape(-1, 3).copy(), len(friction)
+    if not impact:
+        data.efc_R[:] *= SOFTER
+        data.efc_D[:] /= SOFTER
+    mujoco.mj_fwdActuation(model, data)
+    mujoco.mj_fwdAcceleration(model, data)
+    slip = velocity[:, 1:]
+    size = np.hypot(slip[:, 0], slip[:, 1])
+    share = np.where((size > SLOW) & (not impact), 0.5, 1.0)
+    lift = friction * size / (share * length)
+    while True:
+        change, lift = _accelerate(model, data, friction, (least - velocity[:, 0]) / length, share * length, lift)
+        turned = (slip * (slip + length * change)).sum(1) < 0
+        early = turned & (share < 1)
+        if not early.any():
+            break
+        share[early] = 1.0
+    after = slip + length * change
+    size_after = np.hypot(after[:, 0], after[:, 1])
+    kept = 1.0 if impact else _before_turning(size, size_after, turned, data.efc_force[::3][:count] > 0)
+    return Solution(np.asarray(data.qvel + length * data.qacc), kept)
+
+
+def _before_turning(size: Array, size_after: Array, turned: Flags, pressed: Flags) -> float:
+    """Return the part of a step until the first slip ends, half of it where it stays at rest; 1 if none ends."""
+    ends = pressed & (size > SLOW) & (turned | (size_after <= SLOW))
+    if not ends.any():
+        return 1.0
+    return float(np.where(size_after > SLOW, size / (size + size_after), 0.5)[ends].min())
+
+
+def _accelerate(
+    model: mujoco.MjModel, data: mujoco.MjData, friction: Array, rest: Array, time: Array, lift: Array
+) -> tuple[Array, Array]:
+    """Solve for the accelerations.
+
+    Args:
+        model: The world.
+        data: Its state, and the contacts.
+        friction: Coulomb coefficient of each contact [-], shape (C,).
+        rest: Least normal accelerations [m/s^2], shape (C,).
+        time: In which friction is to end the slip [s], shape (C,).
+        lift: A guess of the lift of the convex cone [m/s^2], shape (C,).
+
+    Returns:
+        Tangential accelerations of the contacts, shape (C, 2), and the lift.
+    """
+    jacobian = data.efc_J.reshape(-1, model.nv)
+    wanted = -data.efc_vel.reshape(-1, 3) / time[:, None]
+    smooth = friction < LEAST_FRICTION
+    if smooth.any():
+        wanted[smooth, 1:] = (jacobian @ data.qacc_smooth).reshape(-1, 3)[smooth, 1:]
+    for _ in range(MOST_ROUNDS):
+        wanted[:, 0] = rest - lift
+        data.efc_aref[:] = wanted.ravel()
+        mujoco.mj_fwdConstraint(model, data)
+        found = (jacobian @ data.qacc).reshape(-1, 3)
+        missed = found - wanted
+        known, lift = lift, friction * np.hypot(missed[:, 1], missed[:, 2])
+        if time.min() * np.abs(lift - known).max() < LIFT_TOLERANCE:
+            break
+    data.qacc_warmstart[:] = data.qacc
+    return found[:, 1:], lift
