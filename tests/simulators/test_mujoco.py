@@ -11,7 +11,7 @@ from physid.scenes.placing import on_ground
 from physid.scenes.rotations import conjugate, rotate
 from physid.scenes.scene import Body, Ground, Scene
 from physid.scenes.setup import REST_DEPTH, Excitation
-from physid.simulators.bullet.world import Motion
+from physid.simulators.motion import Motion
 from physid.simulators.mujoco.world import simulate_all
 
 H, G, STEPS, SUBSTEPS = 1 / 60, 9.81, 61, 17

@@ -19,7 +19,7 @@ from physid.data.truth import FILE, Truth, read_truth, write_truth
 from physid.scenes.catalogue import find_setup
 from physid.scenes.rotations import from_vector, multiply
 from physid.scenes.setup import Excitation
-from physid.simulators.bullet.world import Motion, observed
+from physid.simulators.motion import Motion, observed
 from physid.simulators.protocol import find_simulator
 
 if TYPE_CHECKING:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from physid.scenes import straight
-from physid.scenes.forces import AXES, pieces, redrawn
-from physid.scenes.placing import on_ground, planar_twist, span, upstream
+from physid.scenes.forces import AXES, pieces, pieces_along, redrawn
+from physid.scenes.placing import heading, moving, on_ground, planar_twist, span, upstream
 from physid.scenes.push import TOP_VIEW
 from physid.scenes.scene import Body, Ground, Scene
 from physid.scenes.setup import Excitation, Setup
@@ -49,6 +48,20 @@ def rich(scene: Scene, generator: np.random.Generator, steps: int) -> Excitation
     return Excitation(pose, twist, wrench)
 
 
+def straight(scene: Scene, generator: np.random.Generator, steps: int) -> Excitation:
+    """Drive the first block square at the second, which rests; push, step, reverse and coast along their line."""
+    along = heading(generator, scene.ground)
+    turn = float(np.arctan2(*(span(scene.ground) @ along)[::-1]))
+    apart = 0.5 * (scene.bodies[0].size[0] + scene.bodies[1].size[0]) + generator.uniform(*GAP)
+    behind = generator.uniform(0.4, 0.9)
+    places = [(place * along, body) for place, body in zip((-behind, apart - behind), scene.bodies, strict=True)]
+    pose = np.stack([on_ground(scene.ground, x, y, turn, body.size[2]) for (x, y, _), body in places])
+    twist = np.stack([moving(along, generator.uniform(0.3, 1.5)), np.zeros(6)])
+    wrench = np.zeros((steps, 2, 6))
+    wrench[:, 0, 3:] = pieces_along(generator, along, steps)
+    return Excitation(pose, twist, wrench)
+
+
 def _pair(scene: Scene, generator: np.random.Generator, heading: int) -> np.ndarray:
     """Draw poses (2, 7): the first block anywhere, the second ahead of it, both roughly square to the push."""
     ahead, aside = AXES[heading, :2], AXES[(heading + 2) % 4, :2]
@@ -64,4 +77,4 @@ def _pair(scene: Scene, generator: np.random.Generator, heading: int) -> np.ndar
     return np.stack([on_ground(scene.ground, x, y, angle, body.size[2]) for (x, y), angle, body in places])
 
 
-COLLIDE = Setup(SCENE, {"paper": paper, "rich": rich, "straight": straight.collide}, materials={"other": "block"})
+COLLIDE = Setup(SCENE, {"paper": paper, "rich": rich, "straight": straight}, materials={"other": "block"})

@@ -49,6 +49,11 @@ def pieces(generator: np.random.Generator, across: Array, steps: int) -> Array:
     return force
 
 
+def pieces_along(generator: np.random.Generator, direction: Array, steps: int) -> Array:
+    """Draw the force sequence of `pieces` as it is seen from one direction (3,); returns (T, 3)."""
+    return pieces(generator, np.stack([direction, 0 * direction]), steps)
+
+
 def _new_push(generator: np.random.Generator, across: Array) -> Array:
     """Draw a force [N] (3,) of any heading in the plane."""
     heading, magnitude = generator.uniform(0, 2 * np.pi), generator.uniform(2.0, HIGH)

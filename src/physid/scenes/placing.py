@@ -54,3 +54,20 @@ def planar_twist(generator: np.random.Generator, ground: Ground, speed: float, s
     velocity = size * (np.array([np.cos(heading), np.sin(heading)]) @ span(ground))
     angular = generator.uniform(-spin, spin) * np.array(ground.normal)
     return np.concatenate([angular, velocity])
+
+
+def heading(generator: np.random.Generator, ground: Ground) -> Array:
+    """Draw a direction (3,) in the ground's plane."""
+    angle = generator.uniform(0, 2 * np.pi)
+    return np.asarray(np.array([np.cos(angle), np.sin(angle)]) @ span(ground))
+
+
+def anywhere(generator: np.random.Generator, ground: Ground, height: float) -> Array:
+    """Draw the pose (7,) of a box of some height [m] that lies flat on the ground, in the workspace, at any heading."""
+    x, y, _ = generator.uniform(-WORKSPACE, WORKSPACE, 2) @ span(ground)
+    return on_ground(ground, x, y, generator.uniform(-np.pi, np.pi), height)
+
+
+def moving(direction: Array, speed: float) -> Array:
+    """Return the twist (6,) of a body that moves along a direction (3,) and does not turn."""
+    return np.concatenate([np.zeros(3), speed * direction])

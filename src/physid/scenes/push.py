@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from physid.scenes import straight
 from physid.scenes.camera import Camera
-from physid.scenes.forces import AXES, pieces, redrawn
-from physid.scenes.placing import WORKSPACE, on_ground, planar_twist, span, upstream
+from physid.scenes.forces import AXES, pieces, pieces_along, redrawn
+from physid.scenes.placing import WORKSPACE, anywhere, heading, moving, on_ground, planar_twist, span, upstream
 from physid.scenes.scene import Body, Ground, Scene
 from physid.scenes.setup import Excitation, Setup
 
@@ -48,4 +47,13 @@ def rich(scene: Scene, generator: np.random.Generator, steps: int) -> Excitation
     return Excitation(pose[None], twist[None], wrench)
 
 
-PUSH = Setup(SCENE, {"paper": paper, "rich": rich, "straight": straight.push})
+def straight(scene: Scene, generator: np.random.Generator, steps: int) -> Excitation:
+    """Start at any speed along a line of any heading; push, step, reverse and coast along it, without a spin."""
+    along = heading(generator, scene.ground)
+    pose = anywhere(generator, scene.ground, scene.bodies[0].size[2])
+    wrench = np.zeros((steps, 1, 6))
+    wrench[:, 0, 3:] = pieces_along(generator, along, steps)
+    return Excitation(pose[None], moving(along, generator.uniform(-1.2, 1.2))[None], wrench)
+
+
+PUSH = Setup(SCENE, {"paper": paper, "rich": rich, "straight": straight})

@@ -6,9 +6,8 @@ import math
 
 import numpy as np
 
-from physid.scenes import straight
-from physid.scenes.forces import pieces
-from physid.scenes.placing import WORKSPACE, on_ground, planar_twist, span, upstream
+from physid.scenes.forces import pieces, pieces_along
+from physid.scenes.placing import WORKSPACE, anywhere, moving, on_ground, planar_twist, span, upstream
 from physid.scenes.push import TOP_VIEW
 from physid.scenes.scene import Body, Ground, Scene
 from physid.scenes.setup import Excitation, Setup
@@ -53,4 +52,13 @@ def rich(scene: Scene, generator: np.random.Generator, steps: int) -> Excitation
     return Excitation(pose[None], twist[None], wrench)
 
 
-SLIDE = Setup(SCENE, {"paper": paper, "rich": rich, "straight": straight.slide})
+def straight(scene: Scene, generator: np.random.Generator, steps: int) -> Excitation:
+    """Start up or down the slope; push, step, reverse and coast along it, without a spin."""
+    down = span(scene.ground)[0]
+    pose = anywhere(generator, scene.ground, scene.bodies[0].size[2])
+    wrench = np.zeros((steps, 1, 6))
+    wrench[:, 0, 3:] = 0.6 * pieces_along(generator, down, steps)
+    return Excitation(pose[None], moving(down, generator.uniform(-1.6, 0.4))[None], wrench)
+
+
+SLIDE = Setup(SCENE, {"paper": paper, "rich": rich, "straight": straight})

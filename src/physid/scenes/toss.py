@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from physid.scenes import straight
 from physid.scenes.forces import pieces
+from physid.scenes.placing import anywhere, heading, moving
 from physid.scenes.push import TOP_VIEW
 from physid.scenes.scene import Body, Ground, Scene
 from physid.scenes.setup import Excitation, Setup
@@ -34,6 +34,22 @@ def rich(scene: Scene, generator: np.random.Generator, steps: int) -> Excitation
     return Excitation(pose[None], twist[None], wrench)
 
 
+def straight(scene: Scene, generator: np.random.Generator, steps: int) -> Excitation:
+    """Fall flat, bounce and slide on along a line of any heading, without a spin; no force but gravity."""
+    pose = anywhere(generator, scene.ground, scene.bodies[0].size[2])
+    pose[:3] += generator.uniform(0.05, 0.25) * np.array(scene.ground.normal)
+    twist = moving(heading(generator, scene.ground), generator.uniform(-1.2, 1.2))
+    return Excitation(pose[None], twist[None], np.zeros((steps, 1, 6)))
+
+
+def flight(scene: Scene, generator: np.random.Generator, steps: int) -> Excitation:
+    """Throw up so high that the block does not come down before the end, with any spin; no force but gravity."""
+    pose, twist = _throw(generator)
+    pose[:3] += 0.2 * np.array(scene.ground.normal)
+    twist[5] = 0.5 * abs(scene.gravity[2]) * (steps - 1) * scene.time_step + generator.uniform(0.0, 0.5)
+    return Excitation(pose[None], twist[None], np.zeros((steps, 1, 6)))
+
+
 def _throw(generator: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Draw a pose (7,) above the workspace and a twist (6,)."""
     position = np.append(generator.uniform(-0.9, 0.9, 2), generator.uniform(0.3, 0.7))
@@ -44,4 +60,4 @@ def _throw(generator: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     return pose, np.concatenate([generator.uniform(-5.0, 5.0, 3), velocity])
 
 
-TOSS = Setup(SCENE, {"paper": paper, "rich": rich, "straight": straight.toss, "flight": straight.flight})
+TOSS = Setup(SCENE, {"paper": paper, "rich": rich, "straight": straight, "flight": flight})

@@ -13,7 +13,7 @@ from physid.scenes.strict import nearest
 
 if TYPE_CHECKING:
     from physid.physics.effect import Effect
-    from physid.simulators.bullet.world import Motion
+    from physid.simulators.motion import Motion
 
 BULLET_STEP = 1 / 240  # [s] the longest step that is asked of PyBullet
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -10,19 +9,14 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from physid.physics.collision import reach
 from physid.physics.effect import Effect, StepInputs
 from physid.physics.rotations import rotate
-from physid.physics.state import State
 from physid.scenes.scene import Scene
 from physid.simulators.bullet.engine import Engine, Rows
 from physid.simulators.bullet.native import Native
+from physid.simulators.inputs import ChangingInputs
 
 Array = NDArray[np.float64]
-SHARED = ("ground_normal", "ground_offset")  # the fields of StepInputs that all worlds of a batch share
-FIELDS = tuple(
-    field.name for field in dataclasses.fields(StepInputs) if field.name not in ("time", "wrench", "gravity")
-)
 
 
 class Hooks:
@@ -37,18 +31,8 @@ class Hooks:
     """
 
     def __init__(self, scene: Scene, effects: Sequence[Effect], worlds: int = 1) -> None:
-        self._time_step = scene.time_step
         self._effects = tuple(effects)
-        self._nominal = nominal_inputs(scene, worlds)
-        self._known = self._nominal
-
-    def actuate(self, wrench: Array) -> Array:
-        """Turn the commanded wrenches (T, N, 6) of a trajectory into those that act."""
-        acting = torch.from_numpy(wrench)[None]
-        time = self._time_step * torch.arange(len(wrench), dtype=torch.float64)[None]
-        for effect in self._effects:
-            acting = effect.actuate(acting, time)
-        return np.asarray(acting[0].numpy())
+        self._inputs = ChangingInputs(scene, effects, worlds)
 
     def build(self, scene: Scene, pose: Array, twist: Array, time_step: float) -> list[Engine]:
         """Build PyBullet worlds with the sizes, masses and moments of the first step.
@@ -58,40 +42,20 @@ class Hooks:
         Args:
             scene: The scene.
             pose: Initial poses, shape (B, N, 7).
-            twist: First twists, shape (B, N, 6).
+            twist: Initial twists, shape (B, N, 6).
             time_step: Length of one step [s].
         """
-        first = self._inputs(np.zeros(len(pose)), pose, twist, np.zeros_like(twist))
-        fields = ("size", "mass", "inertia", "centre_of_mass")
-        self._known = self._nominal.replace(
-            **{name: getattr(first, name).expand_as(getattr(self._nominal, name)) for name in fields}
-        )
-        return [
-            self._world(scene, time_step, *each)
-            for each in zip(*(getattr(self._known, name) for name in fields), strict=True)
-        ]
-
-    def _world(
-        self, scene: Scene, time_step: float, sizes: Tensor, masses: Tensor, moments: Tensor, centres: Tensor
-    ) -> Engine:
-        """Build one world from sizes (N, 3), masses (N,), moments (N, 3) and centres of mass (N, 3)."""
-        rows = zip(scene.bodies, sizes.tolist(), masses.tolist(), moments.tolist(), strict=True)
-        bodies = [
-            dataclasses.replace(body, size=tuple(size), mass=mass, inertia=tuple(moment))
-            for body, size, mass, moment in rows
-        ]
-        engine = Engine(scene.with_bodies(bodies), time_step, centres.numpy())
+        worlds = self._inputs.build(pose, twist)
+        engines = [Engine(scene.with_bodies(bodies), time_step, centres) for bodies, centres in worlds]
         for effect in self._effects:
             if isinstance(effect, Native):
-                engine.alter(effect.settings())
-        return engine
+                for engine in engines:
+                    engine.alter(effect.settings())
+        return engines
 
     def start(self, pose: Array) -> Array:
         """Return initial poses (B, N, 7) that keep the distance of each body from the ground although sizes differ."""
-        normal = self._nominal.ground_normal
-        taller = reach(torch.from_numpy(pose[..., 3:]), self._known.size - self._nominal.size, normal)
-        lift = taller[..., None] * normal
-        return np.concatenate([pose[..., :3] + lift.numpy(), pose[..., 3:]], -1)
+        return self._inputs.start(pose)
 
     def act(
         self, engines: Sequence[Engine], time: Array, pose: Sequence[Rows], twist: Sequence[Rows], wrench: Array
@@ -109,32 +73,21 @@ class Hooks:
             ValueError: If an effect changes what PyBullet cannot change.
         """
         places = np.array(pose)
-        inputs = self._inputs(time, places, np.array(twist), wrench)
+        inputs = self._inputs.at(time, places, np.array(twist), wrench)
         self._tell(engines, inputs)
-        pull = inputs.mass[..., None] * (inputs.gravity - self._nominal.gravity)
+        pull = inputs.mass[..., None] * (inputs.gravity - self._inputs.nominal.gravity)
         arm = rotate(torch.from_numpy(places[..., 3:]), inputs.centre_of_mass)
         at_mass = inputs.add_torque(-torch.linalg.cross(arm, inputs.wrench[..., 3:])).add_force(pull)
         for engine, place, load in zip(engines, pose, at_mass.wrench.tolist(), strict=True):
             engine.push(place, load)
 
-    @torch.no_grad()
-    def _inputs(self, time: Array, pose: Array, twist: Array, wrench: Array) -> StepInputs:
-        """Return the inputs of a step after all effects."""
-        state = State(torch.from_numpy(pose), torch.from_numpy(twist))
-        inputs = self._nominal.replace(time=torch.from_numpy(time), wrench=torch.from_numpy(wrench))
-        for effect in self._effects:
-            inputs = effect.act(state, inputs)
-        return inputs
-
     def keep(self, worlds: int) -> None:
         """Go on with the first so many worlds."""
-        self._nominal, self._known = _first(self._nominal, worlds), _first(self._known, worlds)
+        self._inputs.keep(worlds)
 
     def _tell(self, engines: Sequence[Engine], inputs: StepInputs) -> None:
         """Tell PyBullet what differs from what it knows."""
-        changed = self._changes(inputs)
-        if changed.keys() & {"size", "centre_of_mass"}:
-            raise ValueError("PyBullet cannot change sizes or centres of mass between steps; let them be constant")
+        changed = self._inputs.changes(inputs, "PyBullet")
         for world in _worlds(changed, "mass", "inertia"):
             for body, (mass, moments) in enumerate(zip(inputs.mass[world], inputs.inertia[world], strict=True)):
                 engines[world].set_inertia(body, float(mass), moments.tolist())
@@ -145,59 +98,12 @@ class Hooks:
                 engine.place_ground(inputs.ground_normal.tolist(), float(inputs.ground_offset))
         for world in _worlds(changed, "compliance"):
             _set_compliance(engines[world], inputs.compliance[world])
-        self._known = inputs
-
-    def _changes(self, inputs: StepInputs) -> dict[str, list[int]]:
-        """Return the names of the fields that differ from what PyBullet knows, and in which worlds they do."""
-        found = {}
-        for name in FIELDS:
-            new, old = getattr(inputs, name), getattr(self._known, name)
-            if new is not old and not torch.equal(new, old):
-                differs = new != old
-                found[name] = (
-                    [] if name in SHARED else differs.reshape(len(differs), -1).any(1).nonzero()[:, 0].tolist()
-                )
-        return found
-
-
-def _first(inputs: StepInputs, worlds: int) -> StepInputs:
-    """Return the inputs of the first so many worlds."""
-    fields = (field.name for field in dataclasses.fields(inputs))
-    return inputs.replace(**{name: getattr(inputs, name)[:worlds] for name in fields if name not in SHARED})
+        self._inputs.known = inputs
 
 
 def _worlds(changed: Mapping[str, list[int]], *names: str) -> list[int]:
     """Return the worlds in which any of some fields changed."""
     return sorted(set().union(*(changed.get(name, []) for name in names)))
-
-
-def nominal_inputs(scene: Scene, worlds: int = 1) -> StepInputs:
-    """Return the inputs of a step without effects, for a batch of worlds."""
-    bodies, count = scene.bodies, len(scene.bodies)
-
-    def batch(values: object) -> Tensor:
-        row = torch.as_tensor(np.array(values, dtype=float))
-        return row.expand(worlds, *row.shape)
-
-    ones, one = torch.ones(worlds, count, dtype=torch.float64), torch.ones(worlds, dtype=torch.float64)
-    return StepInputs(
-        time=torch.zeros(worlds, dtype=torch.float64),
-        wrench=torch.zeros(worlds, count, 6, dtype=torch.float64),
-        gravity=batch([scene.gravity] * count),
-        size=batch(scene.sizes),
-        mass=batch([body.mass for body in bodies]),
-        inertia=batch([body.moments() for body in bodies]),
-        friction=batch([body.friction for body in bodies]),
-        restitution=batch([body.restitution for body in bodies]),
-        ground_normal=torch.as_tensor(np.array(scene.ground.normal, dtype=float)),
-        ground_offset=torch.as_tensor(np.array(scene.ground.offset, dtype=float)),
-        ground_friction=ones,
-        ground_restitution=torch.zeros_like(ones),
-        body_friction=one,
-        body_restitution=torch.zeros_like(one),
-        centre_of_mass=torch.zeros(worlds, count, 3, dtype=torch.float64),
-        compliance=torch.zeros(worlds, count, dtype=torch.float64),
-    )
 
 
 LEAST = 1e-6  # [-] stands for a coefficient of zero, which could not be a product of two others

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
 from itertools import chain
 from typing import TYPE_CHECKING
 
@@ -14,26 +13,15 @@ from numpy.typing import NDArray
 from physid.scenes.scene import Scene
 from physid.scenes.setup import Excitation
 from physid.simulators.bullet.engine import Engine, Rows
+from physid.simulators.motion import Motion, actuated, check_finite, check_fit, observed
 
 if TYPE_CHECKING:
     from physid.physics.effect import Effect
 
 Array = NDArray[np.float64]
 State = tuple[Rows, Rows]  # poses and twists
+__all__ = ["AT_ONCE", "Motion", "observed", "simulate", "simulate_all"]
 AT_ONCE = 16  # worlds of one batch: more are hardly faster, and each holds 28 MB
-
-
-@dataclass(frozen=True)
-class Motion:
-    """What the bodies did, before any camera or sensor.
-
-    Attributes:
-        pose: Poses at each frame, shape (T, N, 7).
-        twist: Twists at each frame, angular [rad/s] and linear [m/s], shape (T, N, 6).
-    """
-
-    pose: NDArray[np.float64]
-    twist: NDArray[np.float64]
 
 
 def simulate(scene: Scene, excitation: Excitation, effects: Sequence[Effect] = (), substeps: int = 1) -> Motion:
@@ -110,9 +98,7 @@ class _Worlds:
         substeps: int,
         clocks: Sequence[float],
     ) -> None:
-        for excitation in excitations:
-            if (bodies := excitation.wrench.shape[1]) != len(scene.bodies):
-                raise ValueError(f"excitation must be for the {len(scene.bodies)} bodies of {scene.name}, got {bodies}")
+        check_fit(scene, excitations)
         self._scene, self._substeps, self._hooks = scene, substeps, None
         self._clock = np.array(clocks)
         self._wrench = [excitation.wrench for excitation in excitations]
@@ -123,7 +109,7 @@ class _Worlds:
             from physid.simulators.bullet.hooks import Hooks
 
             self._hooks = Hooks(scene, effects, len(excitations))
-            self._wrench = [self._hooks.actuate(wrench) for wrench in self._wrench]
+            self._wrench = [actuated(wrench, effects, scene.time_step) for wrench in self._wrench]
             self._engines = self._hooks.build(scene, start, twist, step)
             start = self._hooks.start(start)
         else:
@@ -165,10 +151,7 @@ class _Worlds:
 
     def _motion(self, states: Sequence[State]) -> Motion:
         pose, twist = (_table([state[kind] for state in states]) for kind in (0, 1))
-        if not np.isfinite(pose).all():
-            raise ValueError(
-                f"PyBullet left the finite numbers in scene {self._scene.name}; check masses, sizes and forces"
-            )
+        check_finite(self._scene, pose, "PyBullet")
         return Motion(pose, twist)
 
 
@@ -177,15 +160,3 @@ def _table(rows: list[Rows]) -> NDArray[np.float64]:
     shape = len(rows), len(rows[0]), len(rows[0][0])
     numbers = chain.from_iterable(chain.from_iterable(rows))
     return np.fromiter(numbers, np.float64, shape[0] * shape[1] * shape[2]).reshape(shape)
-
-
-def observed(pose: NDArray[np.float64], effects: Sequence[Effect], time: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the poses (T, N, 7) that the camera reports at times (T,) [s] under the effects, in their order."""
-    if not effects:
-        return pose
-    import torch
-
-    seen, stamps = torch.from_numpy(pose)[None], torch.from_numpy(time)[None]
-    for effect in effects:
-        seen = effect.observe(seen, stamps)
-    return np.asarray(seen[0].numpy())

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from physid.bullet.world import Motion
 from physid.scenes.camera import corners
 from physid.scenes.placing import UP
 from physid.scenes.rotations import rotate
@@ -16,6 +15,7 @@ from physid.scenes.scene import Scene
 from physid.scenes.setup import REST_DEPTH, Excitation
 from physid.simulators.closed_form.flight import fly, spin
 from physid.simulators.closed_form.line import Line
+from physid.simulators.motion import Motion, actuated, check_fit
 
 if TYPE_CHECKING:
     from physid.physics.effect import Effect
@@ -52,6 +52,7 @@ def simulate_all(
         ValueError: If a motion has no closed form here; the message says why.
     """
     drag = _drag_of(effects)
+    check_fit(scene, excitations)
     return [_one(scene, excitation, effects, drag) for excitation in excitations]
 
 
@@ -70,9 +71,7 @@ def _drag_of(effects: Sequence[Effect]) -> float:
 
 def _one(scene: Scene, excitation: Excitation, effects: Sequence[Effect], drag: float) -> Motion:
     """Compute one motion."""
-    if (bodies := excitation.wrench.shape[1]) != len(scene.bodies):
-        raise ValueError(f"excitation must be for the {len(scene.bodies)} bodies of {scene.name}, got {bodies}")
-    wrench = _actuated(excitation.wrench, effects, scene.time_step)
+    wrench = actuated(excitation.wrench, effects, scene.time_step)
     if wrench[..., :3].any():
         raise ValueError(f"{NONE}forces at the centres of mass, but a torque acts in scene {scene.name}")
     if len(scene.bodies) > 2:
@@ -84,18 +83,6 @@ def _one(scene: Scene, excitation: Excitation, effects: Sequence[Effect], drag: 
     if excitation.twist[:, :3].any() or not lies_flat.all():
         raise ValueError(f"{NONE}two blocks that lie flat and do not turn; scene {scene.name} has others")
     return _along_line(scene, excitation, wrench[..., 3:], drag)
-
-
-def _actuated(wrench: Array, effects: Sequence[Effect], time_step: float) -> Array:
-    """Return what the commanded wrenches (T, N, 6) become before they act."""
-    if not effects:
-        return wrench
-    import torch
-
-    acting = torch.from_numpy(wrench)[None]
-    for effect in effects:
-        acting = effect.actuate(acting, time_step)
-    return np.asarray(acting[0].numpy())
 
 
 def _axes(pose: Array) -> Array:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from physid.scenes.scene import Scene
 from physid.scenes.setup import Excitation
-from physid.simulators.bullet.world import Motion
+from physid.simulators.motion import Motion
 from physid.simulators.mujoco.engine import Engine
 
 if TYPE_CHECKING:

@@ -1,0 +1,146 @@
+"""What effects make of the inputs of a step, for a batch of worlds that a simulator steps; no gradient."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from physid.physics.collision import reach
+from physid.physics.effect import Effect, StepInputs
+from physid.physics.state import State
+from physid.scenes.scene import Body, Scene
+
+Array = NDArray[np.float64]
+SHARED = ("ground_normal", "ground_offset")  # the fields of StepInputs that all worlds of a batch share
+BUILT_IN = ("size", "mass", "inertia", "centre_of_mass")  # what bodies are built with
+FIELDS = tuple(
+    field.name for field in dataclasses.fields(StepInputs) if field.name not in ("time", "wrench", "gravity")
+)
+
+
+class ChangingInputs:
+    """The inputs of each step under a list of effects, and what of them a simulator does not know yet.
+
+    An effect is a formula of torch for a batch: that costs about as much for one world as for all.
+
+    Args:
+        scene: The scene, with its nominal parameters.
+        effects: Effects, applied in this order.
+        worlds: How many worlds.
+
+    Attributes:
+        nominal: The inputs without effects.
+        known: What the simulator was told last.
+    """
+
+    def __init__(self, scene: Scene, effects: Sequence[Effect], worlds: int) -> None:
+        self._scene, self._effects = scene, tuple(effects)
+        self.nominal = nominal_inputs(scene, worlds)
+        self.known = self.nominal
+
+    def build(self, pose: Array, twist: Array) -> list[tuple[list[Body], Array]]:
+        """Return the bodies of each world as they are at the first step, and their centres of mass (N, 3).
+
+        Args:
+            pose: Initial poses, shape (B, N, 7).
+            twist: Initial twists, shape (B, N, 6).
+        """
+        first = self.at(np.zeros(len(pose)), pose, twist, np.zeros_like(twist))
+        self.known = self.nominal.replace(
+            **{name: getattr(first, name).expand_as(getattr(self.nominal, name)) for name in BUILT_IN}
+        )
+        rows = zip(*(getattr(self.known, name) for name in BUILT_IN), strict=True)
+        return [(self._bodies(size, mass, moments), centres.numpy()) for size, mass, moments, centres in rows]
+
+    def _bodies(self, sizes: Tensor, masses: Tensor, moments: Tensor) -> list[Body]:
+        """Return the bodies of one world, from sizes (N, 3), masses (N,) and moments (N, 3)."""
+        rows = zip(self._scene.bodies, sizes.tolist(), masses.tolist(), moments.tolist(), strict=True)
+        return [
+            dataclasses.replace(body, size=tuple(size), mass=mass, inertia=tuple(moment))
+            for body, size, mass, moment in rows
+        ]
+
+    def start(self, pose: Array) -> Array:
+        """Return initial poses (B, N, 7) that keep the distance of each body from the ground although sizes differ."""
+        normal = self.nominal.ground_normal
+        taller = reach(torch.from_numpy(pose[..., 3:]), self.known.size - self.nominal.size, normal)
+        lift = taller[..., None] * normal
+        return np.concatenate([pose[..., :3] + lift.numpy(), pose[..., 3:]], -1)
+
+    @torch.no_grad()
+    def at(self, time: Array, pose: Array, twist: Array, wrench: Array) -> StepInputs:
+        """Return the inputs of a step after all effects.
+
+        Args:
+            time: Times since the first frames [s], shape (B,).
+            pose: Present poses, shape (B, N, 7).
+            twist: Present twists, shape (B, N, 6).
+            wrench: Acting wrenches, shape (B, N, 6).
+        """
+        state = State(torch.from_numpy(pose), torch.from_numpy(twist))
+        inputs = self.nominal.replace(time=torch.from_numpy(time), wrench=torch.from_numpy(wrench))
+        for effect in self._effects:
+            inputs = effect.act(state, inputs)
+        return inputs
+
+    def keep(self, worlds: int) -> None:
+        """Go on with the first so many worlds."""
+        self.nominal, self.known = _first(self.nominal, worlds), _first(self.known, worlds)
+
+    def changes(self, inputs: StepInputs, simulator: str) -> dict[str, list[int]]:
+        """Return the names of the fields that differ from what is known, and in which worlds they do.
+
+        Raises:
+            ValueError: If sizes or centres of mass changed, which no simulator can do.
+        """
+        found = {}
+        for name in FIELDS:
+            new, old = getattr(inputs, name), getattr(self.known, name)
+            if new is not old and not torch.equal(new, old):
+                differs = new != old
+                found[name] = (
+                    [] if name in SHARED else differs.reshape(len(differs), -1).any(1).nonzero()[:, 0].tolist()
+                )
+        if found.keys() & {"size", "centre_of_mass"}:
+            raise ValueError(f"{simulator} cannot change sizes or centres of mass between steps; let them be constant")
+        return found
+
+
+def _first(inputs: StepInputs, worlds: int) -> StepInputs:
+    """Return the inputs of the first so many worlds."""
+    fields = (field.name for field in dataclasses.fields(inputs))
+    return inputs.replace(**{name: getattr(inputs, name)[:worlds] for name in fields if name not in SHARED})
+
+
+def nominal_inputs(scene: Scene, worlds: int = 1) -> StepInputs:
+    """Return the inputs of a step without effects, for a batch of worlds."""
+    bodies, count = scene.bodies, len(scene.bodies)
+
+    def batch(values: object) -> Tensor:
+        row = torch.as_tensor(np.array(values, dtype=float))
+        return row.expand(worlds, *row.shape)
+
+    ones, one = torch.ones(worlds, count, dtype=torch.float64), torch.ones(worlds, dtype=torch.float64)
+    return StepInputs(
+        time=torch.zeros(worlds, dtype=torch.float64),
+        wrench=torch.zeros(worlds, count, 6, dtype=torch.float64),
+        gravity=batch([scene.gravity] * count),
+        size=batch(scene.sizes),
+        mass=batch([body.mass for body in bodies]),
+        inertia=batch([body.moments() for body in bodies]),
+        friction=batch([body.friction for body in bodies]),
+        restitution=batch([body.restitution for body in bodies]),
+        ground_normal=torch.as_tensor(np.array(scene.ground.normal, dtype=float)),
+        ground_offset=torch.as_tensor(np.array(scene.ground.offset, dtype=float)),
+        ground_friction=ones,
+        ground_restitution=torch.zeros_like(ones),
+        body_friction=one,
+        body_restitution=torch.zeros_like(one),
+        centre_of_mass=torch.zeros(worlds, count, 3, dtype=torch.float64),
+        compliance=torch.zeros(worlds, count, dtype=torch.float64),
+    )

@@ -1,0 +1,77 @@
+"""What every simulator gives, and what a camera reports of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physid.scenes.scene import Scene
+from physid.scenes.setup import Excitation
+
+if TYPE_CHECKING:
+    from physid.physics.effect import Effect
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What the bodies did, before any camera or sensor.
+
+    Attributes:
+        pose: Poses at each frame, shape (T, N, 7).
+        twist: Twists at each frame, angular [rad/s] and linear [m/s], shape (T, N, 6).
+    """
+
+    pose: Array
+    twist: Array
+
+
+def actuated(wrench: Array, effects: Sequence[Effect], time_step: float) -> Array:
+    """Return what commanded wrenches (T, N, 6), each held for a time step [s], become before they act."""
+    if not effects:
+        return wrench
+    import torch
+
+    acting = torch.from_numpy(wrench)[None]
+    time = time_step * torch.arange(len(wrench), dtype=torch.float64)[None]
+    for effect in effects:
+        acting = effect.actuate(acting, time)
+    return np.asarray(acting[0].numpy())
+
+
+def observed(pose: Array, effects: Sequence[Effect], time: Array) -> Array:
+    """Return the poses (T, N, 7) that the camera reports at times (T,) [s] under the effects, in their order."""
+    if not effects:
+        return pose
+    import torch
+
+    seen, stamps = torch.from_numpy(pose)[None], torch.from_numpy(time)[None]
+    for effect in effects:
+        seen = effect.observe(seen, stamps)
+    return np.asarray(seen[0].numpy())
+
+
+def check_fit(scene: Scene, excitations: Sequence[Excitation]) -> None:
+    """Check that excitations are for the bodies of a scene.
+
+    Raises:
+        ValueError: If one is not.
+    """
+    for excitation in excitations:
+        if (bodies := excitation.wrench.shape[1]) != len(scene.bodies):
+            raise ValueError(f"excitation must be for the {len(scene.bodies)} bodies of {scene.name}, got {bodies}")
+
+
+def check_finite(scene: Scene, pose: Array, simulator: str) -> None:
+    """Check that a motion stayed within the finite numbers.
+
+    Raises:
+        ValueError: If it did not.
+    """
+    if not np.isfinite(pose).all():
+        raise ValueError(f"{simulator} left the finite numbers in scene {scene.name}; check masses, sizes and forces")
