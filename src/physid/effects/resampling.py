@@ -17,10 +17,10 @@ def at_times(pose: Tensor, time: Tensor, wanted: Tensor) -> Tensor:
     Args:
         pose: Poses of at least two frames, shape (B, T, N, 7).
         time: Times of the frames [s], increasing, shape (1 or B, T).
-        wanted: Times to sample [s], shape (1 or B, T).
+        wanted: Times to sample [s], shape (1 or B, W).
 
     Returns:
-        Poses of shape (B, T, N, 7), differentiable in `pose` and `wanted`.
+        Poses of shape (B, W, N, 7), differentiable in `pose` and `wanted`.
     """
     batch, last = pose.shape[0], pose.shape[1] - 1
     time, wanted = time.expand(batch, -1).contiguous(), wanted.expand(batch, -1)
@@ -35,5 +35,5 @@ def at_times(pose: Tensor, time: Tensor, wanted: Tensor) -> Tensor:
 
 
 def _pick(pose: Tensor, frames: Tensor) -> Tensor:
-    """Return the poses of whole frames (B, T)."""
-    return pose.gather(1, frames[..., None, None].expand_as(pose))
+    """Return the poses of whole frames (B, W)."""
+    return pose.gather(1, frames[..., None, None].expand(-1, -1, *pose.shape[2:]))

@@ -25,8 +25,9 @@ from physid.scenes.scene import Scene
 from physid.scenes.setup import Excitation
 from physid.simulators.protocol import find_simulator
 
-FINE = 1e-3
-"""Longest step of a reference for recordings of which it is not known how they were integrated [s]."""
+FINE = {"pybullet": 1e-3, "mujoco": 1 / 480}
+"""Longest steps of references for recordings of unknown integration [s]: PyBullet's scheme is
+of first order, MuJoCo's here of second."""
 JUMP = 5.0
 """A velocity that changes by more than this multiple of g h in a step h was changed by an impact."""
 EARTH = 9.81  # [m/s^2]
@@ -57,11 +58,9 @@ def references_of(scene: Scene) -> tuple[Reference, ...]:
     """
     if scene.integration is not None:
         return (Reference("pybullet", scene.integration.step),)
-    step = scene.time_step / math.ceil(scene.time_step / FINE - 1e-9)
-    fine = [Reference("pybullet", step, lags=True)]
-    if find_spec("mujoco") is not None:
-        fine.append(Reference("mujoco", step))
-    return tuple(fine)
+    there = [name for name in FINE if find_spec(name) is not None]
+    steps = {name: scene.time_step / math.ceil(scene.time_step / FINE[name] - 1e-9) for name in there}
+    return tuple(Reference(name, step, lags=name == "pybullet") for name, step in steps.items())
 
 
 def replay(
