@@ -14,6 +14,8 @@ MOST_LINES = 300
 MOST_LINES_OF_A_FUNCTION = 60
 
 RANKS = {
+    "class_paths": 0,
+    "yaml_files": 0,
     "compiler": 0,
     "physics": 1,
     "effects": 2,
@@ -72,7 +74,7 @@ def imports(path: Path) -> set[str]:
 
 def rank(name: str) -> int:
     """Return the rank of a file by its path below physid."""
-    return RANKS.get(name.split("/")[0], TOP)
+    return RANKS.get(name.split("/")[0].removesuffix(".py"), TOP)
 
 
 def imported_files(path: Path) -> set[str]:

@@ -1,0 +1,111 @@
+"""YAML from strangers: whatever a file holds, reading it costs time and memory in proportion to its size."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+DEEPEST = 64
+"""Levels of nesting; no configuration and no recording set has more than eight, and Python recurses at each."""
+MOST_COPIES, FREE_COPIES = 10, 1000
+"""Aliases may make so many nodes of each that is written, and so many in any case: a bomb makes 10^9 of a hundred."""
+LARGEST_BITS = 64
+"""Of an integer: what counts, indexes or seeds fits, and every float can hold it."""
+
+# libyaml's parser where PyYAML was built with it, ten times as fast; both give the same events.
+_Parser: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+class YamlError(ValueError):
+    """A text that is no YAML, or none that is read here; the message names file and line."""
+
+
+def read_yaml(path: Path, construct: Callable[[str], Any] = yaml.safe_load) -> Any:
+    """Read a YAML file: plain mappings, lists and scalars.
+
+    Args:
+        path: The file.
+        construct: Makes values of the text; must make nothing but plain values.
+
+    Returns:
+        What it holds.
+
+    Raises:
+        OSError: If it cannot be read.
+        YamlError: If it is no YAML, or aliases, nesting or integers go beyond the limits above.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise YamlError(f"{path}: expected text in UTF-8, found byte {error.object[error.start]:#04x}") from None
+    return parse_yaml(text, str(path), construct)
+
+
+def parse_yaml(text: str, where: str, construct: Callable[[str], Any] = yaml.safe_load) -> Any:
+    """Read YAML from a text (see `read_yaml`); `where` names it in messages."""
+    try:
+        _require_modest(text, where)
+        values = construct(text)
+    except yaml.MarkedYAMLError as error:
+        line = f":{error.problem_mark.line + 1}" if error.problem_mark else ""
+        raise YamlError(f"{where}{line}: no valid YAML: {error.problem}") from None
+    except yaml.YAMLError as error:
+        raise YamlError(f"{where}: no valid YAML: {str(error).splitlines()[0]}") from None
+    except YamlError:
+        raise
+    except (ValueError, RecursionError) as error:  # a date with a 13th month; keys that are deeply nested
+        raise YamlError(f"{where}: no valid YAML: {str(error).splitlines()[0]}") from None
+    for key, value in _leaves(values):
+        if isinstance(value, int) and value.bit_length() > LARGEST_BITS:
+            raise YamlError(
+                f"{where}: {key}: expected an integer of at most {LARGEST_BITS} bits, found one of {value.bit_length()}"
+            )
+    return values
+
+
+def _require_modest(text: str, where: str) -> None:
+    """Refuse aliases that multiply, aliases of what holds them, and nesting that is too deep, from the events alone."""
+    written, anchors = 0, dict[str, int]()  # nodes with all aliases followed, by anchor
+    sizes: list[int] = [0]
+    names: list[str | None] = [None]
+    event: Any
+    for event in yaml.parse(text, Loader=_Parser):
+        at = f"{where}:{event.start_mark.line + 1}"
+        if isinstance(event, yaml.AliasEvent):
+            if event.anchor in names:
+                raise YamlError(f"{at}: expected an alias of something else, found *{event.anchor} inside of itself")
+            sizes[-1] += anchors.get(event.anchor, 1)
+        elif isinstance(event, yaml.ScalarEvent):
+            written, sizes[-1] = written + 1, sizes[-1] + 1
+            if event.anchor:
+                anchors[event.anchor] = 1
+        elif isinstance(event, yaml.CollectionStartEvent):
+            written += 1
+            sizes.append(1)
+            names.append(event.anchor)
+            if len(sizes) - 1 > DEEPEST:
+                raise YamlError(f"{at}: expected at most {DEEPEST} levels of nesting, found more")
+        elif isinstance(event, yaml.CollectionEndEvent):
+            size, name = sizes.pop(), names.pop()
+            sizes[-1] += size
+            if name:
+                anchors[name] = size
+    if sizes[0] > FREE_COPIES + MOST_COPIES * written:
+        raise YamlError(f"{where}: expected aliases to repeat at most {MOST_COPIES} times what is written, found more")
+
+
+def _leaves(values: Any, key: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield every scalar and every mapping's key with its dotted place."""
+    if isinstance(values, dict):
+        for name, value in values.items():
+            shown = str(name) if not isinstance(name, int) or name.bit_length() <= LARGEST_BITS else "a key"
+            yield shown, name
+            yield from _leaves(value, f"{key}.{shown}" if key else shown)
+    elif isinstance(values, list | tuple | set):
+        for index, value in enumerate(values):
+            yield from _leaves(value, f"{key}.{index}" if key else str(index))
+    else:
+        yield key, values

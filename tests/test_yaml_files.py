@@ -1,0 +1,54 @@
+"""What a stranger's YAML may cost: no more than its size."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import pytest
+
+from physid.yaml_files import DEEPEST, YamlError, parse_yaml, read_yaml
+
+BOMB = "a0: &a0 [x, x]\n" + "".join(f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]\n" for n in range(1, 12))
+MERGES = "a0: &a0 {x: 1}\n" + "".join(f"a{n}: &a{n} {{<<: [{', '.join([f'*a{n - 1}'] * 10)}]}}\n" for n in range(1, 9))
+SECONDS = 1.0  # a limit that a bomb of 10^11 nodes misses by far
+
+
+@pytest.mark.parametrize("text", ["a: 1\nb: [x, {c: null}]", "a: &one {b: 1}\nc: [*one, *one]\nd: {<<: *one, e: 2}"])
+def test_plain_values_and_a_few_aliases_are_read(text: str) -> None:
+    values = parse_yaml(text, "here")
+    assert values["a"] in (1, {"b": 1})
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (BOMB, "expected aliases to repeat at most 10 times"),
+        (MERGES, "expected aliases to repeat at most 10 times"),
+        ("a: &a [*a]", "found \\*a inside of itself"),
+        ("[" * (DEEPEST + 1), f"at most {DEEPEST} levels"),
+        ("{a: " * 100_000, f"at most {DEEPEST} levels"),
+        ("a: {b: " + "9" * 400 + "}", "a.b: expected an integer of at most 64 bits"),
+        ("a: 0x" + "f" * 5000, "a: expected an integer of at most 64 bits"),
+        ("a: " + "9" * 5000, "no valid YAML"),
+        ("a: [1,", "here:[12]: no valid YAML"),
+        ("a: *b", "here:1: no valid YAML: found undefined alias"),
+        ("a: !!python/object/apply:os.system [true]", "could not determine a constructor"),
+        ("a: 2001-13-01", "no valid YAML"),
+        ("a: \x00", "no valid YAML"),
+    ],
+)
+def test_what_is_no_yaml_or_costs_too_much_is_refused_at_once_in_one_line(text: str, message: str) -> None:
+    start = time.perf_counter()
+    with pytest.raises(YamlError, match=message) as caught:
+        parse_yaml(text, "here")
+    assert time.perf_counter() - start < SECONDS
+    assert len(str(caught.value).splitlines()) == 1
+    assert len(str(caught.value)) < 300
+
+
+def test_a_file_that_is_no_text_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "a.yaml"
+    path.write_bytes(b"a: \xff")
+    with pytest.raises(YamlError, match=r"a\.yaml: expected text in UTF-8, found byte 0xff"):
+        read_yaml(path)
