@@ -102,7 +102,9 @@ def main() -> None:
     torch.set_num_threads(1)
     with tempfile.TemporaryDirectory() as place:
         generate(
-            GenerateConfig.from_mapping(compose([str(CONFIG)], ["trajectories=32"]).values), Path(place) / "push", 1
+            GenerateConfig.from_mapping(compose([str(CONFIG)], ["trajectories=32"], reads=GenerateConfig).values),
+            Path(place) / "push",
+            1,
         )
         hard = synthetic_images.HARD if options.edges == "both" else 1.0
         constant = {"unknown_share": lambda *_: 1.0} if options.features == "constant" else {}

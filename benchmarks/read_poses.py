@@ -47,7 +47,7 @@ def record(folder: Path, number: int) -> dict[str, float]:
     true = {name: float(generator.uniform(*limits)) for name, limits in RANGES.items()}
     values = ", ".join(f"{name}: {value}" for name, value in true.items())
     settings = ["trajectories=48", "video=false", f"seed={1000 + number}", "guess_factor=1.1"]
-    made = compose([str(CONFIG)], [*settings, f"true_values={{{values}}}"])
+    made = compose([str(CONFIG)], [*settings, f"true_values={{{values}}}"], reads=GenerateConfig)
     generate(GenerateConfig.from_mapping(made.values), folder, 1, quiet=True)
     return true
 

@@ -56,7 +56,11 @@ def record(folder: Path, scene: str, names: list[str], number: int, trajectories
         f"true_values={{{values}}}",
         "guess_factor=1.1",
     ]
-    generate(GenerateConfig.from_mapping(compose([str(CONFIGS / f"{scene}.yaml")], settings).values), folder, 1)
+    generate(
+        GenerateConfig.from_mapping(compose([str(CONFIGS / f"{scene}.yaml")], settings, reads=GenerateConfig).values),
+        folder,
+        1,
+    )
     return true
 
 

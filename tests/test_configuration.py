@@ -1,12 +1,20 @@
 from __future__ import annotations
 
+import dataclasses
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from physid.class_paths import load_class
+from physid.commands import COMMANDS
 from physid.configuration import Configuration, ConfigurationError, compose
-from physid.schema import check_keys
+from physid.data.generation import GenerateConfig
+from physid.free_mappings import free_mappings, types_of
+from physid.schema import check_fit, check_keys
 
 
 def write(folder: Path, **texts: str) -> dict[str, Path]:
@@ -26,6 +34,84 @@ def test_later_layers_win_and_interpolation_sees_the_winner(tmp_path: Path) -> N
     composed = compose([files["middle"], files["top"]], ["nested.added=[1, 2]", "rate=1e-3"])
     assert composed.values == {"rate": 0.001, "double": 0.001, "nested": {"kept": 1, "changed": 3, "added": [1, 2]}}
     assert composed.name == "top"
+
+
+@dataclass
+class Section:
+    low: float = 0.0
+    high: float = 1.0
+    weights: Mapping[str, float] | None = None
+
+
+@dataclass
+class Settings:
+    shares: Mapping[str, float]
+    section: Section
+    deep: dict[str, Mapping[str, float]]
+
+
+class Model:
+    def __init__(
+        self,
+        rate: float = 0.1,
+        inner: object = None,
+        values: Mapping[str, float] | None = None,
+        section: Section | None = None,
+        make: Callable[[], object] | None = None,
+    ) -> None:
+        self.rate, self.inner = rate, inner
+
+
+def test_a_free_mapping_is_replaced_and_a_section_is_merged(tmp_path: Path) -> None:
+    files = write(
+        tmp_path,
+        base="shares: {a: 9, b: 1}\nsection: {low: 0.1, weights: {a: 1}}\ndeep: {x: {p: 1, q: 2}, y: {p: 3}}",
+        top="base: base.yaml\nshares: {c: 1}\nsection: {high: 2, weights: {b: 2}}\ndeep: {x: {p: 5}}",
+    )
+    values = compose([files["top"]], reads=Settings).values
+    assert values["shares"] == {"c": 1}
+    assert values["section"] == {"low": 0.1, "high": 2, "weights": {"b": 2}}
+    assert values["deep"] == {"x": {"p": 5}}
+
+
+@pytest.mark.parametrize(
+    ("override", "shares"),
+    [("shares={c: 2}", {"c": 2}), ("shares.c=2", {"a": 9, "b": 1, "c": 2}), ("shares.a=2", {"a": 2, "b": 1})],
+)
+def test_an_override_replaces_a_free_mapping_or_changes_one_entry(
+    tmp_path: Path, override: str, shares: dict[str, float]
+) -> None:
+    files = write(tmp_path, base="shares: {a: 9, b: 1}")
+    assert compose([files["base"]], [override], reads=Settings).values["shares"] == shares
+
+
+def test_the_arguments_of_a_class_follow_the_same_rule(tmp_path: Path) -> None:
+    named = f"class_path: {__name__}.Model"
+    files = write(
+        tmp_path,
+        base=f"model: {{{named}, values: {{a: 1}}, section: {{low: 3, weights: {{a: 1}}}}}}",
+        top="base: base.yaml\nmodel: {values: {b: 2}, section: {high: 4, weights: {b: 1}}}",
+    )
+    arguments = compose([files["top"]], ["model.values.c=3"], allowed=[__name__]).values["model"]["init_args"]
+    assert arguments == {"values": {"b": 2, "c": 3}, "section": {"low": 3, "high": 4, "weights": {"b": 1}}}
+
+
+def test_the_shipped_withheld_set_has_the_splits_that_its_file_names() -> None:
+    shipped = Path(__file__).parent.parent / "configs" / "diagnose" / "withheld_drag.yaml"
+    config = GenerateConfig.from_mapping(compose([shipped], reads=GenerateConfig).values)
+    assert config.split == {"fit": 10, "select": 2, "report_same": 4, "report_transfer": 8}
+    assert Counter(config.splits()) == config.split
+    assert dict(config.effects) == {"viscous_drag": {"coefficient": 0.3}}
+
+
+def test_every_configuration_without_classes_says_what_reads_it() -> None:
+    for command in COMMANDS:
+        if command.reads:
+            assert dataclasses.is_dataclass(load_class(command.reads))
+    generate = {command.name: command for command in COMMANDS}["generate"]
+    kinds = types_of(load_class(generate.reads))
+    values = {name: {"a": 1} for name in kinds}
+    assert free_mappings(values, load_class(generate.reads)) == {"protocol_of_split", "split", "true_values", "effects"}
 
 
 @pytest.mark.parametrize(
@@ -75,6 +161,13 @@ def test_every_key_knows_where_it_was_set_last(tmp_path: Path) -> None:
         ("base: absent.yaml", "absent.yaml does not exist"),
         ("a: [1,", "one.yaml:1: no valid YAML|one.yaml:2: no valid YAML"),
         ("a: 1\na: 2", "no valid YAML: found duplicate key"),
+        ("a: ${b", r"one.yaml: an interpolation is written \$\{key\}; .*\$\{b"),
+        ("a: '${'", "one.yaml: an interpolation is written"),
+        ("a: " + "9" * 400, "one.yaml: a: expected an integer of at most 64 bits"),
+        ("a: &a [1, *a]", "inside of itself"),
+        ("base: {a: 1}", "base: expected a file or a list of files"),
+        ("base: 3", "base: expected a file or a list of files"),
+        ("model: {class_path: torch.nn.Linear, init_args: 3, bias: true}", "model.init_args: expected a mapping"),
         ("- 1", "expected a mapping"),
         ("a: ???", 'key "a" must be given: a=VALUE'),
         ("a: ${oc.env:SURELY_NOT_SET}", "SURELY_NOT_SET"),
@@ -89,7 +182,9 @@ def test_a_mistake_in_a_file_is_one_line_that_names_it(tmp_path: Path, text: str
     assert len(str(caught.value).splitlines()) == 1
 
 
-@pytest.mark.parametrize("override", ["novalue", "=3", "a..b=1", "a=[1,"])
+@pytest.mark.parametrize(
+    "override", ["novalue", "=3", "a..b=1", "a=[1,", "a=" + "9" * 400, "a=" + "[" * 5000, "a=${b", "a=&a [*a]"]
+)
 def test_a_broken_override_is_refused(override: str) -> None:
     with pytest.raises(ConfigurationError):
         compose([], [override])
@@ -101,18 +196,29 @@ def test_a_missing_file_suggests_the_nearest_one(tmp_path: Path) -> None:
         compose([tmp_path / "push_frction.yaml"])
 
 
-class Model:
-    def __init__(self, rate: float = 0.1, inner: object = None) -> None:
-        self.rate, self.inner = rate, inner
-
-
 @pytest.mark.parametrize(
     ("values", "message"),
     [
         ({"modl": 1}, 'unknown key "modl"; did you mean "model"'),
         ({"model": {"class_path": f"{__name__}.Model", "init_args": {"rat": 1}}}, '"model.rat"; did you mean "rate"'),
         ({"model": {"class_path": f"{__name__}.Modell"}}, 'has no "Modell"; did you mean "Model"'),
-        ({"model": {"class_path": "absent_module.Model"}}, "cannot import absent_module.Model"),
+        ({"model": {"class_path": "torch.absent.Model"}}, "cannot import torch.absent.Model"),
+        (
+            {"model": {"class_path": "absent_module.Model"}},
+            "expected a class of physid, torch, .* --allow absent_module",
+        ),
+        ({"model": {"class_path": "torch.hub.load"}}, "expected a class of that package, found <function"),
+        ({"model": {"class_path": "torch.serialization.os.system"}}, "cannot import"),
+        ({"model": {"class_path": "os.system"}}, "--allow os"),
+        ({"model": {"class_path": f"{__name__}.Model", "init_args": 3}}, "model.init_args: expected a mapping"),
+        (
+            {"model": {"class_path": f"{__name__}.Model", "init_args": {"make": "os.getpid"}}},
+            "model.init_args.make.*--allow os",
+        ),
+        ({"model": {"class_path": f"{__name__}.Model", "init_args": {"inner": {"class_path": "os.x"}}}}, "--allow os"),
+        ({"trainer": 3}, "trainer: expected a mapping of keys to values, got 3"),
+        ({"trainer": {"make": "os.getpid"}}, "trainer.make.*--allow os"),
+        ({"trainer": {"inner": [{"class_path": "os.getpid"}]}}, "trainer.inner.0.class_path.*--allow os"),
         ({"model": {"class_path": 3}}, "expected a dotted path"),
         ({"trainer": {"rte": 1}}, '"trainer.rte"; did you mean "rate"'),
         ({"model": [{"class_path": f"{__name__}.Model", "init_args": {"inr": 1}}]}, '"model.0.inr"'),
@@ -120,4 +226,36 @@ class Model:
 )
 def test_an_unknown_key_or_class_is_refused_with_the_nearest_one(values: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigurationError, match=message):
-        check_keys(Configuration("run", values), {"model": None, "trainer": Model})
+        check_keys(Configuration("run", values, allowed=(__name__,)), {"model": None, "trainer": Model})
+
+
+@pytest.mark.parametrize("value", [None, 3, "physid.training.sysid.SysID", {}, {"class_path": 3}, ["x"]])
+def test_a_fit_needs_a_model_and_data_that_name_their_class(value: object) -> None:
+    named = {"data": {"class_path": "physid.data.datamodule.RecordingsDataModule"}}
+    with pytest.raises(ConfigurationError, match="model: expected a mapping with the class_path of a LightningModule"):
+        check_fit(Configuration("run", {**named, "model": value}))
+
+
+def test_a_class_of_another_kind_is_refused() -> None:
+    kind = {"class_path": "physid.data.datamodule.RecordingsDataModule"}
+    with pytest.raises(ConfigurationError, match=r"model\.class_path: expected a LightningModule, got .*DataModule"):
+        check_fit(Configuration("run", {"data": kind, "model": kind}))
+
+
+@pytest.mark.parametrize("key", ["logger", "default_root_dir"])
+def test_what_a_run_decides_itself_is_not_ignored_silently(key: str) -> None:
+    fit = Path(__file__).parent.parent / "configs" / "sysid" / "push_friction.yaml"
+    with pytest.raises(ConfigurationError, match=rf"trainer\.{key} is decided by the run's folder"):
+        check_fit(compose([fit], [f"trainer.{key}=x"]))
+
+
+def test_no_module_is_imported_before_it_is_trusted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "surely_hostile.py").write_text("from pathlib import Path\nPath('hit').touch()\nclass Model: ...")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    written = write(tmp_path, one="model: {class_path: surely_hostile.Model, values: {a: 1}}")
+    with pytest.raises(ConfigurationError, match="--allow surely_hostile"):
+        check_keys(compose([written["one"]]), {"model": None})
+    assert not (tmp_path / "hit").exists()
+    check_keys(compose([written["one"]], allowed=["surely_hostile"]), {"model": None})
+    assert (tmp_path / "hit").exists()

@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 from torch.utils.data import DataLoader, TensorDataset
 
-from physid.cli import main
+from physid import cli
 
 
 class Noisy(L.LightningModule):
@@ -56,6 +56,11 @@ class Points(L.LightningDataModule):
         return DataLoader(TensorDataset(torch.ones(4, 3)))
 
     val_dataloader = test_dataloader
+
+
+def main(words: list[str]) -> int:
+    """Run a command whose configuration may name the classes of this file."""
+    return cli.main([*words, f"--allow={__name__}"])
 
 
 @pytest.fixture

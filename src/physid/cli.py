@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 OK, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130
 TRACEBACK = "PHYSID_TRACEBACK"
-PRINT = "--print-config"
+PRINT, ALLOW = "--print-config", "allow"
 
 OVERVIEW = """\
 usage: physid COMMAND [options] [key=value ...]
@@ -42,6 +42,7 @@ CONFIGURED = """\
   --config FILE         A configuration; of several, later ones win over earlier ones.
   key=value             Overrides one value, in YAML: trainer.max_epochs=3, data.segment=null.
   --print-config        Print the resolved configuration and do nothing.
+  --allow PACKAGE       Let the configuration name classes of a package of your own, whose code is then run.
 """
 
 
@@ -57,11 +58,13 @@ class Arguments:
         files: What stands behind each `--config`.
         overrides: `key=value` for the configuration.
         own: Words for the command's own parser.
+        allowed: What stands behind each `--allow`.
     """
 
     files: tuple[str, ...]
     overrides: tuple[str, ...]
     own: tuple[str, ...]
+    allowed: tuple[str, ...] = ()
 
 
 def main(words: Sequence[str] | None = None) -> int:
@@ -109,6 +112,7 @@ def sort_words(words: Sequence[str], options: Mapping[str, bool]) -> Arguments:
     files: list[str] = []
     overrides: list[str] = []
     own: list[str] = []
+    allowed: list[str] = []
     rest = list(words)
     while rest:
         word = rest.pop(0)
@@ -125,11 +129,13 @@ def sort_words(words: Sequence[str], options: Mapping[str, bool]) -> Arguments:
             files.append(value)
         elif name in options:
             own.append(f"--{name}={value or 'true'}")
+        elif name == ALLOW:
+            allowed += value.split(",")
         elif close := difflib.get_close_matches(name, options, n=1, cutoff=0.8):
             raise UsageError(f"no option {option}{nearest(option, _spelt(close))}")
         else:
             overrides.append(f"{option.lstrip('-')}={value}")
-    return Arguments(tuple(files), tuple(overrides), tuple(own))
+    return Arguments(tuple(files), tuple(overrides), tuple(own), tuple(allowed))
 
 
 def shorten(message: str) -> str:
@@ -173,6 +179,7 @@ def _run(words: list[str]) -> int:
 
 def _run_command(command: Command, words: list[str]) -> int:
     """Read a command's arguments and run it."""
+    from physid.class_paths import load_class
     from physid.configuration import compose
     from physid.runs import recorded_config
 
@@ -190,12 +197,17 @@ def _run_command(command: Command, words: list[str]) -> int:
             there = f"{run_dir} holds no run; " if run_dir else ""
             recorded = " or --run-dir RUN" if "run_dir" in values and not run_dir else ""
             raise UsageError(f"{there}{command.name} needs a configuration: --config FILE{recorded} (see configs/)")
-        values["configuration"] = compose(files, arguments.overrides)
+        reads = load_class(command.reads) if command.reads else None
+        values["configuration"] = compose(files, arguments.overrides, reads=reads, allowed=arguments.allowed)
         if shown:
             print(values["configuration"].to_yaml(), end="")
             return OK
-    elif arguments.files or arguments.overrides:
-        word = "--config" if arguments.files else arguments.overrides[0].partition("=")[0]
+    elif stray := [
+        *(["--config"] * bool(arguments.files)),
+        *(["--allow"] * bool(arguments.allowed)),
+        *arguments.overrides,
+    ]:
+        word = stray[0].partition("=")[0]
         raise UsageError(f'{command.name} has no option "{word}"{nearest(word, _spelt(command.options))}')
     command.function(**values)
     return OK

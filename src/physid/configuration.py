@@ -1,20 +1,29 @@
-"""Compose a configuration: files on files, overrides, interpolations; resolved once, with nothing left over."""
+"""Compose a configuration: files on files, overrides, interpolations; resolved once, with nothing left over.
+
+What a later layer says of a section replaces the same keys of an earlier one and leaves the others. What it says of a
+free mapping, whose keys the user chooses (`split`, `effects`, `values`), replaces the whole of it (`free_mappings`).
+"""
 
 from __future__ import annotations
 
 import copy
 import difflib
-from collections.abc import Iterator, Sequence
+import io
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from physid.free_mappings import free_mappings
 from physid.scenes.strict import nearest
+from physid.yaml_files import YamlError, parse_yaml, read_yaml
 
 COMMAND_LINE = "command line"
 CLASS_KEYS = ("class_path", "init_args", "dict_kwargs")
+Layer = tuple[str, dict[str, Any], tuple[str, ...]]
+"""Where values come from, the values, and the path to what an override gives (none for a file)."""
 
 
 class ConfigurationError(ValueError):
@@ -29,11 +38,13 @@ class Configuration:
         name: Name of the run or recording set: the key `name`, else the stem of the last file.
         values: Plain dicts, lists and scalars, without any interpolation left; `base` and `name` are taken out.
         layers: What was laid over each other, the lowest first: where it comes from, and its own values.
+        allowed: Packages beside the trusted ones whose classes it may name (see `class_paths`).
     """
 
     name: str
     values: dict[str, Any]
     layers: tuple[tuple[str, dict[str, Any]], ...] = ()
+    allowed: tuple[str, ...] = ()
 
     def source_of(self, key: str) -> str:
         """Return where a dotted key was set last: a file, or the command line."""
@@ -49,16 +60,25 @@ class Configuration:
         return OmegaConf.to_yaml(OmegaConf.create({"name": self.name, **self.values}))
 
 
-def compose(files: Sequence[Path | str], overrides: Sequence[str] = ()) -> Configuration:
+def compose(
+    files: Sequence[Path | str],
+    overrides: Sequence[str] = (),
+    *,
+    reads: type | None = None,
+    allowed: Sequence[str] = (),
+) -> Configuration:
     """Lay files and overrides over each other and resolve the interpolations.
 
     A file may name a lower one with `base: other.yaml` (relative to itself, or a list of them). Later files win over
     earlier ones and overrides win over all. Beside a `class_path`, keys may be written without `init_args`; where a
-    later layer changes the class, the arguments of the earlier class are dropped.
+    later layer changes the class, the arguments of the earlier class are dropped. A free mapping is replaced as a
+    whole, by `split: {fit: 10}` in a file as by `split={fit: 10}`; `split.fit=10` changes one entry.
 
     Args:
         files: Configuration files, the most general first.
         overrides: `key.sub=value` each, the value in YAML.
+        reads: The class whose fields the keys are, if the configuration names none itself.
+        allowed: Packages beside the trusted ones whose classes it may name.
 
     Returns:
         The resolved configuration.
@@ -66,15 +86,16 @@ def compose(files: Sequence[Path | str], overrides: Sequence[str] = ()) -> Confi
     Raises:
         ConfigurationError: If a file is missing or no YAML mapping, an override has no `=`, or an interpolation fails.
     """
-    layers = [layer for file in files for layer in _read(Path(file), ())]
-    layers += [(COMMAND_LINE, _parse_override(override)) for override in overrides]
-    merged: Any = {}
-    for source, values in layers:
-        merged = _merge(merged, values, source)
+    layers: list[Layer] = [(*layer, ()) for file in files for layer in _read(Path(file), ())]
+    layers += [_parse_override(override) for override in overrides]
+    merged = _overlay(layers, frozenset())
+    # Which mappings are free is said by the classes, and which classes there are by the layers.
+    if free := free_mappings(merged, reads, allowed):
+        merged = _overlay(layers, free)
     merged.setdefault("name", Path(files[-1]).stem if files else "run")
     values = _resolve(merged)
     name = str(values.pop("name"))
-    return Configuration(name, values, tuple(layers))
+    return Configuration(name, values, tuple((source, own) for source, own, _ in layers), tuple(allowed))
 
 
 def flatten(values: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
@@ -90,23 +111,28 @@ def flatten(values: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
 def _read(file: Path, above: tuple[Path, ...]) -> list[tuple[str, dict[str, Any]]]:
     """Read a file and what it builds on, the lowest first."""
     from omegaconf import OmegaConf
+    from omegaconf.errors import OmegaConfBaseException
 
     if file.resolve() in above:
         raise ConfigurationError(f"{file}: builds on itself ({' -> '.join(one.name for one in above)} -> {file.name})")
     if not file.is_file():
         raise ConfigurationError(f"config file {file} does not exist{_nearest_file(file)}")
     try:
-        values = OmegaConf.to_container(OmegaConf.load(file), resolve=False)
-    except yaml.MarkedYAMLError as error:
-        line = f":{error.problem_mark.line + 1}" if error.problem_mark else ""
-        raise ConfigurationError(f"{file}{line}: no valid YAML: {error.problem}") from None
-    except (OSError, yaml.YAMLError) as error:
-        raise ConfigurationError(f"{file}: cannot be read as YAML: {str(error).splitlines()[0]}") from None
+        values = read_yaml(file, lambda text: OmegaConf.to_container(OmegaConf.load(io.StringIO(text)), resolve=False))
+    except YamlError as error:
+        raise ConfigurationError(str(error)) from None
+    except OSError as error:
+        raise ConfigurationError(f"{file}: cannot be read: {str(error).splitlines()[0]}") from None
+    except OmegaConfBaseException as error:
+        reason = str(error).splitlines()[0]
+        raise ConfigurationError(f"{file}: an interpolation is written ${{key}}; {reason}") from None
     if not isinstance(values, dict):
         raise ConfigurationError(f"{file}: expected a mapping of keys to values, got {type(values).__name__}")
     named = {str(key): value for key, value in values.items()}
     bases = named.pop("base", None) or []
     below = [bases] if isinstance(bases, str) else bases
+    if not isinstance(below, list) or not all(isinstance(base, str) for base in below):
+        raise ConfigurationError(f"{file}: base: expected a file or a list of files, got {bases!r}")
     return [each for base in below for each in _read(file.parent / base, (*above, file.resolve()))] + [
         (str(file), named)
     ]
@@ -119,42 +145,71 @@ def _nearest_file(file: Path) -> str:
     return f'; did you mean "{close[0]}"?' if close else ""
 
 
-def _parse_override(override: str) -> dict[str, Any]:
-    """Return the nested mapping that `a.b=value` stands for."""
+def _parse_override(override: str) -> Layer:
+    """Return what `a.b=value` stands for: nested mappings, and the path to what is given as a whole."""
     from omegaconf import OmegaConf
+    from omegaconf.errors import OmegaConfBaseException
 
-    key, equals, _ = override.partition("=")
+    key, equals, value = override.partition("=")
     if not equals or not all(key.split(".")):
         raise ConfigurationError(f'expected an override of the form key.sub=value, got "{override}"')
     try:
+        parse_yaml(value, COMMAND_LINE)
         parsed = OmegaConf.to_container(OmegaConf.from_dotlist([override]), resolve=False)
-    except yaml.YAMLError:
-        raise ConfigurationError(f'{COMMAND_LINE}: the value of "{override}" is no valid YAML') from None
-    return {str(key): value for key, value in parsed.items()} if isinstance(parsed, dict) else {}
+    except (YamlError, yaml.YAMLError, OmegaConfBaseException) as error:
+        reason = str(error).splitlines()[0].removeprefix(f"{COMMAND_LINE}: ")
+        raise ConfigurationError(
+            f'{COMMAND_LINE}: the value of "{_short(override)}" is no valid YAML: {reason}'
+        ) from None
+    values = {str(key): value for key, value in parsed.items()} if isinstance(parsed, dict) else {}
+    return COMMAND_LINE, values, tuple(key.split("."))
 
 
-def _merge(earlier: Any, later: Any, source: str, key: str = "") -> Any:
-    """Return `earlier` overlaid by `later`: mappings merge, list items can be named by index, all else is replaced."""
+def _overlay(layers: Sequence[Layer], free: Collection[str]) -> dict[str, Any]:
+    """Return the layers laid over each other."""
+    merged: Any = {}
+    for source, values, path in layers:
+        merged = _merge(merged, values, source, free, path)
+    return dict(merged)
+
+
+def _merge(
+    earlier: Any, later: Any, source: str, free: Collection[str] = (), path: tuple[str, ...] = (), key: str = ""
+) -> Any:
+    """Return `earlier` overlaid by `later`: sections merge, list items can be named by index, all else is replaced.
+
+    Args:
+        earlier: Lower value.
+        later: Upper value.
+        source: Where the upper one comes from.
+        free: Dotted keys of the mappings that are replaced as a whole ...
+        path: ... but for those on the way to what an override gives.
+        key: Dotted key of the values.
+    """
     if isinstance(earlier, list) and isinstance(later, dict) and later and all(str(each).isdigit() for each in later):
         merged_list = list(earlier)
         for index, value in later.items():
             if int(index) >= len(earlier):
                 raise ConfigurationError(f"{source}: {key}.{index}: the list has {len(earlier)} entries")
-            merged_list[int(index)] = _merge(earlier[int(index)], value, source, f"{key}.{index}")
+            merged_list[int(index)] = _merge(earlier[int(index)], value, source, free, path[1:], f"{key}.{int(index)}")
         return merged_list
     if not isinstance(later, dict):
-        return [_merge(None, each, source, key) for each in later] if isinstance(later, list) else later
-    earlier = earlier if isinstance(earlier, dict) else {}
+        return [_merge(None, each, source) for each in later] if isinstance(later, list) else later
+    earlier = earlier if isinstance(earlier, dict) and (path or key not in free) else {}
     if "class_path" in earlier or "class_path" in later:
-        earlier, later = _align(earlier, later)
+        earlier, later = _align(earlier, later, f"{source}: {key}")
     merged = copy.copy(earlier)
     for name, value in later.items():
-        merged[name] = _merge(earlier.get(name), value, source, f"{key}.{name}" if key else str(name))
+        way = path if name == "init_args" and path[:1] != ("init_args",) else path[1:]
+        whole = f"{key}.{name}" if key else str(name)
+        merged[name] = _merge(earlier.get(name), value, source, free, way, whole)
     return merged
 
 
-def _align(earlier: dict[str, Any], later: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+def _align(earlier: dict[str, Any], later: dict[str, Any], where: str) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return both layers of one class with its arguments under `init_args`, forgetting those of another class."""
+    if not isinstance(later.get("init_args") or {}, dict):
+        raise ConfigurationError(f"{where}.init_args: expected a mapping of arguments, got {later['init_args']!r}")
     arguments = {name: value for name, value in later.items() if name not in CLASS_KEYS}
     rest = {name: value for name, value in later.items() if name in CLASS_KEYS}
     if arguments:
@@ -183,6 +238,11 @@ def _resolve(merged: dict[str, Any]) -> dict[str, Any]:
         if isinstance(value, str) and "${" in value:
             raise ConfigurationError(f"{key}: interpolation left unresolved in {value!r}")
     return {str(key): value for key, value in values.items()} if isinstance(values, dict) else {}
+
+
+def _short(text: str, most: int = 60) -> str:
+    """Return a text as a message can quote it."""
+    return text if len(text) <= most else f"{text[:most]}..."
 
 
 def _has(values: Any, path: Sequence[str]) -> bool:

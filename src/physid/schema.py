@@ -2,48 +2,107 @@
 
 from __future__ import annotations
 
-import importlib
+import collections.abc
 import inspect
+import typing
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from physid.class_paths import DOTTED, ClassPathError, load_class, require_trusted
 from physid.configuration import CLASS_KEYS, Configuration, ConfigurationError
+from physid.free_mappings import alternatives, types_of
 from physid.scenes.strict import nearest
 
 
-def check_keys(configuration: Configuration, groups: Mapping[str, Callable[..., Any] | None]) -> None:
+def check_fit(configuration: Configuration) -> None:
+    """Check a configuration of `physid fit`.
+
+    Raises:
+        ConfigurationError: If a key is unknown, a class is none of those expected, or a key has no effect.
+    """
+    from physid.training.runs import run
+
+    check_keys(configuration, run.GROUPS, run.CLASSES)
+    trainer = configuration.values.get("trainer") or {}
+    for name, remedy in run.DECIDED.items():
+        if trainer.get(name) is not None:
+            source = configuration.source_of(f"trainer.{name}")
+            raise ConfigurationError(f"{source}: trainer.{name} is decided by the run's folder; {remedy}")
+
+
+def check_keys(
+    configuration: Configuration,
+    groups: Mapping[str, Callable[..., Any] | None],
+    classes: Mapping[str, type] | None = None,
+) -> None:
     """Check that every key of a configuration is one that somebody reads.
 
     Args:
         configuration: Resolved configuration.
         groups: The keys at the top, and whose arguments stand below each; None where a `class_path` says so.
+        classes: The keys at the top that must be there and name a class, and of which kind.
 
     Raises:
-        ConfigurationError: If a key is unknown or a class cannot be imported; it names the nearest one that exists.
+        ConfigurationError: If a key is unknown, a section is no mapping, or a class must not or cannot be imported; it
+            names the nearest one that exists.
     """
     _refuse_unknown(configuration, "", configuration.values, groups)
+    for key, base in (classes or {}).items():
+        _require_class(configuration, key, base)
     for key, value in configuration.values.items():
         target = groups[key]
-        if target is not None and isinstance(value, dict):
+        if target is not None and value is not None:
+            if not isinstance(value, dict):
+                raise _wrong(configuration, key, "a mapping of keys to values", value)
             _refuse_unknown(configuration, key, value, _parameters(target))
-        _check_classes(configuration, key, value)
+            known = types_of(target)
+            for name, each in value.items():
+                _check_classes(configuration, f"{key}.{name}", each, known.get(name))
+        else:
+            _check_classes(configuration, key, value)
 
 
-def _check_classes(configuration: Configuration, key: str, value: Any) -> None:
-    """Check every `class_path` below a key, and the arguments beside it."""
+def _require_class(configuration: Configuration, key: str, base: type) -> None:
+    """Check that a key names a class of a kind."""
+    value = configuration.values.get(key)
+    if not isinstance(value, dict) or not isinstance(value.get("class_path"), str):
+        raise _wrong(configuration, key, f"a mapping with the class_path of a {base.__name__}", value)
+    target = _load(configuration, f"{key}.class_path", value["class_path"])
+    if target is not None and not issubclass(target, base):
+        raise _wrong(configuration, f"{key}.class_path", f"a {base.__name__}", value["class_path"])
+
+
+def _check_classes(configuration: Configuration, key: str, value: Any, annotation: Any = None) -> None:
+    """Check every `class_path` below a key of a type, and the arguments beside it."""
+    if isinstance(value, str) and DOTTED.fullmatch(value) and _takes_classes(annotation):
+        # The parser imports a bare dotted path as well, where a class or a function is expected.
+        _trusted(configuration, key, value)
     if isinstance(value, list):
         for index, each in enumerate(value):
-            _check_classes(configuration, f"{key}.{index}", each)
+            _check_classes(configuration, f"{key}.{index}", each, annotation)
     if not isinstance(value, dict):
         return
+    known: Mapping[str, Any] = {}
     if "class_path" in value:
         target = _load(configuration, f"{key}.class_path", value["class_path"])
         _refuse_unknown(configuration, key, value, dict.fromkeys(CLASS_KEYS))
-        known = _parameters(target) if target is not None else {}
-        if known:
-            _refuse_unknown(configuration, f"{key}.init_args", value.get("init_args") or {}, known)
+        arguments = value.get("init_args")
+        if arguments is not None and not isinstance(arguments, dict):
+            raise _wrong(configuration, f"{key}.init_args", "a mapping of arguments", arguments)
+        parameters = _parameters(target) if target is not None else {}
+        if parameters:
+            _refuse_unknown(configuration, f"{key}.init_args", arguments or {}, parameters)
+        known = types_of(target)
+        for name, each in (arguments or {}).items():
+            _check_classes(configuration, f"{key}.init_args.{name}", each, known.get(name))
+        _check_classes(configuration, f"{key}.dict_kwargs", value.get("dict_kwargs"))
+        return
+    section = next((kind for kind in alternatives(annotation) if _is_section(kind)), None)
+    if section is not None:
+        known = types_of(section)
+        _refuse_unknown(configuration, key, value, _parameters(section))
     for name, each in value.items():
-        _check_classes(configuration, f"{key}.{name}", each)
+        _check_classes(configuration, f"{key}.{name}", each, known.get(name))
 
 
 def _refuse_unknown(
@@ -59,23 +118,42 @@ def _refuse_unknown(
             )
 
 
-def _load(configuration: Configuration, key: str, path: Any) -> Callable[..., Any] | None:
+def _load(configuration: Configuration, key: str, path: Any) -> type | None:
     """Import what a class path names; None for a short name, which LightningCLI resolves."""
-    source = configuration.source_of(key)
-    if not isinstance(path, str):
-        raise ConfigurationError(f"{source}: {key}: expected a dotted path to a class, got {path!r}")
-    module_name, dot, name = path.rpartition(".")
-    if not dot:
-        return None
     try:
-        module = importlib.import_module(module_name)
-    except ModuleNotFoundError as error:
-        raise ConfigurationError(f"{source}: {key}: cannot import {path}: {error}") from None
-    if not hasattr(module, name):
-        classes = [each for each, value in vars(module).items() if inspect.isclass(value)]
-        raise ConfigurationError(f'{source}: {key}: {module_name} has no "{name}"{nearest(name, classes)}')
-    found: Callable[..., Any] = getattr(module, name)
-    return found
+        return load_class(path, configuration.allowed)
+    except ClassPathError as error:
+        raise ConfigurationError(f"{configuration.source_of(key)}: {key}: {error}") from None
+
+
+def _trusted(configuration: Configuration, key: str, path: str) -> None:
+    try:
+        require_trusted(path, configuration.allowed)
+    except ClassPathError as error:
+        raise ConfigurationError(f"{configuration.source_of(key)}: {key}: {error}") from None
+
+
+def _wrong(configuration: Configuration, key: str, wanted: str, found: Any) -> ConfigurationError:
+    shown = f"{str(found)[:60]!r}" if isinstance(found, str) else f"{found!r}"[:60]
+    return ConfigurationError(f"{configuration.source_of(key)}: {key}: expected {wanted}, got {shown}")
+
+
+def _takes_classes(annotation: Any) -> bool:
+    """Tell whether a type has a class or a function in it that the parser would import by its dotted path."""
+    for kind in alternatives(annotation):
+        inner = typing.get_origin(kind)
+        if inner is None and inspect.isclass(kind) and kind.__module__ not in ("builtins", "pathlib", "types"):
+            return True
+        if inner in (collections.abc.Callable, type):
+            return True
+        if inner is not None and any(_takes_classes(each) for each in typing.get_args(kind) if each is not Ellipsis):
+            return True
+    return False
+
+
+def _is_section(kind: Any) -> bool:
+    """Tell whether a type is a class of this project whose parameters a mapping gives."""
+    return inspect.isclass(kind) and kind.__module__.startswith("physid.") and not inspect.isabstract(kind)
 
 
 def _parameters(target: Callable[..., Any]) -> dict[str, Any]:

@@ -71,13 +71,13 @@ def _require_modest(text: str, where: str) -> None:
     written, anchors = 0, dict[str, int]()  # nodes with all aliases followed, by anchor
     sizes: list[int] = [0]
     names: list[str | None] = [None]
-    event: Any
     for event in yaml.parse(text, Loader=_Parser):
+        assert event.start_mark is not None
         at = f"{where}:{event.start_mark.line + 1}"
         if isinstance(event, yaml.AliasEvent):
             if event.anchor in names:
                 raise YamlError(f"{at}: expected an alias of something else, found *{event.anchor} inside of itself")
-            sizes[-1] += anchors.get(event.anchor, 1)
+            sizes[-1] += anchors.get(str(event.anchor), 1)
         elif isinstance(event, yaml.ScalarEvent):
             written, sizes[-1] = written + 1, sizes[-1] + 1
             if event.anchor:

@@ -11,14 +11,14 @@ from physid.commands.recordings import effects, generate, identifiability, impor
 __all__ = ["COMMANDS", "Command"]
 
 COMMANDS: tuple[Command, ...] = (
-    Command(generate),
+    Command(generate, reads="physid.data.generation.GenerateConfig"),
     Command(import_),
     Command(track),
     Command(fit),
     Command(validate),
     Command(test),
     Command(predict),
-    Command(identifiability),
+    Command(identifiability, reads="physid.training.identifiability.planned_experiment.IdentifiabilityConfig"),
     Command(diagnose),
     Command(benchmark),
     Command(effects),

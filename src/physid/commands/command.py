@@ -13,9 +13,11 @@ class Command:
 
     Attributes:
         function: What runs; parameters without a default are positional, keyword-only ones are options.
+        reads: Dotted path of the class whose fields its configuration gives, if that names no classes itself.
     """
 
     function: Callable[..., None]
+    reads: str = ""
 
     @property
     def name(self) -> str:

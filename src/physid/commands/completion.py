@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 if TYPE_CHECKING:
     from physid.commands.command import Command
 
-CONFIGURED = ("--config", "--print-config")
+CONFIGURED = ("--config", "--print-config", "--allow")
 
 # Where no word fits, `-o default` completes files: a configuration, a folder of runs.
 SCRIPT = """\

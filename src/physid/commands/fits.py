@@ -30,10 +30,10 @@ def fit(
         overwrite: Delete what an earlier run left in the folder.
     """
     from physid.runs import first_process, open_folder, summarize
-    from physid.schema import check_keys
+    from physid.schema import check_fit
     from physid.training.runs import run
 
-    check_keys(configuration, run.GROUPS)
+    check_fit(configuration)
     folder = open_folder(configuration, run_dir, resume=resume, overwrite=overwrite)
     figures = run.fit(configuration.values, folder, resume=resume)
     if first_process():
@@ -99,13 +99,14 @@ def predict(
         overwrite: Delete an earlier result in that folder.
     """
     from physid.runs import fill_folder, folder_of
-    from physid.schema import check_keys
+    from physid.schema import check_fit
     from physid.training.callbacks.predictions import PARAMETERS, Predictions
     from physid.training.runs import run
 
-    check_keys(configuration, run.GROUPS)
+    check_fit(configuration)
     if forces is not None:
-        configuration.values["data"]["init_args"] |= {"forces": str(forces)}
+        data = configuration.values["data"]
+        data["init_args"] = {**(data.get("init_args") or {}), "forces": str(forces)}
     folder, writer = folder_of(configuration, run_dir), Predictions()
     target = out or folder / "predictions"
     with fill_folder(target, marked_by=PARAMETERS, overwrite=overwrite) as place:
@@ -118,9 +119,9 @@ def _evaluate(
 ) -> None:
     """Run one evaluation stage and print its figures."""
     from physid.runs import folder_of, summarize
-    from physid.schema import check_keys
+    from physid.schema import check_fit
     from physid.training.runs import run
 
-    check_keys(configuration, run.GROUPS)
+    check_fit(configuration)
     folder = folder_of(configuration, run_dir)
     print(summarize(run.evaluate(stage, configuration.values, folder, checkpoint), folder))

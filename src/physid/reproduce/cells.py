@@ -213,7 +213,8 @@ class Identifiable(Cell):
         from physid.configuration import compose
         from physid.training.identifiability.planned_experiment import IdentifiabilityConfig, analyse
 
-        configuration = compose([str(configs / "identifiability" / f"{self.scene}.yaml")], list(self.overrides))
+        file = configs / "identifiability" / f"{self.scene}.yaml"
+        configuration = compose([str(file)], self.overrides, reads=IdentifiabilityConfig)
         found = analyse(IdentifiabilityConfig.from_mapping(configuration.values)).result
         results = [
             Result(self.name, f"{verdict.name}: {verdict.kind}, expected deviation", PERCENT * verdict.deviation, "%")

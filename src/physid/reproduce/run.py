@@ -115,7 +115,8 @@ def _remaining(spent: float, total: float, left: float) -> str:
 def _record(recordings: Recordings, data: Path, configs: Path, workers: int) -> None:
     """Generate a recording set, or what is missing of it."""
     settings = [f"trajectories={recordings.trajectories}", f"video={str(recordings.video).lower()}"]
-    configuration = compose([str(configs / "generate" / f"{recordings.name}.yaml")], settings)
+    file = configs / "generate" / f"{recordings.name}.yaml"
+    configuration = compose([str(file)], settings, reads=GenerateConfig)
     generate(GenerateConfig.from_mapping(configuration.values), data / recordings.folder, workers)
 
 

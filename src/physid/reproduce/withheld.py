@@ -35,7 +35,7 @@ class Withheld(Cell):
         from physid.data.generation import GenerateConfig
         from physid.diagnosis.diagnose import diagnose
 
-        hidden = GenerateConfig.from_mapping(compose([str(configs / CONFIG)]).values)
+        hidden = GenerateConfig.from_mapping(compose([str(configs / CONFIG)], reads=GenerateConfig).values)
         generate(hidden, folder / "recordings", 1, quiet=True)
         return self.results(diagnose(folder / "recordings", folder), hidden.effects)
 

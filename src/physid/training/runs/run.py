@@ -41,6 +41,12 @@ GROUPS: dict[str, Callable[..., Any] | None] = {
     "trainer": L.Trainer,
     "wandb": None,
 }
+CLASSES: dict[str, type] = {"model": L.LightningModule, "data": L.LightningDataModule}
+# Arguments of the Trainer that a run decides itself, and what a user may want instead.
+DECIDED = {
+    "logger": "metrics.csv is always written, wandb=online or wandb=disabled chooses the rest",
+    "default_root_dir": "--run-dir names it",
+}
 
 
 class Cli(LightningCLI):

@@ -1,0 +1,74 @@
+"""Which mappings of a configuration are free: their keys are the user's choice, so that a later layer replaces them.
+
+The type decides. A parameter that is annotated as a Mapping or a dict, such as `split: Mapping[str, float]`, is free;
+one that is annotated as a class, such as `noise: Noise`, is a section whose keys are the parameters of that class.
+"""
+
+from __future__ import annotations
+
+import collections.abc
+import dataclasses
+import inspect
+import types
+import typing
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from physid.class_paths import ClassPathError, load_class
+
+
+def free_mappings(values: Mapping[str, Any], reads: type | None = None, allowed: Sequence[str] = ()) -> frozenset[str]:
+    """Return the dotted keys of all free mappings.
+
+    Args:
+        values: A configuration, arguments of classes under `init_args`.
+        reads: The class whose fields the keys at the top are, if there is one.
+        allowed: Packages beside the trusted ones whose classes may be looked at; others are passed over.
+    """
+    return frozenset(_free(dict(values), "", reads, allowed))
+
+
+def types_of(target: Any) -> dict[str, Any]:
+    """Return the types of the parameters of a class by name; empty where they cannot be resolved."""
+    try:
+        hints = typing.get_type_hints(target if dataclasses.is_dataclass(target) else target.__init__)
+    except Exception:  # a name that only a type checker imports
+        return {}
+    return {name: hint for name, hint in hints.items() if name != "return"}
+
+
+def alternatives(annotation: Any) -> tuple[Any, ...]:
+    """Return the members of a union, or the type itself."""
+    if typing.get_origin(annotation) in (typing.Union, types.UnionType):
+        return tuple(one for each in typing.get_args(annotation) for one in alternatives(each))
+    return (annotation,)
+
+
+def _free(value: Any, key: str, annotation: Any, allowed: Sequence[str]) -> Iterator[str]:
+    """Yield the free mappings at and below a key of a type; None for an unknown type."""
+    if isinstance(value, list):
+        for index, each in enumerate(value):
+            yield from _free(each, f"{key}.{index}", None, allowed)
+    if not isinstance(value, dict):
+        return
+    if "class_path" in value:
+        try:
+            target = load_class(value["class_path"], allowed)
+        except ClassPathError:  # is reported by the check of the keys, which knows where it was set
+            target = None
+        arguments = value.get("init_args")
+        for name, each in arguments.items() if isinstance(arguments, dict) else ():
+            yield from _free(each, f"{key}.init_args.{name}", types_of(target).get(name), allowed)
+        return
+    kinds = alternatives(annotation)
+    if any(_is_mapping(kind) for kind in kinds):
+        yield key
+        return
+    classes = [kind for kind in kinds if inspect.isclass(kind) and kind.__module__ != "builtins"]
+    known = types_of(classes[0]) if classes else {}
+    for name, each in value.items():
+        yield from _free(each, f"{key}.{name}" if key else str(name), known.get(name), allowed)
+
+
+def _is_mapping(kind: Any) -> bool:
+    return (typing.get_origin(kind) or kind) in (dict, collections.abc.Mapping, collections.abc.MutableMapping)
