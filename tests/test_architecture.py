@@ -15,6 +15,7 @@ MOST_LINES_OF_A_FUNCTION = 60
 
 RANKS = {
     "class_paths": 0,
+    "one_writer": 0,
     "yaml_files": 0,
     "compiler": 0,
     "physics": 1,

@@ -6,6 +6,7 @@ import csv
 import json
 import os
 import signal
+import time
 from pathlib import Path
 from typing import Any
 
@@ -16,15 +17,23 @@ from torch import Tensor
 from torch.utils.data import DataLoader, TensorDataset
 
 from physid import cli
+from physid.one_writer import one_writer
 
 
 class Noisy(L.LightningModule):
     """A regression with dropout; `interrupt_in` presses Ctrl-C in that epoch, `fail` raises a message for the user."""
 
-    def __init__(self, rate: float = 0.1, interrupt_in: int | None = None, fail: bool = False) -> None:
+    def __init__(
+        self,
+        rate: float = 0.1,
+        interrupt_in: int | None = None,
+        fail: bool = False,
+        stop_in: int | None = None,
+        terminate: bool = False,
+    ) -> None:
         super().__init__()
         self.net = torch.nn.Sequential(torch.nn.Dropout(0.5), torch.nn.Linear(3, 1))
-        self.rate, self.interrupt_in = rate, interrupt_in
+        self.rate, self.interrupt_in, self.stop_in, self.terminate = rate, interrupt_in, stop_in, terminate
         if fail:
             raise ValueError("fail must be false, got true")
 
@@ -37,7 +46,15 @@ class Noisy(L.LightningModule):
         self.log("params/block.friction/true", 3.0)
         return loss
 
+    def on_train_epoch_end(self) -> None:
+        self.log("epochs", self.current_epoch + 1.0)
+        self.trainer.should_stop |= self.stop_in == self.current_epoch
+
     def test_step(self, batch: list[Tensor], batch_idx: int) -> None:
+        if self.terminate:
+            os.kill(os.getpid(), signal.SIGTERM)
+            time.sleep(5)
+            pytest.fail("SIGTERM was not looked for")
         self.log("test/position_error", (self.net(batch[0]) - 1).abs().mean())
 
     validation_step = test_step
@@ -212,3 +229,67 @@ def test_a_mistake_ends_in_one_line_and_exit_code_2(
 def test_without_a_checkpoint_there_is_nothing_to_test(config: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["test", "--config", config]) == 2
     assert "run `physid fit` first" in capsys.readouterr().err
+
+
+def test_a_run_that_had_stopped_by_itself_is_over_unless_it_is_asked_for_something_else(config: str) -> None:
+    words = ["fit", "--config", config, "model.stop_in=1"]
+    assert main(words) == 0
+    folder = Path("runs/noisy")
+    before, rows = figures(folder), history(folder)
+    assert before["epochs"] == 2
+    assert main([*words, "--resume"]) == 0
+    assert figures(folder) == before
+    assert history(folder) == rows
+    assert main([*words, "--resume", "model.stop_in=null"]) == 0
+    assert figures(folder)["epochs"] == 4
+
+
+def test_a_row_that_the_checkpoint_knows_and_the_history_lacks_is_written(config: str) -> None:
+    whole, cut = ["fit", "--config", config, "--run-dir=runs/whole"], ["fit", "--config", config, "--run-dir=runs/cut"]
+    assert main(whole) == 0
+    assert main([*cut, "trainer.max_epochs=2"]) == 0
+    path = Path("runs/cut/metrics.csv")
+    lines = path.read_text().splitlines(keepends=True)
+    # Killed after the checkpoint of epoch 1, while its row was being written.
+    path.write_text("".join(lines[:-2]) + lines[-2][:7])
+    assert main([*cut, "--resume"]) == 0
+    assert history(Path("runs/cut"))[-2:] == history(Path("runs/whole"))[-2:]
+    assert [row["epochs"] for row in history(Path("runs/cut")) if row["epochs"]] == ["1.0", "2.0", "3.0", "4.0"]
+
+
+@pytest.mark.parametrize("name", ["record.json", "config.yaml", "checkpoints/last.ckpt"])
+@pytest.mark.parametrize("content", ["", "{", "\x00"])
+def test_a_damaged_file_of_a_run_is_named(
+    config: str, name: str, content: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["fit", "--config", config, "trainer.max_epochs=1"]) == 0
+    (Path("runs/noisy") / name).write_text(content)
+    capsys.readouterr()
+    assert main(["fit", "--run-dir", "runs/noisy", "--resume"]) == 2
+    error = capsys.readouterr().err.strip().splitlines()[-1]
+    assert error.startswith("physid: ")
+    assert Path(name).name in error or "runs/noisy" in error
+
+
+def test_a_second_fit_in_a_folder_is_refused_and_harms_nothing(config: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with one_writer(Path("runs/noisy")):
+        assert main(["fit", "--config", config]) == 2
+    assert "runs/noisy is being written by process" in capsys.readouterr().err
+    assert not (Path("runs/noisy") / "config.yaml").exists()
+
+
+@pytest.mark.parametrize("stage", ["test", "validate"])
+def test_sigterm_ends_an_evaluation_at_once(config: str, stage: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["fit", "--config", config]) == 0
+    before = signal.getsignal(signal.SIGTERM)
+    capsys.readouterr()
+    assert main([stage, "--run-dir", "runs/noisy", "model.terminate=true"]) == 143
+    assert capsys.readouterr().err.strip().startswith("terminated")
+    assert signal.getsignal(signal.SIGTERM) == before
+
+
+def test_a_class_of_an_unknown_package_is_refused_before_it_is_imported(
+    config: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["fit", "--config", config]) == 2
+    assert f"--allow {__name__}" in capsys.readouterr().err

@@ -13,13 +13,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from physid.commands import COMMANDS, Command
-from physid.commands.terminal import interruptible, styled
+from physid.commands.terminal import interruptible, styled, terminable
 from physid.scenes.strict import nearest
 
 if TYPE_CHECKING:
     from jsonargparse import ArgumentParser
 
-OK, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130
+OK, FAILED, USAGE, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
 TRACEBACK = "PHYSID_TRACEBACK"
 PRINT, ALLOW = "--print-config", "allow"
 
@@ -68,16 +68,18 @@ class Arguments:
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Run one command and return its exit code: 0 done, 1 failed, 2 wrong input, 130 interrupted."""
+    """Run one command and return its exit code: 0 done, 1 failed, 2 wrong input, 130 interrupted, 143 terminated."""
     words = list(sys.argv[1:] if words is None else words)
     # Read when torch loads: its idle threads would spin, and take the cores away from the threads of the rollout.
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+    terminated: list[int] = []
     try:
-        with interruptible():
+        with interruptible(), terminable() as terminated:
             return _run(words)
     except KeyboardInterrupt as interrupt:
-        print(f"\ninterrupted{f': {interrupt}' if str(interrupt) else ''}", file=sys.stderr)
-        return INTERRUPTED
+        word = "terminated" if terminated else "interrupted"
+        print(f"\n{word}{f': {interrupt}' if str(interrupt) else ''}", file=sys.stderr)
+        return TERMINATED if terminated else INTERRUPTED
     except BrokenPipeError:
         # The reader (`| head`) has seen enough; a closed stdout must not fail once more at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -50,7 +50,8 @@ class Configuration:
         """Return where a dotted key was set last: a file, or the command line."""
         path = [part for part in key.split(".") if part not in CLASS_KEYS]
         sources = [source for source, values in self.layers if _has(values, path)]
-        return sources[-1] if sources else "configuration"
+        files = [source for source, _ in self.layers if source != COMMAND_LINE]
+        return (sources or files or ["configuration"])[-1]
 
     def to_yaml(self) -> str:
         """Return the configuration as a YAML file that composes to the same configuration."""

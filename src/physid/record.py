@@ -26,13 +26,20 @@ def write_record(folder: Path, values: Mapping[str, Any]) -> None:
     Args:
         folder: Run folder.
         values: Resolved configuration; every recording set that it names is recorded by its checksum.
+
+    Raises:
+        ValueError: If the record of earlier sessions is damaged.
     """
+    from physid.data.files import read_json, write_text
+
     path = folder / RECORD
     record = describe(values)
     if path.is_file():
-        before = json.loads(path.read_text(encoding="utf-8"))
+        before = read_json(path, "the record of earlier sessions")
+        if not isinstance(before, dict) or not isinstance(before.get("earlier", []), list):
+            raise ValueError(f"{path}: expected the record of earlier sessions, found something else; delete it")
         record["earlier"] = [*before.pop("earlier", []), before]
-    path.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+    write_text(path, json.dumps(record, indent=2) + "\n")
 
 
 def describe(values: Mapping[str, Any]) -> dict[str, Any]:

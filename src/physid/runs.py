@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from physid.configuration import Configuration, ConfigurationError
+from physid.one_writer import LOCK, one_writer
 from physid.record import write_record
 
 CONFIG = "config.yaml"
@@ -38,10 +39,11 @@ def recorded_config(run_dir: Path | None) -> tuple[str, ...]:
     return (str(path),) if path and path.is_file() else ()
 
 
+@contextmanager
 def open_folder(
     configuration: Configuration, run_dir: Path | None, *, resume: bool = False, overwrite: bool = False
-) -> Path:
-    """Make the folder of a run ready and write the resolved configuration into it.
+) -> Iterator[Path]:
+    """Make the folder of a run ready, write the resolved configuration into it, and let nobody else write there.
 
     Args:
         configuration: What shall run.
@@ -49,15 +51,26 @@ def open_folder(
         resume: Whether an earlier run in it shall go on.
         overwrite: Whether an earlier run in it shall be deleted.
 
-    Returns:
+    Yields:
         The folder.
 
     Raises:
         ConfigurationError: If the folder holds a run that shall neither go on nor be deleted.
+        FolderInUseError: If another process writes there.
     """
     folder = folder_of(configuration, run_dir)
     if not first_process():
-        return folder
+        yield folder
+        return
+    with one_writer(folder):
+        _begin(folder, configuration, resume=resume, overwrite=overwrite)
+        yield folder
+
+
+def _begin(folder: Path, configuration: Configuration, *, resume: bool, overwrite: bool) -> None:
+    """Clear what must go, and write configuration and record (see `open_folder`)."""
+    from physid.data.files import write_text
+
     earlier = any((folder / name).exists() for name in LEFT_BY_A_RUN)
     if earlier and not resume and not overwrite:
         raise ConfigurationError(
@@ -66,11 +79,18 @@ def open_folder(
     if earlier and overwrite and not resume:
         if not (folder / CONFIG).is_file():
             raise ConfigurationError(f"{folder} has no {CONFIG}, so it is no run's folder, and is not deleted")
-        shutil.rmtree(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / CONFIG).write_text(configuration.to_yaml(), encoding="utf-8")
+        _clear(folder)
     write_record(folder, configuration.values)
-    return folder
+    write_text(folder / CONFIG, configuration.to_yaml())
+
+
+def _clear(folder: Path) -> None:
+    """Delete everything in a folder but its lock."""
+    for path in folder.iterdir():
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        elif path.name != LOCK:
+            path.unlink()
 
 
 @contextmanager
@@ -87,6 +107,7 @@ def fill_folder(folder: Path, *, marked_by: str, overwrite: bool = False) -> Ite
 
     Raises:
         ConfigurationError: If there is an earlier result that shall not be replaced, or something else.
+        FolderInUseError: If another process is making the result.
     """
     earlier = folder.exists() and any(folder.iterdir())
     if earlier and not overwrite:
@@ -94,15 +115,16 @@ def fill_folder(folder: Path, *, marked_by: str, overwrite: bool = False) -> Ite
     if earlier and not (folder / marked_by).is_file():
         raise ConfigurationError(f"{folder} has no {marked_by}, so it is no earlier result, and is not deleted")
     part = folder.with_name(folder.name + ".part")
-    shutil.rmtree(part, ignore_errors=True)
-    part.mkdir(parents=True)
-    try:
-        yield part
-        if folder.exists():
-            shutil.rmtree(folder)
-        part.replace(folder)
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
+    with one_writer(part):
+        _clear(part)
+        try:
+            yield part
+            if folder.exists():
+                shutil.rmtree(folder)
+            (part / LOCK).unlink()
+            part.replace(folder)
+        finally:
+            shutil.rmtree(part, ignore_errors=True)
 
 
 def _estimate(own: Mapping[str, float]) -> str:

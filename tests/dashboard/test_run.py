@@ -10,7 +10,7 @@ from dashboard.folders import write_runs
 from physid.cli import main
 from physid.dashboard.curves import MOST_POINTS, read_curves, thin
 from physid.dashboard.folders import find_runs
-from physid.dashboard.page import render
+from physid.dashboard.page import render, write_dashboard
 from physid.dashboard.run import flatten, read_run
 
 HALF_A_LINE = "3,3,0."
@@ -144,3 +144,35 @@ def test_what_a_benchmark_has_sealed_is_not_opened(root: Path) -> None:
 def test_a_folder_without_runs_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["dashboard", str(tmp_path)]) == 2
     assert f"{tmp_path}: expected runs" in capsys.readouterr().err
+
+
+HOSTILE = "a0: &a0 [x, x]\n" + "".join(f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]\n" for n in range(1, 12))
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("config.yaml", HOSTILE),
+        ("config.yaml", "[" * 100_000),
+        ("config.yaml", "\x00"),
+        ("metrics.json", ""),
+        ("metrics.json", "[" * 100_000),
+        ("metrics.json", '{"params/x/estimate": 1, "params/x/true": "two"}'),
+        ("record.json", "[1"),
+        ("diagnosis.json", '{"verdict": 3, "effects": 4}'),
+        ("results.json", '{"bank": {}, "figures": [3], "tables": {}}'),
+        ("results.json", '[{"cell": 1}]'),
+        ("identifiability.json", '{"config": [1]}'),
+        ("metrics.csv", "epoch,\x00\n1,2\n"),
+        ("metrics.csv", "epoch,a,a\n1,2\n"),
+    ],
+)
+def test_a_malformed_run_costs_no_other(tmp_path: Path, name: str, content: str) -> None:
+    for run in ("good", "bad"):
+        (tmp_path / run).mkdir()
+        (tmp_path / run / "metrics.json").write_text('{"test/error": 1.0}')
+    (tmp_path / "bad" / name).write_text(content)
+    runs = {run["id"]: run for run in write_dashboard(tmp_path, tmp_path / "page.html")}
+    assert runs["good"]["figures"] == {"test/error": 1.0}
+    assert runs["bad"]["state"] in ("finished", "unfinished", "damaged")
+    assert runs.keys() == {"good", "bad"}

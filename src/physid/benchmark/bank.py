@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,7 @@ import yaml
 
 from physid.data.files import write_text
 from physid.scenes.strict import check_keys, whole
+from physid.yaml_files import YamlError, read_yaml
 
 Purpose = Literal["score", "calibration"]
 FORMAT, VERSION = "physid-bank", 1
@@ -86,11 +88,14 @@ def read_bank(folder: Path) -> Bank:
             f"{path}: expected a sealed bank, found none; make one: physid benchmark diagnosis seal --out {folder}"
         )
     try:
-        values = yaml.safe_load(path.read_text(encoding="utf-8"))
-        known = check_keys(values, FILE, ("format", "version", "purpose", "seal", "sets"))
+        known = check_keys(read_yaml(path), FILE, ("format", "version", "purpose", "seal", "sets"))
         if (known["format"], known["version"]) != (FORMAT, VERSION):
             raise ValueError(f"expected format {FORMAT}, version {VERSION}, found {known['format']!r}")
-    except (yaml.YAMLError, ValueError) as error:
+        if not isinstance(known["sets"], dict) or not all(re.fullmatch(r"[\w-]+", str(name)) for name in known["sets"]):
+            raise ValueError("sets must be a mapping from plain names, which are folders of the bank, to checksums")
+    except YamlError:
+        raise
+    except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
     return Bank(folder, known["purpose"], known["sets"], known["seal"])
 

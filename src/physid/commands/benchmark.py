@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -65,12 +66,19 @@ def benchmark(
 
     place = (out if step in ("all", "seal") else None) or bank or Path(f"runs/benchmark/{subject}")
     size = QUICK if quick else Size(sets, trajectories, steps)
-    with resumable(), running_on(backend, scheduler) as whole_path:
+    with resumable(), _writing(place, step), running_on(backend, scheduler) as whole_path:
         if step in ("all", "seal"):
             _seal(whole_path(place), Plan("calibration" if calibration else "score", seed, size), workers, quiet)
         if step in ("all", "diagnose"):
             _diagnose(whole_path(place), workers, again, quiet)
     _judge(step, place, (out if step == "score" else None) or place / "score")
+
+
+def _writing(place: Path, step: str) -> AbstractContextManager[None]:
+    """Let no second process write into a bank, if this step does; a bank that is not there is not made by looking."""
+    from physid.one_writer import one_writer
+
+    return one_writer(place) if step in ("all", "seal") or (step == "diagnose" and place.is_dir()) else nullcontext()
 
 
 def _seal(place: Path, plan: Plan, workers: int, quiet: bool) -> None:

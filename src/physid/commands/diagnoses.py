@@ -34,6 +34,7 @@ def diagnose(
     model: Path | None = None,
     transfer: Path | None = None,
     effects: str = "",
+    allow: str = "",
     limit: int | None = None,
     save_model: Path | None = None,
     seed: int = 0,
@@ -60,14 +61,14 @@ def diagnose(
         encoder: Run of a fit from video whose encoder finds the bodies in the first frames; for --from-video.
         model: The nominal model: a configuration, run or checkpoint of `physid fit`; recording.yaml by default.
         transfer: A second set, the same bodies moved in another way; it certifies a cause.
-        effects: Effects of your own as FILE.py:CLASS, several separated by commas.
+        effects: Effects of your own as FILE.py:CLASS, several separated by commas. Such a file is code, and is run.
+        allow: Packages of your own whose classes the model's configuration may name; their code is run.
         limit: At most so many trajectories of each set, the first ones.
         save_model: Where to write the model with what was found, as a configuration of `physid fit`.
         seed: Seed of the null simulations.
         wandb: Log figures, ranking, report and film as a run of wandb, into OUT/wandb or to the server.
         quiet: Hide the progress bar.
     """
-    from physid.configuration import compose
     from physid.diagnosis.document.sentences import summary_lines
     from physid.effects import CATALOGUE
     from physid.effects.loading import with_own
@@ -78,13 +79,25 @@ def diagnose(
         recordings = read(recordings, folder / "read")
         transfer = transfer and read(transfer, folder / "read_transfer")
     own = with_own([place for place in effects.split(",") if place])[len(CATALOGUE) :]
-    believed = compose([model]).values if model and model.suffix in (".yaml", ".yml") else model
-    options = {"model": believed, "transfer": transfer, "effects": own, "limit": limit}
+    options = {"model": model and _believed(model, allow), "transfer": transfer, "effects": own, "limit": limit}
     found = _run(recordings, folder, quiet=quiet, save=save_model, seed=seed, **options)
     if wandb:
         _log(folder, wandb, {"recordings": str(recordings), "transfer": str(transfer or ""), "seed": seed}, found)
     print("\n".join(summary_lines(found)))
     print(folder / "report.html")
+
+
+def _believed(model: Path, allow: str) -> Path | Mapping[str, Any]:
+    """Check the configuration of the nominal model, key by key; return it, or the run or checkpoint with its values."""
+    from physid.configuration import compose
+    from physid.schema import check_fit
+
+    given = model.suffix in (".yaml", ".yml")
+    run = model.parent.parent if model.suffix == ".ckpt" else model
+    place = model if given else run / "config.yaml"
+    configuration = compose([place], allowed=[each for each in allow.split(",") if each])
+    check_fit(configuration)
+    return configuration.values if given else model
 
 
 def _run(recordings: Path, folder: Path, *, quiet: bool, **options: Any) -> Mapping[str, Any]:
@@ -121,11 +134,12 @@ def _has_films_alone(recordings: Path) -> bool:
 def _read(films: Path, into: Path, *, encoder: Path | None, limit: int | None, quiet: bool) -> Path:
     """Read poses from films, once, and return the set that has them."""
     from physid.commands.terminal import frame_bar, resumable
+    from physid.one_writer import one_writer
     from physid.training.tracking.track import track
 
     if not quiet:
         print(f"Poses are read from the films of {films} into {into}", flush=True)
-    with resumable(), frame_bar(quiet) as say:
+    with resumable(), one_writer(into), frame_bar(quiet) as say:
         track(films, into, encoder=encoder, limit=limit, say=say)
     return into
 

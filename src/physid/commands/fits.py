@@ -34,8 +34,8 @@ def fit(
     from physid.training.runs import run
 
     check_fit(configuration)
-    folder = open_folder(configuration, run_dir, resume=resume, overwrite=overwrite)
-    figures = run.fit(configuration.values, folder, resume=resume)
+    with open_folder(configuration, run_dir, resume=resume, overwrite=overwrite) as folder:
+        figures = run.fit(configuration.values, folder, resume=resume)
     if first_process():
         print(summarize(figures, folder))
 

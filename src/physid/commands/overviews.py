@@ -75,6 +75,7 @@ def reproduce(
         again: Run cells again that have been run.
     """
     from physid.configuration import ConfigurationError
+    from physid.one_writer import one_writer
     from physid.reproduce.run import choose, report
     from physid.reproduce.run import reproduce as run
     from physid.workers import running_on
@@ -85,7 +86,7 @@ def reproduce(
             f"{configs} holds no generate/: run in the repository, or name its configs with --configs"
         )
     cells = choose(profile, cell.split(",") if cell else (), seeds)
-    with resumable(), running_on(backend, scheduler) as whole_path:
+    with resumable(), one_writer(target), running_on(backend, scheduler) as whole_path:
         place = {"out": whole_path(target), "configs": whole_path(configs)}
         results = run(cells, **place, workers=workers, at_once=at_once, again=again)
     figures, _, verdict = report(results, target).rpartition("\n")

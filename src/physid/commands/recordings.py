@@ -40,11 +40,13 @@ def generate(
     """
     from physid.data.generate import generate as run
     from physid.data.generation import GenerateConfig
+    from physid.one_writer import one_writer
     from physid.workers import running_on
 
     config = GenerateConfig.from_mapping(configuration.values)
-    with resumable(), running_on(backend, scheduler) as whole_path:
-        done = run(config, whole_path(out or Path("data") / configuration.name), workers, quiet=quiet)
+    folder = out or Path("data") / configuration.name
+    with resumable(), one_writer(folder), running_on(backend, scheduler) as whole_path:
+        done = run(config, whole_path(folder), workers, quiet=quiet)
     print(f"{done.folder}: {done.written} trajectories written, {done.kept} kept, {done.redrawn} draws left the view")
 
 
@@ -98,10 +100,11 @@ def track(
         quiet: Hide the progress bar.
     """
     from physid.data.reading import read_reading
+    from physid.one_writer import one_writer
     from physid.training.tracking.track import track as run
 
     folder = out or Path("data") / f"{films.resolve().name}_read"
-    with resumable(), frame_bar(quiet) as say:
+    with resumable(), one_writer(folder), frame_bar(quiet) as say:
         found = run(films, folder, encoder=encoder, chart=chart, limit=limit, say=say)
     reading = read_reading(folder)
     assert reading is not None

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 from _thread import interrupt_main
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from threading import Timer
+from threading import Timer, current_thread, main_thread
+from types import FrameType
 from typing import TYPE_CHECKING, Literal, TextIO
 
 if TYPE_CHECKING:
@@ -56,6 +58,33 @@ def interruptible() -> Iterator[None]:
         yield
     finally:
         sys.unraisablehook = before
+
+
+@contextmanager
+def terminable() -> Iterator[list[int]]:
+    """Let SIGTERM do what Ctrl-C does: what runs is left in order, and nothing waits for a loop that does not look.
+
+    Lightning catches SIGTERM and looks for it between the epochs of a fit alone. Under SLURM the signal is left to
+    Lightning, which puts a job back into the queue.
+
+    Yields:
+        A list that holds the signal once it has come.
+    """
+    came: list[int] = []
+    if "SLURM_JOB_ID" in os.environ or current_thread() is not main_thread():
+        yield came
+        return
+
+    def stop(number: int, _: FrameType | None) -> None:
+        if not came:  # the second of two would interrupt the tidying up after the first
+            came.append(number)
+            raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, stop)
+    try:
+        yield came
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from string import Template
 from typing import Any
 
 from physid.dashboard.folders import find_runs
-from physid.dashboard.run import read_run
+from physid.dashboard.run import read_or_damaged
 from physid.data.files import write_text
 
 SCRIPTS = (
@@ -40,7 +40,7 @@ def write_dashboard(folder: Path, out: Path, *, light: bool = False) -> list[dic
     Raises:
         FileNotFoundError: If there is no run in the folder.
     """
-    runs = [read_run(each, folder, light=light) for each in find_runs(folder)]
+    runs = [read_or_damaged(each, folder, light=light) for each in find_runs(folder)]
     write_text(out, render(runs, folder.resolve().name))
     return runs
 

@@ -8,8 +8,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from physid.dashboard.curves import Curve, read_curves
 from physid.dashboard.folders import (
     CELLS,
@@ -24,8 +22,20 @@ from physid.dashboard.folders import (
 )
 from physid.dashboard.media import MOST_BYTES, read_media
 from physid.diagnosis.document.sentences import verdict_sentence
+from physid.yaml_files import parse_yaml
 
 SCORE = {"bank": dict, "figures": list, "tables": dict}  # what of a scored bank is shown
+
+
+def read_or_damaged(folder: Path, root: Path, *, light: bool = False) -> dict[str, Any]:
+    """Read a run; one that is malformed beyond what `read_run` looks for is listed as damaged, and costs no other."""
+    try:
+        found = read_run(folder, root, light=light)
+        json.dumps(found, allow_nan=False)  # as the page will, for all runs at once
+        return found
+    except Exception as error:  # whatever a stranger's files lead to
+        reason = (str(error).splitlines() or [""])[0][:200]
+        return _empty(folder, root) | {"notes": [f"the run cannot be read: {type(error).__name__}: {reason}"]}
 
 
 def read_run(folder: Path, root: Path, *, light: bool = False) -> dict[str, Any]:
@@ -76,6 +86,22 @@ def read_run(folder: Path, root: Path, *, light: bool = False) -> dict[str, Any]
         "settings": flatten(config),
         "record": record or None,
         "notes": notes + too_large,
+    }
+
+
+def _empty(folder: Path, root: Path) -> dict[str, Any]:
+    """Return what the page shows of a run of which nothing can be read."""
+    lists = ("parameters", "curves", "media", "cells", "notes")
+    mappings = ("figures", "settings")
+    absent = ("diagnosis", "identifiability", "report", "score", "record")
+    return {
+        **{name: [] for name in lists},
+        **{name: {} for name in mappings},
+        **dict.fromkeys(absent),
+        **dict.fromkeys(("date", "method", "data", "sentence", "config"), ""),
+        "id": folder.relative_to(root).as_posix() if folder != root else folder.resolve().name,
+        "kind": "fit",
+        "state": "damaged",
     }
 
 
@@ -137,7 +163,7 @@ def _read(path: Path, notes: list[str]) -> Any:
         return json.loads(path.read_text(encoding="utf-8"), parse_constant=lambda _: None)
     except FileNotFoundError:
         return None
-    except (ValueError, OSError) as error:
+    except (ValueError, OSError, RecursionError) as error:
         notes.append(f"{path.name} cannot be read: {error}")
         return None
 
@@ -183,10 +209,10 @@ def _config(path: Path, notes: list[str]) -> tuple[str, dict[str, Any]]:
     """Read the configuration of a run, as text and as a mapping."""
     try:
         text = path.read_text(encoding="utf-8")
-        value = yaml.safe_load(text)
+        value = parse_yaml(text, path.name)
     except FileNotFoundError:
         return "", {}
-    except (yaml.YAMLError, ValueError, OSError) as error:
+    except (ValueError, OSError) as error:
         notes.append(f"{path.name} cannot be read: {error}")
         return "", {}
     return text, value if isinstance(value, dict) else {}

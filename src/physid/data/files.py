@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Any
 
 
 def write_whole(path: Path, write: Callable[[Path], None]) -> None:
     """Write a file under a temporary name, flush it to the disk, then rename it.
 
-    A run that is killed leaves the old file or none, and a `.part` that the next run overwrites.
+    A run that is killed leaves the old file or none, and a `.part` that the next run overwrites; one that fails, say
+    because the disk is full, leaves no `.part` either.
 
     Args:
         path: Where the file shall be.
@@ -20,15 +23,69 @@ def write_whole(path: Path, write: Callable[[Path], None]) -> None:
     if not path.parent.is_dir():
         path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(path.name + ".part")
-    write(part)
-    with part.open("rb+") as file:
-        os.fsync(file.fileno())
+    try:
+        write(part)
+        with part.open("rb+") as file:
+            os.fsync(file.fileno())
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
     part.replace(path)  # the folder is not flushed: should the power fail now, the file is simply not there
 
 
 def write_text(path: Path, text: str) -> None:
     """Write a text file, whole or not at all."""
-    write_whole(path, lambda part: _ignore(part.write_text(text, encoding="utf-8")))
+    write_whole(path, lambda part: _ignore(part.write_text(text, encoding="utf-8", newline="")))
+
+
+def read_json(path: Path, what: str) -> Any:
+    """Read a JSON file.
+
+    Args:
+        path: The file.
+        what: What it should hold, for the message.
+
+    Raises:
+        OSError: If it cannot be read.
+        ValueError: If it is damaged.
+    """
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as error:
+        reason = str(error).splitlines()[0] if path.stat().st_size else "an empty file"
+        raise ValueError(f"{path}: expected {what} as JSON, found a damaged file ({reason}); delete it") from None
+
+
+def read_tensors(path: Path, keys: Iterable[str] = ()) -> dict[str, Any]:
+    """Read a mapping that `torch.save` wrote: tensors and plain values, nothing that could run.
+
+    Args:
+        path: The file.
+        keys: What it must have.
+
+    Returns:
+        The mapping, its tensors on the CPU.
+
+    Raises:
+        OSError: If it cannot be read.
+        ValueError: If it is damaged, holds something else, or lacks a key.
+    """
+    import torch
+
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: expected a checkpoint, found no such file")
+    try:
+        state = torch.load(path, map_location="cpu", weights_only=True)
+    except MemoryError:
+        raise
+    except Exception as error:  # zipfile, pickle and torch have many errors for what is no file of theirs
+        reason = (str(error).splitlines() or [type(error).__name__])[0][:160]
+        raise ValueError(f"{path}: expected a checkpoint, found a damaged file ({reason})") from None
+    if not isinstance(state, dict):
+        raise ValueError(f"{path}: expected a checkpoint, found a {type(state).__name__}")
+    if missing := [key for key in keys if key not in state]:
+        raise ValueError(f"{path}: expected a checkpoint with {', '.join(missing)}, found none")
+    return state
 
 
 def sha256(path: Path) -> str:

@@ -27,6 +27,7 @@ from physid.diagnosis.report.page import write_report
 from physid.diagnosis.selection.attribution import attribute
 from physid.effects import CATALOGUE
 from physid.estimation.prediction.nominal_model import NominalModel
+from physid.one_writer import one_writer
 from physid.physics.effect import Effect
 from physid.physics.layer import SolverError
 
@@ -65,7 +66,24 @@ def diagnose(
 
     Raises:
         ValueError: If the recordings or the model cannot be used; the message says what is missing.
+        FolderInUseError: If another process writes into the output folder.
     """
+    with one_writer(out):
+        return _diagnose(recordings, out, model, transfer, effects, limit, seed, save, say)
+
+
+def _diagnose(
+    recordings: Path,
+    out: Path,
+    model: Path | Mapping[str, Any] | None,
+    transfer: Path | None,
+    effects: Sequence[type[Effect]],
+    limit: int | None,
+    seed: int,
+    save: Path | None,
+    say: Callable[[str], None],
+) -> Mapping[str, Any]:
+    """Diagnose as the only process that writes there (see `diagnose`)."""
     begun = time.perf_counter()
     say("reading the recordings")
     observations = load_observations(

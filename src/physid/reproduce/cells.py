@@ -142,8 +142,8 @@ class Fit(Cell):
         donor = self.encoder and Path(str(folder).replace(self.name, self.encoder))
         if donor and _may_take(folder, donor):
             configuration = compose([str(configs / self.configuration)], [*overrides, *_taking(configuration, donor)])
-        open_folder(configuration, folder, resume=True)
-        return self.results(fit(configuration.values, folder, resume=True))
+        with open_folder(configuration, folder, resume=True):
+            return self.results(fit(configuration.values, folder, resume=True))
 
     def results(self, figures: Mapping[str, float]) -> list[Result]:
         """Select what is compared from the figures of a run."""

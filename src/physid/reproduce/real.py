@@ -54,8 +54,8 @@ class Tosses(Cell):
         imported = data / "cube"
         import_cube_tosses(_folder(), imported)
         configuration = compose([str(configs / "sysid" / "cube_tosses.yaml")], [f"data.folder={imported}"])
-        open_folder(configuration, folder, resume=True)
-        return self.results(fit(configuration.values, folder, resume=True))
+        with open_folder(configuration, folder, resume=True):
+            return self.results(fit(configuration.values, folder, resume=True))
 
     def results(self, figures: Mapping[str, float]) -> list[Result]:
         """Select what is compared from the figures of a run."""

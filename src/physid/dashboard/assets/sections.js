@@ -7,7 +7,7 @@ function runPage(run) {
     h("div", { class: "head" },
       h("div", { class: "titles" },
         h("a", { href: "#/" }, "← all runs"),
-        h("h1", {}, run.id, " ", badge(run.kind, "plain"), " ", run.state === "unfinished" && badge("unfinished", "warn")),
+        h("h1", {}, run.id, " ", badge(run.kind, "plain"), " ", run.state !== "finished" && badge(run.state, "warn")),
         h("p", { class: "soft" }, about.join(" · "))),
       themeButton()),
     run.notes.map((note) => h("p", { class: "note" }, note)),

@@ -31,7 +31,7 @@ function nameCell(run) {
     h("div", { class: "about" },
       badge(run.kind, "plain"),
       about && h("span", { class: "soft small" }, about),
-      run.state === "unfinished" && badge("unfinished", "warn"),
+      run.state !== "finished" && badge(run.state, "warn"),
       run.notes.length > 0 && badge(plural(run.notes.length, "note"), "warn")),
   ];
 }

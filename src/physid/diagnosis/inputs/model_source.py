@@ -7,13 +7,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import torch
-import yaml
-
+from physid.data.files import read_tensors
 from physid.effects import from_values
 from physid.estimation.prediction.nominal_model import NominalModel
 from physid.scenes.catalogue import with_parameters
 from physid.scenes.scene import Scene
+from physid.scenes.strict import number, whole
+from physid.yaml_files import read_yaml
 
 CONFIG, CHECKPOINT = "config.yaml", Path("checkpoints", "last.ckpt")
 LOGARITHM = "physical.logarithm"  # where a checkpoint of SysID keeps the logarithms of what was learned
@@ -36,23 +36,45 @@ def read_nominal_model(scene: Scene, source: Path | Mapping[str, Any] | None) ->
     if source is None:
         return NominalModel(scene)
     config, place, fitted = _read(source)
-    known = _without_classes(config.get("model") or {})
-    values = dict(known.get("values") or {})
-    unknown = tuple(scene.unknown if known.get("learn") is None else known["learn"])
+    known = _without_classes(_mapping(config.get("model"), f"{place}: model"))
+    values = dict(_mapping(known.get("values"), f"{place}: model.values"))
+    learn = scene.unknown if known.get("learn") is None else known["learn"]
+    if not isinstance(learn, list | tuple) or not all(isinstance(name, str) for name in learn):
+        raise ValueError(f"{place}: model.learn: expected a list of parameters such as [block.mass], got {learn!r}")
+    unknown = tuple(learn)
     if fitted is not None:
         if len(fitted) != len(unknown):
             raise ValueError(
                 f"{place}: expected {len(unknown)} fitted parameters ({', '.join(unknown)}), found {len(fitted)}"
             )
         values |= dict(zip(unknown, fitted, strict=True))
-    engine = known.get("engine") or {}
+    engine = _mapping(known.get("engine"), f"{place}: model.engine")
+    substeps = engine.get("substeps")
     try:
+        values = {str(name): number(value, f"model.values.{name}") for name, value in values.items()}
+        if substeps is not None:
+            whole(substeps, "model.engine.substeps", low=1)
         scene = dataclasses.replace(with_parameters(scene, values), unknown=unknown)
-        effects = tuple(from_values(name, each) for name, each in (engine.get("effects") or {}).items())
+        effects = tuple(from_values(name, each) for name, each in _effects(engine.get("effects")))
     except ValueError as error:
         raise ValueError(f"{place}: {error}") from None
-    substeps = engine.get("substeps")
-    return NominalModel(scene, effects, None if substeps is None else int(substeps))
+    return NominalModel(scene, effects, substeps)
+
+
+def _effects(given: object) -> list[tuple[str, dict[str, float]]]:
+    """Return the parameters of each effect by its name."""
+    named = _mapping(given, "model.engine.effects").items()
+    return [
+        (str(name), {str(key): number(value, f"{name}.{key}") for key, value in _mapping(each, str(name)).items()})
+        for name, each in named
+    ]
+
+
+def _mapping(given: object, where: str) -> Mapping[str, Any]:
+    """Return a mapping; an empty one for nothing."""
+    if given is not None and not isinstance(given, Mapping):
+        raise ValueError(f"{where}: expected a mapping, got {given!r}")
+    return given or {}
 
 
 def _read(source: Path | Mapping[str, Any]) -> tuple[Mapping[str, Any], str, list[float] | None]:
@@ -64,7 +86,7 @@ def _read(source: Path | Mapping[str, Any]) -> tuple[Mapping[str, Any], str, lis
     if source.suffix == ".ckpt":
         if not source.is_file():
             raise ValueError(f"{source} does not exist: expected a run of `physid fit`, or its checkpoint")
-        state = torch.load(source, map_location="cpu", weights_only=True).get("state_dict", {})
+        state = read_tensors(source, ("state_dict",))["state_dict"]
         if LOGARITHM not in state:
             raise ValueError(f"{source}: expected a checkpoint of SysID with {LOGARITHM}, found none")
         config = source.parent.parent / CONFIG
@@ -75,10 +97,7 @@ def _read(source: Path | Mapping[str, Any]) -> tuple[Mapping[str, Any], str, lis
 def _yaml(path: Path) -> Mapping[str, Any]:
     if not path.is_file():
         raise ValueError(f"{path} does not exist: expected a configuration of `physid fit`")
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except yaml.YAMLError as error:
-        raise ValueError(f"{path}: no valid YAML: {error}") from None
+    content = read_yaml(path)
     if not isinstance(content, Mapping):
         raise ValueError(f"{path}: expected a configuration of `physid fit`, found {type(content).__name__}")
     return content

@@ -15,6 +15,7 @@ from torch import Tensor
 
 from physid.data.files import write_text
 from physid.data.truth import Truth, read_truth
+from physid.training.callbacks.run_state import RunState
 from physid.training.parameters.physical_parameters import PhysicalParameters
 
 BLUE, RED = "tab:blue", "tab:red"
@@ -64,7 +65,11 @@ class ParameterHistory(L.Callback):
         writer.writeheader()
         writer.writerows(self.rows)
         write_text(folder / "parameters.csv", table.getvalue())
-        draw(self.rows, self._true(pl_module), folder / "parameters.png", _intervals(trainer.callback_metrics))
+        # A run that had ended and is resumed computes nothing anew: its checkpoint knows the figures.
+        callbacks: list[L.Callback] = trainer.callbacks  # type: ignore[attr-defined]
+        kept = next((each.figures for each in callbacks if isinstance(each, RunState)), {})
+        figures = {**kept, **{name: float(value) for name, value in trainer.callback_metrics.items()}}
+        draw(self.rows, self._true(pl_module), folder / "parameters.png", _intervals(figures))
 
     def state_dict(self) -> dict[str, Any]:
         """Return the rows, so that a resumed run continues the curve."""
@@ -98,10 +103,10 @@ class ParameterHistory(L.Callback):
         return {name: known[name] for name in PhysicalParameters.of(module).names if known.get(name)}
 
 
-def _intervals(figures: Mapping[str, Tensor]) -> dict[str, tuple[float, float]]:
+def _intervals(figures: Mapping[str, float]) -> dict[str, tuple[float, float]]:
     """Return the intervals that were logged, by parameter."""
     names = [key.split("/")[1] for key in figures if key.startswith("params/") and key.endswith("/low")]
-    found = {name: (float(figures[f"params/{name}/low"]), float(figures[f"params/{name}/high"])) for name in names}
+    found = {name: (figures[f"params/{name}/low"], figures[f"params/{name}/high"]) for name in names}
     return {name: ends for name, ends in found.items() if math.isfinite(ends[1])}
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import random
 import time
 from typing import Any
@@ -17,13 +18,19 @@ class RunState(L.Callback):
     Lightning restores weights, optimizers and counters, but the random generators start anew from the seed, so a
     resumed run would shuffle its second half as it had shuffled its first.
 
+    Args:
+        key: Says what is run: a run that had stopped by itself is over, unless it is resumed as another one.
+
     Attributes:
+        key: A digest of it.
         seconds: Time spent in training, over all sessions of the run [s].
         figures: The last value of every figure that was logged up to the checkpoint. A later session need not log all
             of them again: learning from video has phases with figures of their own.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, key: str = "") -> None:
+        self.key = hashlib.sha256(key.encode()).hexdigest()
+        self._over = ""
         self.seconds = 0.0
         self.figures: dict[str, float] = {}
         self._started = time.perf_counter()
@@ -44,12 +51,24 @@ class RunState(L.Callback):
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
         """Remember the state; it is set once everything else has been built."""
         self.seconds, self.figures = state_dict["seconds"], dict(state_dict.get("figures", {}))
+        self._over = state_dict.get("over", "")
         self._random = state_dict
 
     def on_save_checkpoint(self, trainer: L.Trainer, pl_module: L.LightningModule, checkpoint: dict[str, Any]) -> None:
         """Keep the figures."""
         self.figures |= {name: float(value) for name, value in trainer.callback_metrics.items()}
-        checkpoint["callbacks"][self.state_key]["figures"] = self.figures
+        own = checkpoint["callbacks"][self.state_key]
+        own["figures"] = self.figures
+        own["over"] = self.key if trainer.should_stop else ""
+        # The checkpoint is written before the loggers are told of its epoch: killed between, a run would lose the row.
+        row = {name: float(value) for name, value in trainer._logger_connector.metrics["log"].items()}
+        step = trainer.fit_loop.epoch_loop._batches_that_stepped - 1
+        own["row"] = row and {"epoch": trainer.current_epoch, **row, "step": step}
+
+    def on_train_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        """End at once if the run had stopped by itself: nothing is left but to write its figures again."""
+        if self._over == self.key:
+            trainer.should_stop = True
 
     def on_fit_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         """Set the generators to where the checkpoint left them, before the loader draws its first batch."""

@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 from torch.optim import AdamW, Optimizer
 
+from physid.data.files import read_tensors
 from physid.training.learners.base import NonFiniteLossError, OptimizerFactory
 from physid.training.learners.phases import Phases, epochs_done, epochs_of
 from physid.training.vision.model import VideoModel
@@ -75,7 +76,7 @@ def take_encoder(model: VideoModel, checkpoint: Path) -> None:
     """
     if not checkpoint.is_file():
         raise ValueError(f"model.encoder: expected a checkpoint of a fit from video, found none at {checkpoint}")
-    state = torch.load(checkpoint, map_location="cpu", weights_only=True)["state_dict"]
+    state = read_tensors(checkpoint, ("state_dict",))["state_dict"]
     for name, part in (("encoder", model.encoder), ("supervision", model.supervision)):
         prefix = f"model.{name}."
         try:

@@ -3,26 +3,50 @@
 from __future__ import annotations
 
 import csv
+import io
 import os
-import warnings
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from lightning.pytorch.loggers import CSVLogger, Logger, WandbLogger
+from lightning.pytorch.loggers.csv_logs import ExperimentWriter
+
+from physid.data.files import write_text
 
 WANDB_MODES = ("offline", "online", "disabled")
 
 
-def build_loggers(folder: Path, wandb_mode: str, config: Mapping[str, Any], last_epoch: int | None) -> list[Logger]:
+@dataclass(frozen=True)
+class Reached:
+    """How far the history of a run goes that is resumed.
+
+    Attributes:
+        epoch: Last epoch of the checkpoint.
+        row: What was to be logged at its end; the checkpoint is written first.
+    """
+
+    epoch: int
+    row: Mapping[str, float]
+
+
+def history_of(checkpoint: Mapping[str, Any]) -> Reached | None:
+    """Return how far the history of a checkpoint's content goes; None without one."""
+    if not checkpoint:
+        return None
+    return Reached(int(checkpoint["epoch"]), checkpoint["callbacks"].get("RunState", {}).get("row") or {})
+
+
+def build_loggers(folder: Path, wandb_mode: str, config: Mapping[str, Any], reached: Reached | None) -> list[Logger]:
     """Build the loggers of a run.
 
     Args:
         folder: Run folder.
         wandb_mode: offline, online or disabled; the environment variable WANDB_MODE wins.
         config: Resolved configuration, shown by wandb beside the curves.
-        last_epoch: Last epoch of the checkpoint that is resumed; None for a run that starts anew.
+        reached: Where the history goes on; None for a run that starts anew.
 
     Returns:
         The CSV logger first.
@@ -31,29 +55,68 @@ def build_loggers(folder: Path, wandb_mode: str, config: Mapping[str, Any], last
         ValueError: If there is no such mode.
     """
     mode = _mode(wandb_mode)
-    loggers: list[Logger] = [_csv_logger(folder, last_epoch)]
+    loggers: list[Logger] = [_csv_logger(folder, reached)]
     if mode != "disabled":
         loggers.append(_wandb_logger(folder, mode, config))
     return loggers
 
 
-def _csv_logger(folder: Path, last_epoch: int | None) -> CSVLogger:
-    """Build a CSV logger that goes on with the history up to `last_epoch`; Lightning's own would delete it."""
-    path = folder / "metrics.csv"
-    rows: list[dict[str, str]] = []
-    if last_epoch is not None and path.exists():
-        with path.open(newline="") as file:
-            rows = [row for row in csv.DictReader(file) if row.get("epoch") and int(row["epoch"]) <= last_epoch]
+class Writer(ExperimentWriter):
+    """Lightning's writer of metrics.csv, which deletes no earlier file and leaves none half written.
+
+    Rows are appended; where a figure is new, the whole file is written again under another name first.
+    """
+
+    def _check_log_dir_exists(self) -> None:
+        """Leave what is there: `_csv_logger` has put the history in order."""
+
+    def _rewrite_with_new_header(self, fieldnames: list[str]) -> None:
+        """Give the file columns for new figures."""
+        path = Path(self.metrics_file_path)
+        _write_rows(path, read_rows(path), fieldnames)
+
+
+def read_rows(path: Path) -> list[dict[str, str]]:
+    """Return the whole rows of a history; one that a killed run has written half is left out.
+
+    Raises:
+        ValueError: If the file is no text.
+    """
+    try:
+        text = path.read_bytes().decode("utf-8")
+    except UnicodeDecodeError:
+        raise ValueError(f"{path}: expected a history in CSV, found a damaged file; delete it") from None
+    whole = text[: text.rfind("\n") + 1]
+    rows = list(csv.DictReader(io.StringIO(whole, newline="")))
+    return [row for row in rows if None not in row and None not in row.values()]
+
+
+def _write_rows(path: Path, rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> None:
+    """Write a history, whole or not at all."""
+    text = io.StringIO(newline="")
+    table = csv.DictWriter(text, fieldnames=columns)
+    table.writeheader()
+    table.writerows(rows)
+    write_text(path, text.getvalue())
+
+
+def _csv_logger(folder: Path, reached: Reached | None) -> CSVLogger:
+    """Build a CSV logger that goes on with the history up to the last checkpoint; Lightning's own would delete it."""
     logger = CSVLogger(folder, name="", version="", flush_logs_every_n_steps=1)
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Experiment logs directory .* exists and is not empty")
-        writer = logger.experiment
+    writer = Writer(str(folder))
+    logger._experiment = writer
+    path = Path(writer.metrics_file_path)
+    if reached is None:
+        path.unlink(missing_ok=True)
+        return logger
+    known = read_rows(path) if path.exists() else []
+    rows = [row for row in known if row.get("epoch", "").isdigit() and int(row["epoch"]) <= reached.epoch]
+    last = {name: str(value) for name, value in reached.row.items()}
+    if last and (not rows or {name: value for name, value in rows[-1].items() if value} != last):
+        rows.append(last)
     if rows:
-        writer.metrics_keys = list(rows[0])
-        with path.open("w", newline="") as file:
-            table = csv.DictWriter(file, fieldnames=writer.metrics_keys)
-            table.writeheader()
-            table.writerows(rows)
+        writer.metrics_keys = sorted({name for row in rows for name in row})
+        _write_rows(path, rows, writer.metrics_keys)
     return logger
 
 

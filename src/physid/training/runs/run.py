@@ -14,8 +14,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import lightning as L
-import torch
-import yaml
 from lightning.fabric.utilities.exceptions import MisconfigurationException
 from lightning.fabric.utilities.warnings import PossibleUserWarning
 from lightning.pytorch.callbacks import ModelCheckpoint
@@ -23,14 +21,21 @@ from lightning.pytorch.cli import LightningCLI
 from lightning.pytorch.utilities.model_helpers import is_overridden
 from torch import Tensor
 
+from physid.class_paths import class_paths, require_trusted
+from physid.data.files import read_tensors, write_text
 from physid.training.callbacks.learning_rates import LearningRates
 from physid.training.callbacks.progress import Progress
 from physid.training.callbacks.run_state import RunState
 from physid.training.learners.base import LEARNED
-from physid.training.runs.loggers import build_loggers
+from physid.training.runs.loggers import build_loggers, history_of
+from physid.yaml_files import read_yaml
 
 Stage = Literal["validate", "test", "predict"]
 CHECKPOINT = Path("checkpoints", "last.ckpt")
+PARTS = ("state_dict", "epoch", "global_step", "loops", "callbacks", "pytorch-lightning_version")
+"""Of a checkpoint that a run goes on from."""
+SAFELY: dict[str, Any] = {"weights_only": True}
+"""A checkpoint from elsewhere is data, never code."""
 CONFIG, FIGURES = "config.yaml", "metrics.json"
 MISFIT = "loading state_dict"  # how torch begins to say that weights are not those of a model
 # The keys of a configuration, and whose arguments stand below each (None: a class_path says so).
@@ -95,22 +100,23 @@ def fit(config: Mapping[str, Any], folder: Path, *, resume: bool = False) -> dic
         ValueError: If the configuration does not fit the classes it names.
     """
     checkpoint = folder / CHECKPOINT if resume and (folder / CHECKPOINT).exists() else None
-    state = RunState()
+    state = RunState(repr(sorted(config.items())))
     keep = ModelCheckpoint(
         folder / CHECKPOINT.parent, CHECKPOINT.stem, save_on_train_epoch_end=True, enable_version_counter=False
     )
     config = dict(config)
-    loggers = build_loggers(folder, config.pop("wandb", "offline"), config, _epoch(checkpoint))
+    reached = {} if checkpoint is None else read_tensors(checkpoint, PARTS)
+    loggers = build_loggers(folder, config.pop("wandb", "offline"), config, history_of(reached))
     cli = _build(config, folder, [keep, state, LearningRates()], logger=loggers)
     trainer, model, data = cli.trainer, cli.model, cli.datamodule
-    _until_interrupted(trainer, lambda: trainer.fit(model, datamodule=data, ckpt_path=checkpoint))
+    _until_interrupted(trainer, lambda: trainer.fit(model, datamodule=data, ckpt_path=checkpoint, **SAFELY))
     figures = _flat({**state.figures, **trainer.callback_metrics})
     if is_overridden("test_step", model) and _has_test_split(data):
         _until_interrupted(trainer, lambda: trainer.test(model, datamodule=data, verbose=False))
         figures |= _flat(trainer.callback_metrics)
     figures["seconds"] = state.seconds
     if trainer.is_global_zero:
-        (folder / FIGURES).write_text(json.dumps(figures, indent=2, sort_keys=True) + "\n")
+        write_text(folder / FIGURES, json.dumps(figures, indent=2, sort_keys=True) + "\n")
     return figures
 
 
@@ -153,7 +159,7 @@ def evaluate(
     if stage == "validate" and not cli.datamodule.val_dataloader():
         raise ValueError("there are no trajectories to validate on (split val or select); use `physid test`")
     run: Callable[..., Any] = getattr(cli.trainer, stage)
-    options = {"return_predictions": False} if stage == "predict" else {"verbose": False}
+    options = SAFELY | ({"return_predictions": False} if stage == "predict" else {"verbose": False})
     _until_interrupted(cli.trainer, lambda: run(cli.model, datamodule=cli.datamodule, ckpt_path=weights, **options))
     return _flat(cli.trainer.callback_metrics)
 
@@ -167,7 +173,11 @@ def restore(folder: Path, recordings: Path) -> L.LightningModule:
     place, weights = folder / CONFIG, folder / CHECKPOINT
     if not place.is_file() or not weights.is_file():
         raise ValueError(f"{folder}: expected a run of `physid fit` with {CONFIG} and {CHECKPOINT}, found none")
-    config = yaml.safe_load(place.read_text(encoding="utf-8"))
+    config = read_yaml(place)
+    if not isinstance(config, dict) or not all(isinstance(config.get(key), dict) for key in CLASSES):
+        raise ValueError(f"{place}: expected the configuration of a fit with model and data, found something else")
+    for path in class_paths(config):
+        require_trusted(path)
     data = config["data"]
     given = {**(data.get("init_args") or {}), "folder": str(recordings)}
     kept = {key: config[key] for key in ("seed_everything", "model", "trainer") if key in config}
@@ -176,7 +186,7 @@ def restore(folder: Path, recordings: Path) -> L.LightningModule:
     module: Any = cli.model
     module.attach(cli.datamodule.scene)
     try:
-        module.load_state_dict(torch.load(weights, map_location="cpu", weights_only=True)["state_dict"])
+        module.load_state_dict(read_tensors(weights, PARTS)["state_dict"])
     except RuntimeError as error:
         reason = str(error).splitlines()[-1].strip()
         raise ValueError(f"{weights}: expected a model of the scene of {recordings}, found another: {reason}") from None
@@ -186,7 +196,7 @@ def restore(folder: Path, recordings: Path) -> L.LightningModule:
 
 def _as_learned(config: Mapping[str, Any], weights: Path) -> Any:
     """Return the model's configuration, with the parameters that were learned where it names none."""
-    model, learned = config["model"], torch.load(weights, map_location="cpu", weights_only=True).get(LEARNED)
+    model, learned = config["model"], read_tensors(weights, PARTS).get(LEARNED)
     arguments = model.get("init_args") or {}
     known = learned is None or arguments.get("learn")
     return model if known else {**model, "init_args": {**arguments, "learn": learned}}
@@ -244,13 +254,6 @@ def _has_test_split(data: Any) -> bool:
     except ValueError:
         return False
     return True
-
-
-def _epoch(checkpoint: Path | None) -> int | None:
-    """Return the epoch at whose end a checkpoint was written."""
-    if checkpoint is None:
-        return None
-    return int(torch.load(checkpoint, map_location="cpu", weights_only=True)["epoch"])
 
 
 def _flat(figures: Mapping[str, Tensor | float]) -> dict[str, float]:
