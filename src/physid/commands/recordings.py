@@ -65,9 +65,12 @@ def import_(kind: Literal["cube-tosses"], folder: Path, *, out: Path | None = No
         out: Folder of the recording set; data/KIND by default.
     """
     from physid.data.importers.cube_tosses import import_cube_tosses
+    from physid.one_writer import one_writer
 
     target = out or Path("data") / kind
-    print(f"{target}: {import_cube_tosses(folder, target)} trajectories")
+    with one_writer(target):
+        count = import_cube_tosses(folder, target)
+    print(f"{target}: {count} trajectories")
 
 
 def track(

@@ -27,7 +27,8 @@ def write_trajectory(path: Path, recording: Recording) -> None:
     """
 
     def write(part: Path) -> None:
-        with h5py.File(part, "w", libver=("v110", "v110")) as file:
+        # In memory first: HDF5 cannot close a file that the disk has no room for, and crashes when Python ends.
+        with h5py.File(part, "w", libver=("v110", "v110"), driver="core", backing_store=False) as file:
             for name, array in recording.arrays().items():
                 options: dict[str, Any] = {"track_times": False, "fletcher32": True, "chunks": array.shape}
                 if name == "frames":
@@ -39,6 +40,8 @@ def write_trajectory(path: Path, recording: Recording) -> None:
             for name in ("split", "protocol"):
                 if getattr(recording, name) is not None:
                     file.attrs[name] = getattr(recording, name)
+            file.flush()
+            part.write_bytes(file.id.get_file_image())
 
     write_whole(path, write)
 

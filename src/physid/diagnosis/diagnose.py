@@ -13,7 +13,7 @@ import torch
 from physid.data.files import write_text
 from physid.data.format import RecordingSet
 from physid.data.reading import read_reading
-from physid.diagnosis.conclusion.conclusion import draw_conclusion
+from physid.diagnosis.conclusion.conclusion import Conclusion, draw_conclusion
 from physid.diagnosis.conclusion.fitted_model import save_model
 from physid.diagnosis.document.document import check_diagnosis, write_diagnosis
 from physid.diagnosis.inputs.model_source import read_nominal_model
@@ -68,22 +68,6 @@ def diagnose(
         ValueError: If the recordings or the model cannot be used; the message says what is missing.
         FolderInUseError: If another process writes into the output folder.
     """
-    with one_writer(out):
-        return _diagnose(recordings, out, model, transfer, effects, limit, seed, save, say)
-
-
-def _diagnose(
-    recordings: Path,
-    out: Path,
-    model: Path | Mapping[str, Any] | None,
-    transfer: Path | None,
-    effects: Sequence[type[Effect]],
-    limit: int | None,
-    seed: int,
-    save: Path | None,
-    say: Callable[[str], None],
-) -> Mapping[str, Any]:
-    """Diagnose as the only process that writes there (see `diagnose`)."""
     begun = time.perf_counter()
     say("reading the recordings")
     observations = load_observations(
@@ -91,6 +75,28 @@ def _diagnose(
     )
     require_usable(observations)
     believed_model = read_nominal_model(observations.scene, model)
+    with one_writer(out):
+        document, conclusion = _write(
+            recordings, out, transfer, effects, limit, seed, observations, believed_model, say, begun
+        )
+        if save is not None:
+            save_model(save, recordings, believed_model, conclusion)
+    return document
+
+
+def _write(
+    recordings: Path,
+    out: Path,
+    transfer: Path | None,
+    effects: Sequence[type[Effect]],
+    limit: int | None,
+    seed: int,
+    observations: Observations,
+    believed_model: NominalModel,
+    say: Callable[[str], None],
+    begun: float,
+) -> tuple[Mapping[str, Any], Conclusion]:
+    """Diagnose and write the results (see `diagnose`); `begun` is when, by `time.perf_counter`."""
     generator = torch.Generator().manual_seed(seed)
     nominal_fit = _fitted(out, observations, believed_model, effects, generator, say)
     found = attribute(nominal_fit, generator, say)
@@ -107,9 +113,7 @@ def _diagnose(
     clear_cache(out)
     if conclusion.further and conclusion.further.config:
         write_text(out / NEXT, conclusion.further.config)
-    if save is not None:
-        save_model(save, recordings, believed_model, conclusion)
-    return document
+    return document, conclusion
 
 
 def _sources(recordings: Path, transfer: Path | None, limit: int | None) -> list[tuple[RecordingSet, int]]:

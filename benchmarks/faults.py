@@ -1,0 +1,294 @@
+"""Kill, interrupt and starve commands at random points: nothing may be lost but the step in flight.
+
+    python benchmarks/faults.py                            5 faults of each kind for each task
+    python benchmarks/faults.py --count 10 --seed 1 --tasks generate,fit
+
+Each task is run once undisturbed. Then it is run again and again in folders of its own: SIGKILL, SIGTERM or SIGINT
+comes once to three times, each at a random point of the run; or files may not grow beyond a random size; or the disk is
+full (a small tmpfs, where one can be mounted), or nothing can be written at all. Then the same command is run to its
+end. Every file must have the same bytes as the undisturbed run's (but for times), every message must be one line without
+a traceback, and the exit code must say what happened. Everything runs on one thread.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import hashlib
+import json
+import os
+import random
+import re
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+CONFIGS = ROOT / "configs"
+COMMAND = [sys.executable, "-m", "physid.cli"]
+SIGNALS = {"SIGKILL": signal.SIGKILL, "SIGTERM": signal.SIGTERM, "SIGINT": signal.SIGINT}
+STARVED = ("file size", "full disk", "read-only")
+CODES = {"SIGKILL": {-9}, "SIGTERM": {143, -15}, "SIGINT": {130, -2}}
+"""What a killed command may end with; before Python listens to signals, the kernel says it."""
+PATIENCE = 60.0
+"""[s] for a command to end after a signal; the longest step takes less than one."""
+ENDING = 1.0
+"""[s] that a command needs to leave when all is written."""
+STARTING = 0.5
+"""[s] from the start in which Python itself, not physid, answers Ctrl-C, with a traceback."""
+TIMED = {"seconds", "started", "time", "cpu_seconds"}
+SKIPPED = ("wandb", "record.json", "report.html", ".lock", "SHA256SUMS.part")
+THREADS = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
+
+
+@dataclass(frozen=True)
+class Task:
+    """A command and where its result lies.
+
+    Attributes:
+        name: What it is called.
+        words: The command's words for a folder.
+    """
+
+    name: str
+    words: Callable[[Path], list[str]]
+
+    def start(self, folder: Path, limit: int | None = None) -> subprocess.Popen[str]:
+        """Start the command with its result in a folder; `limit` [bytes] for each file that it writes."""
+
+        def restrict() -> None:
+            if limit is not None:
+                signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+                resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+
+        environment = {**os.environ, **THREADS, "WANDB_MODE": "disabled", "MPLBACKEND": "agg"}
+        return subprocess.Popen(
+            [*COMMAND, *self.words(folder)],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=environment,
+            cwd=folder.parent,
+            start_new_session=True,
+            preexec_fn=restrict,
+        )
+
+
+def tasks(data: Path) -> list[Task]:
+    """Return the commands that are tried; what they read lies in a folder."""
+    push, fit = str(data / "push"), str(CONFIGS / "sysid" / "push_friction.yaml")
+    generating = ["generate", "--config", str(CONFIGS / "generate" / "push.yaml"), "--workers=1", "--quiet"]
+    fitting = ["fit", "--config", fit, f"data.folder={push}", "data.limit=4", "trainer.max_epochs=5", "--resume"]
+    return [
+        Task("generate", lambda place: [*generating, f"--out={place}", "trajectories=40", "steps=60", "video=false"]),
+        Task("generate film", lambda place: [*generating, f"--out={place}", "trajectories=3", "steps=20"]),
+        Task("import", lambda place: ["import", "cube-tosses", str(data / "tosses"), f"--out={place}"]),
+        Task("fit", lambda place: [*fitting, f"--run-dir={place}"]),
+        Task(
+            "predict",
+            lambda place: ["predict", "--run-dir", str(data / "run"), f"--out={place}", "--overwrite"],
+        ),
+        Task(
+            "reproduce",
+            lambda place: [
+                *("reproduce", "--cell", "sysid/push_friction", f"--out={place}", f"--configs={CONFIGS}"),
+                "--workers=1",
+            ],
+        ),
+        Task("diagnose", lambda place: ["diagnose", str(data / "rich"), f"--out={place}", "--quiet"]),
+        Task("dashboard", lambda place: ["dashboard", str(data), f"--out={place / 'page.html'}"]),
+    ]
+
+
+def prepare(data: Path) -> None:
+    """Make what the tasks read: recordings, a run and made-up tosses."""
+    import torch
+
+    quiet = {"stdout": subprocess.DEVNULL, "check": True, "env": {**os.environ, **THREADS, "WANDB_MODE": "disabled"}}
+    for name, more in (("push", []), ("push_rich", ["noise.position=0.0005", "noise.rotation=0.002"])):
+        words = ["generate", "--config", str(CONFIGS / "generate" / f"{name}.yaml"), "--workers=1", "--quiet"]
+        out = f"--out={data / name.replace('push_rich', 'rich')}"
+        small = [out, "trajectories=8", "steps=60", "video=false", *more]
+        subprocess.run([*COMMAND, *words, *small], **quiet)  # type: ignore[call-overload]
+    words = ["fit", "--config", str(CONFIGS / "sysid" / "push_friction.yaml"), f"data.folder={data / 'push'}"]
+    subprocess.run([*COMMAND, *words, f"--run-dir={data / 'run'}"], **quiet)  # type: ignore[call-overload]
+    (data / "tosses").mkdir()
+    time_of = torch.arange(40, dtype=torch.float64) / 148
+    for number in range(30):
+        rows = torch.zeros(40, 13, dtype=torch.float64)
+        rows[:, 0] = 1.0
+        rows[:, 6] = 0.0524 + 0.3 * (0.05 - time_of).clamp_min(0)
+        rows[:, 4] = 0.01 * number * time_of
+        torch.save(rows, data / "tosses" / f"{number}.pt")
+
+
+def snapshot(folder: Path) -> dict[str, str]:
+    """Return a digest of every file of a result, without what differs between any two runs: times."""
+    found = {}
+    for path in sorted(folder.rglob("*")):
+        if path.is_file() and not any(part in SKIPPED for part in path.relative_to(folder).parts):
+            found[path.relative_to(folder).as_posix()] = hashlib.sha256(_content(path, folder)).hexdigest()
+    return found
+
+
+def _content(path: Path, folder: Path) -> bytes:
+    content = path.read_bytes().replace(str(folder).encode(), b"FOLDER")
+    if path.suffix == ".ckpt":
+        import torch
+
+        state = torch.load(path, map_location="cpu", weights_only=True)
+        return repr([state[key] for key in ("state_dict", "optimizer_states", "epoch", "global_step")]).encode()
+    if path.suffix == ".json":
+        return json.dumps(_timeless(json.loads(content))).encode()
+    if path.name in ("results.md", "page.html"):  # a row of the time; when the page was made, and of files copied
+        return re.sub(rb'(\| time \||"made":|"date":)[^\n,]*', b"", content)
+    return content
+
+
+def _timeless(value: object) -> object:
+    if isinstance(value, dict):
+        return {key: _timeless(each) for key, each in value.items() if key not in TIMED}
+    if isinstance(value, list):
+        return [_timeless(each) for each in value if not (isinstance(each, dict) and each.get("metric") in TIMED)]
+    return value
+
+
+def end(process: subprocess.Popen[str], timeout: float) -> str:
+    """Wait for a command, and for whatever it has started; returns what it has said."""
+    try:
+        _, said = process.communicate(timeout=timeout)
+    except subprocess.TimeoutExpired:
+        said = "did not end"
+        process.kill()
+        process.communicate()
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
+    return said
+
+
+def complaints(said: str, code: int, wanted: set[int], early: bool = False) -> list[str]:
+    """Say what is wrong with how a disturbed command ended; `early` while Python itself was starting."""
+    found = [] if code in wanted else [f"exit code {code}"]
+    lines = [line for line in said.strip().splitlines() if line.strip()]
+    if said == "did not end":
+        found.append(f"did not end within {PATIENCE:g} s")
+    elif "Traceback" in said and not early:
+        found.append("traceback: " + lines[-1])
+    elif len(lines) > 1 and not early:
+        found.append(f"{len(lines)} lines: " + " | ".join(lines)[:200])
+    return found
+
+
+def kill(task: Task, folder: Path, name: str, whole: float, draw: random.Random) -> list[str]:
+    """Send a signal once to three times, each at a random point."""
+    found = []
+    for _ in range(draw.randint(1, 3)):
+        process, delay = task.start(folder), draw.uniform(0.05, whole)
+        try:
+            process.wait(delay)
+        except subprocess.TimeoutExpired:
+            process.send_signal(SIGNALS[name])
+        sent = time.perf_counter()
+        said = end(process, PATIENCE)
+        # The command may have ended by itself meanwhile: the resumed run shows whether all was there.
+        done = {0} if time.perf_counter() - sent < ENDING else set()
+        found += complaints(said, process.returncode, CODES[name] | done, name == "SIGINT" and delay < STARTING)
+    return found
+
+
+def starve(task: Task, folder: Path, name: str, most: int, draw: random.Random) -> list[str] | None:
+    """Run with files that may not grow, on a full disk, or where nothing can be written; None if that cannot be."""
+    limit = draw.randrange(0, max(most, 1)) if name == "file size" else None
+    place = folder
+    if name == "full disk":
+        folder.mkdir()
+        mounting = ["mount", "-t", "tmpfs", "-o", f"size={draw.choice([16, 32, 64])}k", "tmpfs", str(folder)]
+        if subprocess.run(mounting, capture_output=True, check=False).returncode:
+            return None
+        place = folder / "result"
+    if name == "read-only":
+        place = Path("/proc/physid_faults")  # not even root can make a folder there
+    process = task.start(folder if place.parent == Path("/proc") else place, limit) if place == folder else None
+    if process is None:
+        process = Task(task.name, lambda _: task.words(place)).start(folder, limit)
+    said = end(process, 600)
+    if name == "full disk":
+        subprocess.run(["umount", str(folder)], check=True)
+        folder.rmdir()
+    wanted = {2} if name != "file size" else {0, 2}
+    return complaints(said, process.returncode, wanted)
+
+
+def attack(task: Task, name: str, work: Path, truth: dict[str, str], whole: float, draw: random.Random) -> list[str]:
+    """Disturb a task, let it run to its end, and return what is wrong."""
+    folder = work / f"{task.name}_{draw.randrange(10**9)}".replace(" ", "_")
+    most = max((path.stat().st_size for path in (work / "undisturbed").rglob("*") if path.is_file()), default=1)
+    found = kill(task, folder, name, whole, draw) if name in SIGNALS else starve(task, folder, name, most, draw)
+    if found is None:
+        return ["not tried"]
+    process = task.start(folder)
+    said = end(process, 600)
+    if process.returncode:
+        found.append(f"does not go on: {said.strip().splitlines()[-1:]}")
+    else:
+        now = snapshot(folder)
+        other = sorted(key for key in truth.keys() | now.keys() if truth.get(key) != now.get(key))
+        if other:
+            found.append(f"other bytes: {', '.join(other)[:200]}")
+            if os.environ.get("KEEP"):
+                return found
+    shutil.rmtree(folder, ignore_errors=True)
+    return found
+
+
+def main() -> None:
+    """Print a row for each task and fault: how often it was tried, and how often something was wrong."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--count", type=int, default=5, help="faults of each kind for each task")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--tasks", default="", help="only these, separated by commas")
+    parser.add_argument("--faults", default="", help="only these, separated by commas")
+    chosen = parser.parse_args()
+    wanted = [each for each in chosen.tasks.split(",") if each]
+    kinds = [each for each in chosen.faults.split(",") if each] or [*SIGNALS, *STARVED]
+    tried: Counter[str] = Counter()
+    wrong = 0
+    with tempfile.TemporaryDirectory() as place:
+        data = Path(place) / "data"
+        data.mkdir()
+        prepare(data)
+        print(f"{'task':<14} {'seconds':>8}  fault       tried  wrong")
+        for task in [task for task in tasks(data) if not wanted or task.name in wanted]:
+            work = Path(place) / "work"
+            work.mkdir()
+            start = time.perf_counter()
+            first = task.start(work / "undisturbed")
+            said = end(first, 600)
+            whole = time.perf_counter() - start
+            assert first.returncode == 0, said
+            truth = snapshot(work / "undisturbed")
+            for kind in kinds:
+                draw = random.Random(f"{chosen.seed} {task.name} {kind}")
+                found = [attack(task, kind, work, truth, whole, draw) for _ in range(chosen.count)]
+                bad = [each for each in found if each and each != ["not tried"]]
+                made = sum(each != ["not tried"] for each in found)
+                tried[kind] += made
+                wrong += len(bad)
+                print(f"{task.name:<14} {whole:>8.1f}  {kind:<11} {made:>5}  {len(bad):>5}", flush=True)
+                for each in bad:
+                    print("    " + "; ".join(each), flush=True)
+            shutil.rmtree(work)
+    print(f"{sum(tried.values())} faults ({', '.join(f'{n} {kind}' for kind, n in tried.items())}), {wrong} wrong")
+    sys.exit(wrong > 0)
+
+
+if __name__ == "__main__":
+    main()
