@@ -17,7 +17,7 @@ data: {{class_path: physid.data.datamodule.RecordingsDataModule, init_args: {{fo
 """
 DIAGNOSIS: dict[str, Any] = {
     "format": "physid-diagnosis",
-    "version": 1,
+    "version": 2,
     "verdict": "group",
     "effects": [
         {
@@ -33,12 +33,19 @@ DIAGNOSIS: dict[str, Any] = {
         "site": {"perception": 0.0, "actuation": 0.02, "dynamics": 0.96, "contact": 0.02},
         "cells": [{"phase": "coast", "body": "block", "dof": "x", "evidence": 11.2}],
     },
-    "gap": {"unit": "m", "floor": 0.0014, "same": {"before": 0.021, "after": 0.0016}, "transfer": None},
+    "gap": {
+        "unit": "m",
+        "floor": 0.0014,
+        "tolerance": {"position": 0.0004, "rotation": 0.002},
+        "same": {"before": 0.021, "after": 0.0016},
+        "transfer": None,
+    },
     "shrink": {"same": {"value": 0.99, "low": 0.97, "high": 1.0}, "transfer": None},
     "parameters": {
         "block.mass": {"nominal": 1.11, "with_effect": {"value": 1.0, "low": 0.9, "high": 1.1, "unit": "kg"}}
     },
     "next_experiment": None,
+    "minor": [],
 }
 IDENTIFIABILITY = {
     "config": {"scene": "push", "protocol": "paper"},

@@ -7,7 +7,7 @@ from typing import Any
 
 NAMED: dict[str, Any] = {
     "format": "physid-diagnosis",
-    "version": 1,
+    "version": 2,
     "verdict": "named",
     "effects": [
         {
@@ -32,6 +32,7 @@ NAMED: dict[str, Any] = {
     "gap": {
         "unit": "m",
         "floor": 0.0014,
+        "tolerance": {"position": 0.0004, "rotation": 0.002},
         "same": {"before": 0.021, "after": 0.0016},
         "transfer": {"before": 0.018, "after": 0.0019},
     },
@@ -43,6 +44,7 @@ NAMED: dict[str, Any] = {
         "block.mass": {"nominal": 1.11, "with_effect": {"value": 1.002, "low": 0.995, "high": 1.009, "unit": "kg"}}
     },
     "next_experiment": None,
+    "minor": [],
 }
 
 

@@ -40,7 +40,7 @@ def test_what_is_written_is_read_back(tmp_path: Path) -> None:
 
 FAULTS: dict[str, tuple[Change, str]] = {
     "verdict": (lambda d: d.update(verdict="sure"), "verdict: expected 'none' or 'named'"),
-    "version": (lambda d: d.update(version=True), "version: expected 1, found True"),
+    "version": (lambda d: d.update(version=True), "version: expected 2, found True"),
     "missing key": (lambda d: d.pop("gap"), "found 'no gap'"),
     "strange key": (lambda d: d.update(seed=3), "only, found ['seed']"),
     "confidence": (lambda d: d.update(confidence=97), "confidence: expected a finite number at least 0 and at most 1"),

@@ -14,6 +14,7 @@ from physid.estimation.least_squares.normal_equations import linearise
 from physid.estimation.prediction.nominal_model import NominalModel
 from physid.estimation.prediction.rollout import Predictor, Variants
 from physid.estimation.prediction.segments import Segmentation
+from physid.estimation.prediction.timeline import Timeline
 from physid.scenes.catalogue import find_setup
 
 ONE = torch.ones(1, dtype=torch.float64)
@@ -56,7 +57,7 @@ def test_in_free_flight_a_clock_is_gravity_and_no_wind(cuts: int) -> None:
     frames, kinds = 60, ["clock_rate", "gravity_error", "constant_force"]
     predictor = Predictor(
         NominalModel(scene),
-        torch.zeros(1, frames, 1, 6, dtype=torch.float64),
+        Timeline.regular(torch.zeros(1, frames, 1, 6, dtype=torch.float64), scene.time_step),
         Segmentation.equal(1, frames, frames // cuts),
         [find(name) for name in kinds],
     )

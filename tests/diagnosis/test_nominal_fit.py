@@ -83,7 +83,7 @@ def test_what_a_step_predicts_need_not_be_predicted_again(
         known = [*experiment.predictor.candidates, find("observation_latency")]
         predictor = experiment.predictor
         experiment = experiment.replace(
-            predictor=Predictor(predictor.model, predictor.wrench, predictor.segments, known)
+            predictor=Predictor(predictor.model, predictor.timeline, predictor.segments, known)
         )
     values = torch.tensor([[0.0, *(value for each in effects.values() for value in each.values())]])
     point = nominal_fit.fit.point.replace(nominal=nominal_fit.fit.point.nominal + FAR, effects=values.double())

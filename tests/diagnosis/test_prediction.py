@@ -20,7 +20,7 @@ def test_threads_do_not_change_a_prediction(tmp_path: Path) -> None:
     events = torch.zeros(observations.pose.shape[:2], dtype=torch.bool)
     events[:, 40], events[0, 70] = True, True
     segments, model = Segmentation.around(events, IMPACTS), read_nominal_model(observations.scene, None)
-    predictor = Predictor(model, observations.wrench, segments, [find("viscous_drag")])
+    predictor = Predictor(model, observations.timeline, segments, [find("viscous_drag")])
     pose = observations.pose[segments.trajectory, segments.start][None]
     null = Variants(
         pose, torch.zeros_like(pose[..., :6]), model.guess[None], predictor.null[None], torch.zeros(1, 1).double()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from physid.estimation.prediction.segments import IMPACTS, Segmentation
+from physid.estimation.prediction.segments import FEWEST, IMPACTS, Segmentation
 
 
 def around(*impacts: int, frames: int = 150) -> Segmentation:
@@ -50,9 +50,20 @@ def test_a_contact_free_trajectory_is_one_segment_and_an_impact_has_a_short_one(
     segments = around(40)
     assert segments.size[segments.trajectory == 1].tolist() == [150]
     contact = segments.contact & (segments.trajectory == 0)
-    assert int(segments.start[contact].min()) == 40 - IMPACTS.lead
-    assert int((segments.start + segments.size)[contact].max()) == 40 + IMPACTS.trail + 1
-    assert int(segments.size[contact].max()) <= IMPACTS.longest
+    lead, trail, longest, _ = IMPACTS.frames(1 / 240)
+    assert int(segments.start[contact].min()) == 40 - lead
+    assert int((segments.start + segments.size)[contact].max()) == 40 + trail + 1
+    assert int(segments.size[contact].max()) <= longest
+
+
+@pytest.mark.parametrize("rate", [30.0, 60.0, 240.0, 1000.0])
+def test_cuts_last_as_long_at_any_rate_but_hold_frames_enough_to_see_velocities(rate: float) -> None:
+    frames = IMPACTS.frames(1 / rate)
+    lasting = (IMPACTS.lead, IMPACTS.trail, IMPACTS.longest, IMPACTS.least)
+    assert all(
+        count == fewest or abs(count / rate - time) <= 0.51 / rate
+        for count, time, fewest in zip(frames, lasting, FEWEST, strict=True)
+    )
 
 
 def test_each_segment_has_its_value_on_its_frames() -> None:

@@ -18,7 +18,7 @@ from physid.diagnosis.document.sentences import (
 )
 
 SENTENCES = {
-    "none": "The model explains these recordings: there is no gap beyond the floors.",
+    "none": "The model explains these recordings within 0.4 mm beyond the noise.",
     "named": "Viscous drag causes the gap between model and recordings.",
     "group": "The gap is caused by one of viscous drag or quadratic drag; these recordings cannot tell which.",
     "partial": "Viscous drag causes part of the gap; something is left that no candidate explains.",

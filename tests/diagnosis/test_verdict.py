@@ -41,30 +41,45 @@ def transfer(after: float, closed: float) -> Closing:
     return Closing(3 * FLOOR, after * FLOOR, Interval(closed, closed - 0.1, closed + 0.05), FLOOR)
 
 
+def judged(what: Attribution, closing: Closing | None) -> str:
+    """Judge a gap that is material, and stays so where something is left."""
+    return judge(what, closing, before=True, after=True)
+
+
+def test_a_gap_within_the_tolerance_is_none_whatever_is_significant() -> None:
+    assert judge(found(), None, before=False, after=False) == "none"
+    assert judge(found(0.6, 0.001), None, before=False, after=False) == "none"
+
+
+def test_what_is_left_within_the_tolerance_does_not_make_a_cause_a_part() -> None:
+    assert judge(found(0.1, 0.001), None, before=True, after=False) == "named"
+    assert judge(found(0.1, 0.001), None, before=True, after=True) == "partial"
+
+
 def test_what_leaves_nothing_and_carries_over_is_named() -> None:
-    assert judge(found(), None) == "named"
-    assert judge(found(), transfer(1.01, 0.99)) == "named"
+    assert judged(found(), None) == "named"
+    assert judged(found(), transfer(1.01, 0.99)) == "named"
 
 
 def test_what_cannot_be_distinguished_from_another_is_a_group() -> None:
-    assert judge(found(alike=("clock_rate",)), None) == "group"
+    assert judged(found(alike=("clock_rate",)), None) == "group"
 
 
 @pytest.mark.parametrize(("after", "closed", "verdict"), [(2.8, 0.1, "unknown"), (1.04, 0.1, "named")])
 def test_what_closes_nothing_under_another_protocol_is_no_cause_unless_little_is_open(
     after: float, closed: float, verdict: str
 ) -> None:
-    assert judge(found(), transfer(after, closed)) == verdict
+    assert judged(found(), transfer(after, closed)) == verdict
 
 
 @pytest.mark.parametrize(("closed", "verdict"), [(0.8, "partial"), (0.5, "unknown")])
 def test_a_part_of_the_cause_closes_most_of_the_gap_under_another_protocol(closed: float, verdict: str) -> None:
-    assert judge(found(0.1, 0.001), transfer(2.0, closed)) == verdict
+    assert judged(found(0.1, 0.001), transfer(2.0, closed)) == verdict
 
 
 def test_more_than_a_part_that_is_open_is_unknown() -> None:
-    assert judge(found(0.1, 0.001), None) == "partial"
-    assert judge(found(0.6, 0.001), None) == "unknown"
+    assert judged(found(0.1, 0.001), None) == "partial"
+    assert judged(found(0.6, 0.001), None) == "unknown"
 
 
 @pytest.mark.parametrize(("behind", "apart"), [(8.0, False), (60.0, True)])
@@ -121,8 +136,8 @@ def test_a_pair_must_explain_more_than_a_single_effect_to_be_the_whole() -> None
 
 
 def test_a_hair_is_left_by_laws_that_differ_a_little_and_is_no_part() -> None:
-    assert judge(found(0.01, 0.001), None) == "named"
-    assert judge(found(0.03, 0.001), None) == "partial"
+    assert judged(found(0.01, 0.001), None) == "named"
+    assert judged(found(0.03, 0.001), None) == "partial"
 
 
 def lack(*rows: Row) -> LackOfFit:
@@ -180,4 +195,4 @@ def test_what_may_be_nothing_is_blamed_where_it_predicts_others_and_leaves_nothi
 ) -> None:
     nominal, best = hypothesis(600, 100 + others), hypothesis(100, 100)
     nominal.experiment.fitted = torch.tensor([True, False])
-    assert reconsider(judge(found(0.1, p_value), None), improves_held_out(nominal, best)) == verdict
+    assert reconsider(judged(found(0.1, p_value), None), improves_held_out(nominal, best)) == verdict

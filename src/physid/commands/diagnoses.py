@@ -37,6 +37,7 @@ def diagnose(
     allow: str = "",
     limit: int | None = None,
     save_model: Path | None = None,
+    tolerance: float | None = None,
     seed: int = 0,
     wandb: Literal["offline", "online"] | None = None,
     quiet: bool = False,
@@ -65,6 +66,8 @@ def diagnose(
         allow: Packages of your own whose classes the model's configuration may name; their code is run.
         limit: At most so many trajectories of each set, the first ones.
         save_model: Where to write the model with what was found, as a configuration of `physid fit`.
+        tolerance: How far positions may leave the model, beyond what noise accounts for, before anything is blamed
+            [m]; by default 0.3 of the noise, at least 0.02 % of the largest edge.
         seed: Seed of the null simulations.
         wandb: Log figures, ranking, report and film as a run of wandb, into OUT/wandb or to the server.
         quiet: Hide the progress bar.
@@ -80,7 +83,7 @@ def diagnose(
         transfer = transfer and read(transfer, folder / "read_transfer")
     own = with_own([place for place in effects.split(",") if place])[len(CATALOGUE) :]
     options = {"model": model and _believed(model, allow), "transfer": transfer, "effects": own, "limit": limit}
-    found = _run(recordings, folder, quiet=quiet, save=save_model, seed=seed, **options)
+    found = _run(recordings, folder, quiet=quiet, save=save_model, seed=seed, tolerance=tolerance, **options)
     if wandb:
         _log(folder, wandb, {"recordings": str(recordings), "transfer": str(transfer or ""), "seed": seed}, found)
     print("\n".join(summary_lines(found)))

@@ -43,6 +43,7 @@ def diagnose(
     effects: Sequence[type[Effect]] = (),
     limit: int | None = None,
     seed: int = 0,
+    tolerance: float | None = None,
     save: Path | None = None,
     say: Callable[[str], None] = lambda _: None,
 ) -> Mapping[str, Any]:
@@ -58,6 +59,8 @@ def diagnose(
         effects: Candidates beside the catalogue.
         limit: At most so many trajectories of each set, the first ones.
         seed: Seed of the null simulations and of the bootstrap.
+        tolerance: How far positions may leave the model, beyond what noise accounts for, before anything is blamed [m];
+            None for what follows from noise and sizes.
         save: Where to write the model with what was found, as a configuration of `physid fit`.
         say: Called with what is being done.
 
@@ -77,7 +80,7 @@ def diagnose(
     believed_model = read_nominal_model(observations.scene, model)
     with one_writer(out):
         document, conclusion = _write(
-            recordings, out, transfer, effects, limit, seed, observations, believed_model, say, begun
+            recordings, out, transfer, effects, limit, seed, tolerance, observations, believed_model, say, begun
         )
         if save is not None:
             save_model(save, recordings, believed_model, conclusion)
@@ -91,6 +94,7 @@ def _write(
     effects: Sequence[type[Effect]],
     limit: int | None,
     seed: int,
+    tolerance: float | None,
     observations: Observations,
     believed_model: NominalModel,
     say: Callable[[str], None],
@@ -100,7 +104,7 @@ def _write(
     generator = torch.Generator().manual_seed(seed)
     nominal_fit = _fitted(out, observations, believed_model, effects, generator, say)
     found = attribute(nominal_fit, generator, say)
-    conclusion = draw_conclusion(nominal_fit, found, generator)
+    conclusion = draw_conclusion(nominal_fit, found, generator, tolerance)
     say("writing the report")
     document = check_diagnosis(conclusion.diagnosis.to_mapping())
     reading = read_reading(recordings)

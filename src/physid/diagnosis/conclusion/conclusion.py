@@ -11,11 +11,13 @@ from torch import Tensor
 from physid.diagnosis.conclusion.confidence import confidence
 from physid.diagnosis.conclusion.gap import Closing, closing, floor_of, held_out_parts, position_errors, position_floors
 from physid.diagnosis.conclusion.localisation import SITES, places, sites
+from physid.diagnosis.conclusion.materiality import Tolerance, excess_of, share_closed
 from physid.diagnosis.conclusion.next_experiment import NextExperiment, next_experiment
 from physid.diagnosis.conclusion.parametric_bootstrap import bootstrap_spread
 from physid.diagnosis.conclusion.verdict import Diagnosis, Estimate, Found, Name, judge
 from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.selection.attribution import Attribution
+from physid.diagnosis.selection.comparison import gain
 from physid.diagnosis.selection.evidence import improves_held_out
 from physid.diagnosis.testing.hypothesis import Hypothesis
 
@@ -40,17 +42,28 @@ class Conclusion:
     further: NextExperiment | None = None
 
 
-def draw_conclusion(nominal_fit: NominalFit, found: Attribution, generator: torch.Generator) -> Conclusion:
+def draw_conclusion(
+    nominal_fit: NominalFit, found: Attribution, generator: torch.Generator, tolerance: float | None = None
+) -> Conclusion:
     """Judge what the search found: the verdict, the sizes with their intervals, and how far the gap closes.
 
     Args:
         nominal_fit: The recordings and the fitted nominal model.
         found: What the search found.
         generator: Randomness of the bootstrap.
+        tolerance: How far positions may leave the model before anything is blamed [m]; None for what follows from noise
+            and sizes.
     """
     judged = _closings(nominal_fit, found.nominal, found.best, generator)
-    verdict = judge(found, judged["transfer"])
+    allowed = Tolerance.of(nominal_fit.noise, nominal_fit.observations.scene, tolerance)
+    parts = [*held_out_parts(nominal_fit.observations).values()]
     best, covariance = found.best, None
+    excess = [excess_of(one, nominal_fit.noise, parts) for one in (found.nominal, best or found.nominal)]
+    before, after = (allowed.exceeded(each) for each in excess)
+    verdict = judge(found, judged["transfer"], before=before, after=after)
+    minor = []
+    if best is not None and not before:
+        minor = [(best.names, found.lack.chance(best.names, gain(found.nominal, best)), share_closed(*excess))]
     if verdict in BLAMING and best is not None:
         covariance = best.covariance() + bootstrap_spread(best, generator)
         if indistinguishable_from_zero(best, covariance, judged.values()):
@@ -75,6 +88,8 @@ def draw_conclusion(nominal_fit: NominalFit, found: Attribution, generator: torc
         transfer=closings["transfer"],
         parameters=_parameters(found.whole_nominal, shown, wide),
         next_experiment=further.sentence if further else None,
+        tolerance=allowed,
+        minor=minor,
     )
     return Conclusion(diagnosis, chosen, shown, further)
 

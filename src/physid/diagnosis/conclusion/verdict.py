@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 from physid.diagnosis.conclusion.gap import Closing, Interval
 from physid.diagnosis.conclusion.localisation import Place
+from physid.diagnosis.conclusion.materiality import Tolerance
 from physid.diagnosis.selection.attribution import Attribution, unexplained
 from physid.diagnosis.selection.evidence import complete, explained
 
@@ -54,6 +55,9 @@ class Diagnosis:
         transfer: Closing on another protocol, None where there is none.
         parameters: Nominal estimate, and with the effect (None without one), of each unknown parameter.
         next_experiment: What would tell a group apart.
+        tolerance: How far a model may leave the recordings before anything is blamed.
+        minor: What was significant and is not blamed, because the gap is not material: effects, p-value, and the share
+            of the excess over the floor that they close.
     """
 
     verdict: Name
@@ -68,12 +72,14 @@ class Diagnosis:
     transfer: Closing | None
     parameters: dict[str, tuple[float, Estimate | None]]
     next_experiment: str | None
+    tolerance: Tolerance
+    minor: list[tuple[tuple[str, ...], float, float]]
 
     def to_mapping(self) -> dict[str, Any]:
         """Return the content of diagnosis.json."""
         return {
             "format": "physid-diagnosis",
-            "version": 1,
+            "version": 2,
             "verdict": self.verdict,
             "effects": [
                 {
@@ -99,6 +105,7 @@ class Diagnosis:
             "gap": {
                 "unit": "m",
                 "floor": _round(self.floor),
+                "tolerance": {"position": _round(self.tolerance.position), "rotation": _round(self.tolerance.rotation)},
                 "same": _closing(self.same),
                 "transfer": _closing(self.transfer),
             },
@@ -108,14 +115,27 @@ class Diagnosis:
                 for name, (before, after) in self.parameters.items()
             },
             "next_experiment": self.next_experiment,
+            "minor": [
+                {"effects": list(names), "p_value": _round(p), "closes": _round(share)}
+                for names, p, share in self.minor
+            ],
         }
 
 
-def judge(found: Attribution, transfer: Closing | None) -> Name:
-    """Turn what the search found into a verdict."""
+def judge(found: Attribution, transfer: Closing | None, *, before: bool, after: bool) -> Name:
+    """Turn what the search found into a verdict.
+
+    Args:
+        found: What the search found.
+        transfer: How far the gap closes on another protocol.
+        before: Whether the nominal model leaves the recordings by more than the tolerance.
+        after: Whether the best hypothesis still does.
+    """
+    if not before:
+        return "none"
     if found.best is None or found.left is None:
         return "unknown" if unexplained(found) else "none"
-    whole = complete(found.nominal, found.best, found.lack, found.left)
+    whole = not after or complete(found.nominal, found.best, found.lack, found.left)
     open_share = found.left.missing / explained(found.nominal, found.best, found.lack)
     if not _carries(transfer) or (not whole and open_share > PARTLY):
         return "unknown"

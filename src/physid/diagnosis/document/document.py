@@ -11,7 +11,7 @@ from physid.data.files import write_text
 from physid.diagnosis.document.faults import Faults
 
 FILE = "diagnosis.json"
-FORMAT, VERSION = "physid-diagnosis", 1
+FORMAT, VERSION = "physid-diagnosis", 2
 VERDICTS = ("none", "named", "group", "partial", "unknown")
 SITES = ("perception", "actuation", "dynamics", "contact")
 SPLITS = ("same", "transfer")
@@ -40,6 +40,7 @@ KEYS = (
     "shrink",
     "parameters",
     "next_experiment",
+    "minor",
 )
 SUM_TOLERANCE = 0.02  # shares of four sites, each rounded to two digits
 
@@ -72,6 +73,7 @@ def check_diagnosis(diagnosis: object) -> Mapping[str, Any]:
         _check_where(document["where"], faults)
         _check_gap(document["gap"], document["shrink"], faults)
         _check_parameters(document["parameters"], faults)
+        _check_minor(document["minor"], faults)
         if document["next_experiment"] is not None:
             faults.text(document["next_experiment"], "next_experiment")
     faults.complain(FILE)
@@ -149,6 +151,17 @@ def _check_ranking(ranking: object, faults: Faults) -> None:
         faults.number(candidate["p_value"], f"{where}.p_value", 0, 1)
 
 
+def _check_minor(minor: object, faults: Faults) -> None:
+    """Check what was significant and is not blamed."""
+    for where, one in faults.items(minor, "minor"):
+        if faults.mapping(one, where, ("effects", "p_value", "closes")) is None:
+            continue
+        for place, each in faults.items(one["effects"], f"{where}.effects"):
+            faults.text(each, place)
+        faults.number(one["p_value"], f"{where}.p_value", 0, 1)
+        faults.number(one["closes"], f"{where}.closes", 0, 1)
+
+
 def _check_where(where: object, faults: Faults) -> None:
     """Check the shares of the sites and the cells of the map."""
     known = faults.mapping(where, "where", ("site", "cells"))
@@ -170,12 +183,15 @@ def _check_where(where: object, faults: Faults) -> None:
 
 def _check_gap(gap: object, shrink: object, faults: Faults) -> None:
     """Check the errors before and after, and the shares that were closed."""
-    errors = faults.mapping(gap, "gap", ("unit", "floor", *SPLITS))
+    errors = faults.mapping(gap, "gap", ("unit", "floor", "tolerance", *SPLITS))
     shares = faults.mapping(shrink, "shrink", SPLITS)
     if errors is None or shares is None:
         return
     faults.text(errors["unit"], "gap.unit")
     faults.number(errors["floor"], "gap.floor", 0)
+    if faults.mapping(errors["tolerance"], "gap.tolerance", ("position", "rotation")) is not None:
+        for name, value in errors["tolerance"].items():
+            faults.number(value, f"gap.tolerance.{name}", 0)
     for split in SPLITS:
         error, share = errors[split], shares[split]
         if split == "transfer" and error is None:

@@ -43,8 +43,9 @@ def verdict_sentence(diagnosis: Mapping[str, Any]) -> str:
         group = join((words(name) for name in diagnosis["group"]), "or")
         verb = "is caused" if certified else "is accounted for"
         return f"The gap {verb} by one of {group}; these recordings cannot tell which."
+    allowed = diagnosis["gap"]["tolerance"]["position"]
     return {
-        "none": "The model explains these recordings: there is no gap beyond the floors.",
+        "none": f"The model explains these recordings within {quantity(allowed, 'm')} beyond the noise.",
         "named": f"{named} {cause} the gap between model and recordings.",
         "partial": f"{named} {part} the gap; something is left that no candidate explains.",
         "unknown": "There is a gap between model and recordings, and no candidate explains it.",
@@ -53,6 +54,12 @@ def verdict_sentence(diagnosis: Mapping[str, Any]) -> str:
 
 def caveat(diagnosis: Mapping[str, Any]) -> str:
     """Say what the verdict does not mean; empty where there is nothing to warn of."""
+    if diagnosis["minor"]:
+        named = [
+            f"{' + '.join(words(name) for name in one['effects'])} (closes {percent(one['closes'])} of it)"
+            for one in diagnosis["minor"]
+        ]
+        return f"Significant but minor, below the tolerance: {join(named, 'and')}."
     if diagnosis["verdict"] == "none":
         return "No gap is not no effect: what refitted parameters absorb under this protocol does not show."
     if diagnosis["effects"] and diagnosis["gap"]["transfer"] is None:

@@ -114,7 +114,7 @@ class Predictor:
         self.null = torch.tensor([term.quantity.null for term in self.terms], dtype=torch.float64)
         self._most, self._elsewhere = most, elsewhere
         ends = list(accumulate(len(kind.quantities()) for kind in self.candidates))
-        initial = [0, *ends[:-1]]
+        initial = [0, *ends][:-1]
         self._columns = [(kind, slice(*ends)) for kind, *ends in zip(self.candidates, initial, ends, strict=True)]
 
     def over(self, segments: Segmentation, elsewhere: Tensor | None = None) -> Predictor:

@@ -1,0 +1,105 @@
+"""Whether a gap matters: significant is not the same as material."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from physid.diagnosis.testing.hypothesis import Hypothesis
+from physid.estimation.measurement.sensor_noise import Noise
+from physid.scenes.scene import Scene
+
+SHARE_OF_NOISE = 0.3
+"""Share of the error that a perfect model leaves of noisy poses: less is not seen in a plot, and 5 trajectories of 150
+frames know their own error to about a tenth of that."""
+SHARE_OF_SIZE = 2e-4
+"""Share of the largest edge of a body: contact that yields, faces that are not flat and edges that are not sharp make
+real recordings leave any model of rigid boxes by that much."""
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """How far a model may leave recordings, beyond what noise accounts for, before anything is blamed for it.
+
+    Attributes:
+        position: Root mean square over frames [m].
+        rotation: The same of the rotation vector [rad].
+    """
+
+    position: float
+    rotation: float
+
+    def __post_init__(self) -> None:
+        if not (self.position > 0 and self.rotation > 0):
+            raise ValueError(
+                f"tolerance must be positive, got {self.position:g} m and {self.rotation:g} rad: with none, every "
+                "recording leaves every model"
+            )
+
+    @classmethod
+    def of(cls, noise: Noise, scene: Scene, position: float | None = None) -> Tolerance:
+        """Return the tolerance of positions that a user gives, or one that follows from noise and sizes.
+
+        A rotation may be off by what moves the end of the largest edge by as much.
+
+        Args:
+            noise: Of the poses.
+            scene: The sizes.
+            position: As given [m].
+        """
+        size = float(scene.sizes.max())
+        by_size = SHARE_OF_SIZE * size
+        if position is not None:
+            return cls(position, 2 * position / size)
+        by_noise = (SHARE_OF_NOISE * noise.floor, SHARE_OF_NOISE * 3**0.5 * noise.rotation)
+        return cls(max(by_noise[0], by_size), max(by_noise[1], 2 * by_size / size))
+
+    def exceeded(self, one: Excess) -> bool:
+        """Return whether a gap is material."""
+        return one.position > self.position or one.rotation > self.rotation
+
+
+@dataclass(frozen=True)
+class Excess:
+    """By how much a model leaves recordings beyond the floor, sqrt(error^2 - floor^2).
+
+    Attributes:
+        position: Root mean square over frames [m].
+        rotation: The same of the rotation vector [rad].
+    """
+
+    position: float
+    rotation: float
+
+
+def excess_of(hypothesis: Hypothesis, noise: Noise, parts: Iterable[Tensor]) -> Excess:
+    """Compute the largest excess over parts of the recordings, masks of trajectories (R,); zero where there are none.
+
+    Frames count by their robust weights, and initial states are fitted to each segment.
+    """
+    values = [_excess(hypothesis, noise, rows) for rows in parts if bool(rows.any())]
+    return Excess(*(max([0.0, *(getattr(one, name) for one in values)]) for name in ("position", "rotation")))
+
+
+def _excess(hypothesis: Hypothesis, noise: Noise, rows: Tensor) -> Excess:
+    floors = {3: noise.floor, 0: 3**0.5 * noise.rotation}
+    found = {}
+    for first, floor in floors.items():
+        scale = hypothesis.experiment.scale[rows][..., first]
+        weight = (scale / scale.amax().clamp_min(1e-30)) ** 2
+        square = hypothesis.fit.residual[rows][..., first : first + 3].square().sum(-1)
+        # Frames whose numerics disturb more have a larger variance, and a weight that is smaller by the same factor.
+        total, count = weight.sum().clamp_min(1e-30), (weight > 0).sum()
+        mean = float(((square * weight).sum() - floor**2 * count) / total)
+        found[first] = max(mean, 0.0) ** 0.5
+    return Excess(position=found[3], rotation=found[0])
+
+
+def share_closed(before: Excess, after: Excess) -> float:
+    """Return which share of the excess of positions, as mean squares, is closed; of rotations where these have none."""
+    name = "position" if before.position > 0 else "rotation"
+    old, new = torch.tensor([getattr(before, name), getattr(after, name)]).square().tolist()
+    return 0.0 if old == 0 else max(0.0, 1 - new / old)

@@ -1,0 +1,60 @@
+"""Significant is not material: what a tolerance lets pass, and what it does not."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+import torch
+
+from physid.diagnosis.conclusion.materiality import Excess, Tolerance, excess_of, share_closed
+from physid.estimation.measurement.sensor_noise import Noise
+from physid.scenes.catalogue import find_setup
+
+NOISE = Noise(rotation=4e-3, position=6e-4)
+SCENE = find_setup("push").scene
+FRAMES = (5, 200, 1)
+
+
+def left(shift: float = 0.0, turn: float = 0.0) -> Any:
+    """Return a hypothesis whose residuals are the noise and a constant error of one position and one rotation."""
+    residual = NOISE.draw(1, torch.zeros(*FRAMES, 6, dtype=torch.float64), torch.Generator().manual_seed(0))[0]
+    residual[..., 3] += shift
+    residual[..., 2] += turn
+    scale = (1 / NOISE.spread()).expand(*FRAMES, 6)
+    return SimpleNamespace(experiment=SimpleNamespace(scale=scale), fit=SimpleNamespace(residual=residual))
+
+
+ALL = [torch.ones(FRAMES[0], dtype=torch.bool)]
+
+
+def test_noise_alone_is_within_the_tolerance() -> None:
+    assert not Tolerance.of(NOISE, SCENE).exceeded(excess_of(left(), NOISE, ALL))
+
+
+@pytest.mark.parametrize(("shift", "turn"), [(6e-4, 0.0), (0.0, 4e-3)])
+def test_an_error_as_large_as_the_noise_is_material_in_positions_and_in_rotations(shift: float, turn: float) -> None:
+    excess = excess_of(left(shift, turn), NOISE, ALL)
+    assert Tolerance.of(NOISE, SCENE).exceeded(excess)
+    assert max(abs(excess.position - shift), abs(excess.rotation - turn)) < 0.3 * max(shift, turn)
+
+
+def test_two_tenths_of_a_millimetre_beside_noise_of_six_are_not_material() -> None:
+    assert not Tolerance.of(NOISE, SCENE).exceeded(excess_of(left(2e-4), NOISE, ALL))
+
+
+def test_a_given_tolerance_decides() -> None:
+    excess = excess_of(left(6e-4), NOISE, ALL)
+    assert Tolerance.of(NOISE, SCENE, 5e-4).exceeded(excess)
+    assert not Tolerance.of(NOISE, SCENE, 2e-3).exceeded(excess)
+
+
+def test_no_tolerance_at_all_is_refused() -> None:
+    with pytest.raises(ValueError, match="tolerance must be positive"):
+        Tolerance.of(NOISE, SCENE, 0.0)
+
+
+def test_half_the_error_left_closes_three_quarters_of_the_mean_square() -> None:
+    assert share_closed(Excess(2e-3, 0.0), Excess(1e-3, 0.0)) == pytest.approx(0.75)
+    assert share_closed(Excess(0.0, 2e-2), Excess(0.0, 0.0)) == pytest.approx(1.0)

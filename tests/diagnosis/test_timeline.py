@@ -1,0 +1,84 @@
+"""Times and steps of trajectories: what a prediction owes to physics, however frames and forces are clocked."""
+
+from __future__ import annotations
+
+import dataclasses
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from physid.data.observations.trajectories import from_recordings
+from physid.data.recording import Recording
+from physid.estimation.prediction.nominal_model import NominalModel
+from physid.estimation.prediction.rollout import Predictor, Variants
+from physid.estimation.prediction.segments import Segmentation
+from physid.estimation.prediction.timeline import Timeline
+from physid.scenes.catalogue import find_setup
+from physid.scenes.scene import Scene
+
+SCENE = find_setup("push").scene
+REST = torch.tensor([0.0, 0.0, SCENE.sizes[0, 2] / 2, 0, 0, 0, 1], dtype=torch.float64)
+EXACT = 1e-12
+
+
+def forces(count: int) -> Tensor:
+    """Return wrenches (1, count, 1, 6) along x that push the block hard."""
+    wrench = torch.zeros(1, count, 1, 6, dtype=torch.float64)
+    wrench[0, :, 0, 3] = 8 + 4 * torch.rand(count, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    return wrench
+
+
+def predicted(timeline: Timeline, segments: Segmentation, scene: Scene = SCENE) -> Tensor:
+    """Predict from rest; shape (R, T, N, 7)."""
+    model, count = NominalModel(scene), len(segments)
+    point = Variants(
+        REST.expand(1, count, 1, 7),
+        torch.zeros(1, count, 1, 6, dtype=torch.float64),
+        model.guess[None],
+        torch.zeros(1, 0, dtype=torch.float64),
+        torch.zeros(1, 1, dtype=torch.float64),
+    )
+    return Predictor(model, timeline, segments).predict(point).pose[0]
+
+
+def test_steps_between_frames_change_nothing_at_frames_that_are_steps_already() -> None:
+    frames = Timeline.regular(forces(40), SCENE.time_step)
+    grid = dataclasses.replace(frames.grid, frame_step=frames.grid.frame_step[:, ::4])
+    sparse = Timeline(frames.time[:, ::4], grid)
+    every, some = (predicted(one, Segmentation.equal(1, one.frames, one.frames)) for one in (frames, sparse))
+    assert torch.allclose(some, every[:, ::4], atol=EXACT)
+
+
+def test_mean_wrenches_keep_the_impulse_from_frame_to_frame() -> None:
+    time = np.array([0.0, 0.021, 0.034, 0.06])
+    pose = np.tile(REST.numpy(), (4, 1, 1))
+    held = forces(13)[0].numpy()
+    one = Recording(pose=pose, time=time, wrench=held, wrench_time=np.arange(13) * 0.005)
+    read = from_recordings([one], 0.02)
+    mean = Timeline(read.time, read.grid).wrench[0, :-1, 0, 3] * torch.from_numpy(np.diff(time))
+    edges = np.arange(14) * 0.005
+    given = [
+        sum(held[k, 0, 3] * max(0.0, min(b, edges[k + 1]) - max(a, edges[k])) for k in range(13))
+        for a, b in pairwise(time)
+    ]
+    assert torch.allclose(mean, torch.tensor(given, dtype=torch.float64), atol=EXACT)
+
+
+@pytest.mark.parametrize("factor", [2, 5])
+def test_refined_steps_keep_frames_and_forces(factor: int) -> None:
+    timeline = Timeline.regular(forces(20), SCENE.time_step)
+    fine = timeline.refined(factor)
+    assert torch.equal(fine.time, timeline.time)
+    assert torch.allclose(fine.wrench, timeline.wrench, atol=1e-9)
+    assert torch.equal(fine.owner[:, :factor], torch.zeros(1, factor, dtype=torch.int64))
+
+
+def test_impulses_between_frames_are_sums_over_their_steps() -> None:
+    timeline = Timeline.regular(forces(20), SCENE.time_step).refined(3)
+    segments = Segmentation.equal(1, 20, 10)
+    steps = timeline.cut(segments.batches[0])
+    ones = torch.ones(2, int(steps.index.shape[1]), 1, dtype=torch.float64)
+    assert torch.equal(steps.between_frames(ones)[:, 0, :-1, 0], torch.full((2, 9), 3.0, dtype=torch.float64))
