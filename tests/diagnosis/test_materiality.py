@@ -40,8 +40,8 @@ def test_an_error_as_large_as_the_noise_is_material_in_positions_and_in_rotation
     assert max(abs(excess.position - shift), abs(excess.rotation - turn)) < 0.3 * max(shift, turn)
 
 
-def test_two_tenths_of_a_millimetre_beside_noise_of_six_are_not_material() -> None:
-    assert not Tolerance.of(NOISE, SCENE).exceeded(excess_of(left(2e-4), NOISE, ALL))
+def test_a_tenth_of_a_millimetre_beside_noise_of_six_is_not_material() -> None:
+    assert not Tolerance.of(NOISE, SCENE).exceeded(excess_of(left(1e-4), NOISE, ALL))
 
 
 def test_a_given_tolerance_decides() -> None:

@@ -12,12 +12,12 @@ from physid.diagnosis.testing.hypothesis import Hypothesis
 from physid.estimation.measurement.sensor_noise import Noise
 from physid.scenes.scene import Scene
 
-SHARE_OF_NOISE = 0.3
-"""Share of the error that a perfect model leaves of noisy poses: less is not seen in a plot, and 5 trajectories of 150
-frames know their own error to about a tenth of that."""
+SHARE_OF_NOISE = 0.15
+"""Share of the error that a perfect model leaves of noisy poses. What is blamed has to be significant as well, so that
+this share need not: it keeps what only thousands of frames show from being blamed."""
 SHARE_OF_SIZE = 2e-4
-"""Share of the largest edge of a body: contact that yields, faces that are not flat and edges that are not sharp make
-real recordings leave any model of rigid boxes by that much."""
+"""Share of the largest edge of a body: faces that are not flat and edges that are not sharp make real recordings leave
+any model of rigid boxes by that much."""
 
 
 @dataclass(frozen=True)
