@@ -33,6 +33,7 @@ def random_problem(batch: int, contacts: int = 3, seed: int = 0, dtype: torch.dt
         momentum=(mass @ velocity[..., None])[..., 0] - torch.tensor([0, 0, 0, 0, 0, 1.0], dtype=torch.float64),
         jacobian=jacobian,
         offset=0.3 * normal(batch, contacts),
+        slip=torch.zeros(batch, contacts, 2, dtype=torch.float64),
         friction=torch.rand(batch, contacts, generator=generator, dtype=torch.float64),
         compliance=torch.zeros(batch, contacts, dtype=torch.float64),
         joint_jacobian=torch.zeros(batch, 0, 6, dtype=torch.float64),

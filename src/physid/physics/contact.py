@@ -28,6 +28,7 @@ class Patch:
         frame: Rows normal, tangent, tangent (world frame), shape (B, 3, 3).
         active: Which of the four exist, shape (B, 4).
         scale: A length of the touching face [m], shape (B,).
+        together: Weight of an impact of all four at once, shape (B,); None for none.
     """
 
     first: int | None
@@ -37,11 +38,16 @@ class Patch:
     frame: Tensor
     active: Tensor
     scale: Tensor
+    together: Tensor | None = None
 
     def flatness(self) -> Tensor:
-        """Weigh whether the four contacts lie flat, exp(-(spread / (FLATNESS scale))^2) of their gaps; shape (B,)."""
+        """Weigh whether the four contacts lie flat, exp(-(spread / (FLATNESS scale))^2) of their gaps; shape (B,).
+
+        Those that an impact stops together bear each other's load as if they did.
+        """
         spread = (self.gap - self.gap.mean(1, keepdim=True)).square().mean(1) / (FLATNESS * self.scale) ** 2
-        return torch.where(self.active.all(1), torch.exp(-spread), torch.zeros_like(spread))
+        flat = torch.where(self.active.all(1), torch.exp(-spread), torch.zeros_like(spread))
+        return flat if self.together is None else torch.maximum(flat, self.together)
 
     def warp(self) -> Tensor:
         """Compute how the four normal impulses would twist the face out of its plane, shape (B, 4).

@@ -45,7 +45,7 @@ class StepInputs:
     """All that a step of the engine takes beside the state; the only thing that an effect may change.
 
     Attributes:
-        time: Time since the first frame [s], shape (B,).
+        time: Time since the first frame [s], or since the start of the clock that a rollout was given; shape (B,).
         wrench: Torque [N m] and force [N] at the centre of the box, world frame, shape (B, N, 6).
         gravity: Acceleration of gravity on each body [m/s^2], world frame, shape (B, N, 3).
         size: Full edge lengths [m], shape (B, N, 3).

@@ -20,12 +20,14 @@ class TimeGrid:
         length: h of each step [s], shape (B or 1, T substeps).
         even: Whether every step is as long as `world.step`.
         substeps: Steps in a frame.
+        midpoint: Whether forces are taken at the middle of a step.
     """
 
     begin: Tensor
     length: Tensor
     even: bool
     substeps: int
+    midpoint: bool
 
     @classmethod
     def of(
@@ -56,11 +58,16 @@ class TimeGrid:
         if start is not None:
             _check("start", start, (None,), batch)
             begin = begin + start.detach().to(like)[:, None]
-        return cls(begin, length, steps is None, substeps)
+        return cls(begin, length, steps is None, substeps, world.midpoint)
 
-    def time(self, step: int) -> Tensor:
-        """Return the time at which a step begins [s], shape (B or 1,)."""
-        return self.begin[:, step]
+    @property
+    def time(self) -> Tensor:
+        """Time at which forces are taken [s], the beginning of a step or under `Midpoint` its middle; as `begin`."""
+        return self.begin + self.length / 2 if self.midpoint else self.begin
+
+    def until_forces(self, step: int) -> Tensor | None:
+        """Return how long after the beginning of a step forces are taken [s], shape (B or 1,); None for no time."""
+        return self.length[:, step] / 2 if self.midpoint else None
 
     def step(self, step: int) -> Tensor:
         """Return the length of a step [s], shape (B or 1,)."""

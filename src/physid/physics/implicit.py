@@ -14,8 +14,8 @@ from physid.physics.lcp import ContactProblem, ContactSolution
 def attach_gradient(problem: ContactProblem, solution: ContactSolution) -> tuple[Tensor, Tensor]:
     """Return the solution's (v, impulse) as differentiable functions of the problem.
 
-    With lambda = Lambda(J v + c, mu) the impulse law of the smoothed contacts and W = -dLambda/du, the solution is
-    the root of F = M v - p - J^T Lambda - J_e^T lambda_e, so that
+    With lambda = Lambda(J v + c, mu) the impulse law of the smoothed contacts, c the offset of the normal and the slip
+    of the tangents, and W = -dLambda/du, the solution is the root of F = M v - p - J^T Lambda - J_e^T lambda_e, so that
 
         A dv = dp - dM v + dJ^T lambda + J^T (-W (dJ v + dc) + dLambda/dmu dmu),   A = M + J^T W J,
 
@@ -33,6 +33,7 @@ def attach_gradient(problem: ContactProblem, solution: ContactSolution) -> tuple
         problem.momentum,
         problem.jacobian,
         problem.offset,
+        problem.slip,
         problem.friction,
         problem.compliance,
         problem.joint_jacobian,
@@ -45,7 +46,7 @@ def attach_gradient(problem: ContactProblem, solution: ContactSolution) -> tuple
 class _Root(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, *inputs: Any) -> tuple[Tensor, Tensor]:
-        mass, _, jacobian, _, _, _, joint_jacobian, _, solution = inputs
+        mass, _, jacobian, _, _, _, _, joint_jacobian, _, solution = inputs
         ctx.save_for_backward(
             mass,
             jacobian,
@@ -77,6 +78,7 @@ class _Root(torch.autograd.Function):
             y,
             impulse[..., None] * y[:, None, None, :] + to_u[..., None] * v[:, None, None, :],
             to_u[..., 0],
+            to_u[..., 1:],
             (q * friction_response).sum(-1),
             to_u[..., 0] * impulse[..., 0],
             joint[..., None] * y[:, None, :] - y_joint[..., None] * v[:, None, :],

@@ -16,6 +16,7 @@ from physid.physics.effect import Effect, StepInputs
 from physid.physics.fused.backend import Backend, check_backend, use_fused
 from physid.physics.grid import TimeGrid
 from physid.physics.lcp import SolverSettings
+from physid.physics.motion import acting
 from physid.physics.parameters import Parameters
 from physid.physics.state import State, check_shape
 from physid.physics.step import Step, advance
@@ -222,14 +223,15 @@ class PhysicsLayer(nn.Module):
         first: int,
     ) -> list[Step]:
         inputs, step_from = nominal_inputs(state, wrenches, parameters, self.world), self._stepper(state)
-        steps = []
+        steps, time = [], grid.time
         for t in range(wrenches.shape[1]):
             done: list[Step] = []
             for k in range(self.world.substeps):
                 n = (first + t) * self.world.substeps + k
-                now = inputs.replace(time=inputs.time + grid.time(n), wrench=wrenches[:, t])
+                now = inputs.replace(time=inputs.time + time[:, n], wrench=wrenches[:, t])
+                here = acting(state, grid.until_forces(n)) if effects else state
                 for effect in effects:
-                    now = effect.act(state, now)
+                    now = effect.act(here, now)
                 step = step_from(state, now, grid.step(n))
                 require_converged(step, first + t, self.solver)
                 state = step.state

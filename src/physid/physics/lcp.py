@@ -12,6 +12,7 @@ from functools import cache
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from physid.physics.bordered import bordered_factor
 from physid.physics.compiled import compile_or_not
@@ -62,6 +63,7 @@ class ContactProblem:
         momentum: p = M v + h f, shape (B, n).
         jacobian: J, rows (normal, tangent, tangent) per contact, shape (B, C, 3, n).
         offset: c, shape (B, C).
+        slip: What is added to the tangential velocity that friction opposes, shape (B, C, 2).
         friction: mu, shape (B, C).
         compliance: k, what a user or an effect adds to the solver's own, shape (B, C).
         joint_jacobian: J_e, shape (B, E, n).
@@ -72,6 +74,7 @@ class ContactProblem:
     momentum: Tensor
     jacobian: Tensor
     offset: Tensor
+    slip: Tensor
     friction: Tensor
     compliance: Tensor
     joint_jacobian: Tensor
@@ -169,9 +172,7 @@ def _follow_path(
         steps = steps + ~done
         advance(path, ~done)
     converged = path.residual() <= accepted
-    advance(
-        path, converged
-    )  # one more: Newton's method doubles the digits, which gradients at the solution profit from
+    advance(path, converged)  # one more: it doubles the digits, which gradients at the solution profit from
     residual = path.residual()
     response, friction_response = path.response()
     return ContactSolution(
@@ -197,7 +198,7 @@ class _Path:
         self.h[..., SLIP, NORMAL] = problem.friction
         self.v = torch.linalg.solve(problem.mass, problem.momentum)
         self.joint = torch.zeros_like(problem.joint_velocity)
-        self.z, self.w = law.start(self._relative(self.v), problem.offset, problem.friction)
+        self.z, self.w = law.start(self._at(self.v), problem.offset, problem.friction)
         self.target = torch.full_like(self.z, tau)
         self.target[..., law.linear + 1 :] = 0
         self.pairs = problem.offset.shape[1] * (law.linear + (law.size > law.linear))
@@ -206,13 +207,16 @@ class _Path:
     def _relative(self, v: Tensor) -> Tensor:
         return torch.einsum("bckn,bn->bck", self.problem.jacobian, v)
 
+    def _at(self, v: Tensor) -> Tensor:
+        return self._relative(v) + pad(self.problem.slip, (1, 0))
+
     def impulse(self) -> Tensor:
         """Return (lambda_c, lambda_t), shape (B, C, 3)."""
         return self.z @ self.p.T
 
     def _evaluate(self) -> None:
         problem = self.problem
-        affine = self._relative(self.v) @ self.g.T + (self.h @ self.z[..., None])[..., 0]
+        affine = self._at(self.v) @ self.g.T + (self.h @ self.z[..., None])[..., 0]
         affine[..., NORMAL] += problem.offset
         self.slack_error = self.w - affine
         self.product = jordan(self.z, self.w, self.linear)

@@ -12,13 +12,14 @@ from torch import Tensor
 from physid.physics.collision import box_on_box, box_on_plane
 from physid.physics.contact import WARP_COMPLIANCE, Patch
 from physid.physics.effect import StepInputs
+from physid.physics.impact import FINE, STANDARD_GRAVITY, bending, demand
 from physid.physics.implicit import attach_gradient
 from physid.physics.lcp import ContactProblem, SolverSettings, solve_contacts
+from physid.physics.motion import drift
 from physid.physics.rotations import exponential, multiply, normalize, rotate, to_matrix
 from physid.physics.state import State
 from physid.physics.world import World
 
-STANDARD_GRAVITY = 9.81
 REACH = 0.05
 FAR = 1.0
 
@@ -47,7 +48,8 @@ def advance(
 ) -> Step:
     """Advance a batch by one step.
 
-    Semi-implicit Euler: v+ from eq. (3), p+ = p + h v+, q+ = exp(h w+) q.
+    Semi-implicit Euler: v+ from eq. (3), p+ = p + h v+, q+ = exp(h w+) q. Midpoint: v+ from eq. (3) at the poses after
+    h / 2 with v, and on for h / 2 with v+.
 
     Args:
         state: The state before.
@@ -60,16 +62,24 @@ def advance(
         The state after, the contact impulses, and how well the solver did.
     """
     h = state.pose.new_full((1,), world.step) if step is None else step
+    unit = STANDARD_GRAVITY * (h.clamp_min(FINE) if world.midpoint else h)
+    if world.midpoint:
+        state = _drifted(state, inputs, world, h / 2)
     arm = rotate(state.quaternion, inputs.centre_of_mass)
     twist = _moved(state.twist, arm)
     patches = find_patches(state, inputs, world)
-    problem, scale = build_problem(state, twist, arm, patches, inputs, world, h)
+    problem, scale, share = build_problem(state, twist, arm, patches, inputs, world, h, unit)
     solution = solve_contacts(problem, world.friction, settings)
     v, impulse = attach_gradient(problem, solution)
-    after = v[:, : 6 * twist.shape[1]].unflatten(1, twist.shape[1:]) * (STANDARD_GRAVITY * h)[:, None, None]
-    motion = h[:, None, None] * after + _removal(problem, twist.shape[1], patches, world, settings, h)
+    after = v[:, : 6 * twist.shape[1]].unflatten(1, twist.shape[1:]) * unit[:, None, None]
+    if world.midpoint:
+        motion = _late(problem, impulse, share, twist.shape[1]) * (unit * h)[:, None, None]
+    else:
+        motion = h[:, None, None] * after + _removal(problem, twist.shape[1], patches, world, settings, h)
     centre = state.position + arm + motion[..., 3:]
     quaternion = normalize(multiply(exponential(motion[..., :3]), state.quaternion))
+    if world.midpoint:
+        centre, quaternion, after = drift(centre, quaternion, after, inputs.inertia, h / 2, gyroscopic=world.gyroscopic)
     arm = rotate(quaternion, inputs.centre_of_mass)
     return Step(
         state=State(torch.cat([centre - arm, quaternion], -1), _moved(after, -arm)),
@@ -78,6 +88,26 @@ def advance(
         newton_steps=solution.steps,
         converged=solution.converged,
     )
+
+
+def _drifted(state: State, inputs: StepInputs, world: World, time: Tensor) -> State:
+    """Return the states after a time [s], shape (B or 1,), in which nothing acts."""
+    arm = rotate(state.quaternion, inputs.centre_of_mass)
+    motion = state.position + arm, state.quaternion, _moved(state.twist, arm)
+    centre, quaternion, twist = drift(*motion, inputs.inertia, time, gyroscopic=world.gyroscopic)
+    arm = rotate(quaternion, inputs.centre_of_mass)
+    return State(torch.cat([centre - arm, quaternion], -1), _moved(twist, -arm))
+
+
+def _late(problem: ContactProblem, impulse: Tensor, share: Tensor, bodies: int) -> Tensor:
+    """Return how far impacts move bodies beyond the mean velocity, (W - 1/2) M^-1 J^T lambda in units of g h^2.
+
+    Shape (B, N, 6); `share` is W of every contact, shape (B, C).
+    """
+    n = 6 * bodies
+    force = torch.einsum("bckn,bck->bn", problem.jacobian[..., :n], (share - 0.5)[..., None] * impulse)
+    motion: Tensor = torch.linalg.solve(problem.mass[:, :n, :n], force)
+    return motion.reshape(-1, bodies, 6)
 
 
 def _removal(
@@ -96,6 +126,7 @@ def _removal(
         problem,
         momentum=torch.zeros_like(problem.momentum),
         offset=torch.where(touching, -torch.cat(wanted, 1) / unit, FAR),
+        slip=torch.zeros_like(problem.slip),
         friction=torch.zeros_like(problem.friction),
         joint_velocity=torch.zeros_like(problem.joint_velocity),
     )
@@ -123,35 +154,51 @@ def find_patches(state: State, inputs: StepInputs, world: World) -> list[Patch]:
 
 
 def build_problem(
-    state: State, twist: Tensor, arm: Tensor, patches: list[Patch], inputs: StepInputs, world: World, h: Tensor
-) -> tuple[ContactProblem, Tensor]:
-    """Assemble eq. (3) in units of g h and m g h.
+    state: State,
+    twist: Tensor,
+    arm: Tensor,
+    patches: list[Patch],
+    inputs: StepInputs,
+    world: World,
+    h: Tensor,
+    unit: Tensor,
+) -> tuple[ContactProblem, Tensor, Tensor]:
+    """Assemble eq. (3) in units of velocities, g h, and of impulses, m g h.
 
     The unknown velocity is that of all bodies, followed by the redundant modes of each patch: its warp, and between two
     bodies on the ground its lever (see `Patch`).
 
     Returns:
-        The problem, and the unit of its impulses [N s], shape (B,).
+        The problem, the unit of its impulses [N s], shape (B,), and which share of the step they act, shape (B, C).
     """
-    unit = STANDARD_GRAVITY * h
     batch, bodies = twist.shape[:2]
     mean_mass = inputs.mass.mean(1)
     mass, momentum = _newton_euler(state, twist, arm, inputs, world, h)
     mass, momentum = mass / mean_mass[:, None, None, None], momentum / (mean_mass * unit)[:, None, None]
     free = torch.linalg.solve(mass, momentum).flatten(1)
-    rows, offsets, frictions, compliances, modes = [], [], [], [], []
-    for patch in patches:
+    correction = (1.0 if world.midpoint else world.contact.correction) * mean_mass / h**2
+    rows, offsets, frictions, compliances, modes, shares, slips = [], [], [], [], [], [], []
+    for k, patch in enumerate(patches):
         jacobian = _patch_jacobian(patch, state.position + arm)
-        speed = torch.einsum("bckn,bn->bck", jacobian, twist.flatten(1) / unit[:, None])[..., 0] * unit[:, None]
+        velocity = torch.einsum("bckn,bn->bck", jacobian, twist.flatten(1) / unit[:, None]) * unit[:, None, None]
         free_speed = torch.einsum("bckn,bn->bck", jacobian, free)[..., 0] * unit[:, None]
         friction, restitution, compliance = _pair(patch, inputs)
         reach = REACH + 2 * h[:, None] * free_speed.detach().abs()
         exists = patch.active & world.contact.exists(patch.gap, reach)
-        offset = world.contact.offset(patch.gap, speed, free_speed, restitution[:, None], h[:, None])
+        if world.midpoint:
+            material = restitution, compliance * mean_mass * STANDARD_GRAVITY
+            bend = bending(patch, state.position + arm, twist)
+            wanted = demand(patch, (velocity, free_speed), bend, material, h[:, None], exists)
+            patches[k] = patch = dataclasses.replace(patch, together=wanted.together)
+            offset, slip, share = wanted.offset, wanted.slip, wanted.share[:, None].expand_as(patch.gap)
+        else:
+            offset = world.contact.offset(patch.gap, velocity[..., 0], free_speed, restitution[:, None], h[:, None])
+            slip, share = torch.zeros_like(velocity[..., 1:]), torch.full_like(patch.gap, 0.5)
+        shares.append(share)
+        slips.append(torch.where(exists[..., None], slip / unit[:, None, None], 0.0))
         rows.append(torch.where(exists[..., None, None], jacobian, 0.0))
         offsets.append(torch.where(exists, offset / unit[:, None], FAR))
         frictions.append(torch.where(exists, friction[:, None], 0.0))
-        correction = world.contact.correction * mean_mass / h**2
         compliances.append(torch.where(exists, (compliance * correction)[:, None], 0.0))
         modes.append(torch.where(exists[..., None], _redundant_modes(patch, exists, patches, inputs, world), 0.0))
     redundant = _place_modes(modes, mass)
@@ -159,18 +206,19 @@ def build_problem(
     warp_mass = torch.eye(warps, dtype=mass.dtype, device=mass.device).expand(batch, -1, -1) / WARP_COMPLIANCE
     joints = [joint.equations(state, h[:, None]) for joint in world.joints]
     equality = torch.cat([rows_ for rows_, _ in joints], 1) if joints else mass.new_zeros(batch, 0, 6 * bodies)
-    wanted = torch.cat([b for _, b in joints], 1) / unit[:, None] if joints else mass.new_zeros(batch, 0)
+    error = torch.cat([b for _, b in joints], 1) / unit[:, None] if joints else mass.new_zeros(batch, 0)
     problem = ContactProblem(
         mass=_block_diagonal(mass, warp_mass),
         momentum=torch.cat([momentum.flatten(1), mass.new_zeros(batch, warps)], 1),
         jacobian=torch.cat([torch.cat(rows, 1), redundant], 3) if rows else mass.new_zeros(batch, 0, 3, 6 * bodies),
         offset=torch.cat(offsets, 1) if rows else mass.new_zeros(batch, 0),
+        slip=torch.cat(slips, 1) if rows else mass.new_zeros(batch, 0, 2),
         friction=torch.cat(frictions, 1) if rows else mass.new_zeros(batch, 0),
         compliance=torch.cat(compliances, 1) if rows else mass.new_zeros(batch, 0),
         joint_jacobian=torch.cat([equality, mass.new_zeros(*equality.shape[:2], warps)], 2),
-        joint_velocity=wanted,
+        joint_velocity=error,
     )
-    return problem, mean_mass * unit
+    return problem, mean_mass * unit, torch.cat(shares, 1) if shares else mass.new_zeros(batch, 0)
 
 
 def _redundant_modes(patch: Patch, exists: Tensor, patches: list[Patch], inputs: StepInputs, world: World) -> Tensor:
@@ -206,7 +254,7 @@ def _newton_euler(
     spin = twist[..., :3]
     spin_momentum = (inertia @ spin[..., None])[..., 0]
     torque = inputs.wrench[..., :3] - torch.linalg.cross(arm, inputs.wrench[..., 3:])
-    if world.gyroscopic:
+    if world.gyroscopic and not world.midpoint:
         torque = torque - torch.linalg.cross(spin, spin_momentum)
     force = inputs.wrench[..., 3:] + inputs.mass[..., None] * inputs.gravity
     momentum = torch.cat([spin_momentum, inputs.mass[..., None] * twist[..., 3:]], -1)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from physid.physics.contact import ContactRule, Speculative
 from physid.physics.friction import Cone, FrictionLaw
+from physid.physics.integration import Integration, Midpoint, SemiImplicit
 from physid.physics.joints import Joint
 
 Vector = tuple[float, float, float]
@@ -40,6 +41,8 @@ class World:
         friction: Law of friction: a circular cone, or the paper's `Pyramid(directions)`.
         contact: When bodies touch: `Speculative`, or as in Bullet `Penetrating` or `Split`.
         gyroscopic: Whether the term w x I w acts (the paper drops it).
+        integration: How velocities become poses: `SemiImplicit` for recordings of a simulator that steps so, `Midpoint`
+            for any other. `Midpoint` has a rule of contact of its own.
     """
 
     time_step: float = 1 / 240
@@ -50,12 +53,22 @@ class World:
     friction: FrictionLaw = field(default_factory=Cone)
     contact: ContactRule = field(default_factory=Speculative)
     gyroscopic: bool = True
+    integration: Integration = field(default_factory=SemiImplicit)
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.time_step) and self.time_step > 0):
             raise ValueError(f"time_step must be positive [s], got {self.time_step}")
         if self.substeps < 1:
             raise ValueError(f"substeps must be at least 1, got {self.substeps}")
+        if self.midpoint and self.contact != Speculative():
+            raise ValueError(
+                f"contact must be left out with integration=Midpoint(), which has a rule of its own, got {self.contact}"
+            )
+
+    @property
+    def midpoint(self) -> bool:
+        """Whether poses move with the mean velocity."""
+        return isinstance(self.integration, Midpoint)
 
     @property
     def step(self) -> float:

@@ -62,7 +62,7 @@ def _of_all_steps(
     count = frames * world.substeps
     now = _repeated(inputs, count)
     now = now.replace(
-        time=now.time + grid.begin.expand(batch, -1).flatten(),
+        time=now.time + grid.time.expand(batch, -1).flatten(),
         wrench=wrenches.repeat_interleave(world.substeps, 1).flatten(0, 1),
     )
     whole = [

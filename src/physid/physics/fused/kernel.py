@@ -43,10 +43,11 @@ def write_forward(shape: Shape, name: str) -> str:
             w.frame_rows("store_rows", w.at("outcome", "worst"), "residual", 1, (frame, w.frames), group)
             w.frame_rows("store_rows", w.at("lane", "count"), "newton_steps", 1, (frame, w.frames), group)
         w.move_memory(group, save=True)
-    used = [*sections.assembly(shape), *sections.choices(shape), *sections.world_sections(), sections.INTEGRATE]
+    used = [*sections.assembly(shape), *sections.choices(shape), *sections.world_sections()]
+    used += [*sections.moving_sections(shape), *sections.impact_sections(shape), sections.pace(shape)]
     used += [*sections.matrix_sections(n, transposed=False), *sections.outcome_sections()]
     for kind in sections.kinds(shape):
-        used += [*sections.patch_sections(kind), sections.eliminate(kind)]
+        used += [*sections.patch_sections(kind, slips=shape.midpoint), sections.eliminate(kind)]
     used += sections.lift_sections(adjoint=False) if shape.split else []
     return _module(w, used, [])
 
@@ -54,6 +55,10 @@ def write_forward(shape: Shape, name: str) -> str:
 def _step(w: Writer, tape: str, keeps: str) -> None:
     """Write one step: assemble, solve, integrate."""
     code, shape = w.code, w.shape
+    if shape.midpoint:
+        for k in range(shape.bodies):
+            code.call("copy", w.at(f"body{k}", "start_pose"), w.at(f"body{k}", "pose"), f"i64 {STATE}")
+        w.each_body("to_midpoint", "body#", "constants")
     w.assemble()
     with code.when(keeps):
         w.move_tape(tape, w.known_before(), 0, save=True)
@@ -67,7 +72,11 @@ def _step(w: Writer, tape: str, keeps: str) -> None:
             w.each_body("settle", "lane_lifted", "body#_lifted", "body#")
     with code.when(keeps):
         w.move_tape(tape, w.solution(), STATE * shape.bodies, save=True)
-    w.each_body("integrate", "body#", "constants")
+    if shape.midpoint:
+        w.gather_late()
+        w.each_body("to_end", "body#", "shared", "constants")
+    else:
+        w.each_body("integrate", "body#", "constants")
     for k in range(shape.bodies):
         code.call("copy", w.at(f"body{k}", "pose"), w.at(f"body{k}", "next_pose"), f"i64 {STATE}")
     w.each_patch("collect_impulses", "contact*", "shared", "constants", "impulse*")
@@ -119,12 +128,18 @@ def write_backward(shape: Shape, name: str) -> str:
 
 def _backward_sections(shape: Shape) -> tuple[list[Section], list[Section]]:
     """Return the sections that are called as they are, and those of which the adjoint is called."""
-    used = [*sections.assembly(shape), *sections.choices(shape), *sections.reverse_body_sections()]
+    used = [
+        *sections.assembly(shape),
+        *sections.choices(shape),
+        *sections.reverse_body_sections(),
+        sections.pace(shape),
+    ]
     used += sections.matrix_sections(shape.bodies, transposed=True)
     for kind in sections.kinds(shape):
-        used += [*sections.reverse_sections(kind), sections.eliminate(kind)]
+        used += [*sections.reverse_sections(kind, midpoint=shape.midpoint), sections.eliminate(kind)]
     used += sections.lift_sections(adjoint=True) if shape.split else []
-    return used, [*sections.assembly(shape), sections.INTEGRATE]
+    used += [sections.TO_MIDPOINT, *sections.impact_sections(shape)] if shape.midpoint else []
+    return used, [*sections.assembly(shape), *sections.moving_sections(shape), *sections.late_parts(shape)]
 
 
 def _module(writer: Writer, used: list[Section], adjoints: list[Section]) -> str:
@@ -150,25 +165,50 @@ def _store_inputs(w: Writer, at: tuple[str, str], group: str) -> None:
 def _reverse_step(w: Writer) -> None:
     """Write the reverse derivative of one step."""
     code, shape = w.code, w.shape
+    if shape.midpoint:
+        w.each_body("to_midpoint", "body#", "constants")
     w.assemble()
     if shape.split:
         w.each_body("settle", "lane_lifted", "body#_lifted", "body#")
+    if shape.midpoint:
+        w.gather_late()
     derived = BODY.offsets["axes"]
     for k in range(shape.bodies):
-        w.zero(f"body{k}_bar", "pose", STATE + 12)
+        w.zero(f"body{k}_bar", "pose", STATE + 12 + 6 * shape.midpoint)
         w.zero(f"body{k}_bar", "axes", BODY.slots - derived)
     for p in range(shape.patches):
         w.zero(f"patch{p}_bar")
     w.zero("shared_bar", "mean_mass", 1)
-    w.each_body("integrate_adjoint", "body#", "constants", "body#_bar", "constants")
+    if shape.midpoint:
+        w.each_body("to_end_adjoint", "body#", "shared", "constants", "body#_bar", "shared_bar", "constants")
+    else:
+        w.each_body("integrate_adjoint", "body#", "constants", "body#_bar", "constants")
     w.each_patch("seed", "contact*", "impulse_bar*", "shared", "shared_bar", "constants")
+    if shape.midpoint:
+        with code.when(code.any(w.at("lane", "touches"))):
+            _reverse_late(w)
     _reverse_solution(w, "")
     if shape.split:
         with code.when(code.any(w.at("lane_lifted", "touches"))):
             _reverse_lift(w)
     _reverse_assembly(w)
+    if shape.midpoint:
+        for k in range(shape.bodies):
+            w.zero(f"body{k}_bar", "start_pose", STATE)
+        w.each_body("to_midpoint_adjoint", "body#", "constants", "body#_bar", "constants")
+    first = "start_pose" if shape.midpoint else "pose"
     for k in range(shape.bodies):
-        code.call("copy", w.at(f"body{k}_bar", "next_pose"), w.at(f"body{k}_bar", "pose"), f"i64 {STATE}")
+        code.call("copy", w.at(f"body{k}_bar", "next_pose"), w.at(f"body{k}_bar", first), f"i64 {STATE}")
+
+
+def _reverse_late(w: Writer) -> None:
+    """Write the derivative of what impacts move at once."""
+    for p, touching in w.shape.touching:
+        w.zero(f"pressed_bar{p}")
+        records = f"patch{p}", f"contact{p}", "lane", f"pressed{p}", *(f"body{n}" for n in touching)
+        bars = f"patch{p}_bar", f"contact{p}", "lane", f"pressed_bar{p}", *(f"body{n}_bar" for n in touching)
+        w.call(f"late_part{len(touching)}_adjoint", *records, *bars)
+    w.each_patch("add_impulse_bar", "contact*", "pressed_bar*")
 
 
 def _reverse_solution(w: Writer, problem: str) -> None:

@@ -34,11 +34,13 @@ class Shape:
         bodies: N.
         ground: Whether there is a ground.
         split: Whether overlaps are removed without velocity, by a second problem.
+        midpoint: Whether poses move with the mean velocity.
     """
 
     bodies: int
     ground: bool
     split: bool = False
+    midpoint: bool = False
 
     @property
     def pairs(self) -> list[tuple[int, int]]:
@@ -89,7 +91,8 @@ class Shape:
                 layouts |= {f"body{k}{suffix}": BODY, f"body{k}{suffix}_bar": BODY}
             for k in range(max(p, n)):  # a pair without ground still names the patches of its bodies
                 layouts |= {f"patch{k}{suffix}": PATCH, f"patch{k}{suffix}_bar": PATCH, f"contact{k}{suffix}": CONTACT}
-        for name in ("impulse", "impulse_bar"):
+        pressed = ("pressed", "pressed_bar") if self.midpoint else ()
+        for name in ("impulse", "impulse_bar", *pressed):
             layouts |= {f"{name}{k}": IMPULSE for k in range(p)}
         layouts |= {f"block{i}{j}": BLOCK for i in range(n) for j in range(n)}
         places, slots = {}, 0

@@ -21,9 +21,9 @@ from physid.physics.fused.records import Shape
 from physid.physics.fused.run import run
 from physid.physics.fused.writer import SHARED_INPUTS
 from physid.physics.grid import TimeGrid
+from physid.physics.impact import velocity_unit
 from physid.physics.lcp import SolverSettings
 from physid.physics.state import State
-from physid.physics.step import STANDARD_GRAVITY
 from physid.physics.world import World
 
 Outcome = tuple[Tensor, Tensor, Tensor, Tensor, Tensor]
@@ -137,7 +137,7 @@ def roll(
 
 def shape_of(world: World, bodies: int) -> Shape:
     """Return what kernels are compiled for."""
-    return Shape(bodies, world.ground is not None, isinstance(world.contact, Split))
+    return Shape(bodies, world.ground is not None, isinstance(world.contact, Split), world.midpoint)
 
 
 @lru_cache
@@ -148,11 +148,11 @@ def constants_of(world: World, settings: SolverSettings, shape: Shape) -> Tensor
         raise ValueError(f"solver.compliance must have at most {CONSTANTS.widths['ladder']} values, got {len(ladder)}")
     values = {
         "step": [world.step],
-        "unit": [STANDARD_GRAVITY * world.step],
+        "unit": [velocity_unit(world.step, midpoint=world.midpoint)],
         "gyroscopic": [float(world.gyroscopic)],
         "speculative": [float(isinstance(rule, Speculative))],
         "split": [float(isinstance(rule, Split))],
-        "correction": [rule.correction],
+        "correction": [1.0 if world.midpoint else rule.correction],
         "speed_limit": [getattr(rule, "speed_limit", 0.0)],
         "slop": [getattr(rule, "slop", 0.0)],
         "tau": [settings.tau(torch.float64)],

@@ -87,6 +87,7 @@ def bind(
 @lru_cache
 def _kernel(direction: Direction, shape: Shape) -> Kernel:
     traits = [direction, str(shape.bodies)] + ["ground"] * shape.ground + ["split"] * shape.split
+    traits += ["midpoint"] * shape.midpoint
     name, write = "_".join(traits), write_forward if direction == "forward" else write_backward
     return load(name, lambda: write(shape, name))
 

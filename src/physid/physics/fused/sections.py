@@ -2,8 +2,23 @@
 
 from __future__ import annotations
 
-from physid.compiler.section import Layout, Record, Section
-from physid.physics.fused.formulas import axis, body, direction, face, ground, lane, lift, linear, newton, pair, reverse
+from functools import partial
+
+from physid.compiler.section import Formula, Layout, Record, Section
+from physid.physics.fused.formulas import (
+    axis,
+    body,
+    direction,
+    face,
+    ground,
+    lane,
+    lift,
+    linear,
+    midpoint,
+    newton,
+    pair,
+    reverse,
+)  # fmt: skip
 from physid.physics.fused.formulas.cone import impulse_of
 from physid.physics.fused.formulas.layouts import (
     BLOCK,
@@ -20,25 +35,12 @@ from physid.physics.fused.formulas.layouts import (
 from physid.physics.fused.formulas.patch import Patch
 from physid.physics.fused.records import Shape
 
-PREPARE = Section("prepare", body.prepare, {"body": BODY, "shared": SHARED, "constants": CONSTANTS})
 INTEGRATE = Section("integrate", body.integrate, {"body": BODY, "constants": CONSTANTS})
+TO_MIDPOINT = Section("to_midpoint", midpoint.to_midpoint, {"body": BODY, "constants": CONSTANTS})
+TO_END = Section("to_end", midpoint.to_end, {"body": BODY, "shared": SHARED, "constants": CONSTANTS})
 CHOOSE_CORNERS = Section("choose_corners", ground.choose_corners, {"body": BODY, "shared": SHARED, "patch": PATCH})
-TOUCH_GROUND = Section(
-    "touch_ground", ground.touch_ground, {"body": BODY, "shared": SHARED, "constants": CONSTANTS, "patch": PATCH}
-)
 CHOOSE_AXIS = Section("choose_axis", axis.choose_axis, {"first": BODY, "second": BODY, "patch": PATCH})
 CHOOSE_POINTS = Section("choose_points", face.choose_points, {"first": BODY, "second": BODY, "patch": PATCH})
-TOUCH_BOXES = Section(
-    "touch_boxes",
-    pair.touch_boxes,
-    {
-        "first": BODY, "second": BODY, "shared": SHARED, "constants": CONSTANTS,
-        "first_ground": PATCH, "second_ground": PATCH, "patch": PATCH,
-    },
-)  # fmt: skip
-
-
-PACE = Section("set_unit", lane.set_unit, {"constants": CONSTANTS})
 LIFT_PATCH = Section("lift_patch", lift.lift_patch, {"patch": PATCH, "constants": CONSTANTS, "lifted": PATCH})
 LIFT_BODY = Section("lift_body", lift.lift_body, {"body": BODY, "lifted": BODY})
 
@@ -51,9 +53,18 @@ def kinds(shape: Shape) -> list[int]:
 def assembly(shape: Shape) -> list[Section]:
     """Return the sections from the states to the contact problem; all have a derivative."""
     layouts = {"shared": SHARED, **_numbered("body", BODY, shape.bodies)}
-    used = [Section("average_mass", linear.average_mass, layouts), PREPARE]
-    used += [TOUCH_GROUND] if shape.ground else []
-    used += [TOUCH_BOXES] if shape.pairs else []
+    one = {"body": BODY, "shared": SHARED, "constants": CONSTANTS}
+    two = {
+        "first": BODY, "second": BODY, "shared": SHARED, "constants": CONSTANTS,
+        "first_ground": PATCH, "second_ground": PATCH, "patch": PATCH,
+    }  # fmt: skip
+
+    def section(name: str, formula: Formula, layouts: dict[str, Layout]) -> Section:
+        return Section(name, partial(formula, midpoint=shape.midpoint), layouts)
+
+    used = [Section("average_mass", linear.average_mass, layouts), section("prepare", body.prepare, one)]
+    used += [section("touch_ground", ground.touch_ground, {**one, "patch": PATCH})] if shape.ground else []
+    used += [section("touch_boxes", pair.touch_boxes, two)] if shape.pairs else []
     return used + ([LIFT_PATCH, LIFT_BODY] if shape.split else [])
 
 
@@ -72,6 +83,39 @@ def lift_sections(*, adjoint: bool) -> list[Section]:
     ]
     bars = {"lane": LANE, "lifted_bar": BODY, "body_bar": BODY}
     return [*used, Section("settle_adjoint", lift.settle_adjoint, bars)] if adjoint else used
+
+
+def pace(shape: Shape) -> Section:
+    """Return the section that sets the unit of velocities of a step of another length."""
+    return Section("set_unit", partial(lane.set_unit, midpoint=shape.midpoint), {"constants": CONSTANTS})
+
+
+def moving_sections(shape: Shape) -> list[Section]:
+    """Return the sections that turn velocities into poses; all have a derivative."""
+    return [TO_MIDPOINT, TO_END] if shape.midpoint else [INTEGRATE]
+
+
+def impact_sections(shape: Shape) -> list[Section]:
+    """Return the sections of what impacts move at once, under `Midpoint`."""
+    used = [
+        Section("note_impact", midpoint.note_impact, {"patch": PATCH, "lane": LANE}),
+        Section("read_impulses", midpoint.read_impulses, {"contact": CONTACT, "pressed": IMPULSE}),
+        Section("add_impulse_bar", midpoint.add_impulse_bar, {"contact": CONTACT, "pressed_bar": IMPULSE}),
+    ]
+    return used + [_late(count, adds=True) for count in kinds(shape)] if shape.midpoint else []
+
+
+def late_parts(shape: Shape) -> list[Section]:
+    """Return the parts of one patch in what impacts move at once, for their derivative."""
+    return [_late(count, adds=False) for count in kinds(shape)] if shape.midpoint else []
+
+
+def _late(count: int, *, adds: bool) -> Section:
+    def formula(patch: Record, contact: Record, lane: Record, pressed: Record, *bodies: Record) -> None:
+        midpoint.late(Patch(patch, contact, lane, count), pressed, bodies, adds=adds)
+
+    layouts = {**_PATCH, "pressed": IMPULSE, **_numbered("body", BODY, count)}
+    return Section(f"add_late{count}" if adds else f"late_part{count}", formula, layouts)
 
 
 def outcome_sections() -> list[Section]:
@@ -96,7 +140,6 @@ def world_sections() -> list[Section]:
         Section("begin", lane.begin, lanes),
         Section("rescale_body", newton.rescale_body, {"body": BODY, **lanes}),
         Section("rescale", newton.rescale, {"contact": CONTACT, **lanes}),
-        PACE,
         Section("clear", lane.clear, {"lane": LANE}),
         Section("judge", newton.judge, {"motion": MOTION, "lane": LANE}),
         Section("check", lane.check, lanes),
@@ -136,14 +179,14 @@ def eliminate(count: int) -> Section:
     return Section(f"eliminate{count}", formula, {**_PATCH, **blocks})
 
 
-def patch_sections(count: int) -> list[Section]:
+def patch_sections(count: int, *, slips: bool) -> list[Section]:
     """Return the sections of the solver that concern a patch between one body and the ground, or two bodies."""
 
     def start(patch: Record, contact: Record, lane: Record, *bodies: Record) -> None:
-        newton.start(Patch(patch, contact, lane, count), bodies, lane)
+        newton.start(Patch(patch, contact, lane, count, slips=slips), bodies, lane)
 
     def evaluate(patch: Record, contact: Record, lane: Record, constants: Record, *both: Record) -> None:
-        newton.evaluate(Patch(patch, contact, lane, count), both[:count], both[count:], constants, lane)
+        newton.evaluate(Patch(patch, contact, lane, count, slips=slips), both[:count], both[count:], constants, lane)
 
     def gather(patch: Record, contact: Record, lane: Record, *motions: Record) -> None:
         direction.gather(Patch(patch, contact, lane, count), motions, lane)
@@ -160,14 +203,15 @@ def patch_sections(count: int) -> list[Section]:
     ]
 
 
-def reverse_sections(count: int) -> list[Section]:
+def reverse_sections(count: int, *, midpoint: bool) -> list[Section]:
     """Return the sections of the derivative at the solution that concern a patch."""
 
     def pull(patch: Record, contact: Record, lane: Record, *motions: Record) -> None:
         reverse.pull(Patch(patch, contact, lane, count), motions)
 
     def push(patch: Record, contact: Record, lane: Record, bar: Record, *both: Record) -> None:
-        reverse.push(Patch(patch, contact, lane, count), bar, both[:count], both[count:])
+        whole = Patch(patch, contact, lane, count, slips=midpoint)
+        reverse.push(whole, bar, both[:count], both[count:], adds=midpoint)
 
     bodies, motions = _numbered("body", BODY, count), _numbered("motion", MOTION, count)
     return [
@@ -182,7 +226,6 @@ def reverse_body_sections() -> list[Section]:
         "contact": CONTACT, "impulse_bar": IMPULSE, "shared": SHARED, "shared_bar": SHARED, "constants": CONSTANTS,
     }  # fmt: skip
     return [
-        PACE,
         Section("seed", reverse.seed, impulses),
         Section("begin_reverse", reverse.begin, {"body_bar": BODY, "motion": MOTION}),
         Section("push_body", reverse.push_body, {"body": BODY, "body_bar": BODY, "motion": MOTION}),

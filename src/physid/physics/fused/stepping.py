@@ -16,6 +16,7 @@ from physid.physics.fused.rollout import Inputs, Outcome, by_frame, by_group, co
 from physid.physics.fused.run import bind
 from physid.physics.grid import TimeGrid
 from physid.physics.lcp import SolverSettings
+from physid.physics.motion import acting
 from physid.physics.state import State
 from physid.physics.step import Step
 from physid.physics.world import World
@@ -85,10 +86,10 @@ def roll_in_steps(
     substeps, steps = world.substeps, wrenches.shape[1] * world.substeps
     wanted = None if lengths is None else lengths * substeps
     going = _Going(state, inputs, steps, stepwise(world), settings, wanted, grid.uneven)
-    accepted = settings.residual(torch.float64)
+    accepted, time = settings.residual(torch.float64), grid.time
     for step in range(steps):
-        now = inputs.replace(time=inputs.time + grid.time(step), wrench=wrenches[:, step // substeps])
-        here = going.state(step)
+        now = inputs.replace(time=inputs.time + time[:, step], wrench=wrenches[:, step // substeps])
+        here = acting(going.state(step), grid.until_forces(step))
         for effect in effects:
             now = effect.act(here, now)
         going.advance(step, now)

@@ -95,11 +95,24 @@ class Writer:
             self.call("choose_axis", f"body{a}", f"body{b}", patch)
             self.call("choose_points", f"body{a}", f"body{b}", patch)
             self.call("touch_boxes", f"body{a}", f"body{b}", "shared", "constants", f"patch{a}", f"patch{b}", patch)
+        if shape.midpoint:
+            self.code.call("zero", self.at("lane", "touches"), "i64 1")
+            self.each_patch("note_impact", "patch*", "lane")
         if shape.split:
             self.code.call("zero", self.at("lane_lifted", "touches"), "i64 1")
             self.each_patch("measure", "patch*", "lane_lifted")
             self.each_patch("lift_patch", "patch*", "constants", "patch*_lifted")
             self.each_body("lift_body", "body#", "body#_lifted")
+
+    def gather_late(self) -> None:
+        """Write what impacts move at once, from the solution."""
+        for n in range(self.shape.bodies):
+            self.zero(f"body{n}", "late", 6)
+        with self.code.when(self.code.any(self.at("lane", "touches"))):
+            self.each_patch("read_impulses", "contact*", "pressed*")
+            for p, touching in self.shape.touching:
+                records = f"patch{p}", f"contact{p}", "lane", f"pressed{p}", *(f"body{n}" for n in touching)
+                self.call(f"add_late{len(touching)}", *records)
 
     def factorise(self, problem: str) -> None:
         """Write the Newton matrix and its factors."""
@@ -172,7 +185,8 @@ class Writer:
 
     def known_before(self) -> list[tuple[str, int]]:
         """Return what a tape keeps of a step before its solution: address and slots."""
-        return [(self.at(f"body{n}", "pose"), STATE) for n in range(self.shape.bodies)]
+        field = "start_pose" if self.shape.midpoint else "pose"
+        return [(self.at(f"body{n}", field), STATE) for n in range(self.shape.bodies)]
 
     def solution(self) -> list[tuple[str, int]]:
         """Return what a tape keeps of the solution of a step: address and slots."""

@@ -52,9 +52,12 @@ def multiply_matrices(a: Sequence[Sequence[Value]], b: Sequence[Sequence[Value]]
 
 
 def invert(a: Matrix) -> Matrix:
-    """Invert a matrix of one or two rows."""
+    """Invert a matrix of one to three rows."""
     if len(a) == 1:
         return [[1.0 / a[0][0]]]
+    if len(a) == 3:
+        columns = [cross(a[1], a[2]), cross(a[2], a[0]), cross(a[0], a[1])]
+        return transpose([scale(1.0 / dot(a[0], columns[0]), column) for column in columns])
     inverse = 1.0 / (a[0][0] * a[1][1] - a[0][1] * a[1][0])
     return [[a[1][1] * inverse, -(a[0][1] * inverse)], [-(a[1][0] * inverse), a[0][0] * inverse]]
 
@@ -89,6 +92,19 @@ def multiply(left: Sequence[Value], right: Sequence[Value]) -> Vector:
         lw * rz + lx * ry - ly * rx + lz * rw,
         lw * rw - lx * rx - ly * ry - lz * rz,
     ]
+
+
+def conjugate(quaternion: Sequence[Value]) -> Vector:
+    """Invert a rotation."""
+    x, y, z, w = quaternion
+    return [-x, -y, -z, w]
+
+
+def rotate(quaternion: Sequence[Value], vector: Sequence[Value]) -> Vector:
+    """Rotate a vector, v' = v + 2 w (u x v) + 2 u x (u x v)."""
+    axis, scalar = quaternion[:3], quaternion[3]
+    twice = scale(2.0, cross(axis, vector))
+    return add(vector, add(scale(scalar, twice), cross(axis, twice)))
 
 
 def exponential(rotation: Sequence[Value]) -> Vector:

@@ -31,8 +31,11 @@ def _in_world(axes: Matrix, moments: list[Value]) -> list[Value]:
     return [dot([a * m for a, m in zip(axes[i], moments, strict=True)], axes[j]) for i in range(3) for j in range(i, 3)]
 
 
-def prepare(body: Record, shared: Record, constants: Record) -> None:
-    """Compute axes, centre of mass, inertia and momentum p = M v + h f with the gyroscopic torque (eq. (2))."""
+def prepare(body: Record, shared: Record, constants: Record, *, midpoint: bool = False) -> None:
+    """Compute axes, centre of mass, inertia and momentum p = M v + h f with the gyroscopic torque (eq. (2)).
+
+    At the midpoint that torque has no place, since `drift` turns free bodies, and the free velocity has a derivative.
+    """
     h, velocity_unit, mean = constants.one("step"), constants.one("unit"), shared.one("mean_mass")
     axes = to_matrix(body["pose"][3:])
     arm = apply(axes, body["centre_of_mass"])
@@ -43,7 +46,8 @@ def prepare(body: Record, shared: Record, constants: Record) -> None:
     angular = apply(symmetric(inertia), spin)
     torque, force = body["wrench"][:3], body["wrench"][3:]
     torque = subtract(torque, cross(arm, force))
-    torque = subtract(torque, scale(constants.one("gyroscopic"), cross(spin, angular)))
+    if not midpoint:
+        torque = subtract(torque, scale(constants.one("gyroscopic"), cross(spin, angular)))
     force = add(force, scale(mass, body["gravity"]))
     momentum = [*add(angular, scale(h, torque)), *add(scale(mass, linear), scale(h, force))]
     body["axes"] = [value for row in axes for value in row]
@@ -54,7 +58,7 @@ def prepare(body: Record, shared: Record, constants: Record) -> None:
     body["momentum"] = scale(1.0 / (mean * velocity_unit), momentum)
     turned = [x / m for x, m in zip(apply(transpose(axes), momentum[:3]), moments, strict=True)]
     free = [*apply(axes, turned), *scale(1.0 / mass, momentum[3:])]
-    body["free"] = [stop(value) for value in scale(1.0 / velocity_unit, free)]
+    body["free"] = [value if midpoint else stop(value) for value in scale(1.0 / velocity_unit, free)]
 
 
 def integrate(body: Record, constants: Record) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from physid.compiler.graph import Value, least, most, total, where
 from physid.compiler.section import Record
-from physid.physics.step import STANDARD_GRAVITY
+from physid.physics.impact import FINE, STANDARD_GRAVITY
 
 WARM_STEPS = 8.0
 """Newton steps that a start from the previous solution may take before the solver starts afresh."""
@@ -25,9 +25,10 @@ def _rung(rung: Value, constants: Record) -> Value:
     return value
 
 
-def set_unit(constants: Record) -> None:
-    """Write the unit of velocities, g h, of a step of another length."""
-    constants["unit"] = [STANDARD_GRAVITY * constants.one("step")]
+def set_unit(constants: Record, *, midpoint: bool) -> None:
+    """Write the unit of velocities of a step of another length (see `physid.physics.impact.velocity_unit`)."""
+    step = constants.one("step")
+    constants["unit"] = [STANDARD_GRAVITY * (most(step, FINE) if midpoint else step)]
 
 
 def begin(lane: Record, constants: Record) -> None:
@@ -36,7 +37,7 @@ def begin(lane: Record, constants: Record) -> None:
     rung = where(known, -1.0, 0.0)
     lane["rung"], lane["count"], lane["restart"] = [rung], [0.0], [where(known, 0.0, 1.0)]
     lane["compliance"] = [_rung(rung, constants)]
-    lane["known"], lane["length"], lane["lost"] = [constants.one("step")], [1.0], [0.0]
+    lane["known"], lane["length"], lane["lost"] = [constants.one("unit")], [1.0], [0.0]
     lane["solved"] = [0.0]
 
 

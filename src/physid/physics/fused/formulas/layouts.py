@@ -27,9 +27,11 @@ BODY = Layout(
     gravity=3, size=3, mass=1, inertia=3, friction=1, restitution=1, ground_friction=1, ground_restitution=1,
     centre_of_mass=3, compliance=1,
     wrench=6,
+    start_pose=7, start_twist=6,  # at the beginning of the step, where the scheme works at its midpoint
     pose=7, twist=6,
     v=6,  # solution, in units of g h
     shift=6,  # displacement without velocity, in units of g h^2
+    late=6,  # momentum that impacts give, times W - 1/2 (see `physid.physics.impact`)
     next_pose=7, next_twist=6,
     axes=9,  # body to world
     centre=3,  # of mass
@@ -40,13 +42,16 @@ BODY = Layout(
     free=6,  # velocity without contact
 )  # fmt: skip
 PATCH = Layout(
-    constant=("exists", "label", "choice"),
+    constant=("exists", "label", "choice", "hit"),
     frame=9,  # rows normal, tangent, tangent
     arm=12,  # from the centre of mass of the second body to each contact
     other_arm=12,  # the same of the first body
     gap=4, offset=4, friction=4, compliance=4,
     warp=4, lever=4,  # redundant modes
     flatness=1,
+    slip=8,  # added to the tangential velocity that friction opposes, in units of g h
+    share=1,  # W, which share of the step its impulses act
+    hit=1,  # 1 if there is an impact, or 0
     exists=4,
     label=4,  # names the corner that a contact is, from one step to the next
     choice=29,  # which corners, faces, edges: held fixed by the derivative
@@ -59,12 +64,12 @@ MOTION = Layout(dv=6, force=6)
 BLOCK = Layout(entries=36)
 LANE = Layout(
     compliance=1,
-    touches=1,  # 1 if there is a contact
+    touches=1,  # 1 if there is a contact, or under `Midpoint` an impact
     active=1,  # 1 while the world takes Newton steps
     rung=1,  # which compliance is in use; -1 is the first again, from the previous solution
     count=1, worst=1, gap=1, target=1, length=1,
     numerator=1, denominator=1,  # of the longest step
     slope=1, curve=1,  # of the gap along a step
     restart=1, predicts=1, lost=1, solved=1,
-    known=1,  # length of the step of the previous solution [s]; 0 if there is none
+    known=1,  # unit of velocities of the previous solution [m/s]; 0 if there is none
 )  # fmt: skip

@@ -32,12 +32,12 @@ def recall(patch: Record, contact: Record) -> None:
 
 def _ratio(lane: Record, constants: Record) -> Value:
     """Return the unit of velocities of the previous solution in that of this step."""
-    known = lane.one("known")
-    return where(known > 0.0, known, constants.one("step")) / constants.one("step")
+    known, unit = lane.one("known"), constants.one("unit")
+    return where(known > 0.0, known, unit) / unit
 
 
 def rescale_body(body: Record, lane: Record, constants: Record) -> None:
-    """Keep the velocity of the previous solution where the unit g h has changed."""
+    """Keep the velocity of the previous solution where their unit has changed."""
     body["v"] = scale(_ratio(lane, constants), body["v"])
 
 
@@ -56,7 +56,7 @@ def start(patch: Patch, bodies: Sequence[Record], lane: Record) -> None:
     z, w = [], []
     for c in range(4):
         contact, restart = patch[c], again | (patch.contact["fresh"][c] > 0.5)
-        u = patch.velocity(c, [body["free"] for body in bodies], [again.like(0.0)] * patch.bodies)
+        u = patch.slip(c, [body["free"] for body in bodies], [again.like(0.0)] * patch.bodies)
         new_z, new_w = begin(u, patch.patch["offset"][c], contact.friction)
         z += [where(restart, new, old) for new, old in zip(new_z, contact.z, strict=True)]
         w += [where(restart, new, old) for new, old in zip(new_w, contact.w, strict=True)]
@@ -96,7 +96,7 @@ def evaluate(
     impulses, gaps, errors = [], [], []
     for c in range(4):
         contact = patch[c]
-        u = patch.velocity(c, [body["v"] for body in bodies], modes)
+        u = patch.slip(c, [body["v"] for body in bodies], modes)
         new_z, new_w, sliding = slide(contact, u, tau)
         sliding = sliding & warm
         z = [where(sliding, new, old) for new, old in zip(new_z, contact.z, strict=True)]

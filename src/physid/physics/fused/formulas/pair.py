@@ -16,7 +16,7 @@ from physid.physics.fused.formulas.touch import Material, Touch, write_patch
 
 def touch_boxes(
     first: Record, second: Record, shared: Record, constants: Record, first_ground: Record, second_ground: Record,
-    patch: Record,
+    patch: Record, *, midpoint: bool = False,
 ) -> None:  # fmt: skip
     """Write the patch of two boxes, for the axis and the points that were chosen."""
     length = reduce(least, [*first["size"], *second["size"]])
@@ -39,7 +39,7 @@ def touch_boxes(
         restitution=most(restitution, 0.0),
         compliance=length.like(0.0),
     )
-    exists = write_patch(patch, constants, touch, material, [second, first])
+    exists = write_patch(patch, constants, touch, material, [second, first], midpoint=midpoint)
     flat = first_ground.one("flatness") * second_ground.one("flatness")
     standing = where(shared.one("offset") > NO_GROUND, flat, 0.0)
     tip = scale(standing, _lever(touch, shared["normal"], exists))

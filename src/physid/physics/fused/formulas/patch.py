@@ -16,8 +16,8 @@ STIFFNESS = 1 / WARP_COMPLIANCE
 class Patch:
     """Four contacts between `bodies` bodies (1: and the ground); of two, the second body of the pair comes first."""
 
-    def __init__(self, patch: Record, contact: Record, lane: Record, bodies: int) -> None:
-        self.patch, self.contact, self.bodies = patch, contact, bodies
+    def __init__(self, patch: Record, contact: Record, lane: Record, bodies: int, *, slips: bool = False) -> None:
+        self.patch, self.contact, self.bodies, self.slips = patch, contact, bodies, slips
         self.compliance = lane.one("compliance")
         self.frame = rows(patch["frame"])
         self.modes = [patch["warp"], patch["lever"]][:bodies]
@@ -43,6 +43,11 @@ class Patch:
         world = points[0] if self.bodies == 1 else subtract(points[0], points[1])
         u = scale(self.exists(c), apply(self.frame, world))
         return [u[0] + dot([mode[c] for mode in self.modes], modes), *u[1:]]
+
+    def slip(self, c: int, velocities: Sequence[Sequence[Value]], modes: Sequence[Value]) -> Vector:
+        """Compute what friction opposes: u and what is added to its tangential part."""
+        u = self.velocity(c, velocities, modes)
+        return [u[0], *add(u[1:], self.patch.part("slip", c))] if self.slips else u
 
     def wrenches(self, c: int, impulse: Sequence[Value]) -> list[Vector]:
         """Compute J^T impulse of a contact, for each body."""

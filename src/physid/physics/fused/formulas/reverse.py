@@ -44,11 +44,11 @@ def pull(patch: Patch, motions: Sequence[Record]) -> None:
     patch.contact["dmodes"] = padded(rest, 2)
 
 
-def push(patch: Patch, bar: Record, bodies: Sequence[Record], motions: Sequence[Record]) -> None:
+def push(patch: Patch, bar: Record, bodies: Sequence[Record], motions: Sequence[Record], *, adds: bool = False) -> None:
     """Write the derivative by what a patch contributes to the problem, from the solution y of the transposed system.
 
     It is that of y.(J^T impulse) + to_u.(J v + c + k ln) + q.(d impulse / d mu) mu with all but J, c, k and mu held,
-    where q = J y + impulse_bar and to_u = -W^T q.
+    where q = J y + impulse_bar and to_u = -W^T q. With `adds`, it is added to what is written already.
     """
     left, count = patch.mode_vectors("left"), patch.bodies
     y, v, modes = [m["dv"] for m in motions], [b["v"] for b in bodies], patch.contact["modes"][:count]
@@ -61,9 +61,9 @@ def push(patch: Patch, bar: Record, bodies: Sequence[Record], motions: Sequence[
         q = [stop(value) for value in add(moved, patch.contact.part("impulse_bar", c))]
         to_u = [stop(-value) for value in apply(transpose(w), q)]
         impulse, offset = impulse_of(contact.z), patch.patch["offset"][c] + contact.compliance * contact.z[0]
-        terms.append(dot(impulse, moved) + dot(to_u, patch.velocity(c, v, modes)))
+        terms.append(dot(impulse, moved) + dot(to_u, patch.slip(c, v, modes)))
         terms.append(to_u[0] * offset + stop(dot(q[1:], by_friction[1:])) * contact.friction)
-    _write_slopes(total(terms), patch.patch, bar)
+    _write_slopes(total(terms), patch.patch, bar, adds=adds)
 
 
 def push_body(body: Record, body_bar: Record, motion: Record) -> None:
@@ -73,11 +73,12 @@ def push_body(body: Record, body_bar: Record, motion: Record) -> None:
     _write_slopes(dot(y, subtract(body["momentum"], inertial)), body, body_bar)
 
 
-def _write_slopes(outcome: Value, record: Record, bar: Record) -> None:
-    """Write the derivative by the fields of a record to its adjoint record."""
+def _write_slopes(outcome: Value, record: Record, bar: Record, *, adds: bool = False) -> None:
+    """Write the derivative by the fields of a record to its adjoint record, or add it."""
     by_slot = slopes(outcome)
     for field, first in record.layout.offsets.items():
         slots = range(first, first + record.layout.widths[field])
         values = [by_slot.get((record.name, slot)) for slot in slots if slot not in record.layout.constant]
         if any(value is not None for value in values) and field != "v":
-            bar[field] = [0.0 if value is None else value for value in values]
+            slopes_ = [0.0 if value is None else value for value in values]
+            bar[field] = [old + new for old, new in zip(bar[field], slopes_, strict=True)] if adds else slopes_

@@ -10,7 +10,8 @@ from operator import and_
 from physid.compiler.graph import Value, least, most, root, size, total, where
 from physid.compiler.section import Record
 from physid.physics.contact import FLATNESS
-from physid.physics.fused.formulas.algebra import Matrix, Vector, add, cross, decay, dot, scale, subtract, unit
+from physid.physics.fused.formulas.algebra import Matrix, Vector, add, apply, cross, decay, dot, scale, subtract, unit
+from physid.physics.fused.formulas.impact import Contact, demand, slip
 from physid.physics.step import FAR, REACH
 
 
@@ -88,20 +89,26 @@ class Material:
 
 
 def write_patch(
-    patch: Record, constants: Record, touch: Touch, material: Material, bodies: Sequence[Record]
+    patch: Record,
+    constants: Record,
+    touch: Touch,
+    material: Material,
+    bodies: Sequence[Record],
+    *,
+    midpoint: bool = False,
 ) -> list[Value]:
     """Write a patch but for its lever, and return which of its contacts exist; of two bodies the second comes first."""
     frame = frame_of(touch.normal)
     arms = [[subtract(point, body["centre"]) for point in touch.points] for body in bodies]
-    exists, offsets = [], []
-    for c, (gap, active) in enumerate(zip(touch.gaps, touch.active, strict=True)):
-        at = [body_arms[c] for body_arms in arms]
-        free_speed = constants.one("unit") * _normal_speed("free", bodies, at, touch.normal)
-        speed = _normal_speed("velocity", bodies, at, touch.normal)
-        offset, there = rule(gap, speed, free_speed, material.restitution, constants)
-        exists.append(there & active)
-        offsets.append(where(exists[c], offset / constants.one("unit"), FAR))
+    together = touch.scale.like(0.0)
+    if midpoint:
+        offsets, exists, together = _midpoint_rule(patch, constants, touch, material, bodies, frame)
+    else:
+        offsets, exists = _rules(constants, touch, material, bodies, arms)
+    unit_ = constants.one("unit")
+    offsets = [where(there, offset / unit_, FAR) for there, offset in zip(exists, offsets, strict=True)]
     flat = where(reduce(and_, touch.active), flatness(touch.gaps, touch.scale), 0.0)
+    flat = most(flat, together) if midpoint else flat
     twist = warp(touch.points, frame, touch.scale, flat)
     patch["frame"] = [value for row in frame for value in row]
     for field, body_arms in zip(("arm", "other_arm"), arms, strict=False):
@@ -114,7 +121,50 @@ def write_patch(
     return exists
 
 
-def _normal_speed(field: str, bodies: Sequence[Record], arms: Sequence[Vector], normal: Vector) -> Value:
-    """Return the speed of the second body along the normal, relative to the first."""
+def _rules(
+    constants: Record, touch: Touch, material: Material, bodies: Sequence[Record], arms: Sequence[Sequence[Vector]]
+) -> tuple[Vector, list[Value]]:
+    """Return c of every contact [m/s] and whether it exists, by the contact rule of the world."""
+    offsets, exists = [], []
+    for c, (gap, active) in enumerate(zip(touch.gaps, touch.active, strict=True)):
+        at = [body_arms[c] for body_arms in arms]
+        free_speed = constants.one("unit") * _normal_speed("free", bodies, at, touch.normal)
+        speed = _normal_speed("velocity", bodies, at, touch.normal)
+        offset, there = rule(gap, speed, free_speed, material.restitution, constants)
+        offsets.append(offset)
+        exists.append(there & active)
+    return offsets, exists
+
+
+def _midpoint_rule(
+    patch: Record, constants: Record, touch: Touch, material: Material, bodies: Sequence[Record], frame: Matrix
+) -> tuple[Vector, list[Value], Value]:
+    """Do the same under `Midpoint`, and write slip, share and hit; return also whether all four are hit."""
+    h, unit_ = constants.one("step"), constants.one("unit")
+    contacts = []
+    for gap, active, point in zip(touch.gaps, touch.active, touch.points, strict=True):
+        at = [subtract(point, body["centre"]) for body in bodies]
+        free = unit_ * dot(_relative("free", bodies, at), touch.normal)
+        velocity, bend = apply(frame, _relative("velocity", bodies, at)), [gap.like(0.0)] * 3
+        if len(bodies) == 1:  # between two bodies the normal turns too
+            spin = bodies[0]["velocity"][:3]
+            bend = apply(frame, cross(spin, cross(spin, at[0])))
+        exists = (gap < REACH + 2.0 * h * size(free)) & active
+        contacts.append(Contact(gap, velocity, free, bend, exists))
+    width = FLATNESS * touch.scale
+    offsets, share, hit, together = demand(contacts, material.restitution, material.compliance, constants, width)
+    slips = [scale(1.0 / unit_, slip(contact, hit, constants)) for contact in contacts]
+    patch["share"], patch["hit"] = [share], [hit]
+    patch["slip"] = [where(c.exists, x, 0.0) for c, values in zip(contacts, slips, strict=True) for x in values]
+    return offsets, [contact.exists for contact in contacts], together
+
+
+def _relative(field: str, bodies: Sequence[Record], arms: Sequence[Vector]) -> Vector:
+    """Return the velocity of the second body relative to the first."""
     velocities = [add(body[field][3:], cross(body[field][:3], arm)) for body, arm in zip(bodies, arms, strict=True)]
-    return dot(velocities[0] if len(bodies) == 1 else subtract(*velocities), normal)
+    return velocities[0] if len(bodies) == 1 else subtract(*velocities)
+
+
+def _normal_speed(field: str, bodies: Sequence[Record], arms: Sequence[Vector], normal: Vector) -> Value:
+    """Return its speed along the normal."""
+    return dot(_relative(field, bodies, arms), normal)

@@ -1,0 +1,157 @@
+"""Contact under `Midpoint`: bodies that rest or slide on each other, and impacts where in the step they fall.
+
+At the midpoint of a step a contact has the gap y, and the velocities u before the step and f after it if there were no
+contact, so that it begins with the gap x = y - h u / 2 and would end with y + h f / 2.
+
+* Without an impact the velocity after obeys u+ >= -y / h. The gap at the midpoint then follows y+ = y + h u+ as in a
+  semi-implicit step: it closes once and stays closed, while the mean velocity makes sliding and rest exact.
+* A contact that is reached within the step and fast enough is an impact at the fraction a of the step at which its gap
+  closes, with the velocity u_c there. It leaves with -e u_c, to which the rest of the step adds (1 - a)(f - u). If this
+  is no longer positive it stays: gap and velocity end at zero.
+* The impulse of an impact acts from its time on, so that it moves the bodies by the share W of h times the velocity
+  that it gives them, and not by half of it: W = 1 - a of one that leaves, and W = (end gap) / (h f) of one that stays.
+  The four contacts of a patch share a smooth maximum of W, with which none of them ends in overlap to speak of.
+* A point of a body that turns moves on a curve: with the acceleration b of that (of which w x (w x r) is known), all of
+  this holds of y - h^2 b / 8, u - h b / 2 and f + h b / 2, those at the ends of the step; sticking too ends at rest.
+* Friction opposes the mean slip where it is fast, and the slip at the end where it may stop.
+* Contacts of a face that all are reached in the step stop together, and share the load as those that lie flat do.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from physid.physics.contact import FLATNESS, Patch
+
+STANDARD_GRAVITY = 9.81
+FINE = 1e-3
+"""Steps shorter than this do not make the unit of velocities smaller: an impact would become too large a number [s]."""
+
+SLOWEST = 0.25
+"""An approach slower than this, in units of g h, is that of bodies at rest, and no impact [-]."""
+
+SLIDING = 2.0
+"""Slip from which on it may count as sliding through the step, in units of g h; at sqrt(2) times that it does [-]."""
+
+FAINT = 1e-3
+"""A bounce slower than this, in units of g h, is none: at e = 0 its sign is that of rounding [-]."""
+
+LARGEST = 2.0
+"""Bound on W [-], which exceeds 1 where something pulls a body away while it lands."""
+
+PUSH = 0.5
+"""Overlaps open at most this fast, in units of g h [-]: a body so pushed rises by less than g h^2 / 8."""
+
+LOADS = 20.0
+"""Overlap up to so many times that which the mean weight causes in a compliant contact is the contact's own [-]."""
+
+
+SHARPNESS = 32
+"""Exponent p of the smooth maximum of shares, sum w^(p + 1) / sum w^p [-]: a mean where they are equal, as in a face
+that lands flat, so that no corner of four is preferred by rounding."""
+
+
+def velocity_unit(step: float, *, midpoint: bool) -> float:
+    """Return the unit of velocities in the contact problem, g h [m/s], for a step h [s]; see also `FINE`."""
+    return STANDARD_GRAVITY * (max(step, FINE) if midpoint else step)
+
+
+@dataclass(frozen=True)
+class Impact:
+    """What the contacts of a patch demand.
+
+    Attributes:
+        offset: c of u+ >= -c [m/s], shape (B, 4).
+        slip: What is added to the tangential velocity that friction opposes [m/s], shape (B, 4, 2).
+        share: W, which share of the step the impulses of the patch act [-]; 1/2 without an impact; shape (B,).
+        together: Whether an impact stops all four, a weight from 0 to 1, shape (B,).
+    """
+
+    offset: Tensor
+    slip: Tensor
+    share: Tensor
+    together: Tensor
+
+
+def bending(patch: Patch, centres: Tensor, twist: Tensor) -> Tensor:
+    """Return the acceleration w x (w x r) of the points of a body on the ground, in the patch's frame, shape (B, 4, 3).
+
+    Between two bodies, of which the normal turns too, it is left out.
+
+    Args:
+        patch: Where they touch.
+        centres: Centres of mass [m], shape (B, N, 3).
+        twist: Of the centres of mass, shape (B, N, 6).
+    """
+    if patch.first is not None:
+        return torch.zeros_like(patch.point)
+    spin = twist[:, None, patch.second, :3].expand_as(patch.point)
+    arm = patch.point - centres[:, None, patch.second]
+    bend: Tensor = torch.linalg.cross(spin, torch.linalg.cross(spin, arm))
+    return bend @ patch.frame.mT
+
+
+def demand(
+    patch: Patch,
+    velocities: tuple[Tensor, Tensor],
+    bend: Tensor,
+    material: tuple[Tensor, Tensor],
+    step: Tensor,
+    exists: Tensor,
+) -> Impact:
+    """Return what the contacts of a patch demand (see the module).
+
+    Args:
+        patch: Where they touch; its gap is y.
+        velocities: In the patch's frame that before the step, shape (B, 4, 3), and f, shape (B, 4) [m/s].
+        bend: See `bending` [m/s^2].
+        material: e, and the static deflection under the mean weight [m], shapes (B,).
+        step: h [s], shape (B or 1, 1).
+        exists: Which contacts there are, shape (B, 4).
+    """
+    restitution, give = material[0][:, None], material[1][:, None]
+    gap = patch.gap - step**2 * bend[..., 0] / 8
+    u, f = velocities[0][..., 0] - step * bend[..., 0] / 2, velocities[1] + step * bend[..., 0] / 2
+    change = f - u
+    begin = gap - step * u / 2
+    apart = begin > 0
+    start = torch.where(apart, begin, 0.0)
+    end = start + step * (u + f) / 2
+    reached = exists & (gap + step * f / 2 < 0)
+    falling = reached & apart
+    square = torch.where(falling, u**2 - 2 * start * change / step, 1.0)
+    touch = torch.where(falling, -square.clamp_min(1e-300).sqrt(), u.clamp_max(0))
+    impact = reached & (touch < -SLOWEST * STANDARD_GRAVITY * step)
+    late = torch.where(impact & apart, 2 * start / (step * torch.where(impact & apart, -touch - u, 1.0)), 0.0)
+    leaving = (1 - late) * change - restitution * touch
+    leaves = impact & (leaving > FAINT * STANDARD_GRAVITY * step)
+    stays = reached & (f < 0) & ~leaves
+    share = torch.where(stays, (end / (step * torch.where(stays, f, 1.0))).clamp(0, LARGEST), 1 - late)
+    share = torch.where(reached, share, 0.0)
+    top = share.detach().amax(1, keepdim=True).clamp_min(1e-30)
+    weight = (share / top) ** SHARPNESS
+    largest = (weight * share).sum(1, keepdim=True) / weight.sum(1, keepdim=True).clamp_min(1e-30)
+    hit = impact.any(1, keepdim=True)
+    free_end = (gap + step * f / 2).amax(1) / (FLATNESS * patch.scale)
+    together = torch.where(hit[:, 0] & reached.all(1), 1 - torch.exp(-free_end.square()), 0.0)
+    still = f - end / (step * torch.where(hit & (largest > 0), largest, 1.0))
+    still = torch.where(reached, still, still.clamp_max(0))
+    still = torch.where(leaves, torch.maximum(still, leaving), still)
+    slow = torch.where(
+        gap > 0,
+        torch.where(reached, 1.0, 2.0) * gap / step,
+        torch.maximum(gap / step, -PUSH * STANDARD_GRAVITY * step - LOADS * give / step),
+    )
+    offset = torch.where(hit, -still, slow) + step * bend[..., 0] / 2
+    return Impact(offset, _slip(velocities[0], bend, hit, step), torch.where(hit, largest, 0.5)[:, 0], together)
+
+
+def _slip(velocity: Tensor, bend: Tensor, hit: Tensor, step: Tensor) -> Tensor:
+    """Return the slip before the step where friction opposes the mean, and else how far a stuck point turns."""
+    before, sliding = velocity[..., 1:], SLIDING * STANDARD_GRAVITY * step
+    fast = (before.square().sum(-1) / sliding**2 - 1).clamp(0, 1)
+    share = torch.where(hit, 0.0, fast)[..., None]
+    return share * before + (1 - share) * step[..., None] * bend[..., 1:] / 2

@@ -1,0 +1,88 @@
+"""Bodies that nothing acts on: straight motion of the centre of mass, and the turning of a free body."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from physid.physics.rotations import conjugate, exponential, multiply, normalize, rotate
+from physid.physics.state import State
+
+NEWTON_STEPS = (1, 2)
+"""Of the mean angular velocity of a step, with the derivative at the first guess and at what came of it."""
+
+TANGENT = ((10395.0, -1260.0, 21.0, 0.0), (10395.0, -4725.0, 210.0, -1.0))
+"""tan(x) / x as a ratio of polynomials in x^2, to 1e-13 for x < 0.3 and 1e-9 for x < 1 (Pade)."""
+
+
+def drift(
+    centre: Tensor, quaternion: Tensor, twist: Tensor, inertia: Tensor, time: Tensor, *, gyroscopic: bool
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Move bodies on which nothing acts, x+ = x + t v and q+ = q exp(t W) with the mean W of the turning (body frame).
+
+    Args:
+        centre: Centres of mass [m], shape (B, N, 3).
+        quaternion: Shape (B, N, 4).
+        twist: Angular and linear velocity of the centre of mass, world frame, shape (B, N, 6).
+        inertia: Principal moments [kg m^2], shape (B, N, 3).
+        time: t [s], shape (B or 1,).
+        gyroscopic: Whether the angular momentum is kept, or else the angular velocity.
+
+    Returns:
+        The same three after the time t.
+    """
+    time = time[:, None, None]
+    spin = rotate(conjugate(quaternion), twist[..., :3])
+    mean = _mean_spin(spin, inertia, time) if gyroscopic else spin
+    turn = exponential(time * mean)
+    after = rotate(conjugate(turn), inertia * spin) / inertia if gyroscopic else spin
+    quaternion = normalize(multiply(quaternion, turn))
+    return centre + time * twist[..., 3:], quaternion, torch.cat([rotate(quaternion, after), twist[..., 3:]], -1)
+
+
+def acting(state: State, time: Tensor | None) -> State:
+    """Return the states that effects see: of pose those after a time [s], shape (B or 1,), with the velocity before.
+
+    None stands for no time. Forces that depend on the pose are then of second order too.
+    """
+    if time is None:
+        return state
+    time = time[:, None, None]
+    turned = multiply(exponential(time * state.angular_velocity), state.quaternion)
+    return state.replace(pose=torch.cat([state.position + time * state.velocity, turned], -1))
+
+
+def _mean_spin(spin: Tensor, inertia: Tensor, time: Tensor) -> Tensor:
+    """Return the mean W = (w + w+) / 2 of a free body, where I w+ = exp(-t W) I w (all in the body frame).
+
+    The rotation by t W takes the angular momentum along, and changes it across W only, so that w+.I w+ = w.I w:
+    momentum and energy are kept, whatever t. With x = t |W| / 2 the condition reads
+
+        I W - (t / 2) tan(x) / x (I W) x W = I w.
+    """
+    mean = spin
+    for steps in NEWTON_STEPS:
+        inverse = torch.linalg.inv(_slope(mean, inertia, time[..., 0] / 2))
+        for _ in range(steps):
+            mean = mean - (inverse @ _error(mean, spin, inertia, time)[..., None])[..., 0]
+    return mean
+
+
+def _error(mean: Tensor, spin: Tensor, inertia: Tensor, time: Tensor) -> Tensor:
+    """Return I W - (t / 2) tan(x) / x (I W) x W - I w."""
+    x = (time / 2) ** 2 * mean.square().sum(-1, keepdim=True)
+    above, below = (a + x * (b + x * (c + x * d)) for a, b, c, d in TANGENT)
+    error: Tensor = inertia * (mean - spin) - time / 2 * (above / below) * torch.linalg.cross(inertia * mean, mean)
+    return error
+
+
+def _slope(mean: Tensor, inertia: Tensor, half: Tensor) -> Tensor:
+    """Return the derivative of the error by W with tan(x) / x = 1, shape (..., 3, 3).
+
+    The components of (I W) x W are (I_y - I_z) W_y W_z and so on.
+    """
+    x, y, z = mean.unbind(-1)
+    i, j, k = inertia.unbind(-1)
+    a, b, c = half * (j - k), half * (k - i), half * (i - j)
+    rows = ((i, -a * z, -a * y), (-b * z, j, -b * x), (-c * y, -c * x, k))
+    return torch.stack([torch.stack(row, -1) for row in rows], -2)
