@@ -4,12 +4,14 @@ import logging
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 import torch
 
 from physid.compiler import machine
+from physid.compiler.control import Code
 from physid.compiler.emit import LANES
 from physid.physics.friction import Pyramid
 from physid.physics.fused import backend
@@ -100,3 +102,48 @@ def test_as_many_worlds_at_once_as_another_processor_would_compute_give_the_same
     assert answer.returncode == 0, answer.stdout
     assert f"{LANES} at once" not in answer.stdout
     assert "1 passed" in answer.stdout
+
+
+DAMAGE = {
+    "empty": lambda kept: b"",
+    "short": lambda kept: kept[: len(kept) // 2],
+    "only a digest": lambda kept: kept[:32],
+    "without a digest": lambda kept: kept[32:],
+    "a flipped bit": lambda kept: kept[:-100] + bytes([kept[-100] ^ 1]) + kept[-99:],
+    "zeros": lambda kept: bytes(len(kept)),
+    "something else": lambda kept: b"not machine code" * 1000,
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGE.values(), ids=DAMAGE)
+def test_damaged_machine_code_is_compiled_again_and_never_executed(
+    damage: Callable[[bytes], bytes], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    compiled = []
+    text = Code("answer", ()).text()
+    monkeypatch.setattr(machine, "_compile", lambda code, whole=machine._compile: compiled.append(1) or whole(code))
+    machine.load("answer", lambda: text)
+    (place,) = (tmp_path / "physid").iterdir()
+    whole = place.read_bytes()
+    machine.load("answer", lambda: text)
+    assert len(compiled) == 1
+    place.write_bytes(damage(whole))
+    machine.load("answer", lambda: text)
+    assert len(compiled) == 2
+    assert place.read_bytes() == whole
+
+
+def test_machine_code_depends_on_the_sources_that_it_is_made_from_and_on_no_others(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    read: list[Path] = []
+    monkeypatch.setattr(Path, "read_bytes", lambda path: read.append(path) or b"")
+    machine._fingerprint.cache_clear()
+    try:
+        machine._fingerprint()
+    finally:
+        machine._fingerprint.cache_clear()
+    package = Path(machine.__file__).parents[1]
+    assert {path.relative_to(package).parts[0] for path in read} == {"compiler", "physics"}
+    assert package / "physics" / "fused" / "kernel.py" in read

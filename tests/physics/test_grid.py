@@ -10,8 +10,6 @@ from tests.physics.test_fused import GRADIENT, STATE, Case, draw
 from torch import Tensor
 
 from physics.worlds import boxes, forces, repeat, state
-from physid.effects.force_delay import ForceDelay
-from physid.effects.force_gain import ForceGain
 from physid.effects.friction_drift import FrictionDrift
 from physid.effects.viscous_drag import ViscousDrag
 from physid.physics.effect import Effect
@@ -158,10 +156,3 @@ def test_steps_that_make_no_sense_are_refused_by_name() -> None:
             layer.rollout(start, push, boxes(), steps=steps)
     with pytest.raises(ValueError, match="start must be finite"):
         layer.rollout(start, push, boxes(), start=torch.tensor([float("inf")]))
-
-
-def test_an_effect_that_counts_time_in_steps_is_refused_where_steps_differ() -> None:
-    steps, push = torch.tensor([[0.01, 0.02]]), torch.cat([forces(1, [[0.0, 0, 0]]), forces(1, [[3.0, 0, 0]])], 1)
-    with pytest.raises(ValueError, match="force_delay shifts or filters commands in steps of one length"):
-        PhysicsLayer(World(), [ForceDelay()]).rollout(state([[0, 0, 0.1]]), push, boxes(), steps=steps)
-    PhysicsLayer(World(), [ForceGain(SIZE)]).rollout(state([[0, 0, 0.1]]), push, boxes(), steps=steps)

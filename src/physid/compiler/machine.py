@@ -16,6 +16,12 @@ import llvmlite.binding as llvm
 Kernel = Callable[[int, int, int, int], None]
 """Called with the address of the arguments, the first and the last group of worlds, and the address of a workspace."""
 
+SOURCES = ("compiler", "physics")
+"""Packages that machine code is made from."""
+
+DIGEST = hashlib.sha256().digest_size
+"""Of the code, in front of it in a file of the cache [bytes]: damaged code is compiled again, and never executed."""
+
 _ENGINES: list[Any] = []  # machine code lives as long as its engine
 
 
@@ -27,9 +33,8 @@ def load(name: str, write: Callable[[], str]) -> Kernel:
         write: Returns its LLVM code; called only if no machine code of the same sources for the same processor is kept.
     """
     place = _place(name)
-    try:
-        code = place.read_bytes()
-    except OSError:
+    code = _kept(place)
+    if code is None:
         code = _compile(write())
         _keep(place, code)
     engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _target())
@@ -63,7 +68,7 @@ def _target() -> Any:
 def _fingerprint() -> str:
     """Return a digest of the sources, the compiler and the processor."""
     digest = hashlib.sha256(repr((llvmlite.__version__, _processor())).encode())
-    for path in sorted(Path(__file__).parents[2].rglob("*.py")):
+    for path in sorted(path for source in SOURCES for path in (Path(__file__).parents[1] / source).rglob("*.py")):
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
 
@@ -73,12 +78,22 @@ def _place(name: str) -> Path:
     return Path(root) / "physid" / f"{name}-{_fingerprint()}.o"
 
 
+def _kept(place: Path) -> bytes | None:
+    """Return machine code from the cache; None if there is none, or it is not what was written."""
+    try:
+        kept = place.read_bytes()
+    except OSError:
+        return None
+    digest, code = kept[:DIGEST], kept[DIGEST:]
+    return code if code and hashlib.sha256(code).digest() == digest else None
+
+
 def _keep(place: Path, code: bytes) -> None:
-    """Write to the cache; a process that cannot compiles again next time."""
+    """Write to the cache, with a digest; a process that cannot compiles again next time."""
     try:
         place.parent.mkdir(parents=True, exist_ok=True)
         draft = place.with_suffix(f".{os.getpid()}")
-        draft.write_bytes(code)
+        draft.write_bytes(hashlib.sha256(code).digest() + code)
         draft.replace(place)
     except OSError:
         return

@@ -12,6 +12,7 @@ from torch import Tensor
 
 from physid.effects.probe import SHARED, draw_probe
 from physid.physics.effect import Effect, Site
+from physid.physics.unread import ReadError, unread
 
 HOOKS = ("actuate", "act", "observe")
 TOLERANCE = 1e-12
@@ -27,6 +28,7 @@ def check(effect: type[Effect]) -> None:
     null_is_identity(effect)
     derivative_at_null_shows(effect)
     batch_equals_loop(effect)
+    time_stays_a_tensor(effect)
 
 
 def declares_itself(effect: type[Effect]) -> None:
@@ -87,6 +89,21 @@ def batch_equals_loop(effect: type[Effect]) -> None:
         single = {key: value[i : i + 1] for key, value in values.items()}
         _compare(effect, together, probe.only(i).show(effect(**single)), i)
         _compare(effect, probe.show(effect(**single)), probe.only(i).show(effect(**single)), i)
+
+
+def time_stays_a_tensor(effect: type[Effect]) -> None:
+    """Check that Python does not look at the time, which is another one in each world and step of a rollout."""
+    probe = draw_probe()
+    typical = {key: torch.tensor([q.typical], dtype=torch.float64) for key, q in effect.quantities().items()}
+    inputs = probe.inputs.replace(time=unread(probe.inputs.time))
+    for size in (effect(), effect(**typical)):
+        try:
+            size.act(probe.state, inputs)
+        except ReadError as error:
+            raise ValueError(
+                f"{effect.name}.act must compute with inputs.time as a tensor of shape (B,), one for each world and "
+                f"step, but Python looks at its value ({error}); use torch.where or clamp instead of if and float()"
+            ) from error
 
 
 def _compare(effect: type[Effect], batch: dict[str, Tensor], single: dict[str, Tensor], sample: int) -> None:

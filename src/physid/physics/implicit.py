@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from physid.physics.bordered import bordered_factor
+from physid.physics.first_derivative import only_first
 from physid.physics.lcp import ContactProblem, ContactSolution
 
 
@@ -46,11 +47,9 @@ def attach_gradient(problem: ContactProblem, solution: ContactSolution) -> tuple
 class _Root(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, *inputs: Any) -> tuple[Tensor, Tensor]:
-        mass, _, jacobian, _, _, _, _, joint_jacobian, _, solution = inputs
+        *problem, solution = inputs
         ctx.save_for_backward(
-            mass,
-            jacobian,
-            joint_jacobian,
+            *problem,
             solution.velocity,
             solution.impulse,
             solution.joint_impulse,
@@ -61,7 +60,8 @@ class _Root(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
-        mass, jacobian, joint_jacobian, v, impulse, joint, response, friction_response = ctx.saved_tensors
+        *problem, v, impulse, joint, response, friction_response = ctx.saved_tensors
+        mass, _, jacobian, *_, joint_jacobian, _ = problem
         to_v, to_impulse = gradients
         n = v.shape[1]
         matrix = mass + torch.einsum("bckn,bckl,bclm->bnm", jacobian, response, jacobian)
@@ -73,7 +73,7 @@ class _Root(torch.autograd.Function):
         )
         q = torch.einsum("bckn,bn->bck", jacobian, y) + to_impulse
         to_u = -torch.einsum("bclk,bcl->bck", response, q)
-        return (
+        slopes = (
             -y[:, :, None] * v[:, None, :],
             y,
             impulse[..., None] * y[:, None, None, :] + to_u[..., None] * v[:, None, None, :],
@@ -83,5 +83,5 @@ class _Root(torch.autograd.Function):
             to_u[..., 0] * impulse[..., 0],
             joint[..., None] * y[:, None, :] - y_joint[..., None] * v[:, None, :],
             y_joint,
-            None,
         )
+        return (*only_first(slopes, (*problem, *gradients)), None)

@@ -12,13 +12,14 @@ import torch
 from torch import Tensor, nn
 from torch.utils.checkpoint import checkpoint
 
+from physid.physics.border import admit
 from physid.physics.effect import Effect, StepInputs
 from physid.physics.fused.backend import Backend, check_backend, use_fused
 from physid.physics.grid import TimeGrid
 from physid.physics.lcp import SolverSettings
 from physid.physics.motion import acting
 from physid.physics.parameters import Parameters
-from physid.physics.state import State, check_shape
+from physid.physics.state import State
 from physid.physics.step import Step, advance
 from physid.physics.world import World
 
@@ -116,7 +117,8 @@ class PhysicsLayer(nn.Module):
 
         Args:
             initial_state: The states at the first frame.
-            wrenches: Commanded torque [N m] and force [N], row t held from frame t to t + 1; shape (B, T, N, 6).
+            wrenches: Commanded torque [N m] and force [N], row t held from frame t to t + 1; shape (B, T, N, 6). As
+                `parameters` of any floating type and device; computed is with those of the poses.
             parameters: Sizes, masses, inertias, friction, restitution.
             lengths: Steps that are needed of each world, shape (B,); what comes later has no meaning, and need not be
                 computed. Worlds of similar length beside each other are the fastest. None for all steps.
@@ -127,28 +129,21 @@ class PhysicsLayer(nn.Module):
             Poses, twists, impulses and solver status, with gradients to the first three arguments and to the effects.
 
         Raises:
-            ValueError: If a shape is off or a value is not finite.
+            ValueError: If a shape or a type is off, a value is not finite, or a quaternion is not of unit length.
             SolverError: If a step's contact problem cannot be solved.
         """
-        batch, bodies = initial_state.pose.shape[:2]
-        check_shape("wrenches", wrenches, (batch, None, bodies, 6))
-        for field in dataclasses.fields(parameters):
-            have = tuple(getattr(parameters, field.name).shape[:2])
-            if have[0] not in (1, batch) or have[1] != bodies:
-                raise ValueError(f"parameters.{field.name} must have shape (1 or {batch}, {bodies}, ...), got {have}")
-        if lengths is not None and lengths.shape != (batch,):
-            raise ValueError(f"lengths must have shape ({batch},), got {tuple(lengths.shape)}")
+        initial_state, wrenches, parameters = admit(initial_state, wrenches, parameters, lengths)
         grid = TimeGrid.of(self.world, initial_state, wrenches.shape[1], steps, start)
         effects = [effect.to(initial_state.pose) for effect in self.effects]
         for effect in effects:
             wrenches = effect.actuate(wrenches, grid.frames)
         fused = use_fused(self.backend, self.world, initial_state.pose)
-        if fused and wrenches.shape[1]:
+        if fused:
             rollout = self._compiled(initial_state, wrenches, parameters, effects, grid, lengths)
             if rollout is not None:
                 return rollout
         frames: list[Step] = []
-        state, chunk = initial_state, self.checkpoint_every or max(wrenches.shape[1], 1)
+        state, chunk = initial_state, self.checkpoint_every or wrenches.shape[1]
         for first in range(0, wrenches.shape[1], chunk):
             arguments = state, wrenches[:, first : first + chunk], parameters, effects, grid, first
             if self.checkpoint_every is not None and torch.is_grad_enabled():
@@ -288,8 +283,6 @@ def require_converged(step: Step, frame: int, settings: SolverSettings) -> None:
 
 
 def _stack(initial: State, frames: list[Step]) -> Rollout:
-    if not frames:
-        raise ValueError("wrenches must have at least one step, got 0")
     return Rollout(
         pose=torch.stack([initial.pose] + [step.state.pose for step in frames], 1),
         twist=torch.stack([initial.twist] + [step.state.twist for step in frames], 1),

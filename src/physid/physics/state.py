@@ -36,16 +36,30 @@ class State:
         pose: Position of the centre [m], then unit quaternion x y z w; shape (B, N, 7).
         twist: Angular [rad/s], then linear velocity [m/s] of the centre; shape (B, N, 6).
 
+    Shapes and device are checked here, values by `checked` and at the border of a rollout.
+
     Raises:
-        ValueError: If a shape is off, a value is not finite, or a quaternion is not of unit length.
+        ValueError: If a shape is off, or poses and twists are not on one device.
     """
 
     pose: Tensor
     twist: Tensor
 
+    def __post_init__(self) -> None:
+        bodies = self.pose.shape[:-1]
+        for name, value, width in (("pose", self.pose, 7), ("twist", self.twist, 6)):
+            if value.shape != (*bodies, width):
+                raise ValueError(f"{name} must have shape {(*bodies, width)}, got {tuple(value.shape)}")
+        if self.pose.device != self.twist.device:
+            raise ValueError(f"twist must be on {self.pose.device} as the poses are, got {self.twist.device}")
+
     @classmethod
     def checked(cls, pose: Tensor, twist: Tensor) -> State:
-        """Build a state from values that come from outside, after checking them."""
+        """Build a state from values that come from outside, after checking them.
+
+        Raises:
+            ValueError: If a shape is off, a value is not finite, or a quaternion is not of unit length.
+        """
         check_shape("pose", pose, (None, None, 7))
         check_shape("twist", twist, (*pose.shape[:2], 6))
         norm = pose[..., 3:].norm(dim=-1)

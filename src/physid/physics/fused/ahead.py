@@ -11,18 +11,15 @@ from torch import Tensor
 from physid.physics.effect import Effect, StepInputs
 from physid.physics.grid import TimeGrid
 from physid.physics.state import State
+from physid.physics.unread import ReadError, plain, unread
 from physid.physics.world import World
-
-
-class _Read(Exception):
-    """An effect asked for the state."""
 
 
 class _Unknown:
     """Stands for a state that is not known yet."""
 
     def __getattr__(self, name: str) -> NoReturn:
-        raise _Read(name)
+        raise ReadError(name)
 
 
 def inputs_ahead(
@@ -39,19 +36,20 @@ def inputs_ahead(
 
     Returns:
         Inputs whose batch axis holds the T * substeps steps of each world, one world after the other; None if an effect
-        asks for the state.
+        asks for the state, or its Python looks at the time.
     """
     try:
         _act(effects, inputs)  # a single step shows it as a rule, and costs little
         return _act(*_of_all_steps(effects, inputs, wrenches, world, grid))
-    except _Read:
+    except ReadError:
         return None
 
 
 def _act(effects: Sequence[Effect], inputs: StepInputs) -> StepInputs:
+    inputs = inputs.replace(time=unread(inputs.time))
     for effect in effects:
         inputs = effect.act(cast(State, _Unknown()), inputs)
-    return inputs
+    return inputs.replace(**{field.name: plain(getattr(inputs, field.name)) for field in dataclasses.fields(inputs)})
 
 
 def _of_all_steps(

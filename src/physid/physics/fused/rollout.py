@@ -14,6 +14,7 @@ from torch import Tensor
 from physid.compiler.emit import LANES
 from physid.physics.contact import Speculative, Split
 from physid.physics.effect import Effect, StepInputs
+from physid.physics.first_derivative import only_first
 from physid.physics.fused.ahead import inputs_ahead
 from physid.physics.fused.formulas.layouts import CONSTANTS
 from physid.physics.fused.formulas.layouts import INPUTS as FIELDS
@@ -204,16 +205,15 @@ class _Rollout(torch.autograd.Function):
         read |= {"steps": uneven} if uneven is not None else {}
         numbers |= {"steps_by_world": uneven.shape[1] * (uneven.shape[0] > 1)} if uneven is not None else {}
         run("forward", shape, worlds, numbers, read | written)
-        ctx.save_for_backward(tape, inputs, shared, wrench, read["constants"], uneven)
+        ctx.save_for_backward(tape, inputs, shared, wrench, read["constants"], uneven, pose, twist)
         ctx.shape, ctx.numbers = shape, numbers
         ctx.mark_non_differentiable(residual, steps)
         ctx.set_materialize_grads(False)
         return poses, twists, impulse, residual, steps
 
     @staticmethod
-    @torch.autograd.function.once_differentiable
     def backward(ctx: Any, *bars: Tensor | None) -> tuple[Tensor | None, ...]:
-        tape, inputs, shared, wrench, constants, uneven = ctx.saved_tensors
+        tape, inputs, shared, wrench, constants, uneven, *states = ctx.saved_tensors
         worlds, _, bodies = wrench.shape[:3]
         varying = max(inputs.shape[1], shared.shape[1])
         read = {"tape": tape, "inputs": inputs, "shared": shared, "wrench": wrench, "constants": constants}
@@ -228,10 +228,6 @@ class _Rollout(torch.autograd.Function):
             "shared_bar": wrench.new_empty(worlds, varying, SHARED_INPUTS),
         }
         run("backward", ctx.shape, worlds, ctx.numbers, read | written)
-        *states, by_inputs, by_shared = written.values()
-        return (
-            *states,
-            by_inputs.sum_to_size(inputs.shape),
-            by_shared.sum_to_size(shared.shape),
-            *[None] * 7,
-        )
+        *by_states, by_inputs, by_shared = written.values()
+        slopes = (*by_states, by_inputs.sum_to_size(inputs.shape), by_shared.sum_to_size(shared.shape))
+        return (*only_first(slopes, (*states, wrench, inputs, shared, *bars)), *[None] * 7)

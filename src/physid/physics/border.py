@@ -1,0 +1,53 @@
+"""What comes into a rollout from outside, checked and converted once, before any engine sees it."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import torch
+from torch import Tensor
+
+from physid.physics.parameters import Parameters
+from physid.physics.state import State, check_shape
+
+PRECISIONS = (torch.float32, torch.float64)
+
+
+def admit(
+    state: State, wrenches: Tensor, parameters: Parameters, lengths: Tensor | None
+) -> tuple[State, Tensor, Parameters]:
+    """Return states, wrenches and parameters of one type, on one device, that of the poses; gradients flow on.
+
+    Args:
+        state: The states at the first frame.
+        wrenches: Shape (B, T, N, 6), of any floating type and device.
+        parameters: The same.
+        lengths: Steps that are needed of each world, shape (B,), or None.
+
+    Raises:
+        ValueError: If a shape, a type or a device is off, a value is not finite, or a quaternion is not of unit length.
+    """
+    pose = state.pose
+    if pose.dtype not in PRECISIONS:
+        raise ValueError(f"pose must be of torch.float32 or torch.float64, got {pose.dtype}")
+    state = State.checked(pose, _like("twist", state.twist, pose))
+    batch, bodies = pose.shape[:2]
+    wrenches = _like("wrenches", wrenches, pose)
+    check_shape("wrenches", wrenches, (batch, None, bodies, 6))
+    if wrenches.shape[1] == 0:
+        raise ValueError("wrenches must have at least one step, got 0")
+    fields = {field.name: getattr(parameters, field.name) for field in dataclasses.fields(parameters)}
+    for name, value in fields.items():
+        have = tuple(value.shape[:2])
+        if have[0] not in (1, batch) or have[1] != bodies:
+            raise ValueError(f"parameters.{name} must have shape (1 or {batch}, {bodies}, ...), got {have}")
+    known = Parameters(**{name: _like(f"parameters.{name}", value, pose) for name, value in fields.items()})
+    if lengths is not None and lengths.shape != (batch,):
+        raise ValueError(f"lengths must have shape ({batch},), got {tuple(lengths.shape)}")
+    return state, wrenches, known
+
+
+def _like(name: str, value: Tensor, pose: Tensor) -> Tensor:
+    if not value.is_floating_point():
+        raise ValueError(f"{name} must be of a floating type, got {value.dtype}; convert it with .to({pose.dtype})")
+    return value.to(pose)
