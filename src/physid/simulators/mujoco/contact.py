@@ -43,7 +43,13 @@ class Solution:
 
 
 def solve(
-    model: mujoco.MjModel, data: mujoco.MjData, friction: Array, least: Array, length: float, *, impact: bool
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    friction: Array,
+    least: Array,
+    length: float,
+    *,
+    softness: Array | None,
 ) -> Solution:
     """Find the velocities after a step whose contacts have been looked for by `mj_step1`.
 
@@ -53,15 +59,16 @@ def solve(
         friction: Coulomb coefficient of each contact [-], shape (C,).
         least: Least normal velocity of each contact after the step [m/s], shape (C,).
         length: Of the step [s].
-        impact: Whether bodies hit each other: impulses are exact, and friction opposes the slip after them.
+        softness: Factor on MuJoCo's least softness, shape (C,); None where bodies hit each other: impulses are then
+            exact, and friction opposes the slip after them.
 
     Returns:
         The solution.
     """
-    velocity, count = data.efc_vel.reshape(-1, 3).copy(), len(friction)
-    if not impact:
-        data.efc_R[:] *= SOFTER
-        data.efc_D[:] /= SOFTER
+    velocity, impact = data.efc_vel.reshape(-1, 3).copy(), softness is None
+    if softness is not None:
+        data.efc_R.reshape(-1, 3)[:] *= softness[:, None]
+        data.efc_D.reshape(-1, 3)[:] /= softness[:, None]
     mujoco.mj_fwdActuation(model, data)
     mujoco.mj_fwdAcceleration(model, data)
     slip = velocity[:, 1:]
@@ -77,7 +84,7 @@ def solve(
         share[early] = 1.0
     after = slip + length * change
     size_after = np.hypot(after[:, 0], after[:, 1])
-    kept = 1.0 if impact else _before_turning(size, size_after, turned, data.efc_force[::3][:count] > 0)
+    kept = 1.0 if impact else _before_turning(size, size_after, turned, data.efc_force[::3] > 0)
     return Solution(np.asarray(data.qvel + length * data.qacc), kept)
 
 
@@ -115,7 +122,7 @@ def _accelerate(
         data.efc_aref[:] = wanted.ravel()
         mujoco.mj_fwdConstraint(model, data)
         found = (jacobian @ data.qacc).reshape(-1, 3)
-        missed = found - wanted
+        missed = found - wanted + (data.efc_R * data.efc_force).reshape(-1, 3)
         known, lift = lift, friction * np.hypot(missed[:, 1], missed[:, 2])
         if time.min() * np.abs(lift - known).max() < LIFT_TOLERANCE:
             break

@@ -15,7 +15,7 @@ from physid.scenes.placing import UP
 from physid.scenes.rotations import between, conjugate, rotate
 from physid.scenes.scene import Scene
 from physid.scenes.setup import REST_DEPTH
-from physid.simulators.mujoco.contact import LEAST_FRICTION, solve
+from physid.simulators.mujoco.contact import LEAST_FRICTION, SOFTER, Solution, solve
 from physid.simulators.mujoco.model import build_model
 
 Array = NDArray[np.float64]
@@ -23,9 +23,13 @@ GRAVITY = 9.81  # [m/s^2] sets the slowest impact: one that lasts less than a st
 TOUCH = 1e-5  # [m] contacts at most this far apart touch: several times what a step of 1 ms misses a touch-down by
 PARTS = 32  # the shortest step is this part of a whole one: around impacts, which begin and end between whole steps
 REMOVAL = 50.0  # [1/s] rate at which an overlap of more than REST_DEPTH is taken back: there is hardly any
+FASTEST_REMOVAL = 0.01  # [m/s] so that bodies that start in each other do not fly apart
 REACH = 2.0  # contacts are looked for as far away as bodies come in this many steps ...
 LEAST_REACH = 1e-3  # [m] ... and at least so far
 MOST_TRIES = 6  # at the length of a step that ends where a slip does
+YIELDING_RATIO = (
+    1e6  # softness of a normal row over that of a tangential one, where contacts yield along the normal only
+)
 FAR = -1e3  # [m/s] normal velocity that a contact out of reach may have: any
 
 
@@ -50,6 +54,7 @@ class Engine:
         for (first, second), number in self._pairs.items():
             self._number[first + 1, second + 1] = self._number[second + 1, first + 1] = number
         self._friction, self._restitution = np.zeros(len(self._pairs)), np.zeros(len(self._pairs))
+        self._compliance = np.zeros(len(self._pairs))
         self.place_ground(np.array(scene.ground.normal), scene.ground.offset)
         friction = np.array([body.friction for body in scene.bodies])
         restitution = np.array([body.restitution for body in scene.bodies])
@@ -66,6 +71,17 @@ class Engine:
             mu, e = (friction, restitution) if first < 0 else (pair_friction[first], pair_restitution[first])
             self._friction[number], self._restitution[number] = mu[second], e[second]
         self._model.pair_friction[:, :2] = np.maximum(self._friction, LEAST_FRICTION)[:, None]
+
+    def set_compliance(self, compliance: Array) -> None:
+        """Set how far each contact of the bodies with the ground yields under a force [m/N], shape (N,)."""
+        for (first, second), number in self._pairs.items():
+            self._compliance[number] = compliance[second] if first < 0 else 0.0
+        self._model.opt.impratio = YIELDING_RATIO
+
+    def set_inertia(self, mass: Array, moments: Array) -> None:
+        """Set the masses [kg], shape (N,), and the principal moments [kg m^2], shape (N, 3)."""
+        self._model.body_mass[2:], self._model.body_inertia[2:] = mass, moments
+        mujoco.mj_setConst(self._model, self._scratch)
 
     def set_state(self, pose: Array, twist: Array) -> None:
         """Put the bodies at poses (N, 7) with twists (N, 6), world frame."""
@@ -101,14 +117,17 @@ class Engine:
             return self._fly(longest)
         gap, normal = np.array(data.contact.dist), data.efc_vel[::3]
         impact = -0.5 * GRAVITY * self._step
+        pair = self._pair()
+        yielding = self._compliance[pair] > 0
         hit = (gap <= TOUCH) & (normal < impact)
+        # What yields takes up a blow by itself, unless it bounces off as it touches.
+        hit &= ~yielding | ((self._restitution[pair] > 0) & (gap > -TOUCH))
         if hit.any():
             # Short and with the velocity after the impact, which happens at the step's beginning.
             length = min(longest, shortest)
-            bounce = np.where(hit, -self._restitution[self._pair()] * normal, FAR)
-            found = solve(
-                self._model, data, self._friction[self._pair()], np.maximum(_closing(gap), bounce), length, impact=True
-            )
+            bounce = np.where(hit, -self._restitution[pair] * normal, FAR)
+            least = np.maximum(_closing(gap), bounce)
+            found = solve(self._model, data, self._friction[pair], least, length, softness=None)
             data.qpos[:], data.qvel[:] = self._moved(start, found.velocity, length), found.velocity
             return length
         length = _until_touch(gap, normal, longest, shortest)
@@ -119,14 +138,31 @@ class Engine:
             if not self._look(longest):
                 data.qpos[:] = start
                 return self._fly(length)
-            landing = data.efc_vel[::3] < 2 * impact  # only at the end of this step: nothing touched at its beginning
-            least = np.where(landing, FAR, _closing(np.array(data.contact.dist)))
-            found = solve(self._model, data, self._friction[self._pair()], least, length, impact=False)
+            found = self._hold(length, 2 * impact)
             if found.kept == 1 or length <= shortest:
                 break
             length = max(shortest, found.kept * length)
         data.qpos[:], data.qvel[:] = self._moved(middle, found.velocity, 0.5 * length), found.velocity
         return length
+
+    def _hold(self, length: float, landing: float) -> Solution:
+        """Solve for a step without impacts at the mean pose; contacts that approach faster than `landing` come later.
+
+        A contact of compliance C is a spring of stiffness 1 / C, critically damped for a quarter of the mass m that
+        stands on it, and taken at the end of the step: v+ = -(r + C f) / (h / 2 + sqrt(m C)) for an overlap -r.
+        """
+        data, pair = self._data, self._pair()
+        gap = np.array(data.contact.dist)
+        least = np.where(data.efc_vel[::3] < landing, FAR, _closing(gap))
+        softness = np.full(len(gap), SOFTER)
+        compliance = self._compliance[pair]
+        yields = compliance > 0
+        if yields.any():
+            mass = self._model.body_mass[1 + data.contact.geom.max(1)]
+            time = 0.5 * length + np.sqrt(mass * compliance)
+            least = np.where(yields, np.where(gap > TOUCH, FAR, -gap / time), least)
+            softness = np.where(yields, compliance / (length * time) / data.efc_R[::3], softness)
+        return solve(self._model, data, self._friction[pair], least, length, softness=softness)
 
     def _look(self, longest: float) -> bool:
         """Look for contacts within reach and tell whether there are any."""
@@ -162,7 +198,7 @@ def _closing(gap: Array) -> Array:
     Bodies rest at a gap of -REST_DEPTH, where those of the catalogue start. The law is linear, so that a face that lies
     flat is held by all its corners. Contacts out of touch are free, for no step goes farther than to a touch-down.
     """
-    return np.where(gap > TOUCH, FAR, -REMOVAL * (gap + REST_DEPTH))
+    return np.where(gap > TOUCH, FAR, np.minimum(-REMOVAL * (gap + REST_DEPTH), FASTEST_REMOVAL))
 
 
 def _until_touch(gap: Array, normal: Array, longest: float, shortest: float) -> float:
