@@ -11,6 +11,7 @@ from physid.data.generate import draw, generate
 from physid.data.generation import GenerateConfig, Noise
 from physid.data.truth import read_truth
 from physid.scenes.camera import Camera
+from physid.scenes.scene import Integration
 
 SMALL = GenerateConfig("push", trajectories=6, steps=20, video=False, unknown=("block.friction",))
 FILM = dataclasses.replace(SMALL, trajectories=2, steps=5, video=True)
@@ -23,7 +24,12 @@ def sums(folder: Path) -> str:
 MUJOCO = dataclasses.replace(SMALL, simulator="mujoco", frame_rate=60.0, trajectories=3)
 
 
-@pytest.mark.parametrize("config", [SMALL, FILM, MUJOCO], ids=["numbers", "video", "mujoco"])
+UNEVEN = dataclasses.replace(
+    SMALL, simulator="mujoco", frame_rate=60.0, steps=25, jitter=0.2, missing=0.2, force_rate=240.0, trajectories=3
+)
+
+
+@pytest.mark.parametrize("config", [SMALL, FILM, MUJOCO, UNEVEN], ids=["numbers", "video", "mujoco", "uneven"])
 def test_the_bytes_do_not_depend_on_the_number_of_workers(tmp_path: Path, config: GenerateConfig) -> None:
     for workers in (1, 2):
         generate(config, tmp_path / str(workers), workers, quiet=True)
@@ -159,3 +165,43 @@ def test_two_simulators_move_a_block_alike_but_not_in_the_last_digit(tmp_path: P
     assert other is not None
     assert [found.scene.source for found in sets] == ["pybullet", "mujoco"]
     assert 0 < np.abs(one - other)[..., :3].max() < 1e-4
+
+
+def test_uneven_frames_show_the_motion_at_their_own_times_and_forces_have_their_own_clock(tmp_path: Path) -> None:
+    even = dataclasses.replace(UNEVEN, jitter=0.0, missing=0.0, frame_rate=960.0, steps=400, force_rate=None)
+    for name, config in (("uneven", UNEVEN), ("fine", even)):
+        generate(config, tmp_path / name, 1, quiet=True)
+    uneven, fine = (RecordingSet(tmp_path / name).read(0) for name in ("uneven", "fine"))
+    assert uneven.time is not None
+    assert uneven.wrench_time is not None
+    assert uneven.wrench is not None
+    assert fine.pose is not None
+    assert fine.wrench is not None
+    nominal = np.rint(uneven.time * 60)
+    assert np.abs(uneven.time * 60 - nominal).max() <= 0.2 + 1e-9
+    assert np.abs(uneven.time * 60 - nominal).max() > 0.1
+    assert 12 <= len(uneven.time) < 25
+    assert np.diff(uneven.wrench_time) == pytest.approx(1 / 240)
+    assert np.array_equal(uneven.wrench, fine.wrench[:: 960 // 240][: len(uneven.wrench)])
+    for axis in range(3):
+        path = np.interp(uneven.time, fine.stamps(1 / 960), fine.pose[:, 0, axis])
+        assert uneven.pose is not None
+        assert np.abs(uneven.pose[:, 0, axis] - path).max() < 1e-5
+
+
+def test_forces_that_change_between_frames_are_told_with_their_times(tmp_path: Path) -> None:
+    config = dataclasses.replace(SMALL, frame_rate=30.0, steps=10, force_rate=100.0, trajectories=1)
+    generate(config, tmp_path, quiet=True)
+    recording = RecordingSet(tmp_path).read(0)
+    assert recording.time is not None
+    assert recording.wrench_time is not None
+    # Frames are taken at the steps next to their times.
+    assert np.abs(recording.time - np.arange(10) / 30).max() <= 0.5 / 600 + 1e-12
+    assert recording.wrench_time[-1] <= recording.time[-1] < recording.wrench_time[-1] + 0.01
+
+
+def test_a_simulator_that_shares_its_scheme_with_the_model_is_named_with_its_step(tmp_path: Path) -> None:
+    for name, changes in (("pybullet", {"substeps": 4}), ("mujoco", {"simulator": "mujoco"})):
+        generate(dataclasses.replace(SMALL, trajectories=1, **changes), tmp_path / name, quiet=True)  # type: ignore[arg-type]
+    told = [RecordingSet(tmp_path / name).scene.integration for name in ("pybullet", "mujoco")]
+    assert told == [Integration("semi_implicit_euler", 1 / 960), None]

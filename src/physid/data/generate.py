@@ -21,6 +21,7 @@ from physid.scenes.rotations import from_vector, multiply
 from physid.scenes.setup import Excitation
 from physid.simulators.motion import Motion, observed
 from physid.simulators.protocol import find_simulator
+from physid.simulators.sampling import Sampling
 
 if TYPE_CHECKING:
     from physid.physics.effect import Effect
@@ -94,16 +95,18 @@ def draw(
         effects: Effects at work.
 
     Returns:
-        The commanded excitation, the motion, and the number of draws thrown away.
+        The commanded excitation and the motion at the instants of `config.sampling()`, which are the frames unless
+        stamps wander or forces have a rate of their own; and the number of draws thrown away.
 
     Raises:
         ValueError: If no draw stays in view.
     """
-    scene, simulator = config.true_scene(), find_simulator(config.simulator)
+    scene, sampling, simulator = config.true_scene(), config.sampling(), find_simulator(config.simulator)
+    fine = dataclasses.replace(scene, time_step=sampling.step)
     camera = find_setup(config.scene).scene.camera
     for attempt in range(MOST_REDRAWS):
-        excitation = _excite(config, protocol, np.random.default_rng([config.seed, index, attempt]))
-        (motion,) = simulator.simulate(scene, [excitation], effects, config.substeps)
+        excitation = _excite(config, protocol, sampling, np.random.default_rng([config.seed, index, attempt]))
+        (motion,) = simulator.simulate(fine, [excitation], effects, sampling.substeps)
         if camera is None or camera.sees(motion.pose, scene.sizes, VIEW_MARGIN).all():
             return excitation, motion, attempt
     raise ValueError(
@@ -113,13 +116,13 @@ def draw(
     )
 
 
-def _excite(config: GenerateConfig, protocol: str, generator: np.random.Generator) -> Excitation:
-    """Draw an excitation at the scene's own frame rate, and sample its forces at the frames of the set."""
-    setup, scene = find_setup(config.scene), config.true_scene()
-    own = dataclasses.replace(scene, time_step=setup.scene.time_step)
-    rows = np.floor(np.arange(config.steps) * (scene.time_step / own.time_step) + SAME_INSTANT).astype(int)
+def _excite(config: GenerateConfig, protocol: str, sampling: Sampling, generator: np.random.Generator) -> Excitation:
+    """Draw an excitation at the scene's own frame rate, and hold its forces as the set's rows of forces do."""
+    setup = find_setup(config.scene)
+    own = dataclasses.replace(config.true_scene(), time_step=setup.scene.time_step)
+    rows = np.floor(sampling.forces * (sampling.step / own.time_step) + SAME_INSTANT).astype(int)
     drawn = setup.draw(own, protocol, generator, int(rows[-1]) + 1)
-    return dataclasses.replace(drawn, wrench=drawn.wrench[rows])
+    return dataclasses.replace(drawn, wrench=drawn.wrench[rows[sampling.held()]])
 
 
 def _write_one(config: GenerateConfig, folder: Path, index: int, split: str, extra: tuple[Effect, ...]) -> int:
@@ -127,21 +130,26 @@ def _write_one(config: GenerateConfig, folder: Path, index: int, split: str, ext
     effects = (*config.build_effects(), *extra)
     protocol = config.protocol_for(split)
     excitation, motion, redrawn = draw(config, index, protocol, effects)
-    scene = config.true_scene()
-    pose = observed(motion.pose, effects, scene.time_step * np.arange(len(motion.pose), dtype=np.float64))
+    scene, sampling = config.true_scene(), config.sampling()
+    seen = observed(motion.pose, effects, sampling.stamps(np.arange(len(motion.pose))))
+    frames = sampling.draw_frames(np.random.default_rng([config.seed, index, MOST_REDRAWS + 1]), config.missing)
+    pose = seen[frames]
     images = {}
     if scene.camera is not None:
         from physid.simulators.bullet.camera import film
 
         images = film(scene, pose)
-    disturbed = bool(config.noise) or pose is not motion.pose
+    disturbed = bool(config.noise) or seen is not motion.pose
+    uneven = bool(config.jitter or config.missing or config.force_rate)
     recording = Recording(
         pose=_add_noise(pose, config.noise, np.random.default_rng([config.seed, index, MOST_REDRAWS])),
-        wrench=excitation.wrench,
         # Velocities come from the simulator, not from the sensor: a disturbed set must not carry them.
-        twist=None if disturbed else motion.twist,
+        twist=None if disturbed else motion.twist[frames],
         split=split,
         protocol=protocol,
+        wrench=excitation.wrench[sampling.forces],
+        time=sampling.stamps(frames) if uneven else None,
+        wrench_time=sampling.stamps(sampling.forces) if uneven else None,
         **images,
     )
     write_trajectory(trajectory_path(folder, index), recording)

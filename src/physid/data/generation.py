@@ -14,9 +14,12 @@ from physid.scenes.catalogue import bodies_of, find_setup, with_parameters
 from physid.scenes.scene import Integration, Scene
 from physid.scenes.strict import check_keys, nearest, number, whole
 from physid.simulators.protocol import find_simulator
+from physid.simulators.sampling import MOST_JITTER, Sampling, sample
 
 if TYPE_CHECKING:
     from physid.physics.effect import Effect
+
+MOST_MISSING = 0.9  # [-] of the frames, so that a few are left
 
 
 @dataclass(frozen=True)
@@ -46,9 +49,13 @@ class GenerateConfig:
     Attributes:
         scene: push, slide, collide or toss.
         simulator: Who makes the motion: pybullet, mujoco or closed_form.
-        frame_rate: Frames per second [Hz]; None for the scene's own 240. Forces are drawn for the scene's own frames
-            and sampled at these: they change at frames only.
-        substeps: Steps of the simulator between two frames; None for its own choice.
+        frame_rate: Frames per second [Hz]; None for the scene's own 240.
+        substeps: Steps of the simulator between two frames; None for its own choice. Where stamps wander or forces have
+            a rate of their own there are at least 20, for both lie on steps.
+        jitter: Largest share of the time between frames by which a frame is off its time [-]; `time` holds true times.
+        missing: Share of the frames that are lost [-].
+        force_rate: Rows of the forces per second [Hz]; None for that of the frames. Forces are drawn for the scene's
+            own 240 frames per second, and change at these rows only.
         protocol: How trajectories are excited: paper, rich or straight (along one line), and for toss flight.
         protocol_of_split: Another protocol for some splits, by the split's name.
         trajectories: Number of trajectories.
@@ -71,6 +78,9 @@ class GenerateConfig:
     simulator: str = "pybullet"
     frame_rate: float | None = None
     substeps: int | None = None
+    jitter: float = 0.0
+    missing: float = 0.0
+    force_rate: float | None = None
     protocol: str = "paper"
     protocol_of_split: Mapping[str, str] = field(default_factory=dict)
     trajectories: int = 1000
@@ -92,6 +102,11 @@ class GenerateConfig:
             number(self.frame_rate, "frame_rate", low=0.0, strict=True)
         if self.substeps is not None:
             whole(self.substeps, "substeps", low=1)
+        if self.force_rate is not None:
+            number(self.force_rate, "force_rate", low=0.0, strict=True)
+        for name, most in (("jitter", MOST_JITTER), ("missing", MOST_MISSING)):
+            if number(getattr(self, name), name, low=0.0) > most:
+                raise ValueError(f"{name} must be at most {most:g}, got {getattr(self, name):g}")
         whole(self.trajectories, "trajectories", low=1)
         whole(self.steps, "steps", low=2)
         whole(self.seed, "seed", low=0)
@@ -141,7 +156,8 @@ class GenerateConfig:
         own = find_setup(self.scene).scene
         step = own.time_step if self.frame_rate is None else 1 / self.frame_rate
         simulator = find_simulator(self.simulator)
-        shared = simulator.integration(step / (self.substeps or simulator.substeps_for(step)))
+        grid = self._sample(step)
+        shared = simulator.integration(grid.step / (grid.substeps or simulator.substeps_for(grid.step)))
         scene = dataclasses.replace(
             with_parameters(own, self.true_values),
             time_step=step,
@@ -149,6 +165,20 @@ class GenerateConfig:
             integration=None if shared is None else Integration.from_mapping(shared),
         )
         return scene if self.video else dataclasses.replace(scene, camera=None)
+
+    def sampling(self) -> Sampling:
+        """Return when forces change and poses are taken."""
+        return self._sample(self.true_scene().time_step)
+
+    def _sample(self, time_step: float) -> Sampling:
+        return sample(
+            time_step,
+            self.steps,
+            find_simulator(self.simulator),
+            substeps=self.substeps,
+            jitter=self.jitter,
+            force_rate=self.force_rate,
+        )
 
     def known_scene(self) -> Scene:
         """Return the scene as recording.yaml shall describe it: a first guess for what is unknown."""

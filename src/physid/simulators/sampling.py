@@ -1,0 +1,97 @@
+"""When poses are taken and forces change: on the steps of a simulation, so that both are exact."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physid.simulators.protocol import Simulator
+
+Indices = NDArray[np.intp]
+LEAST_PARTS = 20  # steps between two frames from which on a stamp can be put on a step: 5 % of the frames' distance
+MOST_JITTER = 0.4  # [-] stamps that wander farther could come out of order
+ROUNDING = 1e-9  # [-] quotients that differ from a whole number by less are one
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """A grid of simulated instants, those at which poses are taken, and those from which forces are held.
+
+    Attributes:
+        step: Between two instants of the grid [s].
+        substeps: Steps of the simulator between two instants; None for its own choice.
+        frames: Instants of the frames, shape (T,).
+        forces: Instants from which each row of the forces is held, shape (S,); the first is 0.
+        wander: How many instants a frame may be off its place.
+    """
+
+    step: float
+    substeps: int | None
+    frames: Indices
+    forces: Indices
+    wander: int = 0
+
+    @property
+    def length(self) -> int:
+        """Instants to simulate."""
+        return int(self.frames[-1]) + self.wander + 1
+
+    def stamps(self, instants: Indices) -> NDArray[np.float64]:
+        """Return the times of some instants [s]."""
+        return self.step * instants.astype(np.float64)
+
+    def held(self) -> Indices:
+        """Return the row of the forces that is held from each instant, shape (length,)."""
+        return np.searchsorted(self.forces, np.arange(self.length), side="right") - 1
+
+    def draw_frames(self, generator: np.random.Generator, missing: float) -> Indices:
+        """Draw the instants of the frames that are recorded: each wanders evenly, and some are lost.
+
+        The first frame stays where it is, and is there.
+
+        Args:
+            generator: Source of randomness.
+            missing: Share of the frames that are lost [-].
+        """
+        off = np.rint(self.wander * generator.uniform(-1.0, 1.0, len(self.frames))).astype(np.intp)
+        there = generator.uniform(size=len(self.frames)) >= missing
+        off[0], there[:2] = 0, True
+        return np.asarray((self.frames + off)[there])
+
+
+def sample(
+    time_step: float,
+    count: int,
+    simulator: Simulator,
+    *,
+    substeps: int | None = None,
+    jitter: float = 0.0,
+    force_rate: float | None = None,
+) -> Sampling:
+    """Choose the grid of a simulation.
+
+    Without jitter, and with forces at the rate of the frames, the grid is that of the frames. Otherwise it is that of
+    the forces or finer, and each frame is taken at the instant next to its time.
+
+    Args:
+        time_step: Between frames [s].
+        count: Frames T.
+        simulator: Who simulates.
+        substeps: Steps of the simulator between two frames; None for its own choice.
+        jitter: Largest share of the time step by which a frame is off its time [-].
+        force_rate: Rows of the forces per second [Hz]; None for that of the frames.
+    """
+    if jitter == 0 and force_rate is None:
+        index = np.arange(count)
+        return Sampling(time_step, substeps, index, index)
+    period = time_step if force_rate is None else 1 / force_rate
+    parts = max(LEAST_PARTS, substeps or simulator.substeps_for(time_step))
+    each = max(1, math.ceil(period * parts / time_step - ROUNDING))
+    step = period / each
+    frames = np.rint(np.arange(count) * (time_step / step)).astype(np.intp)
+    wander = math.floor(jitter * time_step / step + ROUNDING)
+    end = int(frames[-1]) + wander
+    return Sampling(step, 1, frames, np.arange(0, end + 1, each), wander)
