@@ -74,9 +74,9 @@ def solve(
     slip = velocity[:, 1:]
     size = np.hypot(slip[:, 0], slip[:, 1])
     share = np.where((size > SLOW) & (not impact), 0.5, 1.0)
-    lift = friction * size / (share * length)
+    rest = (least - velocity[:, 0]) / length
     while True:
-        change, lift = _accelerate(model, data, friction, (least - velocity[:, 0]) / length, share * length, lift)
+        change = _accelerate(model, data, friction, rest, share * length)
         turned = (slip * (slip + length * change)).sum(1) < 0
         early = turned & (share < 1)
         if not early.any():
@@ -96,10 +96,8 @@ def _before_turning(size: Array, size_after: Array, turned: Flags, pressed: Flag
     return float(np.where(size_after > SLOW, size / (size + size_after), 0.5)[ends].min())
 
 
-def _accelerate(
-    model: mujoco.MjModel, data: mujoco.MjData, friction: Array, rest: Array, time: Array, lift: Array
-) -> tuple[Array, Array]:
-    """Solve for the accelerations.
+def _accelerate(model: mujoco.MjModel, data: mujoco.MjData, friction: Array, rest: Array, time: Array) -> Array:
+    """Solve for the accelerations, beginning with those of the step before.
 
     Args:
         model: The world.
@@ -107,16 +105,18 @@ def _accelerate(
         friction: Coulomb coefficient of each contact [-], shape (C,).
         rest: Least normal accelerations [m/s^2], shape (C,).
         time: In which friction is to end the slip [s], shape (C,).
-        lift: A guess of the lift of the convex cone [m/s^2], shape (C,).
 
     Returns:
-        Tangential accelerations of the contacts, shape (C, 2), and the lift.
+        Tangential accelerations of the contacts, shape (C, 2).
     """
     jacobian = data.efc_J.reshape(-1, model.nv)
     wanted = -data.efc_vel.reshape(-1, 3) / time[:, None]
     smooth = friction < LEAST_FRICTION
     if smooth.any():
         wanted[smooth, 1:] = (jacobian @ data.qacc_smooth).reshape(-1, 3)[smooth, 1:]
+    missed = (jacobian @ data.qacc_warmstart).reshape(-1, 3) - wanted
+    lift = friction * np.hypot(missed[:, 1], missed[:, 2])
+    least = float(time.min())
     for _ in range(MOST_ROUNDS):
         wanted[:, 0] = rest - lift
         data.efc_aref[:] = wanted.ravel()
@@ -124,7 +124,7 @@ def _accelerate(
         found = (jacobian @ data.qacc).reshape(-1, 3)
         missed = found - wanted + (data.efc_R * data.efc_force).reshape(-1, 3)
         known, lift = lift, friction * np.hypot(missed[:, 1], missed[:, 2])
-        if time.min() * np.abs(lift - known).max() < LIFT_TOLERANCE:
+        if least * np.abs(lift - known).max() < LIFT_TOLERANCE:
             break
     data.qacc_warmstart[:] = data.qacc
-    return found[:, 1:], lift
+    return np.asarray(found[:, 1:])

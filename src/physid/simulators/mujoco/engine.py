@@ -26,7 +26,7 @@ REMOVAL = 50.0  # [1/s] rate at which an overlap of more than REST_DEPTH is take
 FASTEST_REMOVAL = 0.01  # [m/s] so that bodies that start in each other do not fly apart
 REACH = 2.0  # contacts are looked for as far away as bodies come in this many steps ...
 LEAST_REACH = 1e-3  # [m] ... and at least so far
-MOST_TRIES = 6  # at the length of a step that ends where a slip does
+MOST_TRIES = 5  # at the length of a step that ends where a slip does
 YIELDING_RATIO = (
     1e6  # softness of a normal row over that of a tangential one, where contacts yield along the normal only
 )
@@ -48,8 +48,11 @@ class Engine:
         count = len(scene.bodies)
         self._model, self._pairs = build_model(scene, np.zeros((count, 3)) if centres is None else centres)
         self._data, self._scratch = mujoco.MjData(self._model), mujoco.MjData(self._model)
-        self._step, self._count = step, count
-        self._radius = 0.5 * np.linalg.norm(scene.sizes, axis=1)
+        self._step = step
+        self._impact = -0.5 * GRAVITY * step  # [m/s] normal velocity below which a contact hits
+        # What bounds the speed of any point, from the velocities as MuJoCo orders them [-], [m].
+        radius = 0.5 * np.linalg.norm(scene.sizes, axis=1)[:, None]
+        self._levers = np.concatenate([np.ones((count, 3)), np.broadcast_to(radius, (count, 3))], 1).ravel()
         self._number = np.full((count + 1, count + 1), -1)  # of the pair of two geoms, the ground's being 0
         for (first, second), number in self._pairs.items():
             self._number[first + 1, second + 1] = self._number[second + 1, first + 1] = number
@@ -111,34 +114,59 @@ class Engine:
 
     def _part(self, longest: float) -> float:
         """Advance by at most `longest` [s] and return by how much."""
+        data, start = self._data, self._data.qpos.copy()
+        # Moreau's midpoint rule: contacts are those of the mean pose.
+        data.qpos[:] = middle = self._moved(start, data.qvel, 0.5 * longest)
+        if not self._look(longest):
+            data.qpos[:] = start
+            return self._fly(longest)
+        if self._calm(0.5 * longest):
+            found = self._hold(longest, 2 * self._impact)
+            if found.kept == 1:
+                data.qpos[:], data.qvel[:] = self._moved(middle, found.velocity, 0.5 * longest), found.velocity
+                return longest
+            data.qpos[:] = start
+            return self._keep_touch(start, max(self._step / PARTS, found.kept * longest))
+        data.qpos[:] = start
+        return self._part_with_touch(start, longest)
+
+    def _calm(self, time: float) -> bool:
+        """Tell whether contacts, found so long [s] after the beginning of a step, go on as they are during the step."""
+        data = self._data
+        gap, normal = data.contact.dist, data.efc_vel[::3]
+        touches = gap <= TOUCH
+        return bool(np.where(touches, normal >= self._impact, gap + time * normal > TOUCH).all())
+
+    def _part_with_touch(self, start: Array, longest: float) -> float:
+        """Advance by at most `longest` [s], in which bodies hit each other or touch down; return by how much."""
         data, shortest = self._data, self._step / PARTS
-        start = data.qpos.copy()
         if not self._look(longest):
             return self._fly(longest)
         gap, normal = np.array(data.contact.dist), data.efc_vel[::3]
-        impact = -0.5 * GRAVITY * self._step
         pair = self._pair()
-        yielding = self._compliance[pair] > 0
-        hit = (gap <= TOUCH) & (normal < impact)
+        hit = (gap <= TOUCH) & (normal < self._impact)
         # What yields takes up a blow by itself, unless it bounces off as it touches.
-        hit &= ~yielding | ((self._restitution[pair] > 0) & (gap > -TOUCH))
-        if hit.any():
-            # Short and with the velocity after the impact, which happens at the step's beginning.
-            length = min(longest, shortest)
-            bounce = np.where(hit, -self._restitution[pair] * normal, FAR)
-            least = np.maximum(_closing(gap), bounce)
-            found = solve(self._model, data, self._friction[pair], least, length, softness=None)
-            data.qpos[:], data.qvel[:] = self._moved(start, found.velocity, length), found.velocity
-            return length
-        length = _until_touch(gap, normal, longest, shortest)
+        hit &= (self._compliance[pair] == 0) | ((self._restitution[pair] > 0) & (gap > -TOUCH))
+        if not hit.any():
+            return self._keep_touch(start, _until_touch(gap, normal, longest, shortest))
+        # Short and with the velocity after the impact, which happens at the step's beginning.
+        length = min(longest, shortest)
+        bounce = np.where(hit, -self._restitution[pair] * normal, FAR)
+        least = np.maximum(_closing(gap), bounce)
+        found = solve(self._model, data, self._friction[pair], least, length, softness=None)
+        data.qpos[:], data.qvel[:] = self._moved(start, found.velocity, length), found.velocity
+        return length
+
+    def _keep_touch(self, start: Array, length: float) -> float:
+        """Advance by at most `length` [s], in which nothing hits anything, to where a slip ends; return by how much."""
+        data, shortest = self._data, self._step / PARTS
         for _ in range(MOST_TRIES):
-            # Moreau's midpoint rule: contacts are those of the mean pose.
             middle = self._moved(start, data.qvel, 0.5 * length)
             data.qpos[:] = middle
-            if not self._look(longest):
+            if not self._look(length):
                 data.qpos[:] = start
                 return self._fly(length)
-            found = self._hold(length, 2 * impact)
+            found = self._hold(length, 2 * self._impact)
             if found.kept == 1 or length <= shortest:
                 break
             length = max(shortest, found.kept * length)
@@ -166,9 +194,7 @@ class Engine:
 
     def _look(self, longest: float) -> bool:
         """Look for contacts within reach and tell whether there are any."""
-        motion = self._data.qvel.reshape(-1, 6)
-        fastest = np.abs(motion[:, :3]).sum(1).max() + (np.abs(motion[:, 3:]).sum(1) * self._radius).max()
-        self._model.pair_margin[:] = LEAST_REACH + REACH * longest * fastest
+        self._model.pair_margin[:] = LEAST_REACH + REACH * longest * (np.abs(self._data.qvel) @ self._levers)
         mujoco.mj_step1(self._model, self._data)
         return bool(self._data.ncon)
 

@@ -1,0 +1,131 @@
+"""How far reference simulators are apart on the same scenes and forces, and from the laws of rigid bodies.
+
+    python benchmarks/references.py
+    python benchmarks/references.py --draws 3
+
+PyBullet, MuJoCo and closed forms; the number after a name is that of its steps per frame of 1/240 s. The first table has
+the largest distance between the paths of any body within a second [mm]: the median, and in brackets the largest, over all
+draws. The second has the time, the third what each makes of three laws.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import math
+import statistics
+import time
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physid.scenes.catalogue import find_setup
+from physid.scenes.placing import on_ground
+from physid.scenes.scene import Body, Ground, Scene
+from physid.scenes.setup import Excitation
+from physid.simulators.motion import Motion
+from physid.simulators.protocol import find_simulator
+
+Array = NDArray[np.float64]
+FRAMES, G = 241, 9.81
+CASES = (
+    ("push", "straight"),
+    ("slide", "straight"),
+    ("collide", "straight"),
+    ("toss", "straight"),
+    ("toss", "flight"),
+    ("push", "rich"),
+    ("slide", "rich"),
+    ("collide", "rich"),
+    ("toss", "rich"),
+)
+WAYS = (("closed_form", 1), ("mujoco", 5), ("mujoco", 20), ("pybullet", 16), ("pybullet", 1))
+PAIRS = ((0, 1), (0, 2), (0, 3), (0, 4), (1, 2), (1, 3))
+BLOCK = Body("block", (0.3, 0.25, 0.2), mass=2.0, friction=0.2)
+
+
+def distance(one: Sequence[Motion], other: Sequence[Motion]) -> str:
+    """Return median and largest distance of two sets of motions [mm]."""
+    worst = [
+        1e3 * float(np.linalg.norm(a.pose[..., :3] - b.pose[..., :3], axis=-1).max())
+        for a, b in zip(one, other, strict=True)
+    ]
+    return f"{statistics.median(worst):.3f} ({max(worst):.3f})"
+
+
+def compare(draws: int) -> None:
+    """Print the distances and the times."""
+    names = [f"{name} {substeps}" for name, substeps in WAYS]
+    print("| scene | protocol |" + "".join(f" {names[a]} - {names[b]} |" for a, b in PAIRS))
+    print("|" + "---|" * (2 + len(PAIRS)))
+    times = []
+    for scene_name, protocol in CASES:
+        setup = find_setup(scene_name)
+        drawn = [setup.draw(setup.scene, protocol, np.random.default_rng([1, k]), FRAMES) for k in range(draws)]
+        motions: list[Sequence[Motion]] = []
+        spent = []
+        for name, substeps in WAYS:
+            begin = time.perf_counter()
+            try:
+                motions.append(find_simulator(name).simulate(setup.scene, drawn, substeps=substeps))
+            except ValueError:  # no closed form
+                motions.append([])
+            spent.append(1e3 * (time.perf_counter() - begin) / draws if motions[-1] else math.nan)
+        cells = [distance(motions[a], motions[b]) if motions[a] and motions[b] else "" for a, b in PAIRS]
+        print(f"| {scene_name} | {protocol} | " + " | ".join(cells) + " |", flush=True)
+        times.append((f"{scene_name} {protocol}", spent))
+    print("\n| ms per trajectory | " + " | ".join(names) + " |\n|" + "---|" * (1 + len(WAYS)))
+    for label, spent in times:
+        print(f"| {label} | " + " | ".join("" if math.isnan(each) else f"{each:.0f}" for each in spent) + " |")
+
+
+def alone(way: tuple[str, int], body: Body, pose: Array, velocity: Sequence[float]) -> Motion:
+    """Simulate a second of one body on flat ground."""
+    scene = Scene("law", 1 / 240, Ground(), (body,))
+    twist = np.array([[0.0, 0.0, 0.0, *velocity]])
+    drawn = Excitation(pose[None], twist, np.zeros((FRAMES, 1, 6)))
+    return find_simulator(way[0]).simulate(scene, [drawn], substeps=way[1])[0]
+
+
+def laws() -> None:
+    """Print what each makes of sliding, resting and bouncing."""
+    print(
+        "\n| simulator | deceleration / (mu g) - 1 | height at rest [mm] | apex / (e^2 drop) - 1, e = 0.3, 0.6, 0.9 |"
+    )
+    print("|---|---|---|---|")
+    for way in WAYS:
+        slide = alone(way, BLOCK, on_ground(Ground(), 0, 0, 0.3, 0.2), (2.0, 0.5, 0.0))
+        way_of_slide = np.linalg.norm(slide.pose[120, 0, :2])
+        speed = math.hypot(2.0, 0.5)
+        deceleration = 2 * (speed * 0.5 - way_of_slide) / 0.25
+        rest = alone(way, BLOCK, np.array([0, 0, 0.25, 0, 0, 0, 1.0]), (0.0, 0.0, 0.0)).pose[-1, 0, 2] - 0.1
+        apexes = [apex(way, restitution) / (restitution**2 * 0.15) - 1 for restitution in (0.3, 0.6, 0.9)]
+        print(
+            f"| {way[0]} {way[1]} | {deceleration / (0.2 * G) - 1:.1e} | {1e3 * rest:.4f} | "
+            + ", ".join(f"{each:.1e}" for each in apexes)
+            + " |"
+        )
+
+
+def apex(way: tuple[str, int], restitution: float) -> float:
+    """Return the height of the first apex after a fall of 15 cm, through the three highest frames [m]."""
+    body = dataclasses.replace(BLOCK, restitution=restitution)
+    height = alone(way, body, np.array([0, 0, 0.25, 0, 0, 0, 1.0]), (0.0, 0.0, 0.0)).pose[:, 0, 2] - 0.1
+    low = int(np.argmax(np.diff(height) > 0))
+    rising = height[low:]
+    top = int(np.argmax(np.diff(rising) < 0))
+    before, middle, after = rising[top - 1 : top + 2]
+    return float(middle - (after - before) ** 2 / (8 * (after - 2 * middle + before)))
+
+
+def main() -> None:
+    """Print all tables."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--draws", type=int, default=8, help="trajectories of each scene and protocol")
+    compare(parser.parse_args().draws)
+    laws()
+
+
+if __name__ == "__main__":
+    main()
