@@ -9,7 +9,7 @@ import re
 import sys
 from argparse import ArgumentError, HelpFormatter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from physid.commands import COMMANDS, Command
@@ -191,6 +191,9 @@ def _run_command(command: Command, words: list[str]) -> int:
         return OK
     shown = command.configurable and PRINT in words
     arguments = sort_words([word for word in words if not (shown and word == PRINT)], command.options)
+    if "map" in command.options:  # the command reads key=value itself
+        laid = tuple(f"--map={word}" for word in arguments.overrides)
+        arguments = replace(arguments, overrides=(), own=arguments.own + laid)
     values = _parse(parser, arguments.own, command)
     if command.configurable:
         run_dir = values.get("run_dir")

@@ -5,8 +5,9 @@ from physid.commands.command import Command
 from physid.commands.completion import completion
 from physid.commands.diagnoses import diagnose
 from physid.commands.fits import fit, predict, test, validate
+from physid.commands.imports import import_
 from physid.commands.overviews import dashboard, reproduce
-from physid.commands.recordings import effects, generate, identifiability, import_, track
+from physid.commands.recordings import effects, generate, identifiability, track
 
 __all__ = ["COMMANDS", "Command"]
 

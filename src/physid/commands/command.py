@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -55,11 +56,34 @@ class Command:
         """The docstring without its list of arguments."""
         return inspect.cleandoc(self.function.__doc__ or "").partition("\nArgs:")[0].strip()
 
+    @property
+    def lists(self) -> set[str]:
+        """The names of what may be given several times."""
+        parameters = inspect.signature(self.function).parameters.values()
+        return {each.name for each in parameters if "list[" in str(each.annotation)}
+
     def place(self, words: Sequence[str]) -> list[str]:
-        """Spell what may follow the positionals as options: `diagnosis seal` becomes `diagnosis --step=seal`."""
-        bare = [index for index, word in enumerate(words) if not word.startswith("-")][len(self.positionals) :]
-        names = dict(zip(bare, self.optional, strict=False))
-        return [f"--{names[index]}={word}" if index in names else word for index, word in enumerate(words)]
+        """Spell what may follow the positionals as options: `diagnosis seal` becomes `diagnosis --step=seal`.
+
+        What may be given several times becomes one list: `a.csv b.csv --map k=v` as `--sources=["a.csv", "b.csv"]
+        --map=["k=v"]`.
+        """
+        gathered: dict[str, list[str]] = {}
+        rest, bare, slots = [], 0, [*self.positionals, *self.optional]
+        for word in words:
+            name, equals, value = word.lstrip("-").partition("=")
+            if word.startswith("-"):
+                known = bool(equals) and name in self.lists
+            else:
+                name, value = (slots + slots[-1:] * (bare + 1 - len(slots)))[bare] if slots else "", word
+                known, bare = name in self.lists, bare + 1
+            if known:
+                gathered.setdefault(name, []).append(value)
+            elif not word.startswith("-") and name in self.optional and bare <= len(slots):
+                rest.append(f"--{name}={word}")
+            else:
+                rest.append(word)
+        return rest + [f"--{name}={json.dumps(values)}" for name, values in gathered.items()]
 
     def _places(self) -> list[inspect.Parameter]:
         parameters = inspect.signature(self.function).parameters.values()

@@ -50,29 +50,6 @@ def generate(
     print(f"{done.folder}: {done.written} trajectories written, {done.kept} kept, {done.redrawn} draws left the view")
 
 
-def import_(kind: Literal["cube-tosses"], folder: Path, *, out: Path | None = None) -> None:
-    """Convert real recordings to a recording set.
-
-    cube-tosses: the real tosses of a cube that were published with ContactNets (files N.pt, 148 Hz). Recordings of your
-    own are easily written by hand: docs/recordings.md describes the format.
-
-    Examples:
-      physid import cube-tosses FOLDER --out data/cube
-
-    Args:
-        kind: What lies in the folder.
-        folder: The folder with the original files.
-        out: Folder of the recording set; data/KIND by default.
-    """
-    from physid.data.importers.cube_tosses import import_cube_tosses
-    from physid.one_writer import one_writer
-
-    target = out or Path("data") / kind
-    with one_writer(target):
-        count = import_cube_tosses(folder, target)
-    print(f"{target}: {count} trajectories")
-
-
 def track(
     films: Path,
     *,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,7 +12,6 @@ from physid.data.format import trajectory_path, write_scene, write_sums
 from physid.data.recording import UNIT_TOLERANCE, Recording
 from physid.data.splits import assign_splits
 from physid.data.trajectory import write_trajectory
-from physid.scenes.camera import corners
 from physid.scenes.rotations import rotate
 from physid.scenes.scene import Body, Ground, Scene
 
@@ -26,16 +24,16 @@ CUBE_RATE = 148.0  # [Hz]
 CUBE_SPLIT = {"train": 6, "val": 1, "test": 3}
 # The makers' nominal model; friction from a tilt test.
 CUBE = Body("cube", (0.1048, 0.1048, 0.1048), 0.37, 0.18, 0.125, inertia=(0.00081, 0.00081, 0.00081))
-REST = 5  # [frames] at the end of a toss, when the cube lies still
+CUBE_GROUND = -0.00185
+"""Nominal height of the ground [m]: the files do not state one, and their cubes come to rest this much below zero."""
 
 
 def import_cube_tosses(folder: Path | str, out: Path | str) -> int:
     """Convert the real cube tosses of ContactNets (Pfrommer, Halm, Posa, CoRL 2020) to a recording set.
 
     Each file N.pt holds a float64 tensor (T, 13) at 148 Hz: quaternion w x y z, position [m], angular velocity in the
-    body frame [rad/s], velocity [m/s]. No force acts but gravity. The ground's height is not in the files: it is taken
-    as the median height of the lowest corner of the cubes that lie still, over the tosses to train on (1.85 mm below
-    zero).
+    body frame [rad/s], velocity [m/s]. No force acts but gravity. The ground's height is not in the files and is not
+    estimated from them: `CUBE_GROUND` is written as its nominal value.
 
     Args:
         folder: Where the files are.
@@ -56,12 +54,10 @@ def import_cube_tosses(folder: Path | str, out: Path | str) -> int:
         )
     splits = assign_splits(len(files), CUBE_SPLIT)
     tosses = [_read_toss(path) for path in files]
-    fitted = [pose for (pose, _), split in zip(tosses, splits, strict=True) if split == "train"]
-    height = round(float(np.median([_rest_height(pose) for pose in fitted])), 5)
     scene = Scene(
         name="toss",
         time_step=1 / CUBE_RATE,
-        ground=Ground(offset=height),
+        ground=Ground(offset=CUBE_GROUND),
         bodies=(CUBE,),
         unknown=("cube.friction", "cube.restitution"),
         source=CUBE_SOURCE,
@@ -92,8 +88,3 @@ def _read_toss(path: Path) -> tuple[Array, Array]:
     spin = rotate(quaternion, rows[:, 7:10])
     pose = np.concatenate([rows[:, 4:7], quaternion / length[:, None]], 1)
     return pose[:, None], np.concatenate([spin, rows[:, 10:]], 1)[:, None]
-
-
-def _rest_height(pose: Array, sizes: Sequence[tuple[float, float, float]] = (CUBE.size,)) -> float:
-    """Return the median height [m] of the lowest corner in the last frames of a toss."""
-    return float(np.median(corners(pose[-REST:], np.array(sizes))[..., 2].min((1, 2))))

@@ -1,0 +1,85 @@
+"""The commands that bring recordings from elsewhere, and that say whether recordings can be trusted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+KINDS = ("csv", "npz", "cube-tosses")
+
+
+def import_(
+    kind: Literal["csv", "npz", "cube-tosses"] | str,
+    sources: list[Path] | None = None,
+    *,
+    out: Path | None = None,
+    mapping: Path | None = None,
+    map: list[str] | None = None,
+    guess: bool = False,
+) -> None:
+    """Convert logs of poses and forces to a recording set.
+
+    A mapping says which columns are what: a YAML file, or key=value on the command line, or both. It names positions,
+    orientations, forces, their units and axes, the clock, and the body with its size (docs/importing.md has all keys).
+    Nothing is estimated, smoothed or resampled. Each log becomes a trajectory of the set.
+
+    csv: text with one row per frame; npz: NumPy arrays with time as first axis; cube-tosses: the real tosses that were
+    published with ContactNets (a folder with files N.pt, 148 Hz).
+
+    Examples:
+      physid import csv log.csv --guess > mapping.yaml
+      physid import csv logs/run_*.csv --mapping mapping.yaml --out data/mine
+      physid import csv log.csv time=t position=[x,y,z] quaternion=[qw,qx,qy,qz] units.position=mm axes=y-up
+        size=[0.1,0.1,0.05] mass=0.4 force=[fx,fy,fz] forces.file=forces.csv forces.time=t
+      physid import cube-tosses FOLDER --out data/cube
+
+    Args:
+        kind: csv, npz or cube-tosses; may be left out before a file that ends in .csv or .npz.
+        sources: Files, folders or patterns.
+        out: Folder of the recording set; data/NAME of the first source by default.
+        mapping: YAML file that says what the columns are.
+        map: One more key=value of the mapping; may be repeated, and the word --map be left out.
+        guess: Print a mapping that names and values suggest, and what is not sure in it, instead.
+    """
+    from physid.data.importers.convert import import_logs
+    from physid.data.importers.finding import find_logs
+    from physid.data.importers.guess import guess_mapping
+    from physid.data.importers.mapping_files import read_mapping
+
+    kind, places = _sorted(kind, sources or [])
+    target = out or Path("data") / (kind if kind == "cube-tosses" else places[0].resolve().stem.strip("*?[]_ "))
+    if kind == "cube-tosses":
+        from physid.data.importers.cube_tosses import import_cube_tosses
+
+        print(f"{target}: {import_cube_tosses(places[0], target)} trajectories")
+        return
+    values = read_mapping(mapping, map or [])
+    forces = values.get("forces")
+    pattern = forces.get("file") if isinstance(forces, dict) else None
+    files = find_logs(places, kind, pattern if isinstance(pattern, str) else None)
+    if guess:
+        print(guess_mapping(files[0]), end="")
+        return
+    done = import_logs(files, values, target)
+    for note in done.notes:
+        print(note)
+    print(f"{target}: {done.trajectories} trajector{'y' if done.trajectories == 1 else 'ies'}")
+
+
+def _sorted(kind: str, sources: list[Path]) -> tuple[str, list[Path]]:
+    """Return what the logs are, and where.
+
+    Raises:
+        ValueError: If it is no kind of log, or nothing is named.
+    """
+    from physid.data.importers.finding import SUFFIXES
+    from physid.scenes.strict import nearest
+
+    if kind not in KINDS:
+        found = next((name for name, suffixes in SUFFIXES.items() if kind.lower().endswith(suffixes)), None)
+        if found is None:
+            raise ValueError(f'import: unknown kind "{kind}"{nearest(kind, (*KINDS, "a .csv or .npz file"))}')
+        return found, [Path(kind), *sources]
+    if not sources:
+        raise ValueError(f"import: expected files or a folder after {kind}, found none")
+    return kind, sources

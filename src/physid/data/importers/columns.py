@@ -1,0 +1,95 @@
+"""Columns of a log in SI: what the mapping says of units and what the log itself says must agree."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physid.data.importers.mapping import Reference
+from physid.data.importers.tables import Table
+from physid.data.importers.units import canonical, factor_of
+
+Array = NDArray[np.float64]
+DEFAULTS = {"position": "m", "time": "s", "angle": "rad", "force": "N", "torque": "N m"}
+
+
+def read_stamps(table: Table, reference: Reference, unit: str | None) -> Array:
+    """Return stamps [s]."""
+    return read_columns(table, (reference,), "time", {} if unit is None else {"time": unit}, 1)[:, 0]
+
+
+def read_columns(
+    table: Table, references: Sequence[Reference], quantity: str | None, units: Mapping[str, str], count: int
+) -> Array:
+    """Return columns (T, count) in SI."""
+    given = units.get(quantity) if quantity else None
+    names = expanded(table, references, count)
+    if len(names) != count:
+        raise ValueError(f"{table.path}: expected {count} columns for {references}, found {len(names)}")
+    read = [signed(table, name) for name in names]
+    length = next((len(values) for values, _ in read if isinstance(values, np.ndarray)), None)
+    if length is None:
+        raise ValueError(f"{table.path}: expected a column among {list(references)}, found constants only")
+    columns = [values if isinstance(values, np.ndarray) else np.full(length, values) for values, _ in read]
+    if len({len(each) for each in columns}) > 1:
+        raise ValueError(f"{table.path}: expected columns of one length, found {[len(each) for each in columns]}")
+    factors = [_factor(table, column, quantity, given) for _, column in read]
+    return np.stack([each * factor for each, factor in zip(columns, factors, strict=True)], 1)
+
+
+def expanded(table: Table, references: Sequence[Reference], count: int) -> list[Reference]:
+    """Return one reference for each column: the name of an array stands for all of its components."""
+    if len(references) == 1 and count > 1 and isinstance(references[0], str):
+        return list(table.components(references[0]))
+    return list(references)
+
+
+def signed(table: Table, reference: Reference) -> tuple[Array | float, str | None]:
+    """Return the values that a reference means and its column, or a constant."""
+    if isinstance(reference, int | float) and str(reference) not in table.columns:
+        return float(reference), None
+    name, sign = str(reference), 1.0
+    if name.startswith("-") and name not in table.columns:
+        name, sign = name[1:], -1.0
+    return sign * table.values(name), table.find(name)
+
+
+def _factor(table: Table, column: str | None, quantity: str | None, given: str | None) -> float:
+    """Return what one of a column is in SI; what its header says and what the mapping says must agree."""
+    if quantity is None:
+        return 1.0
+    said = table.units.get(column or "")
+    header = canonical(said, quantity) if said else None
+    if said and header is None and any(canonical(said, other) for other in DEFAULTS):
+        raise ValueError(
+            f'{table.path}: column "{column}" is in {said}, which is no unit of {quantity}; is it the right one?'
+        )
+    wanted = canonical(given, quantity) if given else None
+    if header and wanted and header != wanted:
+        raise ValueError(
+            f"{table.path}: column '{column}' says {header}, the mapping says units.{quantity}: {wanted}; "
+            "correct one of them"
+        )
+    return factor_of(quantity, wanted or header or DEFAULTS[quantity], f"units.{quantity}")
+
+
+def require_increasing(table: Table, time: Array, rows: NDArray[np.intp]) -> None:
+    """Refuse stamps that are missing, doubled, or run back."""
+    if not np.isfinite(time).all():
+        raise ValueError(f"{line_of(table, int(rows[~np.isfinite(time)][0]))}: expected a time stamp, found none")
+    wrong = np.flatnonzero(np.diff(time) <= 0)
+    if len(wrong):
+        at = int(wrong[0]) + 1
+        what = "the same stamp again" if time[at] == time[at - 1] else f"time that runs back from {time[at - 1]:.9g} s"
+        raise ValueError(
+            f"{line_of(table, int(rows[at]))}: expected increasing time stamps, found {what} ({time[at]:.9g} s; "
+            f"{len(wrong)} such rows); sort the rows or leave doubled ones out, or name the column that numbers "
+            "trajectories: trajectory=COLUMN"
+        )
+
+
+def line_of(table: Table, row: int) -> str:
+    """Return file and line of a row."""
+    return f"{table.path}:{table.line + row}" if table.line else f"{table.path}: row {row}"

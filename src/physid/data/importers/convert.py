@@ -1,0 +1,171 @@
+"""Logs to a recording set, by a mapping."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from physid.data.files import write_text
+from physid.data.format import trajectory_path, write_scene, write_sums
+from physid.data.importers.finding import force_logs
+from physid.data.importers.mapping import LogMap
+from physid.data.importers.reading_logs import Forces, Poses, read_forces, read_poses
+from physid.data.importers.tables import read_table
+from physid.data.observations.stamps import check_clocks, rhythm_of
+from physid.data.recording import Recording
+from physid.data.splits import assign_splits
+from physid.data.trajectory import read_trajectory, write_trajectory
+from physid.scenes.scene import Scene
+
+MAPPING = "import.yaml"  # the mapping as it was used, beside what it gave
+ROUND, NEAR = 3, 5e-3  # digits of a nominal rate, and how near to the stamps' own such a round one must be
+LEAST = 2  # frames of a trajectory
+
+
+@dataclass(frozen=True)
+class Imported:
+    """What an import did.
+
+    Attributes:
+        folder: The recording set.
+        trajectories: How many there are.
+        notes: What was taken for granted, a line each.
+    """
+
+    folder: Path
+    trajectories: int
+    notes: tuple[str, ...]
+
+
+def import_logs(files: Sequence[Path], values: dict[str, Any], out: Path) -> Imported:
+    """Convert logs to a recording set; it is there whole or not at all.
+
+    Args:
+        files: Logs of poses, each of one trajectory or, with a column that numbers them, of several.
+        values: The mapping (see `LogMap.from_mapping`).
+        out: Folder of the set; must not exist, or be empty.
+
+    Raises:
+        FileNotFoundError: If there are no logs.
+        FileExistsError: If the folder holds something.
+        ValueError: If the mapping or a log is wrong; the message names file, line, and what to do.
+    """
+    if not files:
+        raise FileNotFoundError(
+            "expected logs to import, found none; name .csv or .npz files, or a folder that holds some"
+        )
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise FileExistsError(f"{out}: expected a new or an empty folder, found something there; choose another --out")
+    log = LogMap.from_mapping(values)
+    notes: list[str] = []
+    part = out.with_name(out.name + ".part")
+    shutil.rmtree(part, ignore_errors=True)
+    try:
+        count = _write(files, log, part, notes)
+        write_text(part / MAPPING, yaml.safe_dump(values, sort_keys=False, default_flow_style=None, width=120))
+        if out.is_dir():
+            out.rmdir()
+        part.replace(out)
+    except BaseException:
+        shutil.rmtree(part, ignore_errors=True)
+        raise
+    return Imported(out, count, tuple(notes))
+
+
+def _write(files: Sequence[Path], log: LogMap, folder: Path, notes: list[str]) -> int:
+    """Write trajectories and the description of the set."""
+    step, count = log.time_step, 0
+    source = log.source or f"imported from {files[0].name}" + (f" and {len(files) - 1} more" if len(files) > 1 else "")
+    bodies = tuple(each.body for each in log.bodies)
+    scene = Scene(log.scene, step or 1.0, log.ground, bodies, log.unknown, None, log.gravity, source)
+    for file, recording in _recordings(files, log, notes):
+        if step is None:
+            step = _nominal_step(recording, file)
+            notes.append(f"time_step: {step:.6g} s ({1 / step:.6g} frames per second), as the stamps show")
+        try:
+            check_clocks(recording, step)
+        except ValueError as error:
+            hint = "; forces.offset=SECONDS is added to the stamps of the forces" if "wrench_time" in str(error) else ""
+            raise ValueError(f"{file}: {str(error).replace('recording.yaml', 'the mapping')}{hint}") from None
+        write_trajectory(trajectory_path(folder, count), recording)
+        count += 1
+    assert step is not None
+    for index, split in enumerate(assign_splits(count, log.split) if log.split else ()):
+        path = trajectory_path(folder, index)
+        write_trajectory(path, replace(read_trajectory(path), split=split))
+    write_scene(folder, replace(scene, time_step=step))
+    write_sums(folder)
+    return count
+
+
+def _recordings(files: Sequence[Path], log: LogMap, notes: list[str]) -> Iterator[tuple[Path, Recording]]:
+    """Yield trajectory by trajectory, with one log in memory at a time."""
+    others = force_logs(files, log.forces.file)
+    for index, file in enumerate(files):
+        table = read_table(file, header=log.header)
+        poses = read_poses(table, log)
+        other = others[index]
+        source = table if other is None else read_table(other, header=log.forces.header)
+        forces = read_forces(source, log, own=other is not None)
+        # Arrays of a NumPy archive may be of several lengths: forces of another one are no part of the poses' rows.
+        own = other is not None or (forces is not None and len(forces.row) + forces.empty != len(poses.pose))
+        if forces is not None and forces.empty:
+            notes.append(f"{other or file}: {forces.empty} rows without forces; the force before each is held")
+        groups = poses.group.max() + 1
+        if own and groups > 1 and poses.time is None:
+            raise ValueError(f"{file}: expected stamps to tell which forces belong to which trajectory, found none")
+        for group in range(groups):
+            yield file, _recording(file, poses, forces, group, log, own=own)
+
+
+def _recording(file: Path, poses: Poses, forces: Forces | None, group: int, log: LogMap, *, own: bool) -> Recording:
+    """Build one trajectory of a log; its clock starts with its first frame."""
+    rows = np.flatnonzero(poses.group == group)
+    seen = np.isfinite(poses.pose[rows, :, 0]).any(1)
+    if seen.sum() < LEAST:
+        raise ValueError(f"{file}: expected at least {LEAST} rows with poses, found {int(seen.sum())}")
+    # Rows in which nothing but forces stands are no frames.
+    frames = rows[seen] if forces is not None and not own and poses.time is not None else rows
+    start = 0.0 if poses.time is None else float(poses.time[frames[0]])
+    time = None if poses.time is None else poses.time[frames] - start
+    wrench = wrench_time = None
+    if forces is not None:
+        within = slice(None) if own else np.isin(forces.row, rows)
+        wrench, row = forces.wrench[within], forces.row[within]
+        if forces.time is not None:
+            stamps = forces.time[within] - start
+            same = not own and log.forces.time is None and not log.forces.offset and np.array_equal(row, frames)
+            wrench_time = None if same else stamps
+            if own and poses.group.max() > 0:
+                wrench, wrench_time = _around(
+                    wrench, stamps, float(poses.time[frames[-1]] - start) if poses.time is not None else 0.0
+                )
+        elif len(wrench) != len(frames):
+            raise ValueError(
+                f"{file}: expected as many rows of forces as of poses, found {len(wrench)} and {len(frames)}; give the "
+                "forces a clock: forces.time=COLUMN or forces.rate=ROWS_PER_SECOND"
+            )
+    return Recording(pose=poses.pose[frames], wrench=wrench, time=time, wrench_time=wrench_time, protocol=log.protocol)
+
+
+def _around(wrench: Any, stamps: Any, end: float) -> tuple[Any, Any]:
+    """Return the rows of forces that act in one trajectory out of several: the last one before it, and all in it."""
+    first = max(int(np.searchsorted(stamps, 0.0, side="right")) - 1, 0)
+    last = max(int(np.searchsorted(stamps, end)), first + 1)
+    return wrench[first:last], stamps[first:last]
+
+
+def _nominal_step(recording: Recording, file: Path) -> float:
+    """Return the nominal time between frames [s]: a round rate, where the stamps are near one."""
+    assert recording.time is not None
+    if len(recording.time) < LEAST:
+        raise ValueError(f"{file}: expected at least {LEAST} rows, found {len(recording.time)}")
+    rate = 1 / rhythm_of(recording.time).period
+    rounded = float(f"{rate:.{ROUND}g}")
+    return 1 / (rounded if abs(rounded / rate - 1) < NEAR else rate)

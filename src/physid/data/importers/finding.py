@@ -1,0 +1,83 @@
+"""Which files are logs, and which log of forces belongs to which log of poses."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+SUFFIXES = {"csv": (".csv", ".tsv", ".txt"), "npz": (".npz",)}
+MAGIC = "*?["
+
+
+def natural(path: Path) -> list[tuple[bool, int, str]]:
+    """Return a key that sorts run_2 before run_10."""
+    parts = re.split(r"(\d+)", path.name)
+    return [(part.isdigit(), int(part) if part.isdigit() else 0, part) for part in parts]
+
+
+def find_logs(sources: Sequence[Path], kind: str, forces: str | None = None) -> list[Path]:
+    """Return the logs of poses that files, folders and patterns mean.
+
+    Args:
+        sources: Files, folders, or patterns such as logs/run_*.csv.
+        kind: csv or npz: what counts in a folder.
+        forces: Pattern of the logs of forces, which are left out of a folder.
+
+    Raises:
+        FileNotFoundError: If one of them means nothing.
+    """
+    found: list[Path] = []
+    for source in sources:
+        if source.is_dir():
+            here = [one for one in source.iterdir() if one.suffix.lower() in SUFFIXES[kind] and one.is_file()]
+            here = [one for one in here if not (forces and one.match(re.sub(r"\{stem\}", "*", Path(forces).name)))]
+            what = f"no {' or '.join(SUFFIXES[kind])} file in it"
+        elif any(sign in source.name for sign in MAGIC) and not source.exists():
+            here, what = list(source.parent.glob(source.name)), "nothing like it"
+        else:
+            here, what = ([source] if source.is_file() else []), "no such file or folder"
+        if not here:
+            raise FileNotFoundError(f"{source}: expected logs to import, found {what}")
+        found += sorted(here, key=natural)
+    return found
+
+
+def force_logs(files: Sequence[Path], pattern: str | None) -> list[Path | None]:
+    """Return the log of forces that belongs to each log of poses; None where they share one.
+
+    Args:
+        files: Logs of poses.
+        pattern: Name of the logs of forces beside them; {stem} stands for the name of the log of poses.
+
+    Raises:
+        ValueError: If there are not as many.
+        FileNotFoundError: If there is none.
+    """
+    if pattern is None:
+        return [None] * len(files)
+    if "{stem}" in pattern:
+        return [_beside(file, pattern.replace("{stem}", file.stem)) for file in files]
+    if not any(sign in pattern for sign in MAGIC):
+        found = [_beside(files[0], pattern)]
+    else:
+        place = Path(pattern)
+        bases = [files[0].parent / place.parent, place.parent]
+        listed = [[one for one in base.glob(place.name) if one not in files] for base in bases if base.is_dir()]
+        found = sorted(next((each for each in listed if each), []), key=natural)
+    if not found:
+        raise FileNotFoundError(f"forces.file: expected logs of forces like {pattern} beside {files[0]}, found none")
+    if len(found) != len(files):
+        raise ValueError(
+            f"forces.file: expected one log of forces for each of {len(files)} logs of poses, found {len(found)} like "
+            f"{pattern}; use {{stem}} for the name of the log of poses, say {{stem}}_forces.csv"
+        )
+    return list(found)
+
+
+def _beside(file: Path, name: str) -> Path:
+    """Return a file by its path, beside another one or in the working folder."""
+    for place in (file.parent / name, Path(name)):
+        if place.is_file():
+            return place
+    raise FileNotFoundError(f"{file.parent / name}: expected a log of forces (forces.file), found no such file")

@@ -1,0 +1,59 @@
+"""Mappings as a user writes them: a YAML file, and `key=value` laid over it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+
+def read_mapping(path: Path | None, words: Iterable[str] = ()) -> dict[str, Any]:
+    """Read a mapping file and lay `key=value` over it; a dot leads into what is nested, as in units.position=mm.
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+        ValueError: If it is no YAML, or a word no `key=value`.
+    """
+    values: dict[str, Any] = {}
+    if path is not None:
+        try:
+            read = yaml.safe_load(path.read_text(encoding="utf-8"))
+        except (yaml.YAMLError, UnicodeDecodeError) as error:
+            raise ValueError(
+                f"{path}: expected a mapping in YAML, found none ({' '.join(str(error).split())})"
+            ) from None
+        if not isinstance(read, dict):
+            raise ValueError(f"{path}: expected a mapping in YAML, found {type(read).__name__}")
+        values = read
+    for word in words:
+        key, equals, text = word.partition("=")
+        if not equals or not key.strip():
+            raise ValueError(f"--map: expected key=value, say position=[x,y,z] or units.position=mm, got {word!r}")
+        try:
+            value = yaml.safe_load(text)
+        except yaml.YAMLError:
+            if text.lstrip().startswith("["):
+                raise ValueError(f"--map {key}: expected a list such as [x, y, z], got {text!r}") from None
+            value = text  # {stem}_forces.csv is a name, and no YAML
+        _lay(values, key.strip().split("."), value, word)
+    return values
+
+
+def _lay(values: Any, keys: list[str], value: Any, word: str) -> None:
+    """Lay one value over nested mappings and lists."""
+    place = values
+    for key in keys[:-1]:
+        if isinstance(place, list):
+            if not key.isdigit() or int(key) >= len(place):
+                raise ValueError(f"--map {word}: expected a number below {len(place)} for {key!r}")
+            place = place[int(key)]
+        else:
+            place = place.setdefault(key, {}) if isinstance(place, dict) else None
+        if not isinstance(place, dict | list):
+            raise ValueError(f"--map {word}: {key} is a value of its own, and holds no {keys[-1]}")
+    if isinstance(place, list):
+        place[int(keys[-1])] = value
+    else:
+        place[keys[-1]] = value

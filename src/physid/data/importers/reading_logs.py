@@ -1,0 +1,203 @@
+"""One log, by a mapping, as poses and forces in SI, world frame. Nothing is estimated, smoothed or resampled."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physid.data.importers.columns import expanded, line_of, read_columns, read_stamps, require_increasing, signed
+from physid.data.importers.mapping import BodyMap, LogMap, Reference
+from physid.data.importers.rotations import ROUNDED, from_euler, from_matrices, from_quaternions, from_vectors, turned
+from physid.data.importers.tables import Table
+from physid.data.importers.units import split_header
+from physid.scenes.rotations import rotate
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Poses:
+    """Poses of all rows of a log.
+
+    Attributes:
+        time: Stamps [s], on the log's own clock, shape (T,); None where it has none.
+        pose: World frame, NaN where not seen, shape (T, N, 7).
+        group: Number of the trajectory that each row belongs to, shape (T,).
+    """
+
+    time: Array | None
+    pose: Array
+    group: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Forces:
+    """Forces of all rows of a log that hold any.
+
+    Attributes:
+        time: Stamps [s], on the clock of the poses, shape (S,); None where the log has none.
+        wrench: World frame, torque before force, shape (S, N, 6).
+        row: Row of the log that each comes from, shape (S,).
+        empty: Rows of the log without forces.
+    """
+
+    time: Array | None
+    wrench: Array
+    row: NDArray[np.int64]
+    empty: int
+
+
+def read_poses(table: Table, log: LogMap) -> Poses:
+    """Read stamps and poses of all bodies.
+
+    Raises:
+        ValueError: If a column is missing, units contradict each other, or a row holds no pose.
+    """
+    bodies = [_pose_of(table, each, log) for each in log.bodies]
+    if len({len(each) for each in bodies}) > 1:
+        raise ValueError(
+            f"{table.path}: expected poses of all bodies in the same rows, found {[len(b) for b in bodies]}"
+        )
+    pose = np.stack(bodies, 1)
+    time = None if log.time is None else read_stamps(table, log.time, log.units.get("time"))
+    if time is not None and len(time) != len(pose):
+        raise ValueError(f"{table.path}: expected a stamp for each of {len(pose)} poses, found {len(time)}")
+    group = np.zeros(len(pose), dtype=np.int64)
+    if log.trajectory is not None:
+        numbers = table.values(log.trajectory)
+        _, first, inverse = np.unique(numbers, return_index=True, return_inverse=True)
+        group = np.argsort(np.argsort(first))[inverse]
+    if time is not None:
+        for one in range(group.max() + 1):
+            require_increasing(table, time[group == one], np.flatnonzero(group == one))
+    return Poses(time, pose, group)
+
+
+def read_forces(table: Table, log: LogMap, *, own: bool) -> Forces | None:
+    """Read forces of all bodies; None where the mapping names no columns of them.
+
+    Args:
+        table: The log that holds them.
+        log: What its columns mean.
+        own: Whether it is another file than that of the poses, with a clock of its own.
+
+    Raises:
+        ValueError: If a column is missing, units contradict each other, or a row is empty in part.
+    """
+    if not any(each.force or each.torque for each in log.bodies):
+        return None
+    sign = float(np.sign(np.linalg.det(log.axes)))  # a torque is a pseudovector: a mirror turns it round
+    parts = []
+    for each in log.bodies:
+        for references, quantity, mirror in ((each.torque, "torque", sign), (each.force, "force", 1.0)):
+            parts.append(
+                (read_columns(table, references, quantity, log.units, 3), mirror) if references else (None, 1.0)
+            )
+    count = next(len(values) for values, _ in parts if values is not None)
+    wrench = np.zeros((count, len(log.bodies), 6))
+    for index, (values, mirror) in enumerate(parts):
+        if values is not None:
+            if len(values) != count:
+                raise ValueError(f"{table.path}: expected as many torques as forces, found {len(values)} and {count}")
+            wrench[:, index // 2, 3 * (index % 2) : 3 * (index % 2) + 3] = mirror * values @ log.axes.T
+    empty = np.isnan(wrench).any((1, 2))
+    partly = empty & ~np.stack([np.isnan(v).all(1) for v, _ in parts if v is not None], 1).all(1)
+    if partly.any():
+        raise ValueError(
+            f"{line_of(table, int(partly.argmax()))}: expected all components of the forces or none, found some of them"
+        )
+    clock = log.forces.time if log.forces.time is not None else (log.time if log.forces.rate is None else None)
+    time = None
+    if clock is not None:
+        unit = log.units.get("forces_time", log.units.get("time") if not own or log.forces.time is None else None)
+        time = read_stamps(table, clock, unit)
+    elif log.forces.rate is not None:
+        time = np.arange(count) / log.forces.rate
+    if time is not None and len(time) != count:
+        raise ValueError(f"{table.path}: expected a stamp for each of {count} rows of forces, found {len(time)}")
+    row = np.flatnonzero(~empty)
+    if not len(row):
+        raise ValueError(f"{table.path}: expected forces, found nothing but empty cells")
+    if time is not None and log.trajectory is None:
+        require_increasing(table, time[row], row)
+    return Forces(None if time is None else time[row] + log.forces.offset, wrench[row], row, int(empty.sum()))
+
+
+def _pose_of(table: Table, each: BodyMap, log: LogMap) -> Array:
+    """Return the poses (T, 7) of a body, NaN where it was not seen."""
+    place = read_columns(table, each.position, "position", log.units, 3)
+    turn, wrong = _orientation_of(table, each, log, len(place))
+    lost = np.asarray(np.isnan(place).any(1) | np.isnan(turn).any(1))
+    if log.lost == "zeros":
+        lost |= (place == 0).all(1)
+    if each.visible is not None:
+        lost |= ~(table.values(each.visible) > 0)
+    bad = [int(row) for row in wrong if not lost[row]]
+    if bad:
+        raise ValueError(f"{line_of(table, bad[0])}: {_about(each, table, bad[0])}")
+    turn = np.where(lost[:, None], [0.0, 0.0, 0.0, 1.0], turn)
+    pose = np.concatenate([place @ log.axes.T, turned(turn, log.axes)], 1)
+    point = np.array(each.tracked_point)
+    if point.any():
+        point = point * ([1, 1, -1] if np.linalg.det(log.axes) < 0 else [1, 1, 1])
+        pose[:, :3] -= rotate(pose[:, 3:], point)
+    pose[lost] = np.nan
+    return pose
+
+
+def _orientation_of(
+    table: Table, each: BodyMap, log: LogMap, rows: int
+) -> tuple[Array, NDArray[np.intp] | Sequence[int]]:
+    """Return unit quaternions x y z w (T, 4) in the log's axes, and rows that hold none."""
+    if each.orientation == "orientation":
+        return np.tile([0.0, 0.0, 0.0, 1.0], (rows, 1)), ()
+    if each.orientation in ("euler", "rotation_vector"):
+        sequence = each.order or "xyz"
+        count = len(sequence) if each.orientation == "euler" else 3
+        angles = read_columns(table, each.columns, "angle", log.units, count)
+        return (from_euler(angles, sequence, 1.0) if each.orientation == "euler" else from_vectors(angles, 1.0)), ()
+    if each.orientation == "matrix":
+        return from_matrices(read_columns(table, each.columns, None, log.units, 9))
+    names = expanded(table, each.columns, 4)
+    order = _order_of(table, names, each.order)
+    return from_quaternions(read_columns(table, each.columns, None, log.units, 4), order)
+
+
+def _order_of(table: Table, names: Sequence[Reference], order: str | None) -> str:
+    """Return the order of a quaternion's columns: as the mapping says, or as their names end."""
+    ends = "".join(split_header(str(name))[0].lower()[-1:] for name in names)
+    told = {"xyzw": "xyzw", "wxyz": "wxyz", "ijkr": "xyzw", "rijk": "wxyz"}.get(ends)
+    if order is None and told is None:
+        raise ValueError(
+            f"{table.path}: expected order: xyzw or wxyz, for the names {', '.join(map(str, names))} do not tell; a "
+            "body at rest in its first orientation has w near 1"
+        )
+    if order is not None and told is not None and told != order:
+        raise ValueError(
+            f"{table.path}: order says {order}, but the columns are {', '.join(map(str, names))}; list them as they "
+            "stand in the order that you give, or leave order out"
+        )
+    return order or told or "xyzw"
+
+
+def _about(each: BodyMap, table: Table, row: int) -> str:
+    """Say why a row holds no orientation."""
+    if each.orientation == "matrix":
+        return f"expected a rotation matrix for {each.body.name}, row by row, found none; are these its columns?"
+    found = [
+        float(v[row]) if isinstance(v, np.ndarray) else v
+        for v, _ in (signed(table, n) for n in expanded(table, each.columns, 4))
+    ]
+    length = float(np.linalg.norm(found))
+    if length == 0:
+        return (
+            f"expected a unit quaternion for {each.body.name}, found zeros; if they mean that it was lost: lost: zeros"
+        )
+    return (
+        f"expected a unit quaternion for {each.body.name} (to {ROUNDED:g}), found "
+        f"{', '.join(f'{one:.4g}' for one in found)} of length {length:.4g}; are these angles "
+        "(euler, with units.angle), or other columns?"
+    )

@@ -1,0 +1,70 @@
+"""Units that logs come in, and what one of each is in SI."""
+
+from __future__ import annotations
+
+import math
+import re
+
+from physid.scenes.strict import nearest
+
+UNITS: dict[str, dict[str, float]] = {
+    "position": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "km": 1e3, "in": 0.0254, "ft": 0.3048},
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
+    "angle": {"rad": 1.0, "deg": math.pi / 180, "mrad": 1e-3},
+    "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3, "kgf": 9.80665, "lbf": 4.4482216152605},
+    "torque": {"N m": 1.0, "N mm": 1e-3, "N cm": 1e-2, "mN m": 1e-3, "kN m": 1e3},
+    "size": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "in": 0.0254},
+    "mass": {"kg": 1.0, "g": 1e-3, "lb": 0.45359237},
+}
+"""For each quantity [SI] the units it may come in."""
+ALIASES = {
+    "meter": "m", "meters": "m", "metre": "m", "metres": "m", "millimeter": "mm", "millimeters": "mm",
+    "millimetres": "mm", "centimeters": "cm", "sec": "s", "secs": "s", "second": "s", "seconds": "s", "msec": "ms",
+    "millis": "ms", "milliseconds": "ms", "usec": "us", "µs": "us", "micros": "us", "microseconds": "us",
+    "nsec": "ns", "nanos": "ns", "nanoseconds": "ns", "degree": "deg", "degrees": "deg", "°": "deg",
+    "radians": "rad", "newton": "N", "newtons": "N", "n": "N", "nm": "N m", "nmm": "N mm", "inch": "in",
+    "inches": "in", "gram": "g", "grams": "g",
+}  # fmt: skip
+BRACKETED = re.compile(r"^(?P<name>.*?)\s*[\[(](?P<unit>[^\])]*)[\])]\s*$")
+SUFFIXED = re.compile(
+    r"^(?P<name>.+)_(?P<unit>mm|cm|um|ms|us|ns|deg|degrees|rad|mN|kN|Nm|Nmm|sec|secs|msec|usec|nsec)$"
+)
+# No _m, _s, _N or _in: names end like this for other reasons.
+
+
+def factor_of(quantity: str, unit: object, where: str) -> float:
+    """Return what one of a unit is in SI.
+
+    Args:
+        quantity: A key of `UNITS`.
+        unit: The unit's name.
+        where: Names the place for the message.
+
+    Raises:
+        ValueError: If the unit is unknown, or one of another quantity.
+    """
+    name = canonical(str(unit), quantity)
+    if name is None:
+        raise ValueError(f'{where}: unknown unit "{unit}"{nearest(str(unit), UNITS[quantity])}')
+    return UNITS[quantity][name]
+
+
+def canonical(unit: str, quantity: str) -> str | None:
+    """Return the name that a unit has in `UNITS`, or None where it is no unit of the quantity."""
+    known = UNITS[quantity]
+    plain = unit.strip().replace("·", " ").replace("*", " ").replace(".", " ")
+    for each in (
+        plain,
+        ALIASES.get(plain.lower(), ""),
+        plain.replace(" ", ""),
+        ALIASES.get(plain.replace(" ", "").lower()),
+    ):
+        if each in known:
+            return each
+    return None
+
+
+def split_header(header: str) -> tuple[str, str | None]:
+    """Split "x [mm]", "x (mm)" or "x_mm" into name and unit; None where a header names no unit."""
+    found = BRACKETED.match(header) or SUFFIXED.match(header)
+    return (found["name"].strip(), found["unit"].strip()) if found and found["name"] else (header.strip(), None)

@@ -1,0 +1,253 @@
+"""Logs with other units, axes, orders and clocks become the motion that they are logs of."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from tests.data.logs import Truth, write_csv, write_y_up
+
+from physid.cli import main
+from physid.data.format import RecordingSet
+from physid.data.importers.convert import import_logs
+from physid.data.importers.mapping_files import read_mapping
+from physid.data.observations.trajectories import load_trajectories
+from physid.data.recording import Recording
+
+BODY = {"size": [0.1, 0.1, 0.05], "mass": 0.4, "friction": 0.3}
+COLUMNS = {"time": "t", "position": ["x", "y", "z"], "quaternion": ["qx", "qy", "qz", "qw"]} | BODY
+
+
+def same(recording: Recording, truth: Truth, within: float = 1e-9) -> bool:
+    """Return whether a recording is that motion; q and -q are the same rotation."""
+    assert recording.pose is not None
+    assert recording.time is not None
+    turn = Rotation.from_quat(recording.pose[:, 0, 3:])
+    return bool(
+        np.allclose(recording.time, truth.time, atol=within)
+        and np.allclose(recording.pose[:, 0, :3], truth.place, atol=within)
+        and (turn * truth.turn.inv()).magnitude().max() < 1e-7
+    )
+
+
+def imported(folder: Path, files: list[Path], **values: Any) -> Recording:
+    """Import and read the first trajectory."""
+    import_logs(files, COLUMNS | values, folder / "out")
+    return RecordingSet(folder / "out").read(0)
+
+
+def plain(folder: Path, truth: Truth, **changed: Any) -> Path:
+    """Write a log in SI, z up; columns may be changed."""
+    columns = dict(
+        zip(
+            ["t", "x", "y", "z", "qx", "qy", "qz", "qw"],
+            [truth.time, *truth.place.T, *truth.turn.as_quat().T],
+            strict=True,
+        )
+    )
+    columns |= changed
+    return write_csv(folder / "log.csv", list(columns), list(columns.values()))
+
+
+def test_one_command_converts_millimetres_w_first_y_up_jitter_gaps_and_forces_at_500_hz(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    truths = [Truth.of(seed) for seed in range(3)]
+    for index, truth in enumerate(truths):
+        write_y_up(tmp_path / "logs", truth, f"run_{index}")
+    words = [
+        "import", "csv", str(tmp_path / "logs"), "--out", str(tmp_path / "set"), "time=t", "position=[x, y, z]",
+        "quaternion=[qw, qx, qy, qz]", "units.position=mm", "axes=y-up", "size=[0.1, 0.1, 0.05]", "mass=0.4",
+        "force=[fx, fy, fz]", "forces.file={stem}_forces.csv", "forces.time=t",
+    ]  # fmt: skip
+    assert main(words) == 0
+    said = capsys.readouterr().out
+    assert "3 trajectories" in said
+    assert "time_step: 0.01 s (100 frames per second), as the stamps show" in said
+    found = RecordingSet(tmp_path / "set")
+    assert found.scene.time_step == pytest.approx(0.01)
+    assert found.scene.unknown == ("block.friction",)
+    for truth, recording in zip(truths, found, strict=True):
+        assert same(recording, truth)
+        assert recording.wrench is not None
+        assert recording.wrench_time is not None
+        assert np.allclose(recording.wrench[:, 0, 3:], truth.force, atol=1e-12)
+        assert np.allclose(recording.wrench_time, truth.force_time, atol=1e-12)
+    assert not load_trajectories(found).remarks
+
+
+@pytest.mark.parametrize("kind", ["euler", "EULER", "matrix", "rotation_vector", "wxyz"])
+def test_orientations_may_be_written_in_any_way(tmp_path: Path, kind: str) -> None:
+    truth = Truth.of()
+    columns = {
+        "euler": (
+            np.rad2deg(truth.turn.as_euler("xyz")),
+            {"euler": list("abc"), "euler_order": "xyz", "units": {"angle": "deg"}},
+        ),
+        "EULER": (truth.turn.as_euler("ZYX"), {"euler": list("abc"), "euler_order": "ZYX"}),
+        "matrix": (truth.turn.as_matrix().reshape(-1, 9), {"matrix": list("abcdefghi")}),
+        "rotation_vector": (truth.turn.as_rotvec(), {"rotation_vector": list("abc")}),
+        "wxyz": (np.roll(truth.turn.as_quat(), 1, 1), {"quaternion": list("abcd"), "order": "wxyz"}),
+    }
+    values, mapping = columns[kind]
+    log = plain(tmp_path, truth, **dict(zip("abcdefghi", values.T, strict=False)))
+    assert same(imported(tmp_path, [log], **{"quaternion": None} | mapping), truth, 1e-9)
+
+
+def test_a_left_handed_frame_is_mirrored_with_its_torques(tmp_path: Path) -> None:
+    truth = Truth.of()
+    matrix = truth.turn.as_matrix()
+    swap = np.array([[1.0, 0, 0], [0, 0, 1], [0, 1, 0]])  # y and z change places: left-handed, y up
+    mirrored = swap @ matrix @ np.diag([1, 1, -1.0])  # the same box, whose own z axis is mirrored, too
+    quaternion = Rotation.from_matrix(mirrored).as_quat()
+    columns = dict(zip(["qx", "qy", "qz", "qw"], quaternion.T, strict=True))
+    columns |= dict(zip("xyz", (truth.place @ swap.T).T, strict=True))
+    force, arm = np.stack([truth.time, truth.time**2, -truth.time], 1), np.array([0.1, 0.2, 0.3])
+    columns |= dict(zip(["fx", "fy", "fz"], (force @ swap.T).T, strict=True))
+    columns |= dict(zip(["mx", "my", "mz"], np.cross(swap @ arm, force @ swap.T).T, strict=True))
+    found = imported(
+        tmp_path,
+        [plain(tmp_path, truth, **columns)],
+        axes="left-handed-y-up",
+        force=["fx", "fy", "fz"],
+        torque=["mx", "my", "mz"],
+    )
+    assert same(found, truth)
+    assert found.wrench is not None
+    assert np.allclose(found.wrench[:, 0], np.concatenate([np.cross(arm, force), force], 1))
+
+
+def test_a_tracked_point_beside_the_centre_is_moved_to_it(tmp_path: Path) -> None:
+    truth, point = Truth.of(), np.array([0.02, 0.0, 0.04])
+    marker = truth.place + truth.turn.apply(point)
+    found = imported(
+        tmp_path, [plain(tmp_path, truth, **dict(zip("xyz", marker.T, strict=True)))], tracked_point=[0.02, 0, 0.04]
+    )
+    assert same(found, truth)
+
+
+def test_npz_arrays_of_several_bodies_and_clocks(tmp_path: Path) -> None:
+    truth = Truth.of()
+    place = np.stack([truth.place, truth.place + np.array([1.0, 0, 0])], 1)
+    turn = np.stack([truth.turn.as_quat()] * 2, 1)
+    np.savez(tmp_path / "log.npz", t=truth.time * 1e6, pos=place, quat=turn, f=truth.force, ft=truth.force_time)
+    bodies = [
+        BODY
+        | {
+            "name": name,
+            "position": [f"pos[{n},{k}]" for k in range(3)],
+            "quaternion": [f"quat[{n},{k}]" for k in range(4)],
+            "order": "xyzw",
+        }
+        for n, name in enumerate("ab")
+    ]
+    bodies[1]["force"] = "f"
+    import_logs(
+        [tmp_path / "log.npz"],
+        {"time": "t", "units": {"time": "us", "forces_time": "s"}, "bodies": bodies, "forces": {"time": "ft"}},
+        tmp_path / "out",
+    )
+    found = RecordingSet(tmp_path / "out").read(0)
+    assert found.pose is not None
+    assert np.allclose(found.pose[..., :3], place)
+    assert found.wrench is not None
+    assert np.array_equal(found.wrench[:, 1, 3:], truth.force)
+    assert not found.wrench[:, 0].any()
+
+
+def test_rows_of_one_file_may_hold_poses_or_forces_or_both(tmp_path: Path) -> None:
+    every, posed = np.arange(250) / 500, np.arange(250) % 5 == 0
+    place = np.where(posed[:, None], np.stack([every, 0 * every, 0 * every + 0.1], 1), np.nan)
+    force = np.where((np.arange(250) % 2 == 0)[:, None], np.stack([every, every**2, every**3], 1), np.nan)
+    log = write_csv(tmp_path / "log.csv", ["t", "x", "y", "z", "fx", "fy", "fz"], [every, *place.T, *force.T])
+    found = imported(tmp_path, [log], quaternion=None, orientation="none", force=["fx", "fy", "fz"])
+    assert found.length == 50
+    assert found.wrench is not None
+    assert found.wrench_time is not None
+    assert np.allclose(found.wrench_time, every[::2])
+    assert np.allclose(found.wrench[:, 0, 3:], force[::2])
+
+
+def test_empty_cells_lost_zeros_and_invisible_rows_are_bodies_unseen(tmp_path: Path) -> None:
+    truth = Truth.of(missing=0.0)
+    place, turn, shown = truth.place.copy(), truth.turn.as_quat(), np.ones(len(truth.time))
+    place[10], turn[20], place[20], shown[30] = np.nan, 0.0, 0.0, 0.0
+    columns = dict(zip("xyz", place.T, strict=True)) | dict(zip(["qx", "qy", "qz", "qw"], turn.T, strict=True))
+    log = plain(tmp_path, truth, **columns, shown=shown)
+    found = imported(tmp_path, [log], lost="zeros", visible="shown")
+    assert np.flatnonzero(~found.seen[:, 0]).tolist() == [10, 20, 30]
+
+
+def test_one_file_may_hold_several_trajectories_and_be_dealt_to_splits(tmp_path: Path) -> None:
+    truth = Truth.of()
+    three = np.repeat(np.arange(3.0), len(truth.time))
+    columns = {
+        name: np.tile(values, 3)
+        for name, values in zip(
+            ["t", "x", "y", "z", "qx", "qy", "qz", "qw"],
+            [truth.time, *truth.place.T, *truth.turn.as_quat().T],
+            strict=True,
+        )
+    }
+    log = write_csv(tmp_path / "log.csv", [*columns, "episode"], [*columns.values(), three])
+    import_logs([log], COLUMNS | {"trajectory": "episode", "split": {"train": 2, "test": 1}}, tmp_path / "out")
+    found = RecordingSet(tmp_path / "out")
+    assert len(found) == 3
+    assert sorted(found.splits()) == ["test", "train", "train"]  # type: ignore[type-var]
+    assert all(same(one, truth) for one in found)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "# a comment\nt;x;y;z\n0;0,5;0;1\n0,01;0,6;0;1\n0,02;0,7;0;1\n",
+        "t\tx\ty\tz\n0\t0.5\t0\t1\n0.01\t0.6\t0\t1\n0.02\t0.7\t0\t1\n",
+        "t x y z\n0 0.5 0 1\n0.01 0.6 0 1\n0.02 0.7 0 1\n",
+        "\ufefft,x,y,z,\n0,0.5,0,1,\n0.01,0.6,0,1,\n0.02,0.7,0,1,\n",
+        "t [ms],x [mm],y [mm],z [mm],note\n0,500,0,1000,a\n10,600,0,1000,b\n20,700,0,1000,\n",
+        "t,x,y,z\nms,cm,cm,cm\n0,50,0,100\n10,60,0,100\n20,70,0,100\n",
+        "# t x y z\n0 0.5 0 1\n0.01 0.6 0 1\n0.02 0.7 0 1\n",
+    ],
+)
+def test_tables_of_many_kinds_are_read(tmp_path: Path, text: str) -> None:
+    (tmp_path / "log.csv").write_text(text, encoding="utf-8")
+    found = imported(tmp_path, [tmp_path / "log.csv"], quaternion=None, orientation="none")
+    assert found.pose is not None
+    assert found.time is not None
+    assert np.allclose(found.pose[:, 0, :3], [[0.5, 0, 1], [0.6, 0, 1], [0.7, 0, 1]])
+    assert np.allclose(found.time, [0, 0.01, 0.02])
+
+
+def test_a_mapping_file_and_words_over_it_say_the_same(tmp_path: Path) -> None:
+    (tmp_path / "map.yaml").write_text("position: [x, y, z]\nunits: {position: m}\nbodies: [{name: a}, {name: b}]\n")
+    found = read_mapping(tmp_path / "map.yaml", ["units.position=mm", "units.time=ms", "bodies.1.mass=2", "time=t"])
+    assert found == {
+        "position": ["x", "y", "z"],
+        "units": {"position": "mm", "time": "ms"},
+        "bodies": [{"name": "a"}, {"name": "b", "mass": 2}],
+        "time": "t",
+    }
+
+
+def test_an_import_that_fails_leaves_nothing_and_a_corrected_one_runs(tmp_path: Path) -> None:
+    good, bad = plain(tmp_path / "a", Truth.of()), plain(tmp_path / "b", Truth.of())
+    bad.write_text("\n".join([*bad.read_text().splitlines()[:50], "0.1,2"]))
+    with pytest.raises(ValueError, match=r"log.csv:51: expected 8 cells as in the header, found 2"):
+        import_logs([good, bad], COLUMNS, tmp_path / "out")
+    assert {one.name for one in tmp_path.iterdir()} == {"a", "b"}
+    import_logs([good], COLUMNS, tmp_path / "out")
+    with pytest.raises(FileExistsError, match="expected a new or an empty folder"):
+        import_logs([good], COLUMNS, tmp_path / "out")
+
+
+def test_a_long_log_is_read_fast(tmp_path: Path) -> None:
+    import time
+
+    rows = 100_000
+    table = np.column_stack([np.arange(rows) / 100, np.random.default_rng(0).normal(size=(rows, 3))])
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header="t,x,y,z", comments="", fmt="%.6f")
+    start = time.perf_counter()
+    found = imported(tmp_path, [tmp_path / "log.csv"], quaternion=None, orientation="none")
+    assert found.length == rows
+    assert time.perf_counter() - start < 5.0  # [s]; half a second where nothing else runs

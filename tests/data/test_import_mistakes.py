@@ -1,0 +1,264 @@
+"""The likeliest mistakes of who imports a log: each is answered with file, line and remedy, and nothing is left."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.data.logs import Truth, write_csv
+
+from physid.cli import main
+from physid.data.importers.convert import import_logs
+from physid.data.importers.guess import guess_mapping
+from physid.data.importers.mapping_files import read_mapping
+
+GOOD: dict[str, Any] = {
+    "time": "t",
+    "position": ["x", "y", "z"],
+    "quaternion": ["qx", "qy", "qz", "qw"],
+    "size": [0.1, 0.1, 0.05],
+    "mass": 0.4,
+    "friction": 0.3,
+    "force": ["fx", "fy", "fz"],
+}
+TRUTH = Truth.of()
+FRAMES = len(TRUTH.time)
+COLUMNS = dict(
+    zip(
+        ["t", "x", "y", "z", "qx", "qy", "qz", "qw", "fx", "fy", "fz"],
+        [TRUTH.time, *TRUTH.place.T, *TRUTH.turn.as_quat().T, *np.ones((3, FRAMES))],
+        strict=True,
+    )
+)
+
+
+def changed(name: str, row: int, value: float) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """Return a column with one other value."""
+    values = COLUMNS[name].copy()
+    values[row] = value
+    return values
+
+
+# What is wrong, other columns, other keys of the mapping (None leaves one out), and the answer.
+MISTAKES: list[tuple[str, dict[str, Any], dict[str, Any], str]] = [
+    ("a column that is not there", {}, {"position": ["x", "y", "height"]}, 'no column "height"'),
+    ("a renamed column", {}, {"time": "tt"}, 'no column "tt"; did you mean "t"'),
+    ("capital letters", {}, {"position": ["X", "y", "z"]}, 'no column "X"; did you mean "x"'),
+    ("an unknown key", {}, {"positon": ["x", "y", "z"]}, 'unknown key "positon"; did you mean "position"'),
+    ("no position", {}, {"position": None}, r"missing position: the columns of its centre"),
+    ("no size", {}, {"size": None}, r"missing size: its edges, say \[0.1, 0.1, 0.05\]"),
+    ("no mass", {}, {"mass": None}, "missing mass: in kg; a first guess where it is unknown"),
+    ("no clock", {}, {"time": None}, "missing time, the column of stamps; .* give rate"),
+    ("a rate and a time step", {}, {"rate": 100, "time_step": 0.01}, "expected rate or time_step, found both"),
+    ("no orientation", {}, {"quaternion": None}, "expected one of quaternion, .* orientation: none"),
+    ("two orientations", {}, {"matrix": ["x"] * 9}, "expected one of .* found quaternion and matrix"),
+    ("three columns of a quaternion", {}, {"quaternion": ["qx", "qy", "qz"]}, "quaternion: expected 4 columns, got 3"),
+    ("two of a position", {}, {"position": ["x", "y"]}, "position: expected 3 columns, got 2"),
+    ("an order against the names", {}, {"order": "wxyz"}, "order says wxyz, but the columns are qx, qy, qz, qw"),
+    (
+        "names without an order",
+        dict.fromkeys("abcd", np.full(FRAMES, 0.5)),
+        {"quaternion": list("abcd")},
+        "expected order: xyzw or wxyz",
+    ),
+    ("an order that is none", {}, {"order": "wxzy"}, "order: expected xyzw or wxyz"),
+    (
+        "angles for a quaternion",
+        {"qx": np.full(FRAMES, 30.0)},
+        {},
+        r"log.csv:2: expected a unit quaternion .* are these angles",
+    ),
+    (
+        "zeros for a lost body",
+        {n: changed(n, 7, 0.0) for n in ("qx", "qy", "qz", "qw")},
+        {},
+        r"log.csv:9: .* found zeros; .* lost: zeros",
+    ),
+    (
+        "euler angles without an order",
+        {},
+        {"quaternion": None, "euler": ["qx", "qy", "qz"]},
+        "euler_order: expected one letter",
+    ),
+    ("an unknown unit", {}, {"units": {"position": "milimeter"}}, 'units.position: unknown unit "milimeter"'),
+    ("a unit of something else", {}, {"units": {"time": "mm"}}, 'units.time: unknown unit "mm"'),
+    ("a quantity that has no unit", {}, {"units": {"length": "mm"}}, 'units: unknown key "length"'),
+    (
+        "units that contradict each other",
+        {"x [mm]": COLUMNS["x"]},
+        {"position": ["x [mm]", "y", "z"], "units": {"position": "m"}},
+        "says mm, the mapping says units.position: m; correct",
+    ),
+    (
+        "a column of another quantity",
+        {"x [deg]": COLUMNS["x"]},
+        {"position": ["x [deg]", "y", "z"]},
+        r'column "x \[deg\]" is in deg, which is no unit of position',
+    ),
+    ("axes that are none", {}, {"axes": "x y y"}, "axes: expected the log's axes that are the world's x, y and z"),
+    ("a frame that nobody knows", {}, {"axes": "yup"}, 'did you mean "y-up"'),
+    (
+        "time that runs back",
+        {"t": changed("t", 50, 0.0)},
+        {},
+        r"log.csv:52: expected increasing time stamps, found time that runs .* trajectory=",
+    ),
+    ("a doubled stamp", {"t": changed("t", 50, COLUMNS["t"][49])}, {}, r"log.csv:52: .* the same stamp again"),
+    ("a stamp that is missing", {"t": changed("t", 50, np.nan)}, {}, r"log.csv:52: expected a time stamp, found none"),
+    (
+        "milliseconds for seconds",
+        {"t": COLUMNS["t"] * 1000},
+        {"rate": 100},
+        "these are milliseconds: divide the stamps by 1000",
+    ),
+    (
+        "numbers of frames for seconds",
+        {"t": np.arange(float(FRAMES))},
+        {"rate": 100},
+        "these count frames: leave `time` out",
+    ),
+    (
+        "another rate",
+        {},
+        {"rate": 60},
+        r"expected about 60 frames per second .* found 100.* write time_step: 0.0099993 into",
+    ),
+    ("half a force", {"fy": changed("fy", 3, np.nan)}, {}, r"log.csv:5: expected all components of the forces or none"),
+    (
+        "a log of forces that is not there",
+        {},
+        {"forces": {"file": "forces.csv"}},
+        r"forces.csv: expected a log of forces \(forces.file\), found no such file",
+    ),
+    (
+        "a parameter of no body",
+        {},
+        {"unknown": ["box.friction"]},
+        'unknown parameter "box.friction"; did you mean "block.friction"',
+    ),
+    ("a size of zero", {}, {"size": [0.1, 0.1, 0.0]}, "block.size must be positive edge lengths"),
+    ("a mapping that is not filled in", {}, {"mass": "FILL_IN"}, "mass must be a finite number, got 'FILL_IN'"),
+    ("a split that is none", {}, {"split": {"training": 1}}, 'unknown split "training"; did you mean "train"'),
+    (
+        "a body beside bodies",
+        {},
+        {"bodies": [{"name": "a"}]},
+        "expected what is of a body under bodies, found .*position",
+    ),
+    ("a ground that is not of length one", {}, {"ground": {"normal": [0, 0, 2]}}, "ground.normal must have length 1"),
+    ("a key of lost that is none", {}, {"lost": "-1"}, "lost: expected nan or zeros"),
+    ("constants only", {}, {"position": [0.0, 0.0, 0.0]}, "expected a column among .* found constants only"),
+]
+
+
+@pytest.mark.parametrize(
+    ("columns", "values", "message"), [one[1:] for one in MISTAKES], ids=[one[0] for one in MISTAKES]
+)
+def test_a_mistake_is_answered(tmp_path: Path, columns: dict[str, Any], values: dict[str, Any], message: str) -> None:
+    there = COLUMNS | columns
+    log = write_csv(tmp_path / "log.csv", list(there), list(there.values()))
+    mapping = {name: one for name, one in (GOOD | values).items() if one is not None}
+    with pytest.raises((ValueError, FileNotFoundError), match=message):
+        import_logs([log], mapping, tmp_path / "out")
+    assert [one.name for one in tmp_path.iterdir()] == ["log.csv"]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "log.csv: expected rows of numbers, found an empty file"),
+        ("t,x,y,z\n", "log.csv: expected rows of numbers under the header, found none"),
+        ("t,x,x,z\n1,2,3,4\n", 'expected each column once, found "x" twice; rename one in line 1'),
+        ("t,x,y,z\n0,0,0,0\n1,a,0,0\n", 'log.csv:3: expected a number in column "x", found "a"'),
+        (
+            "t,x,y,z\n0,0,0,0\n1,0,0\n",
+            "log.csv:3: expected 4 cells as in the header, found 3; is the last line cut off",
+        ),
+        ("t,x,y,z\n0,0,0,0\n", "log.csv: expected at least 2 rows with poses, found 1"),
+        ("t,x,y,z\n0,,,\n1,,,\n", "log.csv: expected at least 2 rows with poses, found 0"),
+    ],
+)
+def test_a_log_that_holds_nothing_is_answered_with_its_line(tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / "log.csv").write_text(text)
+    body = {"size": [1, 1, 1], "mass": 1, "orientation": "none", "time": "t", "position": ["x", "y", "z"], "rate": 1.0}
+    del body["rate"]
+    with pytest.raises(ValueError, match=message):
+        import_logs([tmp_path / "log.csv"], body, tmp_path / "out")
+
+
+def test_two_clocks_that_never_overlap_are_answered_with_the_offset(tmp_path: Path) -> None:
+    log = write_csv(tmp_path / "log.csv", list(COLUMNS), list(COLUMNS.values()))
+    write_csv(tmp_path / "f.csv", ["t", "fx", "fy", "fz"], [np.arange(100) / 500 + 1.7e9, *np.ones((3, 100))])
+    with pytest.raises(ValueError, match=r"the two never overlap; .* forces.offset=SECONDS is added"):
+        import_logs([log], GOOD | {"forces": {"file": "f.csv", "time": "t"}}, tmp_path / "out")
+    shift = {"forces": {"file": "f.csv", "time": "t", "offset": -1.7e9}}
+    assert import_logs([log], GOOD | shift, tmp_path / "out").trajectories == 1
+
+
+def test_files_that_do_not_pair_are_answered_with_the_stem(tmp_path: Path) -> None:
+    logs = [write_csv(tmp_path / f"log{n}.csv", list(COLUMNS), list(COLUMNS.values())) for n in range(2)]
+    write_csv(tmp_path / "f0.csv", ["t", "fx", "fy", "fz"], [np.arange(100) / 500, *np.ones((3, 100))])
+    with pytest.raises(ValueError, match=r"one log of forces for each of 2 logs of poses, found 1 like f\*.csv; use"):
+        import_logs(logs, GOOD | {"forces": {"file": "f*.csv", "time": "t"}}, tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["cvs", "log.csv"], 'unknown kind "cvs"; did you mean "csv"'),
+        (["csv"], "expected files or a folder after csv, found none"),
+        (["csv", "absent.csv"], "absent.csv: expected logs to import, found no such file or folder"),
+        (["csv", "empty"], "empty: expected logs to import, found no .csv"),
+        (["csv", "none_*.csv"], "none_*.csv: expected logs to import, found nothing like it"),
+        (["csv", "log.csv", "--mapping", "absent.yaml"], "absent.yaml"),
+        (["csv", "log.csv", "--mapping", "broken.yaml"], "broken.yaml: expected a mapping in YAML, found none"),
+        (["csv", "log.csv", "--map", "position"], "--map: expected key=value, say position=[x,y,z]"),
+        (["csv", "log.csv", "position=[x,y"], "--map position: expected a list such as [x, y, z]"),
+        (["csv", "log.csv", "time=t", "time.unit=ms"], "time is a value of its own, and holds no unit"),
+        (["log.xlsx"], 'unknown kind "log.xlsx"'),
+    ],
+)
+def test_a_mistake_on_the_command_line_ends_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, words: list[str], message: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("empty").mkdir()
+    Path("log.csv").write_text("t,x,y,z\n0,0,0,0\n")
+    Path("broken.yaml").write_text("position: [")
+    assert main(["import", *words]) == 2
+    said = capsys.readouterr().err
+    assert message in said
+    assert said.count("\n") == 1
+    assert {one.name for one in tmp_path.iterdir()} == {"empty", "log.csv", "broken.yaml"}
+
+
+def test_a_guess_with_its_blanks_filled_in_is_the_motion(tmp_path: Path) -> None:
+    log = write_csv(tmp_path / "log.csv", list(COLUMNS), list(COLUMNS.values()))
+    said = guess_mapping(log)
+    assert "position: [x, y, z]" in said
+    assert "quaternion: [qx, qy, qz, qw]" in said
+    assert "force: [fx, fy, fz]" in said
+    (tmp_path / "map.yaml").write_text(said)
+    words = ["size=[0.1, 0.1, 0.05]", "mass=0.4", "axes=z-up"]
+    assert import_logs([log], read_mapping(tmp_path / "map.yaml", words), tmp_path / "out").trajectories == 1
+    with pytest.raises(ValueError, match="must be a finite number, got 'FILL_IN'"):
+        import_logs([log], read_mapping(tmp_path / "map.yaml"), tmp_path / "again")
+
+
+@pytest.mark.parametrize(
+    ("names", "scale", "line"),
+    [
+        (["stamp", "pos_x", "pos_y", "pos_z"], 1.0, "position: [pos_x, pos_y, pos_z]"),
+        (["timestamp", "X", "Y", "Z"], 1000.0, "position: mm"),
+        (["time [ms]", "px", "py", "pz"], 1.0, 'time: "time [ms]"'),
+        (["t", "object.position.x", "object.position.y", "object.position.z"], 1.0, "object.position.x"),
+    ],
+)
+def test_names_of_many_kinds_are_guessed(tmp_path: Path, names: list[str], scale: float, line: str) -> None:
+    log = write_csv(tmp_path / "log.csv", names, [TRUTH.time, *(scale * 10 * TRUTH.place.T)])
+    said = guess_mapping(log)
+    assert line in said
+    assert "orientation: none" in said
+    assert "lines are not sure" in said
