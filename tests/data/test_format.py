@@ -176,7 +176,17 @@ def test_a_folder_that_is_no_set_is_named(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match=r"recording.yaml: expected a recording set"):
         RecordingSet(tmp_path)
     (tmp_path / "recording.yaml").write_text("format: [")
-    with pytest.raises(ValueError, match=r"recording.yaml: "):
+    with pytest.raises(ValueError, match=r"recording.yaml:2: no valid YAML"):
+        RecordingSet(tmp_path)
+
+
+def test_a_recording_yaml_of_aliases_that_multiply_is_refused(tmp_path: Path) -> None:
+    bomb = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(
+        f"{name}: &{name} [{', '.join(['*' + before] * 9)}]\n"
+        for before, name in zip("abcdefgh", "bcdefghi", strict=True)
+    )
+    (tmp_path / "recording.yaml").write_text(bomb)
+    with pytest.raises(ValueError, match=r"recording.yaml: expected aliases to repeat at most"):
         RecordingSet(tmp_path)
 
 

@@ -213,7 +213,7 @@ def test_files_that_do_not_pair_are_answered_with_the_stem(tmp_path: Path) -> No
         (["csv", "empty"], "empty: expected logs to import, found no .csv"),
         (["csv", "none_*.csv"], "none_*.csv: expected logs to import, found nothing like it"),
         (["csv", "log.csv", "--mapping", "absent.yaml"], "absent.yaml"),
-        (["csv", "log.csv", "--mapping", "broken.yaml"], "broken.yaml: expected a mapping in YAML, found none"),
+        (["csv", "log.csv", "--mapping", "broken.yaml"], "broken.yaml:2: no valid YAML"),
         (["csv", "log.csv", "--map", "position"], "--map: expected key=value, say position=[x,y,z]"),
         (["csv", "log.csv", "position=[x,y"], "--map position: expected a list such as [x, y, z]"),
         (["csv", "log.csv", "time=t", "time.unit=ms"], "time is a value of its own, and holds no unit"),

@@ -14,6 +14,7 @@ from physid.data.observations.stamps import check_clocks
 from physid.data.recording import Recording
 from physid.data.trajectory import has_dataset, read_film, read_labels, read_trajectory
 from physid.scenes.scene import Scene
+from physid.yaml_files import YamlError, read_yaml
 
 __all__ = ["Recording", "RecordingSet", "trajectory_path", "write_scene", "write_sums"]
 DESCRIPTION, FOLDER, SUMS = "recording.yaml", "trajectories", "SHA256SUMS"
@@ -135,8 +136,10 @@ def read_scene(folder: Path) -> Scene:
             "make one with physid generate, or write one (docs/recordings.md)"
         )
     try:
-        return Scene.from_mapping(yaml.safe_load(path.read_text(encoding="utf-8")))
-    except (yaml.YAMLError, ValueError) as error:
+        return Scene.from_mapping(read_yaml(path))
+    except YamlError:
+        raise
+    except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 
 

@@ -11,6 +11,7 @@ import yaml
 from physid.data.files import write_text
 from physid.data.format import RecordingSet
 from physid.scenes.strict import check_keys
+from physid.yaml_files import YamlError, read_yaml
 
 FILE, ECHO = "reading.yaml", "echo"
 
@@ -55,8 +56,10 @@ def read_reading(folder: Path) -> Reading | None:
         return None
     names = [field.name for field in dataclasses.fields(Reading)]
     try:
-        return Reading(**check_keys(yaml.safe_load(path.read_text(encoding="utf-8")), "reading", names))
-    except (yaml.YAMLError, ValueError) as error:
+        return Reading(**check_keys(read_yaml(path), "reading", names))
+    except YamlError:
+        raise
+    except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 
 

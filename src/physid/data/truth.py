@@ -11,6 +11,7 @@ import yaml
 
 from physid.data.files import write_text
 from physid.scenes.strict import check_keys
+from physid.yaml_files import YamlError, read_yaml
 
 FILE = "truth.yaml"
 FORMAT, VERSION = "physid-truth", 1
@@ -44,11 +45,13 @@ def read_truth(place: Path | str) -> Truth | None:
     if not path.is_file():
         return None
     try:
-        values = yaml.safe_load(path.read_text(encoding="utf-8"))
+        values = read_yaml(path)
         known = check_keys(values, FILE, ("format", "version", "parameters", "effects", "generation"))
         if (known["format"], known["version"]) != (FORMAT, VERSION):
             raise ValueError(f"expected format {FORMAT}, version {VERSION}, found {known['format']!r}")
-    except (yaml.YAMLError, ValueError) as error:
+    except YamlError:
+        raise
+    except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
     return Truth(known["parameters"], known["effects"], known["generation"])
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-import yaml
+from physid.yaml_files import YamlError, parse_yaml, read_yaml
 
 
 def read_mapping(path: Path | None, words: Iterable[str] = ()) -> dict[str, Any]:
@@ -18,12 +18,7 @@ def read_mapping(path: Path | None, words: Iterable[str] = ()) -> dict[str, Any]
     """
     values: dict[str, Any] = {}
     if path is not None:
-        try:
-            read = yaml.safe_load(path.read_text(encoding="utf-8"))
-        except (yaml.YAMLError, UnicodeDecodeError) as error:
-            raise ValueError(
-                f"{path}: expected a mapping in YAML, found none ({' '.join(str(error).split())})"
-            ) from None
+        read = read_yaml(path)
         if not isinstance(read, dict):
             raise ValueError(f"{path}: expected a mapping in YAML, found {type(read).__name__}")
         values = read
@@ -32,8 +27,8 @@ def read_mapping(path: Path | None, words: Iterable[str] = ()) -> dict[str, Any]
         if not equals or not key.strip():
             raise ValueError(f"--map: expected key=value, say position=[x,y,z] or units.position=mm, got {word!r}")
         try:
-            value = yaml.safe_load(text)
-        except yaml.YAMLError:
+            value = parse_yaml(text, f"--map {key}")
+        except YamlError:
             if text.lstrip().startswith("["):
                 raise ValueError(f"--map {key}: expected a list such as [x, y, z], got {text!r}") from None
             value = text  # {stem}_forces.csv is a name, and no YAML
