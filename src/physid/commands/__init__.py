@@ -5,7 +5,7 @@ from physid.commands.command import Command
 from physid.commands.completion import completion
 from physid.commands.diagnoses import diagnose
 from physid.commands.fits import fit, predict, test, validate
-from physid.commands.imports import import_
+from physid.commands.imports import check, import_
 from physid.commands.overviews import dashboard, reproduce
 from physid.commands.recordings import effects, generate, identifiability, track
 
@@ -14,6 +14,7 @@ __all__ = ["COMMANDS", "Command"]
 COMMANDS: tuple[Command, ...] = (
     Command(generate, reads="physid.data.generation.GenerateConfig"),
     Command(import_),
+    Command(check),
     Command(track),
     Command(fit),
     Command(validate),

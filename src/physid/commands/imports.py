@@ -83,3 +83,26 @@ def _sorted(kind: str, sources: list[Path]) -> tuple[str, list[Path]]:
     if not sources:
         raise ValueError(f"import: expected files or a folder after {kind}, found none")
     return kind, sources
+
+
+def check(recordings: Path, *, limit: int | None = None) -> None:
+    """Tell whether recordings can be trusted, and what to mend.
+
+    Says rates, gaps, noise, ranges, contact and forces, and what looks like a mistake: units, axes, the order of
+    quaternions, forces of the wrong sign or of another clock, heights, jumps. Exits with 1 where something looks wrong.
+
+    Examples:
+      physid check data/mine
+
+    Args:
+        recordings: Folder of the recording set.
+        limit: At most so many trajectories, the first ones.
+    """
+    from physid.data.format import RecordingSet
+    from physid.data.inspection.report import UnsoundError, inspect
+
+    found = inspect(RecordingSet(recordings), limit)
+    print(found.text())
+    wrong = sum(one.wrong for one in found.findings)
+    if wrong:
+        raise UnsoundError(f"{recordings}: {wrong} thing{'s' * (wrong > 1)} to mend, or to look at with physid show")

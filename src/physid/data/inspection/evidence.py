@@ -1,0 +1,97 @@
+"""What rules look at: the recordings of a set, their kinematics, and a few choices of frames."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physid.data.inspection.kinematics import Kinematics, kinematics_of, noise_of, window_for
+from physid.data.recording import Recording
+from physid.scenes.scene import Scene
+
+Array = NDArray[np.float64]
+FREE = 0.05  # share of the weight below which a force is none
+SMOOTH = 4.0  # deviations of the noise by which positions may leave a parabola
+LEAST_SMOOTH = 1e-4  # [m] the same, where there is hardly any noise
+EXACT = 0.05  # share of gravity to which accelerations shall be known
+STILL = 0.01  # [m/s]
+TURNED = 1e-3  # [rad] per frame below which nothing turns
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something that looks like a mistake.
+
+    Attributes:
+        what: What is suspicious, with the figures that say so.
+        mend: What to do about it.
+        wrong: Whether nothing should be concluded before; else it is a remark.
+    """
+
+    what: str
+    mend: str
+    wrong: bool = True
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """The recordings of a set that have poses.
+
+    Attributes:
+        scene: The scene.
+        recordings: At least one.
+        indices: Their numbers in the set.
+    """
+
+    scene: Scene
+    recordings: list[Recording]
+    indices: list[int]
+
+    @cached_property
+    def kinematics(self) -> Kinematics:
+        """Local parabolas through the positions."""
+        step, wanted = self.scene.time_step, EXACT * float(np.linalg.norm(self.weight))
+        return kinematics_of(self.recordings, self.scene, window_for(self.noise[0], step, wanted))
+
+    @cached_property
+    def noise(self) -> tuple[float, float]:
+        """Standard deviations of positions [m] and rotations [rad]."""
+        return noise_of(self.recordings, self.scene.time_step)
+
+    @property
+    def weight(self) -> Array:
+        """Acceleration of gravity [m/s^2], shape (3,)."""
+        return np.array(self.scene.gravity)
+
+    @cached_property
+    def masses(self) -> Array:
+        """Mass of the body of each window [kg], shape (n,)."""
+        return np.array([body.mass for body in self.scene.bodies])[self.kinematics.body]
+
+    @cached_property
+    def smooth(self) -> NDArray[np.bool_]:
+        """Windows that a parabola fits: no impact lies in them."""
+        # Relative to the motion itself, too: what is in millimetres has a thousand times the residual.
+        way = np.linalg.norm(self.kinematics.velocity, axis=1) * self.scene.time_step
+        return np.asarray(self.kinematics.residual < np.maximum(SMOOTH * self.noise[0], LEAST_SMOOTH) + 0.01 * way)
+
+    @cached_property
+    def unforced(self) -> NDArray[np.bool_]:
+        """Windows in which no force acts to speak of."""
+        force = np.linalg.norm(self.kinematics.force, axis=1)
+        return np.asarray(force < FREE * self.masses * np.linalg.norm(self.weight))
+
+    @cached_property
+    def still(self) -> NDArray[np.bool_]:
+        """Windows in which a body lies still."""
+        limit = max(STILL, 2 * self.noise[0] / self.scene.time_step / 5)
+        speed = np.linalg.norm(self.kinematics.velocity, axis=1)
+        return np.asarray((speed < limit) & (self.kinematics.turning < max(TURNED, 4 * self.noise[1])))
+
+    def place(self, window: int) -> str:
+        """Name trajectory and frame of a window."""
+        found = self.kinematics
+        return f"trajectory {self.indices[int(found.trajectory[window])]}, frame {int(found.frame[window])}"

@@ -1,0 +1,166 @@
+"""Velocities and accelerations of recorded bodies, and how noisy the poses are; from the poses and stamps alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physid.data.recording import Recording
+from physid.scenes.camera import corners
+from physid.scenes.rotations import conjugate, multiply, to_vector
+from physid.scenes.scene import Scene
+
+Array = NDArray[np.float64]
+WINDOW, LONGEST, LASTING = 7, 41, 0.15  # frames of a local parabola: at least, at most; [s] at most
+GAP = 2.0  # time steps per frame beyond which a window has too large a hole
+MEDIAN = 0.6745  # of |x| for a standard normal x
+
+
+@dataclass(frozen=True)
+class Kinematics:
+    """Local parabolas through windows of frames in which a body was seen, all bodies and trajectories in one row.
+
+    Attributes:
+        trajectory: Which one, shape (n,).
+        frame: Middle of the window, shape (n,).
+        body: Which body, shape (n,).
+        velocity: [m/s], shape (n, 3).
+        acceleration: [m/s^2], shape (n, 3).
+        residual: Root mean square distance of the positions from the parabola [m], shape (n,).
+        force: Mean over the window [N], shape (n, 3).
+        height: Of the lowest corner over the ground [m], shape (n,).
+        turning: Angle between neighbouring frames [rad], shape (n,).
+    """
+
+    trajectory: NDArray[np.int64]
+    frame: NDArray[np.int64]
+    body: NDArray[np.int64]
+    velocity: Array
+    acceleration: Array
+    residual: Array
+    force: Array
+    height: Array
+    turning: Array
+
+    def of(self, which: NDArray[np.bool_]) -> Kinematics:
+        """Return some of the windows."""
+        return Kinematics(**{name: value[which] for name, value in vars(self).items()})
+
+
+def acceleration_noise(noise: float, time_step: float, window: int) -> float:
+    """Return the standard deviation of the acceleration of a parabola through n even points [m/s^2].
+
+    s_a = 2 s / (h^2 sqrt(n (n^2 - 1) (n^2 - 4) / 180)), by least squares.
+    """
+    return float(2 * noise / time_step**2 / np.sqrt(window * (window**2 - 1) * (window**2 - 4) / 180))
+
+
+def window_for(noise: float, time_step: float, wanted: float) -> int:
+    """Return the fewest frames, an odd number, whose parabola has an acceleration as exact as `wanted` [m/s^2]."""
+    longest = max(WINDOW, min(LONGEST, int(LASTING / time_step)))
+    sizes = range(WINDOW, longest + 1, 2)
+    return next((one for one in sizes if acceleration_noise(noise, time_step, one) <= wanted), sizes[-1])
+
+
+def kinematics_of(recordings: list[Recording], scene: Scene, window: int) -> Kinematics:
+    """Fit x(t) = x + v t + a t^2 / 2 to every window of frames.
+
+    Args:
+        recordings: With poses.
+        scene: Their scene.
+        window: Frames of a window, an odd number.
+    """
+    parts = [
+        _windows(one, scene, index, body, window)
+        for index, one in enumerate(recordings)
+        for body in range(len(scene.bodies))
+        if one.pose is not None
+    ]
+    names = Kinematics.__dataclass_fields__
+    return Kinematics(**{name: np.concatenate([part[name] for part in parts]) for name in names})
+
+
+def _windows(one: Recording, scene: Scene, index: int, body: int, window: int) -> dict[str, NDArray[np.generic]]:
+    """Fit the windows of one body in one trajectory."""
+    assert one.pose is not None
+    frame = np.flatnonzero(one.seen[:, body])
+    time, pose = one.stamps(scene.time_step)[frame], one.pose[frame, body]
+    count = max(len(frame) - window + 1, 0)
+    place = np.arange(count)[:, None] + np.arange(window)
+    within = time[place[:, -1]] - time[place[:, 0]] <= GAP * window * scene.time_step if count else np.zeros(0, bool)
+    place = place[within]
+    middle = place[:, window // 2]
+    since = (time[place] - time[middle][:, None]) / scene.time_step
+    design = np.stack([np.ones_like(since), since, since**2 / 2], -1)
+    fit = np.linalg.pinv(design) @ (pose[place, :3] - pose[middle][:, None, :3]) if len(place) else np.zeros((0, 3, 3))
+    off = pose[place, :3] - pose[middle][:, None, :3] - design @ fit
+    turn = to_vector(multiply(pose[1:, 3:], conjugate(pose[:-1, 3:]))) if len(pose) > 1 else np.zeros((0, 3))
+    lowest = lowest_corner(pose, scene, body)
+    number = np.full(len(place), index), np.full(len(place), body)
+    return {
+        "trajectory": number[0],
+        "frame": frame[middle],
+        "body": number[1],
+        "velocity": fit[:, 1] / scene.time_step,
+        "acceleration": fit[:, 2] / scene.time_step**2,
+        "residual": np.sqrt(np.square(off).sum(-1).mean(-1)),
+        "force": _mean_force(one, scene, body, time, place),
+        "height": lowest[middle],
+        "turning": np.linalg.norm(turn, axis=-1)[np.maximum(middle - 1, 0)] if len(turn) else np.zeros(len(place)),
+    }
+
+
+def lowest_corner(pose: Array, scene: Scene, body: int) -> Array:
+    """Return the height of the lowest corner over the ground [m], shape (T,), of poses (T, 7) of a body."""
+    heights = corners(pose[:, None], scene.sizes[body : body + 1])[:, 0] @ np.array(scene.ground.normal)
+    return np.asarray(heights.min(-1) - scene.ground.offset)
+
+
+def _mean_force(one: Recording, scene: Scene, body: int, time: Array, place: NDArray[np.int64]) -> Array:
+    """Return the mean of the held forces over windows (n, 3)."""
+    if one.wrench is None or not len(place):
+        return np.zeros((len(place), 3))
+    start = one.wrench_stamps(scene.time_step)
+    until = max(time[-1], start[-1]) + scene.time_step
+    impulse = np.concatenate(
+        [np.zeros((1, 3)), np.cumsum(one.wrench[:, body, 3:] * np.diff(np.append(start, until))[:, None], 0)]
+    )
+    ends = np.append(start, until)
+    first, last = time[place[:, 0]], time[place[:, -1]]
+    given = np.stack(
+        [np.interp(last, ends, impulse[:, k]) - np.interp(first, ends, impulse[:, k]) for k in range(3)], 1
+    )
+    return np.asarray(given / (last - first)[:, None])
+
+
+def noise_of(recordings: list[Recording], time_step: float) -> tuple[float, float]:
+    """Return standard deviations of positions [m] and of rotation vectors [rad] that no smooth motion explains.
+
+    From third divided differences of four frames in a row: a parabola has none, and white noise of s has s |c|, where c
+    are the weights of the difference. The median does not see impacts.
+
+    Args:
+        recordings: With poses.
+        time_step: Nominal time between frames [s].
+    """
+    places, turns = list[Array](), list[Array]()
+    for one in recordings:
+        assert one.pose is not None
+        time = one.stamps(time_step)
+        for body in range(one.pose.shape[1]):
+            frame = np.flatnonzero(one.seen[:, body])
+            if len(frame) < 4:
+                continue
+            four = np.arange(len(frame) - 3)[:, None] + np.arange(4)
+            stamps, pose = time[frame][four], one.pose[frame, body][four]
+            apart = stamps[:, :, None] - stamps[:, None, :] + np.eye(4)
+            weight = 1 / apart.prod(2)
+            weight /= np.linalg.norm(weight, axis=1, keepdims=True)
+            turn = to_vector(multiply(pose[..., 3:], conjugate(pose[:, :1, 3:])))
+            places.append((weight[..., None] * pose[..., :3]).sum(1).ravel())
+            turns.append((weight[..., None] * turn).sum(1).ravel())
+    if not places:
+        return 0.0, 0.0
+    return tuple(float(np.median(np.abs(np.concatenate(one))) / MEDIAN) for one in (places, turns))  # type: ignore[return-value]

@@ -1,0 +1,165 @@
+"""What looks like a mistake of the tracker or of its clock: jumps, frames that repeat, too low a rate, late forces."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physid.data.inspection.evidence import LEAST_SMOOTH, Evidence, Finding
+from physid.data.inspection.rules import ENOUGH, SHARE, TURN
+
+Array = NDArray[np.float64]
+MOVED = 0.005  # [m], and as many [rad] times four: less is no motion
+JUMP = 10.0  # times the distance of its neighbours
+LAG, BETTER = 20, 0.05  # frames that a clock may be off, gain in correlation that says so
+UNSEEN = 0.3  # share of frames without a body
+SET_OFF = 0.02  # [m] that a body goes from rest by itself
+FIRST = 10  # frames of rest before
+
+
+def motion(seen: Evidence) -> Finding | None:
+    """Recordings in which nothing moves."""
+    ways, turns = [], []
+    for one in seen.recordings:
+        assert one.pose is not None
+        ways.append(float(np.nanmax(np.nanmax(one.pose[..., :3], 0) - np.nanmin(one.pose[..., :3], 0))))
+        turns.append(seen.kinematics.turning.max(initial=0.0))
+    still = [
+        index for index, way, turn in zip(seen.indices, ways, turns, strict=True) if way < MOVED and turn < 4 * MOVED
+    ]
+    if not still:
+        return None
+    return Finding(
+        f"nothing moves in {len(still)} of {len(ways)} trajectories (the first is {still[0]})",
+        "leave them out, or push harder than friction holds",
+        wrong=len(still) == len(ways),
+    )
+
+
+def rate(seen: Evidence) -> Finding | None:
+    """A frame rate that is too low for the motion."""
+    k, edge = seen.kinematics, float(seen.scene.sizes.min())
+    way = np.linalg.norm(k.velocity, axis=1) * seen.scene.time_step
+    fast = (k.turning > TURN) | (way > edge)
+    if not fast.any():
+        return None
+    window = int(np.argmax(np.maximum(k.turning / TURN, way / edge)))
+    many = fast.mean() > SHARE
+    reason = (
+        "are angles in degrees read as radians, or positions in millimetres as metres?" if many else "record faster"
+    )
+    return Finding(
+        f"in {int(fast.sum())} of {len(fast)} frames bodies turn by more than {TURN:g} rad or go further than an edge "
+        f"until the next ({seen.place(window)}: {k.turning[window]:.2g} rad, {1000 * way[window]:.3g} mm)",
+        f"{reason}; or leave these frames out",
+        wrong=bool(many),
+    )
+
+
+def repeats(seen: Evidence) -> Finding | None:
+    """Frames that repeat the one before while the body moves: the tracker is slower than the log."""
+    same = total = 0
+    for one in seen.recordings:
+        assert one.pose is not None
+        for body in range(one.pose.shape[1]):
+            place = one.pose[one.seen[:, body], body]
+            if len(place) < 3:
+                continue
+            equal = (place[1:] == place[:-1]).all(1)
+            moving = np.linalg.norm(place[2:, :3] - place[:-2, :3], axis=1) > 1e-6
+            same += int(np.count_nonzero(equal[:-1] & moving))
+            total += int(moving.sum())
+    if not total or same < SHARE * total:
+        return None
+    return Finding(
+        f"{same} of {total} frames of a motion repeat the pose before them: the log is faster than the tracker",
+        "log poses when they come, or leave cells empty where there is no new one",
+    )
+
+
+def jumps(seen: Evidence) -> Finding | None:
+    """Poses far from both neighbours."""
+    found = []
+    for index, one in zip(seen.indices, seen.recordings, strict=True):
+        assert one.pose is not None
+        for body in range(one.pose.shape[1]):
+            frame = np.flatnonzero(one.seen[:, body])
+            place = one.pose[frame, body, :3]
+            if len(place) < 3:
+                continue
+            step = np.linalg.norm(np.diff(place, axis=0), axis=1)
+            around = np.linalg.norm(place[2:] - place[:-2], axis=1)
+            wild = np.minimum(step[:-1], step[1:]) > JUMP * (around + seen.noise[0]) + LEAST_SMOOTH
+            found += [(index, int(frame[at + 1])) for at in np.flatnonzero(wild)]
+    if not found:
+        return None
+    return Finding(
+        f"{len(found)} poses lie {JUMP:g} times as far from both neighbours as these from each other (the first "
+        f"in trajectory {found[0][0]}, frame {found[0][1]})",
+        "empty these cells, or tell the tracker to drop what it lost",
+        wrong=len(found) > SHARE * len(seen.kinematics.frame),
+    )
+
+
+def delay(seen: Evidence) -> Finding | None:
+    """Forces that act before or after their accelerations: two clocks with an offset."""
+    k = seen.kinematics
+    normal = np.array(seen.scene.ground.normal)
+    along = np.eye(3) - np.outer(normal, normal)
+    if np.count_nonzero(~seen.unforced) < ENOUGH:
+        return None
+    sums = np.zeros((2 * LAG + 1, 3))
+    for trajectory in np.unique(k.trajectory):
+        for body in np.unique(k.body):
+            here = (k.trajectory == trajectory) & (k.body == body)
+            if np.count_nonzero(here) < 3 * LAG:
+                continue
+            push, pull = k.force[here] @ along, k.acceleration[here] @ along
+            push = push - push.mean(0)
+            for index, lag in enumerate(range(-LAG, LAG + 1)):
+                first, second = (push[: len(push) - lag], pull[lag:]) if lag >= 0 else (push[-lag:], pull[:lag])
+                sums[index] += (first * second).sum(), np.square(first).sum(), np.square(second).sum()
+    if not sums[LAG, 1] or not sums[LAG, 2]:
+        return None
+    match = sums[:, 0] / np.sqrt(np.maximum(sums[:, 1] * sums[:, 2], 1e-300))
+    best = int(match.argmax()) - LAG
+    if abs(best) < 2 or match[best + LAG] < match[LAG] + BETTER or match[best + LAG] < 2 * BETTER:
+        return None
+    late = best * seen.scene.time_step
+    return Finding(
+        f"accelerations come {abs(late):.3g} s {'after' if late > 0 else 'before'} the forces (correlation "
+        f"{match[best + LAG]:.2f}, without a shift {match[LAG]:.2f}): the two clocks seem to differ",
+        f"import with forces.offset={late:.3g}, if nothing in the plant delays them",
+    )
+
+
+def unseen(seen: Evidence) -> Finding | None:
+    """Bodies that are often out of sight."""
+    share = 1 - float(np.concatenate([one.seen.ravel() for one in seen.recordings]).mean())
+    if share < UNSEEN:
+        return None
+    return Finding(
+        f"bodies are out of sight in {100 * share:.0f} % of the frames", "look at lighting and markers", wrong=False
+    )
+
+
+def set_off(seen: Evidence) -> Finding | None:
+    """Bodies on level ground that set off from rest without any force."""
+    gravity, normal = seen.weight, np.array(seen.scene.ground.normal)
+    level = np.linalg.norm(np.cross(gravity, normal)) < 1e-3 * np.linalg.norm(gravity)
+    if not level or len(seen.scene.bodies) > 1:
+        return None
+    for index, one in zip(seen.indices, seen.recordings, strict=True):
+        assert one.pose is not None
+        if one.wrench is not None and one.wrench.any():
+            continue
+        place = one.pose[one.seen[:, 0], 0]
+        flat = (place[:, :3] - place[0, :3]) @ (np.eye(3) - np.outer(normal, normal))
+        way = np.linalg.norm(flat, axis=1)
+        low = place[0, :3] @ normal - seen.scene.ground.offset < 0.75 * seen.scene.sizes.max()
+        if low and len(way) > FIRST and way[:FIRST].max() < MOVED and way.max() > SET_OFF:
+            return Finding(
+                f"the body of trajectory {index} sets off from rest on level ground without any force",
+                "import the commanded forces (force=[...])",
+            )
+    return None

@@ -1,0 +1,190 @@
+"""Sound recordings pass; each mistake of who recorded or imported is found, and its mend is named."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from tests.data.sets import write_set
+
+from physid.cli import main
+from physid.data.format import RecordingSet
+from physid.data.inspection.report import inspect
+from physid.data.recording import Recording
+from physid.scenes.catalogue import find_setup
+from physid.scenes.scene import Ground, Scene
+from physid.simulators.bullet.world import simulate
+
+FRAMES, PROTOCOLS, SOME = {"toss": 360}, {"toss": "paper", "slide": "paper"}, 6
+NOISE = 2e-4  # [m], and twice as many [rad]
+
+
+@cache
+def recorded(name: str) -> tuple[Scene, tuple[Recording, ...]]:
+    """Simulate a few motions of a scene, and add the noise of a tracker."""
+    setup = find_setup(name)
+    scene = dataclasses.replace(setup.scene, camera=None)
+    found = []
+    for index in range(SOME):
+        generator = np.random.default_rng(index)
+        excitation = setup.draw(scene, PROTOCOLS.get(name, "rich"), generator, FRAMES.get(name, 200))
+        pose = simulate(scene, excitation).pose
+        turn = Rotation.from_rotvec(2 * NOISE * generator.normal(size=(pose[..., 0].size, 3)))
+        noisy = (turn * Rotation.from_quat(pose[..., 3:].reshape(-1, 4))).as_quat().reshape(*pose.shape[:2], 4)
+        place = pose[..., :3] + NOISE * generator.normal(size=(*pose.shape[:2], 3))
+        found.append(Recording(pose=np.concatenate([place, noisy], -1), wrench=excitation.wrench))
+    return scene, tuple(found)
+
+
+def said(folder: Path, scene: Scene, recordings: list[Recording]) -> list[str]:
+    """Return what looks wrong in a set, each with its mend."""
+    report = inspect(RecordingSet(write_set(folder, recordings, scene)))
+    return [f"{one.what} -> {one.mend}" for one in report.findings if one.wrong]
+
+
+@pytest.mark.parametrize("name", ["push", "slide", "collide", "toss"])
+def test_sound_recordings_pass(tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    scene, recordings = recorded(name)
+    assert said(tmp_path, scene, list(recordings)) == []
+    assert main(["check", str(tmp_path)]) == 0
+    assert "240 frames per second" in capsys.readouterr().out
+
+
+Change = Callable[[Scene, Recording], tuple[Scene, Recording]]
+
+
+def posed(change: Callable[[np.ndarray], np.ndarray]) -> Change:  # type: ignore[type-arg]
+    """Change the poses."""
+    return lambda scene, one: (scene, dataclasses.replace(one, pose=change(one.pose.copy())))  # type: ignore[union-attr]
+
+
+def forced(change: Callable[[np.ndarray], np.ndarray]) -> Change:  # type: ignore[type-arg]
+    """Change the forces."""
+    return lambda scene, one: (scene, dataclasses.replace(one, wrench=change(one.wrench.copy())))  # type: ignore[union-attr]
+
+
+def millimetres(pose: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+    pose[..., :3] *= 1000
+    return pose
+
+
+def w_first(pose: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+    return np.concatenate([pose[..., :3], pose[..., [6, 3, 4, 5]]], -1)
+
+
+def inverse(pose: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+    pose[..., 3:6] *= -1
+    return pose
+
+
+def y_up(pose: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+    change = Rotation.from_matrix([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
+    turn = (change * Rotation.from_quat(pose[..., 3:].reshape(-1, 4))).as_quat().reshape(*pose.shape[:2], 4)
+    return np.concatenate([pose[..., [0]], pose[..., [2]], -pose[..., [1]], turn], -1)
+
+
+def spikes(pose: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+    pose[::7, :, 0] += 0.3
+    return pose
+
+
+def halved(pose: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+    return pose[np.arange(len(pose)) // 4 * 4]
+
+
+def sunk(pose: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+    pose[..., 2] += 0.1
+    return pose
+
+
+def turning(pose: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+    vector = np.rad2deg(Rotation.from_quat(pose[:, 0, 3:]).as_rotvec())
+    return np.concatenate([pose[..., :3], Rotation.from_rotvec(vector).as_quat()[:, None]], -1)
+
+
+MISTAKES: list[tuple[str, str, Change, str]] = [
+    ("toss", "millimetres", posed(millimetres), "seem to be in millimetres -> import with units.position=mm"),
+    ("push", "millimetres", posed(millimetres), "seem to be in millimetres -> import with units.position=mm"),
+    ("toss", "inches", posed(lambda pose: pose * ([39.37] * 3 + [1] * 4)), "seem to be in inches"),
+    ("toss", "w first", posed(w_first), "order: wxyz"),
+    ("toss", "inverse rotations", posed(inverse), "inverse rotations"),
+    ("toss", "y up", posed(y_up), "up seems to be y -> import with the axes of the log (axes=y-up)"),
+    ("push", "y up", posed(y_up), "up seems to be y -> import with the axes of the log (axes=y-up)"),
+    (
+        "toss",
+        "gravity downside up",
+        lambda scene, one: (dataclasses.replace(scene, gravity=(0, 0, 9.81)), one),
+        "fall along",
+    ),
+    ("push", "reaction", forced(lambda force: -force), "point against the forces"),
+    (
+        "push",
+        "forces in other axes",
+        forced(lambda force: force[..., [0, 1, 2, 4, 3, 5]]),
+        "import forces as force=[fy, fx, fz]",
+    ),
+    ("push", "millinewtons", forced(lambda force: force * 1000), "of the force: one of them is in another unit"),
+    (
+        "push",
+        "late forces",
+        forced(lambda force: np.roll(force, -12, 0)),
+        "the two clocks seem to differ -> import with forces.offset=0.0",
+    ),
+    (
+        "push",
+        "no forces",
+        lambda scene, one: (scene, dataclasses.replace(one, wrench=None)),
+        "energy comes from nowhere",
+    ),
+    ("push", "spikes", posed(spikes), "as far from both neighbours as these from each other"),
+    ("push", "a slow tracker", posed(halved), "the log is faster than the tracker"),
+    ("push", "another ground", posed(sunk), "mm above the ground -> check ground.offset"),
+    ("push", "nothing moves", posed(lambda pose: np.repeat(pose[:1], len(pose), 0)), "nothing moves in 6 of 6"),
+    ("toss", "degrees", posed(turning), "angles in degrees read as radians"),
+    (
+        "push",
+        "sizes in millimetres",
+        lambda scene, one: (scene.with_bodies([dataclasses.replace(scene.bodies[0], size=(300, 250, 200))]), one),
+        "sizes seem to be in millimetres",
+    ),
+]
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "message"), [(a, c, d) for a, _, c, d in MISTAKES], ids=[f"{a}: {b}" for a, b, _, _ in MISTAKES]
+)
+def test_a_mistake_is_found_with_its_mend(tmp_path: Path, name: str, change: Change, message: str) -> None:
+    scene, recordings = recorded(name)
+    changed = [change(scene, one) for one in recordings]
+    found = said(tmp_path, changed[0][0], [one for _, one in changed])
+    assert any(message in one for one in found), found
+
+
+def test_a_set_with_a_mistake_exits_with_1_and_a_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene, recordings = recorded("push")
+    write_set(tmp_path, [forced(lambda force: -force)(scene, one)[1] for one in recordings], scene)
+    assert main(["check", str(tmp_path)]) == 1
+    told = capsys.readouterr()
+    assert "wrong?" in told.out
+    assert "mend" in told.out
+    assert "1 thing to mend" in told.err
+
+
+def test_a_damaged_trajectory_is_named_beside_the_sound_ones(tmp_path: Path) -> None:
+    scene, recordings = recorded("push")
+    folder = write_set(tmp_path, list(recordings), scene)
+    (folder / "trajectories" / "000002.h5").write_bytes(b"nothing")
+    found = inspect(RecordingSet(folder)).findings
+    assert len(found) == 1
+    assert "000002.h5: expected an HDF5 file" in found[0].what
+
+
+def test_a_tilted_ground_is_no_mistake(tmp_path: Path) -> None:
+    scene, recordings = recorded("slide")
+    assert scene.ground != Ground()
+    assert not said(tmp_path, scene, list(recordings))
