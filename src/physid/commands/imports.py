@@ -50,8 +50,11 @@ def import_(
     target = out or Path("data") / (kind if kind == "cube-tosses" else places[0].resolve().stem.strip("*?[]_ "))
     if kind == "cube-tosses":
         from physid.data.importers.cube_tosses import import_cube_tosses
+        from physid.one_writer import one_writer
 
-        print(f"{target}: {import_cube_tosses(places[0], target)} trajectories")
+        with one_writer(target):
+            count = import_cube_tosses(places[0], target)
+        print(f"{target}: {count} trajectories")
         return
     values = read_mapping(mapping, map or [])
     forces = values.get("forces")
