@@ -6,8 +6,8 @@
 Each task is run once undisturbed. Then it is run again and again in folders of its own: SIGKILL, SIGTERM or SIGINT
 comes once to three times, each at a random point of the run; or files may not grow beyond a random size; or the disk is
 full (a small tmpfs, where one can be mounted), or nothing can be written at all. Then the same command is run to its
-end. Every file must have the same bytes as the undisturbed run's (but for times), every message must be one line without
-a traceback, and the exit code must say what happened. Everything runs on one thread.
+end. Every file must have the same bytes as the undisturbed run's (but for times), every message must be one line
+without a traceback, and the exit code must say what happened. Everything runs on one thread.
 """
 
 from __future__ import annotations
@@ -36,8 +36,9 @@ CONFIGS = ROOT / "configs"
 COMMAND = [sys.executable, "-m", "physid.cli"]
 SIGNALS = {"SIGKILL": signal.SIGKILL, "SIGTERM": signal.SIGTERM, "SIGINT": signal.SIGINT}
 STARVED = ("file size", "full disk", "read-only")
-CODES = {"SIGKILL": {-9}, "SIGTERM": {143, -15}, "SIGINT": {130, -2}}
-"""What a killed command may end with; before Python listens to signals, the kernel says it."""
+CODES = {"SIGKILL": {-9}, "SIGTERM": {143, -15, -2}, "SIGINT": {130, -2}}
+"""What a killed command may end with. Before Python listens to signals, the kernel says it; and Python says -SIGINT
+of every process in which an interrupt has passed through what a library's C part runs, say while torch is imported."""
 PATIENCE = 60.0
 """[s] for a command to end after a signal; the longest step takes less than one."""
 ENDING = 1.0

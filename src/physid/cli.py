@@ -6,6 +6,7 @@ import difflib
 import inspect
 import os
 import re
+import signal
 import sys
 from argparse import ArgumentError, HelpFormatter
 from collections.abc import Iterable, Mapping, Sequence
@@ -13,13 +14,15 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from physid.commands import COMMANDS, Command
-from physid.commands.terminal import interruptible, styled, terminable
+from physid.commands.terminal import interruptible, stoppable, styled
 from physid.scenes.strict import nearest
 
 if TYPE_CHECKING:
     from jsonargparse import ArgumentParser
 
 OK, FAILED, USAGE, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
+LONGEST = 1000
+"""Letters of a line of an error: what a file holds may be quoted in it."""
 TRACEBACK = "PHYSID_TRACEBACK"
 PRINT, ALLOW = "--print-config", "allow"
 
@@ -72,22 +75,22 @@ def main(words: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if words is None else words)
     # Read when torch loads: its idle threads would spin, and take the cores away from the threads of the rollout.
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
-    terminated: list[int] = []
+    came: list[int] = []
     try:
-        with interruptible(), terminable() as terminated:
+        with interruptible(), stoppable() as came:
             return _run(words)
     except KeyboardInterrupt as interrupt:
-        word = "terminated" if terminated else "interrupted"
-        print(f"\n{word}{f': {interrupt}' if str(interrupt) else ''}", file=sys.stderr)
-        return TERMINATED if terminated else INTERRUPTED
+        return _stopped(came, str(interrupt))
     except BrokenPipeError:
         # The reader (`| head`) has seen enough; a closed stdout must not fail once more at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return OK
-    except (ValueError, OSError, ArgumentError) as error:
-        return _explain(error, USAGE)
-    except RuntimeError as error:
-        if not type(error).__module__.startswith("physid."):
+    except Exception as error:
+        if came:  # an import that was interrupted ends with any error
+            return _stopped(came)
+        if isinstance(error, ValueError | OSError | ArgumentError):
+            return _explain(error, USAGE)
+        if not isinstance(error, RuntimeError) or not type(error).__module__.startswith("physid."):
             raise
         return _explain(error, FAILED)
 
@@ -263,13 +266,22 @@ def _spelt(options: Iterable[str]) -> list[str]:
     return [f"--{name.replace('_', '-')}" for name in options]
 
 
+def _stopped(came: Sequence[int], reason: str = "") -> int:
+    """Say in one line that a signal has ended the command, and return the exit code."""
+    word, code = ("terminated", TERMINATED) if signal.SIGTERM in came else ("interrupted", INTERRUPTED)
+    print(f"\n{word}{f': {reason}' if reason else ''}", file=sys.stderr)
+    return code
+
+
 def _explain(error: Exception, code: int) -> int:
     """Print an error without its traceback and return the exit code."""
     if os.environ.get(TRACEBACK):
         raise error
     message = str(error) or type(error).__name__
     many = isinstance(error, ArgumentError) or "Does not validate against" in message
-    print(f"{styled('physid:', 'red', sys.stderr)} {shorten(message) if many else message}", file=sys.stderr)
+    lines = (shorten(message) if many else message).splitlines()
+    cut = "\n".join(line if len(line) <= LONGEST else f"{line[:LONGEST]}..." for line in lines)
+    print(f"{styled('physid:', 'red', sys.stderr)} {cut}", file=sys.stderr)
     return code
 
 

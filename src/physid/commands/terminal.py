@@ -61,30 +61,37 @@ def interruptible() -> Iterator[None]:
 
 
 @contextmanager
-def terminable() -> Iterator[list[int]]:
-    """Let SIGTERM do what Ctrl-C does: what runs is left in order, and nothing waits for a loop that does not look.
+def stoppable() -> Iterator[list[int]]:
+    """Let SIGTERM do what Ctrl-C does, and remember both: what runs is left in order.
 
-    Lightning catches SIGTERM and looks for it between the epochs of a fit alone. Under SLURM the signal is left to
-    Lightning, which puts a job back into the queue.
+    Lightning catches SIGTERM and looks for it between the epochs of a fit alone; under SLURM the signal is left to
+    Lightning, which puts a job back into the queue. A library that is interrupted while it is imported may turn the
+    KeyboardInterrupt into an error of its own.
 
     Yields:
-        A list that holds the signal once it has come.
+        A list of the signals that have come.
     """
     came: list[int] = []
-    if "SLURM_JOB_ID" in os.environ or current_thread() is not main_thread():
+    if current_thread() is not main_thread():
         yield came
         return
 
     def stop(number: int, _: FrameType | None) -> None:
-        if not came:  # the second of two would interrupt the tidying up after the first
-            came.append(number)
+        first = number not in came
+        came.append(number)
+        if first or number == signal.SIGINT:  # the second SIGTERM would interrupt the tidying up after the first
             raise KeyboardInterrupt
 
-    before = signal.signal(signal.SIGTERM, stop)
+    usual = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
+    if "SLURM_JOB_ID" in os.environ:
+        del usual[signal.SIGTERM]
+    # A signal that is ignored, say after nohup, stays so.
+    before = {each: signal.signal(each, stop) for each, handler in usual.items() if signal.getsignal(each) == handler}
     try:
         yield came
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for each, handler in before.items():
+            signal.signal(each, handler)
 
 
 @contextmanager

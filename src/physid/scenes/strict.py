@@ -7,12 +7,21 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+MOST_SHOWN = 100
+"""Letters of a value that a message quotes."""
+
 
 def nearest(name: str, known: Iterable[str]) -> str:
     """Return '; did you mean "..."?' for the nearest known name, or the list of what is known where none is near."""
     names = [str(one) for one in known]
     close = difflib.get_close_matches(str(name), names, n=1, cutoff=0.6)
     return f'; did you mean "{close[0]}"?' if close else f"; known are {', '.join(names) or 'none'}"
+
+
+def shown(value: object, most: int = MOST_SHOWN) -> str:
+    """Return a value as a message can quote it: in one line, cut where it is long."""
+    text = repr(value)
+    return text if len(text) <= most else f"{text[:most]}..."
 
 
 def check_keys(values: object, where: str, required: Iterable[str], optional: Iterable[str] = ()) -> Mapping[str, Any]:
@@ -32,10 +41,12 @@ def check_keys(values: object, where: str, required: Iterable[str], optional: It
     """
     required, optional = tuple(required), tuple(optional)
     if not isinstance(values, Mapping):
-        raise ValueError(f"{where} must be a mapping with the keys {', '.join(required + optional)}, got {values!r}")
+        raise ValueError(
+            f"{where} must be a mapping with the keys {', '.join(required + optional)}, got {shown(values)}"
+        )
     for key in values:
         if key not in required + optional:
-            raise ValueError(f'{where}: unknown key "{key}"{nearest(key, required + optional)}')
+            raise ValueError(f'{where}: unknown key "{str(key)[:MOST_SHOWN]}"{nearest(key, required + optional)}')
     missing = [key for key in required if key not in values]
     if missing:
         raise ValueError(f"{where}: missing key {', '.join(missing)}")
@@ -50,9 +61,9 @@ def number(value: object, where: str, *, low: float = -math.inf, strict: bool = 
     """
     wanted = "a finite number" if low == -math.inf else f"a number {'above' if strict else 'of at least'} {low:g}"
     if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value):
-        raise ValueError(f"{where} must be {wanted}, got {value!r}")
+        raise ValueError(f"{where} must be {wanted}, got {shown(value)}")
     if value < low or (strict and value == low):
-        raise ValueError(f"{where} must be {wanted}, got {value!r}")
+        raise ValueError(f"{where} must be {wanted}, got {shown(value)}")
     return float(value)
 
 
@@ -63,7 +74,7 @@ def whole(value: object, where: str, *, low: int) -> int:
         ValueError: If it is no whole number, or too small.
     """
     if not isinstance(value, int) or isinstance(value, bool) or value < low:
-        raise ValueError(f"{where} must be a whole number of at least {low}, got {value!r}")
+        raise ValueError(f"{where} must be a whole number of at least {low}, got {shown(value)}")
     return value
 
 
@@ -74,7 +85,7 @@ def triple(value: object, where: str) -> tuple[float, float, float]:
         ValueError: If it is no list of three numbers.
     """
     if isinstance(value, str | Mapping) or not isinstance(value, Iterable):
-        raise ValueError(f"{where} must be a list of 3 numbers, got {value!r}")
+        raise ValueError(f"{where} must be a list of 3 numbers, got {shown(value)}")
     values = [number(one, f"{where}[{axis}]") for axis, one in enumerate(value)]
     if len(values) != 3:
         raise ValueError(f"{where} must be a list of 3 numbers, got {len(values)}")

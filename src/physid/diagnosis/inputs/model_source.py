@@ -12,7 +12,7 @@ from physid.effects import from_values
 from physid.estimation.prediction.nominal_model import NominalModel
 from physid.scenes.catalogue import with_parameters
 from physid.scenes.scene import Scene
-from physid.scenes.strict import number, whole
+from physid.scenes.strict import number, shown, whole
 from physid.yaml_files import read_yaml
 
 CONFIG, CHECKPOINT = "config.yaml", Path("checkpoints", "last.ckpt")
@@ -40,7 +40,7 @@ def read_nominal_model(scene: Scene, source: Path | Mapping[str, Any] | None) ->
     values = dict(_mapping(known.get("values"), f"{place}: model.values"))
     learn = scene.unknown if known.get("learn") is None else known["learn"]
     if not isinstance(learn, list | tuple) or not all(isinstance(name, str) for name in learn):
-        raise ValueError(f"{place}: model.learn: expected a list of parameters such as [block.mass], got {learn!r}")
+        raise ValueError(f"{place}: model.learn: expected a list of parameters such as [block.mass], got {shown(learn)}")
     unknown = tuple(learn)
     if fitted is not None:
         if len(fitted) != len(unknown):
@@ -73,7 +73,7 @@ def _effects(given: object) -> list[tuple[str, dict[str, float]]]:
 def _mapping(given: object, where: str) -> Mapping[str, Any]:
     """Return a mapping; an empty one for nothing."""
     if given is not None and not isinstance(given, Mapping):
-        raise ValueError(f"{where}: expected a mapping, got {given!r}")
+        raise ValueError(f"{where}: expected a mapping, got {shown(given)}")
     return given or {}
 
 
@@ -108,5 +108,5 @@ def _without_classes(node: Any) -> Any:
     if not isinstance(node, Mapping):
         return node
     merged = {key: value for key, value in node.items() if key not in ("class_path", "init_args")}
-    merged |= node.get("init_args") or {}
+    merged |= _mapping(node.get("init_args"), "init_args")
     return {key: _without_classes(value) for key, value in merged.items()}
