@@ -59,7 +59,10 @@ def read_curves(path: Path) -> list[Curve]:
         The curves, in the order of the columns.
     """
     with path.open(newline="", encoding="utf-8") as file:
-        rows = [row for row in csv.DictReader(file) if None not in row.values() and None not in row]
+        try:
+            rows = [row for row in csv.DictReader(file) if None not in row.values() and None not in row]
+        except csv.Error as error:
+            raise ValueError(f"{path}: expected a history in CSV, found a damaged file ({error})") from None
     names = [name for name in (rows[0] if rows else {}) if name not in AXES]
     return [curve for name in names if (curve := _curve(name, rows)).x]
 

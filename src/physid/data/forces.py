@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physid.scenes.scene import Scene
-from physid.scenes.strict import nearest
+from physid.scenes.strict import nearest, quoted, shown
 
 COMPONENTS = ("torque_x", "torque_y", "torque_z", "force_x", "force_y", "force_z")
 
@@ -50,26 +50,36 @@ def _read_csv(path: Path, scene: Scene) -> NDArray[np.float64]:
     """Read named columns."""
     places = {f"{body.name}.{one}": (n, k) for n, body in enumerate(scene.bodies) for k, one in enumerate(COMPONENTS)}
     with path.open(newline="", encoding="utf-8-sig") as file:
-        names, *rows = [[cell.strip() for cell in row] for row in csv.reader(file) if row] or [[]]
+        try:
+            names, *rows = [[cell.strip() for cell in row] for row in csv.reader(file) if row] or [[]]
+        except csv.Error as error:
+            raise ValueError(f"{path}: expected rows of numbers in CSV, found none ({error})") from None
     for name in names:
         if name not in places:
-            raise ValueError(f'{path}: unknown column "{name}"{nearest(name, places)}')
+            raise ValueError(f"{path}: unknown column {quoted(name)}{nearest(name, places)}")
     wrench = np.zeros((len(rows), len(scene.bodies), len(COMPONENTS)))
     for number, row in enumerate(rows):
         try:
             for name, value in zip(names, row, strict=True):
                 wrench[number, *places[name]] = float(value)
         except ValueError:
-            raise ValueError(f"{path}: expected {len(names)} numbers in row {number}, found {', '.join(row)}") from None
+            found = shown(", ".join(row))
+            raise ValueError(f"{path}: expected {len(names)} numbers in row {number}, found {found}") from None
     return wrench
 
 
 def _read_npy(path: Path, scene: Scene) -> NDArray[np.float64]:
     """Read one array."""
     try:
-        wrench = np.load(path, allow_pickle=False)
-    except (ValueError, EOFError) as error:
-        raise ValueError(f"{path}: expected a NumPy array, found what cannot be read ({error})") from None
+        # Mapped, not read: a header that declares more than the file holds is refused before anything is allocated.
+        wrench = np.load(path, allow_pickle=False, mmap_mode="r")
+        if not isinstance(wrench, np.ndarray):
+            raise ValueError("an archive of arrays")
+    except OSError:
+        raise
+    except Exception as error:  # NumPy reads headers with Python's own parser, which has errors of many kinds
+        reason = (str(error).splitlines() or [""])[0][:200]
+        raise ValueError(f"{path}: expected a NumPy array, found what cannot be read ({reason})") from None
     shape = (len(scene.bodies), len(COMPONENTS))
     if wrench.ndim != 3 or wrench.shape[1:] != shape or wrench.dtype.kind not in "fiu":
         raise ValueError(f"{path}: expected numbers of shape (n, {shape[0]}, 6), found {wrench.dtype} {wrench.shape}")

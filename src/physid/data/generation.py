@@ -12,7 +12,7 @@ from physid.data.recording import SPLITS
 from physid.data.splits import assign_splits
 from physid.scenes.catalogue import bodies_of, find_setup, with_parameters
 from physid.scenes.scene import Integration, Scene
-from physid.scenes.strict import check_keys, nearest, number, whole
+from physid.scenes.strict import check_keys, nearest, number, quoted, shown, whole
 from physid.simulators.protocol import find_simulator
 from physid.simulators.sampling import MOST_JITTER, Sampling, sample
 
@@ -97,6 +97,8 @@ class GenerateConfig:
 
     def __post_init__(self) -> None:
         setup = find_setup(self.scene)
+        if not isinstance(self.simulator, str):
+            raise ValueError(f"simulator must be a name, got {shown(self.simulator)}")
         find_simulator(self.simulator)
         if self.frame_rate is not None:
             number(self.frame_rate, "frame_rate", low=0.0, strict=True)
@@ -119,8 +121,9 @@ class GenerateConfig:
             if split not in SPLITS:
                 raise ValueError(f'unknown split "{split}"{nearest(split, SPLITS)}')
         for protocol in (self.protocol, *self.protocol_of_split.values()):
-            if protocol not in setup.protocols:
-                raise ValueError(f'scene {self.scene} has no protocol "{protocol}"{nearest(protocol, setup.protocols)}')
+            if not isinstance(protocol, str) or protocol not in setup.protocols:
+                there = nearest(str(protocol), setup.protocols)
+                raise ValueError(f"scene {self.scene} has no protocol {quoted(protocol)}{there}")
         self.known_scene()
 
     @classmethod

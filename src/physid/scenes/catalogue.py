@@ -9,7 +9,7 @@ from physid.scenes.push import PUSH
 from physid.scenes.scene import Scene
 from physid.scenes.setup import Setup, sharing, with_values
 from physid.scenes.slide import SLIDE
-from physid.scenes.strict import nearest
+from physid.scenes.strict import nearest, quoted
 from physid.scenes.toss import TOSS
 
 SETUPS: tuple[Setup, ...] = (PUSH, SLIDE, COLLIDE, TOSS)
@@ -22,8 +22,8 @@ def find_setup(name: str) -> Setup:
         ValueError: If there is no such scene.
     """
     known = {setup.scene.name: setup for setup in SETUPS}
-    if name not in known:
-        raise ValueError(f'unknown scene "{name}"{nearest(name, known)}')
+    if not isinstance(name, str) or name not in known:
+        raise ValueError(f"unknown scene {quoted(name)}{nearest(str(name), known)}")
     return known[name]
 
 

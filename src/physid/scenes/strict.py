@@ -24,6 +24,12 @@ def shown(value: object, most: int = MOST_SHOWN) -> str:
     return text if len(text) <= most else f"{text[:most]}..."
 
 
+def quoted(value: object, most: int = MOST_SHOWN) -> str:
+    """Return a name in double quotes, cut where it is long."""
+    text = " ".join(str(value).split())
+    return f'"{text}"' if len(text) <= most else f'"{text[:most]}..."'
+
+
 def check_keys(values: object, where: str, required: Iterable[str], optional: Iterable[str] = ()) -> Mapping[str, Any]:
     """Check that `values` is a mapping with all required keys and no unknown one.
 
@@ -46,7 +52,7 @@ def check_keys(values: object, where: str, required: Iterable[str], optional: It
         )
     for key in values:
         if key not in required + optional:
-            raise ValueError(f'{where}: unknown key "{str(key)[:MOST_SHOWN]}"{nearest(key, required + optional)}')
+            raise ValueError(f"{where}: unknown key {quoted(key)}{nearest(key, required + optional)}")
     missing = [key for key in required if key not in values]
     if missing:
         raise ValueError(f"{where}: missing key {', '.join(missing)}")

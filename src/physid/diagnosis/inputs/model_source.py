@@ -40,7 +40,7 @@ def read_nominal_model(scene: Scene, source: Path | Mapping[str, Any] | None) ->
     values = dict(_mapping(known.get("values"), f"{place}: model.values"))
     learn = scene.unknown if known.get("learn") is None else known["learn"]
     if not isinstance(learn, list | tuple) or not all(isinstance(name, str) for name in learn):
-        raise ValueError(f"{place}: model.learn: expected a list of parameters such as [block.mass], got {shown(learn)}")
+        raise ValueError(f"{place}: model.learn: expected parameters such as [block.mass], got {shown(learn)}")
     unknown = tuple(learn)
     if fitted is not None:
         if len(fitted) != len(unknown):

@@ -87,7 +87,10 @@ def read_rows(path: Path) -> list[dict[str, str]]:
     except UnicodeDecodeError:
         raise ValueError(f"{path}: expected a history in CSV, found a damaged file; delete it") from None
     whole = text[: text.rfind("\n") + 1]
-    rows = list(csv.DictReader(io.StringIO(whole, newline="")))
+    try:
+        rows = list(csv.DictReader(io.StringIO(whole, newline="")))
+    except csv.Error as error:
+        raise ValueError(f"{path}: expected a history in CSV, found a damaged file ({error}); delete it") from None
     return [row for row in rows if None not in row and None not in row.values()]
 
 
