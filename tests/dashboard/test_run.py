@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import base64
+import hashlib
 import json
 import re
 from pathlib import Path
@@ -176,3 +178,15 @@ def test_a_malformed_run_costs_no_other(tmp_path: Path, name: str, content: str)
     assert runs["good"]["figures"] == {"test/error": 1.0}
     assert runs["bad"]["state"] in ("finished", "unfinished", "damaged")
     assert runs.keys() == {"good", "bad"}
+
+
+def test_only_the_pages_own_script_may_run(tmp_path: Path) -> None:
+    page = render([], "<script>alert(1)</script>")
+    policy = re.search(r"script-src '(sha256-[^']+)'", page)
+    scripts = re.findall(r"<script>(.*?)</script>", page, re.DOTALL)
+    assert policy is not None
+    assert "unsafe-inline'; script" in page
+    assert "script-src 'unsafe-inline'" not in page
+    digest = base64.b64encode(hashlib.sha256(scripts[-1].encode()).digest()).decode()
+    assert policy[1] == f"sha256-{digest}"
+    assert len(scripts) == 1

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physid.scenes.scene import Scene
-from physid.scenes.strict import nearest, quoted, shown
+from physid.scenes.strict import MOST_SHOWN, nearest, quoted
 
 COMPONENTS = ("torque_x", "torque_y", "torque_z", "force_x", "force_y", "force_z")
 
@@ -63,7 +63,7 @@ def _read_csv(path: Path, scene: Scene) -> NDArray[np.float64]:
             for name, value in zip(names, row, strict=True):
                 wrench[number, *places[name]] = float(value)
         except ValueError:
-            found = shown(", ".join(row))
+            found = ", ".join(row)[:MOST_SHOWN]
             raise ValueError(f"{path}: expected {len(names)} numbers in row {number}, found {found}") from None
     return wrench
 

@@ -154,7 +154,7 @@ def _page(title: str, seal: str, tables: dict[str, Table], pictures: dict[str, b
         "table{border-collapse:collapse;font-size:13px;margin:.5rem 0 2rem}td,th{padding:.25rem .7rem;text-align:left;"
         "border-bottom:1px solid #d9dee3}img{max-width:100%}code{font-size:12px;word-break:break-all}"
     )
-    parts = [f"<h1>{html.escape(title)}</h1><p>Labels: <code>{seal}</code></p>"]
+    parts = [f"<h1>{html.escape(title)}</h1><p>Labels: <code>{html.escape(seal)}</code></p>"]
     for name, table in tables.items():
         head = "".join(f"<th>{html.escape(cell)}</th>" for cell in table[0])
         body = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in table[1:])
@@ -162,5 +162,9 @@ def _page(title: str, seal: str, tables: dict[str, Table], pictures: dict[str, b
     for name, data in pictures.items():
         coded = base64.b64encode(data).decode()
         parts.append(f'<h2>{name.capitalize()}</h2><img alt="{name}" src="data:image/png;base64,{coded}">')
-    head = f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{html.escape(title)}</title>'
+    policy = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
+    head = (
+        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{html.escape(title)}</title>'
+        f'<meta http-equiv="Content-Security-Policy" content="{policy}">'
+    )
     return f"{head}<style>{style}</style><body>{''.join(parts)}</body></html>\n"

@@ -111,7 +111,7 @@ function reportSection(run) {
     onclick: () => {
       const shown = place.childElementCount > 0;
       open.setAttribute("aria-pressed", String(!shown));
-      const frame = h("iframe", { srcdoc: themed(run.report), sandbox: "allow-scripts", title: `report of ${run.id}` });
+      const frame = h("iframe", { srcdoc: themed(run.report), sandbox: "", title: `report of ${run.id}` });
       addEventListener("theme", () => { frame.srcdoc = themed(run.report); });
       place.replaceChildren(...(shown ? [] : [frame]));
     },
