@@ -61,7 +61,7 @@ def _free(value: Any, key: str, annotation: Any, allowed: Sequence[str]) -> Iter
             yield from _free(each, f"{key}.init_args.{name}", types_of(target).get(name), allowed)
         return
     kinds = alternatives(annotation)
-    if any(_is_mapping(kind) for kind in kinds):
+    if any(is_mapping(kind) for kind in kinds):
         yield key
         return
     classes = [kind for kind in kinds if inspect.isclass(kind) and kind.__module__ != "builtins"]
@@ -70,5 +70,6 @@ def _free(value: Any, key: str, annotation: Any, allowed: Sequence[str]) -> Iter
         yield from _free(each, f"{key}.{name}" if key else str(name), known.get(name), allowed)
 
 
-def _is_mapping(kind: Any) -> bool:
+def is_mapping(kind: Any) -> bool:
+    """Tell whether a type is a mapping whose keys are free."""
     return (typing.get_origin(kind) or kind) in (dict, collections.abc.Mapping, collections.abc.MutableMapping)

@@ -10,7 +10,7 @@ from typing import Any
 
 from physid.class_paths import DOTTED, ClassPathError, load_class, require_trusted
 from physid.configuration import CLASS_KEYS, Configuration, ConfigurationError
-from physid.free_mappings import alternatives, types_of
+from physid.free_mappings import alternatives, is_mapping, types_of
 from physid.scenes.strict import nearest
 
 
@@ -101,6 +101,8 @@ def _check_classes(configuration: Configuration, key: str, value: Any, annotatio
     if section is not None:
         known = types_of(section)
         _refuse_unknown(configuration, key, value, _parameters(section))
+    elif _takes_classes(annotation) and not any(is_mapping(kind) for kind in alternatives(annotation)):
+        raise _wrong(configuration, key, "a mapping with class_path and init_args", value)
     for name, each in value.items():
         _check_classes(configuration, f"{key}.{name}", each, known.get(name))
 

@@ -76,8 +76,8 @@ def diagnose(
     observations = load_observations(
         RecordingSet(recordings), None if transfer is None else RecordingSet(transfer), limit
     )
-    require_usable(observations)
     believed_model = read_nominal_model(observations.scene, model)
+    require_usable(observations)
     with one_writer(out):
         document, conclusion = _write(
             recordings, out, transfer, effects, limit, seed, tolerance, observations, believed_model, say, begun

@@ -1,0 +1,97 @@
+"""The configuration of a nominal model: what is not understood is refused, not passed over."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from physid.cli import main
+
+MODEL: dict[str, Any] = {
+    "seed_everything": 0,
+    "model": {
+        "class_path": "physid.training.learners.sysid.SysID",
+        "learn": ["block.friction"],
+        "values": {"block.mass": 1.0},
+        "engine": {"substeps": 1, "effects": {"viscous_drag": {"coefficient": 0.1}}},
+        "optimizer": {"class_path": "physid.training.parameters.gauss_newton.GaussNewton"},
+    },
+    "data": {"class_path": "physid.data.datamodule.RecordingsDataModule", "folder": "data/push", "shuffle": False},
+    "trainer": {"accelerator": "cpu", "max_epochs": 12},
+}
+
+
+def places(values: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+    """Yield the path to every key."""
+    if isinstance(values, dict):
+        for name, value in values.items():
+            yield (*path, name)
+            yield from places(value, (*path, name))
+
+
+def renamed(path: tuple[str, ...]) -> dict[str, Any]:
+    """Return the configuration with one key misspelt."""
+    changed = copy.deepcopy(MODEL)
+    node = changed
+    for name in path[:-1]:
+        node = node[name]
+    node[path[-1] + "x"] = node.pop(path[-1])
+    return changed
+
+
+def refused(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
+    """Diagnose, which shall end with a mistake of the user; returns the message."""
+    assert main(words) == 2
+    error = capsys.readouterr().err.strip()
+    assert len(error.splitlines()) == 1
+    return error
+
+
+@pytest.mark.parametrize("path", list(places(MODEL)), ids=".".join)
+def test_a_misspelt_key_anywhere_is_refused(
+    path: tuple[str, ...], recordings: Callable[[str], Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "model.yaml"
+    file.write_text(yaml.safe_dump(renamed(path)))
+    words = ["diagnose", str(recordings("push")), f"--model={file}", f"--out={tmp_path / 'out'}", "--quiet"]
+    assert path[-1] in refused(words, capsys)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("values", 3),
+        ("values", {"block.mass": "heavy"}),
+        ("values", {"block.mass": [1]}),
+        ("learn", "block.mass"),
+        ("learn", [3]),
+        ("engine", 3),
+        ("engine", {"substeps": 0}),
+        ("engine", {"substeps": 1.5}),
+        ("engine", {"effects": ["viscous_drag"]}),
+        ("engine", {"effects": {"viscous_drag": 3}}),
+        ("engine", {"effects": {"viscous_drag": {"coefficient": "x"}}}),
+    ],
+)
+def test_a_value_of_another_kind_is_refused(
+    key: str, value: object, recordings: Callable[[str], Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "model.yaml"
+    file.write_text(yaml.safe_dump({**MODEL, "model": {**MODEL["model"], key: value}}))
+    words = ["diagnose", str(recordings("push")), f"--model={file}", f"--out={tmp_path / 'out'}", "--quiet"]
+    refused(words, capsys)
+
+
+def test_a_logger_of_the_trainer_is_not_passed_over(
+    recordings: Callable[[str], Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "model.yaml"
+    file.write_text(yaml.safe_dump({**MODEL, "trainer": {"logger": True}}))
+    words = ["diagnose", str(recordings("push")), f"--model={file}", f"--out={tmp_path / 'out'}", "--quiet"]
+    assert "trainer.logger is decided" in refused(words, capsys)
