@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import torch
 from torch import Tensor
 
-from physid.physics.contact import ContactRule, Split
+from physid.physics.contact import ContactRule, Speculative, Split
 from physid.physics.effect import Effect
+from physid.physics.integration import Midpoint, SemiImplicit
 from physid.physics.parameters import Parameters, box_inertia
 from physid.physics.world import Plane, World
 from physid.scenes.catalogue import bodies_of
@@ -27,13 +28,13 @@ class NominalModel:
         scene: Bodies, ground, gravity; values of unknown parameters are a first guess.
         effects: Effects that are known already, with their values.
         substeps: Steps of the engine per frame; None for those of the maker of the recordings, or as many as it takes.
-        contact: When bodies touch.
+        contact: When bodies touch, in steps of a simulator that is known; None for Bullet's `Split`.
     """
 
     scene: Scene
     effects: tuple[Effect, ...] = ()
     substeps: int | None = None
-    contact: ContactRule = field(default_factory=Split)
+    contact: ContactRule | None = None
 
     @property
     def unknown(self) -> tuple[str, ...]:
@@ -44,7 +45,15 @@ class NominalModel:
     def world(self) -> World:
         """The static description that the PhysicsLayer takes."""
         ground = Plane(self.scene.ground.normal, self.scene.ground.offset)
-        return World(self.scene.time_step, 1, self.scene.gravity, ground, contact=self.contact)
+        known = self.scene.integration is not None
+        return World(
+            self.scene.time_step,
+            1,
+            self.scene.gravity,
+            ground,
+            contact=(self.contact or Split()) if known else Speculative(),
+            integration=SemiImplicit() if known else Midpoint(),
+        )
 
     @property
     def guess(self) -> Tensor:
