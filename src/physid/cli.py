@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 OK, FAILED, USAGE, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
 LONGEST = 1000
 """Letters of a line of an error: what a file holds may be quoted in it."""
+MOST_LINES = 6
+"""Of an error; the longest of the project's own have three."""
 TRACEBACK = "PHYSID_TRACEBACK"
 PRINT, ALLOW = "--print-config", "allow"
 
@@ -280,7 +282,7 @@ def _explain(error: Exception, code: int) -> int:
     message = str(error) or type(error).__name__
     many = isinstance(error, ArgumentError) or "Does not validate against" in message
     lines = (shorten(message) if many else message).splitlines()
-    cut = "\n".join(line if len(line) <= LONGEST else f"{line[:LONGEST]}..." for line in lines)
+    cut = "\n".join(line if len(line) <= LONGEST else f"{line[:LONGEST]}..." for line in lines[:MOST_LINES])
     print(f"{styled('physid:', 'red', sys.stderr)} {cut}", file=sys.stderr)
     return code
 

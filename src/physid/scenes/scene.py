@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physid.scenes.camera import Camera, Triple
-from physid.scenes.strict import check_keys, nearest, number, triple
+from physid.scenes.strict import check_keys, nearest, number, quoted, triple
 
 FORMAT = "physid-recordings"
 VERSION = 2
@@ -239,7 +239,7 @@ class Scene:
         name, _, field = str(parameter).partition(".")
         known = [f"{body.name}.{each}" for body in self.bodies for each in PARAMETERS]
         if f"{name}.{field}" not in known:
-            raise ValueError(f'unknown parameter "{parameter}"{nearest(parameter, known)}')
+            raise ValueError(f"unknown parameter {quoted(parameter)}{nearest(parameter, known)}")
         return [body.name for body in self.bodies].index(name), field
 
     def value(self, parameter: str) -> float:
