@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from physid.data.files import read_json, read_tensors, write_text, write_whole
+from physid.data.files import read_json, read_tensors, write_tensors, write_text, write_whole
 
 DAMAGES = 200
 
@@ -71,3 +71,12 @@ def test_a_checkpoint_that_lacks_a_part_is_named_with_it(tmp_path: Path) -> None
     torch.save({"epoch": 1}, tmp_path / "last.ckpt")
     with pytest.raises(ValueError, match=r"last\.ckpt: expected a checkpoint with state_dict, found none"):
         read_tensors(tmp_path / "last.ckpt", ["epoch", "state_dict"])
+
+
+def test_tensors_for_which_the_disk_has_no_room_are_an_error_of_the_system(tmp_path: Path) -> None:
+    (tmp_path / "state.pt.part").symlink_to("/dev/full")
+    with pytest.raises(OSError, match="No space left"):
+        write_tensors(tmp_path / "state.pt", {"a": torch.arange(10_000.0)})
+    assert not list(tmp_path.iterdir())
+    write_tensors(tmp_path / "state.pt", {"a": torch.arange(3.0)})
+    assert read_tensors(tmp_path / "state.pt", ["a"])["a"].tolist() == [0, 1, 2]

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -54,6 +55,19 @@ def read_json(path: Path, what: str) -> Any:
     except (ValueError, RecursionError) as error:
         reason = str(error).splitlines()[0] if path.stat().st_size else "an empty file"
         raise ValueError(f"{path}: expected {what} as JSON, found a damaged file ({reason}); delete it") from None
+
+
+def write_tensors(path: Path, state: Mapping[str, Any]) -> None:
+    """Write a mapping of tensors and plain values, whole or not at all.
+
+    Raises:
+        OSError: If it cannot be written; torch itself says of a full disk that a position is unexpected.
+    """
+    import torch
+
+    content = io.BytesIO()
+    torch.save(dict(state), content)
+    write_whole(path, lambda part: _ignore(part.write_bytes(content.getbuffer())))
 
 
 def read_tensors(path: Path, keys: Iterable[str] = ()) -> dict[str, Any]:

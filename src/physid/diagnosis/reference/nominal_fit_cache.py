@@ -9,7 +9,7 @@ from pathlib import Path
 
 import torch
 
-from physid.data.files import read_tensors, write_whole
+from physid.data.files import read_tensors, write_tensors
 from physid.data.observations.time_grid import TimeGrid
 from physid.diagnosis.inputs.observations import Observations
 from physid.diagnosis.reference.nominal_fit import NONE, NominalFit
@@ -66,7 +66,7 @@ def cached_fit(
     state |= {"events": nominal_fit.events}
     state |= {"noise": (nominal_fit.noise.rotation, nominal_fit.noise.position)}
     state |= {"factors": None if nominal_fit.noise.error is None else nominal_fit.noise.error.factors}
-    write_whole(path, lambda part: torch.save(state | {"key": key, "generator": generator.get_state()}, part))
+    write_tensors(path, state | {"key": key, "generator": generator.get_state()})
     return nominal_fit
 
 
