@@ -3,8 +3,8 @@
     python benchmarks/references.py
     python benchmarks/references.py --draws 3
 
-PyBullet, MuJoCo and closed forms; the number after a name is that of its steps per frame of 1/240 s. The first table has
-the largest distance between the paths of any body within a second [mm]: the median, and in brackets the largest, over all
+PyBullet, MuJoCo and closed forms; the number after a name is its steps per frame of 1/240 s. The first table has
+the largest distance between the paths of any body within a second [mm]: the median, in brackets the largest, over all
 draws. The second has the time, the third what each makes of three laws.
 """
 

@@ -67,7 +67,7 @@ def diagnose(
         limit: At most so many trajectories of each set, the first ones.
         save_model: Where to write the model with what was found, as a configuration of `physid fit`.
         tolerance: How far positions may leave the model, beyond what noise accounts for, before anything is blamed
-            [m]; by default 0.15 of the noise, at least 0.02 % of the largest edge.
+            [m]; by default 0.15 of the noise, at least 0.0002 of the largest edge.
         seed: Seed of the null simulations.
         wandb: Log figures, ranking, report and film as a run of wandb, into OUT/wandb or to the server.
         quiet: Hide the progress bar.
