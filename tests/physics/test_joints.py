@@ -1,13 +1,17 @@
 """Equality joints against the pendulum and the rail."""
 
+import itertools
 import math
 
 import pytest
 import torch
 
 from physics.worlds import boxes, forces, state
+from physid.physics.integration import Midpoint
 from physid.physics.joints import Axis, Fixed, Joint, Point, Slider
 from physid.physics.layer import PhysicsLayer
+from physid.physics.rotations import exponential, rotate
+from physid.physics.state import State
 from physid.physics.world import World
 
 G = 9.81
@@ -73,3 +77,16 @@ def test_a_zero_axis_is_refused() -> None:
     layer = PhysicsLayer(World(ground=None, joints=(Slider(0, (0, 0, 0), (0, 0, 0)),)))
     with pytest.raises(ValueError, match="axis must not be zero"):
         layer.rollout(state([[0, 0, 0]]), forces(1, [[0.0, 0, 0]]), boxes())
+
+
+def test_a_pendulum_under_midpoint_converges_with_order_two() -> None:
+    turn = exponential(torch.tensor([0, 0.6, 0], dtype=torch.float64))
+    place = -rotate(turn, torch.tensor([0, 0, 0.3], dtype=torch.float64))
+    start, hinge = State.at_rest(torch.cat([place, turn])[None, None]), Axis(0, (0, 0, 0.3), (0, 0, 0), (0, 1, 0))
+    ends = []
+    for rate in (30, 60, 120, 240):
+        world = World(time_step=1 / rate, ground=None, joints=(hinge,), integration=Midpoint())
+        with torch.no_grad():
+            ends.append(PhysicsLayer(world).rollout(start, forces(rate, [[0.0, 0, 0]]), boxes()).pose[0, -1, 0])
+    changes = [float((a - b).norm()) for a, b in itertools.pairwise(ends)]
+    assert min(math.log2(a / b) for a, b in itertools.pairwise(changes)) > 1.9

@@ -32,6 +32,36 @@ class Joint(ABC):
         return torch.cat(blocks, 2), -error / step
 
 
+def equations_of(
+    joints: tuple[Joint, ...], state: State, before: State, step: Tensor, *, midpoint: bool
+) -> tuple[Tensor, Tensor]:
+    """Return J_e (B, E, 6 N) and b_e (B, E) [rad/s, m/s] of all joints.
+
+    At the midpoint of a step b is demanded of the velocity at its end, which the turning of the rows along the step
+    changes by k = J v - J_0 v_0, as much again as up to there (see `physid.physics.impact`): b = -error / h - 3 k / 4.
+
+    Args:
+        joints: The joints.
+        state: Where forces act, at the beginning of a step or at its midpoint.
+        before: At the beginning.
+        step: h [s], shape (B or 1, 1).
+        midpoint: Whether `state` is at the midpoint.
+    """
+    batch, bodies = state.pose.shape[:2]
+    rows, wanted = [state.pose.new_zeros(batch, 0, 6 * bodies)], [state.pose.new_zeros(batch, 0)]
+    for joint in joints:
+        jacobian, velocity = joint.equations(state, step)
+        if midpoint:
+            first, _ = joint.equations(before, step)
+            turning = (jacobian @ state.twist.flatten(1)[..., None] - first @ before.twist.flatten(1)[..., None])[
+                ..., 0
+            ]
+            velocity = velocity - 0.75 * turning
+        rows.append(jacobian)
+        wanted.append(velocity)
+    return torch.cat(rows, 1), torch.cat(wanted, 1)
+
+
 def _at_point(state: State, body: int, local: Vector, world: Vector) -> tuple[Tensor, Tensor]:
     """Return the rows and the error that hold a point of the body to a point of the world."""
     arm = rotate(state.quaternion[:, body], state.pose.new_tensor(local))

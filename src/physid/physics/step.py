@@ -8,12 +8,14 @@ from itertools import combinations
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from physid.physics.collision import box_on_box, box_on_plane
 from physid.physics.contact import WARP_COMPLIANCE, Patch
 from physid.physics.effect import StepInputs
 from physid.physics.impact import FINE, STANDARD_GRAVITY, bending, demand
 from physid.physics.implicit import attach_gradient
+from physid.physics.joints import equations_of
 from physid.physics.lcp import ContactProblem, SolverSettings, solve_contacts
 from physid.physics.motion import drift
 from physid.physics.rotations import exponential, multiply, normalize, rotate, to_matrix
@@ -63,12 +65,14 @@ def advance(
     """
     h = state.pose.new_full((1,), world.step) if step is None else step
     unit = STANDARD_GRAVITY * (h.clamp_min(FINE) if world.midpoint else h)
+    before = state
     if world.midpoint:
         state = _drifted(state, inputs, world, h / 2)
+    joints = equations_of(world.joints, state, before, h[:, None], midpoint=world.midpoint)
     arm = rotate(state.quaternion, inputs.centre_of_mass)
     twist = _moved(state.twist, arm)
     patches = find_patches(state, inputs, world)
-    problem, scale, share = build_problem(state, twist, arm, patches, inputs, world, h, unit)
+    problem, scale, share = build_problem(state, twist, arm, patches, inputs, world, (h, unit), joints)
     solution = solve_contacts(problem, world.friction, settings)
     v, impulse = attach_gradient(problem, solution)
     after = v[:, : 6 * twist.shape[1]].unflatten(1, twist.shape[1:]) * unit[:, None, None]
@@ -160,18 +164,18 @@ def build_problem(
     patches: list[Patch],
     inputs: StepInputs,
     world: World,
-    h: Tensor,
-    unit: Tensor,
+    pace: tuple[Tensor, Tensor],
+    joints: tuple[Tensor, Tensor],
 ) -> tuple[ContactProblem, Tensor, Tensor]:
     """Assemble eq. (3) in units of velocities, g h, and of impulses, m g h.
 
     The unknown velocity is that of all bodies, followed by the redundant modes of each patch: its warp, and between two
-    bodies on the ground its lever (see `Patch`).
+    bodies on the ground its lever (see `Patch`). `pace` are h [s] and g h [m/s], `joints` J_e and b_e.
 
     Returns:
         The problem, the unit of its impulses [N s], shape (B,), and which share of the step they act, shape (B, C).
     """
-    batch, bodies = twist.shape[:2]
+    (h, unit), (batch, bodies) = pace, twist.shape[:2]
     mean_mass = inputs.mass.mean(1)
     mass, momentum = _newton_euler(state, twist, arm, inputs, world, h)
     mass, momentum = mass / mean_mass[:, None, None, None], momentum / (mean_mass * unit)[:, None, None]
@@ -204,9 +208,6 @@ def build_problem(
     redundant = _place_modes(modes, mass)
     warps = redundant.shape[-1]
     warp_mass = torch.eye(warps, dtype=mass.dtype, device=mass.device).expand(batch, -1, -1) / WARP_COMPLIANCE
-    joints = [joint.equations(state, h[:, None]) for joint in world.joints]
-    equality = torch.cat([rows_ for rows_, _ in joints], 1) if joints else mass.new_zeros(batch, 0, 6 * bodies)
-    error = torch.cat([b for _, b in joints], 1) / unit[:, None] if joints else mass.new_zeros(batch, 0)
     problem = ContactProblem(
         mass=_block_diagonal(mass, warp_mass),
         momentum=torch.cat([momentum.flatten(1), mass.new_zeros(batch, warps)], 1),
@@ -215,8 +216,8 @@ def build_problem(
         slip=torch.cat(slips, 1) if rows else mass.new_zeros(batch, 0, 2),
         friction=torch.cat(frictions, 1) if rows else mass.new_zeros(batch, 0),
         compliance=torch.cat(compliances, 1) if rows else mass.new_zeros(batch, 0),
-        joint_jacobian=torch.cat([equality, mass.new_zeros(*equality.shape[:2], warps)], 2),
-        joint_velocity=error,
+        joint_jacobian=pad(joints[0], (0, warps)),
+        joint_velocity=joints[1] / unit[:, None],
     )
     return problem, mean_mass * unit, torch.cat(shares, 1) if shares else mass.new_zeros(batch, 0)
 
