@@ -12,10 +12,10 @@ from torch import Tensor
 from physics.worlds import boxes, forces, state
 from physid.effects.tether import Tether
 from physid.physics.contact import Split
-from physid.physics.integration import Midpoint, SemiImplicit
 from physid.physics.layer import PhysicsLayer, Rollout
 from physid.physics.parameters import Parameters
 from physid.physics.rotations import exponential, rotate, to_matrix
+from physid.physics.schemes.integration import Midpoint, SemiImplicit
 from physid.physics.state import State
 from physid.physics.world import Plane, World
 

@@ -14,10 +14,10 @@ from physid.effects.friction_drift import FrictionDrift
 from physid.effects.tether import Tether
 from physid.effects.viscous_drag import ViscousDrag
 from physid.physics.effect import Effect
-from physid.physics.integration import Midpoint
 from physid.physics.layer import PhysicsLayer
 from physid.physics.parameters import Parameters
 from physid.physics.rotations import exponential
+from physid.physics.schemes.integration import Midpoint
 from physid.physics.state import State
 from physid.physics.world import Plane, World
 from physid.scenes.catalogue import SETUPS

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from physid.effects.probe import SHARED, draw_probe
 from physid.physics.effect import Effect, Site
-from physid.physics.unread import ReadError, unread
+from physid.physics.guards.unread import ReadError, unread
 
 HOOKS = ("actuate", "act", "observe")
 TOLERANCE = 1e-12

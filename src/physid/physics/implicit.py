@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from physid.physics.bordered import bordered_factor
-from physid.physics.first_derivative import only_first
+from physid.physics.guards.first_derivative import only_first
 from physid.physics.lcp import ContactProblem, ContactSolution
 
 

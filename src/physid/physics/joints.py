@@ -38,7 +38,7 @@ def equations_of(
     """Return J_e (B, E, 6 N) and b_e (B, E) [rad/s, m/s] of all joints.
 
     At the midpoint of a step b is demanded of the velocity at its end, which the turning of the rows along the step
-    changes by k = J v - J_0 v_0, as much again as up to there (see `physid.physics.impact`): b = -error / h - 3 k / 4.
+    changes by k = J v - J_0 v_0, as much again as up to there (see `schemes.impact`): b = -error / h - 3 k / 4.
 
     Args:
         joints: The joints.

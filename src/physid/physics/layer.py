@@ -12,13 +12,13 @@ import torch
 from torch import Tensor, nn
 from torch.utils.checkpoint import checkpoint
 
-from physid.physics.border import admit
 from physid.physics.effect import Effect, StepInputs
 from physid.physics.fused.backend import Backend, check_backend, use_fused
-from physid.physics.grid import TimeGrid
+from physid.physics.guards.border import admit
 from physid.physics.lcp import SolverSettings
-from physid.physics.motion import acting
 from physid.physics.parameters import Parameters
+from physid.physics.schemes.grid import TimeGrid
+from physid.physics.schemes.motion import acting
 from physid.physics.state import State
 from physid.physics.step import Step, advance
 from physid.physics.world import World

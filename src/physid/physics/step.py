@@ -13,12 +13,12 @@ from torch.nn.functional import pad
 from physid.physics.collision import box_on_box, box_on_plane
 from physid.physics.contact import WARP_COMPLIANCE, Patch
 from physid.physics.effect import StepInputs
-from physid.physics.impact import FINE, STANDARD_GRAVITY, bending, demand
 from physid.physics.implicit import attach_gradient
 from physid.physics.joints import equations_of
 from physid.physics.lcp import ContactProblem, SolverSettings, solve_contacts
-from physid.physics.motion import drift
 from physid.physics.rotations import exponential, multiply, normalize, rotate, to_matrix
+from physid.physics.schemes.impact import FINE, STANDARD_GRAVITY, bending, demand, late
+from physid.physics.schemes.motion import drift, drifted, moved
 from physid.physics.state import State
 from physid.physics.world import World
 
@@ -67,17 +67,17 @@ def advance(
     unit = STANDARD_GRAVITY * (h.clamp_min(FINE) if world.midpoint else h)
     before = state
     if world.midpoint:
-        state = _drifted(state, inputs, world, h / 2)
+        state = drifted(state, inputs, h / 2, gyroscopic=world.gyroscopic)
     joints = equations_of(world.joints, state, before, h[:, None], midpoint=world.midpoint)
     arm = rotate(state.quaternion, inputs.centre_of_mass)
-    twist = _moved(state.twist, arm)
+    twist = moved(state.twist, arm)
     patches = find_patches(state, inputs, world)
     problem, scale, share = build_problem(state, twist, arm, patches, inputs, world, (h, unit), joints)
     solution = solve_contacts(problem, world.friction, settings)
     v, impulse = attach_gradient(problem, solution)
     after = v[:, : 6 * twist.shape[1]].unflatten(1, twist.shape[1:]) * unit[:, None, None]
     if world.midpoint:
-        motion = _late(problem, impulse, share, twist.shape[1]) * (unit * h)[:, None, None]
+        motion = late(problem.mass, problem.jacobian, impulse, share, twist.shape[1]) * (unit * h)[:, None, None]
     else:
         motion = h[:, None, None] * after + _removal(problem, twist.shape[1], patches, world, settings, h)
     centre = state.position + arm + motion[..., 3:]
@@ -86,32 +86,12 @@ def advance(
         centre, quaternion, after = drift(centre, quaternion, after, inputs.inertia, h / 2, gyroscopic=world.gyroscopic)
     arm = rotate(quaternion, inputs.centre_of_mass)
     return Step(
-        state=State(torch.cat([centre - arm, quaternion], -1), _moved(after, -arm)),
+        state=State(torch.cat([centre - arm, quaternion], -1), moved(after, -arm)),
         impulse=impulse * scale[:, None, None],
         residual=solution.residual,
         newton_steps=solution.steps,
         converged=solution.converged,
     )
-
-
-def _drifted(state: State, inputs: StepInputs, world: World, time: Tensor) -> State:
-    """Return the states after a time [s], shape (B or 1,), in which nothing acts."""
-    arm = rotate(state.quaternion, inputs.centre_of_mass)
-    motion = state.position + arm, state.quaternion, _moved(state.twist, arm)
-    centre, quaternion, twist = drift(*motion, inputs.inertia, time, gyroscopic=world.gyroscopic)
-    arm = rotate(quaternion, inputs.centre_of_mass)
-    return State(torch.cat([centre - arm, quaternion], -1), _moved(twist, -arm))
-
-
-def _late(problem: ContactProblem, impulse: Tensor, share: Tensor, bodies: int) -> Tensor:
-    """Return how far impacts move bodies beyond the mean velocity, (W - 1/2) M^-1 J^T lambda in units of g h^2.
-
-    Shape (B, N, 6); `share` is W of every contact, shape (B, C).
-    """
-    n = 6 * bodies
-    force = torch.einsum("bckn,bck->bn", problem.jacobian[..., :n], (share - 0.5)[..., None] * impulse)
-    motion: Tensor = torch.linalg.solve(problem.mass[:, :n, :n], force)
-    return motion.reshape(-1, bodies, 6)
 
 
 def _removal(
@@ -137,11 +117,6 @@ def _removal(
     v, _ = attach_gradient(still, solve_contacts(still, world.friction, settings))
     displacement = v[:, : 6 * bodies].unflatten(1, (bodies, 6)) * unit[..., None]
     return torch.where(touching.any(1)[:, None, None], displacement, 0.0)
-
-
-def _moved(twist: Tensor, arm: Tensor) -> Tensor:
-    """Return the twists seen at points `arm` away, v + w x arm."""
-    return torch.cat([twist[..., :3], twist[..., 3:] + torch.linalg.cross(twist[..., :3], arm)], -1)
 
 
 def find_patches(state: State, inputs: StepInputs, world: World) -> list[Patch]:
@@ -189,15 +164,9 @@ def build_problem(
         friction, restitution, compliance = _pair(patch, inputs)
         reach = REACH + 2 * h[:, None] * free_speed.detach().abs()
         exists = patch.active & world.contact.exists(patch.gap, reach)
-        if world.midpoint:
-            material = restitution, compliance * mean_mass * STANDARD_GRAVITY
-            bend = bending(patch, state.position + arm, twist)
-            wanted = demand(patch, (velocity, free_speed), bend, material, h[:, None], exists)
-            patches[k] = patch = dataclasses.replace(patch, together=wanted.together)
-            offset, slip, share = wanted.offset, wanted.slip, wanted.share[:, None].expand_as(patch.gap)
-        else:
-            offset = world.contact.offset(patch.gap, velocity[..., 0], free_speed, restitution[:, None], h[:, None])
-            slip, share = torch.zeros_like(velocity[..., 1:]), torch.full_like(patch.gap, 0.5)
+        material, bodies_ = (restitution, compliance * mean_mass), (state.position + arm, twist)
+        offset, slip, share, patch = _demand(patch, (velocity, free_speed), world, material, bodies_, h, exists)
+        patches[k] = patch
         shares.append(share)
         slips.append(torch.where(exists[..., None], slip / unit[:, None, None], 0.0))
         rows.append(torch.where(exists[..., None, None], jacobian, 0.0))
@@ -220,6 +189,30 @@ def build_problem(
         joint_velocity=joints[1] / unit[:, None],
     )
     return problem, mean_mass * unit, torch.cat(shares, 1) if shares else mass.new_zeros(batch, 0)
+
+
+def _demand(
+    patch: Patch,
+    velocities: tuple[Tensor, Tensor],
+    world: World,
+    material: tuple[Tensor, Tensor],
+    bodies: tuple[Tensor, Tensor],
+    h: Tensor,
+    exists: Tensor,
+) -> tuple[Tensor, Tensor, Tensor, Patch]:
+    """Return offset, slip [m/s] and share of the contacts of a patch, and the patch (see `schemes.impact`).
+
+    `velocities` are those before and the normal ones without contact, `material` restitution and give per gravity,
+    `bodies` their centres and twists.
+    """
+    if world.midpoint:
+        material = material[0], material[1] * STANDARD_GRAVITY
+        wanted = demand(patch, velocities, bending(patch, *bodies), material, h[:, None], exists)
+        patch = dataclasses.replace(patch, together=wanted.together)
+        return wanted.offset, wanted.slip, wanted.share[:, None].expand_as(patch.gap), patch
+    velocity, free_speed = velocities
+    offset = world.contact.offset(patch.gap, velocity[..., 0], free_speed, material[0][:, None], h[:, None])
+    return offset, torch.zeros_like(velocity[..., 1:]), torch.full_like(patch.gap, 0.5), patch
 
 
 def _redundant_modes(patch: Patch, exists: Tensor, patches: list[Patch], inputs: StepInputs, world: World) -> Tensor:

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 from physid.physics.contact import ContactRule, Speculative
 from physid.physics.friction import Cone, FrictionLaw
-from physid.physics.integration import Integration, Midpoint, SemiImplicit
 from physid.physics.joints import Joint
+from physid.physics.schemes.integration import Integration, Midpoint, SemiImplicit
 
 Vector = tuple[float, float, float]
 
@@ -39,7 +39,7 @@ class World:
         ground: The ground, or None.
         joints: Equality joints.
         friction: Law of friction: a circular cone, or the paper's `Pyramid(directions)`.
-        contact: When bodies touch: `Speculative`, or as in Bullet `Penetrating` or `Split`.
+        contact: When bodies touch: `Speculative`, or as in Bullet `Split`.
         gyroscopic: Whether the term w x I w acts (the paper drops it).
         integration: How velocities become poses: `SemiImplicit` for recordings of a simulator that steps so, `Midpoint`
             for any other. `Midpoint` has a rule of contact of its own.

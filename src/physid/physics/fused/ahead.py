@@ -9,9 +9,9 @@ from typing import NoReturn, cast
 from torch import Tensor
 
 from physid.physics.effect import Effect, StepInputs
-from physid.physics.grid import TimeGrid
+from physid.physics.guards.unread import ReadError, plain, unread
+from physid.physics.schemes.grid import TimeGrid
 from physid.physics.state import State
-from physid.physics.unread import ReadError, plain, unread
 from physid.physics.world import World
 
 

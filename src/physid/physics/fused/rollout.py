@@ -12,18 +12,18 @@ import torch
 from torch import Tensor
 
 from physid.compiler.emit import LANES
-from physid.physics.contact import Speculative, Split
+from physid.physics.contact import Split
 from physid.physics.effect import Effect, StepInputs
-from physid.physics.first_derivative import only_first
 from physid.physics.fused.ahead import inputs_ahead
 from physid.physics.fused.formulas.layouts import CONSTANTS
 from physid.physics.fused.formulas.layouts import INPUTS as FIELDS
 from physid.physics.fused.records import Shape
 from physid.physics.fused.run import run
 from physid.physics.fused.writer import SHARED_INPUTS
-from physid.physics.grid import TimeGrid
-from physid.physics.impact import velocity_unit
+from physid.physics.guards.first_derivative import only_first
 from physid.physics.lcp import SolverSettings
+from physid.physics.schemes.grid import TimeGrid
+from physid.physics.schemes.impact import velocity_unit
 from physid.physics.state import State
 from physid.physics.world import World
 
@@ -151,7 +151,6 @@ def constants_of(world: World, settings: SolverSettings, shape: Shape) -> Tensor
         "step": [world.step],
         "unit": [velocity_unit(world.step, midpoint=world.midpoint)],
         "gyroscopic": [float(world.gyroscopic)],
-        "speculative": [float(isinstance(rule, Speculative))],
         "split": [float(isinstance(rule, Split))],
         "correction": [1.0 if world.midpoint else rule.correction],
         "speed_limit": [getattr(rule, "speed_limit", 0.0)],

@@ -14,7 +14,6 @@ from physid.physics.fused.formulas import (
     lane,
     lift,
     linear,
-    midpoint,
     newton,
     pair,
     reverse,
@@ -33,6 +32,7 @@ from physid.physics.fused.formulas.layouts import (
     SHARED,
 )
 from physid.physics.fused.formulas.patch import Patch
+from physid.physics.fused.formulas.schemes import midpoint
 from physid.physics.fused.records import Shape
 
 INTEGRATE = Section("integrate", body.integrate, {"body": BODY, "constants": CONSTANTS})

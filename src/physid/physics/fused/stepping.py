@@ -14,9 +14,9 @@ from physid.physics.fused.formulas.layouts import BODY
 from physid.physics.fused.formulas.layouts import INPUTS as FIELDS
 from physid.physics.fused.rollout import Inputs, Outcome, by_frame, by_group, constants_of, roll, shape_of, stepwise
 from physid.physics.fused.run import bind
-from physid.physics.grid import TimeGrid
 from physid.physics.lcp import SolverSettings
-from physid.physics.motion import acting
+from physid.physics.schemes.grid import TimeGrid
+from physid.physics.schemes.motion import acting
 from physid.physics.state import State
 from physid.physics.step import Step
 from physid.physics.world import World

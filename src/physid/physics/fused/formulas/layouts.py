@@ -8,7 +8,7 @@ CONSTANTS = Layout(
     step=1,  # h [s]
     unit=1,  # g h [m/s], the unit of velocities
     gyroscopic=1,  # 1 or 0
-    speculative=1, split=1,  # 1 for the rule of contact in force, or 0
+    split=1,  # 1 where the rule of contact is `Split`, 0 where it is `Speculative`
     correction=1,
     speed_limit=1,
     slop=1,
@@ -31,7 +31,7 @@ BODY = Layout(
     pose=7, twist=6,
     v=6,  # solution, in units of g h
     shift=6,  # displacement without velocity, in units of g h^2
-    late=6,  # momentum that impacts give, times W - 1/2 (see `physid.physics.impact`)
+    late=6,  # momentum that impacts give, times W - 1/2 (see `physid.physics.schemes.impact`)
     next_pose=7, next_twist=6,
     axes=9,  # body to world
     centre=3,  # of mass

@@ -11,7 +11,7 @@ from physid.compiler.graph import Value, least, most, root, size, total, where
 from physid.compiler.section import Record
 from physid.physics.contact import FLATNESS
 from physid.physics.fused.formulas.algebra import Matrix, Vector, add, apply, cross, decay, dot, scale, subtract, unit
-from physid.physics.fused.formulas.impact import Contact, demand, slip
+from physid.physics.fused.formulas.schemes.impact import Contact, demand, slip
 from physid.physics.step import FAR, REACH
 
 
@@ -27,16 +27,15 @@ def frame_of(normal: Sequence[Value]) -> Matrix:
 def rule(gap: Value, speed: Value, free_speed: Value, restitution: Value, constants: Record) -> tuple[Value, Value]:
     """Return the offset c of eq. (3) [m/s] and whether the contact exists, by the contact rule of the world."""
     h = constants.one("step")
-    speculative, split = constants.one("speculative") > 0.5, constants.one("split") > 0.5
+    split = constants.one("split") > 0.5
     overlap = constants.one("correction") * gap / h
     apart = where(gap > 0.0, gap / h, most(overlap, -constants.one("speed_limit")))
-    still = where(speculative, apart, overlap)
     hits = (speed < 0.0) & (restitution > 0.0)
-    impact = hits & ((gap + h * free_speed < 0.0) | ~speculative)
+    impact = hits & ((gap + h * free_speed < 0.0) | split)
     reach = REACH + 2.0 * h * size(free_speed)
-    exists = (speculative & (gap < reach)) | (~speculative & (gap < 0.0))
+    exists = (~split & (gap < reach)) | (split & (gap < 0.0))
     bounce = restitution * speed
-    return where(impact, where(split, bounce, least(still, bounce)), where(split, 0.0, still)), exists
+    return where(impact, where(split, bounce, least(apart, bounce)), where(split, 0.0, apart)), exists
 
 
 def flatness(gaps: Sequence[Value], length: Value) -> Value:

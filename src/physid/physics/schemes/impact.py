@@ -149,6 +149,25 @@ def demand(
     return Impact(offset, _slip(velocities[0], bend, hit, step), torch.where(hit, largest, 0.5)[:, 0], together)
 
 
+def late(mass: Tensor, jacobian: Tensor, impulse: Tensor, share: Tensor, bodies: int) -> Tensor:
+    """Return how far impacts move bodies beyond the mean velocity, (W - 1/2) M^-1 J^T lambda in units of g h^2.
+
+    Args:
+        mass: M, shape (B, n, n).
+        jacobian: J, shape (B, C, 3, n).
+        impulse: lambda, shape (B, C, 3).
+        share: W of every contact, shape (B, C).
+        bodies: N, whose 6 N velocities come first.
+
+    Returns:
+        Shape (B, N, 6).
+    """
+    n = 6 * bodies
+    force = torch.einsum("bckn,bck->bn", jacobian[..., :n], (share - 0.5)[..., None] * impulse)
+    motion: Tensor = torch.linalg.solve(mass[:, :n, :n], force)
+    return motion.reshape(-1, bodies, 6)
+
+
 def _slip(velocity: Tensor, bend: Tensor, hit: Tensor, step: Tensor) -> Tensor:
     """Return the slip before the step where friction opposes the mean, and else how far a stuck point turns."""
     before, sliding = velocity[..., 1:], SLIDING * STANDARD_GRAVITY * step

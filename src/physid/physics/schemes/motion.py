@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from physid.physics.effect import StepInputs
 from physid.physics.rotations import conjugate, exponential, multiply, normalize, rotate
 from physid.physics.state import State
 
@@ -38,6 +39,20 @@ def drift(
     after = rotate(conjugate(turn), inertia * spin) / inertia if gyroscopic else spin
     quaternion = normalize(multiply(quaternion, turn))
     return centre + time * twist[..., 3:], quaternion, torch.cat([rotate(quaternion, after), twist[..., 3:]], -1)
+
+
+def moved(twist: Tensor, arm: Tensor) -> Tensor:
+    """Return the twists seen at points `arm` away, v + w x arm."""
+    return torch.cat([twist[..., :3], twist[..., 3:] + torch.linalg.cross(twist[..., :3], arm)], -1)
+
+
+def drifted(state: State, inputs: StepInputs, time: Tensor, *, gyroscopic: bool) -> State:
+    """Return the states after a time [s], shape (B or 1,), in which nothing acts."""
+    arm = rotate(state.quaternion, inputs.centre_of_mass)
+    motion = state.position + arm, state.quaternion, moved(state.twist, arm)
+    centre, quaternion, twist = drift(*motion, inputs.inertia, time, gyroscopic=gyroscopic)
+    arm = rotate(quaternion, inputs.centre_of_mass)
+    return State(torch.cat([centre - arm, quaternion], -1), moved(twist, -arm))
 
 
 def acting(state: State, time: Tensor | None) -> State:

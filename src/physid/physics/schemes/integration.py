@@ -26,5 +26,5 @@ class Midpoint(Integration):
 
     Half the step with the velocity before, free of forces; there, at the midpoint, forces, contacts and the velocity
     after; the other half with that (Moreau 1988). The turning of a free body keeps its energy and angular momentum. An
-    impact takes place where in the step it falls (see `physid.physics.impact`).
+    impact takes place where in the step it falls (see `physid.physics.schemes.impact`).
     """

@@ -25,13 +25,13 @@ from physid.physics.fused.formulas.algebra import (
 )  # fmt: skip
 from physid.physics.fused.formulas.cone import impulse_of
 from physid.physics.fused.formulas.patch import Patch, accumulate
-from physid.physics.motion import NEWTON_STEPS, TANGENT
+from physid.physics.schemes.motion import NEWTON_STEPS, TANGENT
 
 
 def drift(
     quaternion: Vector, spin: Vector, moments: Sequence[Value], time: Value, gyroscopic: Value
 ) -> tuple[Vector, Vector]:
-    """Turn a body on which nothing acts; return attitude and angular velocity (see `physid.physics.motion.drift`)."""
+    """Turn a body on which nothing acts; return attitude and angular velocity (see `physid.physics.schemes.motion`)."""
     own = rotate(conjugate(quaternion), spin)
     mean, keeps = _mean_spin(own, moments, time), gyroscopic > 0.5
     mean = [where(keeps, new, old) for new, old in zip(mean, own, strict=True)]
@@ -43,7 +43,7 @@ def drift(
 
 
 def _mean_spin(spin: Vector, moments: Sequence[Value], time: Value) -> Vector:
-    """Return the mean angular velocity of a free body in its frame (see `physid.physics.motion`)."""
+    """Return the mean angular velocity of a free body in its frame (see `physid.physics.schemes.motion`)."""
     i, j, k = moments
     half, mean = 0.5 * time, list(spin)
     a, b, c = half * (j - k), half * (k - i), half * (i - j)

@@ -1,4 +1,4 @@
-"""Contact under `Midpoint`, in scalars: what `physid.physics.impact` does."""
+"""Contact under `Midpoint`, in scalars: what `physid.physics.schemes.impact` does."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from operator import and_, or_
 from physid.compiler.graph import Value, least, most, root, stop, total, where
 from physid.compiler.section import Record
 from physid.physics.fused.formulas.algebra import Vector, decay, dot
-from physid.physics.impact import FAINT, LARGEST, LOADS, PUSH, SHARPNESS, SLIDING, SLOWEST, STANDARD_GRAVITY
+from physid.physics.schemes.impact import FAINT, LARGEST, LOADS, PUSH, SHARPNESS, SLIDING, SLOWEST, STANDARD_GRAVITY
 
 DOUBLINGS = SHARPNESS.bit_length() - 1
 
@@ -52,7 +52,7 @@ def demand(
         restitution: e.
         compliance: In units of the solver.
         constants: Of the world.
-        width: See `physid.physics.impact.demand`.
+        width: See `physid.physics.schemes.impact.demand`.
     """
     h, fall = constants.one("step"), STANDARD_GRAVITY * constants.one("step")
     found, shares, impacts, ends = [], [], [], []

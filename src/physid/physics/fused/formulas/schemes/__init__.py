@@ -1,0 +1,1 @@
+"""The scheme `Midpoint` in scalars: what `physid.physics.schemes` does."""

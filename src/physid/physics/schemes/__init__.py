@@ -1,0 +1,1 @@
+"""How a step turns forces into motion: time, scheme, free motion, impacts."""
