@@ -13,7 +13,7 @@ import torch
 from numpy.typing import NDArray
 
 from physid.effects import CATALOGUE, find, from_values
-from physid.physics.contact import ContactRule, Speculative, Split
+from physid.physics.contact import ContactRule, Penetrating, Split
 from physid.physics.effect import Effect
 from physid.physics.layer import PhysicsLayer
 from physid.physics.parameters import Parameters
@@ -178,7 +178,7 @@ def test_both_engines_make_the_same_of_an_effect(name: str) -> None:
     excite, tolerance = EXCITED_BY[name]
     effect = from_values(name, {key: quantity.typical for key, quantity in find(name).quantities().items()})
     # Where the ground yields, Bullet gives up its split impulse.
-    settings = SUBSTEPS.get(tolerance, 1), Speculative(0.2) if name == "contact_compliance" else Split()
+    settings = SUBSTEPS.get(tolerance, 1), Penetrating(0.2) if name == "contact_compliance" else Split()
     changed, unchanged = both(excite, [effect], *settings), nominal(excite, *settings)
     in_bullet, in_ours = (with_effect - without for with_effect, without in zip(changed, unchanged, strict=True))
     shown = np.abs(in_bullet).max()

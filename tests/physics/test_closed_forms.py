@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from physics.worlds import boxes, forces, state
-from physid.physics.contact import Split
+from physid.physics.contact import ContactRule, Penetrating, Speculative, Split
 from physid.physics.friction import Cone, FrictionLaw, Pyramid
 from physid.physics.layer import PhysicsLayer
 from physid.physics.rotations import to_matrix
@@ -73,8 +73,8 @@ def test_the_papers_four_directions_lose_friction_between_them() -> None:
 
 
 @pytest.mark.parametrize("restitution", [0.0, 0.5, 1.0])
-@pytest.mark.parametrize("rule", [None, Split()])
-def test_an_impact_reverses_the_speed_by_the_restitution(restitution: float, rule: Split | None) -> None:
+@pytest.mark.parametrize("rule", [None, Penetrating(), Split()])
+def test_an_impact_reverses_the_speed_by_the_restitution(restitution: float, rule: Penetrating | Split | None) -> None:
     world = World(gravity=(0, 0, 0), contact=rule) if rule else World(gravity=(0, 0, 0))
     depth = -1e-9 if rule else 0.0
     rollout = PhysicsLayer(world).rollout(
@@ -141,3 +141,10 @@ def test_split_impulses_remove_an_overlap_without_velocity_or_friction() -> None
     torch.testing.assert_close(depth, 1e-3 * 0.8 ** torch.arange(4, dtype=torch.float64), rtol=0, atol=1e-6)
     # A contact without load carries an impulse of sqrt(tau), 1e-4 in units of m g h.
     torch.testing.assert_close(rollout.twist[0, -1, 0], rollout.twist[0, 0, 0], rtol=0, atol=1e-4)
+
+
+@pytest.mark.parametrize("rule", [Speculative(), Penetrating(), Split()])
+def test_an_overlap_is_not_removed_faster_than_a_metre_per_second_however_short_the_step(rule: ContactRule) -> None:
+    world = World(time_step=1e-4, gravity=(0, 0, 0), contact=rule)
+    rollout = PhysicsLayer(world).rollout(state([[0, 0, 0.09]]), forces(50, [[0.0, 0, 0]]), boxes())
+    assert float(rollout.twist.abs().max()) < 1.0 + 1e-3

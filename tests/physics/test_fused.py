@@ -10,7 +10,7 @@ from torch import Tensor
 
 from physid.effects import CATALOGUE
 from physid.effects.viscous_drag import ViscousDrag
-from physid.physics.contact import ContactRule, Speculative, Split
+from physid.physics.contact import ContactRule, Penetrating, Speculative, Split
 from physid.physics.effect import Effect
 from physid.physics.fused.records import Shape
 from physid.physics.layer import PhysicsLayer, Rollout, SolverError
@@ -100,7 +100,7 @@ def test_states_and_gradients_stay_those_of_the_reference(setup: Setup) -> None:
     assert_equal(draw(setup, 8, 120, seed=1), gradient=TUMBLING if setup.scene.name == "toss" else GRADIENT)
 
 
-@pytest.mark.parametrize("rule", [Speculative(correction=0.1), Split()])
+@pytest.mark.parametrize("rule", [Speculative(correction=0.1), Penetrating(), Split()])
 @pytest.mark.parametrize("setup", [SETUPS[0], SETUPS[2]], ids=lambda setup: setup.scene.name)
 def test_every_contact_rule_is_that_of_the_reference(setup: Setup, rule: ContactRule) -> None:
     case = draw(setup, 3, 8)

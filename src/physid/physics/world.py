@@ -39,7 +39,7 @@ class World:
         ground: The ground, or None.
         joints: Equality joints.
         friction: Law of friction: a circular cone, or the paper's `Pyramid(directions)`.
-        contact: When bodies touch: `Speculative`, or as in Bullet `Split`.
+        contact: When bodies touch: `Speculative`, or as in Bullet `Penetrating` or `Split`.
         gyroscopic: Whether the term w x I w acts (the paper drops it).
         integration: How velocities become poses: `SemiImplicit` for recordings of a simulator that steps so, `Midpoint`
             for any other. `Midpoint` has a rule of contact of its own.

@@ -10,8 +10,8 @@ from torch import Tensor
 
 from physid.physics.contact import ContactRule, Speculative, Split
 from physid.physics.effect import Effect
-from physid.physics.integration import Midpoint, SemiImplicit
 from physid.physics.parameters import Parameters, box_inertia
+from physid.physics.schemes.integration import Midpoint, SemiImplicit
 from physid.physics.world import Plane, World
 from physid.scenes.catalogue import bodies_of
 from physid.scenes.scene import Scene

@@ -10,7 +10,7 @@ from typing import Literal, get_args
 import torch
 from torch import Tensor
 
-from physid.physics.contact import Speculative, Split
+from physid.physics.contact import Penetrating, Speculative, Split
 from physid.physics.friction import Cone
 from physid.physics.world import World
 
@@ -55,7 +55,7 @@ def _obstacle(world: World, reference: Tensor) -> str | None:
         return f"tensors are {reference.dtype}, not torch.float64"
     if not isinstance(world.friction, Cone):
         return f"friction is a {type(world.friction).__name__}, not a Cone"
-    if not isinstance(world.contact, Speculative | Split):
+    if not isinstance(world.contact, Speculative | Penetrating | Split):
         return f"the contact rule is {type(world.contact).__name__}"
     if world.joints:
         return "the world has joints"

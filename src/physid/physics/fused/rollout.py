@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from physid.compiler.emit import LANES
-from physid.physics.contact import Split
+from physid.physics.contact import Speculative, Split
 from physid.physics.effect import Effect, StepInputs
 from physid.physics.fused.ahead import inputs_ahead
 from physid.physics.fused.formulas.layouts import CONSTANTS
@@ -151,6 +151,7 @@ def constants_of(world: World, settings: SolverSettings, shape: Shape) -> Tensor
         "step": [world.step],
         "unit": [velocity_unit(world.step, midpoint=world.midpoint)],
         "gyroscopic": [float(world.gyroscopic)],
+        "speculative": [float(isinstance(rule, Speculative))],
         "split": [float(isinstance(rule, Split))],
         "correction": [1.0 if world.midpoint else rule.correction],
         "speed_limit": [getattr(rule, "speed_limit", 0.0)],

@@ -8,7 +8,7 @@ CONSTANTS = Layout(
     step=1,  # h [s]
     unit=1,  # g h [m/s], the unit of velocities
     gyroscopic=1,  # 1 or 0
-    split=1,  # 1 where the rule of contact is `Split`, 0 where it is `Speculative`
+    speculative=1, split=1,  # 1 for the rule of contact in force, or 0
     correction=1,
     speed_limit=1,
     slop=1,

@@ -27,13 +27,13 @@ def frame_of(normal: Sequence[Value]) -> Matrix:
 def rule(gap: Value, speed: Value, free_speed: Value, restitution: Value, constants: Record) -> tuple[Value, Value]:
     """Return the offset c of eq. (3) [m/s] and whether the contact exists, by the contact rule of the world."""
     h = constants.one("step")
-    split = constants.one("split") > 0.5
+    speculative, split = constants.one("speculative") > 0.5, constants.one("split") > 0.5
     overlap = constants.one("correction") * gap / h
     apart = where(gap > 0.0, gap / h, most(overlap, -constants.one("speed_limit")))
     hits = (speed < 0.0) & (restitution > 0.0)
-    impact = hits & ((gap + h * free_speed < 0.0) | split)
+    impact = hits & ((gap + h * free_speed < 0.0) | ~speculative)
     reach = REACH + 2.0 * h * size(free_speed)
-    exists = (~split & (gap < reach)) | (split & (gap < 0.0))
+    exists = (speculative & (gap < reach)) | (~speculative & (gap < 0.0))
     bounce = restitution * speed
     return where(impact, where(split, bounce, least(apart, bounce)), where(split, 0.0, apart)), exists
 
