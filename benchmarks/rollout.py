@@ -32,6 +32,7 @@ from torch import Tensor
 from physid.physics.fused.backend import Backend
 from physid.physics.layer import PhysicsLayer
 from physid.physics.parameters import Parameters
+from physid.physics.schemes.integration import Integration, Midpoint, SemiImplicit
 from physid.physics.state import State
 from physid.physics.world import Plane, World
 from physid.scenes.catalogue import find_setup
@@ -78,7 +79,13 @@ class Work:
 
 
 def draw(
-    scene: str, batch: int, steps: int = STEPS, backend: Backend = "auto", protocol: str = "rich", device: str = "cpu"
+    scene: str,
+    batch: int,
+    steps: int = STEPS,
+    backend: Backend = "auto",
+    protocol: str = "rich",
+    device: str = "cpu",
+    integration: Integration | None = None,
 ) -> Work:
     """Draw trajectories of a scene, always the same ones."""
     setup, generator = find_setup(scene), np.random.default_rng(0)
@@ -89,7 +96,8 @@ def draw(
         for name in ("pose", "twist", "wrench")
     )
     ground = Plane(known.ground.normal, known.ground.offset)
-    world = World(time_step=known.time_step, gravity=known.gravity, ground=ground)
+    scheme = integration or SemiImplicit()
+    world = World(time_step=known.time_step, gravity=known.gravity, ground=ground, integration=scheme)
     size, mass, friction, restitution = (
         torch.tensor([[getattr(body, name) for body in known.bodies]], dtype=torch.float64, device=device)
         for name in ("size", "mass", "friction", "restitution")
@@ -133,7 +141,8 @@ def measure_scenes(options: argparse.Namespace) -> None:
     )  # fmt: skip
     for scene in options.scenes:
         for batch in options.batches:
-            work = draw(scene, batch, options.steps, options.backend, options.protocol, options.device)
+            scheme = Midpoint() if options.integration == "midpoint" else SemiImplicit()
+            work = draw(scene, batch, options.steps, options.backend, options.protocol, options.device, scheme)
             share = STEPS / options.steps / batch
             calls = (work.forward, work.gradient)
             forward, gradient = (share * median_time(call, options.repeats, clock) for call in calls)
@@ -203,6 +212,7 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--protocol", default="rich", help="how the scenes are excited: rich or paper")
+    parser.add_argument("--integration", choices=["semi-implicit", "midpoint"], default="semi-implicit")
     parser.add_argument("--backend", default="auto", help="auto, fused or reference")
     parser.add_argument(
         "--device", choices=["cpu", "cuda"], default="cpu", help="cuda: times by the clock, scenes only"

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from physics.worlds import boxes, forces, state
+from physid.effects.contact_compliance import ContactCompliance
 from physid.effects.tether import Tether
 from physid.physics.contact import Split
 from physid.physics.layer import PhysicsLayer, Rollout
@@ -175,6 +176,29 @@ def test_an_overlap_opens_without_a_kick(step: float) -> None:
     assert float(above_ground.max()) < (G * step / 2) ** 2 / 2 * (1 + 1e-4)
     assert bool((height[1:] >= height[:-1] - 1e-9).all())
     assert float(height.max()) < 1e-8
+
+
+@pytest.mark.parametrize(("rate", "compliance"), [(60, 1e-5), (60, 1e-3), (240, 1e-4), (1000, 1e-5)])
+def test_a_box_comes_to_rest_as_deep_in_a_compliant_ground_as_its_weight_presses_it(
+    rate: int, compliance: float
+) -> None:
+    soft = ContactCompliance(torch.tensor([compliance], dtype=torch.float64))
+    for height in (0.1, 0.15):
+        with torch.no_grad():
+            rollout = PhysicsLayer(world(rate), [soft]).rollout(
+                state([[0, 0, height]]), forces(3 * rate, [[0.0, 0, 0]]), boxes()
+            )
+        assert float(rollout.pose[0, -1, 0, 2] - 0.1) == pytest.approx(-compliance * G / 4, rel=1e-3)
+        assert float(rollout.twist[0, -1].abs().max()) < 1e-6
+
+
+@pytest.mark.parametrize("rate", [60, 240])
+def test_a_box_on_a_box_stays_where_it_is(rate: int) -> None:
+    start = state([[0, 0, 0.1], [0.02, 0.01, 0.3]])
+    with torch.no_grad():
+        rollout = PhysicsLayer(world(rate)).rollout(start, forces(1000, [[0.0, 0, 0]] * 2), boxes(mass=[1.0, 2.0]))
+    torch.testing.assert_close(rollout.pose[:, -1], rollout.pose[:, 0], rtol=0, atol=1e-7)
+    assert float(rollout.twist[:, -1].abs().max()) < 1e-6
 
 
 @pytest.mark.parametrize("spin", [(20.0, 40.0, 20.0), (0.1, 50.0, 0.1), (3.0, 2.0, 1.0)])

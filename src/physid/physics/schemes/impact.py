@@ -14,6 +14,7 @@ contact, so that it begins with the gap x = y - h u / 2 and would end with y + h
 * A point of a body that turns moves on a curve: with the acceleration b of that (of which w x (w x r) is known), all of
   this holds of y - h^2 b / 8, u - h b / 2 and f + h b / 2, those at the ends of the step; sticking too ends at rest.
 * Friction opposes the mean slip where it is fast, and the slip at the end where it may stop.
+* A compliant contact takes an impact where it is reached; in overlap it is a spring, and never hit.
 * Contacts of a face that all are reached in the step stop together, and share the load as those that lie flat do.
 """
 
@@ -124,7 +125,8 @@ def demand(
     falling = reached & apart
     square = torch.where(falling, u**2 - 2 * start * change / step, 1.0)
     touch = torch.where(falling, -square.clamp_min(1e-300).sqrt(), u.clamp_max(0))
-    impact = reached & (touch < -SLOWEST * STANDARD_GRAVITY * step)
+    rigid = apart | (give <= 0)
+    impact = reached & rigid & (touch < -SLOWEST * STANDARD_GRAVITY * step)
     late = torch.where(impact & apart, 2 * start / (step * torch.where(impact & apart, -touch - u, 1.0)), 0.0)
     leaving = (1 - late) * change - restitution * touch
     leaves = impact & (leaving > FAINT * STANDARD_GRAVITY * step)

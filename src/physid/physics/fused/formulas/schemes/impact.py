@@ -67,7 +67,7 @@ def demand(
         falling = reached & apart
         square = most(where(falling, u * u - 2.0 * start * change / h, 1.0), 1e-300)
         touch = where(falling, -root(square), least(u, 0.0))
-        impact = reached & (touch < -SLOWEST * fall)
+        impact = reached & (apart | (compliance <= 0.0)) & (touch < -SLOWEST * fall)
         timed = impact & apart
         late = where(timed, 2.0 * start / (h * where(timed, -touch - u, 1.0)), 0.0)
         leaving = (1.0 - late) * change - restitution * touch
