@@ -50,6 +50,7 @@ def solve(
     length: float,
     *,
     softness: Array | None,
+    slow: float = 0.0,
 ) -> Solution:
     """Find the velocities after a step whose contacts have been looked for by `mj_step1`.
 
@@ -61,6 +62,7 @@ def solve(
         length: Of the step [s].
         softness: Factor on MuJoCo's least softness, shape (C,); None where bodies hit each other: impulses are then
             exact, and friction opposes the slip after them.
+        slow: Slip [m/s] that is none: of the point of a turning body that has come to the ground.
 
     Returns:
         The solution.
@@ -73,7 +75,7 @@ def solve(
     mujoco.mj_fwdAcceleration(model, data)
     slip = velocity[:, 1:]
     size = np.hypot(slip[:, 0], slip[:, 1])
-    share = np.where((size > SLOW) & (not impact), 0.5, 1.0)
+    share = np.where((size > slow + SLOW) & (not impact), 0.5, 1.0)
     rest = (least - velocity[:, 0]) / length
     while True:
         change = _accelerate(model, data, friction, rest, share * length)
@@ -84,16 +86,16 @@ def solve(
         share[early] = 1.0
     after = slip + length * change
     size_after = np.hypot(after[:, 0], after[:, 1])
-    kept = 1.0 if impact else _before_turning(size, size_after, turned, data.efc_force[::3] > 0)
+    kept = 1.0 if impact else _before_turning(size, size_after, turned, data.efc_force[::3] > 0, slow + SLOW)
     return Solution(np.asarray(data.qvel + length * data.qacc), kept)
 
 
-def _before_turning(size: Array, size_after: Array, turned: Flags, pressed: Flags) -> float:
+def _before_turning(size: Array, size_after: Array, turned: Flags, pressed: Flags, slow: float) -> float:
     """Return the part of a step until the first slip ends, half of it where it stays at rest; 1 if none ends."""
-    ends = pressed & (size > SLOW) & (turned | (size_after <= SLOW))
+    ends = pressed & (size > slow) & (turned | (size_after <= slow))
     if not ends.any():
         return 1.0
-    return float(np.where(size_after > SLOW, size / (size + size_after), 0.5)[ends].min())
+    return float(np.where(size_after > slow, size / (size + size_after), 0.5)[ends].min())
 
 
 def _accelerate(model: mujoco.MjModel, data: mujoco.MjData, friction: Array, rest: Array, time: Array) -> Array:
@@ -116,15 +118,16 @@ def _accelerate(model: mujoco.MjModel, data: mujoco.MjData, friction: Array, res
         wanted[smooth, 1:] = (jacobian @ data.qacc_smooth).reshape(-1, 3)[smooth, 1:]
     missed = (jacobian @ data.qacc_warmstart).reshape(-1, 3) - wanted
     lift = friction * np.hypot(missed[:, 1], missed[:, 2])
-    least = float(time.min())
+    least, eased = float(time.min()), 1 / (1 + friction**2)
     for _ in range(MOST_ROUNDS):
         wanted[:, 0] = rest - lift
         data.efc_aref[:] = wanted.ravel()
         mujoco.mj_fwdConstraint(model, data)
         found = (jacobian @ data.qacc).reshape(-1, 3)
         missed = found - wanted + (data.efc_R * data.efc_force).reshape(-1, 3)
-        known, lift = lift, friction * np.hypot(missed[:, 1], missed[:, 2])
-        if least * np.abs(lift - known).max() < LIFT_TOLERANCE:
+        off = friction * np.hypot(missed[:, 1], missed[:, 2]) - lift
+        if least * np.abs(off).max() < LIFT_TOLERANCE:
             break
+        lift = lift + off * eased
     data.qacc_warmstart[:] = data.qacc
     return np.asarray(found[:, 1:])

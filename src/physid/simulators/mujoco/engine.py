@@ -53,6 +53,7 @@ class Engine:
         # What bounds the speed of any point, from the velocities as MuJoCo orders them [-], [m].
         radius = 0.5 * np.linalg.norm(scene.sizes, axis=1)[:, None]
         self._levers = np.concatenate([np.ones((count, 3)), np.broadcast_to(radius, (count, 3))], 1).ravel()
+        self._spins = np.concatenate([np.zeros((count, 3)), np.broadcast_to(radius, (count, 3))], 1).ravel()
         self._number = np.full((count + 1, count + 1), -1)  # of the pair of two geoms, the ground's being 0
         for (first, second), number in self._pairs.items():
             self._number[first + 1, second + 1] = self._number[second + 1, first + 1] = number
@@ -181,7 +182,9 @@ class Engine:
         """
         data, pair = self._data, self._pair()
         gap = np.array(data.contact.dist)
-        least = np.where(data.efc_vel[::3] < landing, FAR, _closing(gap))
+        # At the mean pose the point about which a body tips has come down by half a step's centripetal acceleration.
+        tipping = length * float(data.qvel**2 @ self._spins)
+        least = np.where(data.efc_vel[::3] < landing - tipping, FAR, _closing(gap))
         softness = np.full(len(gap), SOFTER)
         compliance = self._compliance[pair]
         yields = compliance > 0
@@ -190,7 +193,7 @@ class Engine:
             time = 0.5 * length + np.sqrt(mass * compliance)
             least = np.where(yields, np.where(gap > TOUCH, FAR, -gap / time), least)
             softness = np.where(yields, compliance / (length * time) / data.efc_R[::3], softness)
-        return solve(self._model, data, self._friction[pair], least, length, softness=softness)
+        return solve(self._model, data, self._friction[pair], least, length, softness=softness, slow=tipping)
 
     def _look(self, longest: float) -> bool:
         """Look for contacts within reach and tell whether there are any."""
