@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 
+from physid.scenes.camera import corners
 from physid.scenes.catalogue import find_setup
 from physid.scenes.placing import on_ground
 from physid.scenes.rotations import conjugate, rotate
@@ -130,3 +131,33 @@ def test_half_the_step_changes_little(name: str, tolerance: float) -> None:
 def test_an_excitation_for_another_number_of_bodies_is_refused() -> None:
     with pytest.raises(ValueError, match="for the 1 bodies of test, got 2"):
         run(scene_of(), np.zeros((2, 7)))
+
+
+def test_a_simulation_does_not_depend_on_those_before_it() -> None:
+    setup = find_setup("toss")
+    drawn = [setup.draw(setup.scene, "rich", np.random.default_rng([5, k]), 60) for k in range(3)]
+    together = simulate_all(setup.scene, drawn, substeps=5)
+    (alone,) = simulate_all(setup.scene, drawn[2:], substeps=5)
+    assert np.array_equal(together[2].pose, alone.pose)
+    assert np.array_equal(together[2].twist, alone.twist)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_tumbling_boxes_gain_no_energy_and_do_not_sink_in(seed: int) -> None:
+    source = np.random.default_rng(seed)
+    count = 1 + seed % 3
+    bodies = [
+        Body(f"box {k}", tuple(source.uniform(0.1, 0.4, 3)), source.uniform(0.5, 5), source.uniform(0, 1), 0.0)  # type: ignore[arg-type]
+        for k in range(count)
+    ]
+    scene = scene_of(*bodies)
+    turn = source.normal(size=(count, 4))
+    place = np.stack([0.35 * np.arange(count), np.zeros(count), 0.5 + 0.3 * np.arange(count)], 1)
+    pose = np.concatenate([place, turn / np.linalg.norm(turn, axis=1)[:, None]], 1)
+    motion = run(scene, pose, np.concatenate([source.uniform(-5, 5, (count, 3)), source.uniform(-1, 1, (count, 3))], 1))
+    in_body = rotate(conjugate(motion.pose[..., 3:]), motion.twist[..., :3])
+    mass, moments = np.array([body.mass for body in bodies]), np.stack([body.moments() for body in bodies])
+    energy = 0.5 * (mass * (motion.twist[..., 3:] ** 2).sum(-1)).sum(1) + 0.5 * (moments * in_body**2).sum((1, 2))
+    energy += G * (mass * motion.pose[..., 2]).sum(1)
+    assert np.diff(energy).max() < 1e-3 * np.ptp(energy)
+    assert corners(motion.pose, scene.sizes)[..., 2].min() > -1e-4

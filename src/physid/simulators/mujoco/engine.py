@@ -6,6 +6,8 @@ contact poses follow by Moreau's midpoint rule, of second order; steps end where
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import mujoco
 import numpy as np
 from mujoco import mjtDisableBit
@@ -88,17 +90,18 @@ class Engine:
         mujoco.mj_setConst(self._model, self._scratch)
 
     def set_state(self, pose: Array, twist: Array) -> None:
-        """Put the bodies at poses (N, 7) with twists (N, 6), world frame."""
+        """Begin anew with the bodies at poses (N, 7) with twists (N, 6), world frame."""
+        ground = self._data.mocap_pos.copy(), self._data.mocap_quat.copy()
+        mujoco.mj_resetData(self._model, self._data)
+        self._data.mocap_pos[:], self._data.mocap_quat[:] = ground
         place = np.concatenate([pose[:, :3], pose[:, 6:], pose[:, 3:6]], 1)
         spin = rotate(conjugate(pose[:, 3:]), twist[:, :3])
         self._data.qpos[:] = place.ravel()
         self._data.qvel[:] = np.concatenate([twist[:, 3:], spin], 1).ravel()
 
-    def read(self) -> tuple[Array, Array]:
-        """Return the poses (N, 7) and the twists (N, 6) of the bodies, world frame."""
-        place, motion = self._data.qpos.reshape(-1, 7), self._data.qvel.reshape(-1, 6)
-        pose = np.concatenate([place[:, :3], place[:, 4:], place[:, 3:4]], 1)
-        return pose, np.concatenate([rotate(pose[:, 3:], motion[:, 3:]), motion[:, :3]], 1)
+    def state(self) -> tuple[Array, Array]:
+        """Return positions (7 N,) and velocities (6 N,) as MuJoCo orders them; `poses_and_twists` reads them."""
+        return self._data.qpos.copy(), self._data.qvel.copy()
 
     def push(self, wrench: Array, at_mass: Array | None = None) -> None:
         """Apply wrenches (N, 6) at the geometric centres, and forces (N, 3) at the centres of mass; world frame."""
@@ -219,6 +222,14 @@ class Engine:
         mujoco.mj_step(self._model, self._data)
         options.disableflags &= ~int(mjtDisableBit.mjDSBL_CONTACT)
         return length
+
+
+def poses_and_twists(states: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
+    """Return the poses (K, N, 7) and the twists (K, N, 6), world frame, of K states."""
+    places, motions = (np.stack(values) for values in zip(*states, strict=True))
+    place, motion = places.reshape(len(places), -1, 7), motions.reshape(len(places), -1, 6)
+    pose = np.concatenate([place[..., :3], place[..., 4:], place[..., 3:4]], -1)
+    return pose, np.concatenate([rotate(pose[..., 3:], motion[..., 3:]), motion[..., :3]], -1)
 
 
 def _closing(gap: Array) -> Array:

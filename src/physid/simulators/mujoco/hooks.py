@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from physid.physics.effect import Effect, StepInputs
 from physid.scenes.scene import Scene
 from physid.simulators.inputs import ChangingInputs
-from physid.simulators.mujoco.engine import Engine
+from physid.simulators.mujoco.engine import Engine, poses_and_twists
 
 Array = NDArray[np.float64]
 
@@ -59,7 +59,7 @@ class Hooks:
         Raises:
             ValueError: If an effect changes what MuJoCo cannot change.
         """
-        pose, twist = (np.stack(values) for values in zip(*(engine.read() for engine in self.engines), strict=True))
+        pose, twist = poses_and_twists([engine.state() for engine in self.engines])
         inputs = self._inputs.at(time, pose, twist, wrench)
         self._tell(inputs)
         pull = (inputs.mass[..., None] * (inputs.gravity - self._inputs.nominal.gravity)).numpy()

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from physid.scenes.scene import Scene
 from physid.scenes.setup import Excitation
 from physid.simulators.motion import Motion, actuated, check_finite, check_fit
-from physid.simulators.mujoco.engine import Engine
+from physid.simulators.mujoco.engine import Engine, poses_and_twists
 
 if TYPE_CHECKING:
     from physid.physics.effect import Effect
@@ -47,7 +47,8 @@ def simulate_all(
     check_fit(scene, excitations)
     if not any(_acts(effect) for effect in effects):
         commanded = [actuated(excitation.wrench, effects, scene.time_step) for excitation in excitations]
-        return [_alone(scene, *each, substeps) for each in zip(excitations, commanded, strict=True)]
+        engine = Engine(scene, scene.time_step / substeps)
+        return [_alone(scene, engine, *each, substeps) for each in zip(excitations, commanded, strict=True)]
     times = [0.0] * len(excitations) if clocks is None else clocks
     order = sorted(range(len(excitations)), key=lambda world: -len(excitations[world].wrench))
     together = _Together(scene, [excitations[k] for k in order], effects, substeps, [times[k] for k in order])
@@ -62,22 +63,21 @@ def _acts(effect: Effect) -> bool:
     return type(effect).act is not Effect.act or hasattr(effect, "settings")
 
 
-def _alone(scene: Scene, excitation: Excitation, wrench: Array, substeps: int) -> Motion:
+def _alone(scene: Scene, engine: Engine, excitation: Excitation, wrench: Array, substeps: int) -> Motion:
     """Simulate one trajectory of which no effect changes a step."""
-    engine = Engine(scene, scene.time_step / substeps)
     engine.set_state(excitation.pose, excitation.twist)
-    seen = [engine.read()]
+    seen = [engine.state()]
     for held in wrench[:-1]:
         engine.push(held)
         for _ in range(substeps):
             engine.advance()
-        seen.append(engine.read())
+        seen.append(engine.state())
     return _motion(scene, seen)
 
 
 def _motion(scene: Scene, seen: Sequence[tuple[Array, Array]]) -> Motion:
-    """Return the motion of which poses and twists were seen."""
-    pose, twist = (np.stack(values) for values in zip(*seen, strict=True))
+    """Return the motion that went through some states."""
+    pose, twist = poses_and_twists(seen)
     check_finite(scene, pose, "MuJoCo")
     return Motion(pose, twist)
 
@@ -114,7 +114,7 @@ class _Together:
     def motions(self) -> list[Motion]:
         """Step all worlds to their ends."""
         engines = self._hooks.engines
-        seen = [[engine.read()] for engine in engines]
+        seen = [[engine.state()] for engine in engines]
         running = len(engines)
         for frame in range(len(self._wrench[0]) - 1):
             still = sum(len(wrench) > frame + 1 for wrench in self._wrench)
@@ -128,5 +128,5 @@ class _Together:
                 for engine in engines[:running]:
                     engine.advance()
             for world in range(running):
-                seen[world].append(engines[world].read())
+                seen[world].append(engines[world].state())
         return [_motion(self._scene, states) for states in seen]
