@@ -31,6 +31,8 @@ PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").r
 TINY = {
     "generate": ["trajectories=10", "steps=16", "video=false", "--workers=1", "--quiet"],
     "import": [],
+    "check": [],
+    "show": [],
     "track": ["--quiet"],
     "fit": ["trainer.max_epochs=1", "data.limit=2", "trainer.accelerator=cpu"],
     "validate": [],
@@ -181,6 +183,8 @@ def run(words: list[str], recordings: Callable[[str], Path]) -> int:
     assert words[0] in TINY, f"`physid {words[0]}` is new: say in TINY what keeps it short"
     if "FOLDER" in words:
         words = [str(write_tosses(Path("tosses").absolute())) if word == "FOLDER" else word for word in words]
+    if words[0] == "import" and "logs" in {Path(word).parts[0] for word in words} and not Path("logs").exists():
+        subprocess.run([sys.executable, str(ROOT / "examples" / "write_logs.py"), "logs"], check=True)
     files = [words[index + 1] for index, word in enumerate(words) if word == "--config"]
     if words[0] == "fit" and files:
         wanted = Path(compose(files).values["data"]["init_args"]["folder"])

@@ -5,7 +5,7 @@ from physid.commands.command import Command
 from physid.commands.completion import completion
 from physid.commands.diagnoses import diagnose
 from physid.commands.fits import fit, predict, test, validate
-from physid.commands.imports import check, import_
+from physid.commands.imports import check, import_, show
 from physid.commands.overviews import dashboard, reproduce
 from physid.commands.recordings import effects, generate, identifiability, track
 
@@ -15,6 +15,7 @@ COMMANDS: tuple[Command, ...] = (
     Command(generate, reads="physid.data.generation.GenerateConfig"),
     Command(import_),
     Command(check),
+    Command(show),
     Command(track),
     Command(fit),
     Command(validate),

@@ -109,3 +109,26 @@ def check(recordings: Path, *, limit: int | None = None) -> None:
     wrong = sum(one.wrong for one in found.findings)
     if wrong:
         raise UnsoundError(f"{recordings}: {wrong} thing{'s' * (wrong > 1)} to mend, or to look at with physid show")
+
+
+def show(recordings: Path, *, out: Path | None = None, limit: int = 12) -> None:
+    """Draw recordings on a page: boxes, ground, axes and forces, to turn and to play.
+
+    A wrong axis, size or order of a quaternion is seen at once. The page needs no network and can be sent as one file.
+
+    Examples:
+      physid show data/mine
+      physid show data/mine --out page.html --limit 3
+
+    Args:
+        recordings: Folder of the recording set.
+        out: The HTML file to write; runs/show/NAME.html by default.
+        limit: At most so many trajectories, the first ones.
+    """
+    from physid.data.format import RecordingSet
+    from physid.data.inspection.page import write_page
+
+    known = RecordingSet(recordings)
+    target = out or Path("runs/show") / f"{recordings.resolve().name}.html"
+    count = write_page(known, range(len(known))[: max(limit, 1)], target)
+    print(f"{target}: {count} of {len(known)} trajectories, {target.stat().st_size / 1e6:.2f} MB")

@@ -14,7 +14,7 @@ import yaml
 from physid.data.files import write_text
 from physid.data.format import trajectory_path, write_scene, write_sums
 from physid.data.importers.finding import force_logs
-from physid.data.importers.mapping import LogMap
+from physid.data.importers.mapping import GUESSED_FRICTION, LogMap
 from physid.data.importers.reading_logs import Forces, Poses, read_forces, read_poses
 from physid.data.importers.tables import read_table
 from physid.data.observations.stamps import check_clocks, rhythm_of
@@ -25,6 +25,7 @@ from physid.scenes.scene import Scene
 
 MAPPING = "import.yaml"  # the mapping as it was used, beside what it gave
 ROUND, NEAR = 3, 5e-3  # digits of a nominal rate, and how near to the stamps' own such a round one must be
+FRICTION_NOTE = f"{GUESSED_FRICTION:g} is a first guess, and it is unknown, for the mapping does not say it"
 LEAST = 2  # frames of a trajectory
 
 
@@ -63,7 +64,7 @@ def import_logs(files: Sequence[Path], values: dict[str, Any], out: Path) -> Imp
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise FileExistsError(f"{out}: expected a new or an empty folder, found something there; choose another --out")
     log = LogMap.from_mapping(values)
-    notes: list[str] = []
+    notes = [f"{name}: {FRICTION_NOTE}" for name in log.unsaid]
     part = out.with_name(out.name + ".part")
     shutil.rmtree(part, ignore_errors=True)
     try:

@@ -96,6 +96,7 @@ class LogMap:
         ground: In the world frame.
         unknown: Parameters to identify.
         source: Free text.
+        unsaid: Those of them that nothing is said of.
         lost: "nan", or "zeros" where a row of zeros says that a body was lost.
     """
 
@@ -113,6 +114,7 @@ class LogMap:
     gravity: tuple[float, float, float]
     ground: Ground
     unknown: tuple[str, ...]
+    unsaid: tuple[str, ...]
     source: str
     lost: str
 
@@ -135,6 +137,8 @@ class LogMap:
         header, lost = known.get("header"), str(known.get("lost", "nan"))
         if lost not in ("nan", "zeros"):
             raise ValueError(f"lost: expected nan or zeros, got {lost!r}")
+        named, unsaid = known.get("unknown") or (), _unsaid(listed, bodies)
+        unknown = tuple(map(str, named if isinstance(named, list | tuple) else [named]))
         return cls(
             scene=str(known.get("scene") or "imported"),
             bodies=bodies,
@@ -151,7 +155,8 @@ class LogMap:
             ground=Ground.from_mapping(
                 {"normal": (0, 0, 1), "offset": 0.0} | dict(_plain(known.get("ground"), "ground"))
             ),
-            unknown=tuple(_list(known.get("unknown"))) + _unsaid(listed, bodies, known.get("unknown")),
+            unknown=unknown + tuple(name for name in unsaid if name not in unknown),
+            unsaid=unsaid,
             source=str(known.get("source") or ""),
             lost=lost,
         )
@@ -286,15 +291,7 @@ def _plain(values: object, where: str) -> Mapping[str, Any]:
     return values or {}
 
 
-def _list(values: object) -> list[str]:
-    """Return a list of names; a single one may stand alone."""
-    listed = values if isinstance(values, list | tuple) else [] if values is None else [values]
-    return [str(one) for one in listed]
-
-
-def _unsaid(listed: list[Any], bodies: tuple[BodyMap, ...], unknown: object) -> tuple[str, ...]:
+def _unsaid(listed: list[Any], bodies: tuple[BodyMap, ...]) -> tuple[str, ...]:
     """Return the frictions that nothing is said of: they are unknown."""
-    names = [
-        f"{one.body.name}.friction" for one, values in zip(bodies, listed, strict=True) if "friction" not in values
-    ]
-    return tuple(name for name in names if name not in _list(unknown))
+    both = zip(bodies, listed, strict=True)
+    return tuple(f"{one.body.name}.friction" for one, values in both if "friction" not in values)

@@ -1,0 +1,89 @@
+"""A page that draws recorded boxes and forces, so that a wrong axis is seen at once; one file, no network."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from physid.data.files import write_text
+from physid.data.format import RecordingSet
+from physid.data.observations.time_grid import lay_steps
+from physid.data.recording import Recording
+from physid.scenes.camera import corners
+
+MOST_FRAMES = 600  # of a trajectory that are drawn
+DIGITS = 5  # of numbers on the page: a hundredth of a millimetre
+
+
+def write_page(recordings: RecordingSet, indices: Sequence[int], path: Path) -> int:
+    """Write the page.
+
+    Args:
+        recordings: The set.
+        indices: Which trajectories.
+        path: The HTML file.
+
+    Returns:
+        How many trajectories are drawn; those without poses are not.
+
+    Raises:
+        ValueError: If none has poses, or a file is damaged.
+    """
+    scene = recordings.scene
+    shown = [(index, recordings.read(index)) for index in indices if recordings.has_poses(index)]
+    if not shown:
+        raise ValueError(f"{recordings.folder}: expected trajectories with poses to draw, found none; see physid track")
+    points = np.concatenate([_corners(one, scene.sizes).reshape(-1, 3) for _, one in shown])
+    low, high = points.min(0), points.max(0)
+    parts = [_trajectory(index, one, scene.time_step) for index, one in shown]
+    strongest = max((float(np.abs(part["force"]).max()) for part in parts if part["force"] is not None), default=0.0)
+    data = {
+        "name": f"{scene.name}: {recordings.folder.resolve().name}",
+        "bodies": [{"name": body.name, "size": list(body.size)} for body in scene.bodies],
+        "normal": list(scene.ground.normal),
+        "offset": scene.ground.offset,
+        "middle": ((low + high) / 2).tolist(),
+        "origin": [*((low + high) / 2 - 0.5 * np.ptp(points, axis=0).max())[:2].tolist(), float(low[2])],
+        "extent": float(max(np.ptp(points, axis=0).max(), 1e-6)) * 1.2,
+        "strongest": strongest or 1.0,
+        "trajectories": [part | {"force": None if part["force"] is None else part["force"].tolist()} for part in parts],
+    }
+    text = json.dumps(data, allow_nan=False).replace("<", "\\u003c")  # no text may end the script that it stands in
+    write_text(path, files("physid.data.inspection").joinpath("page.html").read_text("utf-8").replace("__DATA__", text))
+    return len(shown)
+
+
+def _corners(one: Recording, sizes: Any) -> Any:
+    """Return the corners of all poses that were seen."""
+    assert one.pose is not None
+    return np.concatenate([corners(one.pose[one.seen[:, n], n][:, None], sizes[n : n + 1]) for n in range(len(sizes))])
+
+
+def _trajectory(index: int, one: Recording, time_step: float) -> dict[str, Any]:
+    """Return what the page draws of a trajectory: so many frames, and the mean force from each to the next."""
+    assert one.pose is not None
+    time = one.stamps(time_step)
+    frames = np.unique(np.linspace(0, one.length - 1, min(one.length, MOST_FRAMES)).round().astype(int))
+    pose = np.round(one.pose[frames], DIGITS)
+    force = None
+    if one.wrench is not None:
+        steps = lay_steps(time[frames], one.wrench, one.wrench_stamps(time_step), time_step, np.inf)
+        held = (
+            np.concatenate([steps.wrench, steps.wrench[-1:]])
+            if len(steps.wrench)
+            else np.zeros((1, *one.wrench.shape[1:]))
+        )
+        force = np.round(held[steps.frame_step, :, 3:], DIGITS)
+    label = f"{index}" + (f" ({one.split})" if one.split else "")
+    return {
+        "label": label,
+        "frames": frames.tolist(),
+        "time": np.round(time[frames] - time[0], DIGITS).tolist(),
+        "pose": [[each.tolist() if np.isfinite(each[0]) else None for each in row] for row in pose],
+        "force": force,
+    }
