@@ -12,7 +12,7 @@ import numpy as np
 
 from physid.data.files import write_text
 from physid.data.format import RecordingSet
-from physid.data.observations.time_grid import lay_steps
+from physid.data.observations.step_grid import lay_steps
 from physid.data.recording import Recording
 from physid.scenes.camera import corners
 

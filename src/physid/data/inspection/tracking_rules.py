@@ -44,10 +44,8 @@ def rate(seen: Evidence) -> Finding | None:
     if not fast.any():
         return None
     window = int(np.argmax(np.maximum(k.turning / TURN, way / edge)))
-    many = fast.mean() > SHARE
-    reason = (
-        "are angles in degrees read as radians, or positions in millimetres as metres?" if many else "record faster"
-    )
+    many = np.mean(k.turning > TURN) > SHARE
+    reason = "are angles in degrees read as radians?" if many else "record faster"
     return Finding(
         f"in {int(fast.sum())} of {len(fast)} frames bodies turn by more than {TURN:g} rad or go further than an edge "
         f"until the next ({seen.place(window)}: {k.turning[window]:.2g} rad, {1000 * way[window]:.3g} mm)",

@@ -14,10 +14,11 @@ RATE_TOLERANCE = 0.02
 """Share of the period by which a rate may be off: clocks of cameras are within 0.1 to 1 % (29.97 for 30), and rates in
 use are further apart (24 and 25: 4 %)."""
 DEVIATIONS = 3.0  # standard errors of a period that are granted beside that
-FEW, FEW_FACTOR = 6, 3.0  # of fewer stamps a single dropped frame moves the period, so that only a factor tells
+LEAST = 6  # stamps from which on a beat is looked for
+FEW, FEW_FACTOR = 16, 3.0  # of fewer stamps that jitter a dropped frame moves the period, so that only a factor tells
 SHORT, LOOSE = 60, 0.14  # stamps, share of the period: shorter ones that jitter more have no clear beat
 WINDOW, CHANGE, CHANGE_DEVIATIONS = 25, 0.05, 6.0  # [intervals], share of a period, deviations of a window's median
-SEARCH, SEARCHED, FINENESS = 0.25, 500, 4  # share of a period, stamps, points per width of a peak
+SEARCH, SEARCHED, FINENESS = 0.25, 200, 4  # share of a period, stamps, points per width of a peak
 NANO = 1e-9
 UNITS = {1e3: "milliseconds", 1e6: "microseconds", 1e9: "nanoseconds"}
 
@@ -57,7 +58,7 @@ def rhythm_of(time: Array) -> Rhythm:
     time = time if change is None else time[: change + 1]
     steps = np.diff(time)
     typical = float(np.median(steps))
-    if len(time) < FEW:
+    if len(time) < LEAST:
         return Rhythm(typical, typical / len(time), 0.0, 0, change, later)
     first = time[:SEARCHED] - time[0]
     points = int(2 * SEARCH * FINENESS * first[-1] / typical) + 2
@@ -128,7 +129,7 @@ def _check_rate(time: Array, time_step: float) -> None:
         return
     rhythm = rhythm_of(time)
     ratio = rhythm.period / time_step
-    if len(time) < FEW:
+    if len(time) < FEW and steps.std() > RATE_TOLERANCE * rhythm.period:
         fits = 1 / FEW_FACTOR < ratio < FEW_FACTOR
     else:
         fits = abs(ratio - 1) <= RATE_TOLERANCE + DEVIATIONS * rhythm.deviation / time_step
@@ -159,14 +160,12 @@ def remarks_on(recording: Recording, time_step: float) -> tuple[str, ...]:
     """
     remarks = []
     time = recording.time
-    if time is not None and len(time) > 2 and np.abs(np.diff(time) - time_step).max() > RATE_TOLERANCE * time_step:
+    if time is not None and _change_in(np.diff(time))[0] is not None:
         rhythm = rhythm_of(time)
-        if rhythm.change is not None:
-            remarks.append(
-                f"time: the rate changes from {1 / rhythm.period:.4g} to {1 / rhythm.later:.4g} frames per second in "
-                f"frame {rhythm.change}; poses are compared at their stamps, but check that these are true, or cut the "
-                "recording there"
-            )
+        remarks.append(
+            f"time: the rate changes from {1 / rhythm.period:.4g} to {1 / rhythm.later:.4g} frames per second in frame "
+            f"{rhythm.change}; poses are compared at their stamps, but check that these are true, or cut it there"
+        )
     if recording.wrench is not None and recording.wrench_time is not None:
         poses, forces = recording.stamps(time_step), recording.wrench_time
         held = max(time_step, float(np.median(np.diff(forces))) if len(forces) > 1 else np.inf)

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from physid.data.format import RecordingSet
 from physid.data.observations.stamps import remarks_on
-from physid.data.observations.time_grid import SHORTEST, TimeGrid, lay_steps, stacked
+from physid.data.observations.step_grid import SHORTEST, StepGrid, lay_steps, stacked
 from physid.data.recording import UNIT_TOLERANCE, Recording
 from physid.physics.state import check_shape
 
@@ -49,7 +49,7 @@ class Trajectories:
     pose: Tensor
     seen: Tensor
     time: Tensor
-    grid: TimeGrid
+    grid: StepGrid
     time_step: float
     index: tuple[int, ...]
     splits: tuple[str | None, ...]
@@ -90,7 +90,7 @@ class Trajectories:
         return bool(even.all()) and bool((self.grid.frame_step == each).all())
 
     def refine(self, factors: int | Tensor) -> Trajectories:
-        """Return the same with steps cut into equal parts (see `TimeGrid.refine`)."""
+        """Return the same with steps cut into equal parts (see `StepGrid.refine`)."""
         return replace(self, grid=self.grid.refine(factors))
 
     def chosen(self, which: Tensor) -> Trajectories:

@@ -20,7 +20,7 @@ ROUNDING = 1e-9  # share of the time step by which a step may be off and is the 
 
 
 @dataclass(frozen=True)
-class TimeGrid:
+class StepGrid:
     """Steps of R trajectories; shorter ones are filled up with steps of no force, which nothing refers to.
 
     Attributes:
@@ -61,7 +61,7 @@ class TimeGrid:
         """Which steps are real, shape (R, S)."""
         return torch.arange(self.steps.shape[1], device=self.steps.device) < self.count[:, None]
 
-    def refine(self, factors: int | Tensor) -> TimeGrid:
+    def refine(self, factors: int | Tensor) -> StepGrid:
         """Return the grid with steps that are cut into equal parts; frames stay where they are, and so do forces.
 
         Args:
@@ -85,15 +85,15 @@ class TimeGrid:
         steps = torch.where(filled, last, (self.steps / parts).gather(1, owner))
         wrench = self.wrench.gather(1, owner[..., None, None].expand(-1, -1, *self.wrench.shape[2:]))
         wrench = torch.where(filled[..., None, None], 0.0, wrench)
-        return TimeGrid(steps, wrench, ends.gather(1, self.frame_step), count)
+        return StepGrid(steps, wrench, ends.gather(1, self.frame_step), count)
 
-    def chosen(self, which: Tensor) -> TimeGrid:
+    def chosen(self, which: Tensor) -> StepGrid:
         """Return the grid of some trajectories, by index or mask, no longer than they need."""
         count = self.count[which]
         longest = max(int(count.max()), 1) if len(count) else 1
-        return TimeGrid(self.steps[which][:, :longest], self.wrench[which][:, :longest], self.frame_step[which], count)
+        return StepGrid(self.steps[which][:, :longest], self.wrench[which][:, :longest], self.frame_step[which], count)
 
-    def to(self, device: torch.device | str) -> TimeGrid:
+    def to(self, device: torch.device | str) -> StepGrid:
         """Return the same on another device."""
         return replace(self, **{name: getattr(self, name).to(device) for name in vars(self)})
 
@@ -184,7 +184,7 @@ def _thinned(times: Array, least: float) -> Array:
     return times
 
 
-def stacked(rows: Sequence[Steps], frames: int, time_step: float) -> TimeGrid:
+def stacked(rows: Sequence[Steps], frames: int, time_step: float) -> StepGrid:
     """Stack the steps of trajectories; shorter ones are filled up.
 
     Args:
@@ -200,4 +200,4 @@ def stacked(rows: Sequence[Steps], frames: int, time_step: float) -> TimeGrid:
         steps[row, : len(one.lengths)], wrench[row, : len(one.lengths)] = one.lengths, one.wrench
         frame_step[row] = one.frame_step[np.minimum(np.arange(frames), len(one.frame_step) - 1)]
     count = torch.tensor([len(one.lengths) for one in rows])
-    return TimeGrid(torch.from_numpy(steps), torch.from_numpy(wrench), torch.from_numpy(frame_step), count)
+    return StepGrid(torch.from_numpy(steps), torch.from_numpy(wrench), torch.from_numpy(frame_step), count)
