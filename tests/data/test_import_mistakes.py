@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -232,6 +233,28 @@ def test_a_mistake_on_the_command_line_ends_in_one_line(
     assert message in said
     assert said.count("\n") == 1
     assert {one.name for one in tmp_path.iterdir()} == {"empty", "log.csv", "broken.yaml"}
+
+
+def test_an_archive_that_declares_more_than_it_holds_is_refused(tmp_path: Path) -> None:
+    np.savez(tmp_path / "log.npz", t=np.arange(9.0))
+    with zipfile.ZipFile(tmp_path / "log.npz") as packed:
+        content = packed.read("t.npy")
+    content = content.replace(b"'shape': (9", b"'shape': (9" + b"9" * 10, 1).replace(b" " * 10, b"", 1)
+    with zipfile.ZipFile(tmp_path / "log.npz", "w") as packed:
+        packed.writestr("t.npy", content)
+    with pytest.raises(ValueError, match=r"log.npz: expected a NumPy archive of numbers, found what cannot be read .*declares"):
+        guess_mapping(tmp_path / "log.npz")
+
+
+def test_infinite_numbers_are_named_with_their_line(tmp_path: Path) -> None:
+    columns = COLUMNS | {"x": changed("x", 4, np.nan)}
+    log = write_csv(tmp_path / "log.csv", list(columns), list(columns.values()))
+    lines = log.read_text().splitlines()
+    cells = lines[5].split(",")
+    cells[1] = "inf"
+    log.write_text("\n".join([*lines[:5], ",".join(cells), *lines[6:]]))
+    with pytest.raises(ValueError, match=r"log.csv:6: expected finite numbers, found inf; leave the cell empty"):
+        import_logs([log], GOOD, tmp_path / "out")
 
 
 def test_a_guess_with_its_blanks_filled_in_is_the_motion(tmp_path: Path) -> None:

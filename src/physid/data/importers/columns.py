@@ -33,6 +33,10 @@ def read_columns(
     if length is None:
         raise ValueError(f"{table.path}: expected a column among {list(references)}, found constants only")
     columns = [values if isinstance(values, np.ndarray) else np.full(length, values) for values, _ in read]
+    infinite = next((each for each in columns if np.isinf(each).any()), None)
+    if infinite is not None:
+        row = int(np.isinf(infinite).argmax())
+        raise ValueError(f"{line_of(table, row)}: expected finite numbers, found {infinite[row]}; leave the cell empty")
     if len({len(each) for each in columns}) > 1:
         raise ValueError(f"{table.path}: expected columns of one length, found {[len(each) for each in columns]}")
     factors = [_factor(table, column, quantity, given) for _, column in read]

@@ -53,6 +53,8 @@ def guess_mapping(path: Path) -> str:
         ValueError: If it is no table.
     """
     table = read_table(path)
+    for each in table.columns.values():
+        each[~np.isfinite(each)] = np.nan
     groups = _groups(table)
     said = _Guess([f"# Proposed by physid import --guess for {path.name}: look at every line, and fill in FILL_IN."])
     units: dict[str, str] = {}

@@ -5,9 +5,11 @@ from __future__ import annotations
 import csv
 import re
 import zipfile
+import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
+from math import prod
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -23,6 +25,7 @@ EMPTY = {"", "nan", "none", "null", "na", "n/a", "-", "#n/a"}  # cells that say:
 TRUE = {"true": 1.0, "false": 0.0}
 PEEK, CHUNK = 50, 1 << 16  # rows
 ALIKE = 0.8  # share of lines that a delimiter splits into as many cells as the first
+MOST_PACKED = 100  # times the size of an archive that its arrays may have; motion packs two to ten times
 LONGEST_LINE = 1 << 20  # characters: a file with longer lines is no table
 PLACE = re.compile(r"^(?P<name>.+?)\[(?P<index>[\d,\s]+)\]$")
 
@@ -240,14 +243,18 @@ def _is_unit_row(row: Sequence[str]) -> bool:
 def _read_npz(path: Path) -> Table:
     """Read a NumPy archive: an array (T, a, b) is a*b columns, named `array[i,j]`."""
     try:
-        with np.load(path, allow_pickle=False) as archive, zipfile.ZipFile(path) as packed:
+        with path.open("rb") as file, zipfile.ZipFile(file) as packed:
             size = sum(entry.file_size for entry in packed.infolist())
-            if size > 100 * path.stat().st_size + (1 << 20):
+            if size > MOST_PACKED * path.stat().st_size + (1 << 20):
                 raise ValueError(f"{size} bytes packed into {path.stat().st_size}")
-            arrays = {name: np.asarray(archive[name]) for name in archive.files}
-    except (ValueError, OSError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        if isinstance(error, PermissionError):
-            raise
+            for entry in packed.infolist():
+                _require_held(packed, entry)
+            file.seek(0)
+            with np.load(file, allow_pickle=False) as archive:
+                arrays = {name: np.asarray(archive[name]) for name in archive.files}
+    except PermissionError:
+        raise
+    except (ValueError, OSError, KeyError, EOFError, RuntimeError, zlib.error, zipfile.BadZipFile) as error:
         raise ValueError(f"{path}: expected a NumPy archive of numbers, found what cannot be read ({error})") from None
     numbers = {name: each for name, each in arrays.items() if each.dtype.kind in "fiub" and each.ndim}
     if not numbers:
@@ -262,3 +269,13 @@ def _read_npz(path: Path) -> Table:
             for place in np.ndindex(each.shape[1:]):
                 columns[f"{name}[{','.join(map(str, place))}]"] = each[(slice(None), *place)].astype(np.float64)
     return Table(path, columns, {}, {}, 0)
+
+
+def _require_held(packed: zipfile.ZipFile, entry: zipfile.ZipInfo) -> None:
+    """Refuse an array whose header declares more than its entry holds, before anything is allocated."""
+    with packed.open(entry) as file:
+        version = np.lib.format.read_magic(file)
+        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, _, dtype = read(file)
+    if prod(shape) * dtype.itemsize > entry.file_size:
+        raise ValueError(f"{entry.filename} declares {shape} of {dtype} in {entry.file_size} bytes")

@@ -82,7 +82,7 @@ class Evidence:
     def unforced(self) -> NDArray[np.bool_]:
         """Windows in which no force acts to speak of."""
         force = np.linalg.norm(self.kinematics.force, axis=1)
-        return np.asarray(force < FREE * self.masses * np.linalg.norm(self.weight))
+        return np.asarray(force <= FREE * self.masses * np.linalg.norm(self.weight))
 
     @cached_property
     def still(self) -> NDArray[np.bool_]:

@@ -56,6 +56,8 @@ def falls(seen: Evidence) -> Finding | None:
     """Free falls in another direction, or with another acceleration, than gravity."""
     k, gravity = seen.kinematics, seen.weight
     g = float(np.linalg.norm(gravity))
+    if not g:
+        return None
     size = np.linalg.norm(k.acceleration, axis=1)
     free = seen.smooth & seen.unforced
     for scale, unit in SCALES.items():
@@ -84,6 +86,8 @@ def falls(seen: Evidence) -> Finding | None:
 
 def lying(seen: Evidence) -> Finding | None:
     """Bodies that slide along gravity: another axis is up."""
+    if not seen.weight.any():
+        return None
     k, gravity = seen.kinematics, seen.weight / np.linalg.norm(seen.weight)
     place = np.concatenate([one.pose[..., :3][one.seen] for one in seen.recordings if one.pose is not None])
     spread = place.std(0)
