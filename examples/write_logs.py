@@ -60,7 +60,9 @@ def main(folder: Path) -> None:
         columns = [time, 1000 * x, 1000 * up, -1000 * north, half * one, -half * one, none, none]
         write(folder / f"run_{run}.csv", ["t", "x", "y", "z", "qw", "qx", "qy", "qz"], columns)
         stamps = np.arange(len(force)) / FORCES
-        write(folder / f"run_{run}_forces.csv", ["t", "fx", "fy", "fz"], [stamps, force[:, 0], 0 * stamps, -force[:, 1]])
+        write(
+            folder / f"run_{run}_forces.csv", ["t", "fx", "fy", "fz"], [stamps, force[:, 0], 0 * stamps, -force[:, 1]]
+        )
     print(f"{folder}: {RUNS} runs; true mass {MASS} kg, friction {FRICTION}")
 
 

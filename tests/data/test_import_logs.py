@@ -1,5 +1,6 @@
 """Logs with other units, axes, orders and clocks become the motion that they are logs of."""
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -93,6 +94,16 @@ def test_orientations_may_be_written_in_any_way(tmp_path: Path, kind: str) -> No
     values, mapping = columns[kind]
     log = plain(tmp_path, truth, **dict(zip("abcdefghi", values.T, strict=False)))
     assert same(imported(tmp_path, [log], **{"quaternion": None} | mapping), truth, 1e-9)
+
+
+@pytest.mark.parametrize("sequence", ["z", "zx"])
+def test_few_angles_are_enough_for_a_body_that_turns_about_few_axes(tmp_path: Path, sequence: str) -> None:
+    truth = Truth.of()
+    angles = np.stack([truth.time, 0.3 * truth.time**2], 1)[:, : len(sequence)]
+    turned = dataclasses.replace(truth, turn=Rotation.from_euler(sequence, angles))
+    log = plain(tmp_path, truth, **dict(zip("ab", angles.T, strict=False)))
+    found = imported(tmp_path, [log], quaternion=None, euler=list("ab")[: len(sequence)], euler_order=sequence)
+    assert same(found, turned)
 
 
 def test_a_left_handed_frame_is_mirrored_with_its_torques(tmp_path: Path) -> None:

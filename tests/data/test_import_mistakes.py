@@ -242,7 +242,9 @@ def test_an_archive_that_declares_more_than_it_holds_is_refused(tmp_path: Path) 
     content = content.replace(b"'shape': (9", b"'shape': (9" + b"9" * 10, 1).replace(b" " * 10, b"", 1)
     with zipfile.ZipFile(tmp_path / "log.npz", "w") as packed:
         packed.writestr("t.npy", content)
-    with pytest.raises(ValueError, match=r"log.npz: expected a NumPy archive of numbers, found what cannot be read .*declares"):
+    with pytest.raises(
+        ValueError, match=r"log.npz: expected a NumPy archive of numbers, found what cannot be read .*declares"
+    ):
         guess_mapping(tmp_path / "log.npz")
 
 

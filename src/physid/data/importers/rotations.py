@@ -83,10 +83,9 @@ def from_euler(values: Array, sequence: str, unit: float) -> Array:
         sequence: As in scipy: "xyz", "ZYX", or one axis alone.
         unit: Of the angles [rad].
     """
-    angles = values[:, 0] if len(sequence) == 1 else values
     known = np.isfinite(values).all(1)
     out = np.full((len(values), 4), np.nan)
-    out[known] = Rotation.from_euler(sequence, angles[known] * unit).as_quat()
+    out[known] = Rotation.from_euler(sequence, values[known] * unit).as_quat()
     return out
 
 

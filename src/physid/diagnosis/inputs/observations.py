@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from physid.data.format import RecordingSet
-from physid.data.observations.time_grid import TimeGrid
+from physid.data.observations.step_grid import StepGrid
 from physid.data.observations.trajectories import Trajectories, load_trajectories
 from physid.data.reading import ECHO, echo_of, read_reading
 from physid.estimation.measurement.tracking_error import TrackingError
@@ -100,7 +100,7 @@ def _observed(scene: Scene, sets: Sequence[Trajectories]) -> Observations:
         last = value[:, -1:].expand(-1, length - value.shape[1], *value.shape[2:])
         return torch.cat([value, last], 1)
 
-    grid = TimeGrid(
+    grid = StepGrid(
         torch.cat([longer(each.grid.steps, steps) for each in sets]),
         torch.cat([longer(each.grid.wrench, steps) for each in sets]),
         torch.cat([longer(each.grid.frame_step, frames) for each in sets]),

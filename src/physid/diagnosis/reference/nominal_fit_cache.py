@@ -10,7 +10,7 @@ from pathlib import Path
 import torch
 
 from physid.data.files import read_tensors, write_tensors
-from physid.data.observations.time_grid import TimeGrid
+from physid.data.observations.step_grid import StepGrid
 from physid.diagnosis.inputs.observations import Observations
 from physid.diagnosis.reference.nominal_fit import NONE, NominalFit
 from physid.estimation.least_squares.experiment import Experiment
@@ -80,7 +80,7 @@ def _restored(
 ) -> NominalFit:
     """Put the parts together again."""
     segments = Segmentation(*observations.pose.shape[:2], *(state[name] for name in WINDOWS))
-    grid = TimeGrid(*(state[f"grid.{name}"] for name in GRID))
+    grid = StepGrid(*(state[f"grid.{name}"] for name in GRID))
     timeline = dataclasses.replace(observations.timeline, grid=grid)
     predictor = Predictor(model, timeline, segments, candidates)
     directions = Directions(state["frame"], state["free"])

@@ -8,7 +8,7 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
-from physid.data.observations.time_grid import TimeGrid
+from physid.data.observations.step_grid import StepGrid
 from physid.estimation.prediction.segments import Batch
 
 
@@ -22,7 +22,7 @@ class Timeline:
     """
 
     time: Tensor
-    grid: TimeGrid
+    grid: StepGrid
 
     @classmethod
     def regular(cls, wrench: Tensor, time_step: float) -> Timeline:
@@ -30,7 +30,7 @@ class Timeline:
         rows, frames = wrench.shape[:2]
         index = torch.arange(frames).expand(rows, -1)
         steps = max(frames - 1, 1)
-        grid = TimeGrid(
+        grid = StepGrid(
             torch.full((rows, steps), time_step, dtype=torch.float64),
             wrench[:, :steps],
             index.clamp_max(steps),
@@ -72,7 +72,7 @@ class Timeline:
         return wrench.gather(2, index)
 
     def refined(self, factors: int | Tensor) -> Timeline:
-        """Return the same frames with steps cut into equal parts; see `TimeGrid.refine`."""
+        """Return the same frames with steps cut into equal parts; see `StepGrid.refine`."""
         return replace(self, grid=self.grid.refine(factors))
 
     def cut(self, batch: Batch) -> Steps:
