@@ -12,6 +12,7 @@ from tests.data.logs import Truth, write_csv, write_y_up
 from physid.cli import main
 from physid.data.format import RecordingSet
 from physid.data.importers.convert import import_logs
+from physid.data.importers.finding import find_logs
 from physid.data.importers.mapping_files import read_mapping
 from physid.data.observations.trajectories import load_trajectories
 from physid.data.recording import Recording
@@ -76,6 +77,15 @@ def test_one_command_converts_millimetres_w_first_y_up_jitter_gaps_and_forces_at
         assert np.allclose(recording.wrench[:, 0, 3:], truth.force, atol=1e-12)
         assert np.allclose(recording.wrench_time, truth.force_time, atol=1e-12)
     assert not load_trajectories(found).remarks
+
+
+def test_logs_of_forces_that_a_pattern_matches_are_no_logs_of_poses(tmp_path: Path) -> None:
+    for index in (2, 10):
+        write_y_up(tmp_path, Truth.of(index), f"run_{index}")
+    for sources in ([tmp_path], [tmp_path / "run_*.csv"], sorted(tmp_path.glob("*.csv"))):
+        found = find_logs(sources, "csv", "{stem}_forces.csv")
+        assert {one.name for one in found} == {"run_2.csv", "run_10.csv"}
+    assert [one.name for one in find_logs([tmp_path], "csv", "*_forces.csv")] == ["run_2.csv", "run_10.csv"]
 
 
 @pytest.mark.parametrize("kind", ["euler", "EULER", "matrix", "rotation_vector", "wxyz"])

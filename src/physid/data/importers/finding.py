@@ -22,7 +22,7 @@ def find_logs(sources: Sequence[Path], kind: str, forces: str | None = None) -> 
     Args:
         sources: Files, folders, or patterns such as logs/run_*.csv.
         kind: csv or npz: what counts in a folder.
-        forces: Pattern of the logs of forces, which are left out of a folder.
+        forces: Pattern of the logs of forces, which are left out.
 
     Raises:
         FileNotFoundError: If one of them means nothing.
@@ -31,7 +31,6 @@ def find_logs(sources: Sequence[Path], kind: str, forces: str | None = None) -> 
     for source in sources:
         if source.is_dir():
             here = [one for one in source.iterdir() if one.suffix.lower() in SUFFIXES[kind] and one.is_file()]
-            here = [one for one in here if not (forces and one.match(re.sub(r"\{stem\}", "*", Path(forces).name)))]
             what = f"no {' or '.join(SUFFIXES[kind])} file in it"
         elif any(sign in source.name for sign in MAGIC) and not source.exists():
             here, what = list(source.parent.glob(source.name)), "nothing like it"
@@ -40,7 +39,8 @@ def find_logs(sources: Sequence[Path], kind: str, forces: str | None = None) -> 
         if not here:
             raise FileNotFoundError(f"{source}: expected logs to import, found {what}")
         found += sorted(here, key=natural)
-    return found
+    others = re.sub(r"\{stem\}", "*", Path(forces).name) if forces else None
+    return [one for one in found if not (others and one.match(others))] or found
 
 
 def force_logs(files: Sequence[Path], pattern: str | None) -> list[Path | None]:
