@@ -45,3 +45,19 @@ def energy(seen: Evidence) -> Finding | None:
         "are forces missing, too small (units.force), or late; are mass and gravity right; does a hand push?",
         wrong=not k.force.any(),  # with forces it may be their measure; without, something pushed
     )
+
+
+def energy_over_time(seen: Evidence) -> str:
+    """Say how the translational energy of the bodies goes from the beginning of a trajectory to its end."""
+    k, ground = seen.kinematics, np.array(seen.scene.ground.normal) * seen.scene.ground.offset
+    poses = [one.pose for one in seen.recordings if one.pose is not None]
+    place = np.array([poses[t][f, b, :3] for t, f, b in zip(k.trajectory, k.frame, k.body, strict=True)])
+    whole = seen.masses * (0.5 * np.square(k.velocity).sum(1) - (place - ground) @ seen.weight)
+    first, most, last = list[float](), list[float](), list[float]()
+    for trajectory in np.unique(k.trajectory):
+        bodies = [whole[(k.trajectory == trajectory) & (k.body == body)] for body in np.unique(k.body)]
+        first.append(sum(float(one[0]) for one in bodies if len(one)))
+        most.append(max(float(one.max()) for one in bodies if len(one)))
+        last.append(sum(float(one[-1]) for one in bodies if len(one)))
+    low, high = np.median(first), np.median(last)
+    return f"{low:.3g} J at the beginning, {high:.3g} J at the end (medians, without spin), at most {max(most):.3g} J"

@@ -8,7 +8,7 @@ import numpy as np
 
 from physid.data.format import RecordingSet
 from physid.data.inspection import rules, tracking_rules
-from physid.data.inspection.energy import energy
+from physid.data.inspection.energy import energy, energy_over_time
 from physid.data.inspection.evidence import Evidence, Finding
 from physid.data.observations.stamps import remarks_on, rhythm_of
 from physid.data.recording import Recording
@@ -135,6 +135,7 @@ def _facts(recordings: RecordingSet, seen: Evidence) -> list[tuple[str, str]]:
         touching = np.abs(k.height) < TOUCHING + 3 * seen.noise[0]
         facts += [
             ("speed", f"up to {speed.max():.3g} m/s, at rest in {100 * seen.still.mean():.0f} % of the frames"),
+            ("energy", energy_over_time(seen)),
             (
                 "contact",
                 f"lowest corner {1000 * k.height.min():.3g} to {1000 * k.height.max():.3g} mm over the ground, "
