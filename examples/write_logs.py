@@ -1,7 +1,8 @@
 """Write the logs of a block that is pushed about on a table, as a tracker and a force sensor would write them.
 
-Nothing of physid is in them: the motion follows from Coulomb's law in small exact steps. Positions are in millimetres with
-y up, quaternions have w first, poses come 100 times a second with jitter and 5 % of the frames missing, forces 500 times.
+Nothing of physid is in them: the motion follows from Coulomb's law in small exact steps. Positions are in millimetres
+with y up, quaternions have w first, poses come 100 times a second with jitter and 5 % of the frames missing, forces 500
+times.
 
     python examples/write_logs.py logs
 """

@@ -63,7 +63,9 @@ def acting(state: State, time: Tensor | None) -> State:
     if time is None:
         return state
     time = time[:, None, None]
-    turned = multiply(exponential(time * state.angular_velocity), state.quaternion)
+    # q + t w q / 2 made a unit again is exp(t w) q but for a third-order angle, at a third of the cost.
+    turn = torch.cat([time / 2 * state.angular_velocity, torch.ones_like(state.pose[..., :1])], -1)
+    turned = normalize(multiply(turn, state.quaternion))
     return state.replace(pose=torch.cat([state.position + time * state.velocity, turned], -1))
 
 
