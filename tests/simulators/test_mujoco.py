@@ -2,6 +2,8 @@
 
 import dataclasses
 import math
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from physid.scenes.scene import Body, Ground, Scene
 from physid.scenes.setup import REST_DEPTH, Excitation
 from physid.simulators.motion import Motion
 from physid.simulators.mujoco.world import simulate_all
+from physid.simulators.protocol import find_simulator
 
 H, G, STEPS, SUBSTEPS = 1 / 60, 9.81, 61, 17
 SLIDING = 1e-6  # [m] of a slide of a metre
@@ -161,3 +164,22 @@ def test_tumbling_boxes_gain_no_energy_and_do_not_sink_in(seed: int) -> None:
     energy += G * (mass * motion.pose[..., 2]).sum(1)
     assert np.diff(energy).max() < 1e-3 * np.ptp(energy)
     assert corners(motion.pose, scene.sizes)[..., 2].min() > -1e-4
+
+
+def test_a_motion_that_leaves_the_finite_numbers_is_refused_and_nothing_is_left_behind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ValueError, match="MuJoCo left the finite numbers in scene test; check masses, sizes and"):
+        run(scene_of(), on_ground(Ground(), 0, 0, 0, 0.2), force=[1e200, 0, 0])
+    assert not list(tmp_path.iterdir())
+
+
+def test_without_mujoco_the_message_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    for name in [name for name in sys.modules if name.startswith("physid.simulators.mujoco")]:
+        monkeypatch.delitem(sys.modules, name)
+    setup = find_setup("push")
+    drawn = setup.draw(setup.scene, "paper", np.random.default_rng(0), 3)
+    with pytest.raises(ValueError, match="needs the package mujoco-core, which is not installed; pip install"):
+        find_simulator("mujoco").simulate(setup.scene, [drawn])

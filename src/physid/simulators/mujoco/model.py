@@ -15,8 +15,10 @@ Array = NDArray[np.float64]
 GROUND = "ground"  # name of the plane; the boxes are called box0, box1, ...
 STIFFEST = "0.9999 0.9999 0.001 0.5 2"  # solimp: MuJoCo's largest impedance, whatever the overlap
 # Dense, for the sparse solver of MuJoCo 4.0.0 is wrong (corrected in 4.0.1). Tangential rows harder than normal,
-# so that a body at rest does not creep. Without islands, whose solver would not see that the softness was changed.
+# so that a body at rest does not creep. Without islands, whose solver would not see that the softness was changed, and
+# without the silent fresh start of a motion that has left the finite numbers.
 OPTIONS = 'integrator="RK4" cone="elliptic" jacobian="dense" tolerance="1e-12" iterations="50" impratio="100"'
+FLAGS = '<flag island="disable" autoreset="disable"/>'
 
 
 def build_model(scene: Scene, centres: Array) -> tuple[mujoco.MjModel, dict[tuple[int, int], int]]:
@@ -40,7 +42,7 @@ def build_model(scene: Scene, centres: Array) -> tuple[mujoco.MjModel, dict[tupl
     boxes = "".join(_box(*each) for each in zip(names, scene.bodies, centres, strict=True))
     # The plane belongs to a mocap body, which can be moved between steps.
     text = (
-        f'<mujoco><option gravity="{_text(scene.gravity)}" {OPTIONS}><flag island="disable"/></option><worldbody>'
+        f'<mujoco><option gravity="{_text(scene.gravity)}" {OPTIONS}>{FLAGS}</option><worldbody>'
         f'<body mocap="true"><geom name="{GROUND}" type="plane" size="0 0 1"/></body>{boxes}'
         f"</worldbody><contact>{contacts}</contact></mujoco>"
     )
