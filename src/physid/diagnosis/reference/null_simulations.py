@@ -14,9 +14,7 @@ from physid.estimation.least_squares.line_search import try_losses
 from physid.estimation.least_squares.normal_equations import Part
 from physid.estimation.least_squares.prior import prior
 from physid.estimation.measurement.sensor_noise import Noise
-from physid.estimation.prediction.nominal_model import NominalModel
 from physid.estimation.prediction.rollout import Variants
-from physid.estimation.prediction.step_effects import has
 from physid.physics.effect import Effect
 
 REPLAYS = 4  # runs of the reference simulator, each from other initial states and parameters
@@ -62,7 +60,7 @@ def draw_null_simulations(
     Returns:
         Z = replays * draws data sets.
     """
-    residuals, references = [], _able(experiment.predictor.model, effects)
+    residuals, references = [], references_of(experiment.predictor.model.scene)
     for run in range(replays):
         clean = noiseless(experiment, fit, effects, generator, references[run % len(references)])
         residuals.append(clean + noise.draw(draws, clean, generator))
@@ -99,13 +97,6 @@ def noiseless(
     return experiment.replace(pose=real).residual(fit.jacobian.base.pose, fit.point)[0]
 
 
-def _able(model: NominalModel, effects: tuple[Effect, ...]) -> tuple[Reference, ...]:
-    """Return the references that can simulate the effects of a model; PyBullet can simulate all."""
-    known = references_of(model.scene)
-    acting = any(has(type(effect), "act") for effect in (*model.effects, *effects))
-    return tuple(each for each in known if each.name == "pybullet") if acting else known
-
-
 def floors(experiment: Experiment, fit: Fit, generator: torch.Generator, replays: int = 4) -> Tensor:
     """Compute how much the numerics disturb each segment: squared residuals per frame that replays leave.
 
@@ -116,7 +107,7 @@ def floors(experiment: Experiment, fit: Fit, generator: torch.Generator, replays
         Mean square in units of the noise, after initial states and unknown parameters are fitted again; shape (K,).
     """
     unknown = torch.arange(fit.point.nominal.shape[1] + 1)
-    references = _able(experiment.predictor.model, ())
+    references = references_of(experiment.predictor.model.scene)
     runs = (references[run % len(references)] for run in range(replays))
     clean = torch.stack([noiseless(experiment, fit, (), generator, reference) for reference in runs])
     respond = fit.linear.respond(clean, experiment.scale).select(unknown).of(experiment.fitted)
