@@ -14,6 +14,7 @@ from physid.effects.friction_drift import FrictionDrift
 from physid.effects.viscous_drag import ViscousDrag
 from physid.physics.effect import Effect
 from physid.physics.layer import PhysicsLayer, Rollout
+from physid.physics.schemes.integration import Integration, Midpoint, SemiImplicit
 from physid.physics.state import State
 from physid.physics.world import World
 from physid.scenes.catalogue import find_setup
@@ -66,9 +67,13 @@ def test_each_step_is_that_of_a_world_with_this_time_step(backend: str) -> None:
 @pytest.mark.parametrize("substeps", [1, 3])
 @pytest.mark.parametrize("effects", EFFECTS.values(), ids=EFFECTS)
 @pytest.mark.parametrize("scene", ["push", "collide"])
-def test_both_backends_agree_on_steps_of_each_world(scene: str, effects: tuple[Effect, ...], substeps: int) -> None:
+@pytest.mark.parametrize("integration", [SemiImplicit(), Midpoint()])
+def test_both_backends_agree_on_steps_of_each_world(
+    scene: str, effects: tuple[Effect, ...], substeps: int, integration: Integration
+) -> None:
     case = draw(find_setup(scene), 9, 8)
-    case = dataclasses.replace(case, world=dataclasses.replace(case.world, substeps=substeps))
+    world = dataclasses.replace(case.world, substeps=substeps, integration=integration)
+    case = dataclasses.replace(case, world=world)
     steps, start = uneven(9, 8, case.world.time_step), torch.linspace(0, 2, 9, dtype=torch.float64)
     found = []
     for backend in BACKENDS:

@@ -79,7 +79,8 @@ def _mean_spin(spin: Tensor, inertia: Tensor, time: Tensor) -> Tensor:
     """
     mean = spin
     for steps in NEWTON_STEPS:
-        inverse = torch.linalg.inv(_slope(mean, inertia, time[..., 0] / 2))
+        # Held constant: its derivative comes with the error, which the last steps leave at zero.
+        inverse = torch.linalg.inv(_slope(mean, inertia, time[..., 0] / 2).detach())
         for _ in range(steps):
             mean = mean - (inverse @ _error(mean, spin, inertia, time)[..., None])[..., 0]
     return mean

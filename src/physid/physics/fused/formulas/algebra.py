@@ -107,15 +107,15 @@ def rotate(quaternion: Sequence[Value], vector: Sequence[Value]) -> Vector:
     return add(vector, add(scale(scalar, twice), cross(axis, twice)))
 
 
-def exponential(rotation: Sequence[Value]) -> Vector:
+def exponential(rotation: Sequence[Value], doublings: int = DOUBLINGS) -> Vector:
     """Map a rotation vector to its quaternion, (sin(a) / a r / 2, cos(a)) with a = |r| / 2.
 
-    Sums the series of a / 2^k, then doubles the angle k times: to rounding for turns below 16 rad.
+    Sums the series of a / 2^k, then doubles the angle k times: to rounding for turns below 2^k rad.
     """
-    x = dot(rotation, rotation) * (0.25 / 4**DOUBLINGS)
+    x = dot(rotation, rotation) * (0.25 / 4**doublings)
     ratio = _series(x, (6, 20, 42, 72, 110, 156, 210, 272, 342))
     versine = 0.5 * x * _series(x, (12, 30, 56, 90, 132, 182, 240, 306))
-    for _ in range(DOUBLINGS):
+    for _ in range(doublings):
         ratio, versine = ratio - ratio * versine, 2.0 * versine * (2.0 - versine)
     return [*scale(0.5 * ratio, rotation), 1.0 - versine]
 

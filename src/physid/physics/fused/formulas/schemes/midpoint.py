@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from physid.compiler.graph import Value, most, total, where
+from physid.compiler.graph import Value, most, stop, total, where
 from physid.compiler.section import Record
 from physid.physics.fused.formulas.algebra import (
     Vector,
@@ -27,6 +27,9 @@ from physid.physics.fused.formulas.cone import impulse_of
 from physid.physics.fused.formulas.patch import Patch, accumulate
 from physid.physics.schemes.motion import NEWTON_STEPS, TANGENT
 
+HALF_TURN = 2
+"""Doublings of the angle by which a body turns in half a step (see `exponential`): exact below 4 rad."""
+
 
 def drift(
     quaternion: Vector, spin: Vector, moments: Sequence[Value], time: Value, gyroscopic: Value
@@ -35,7 +38,7 @@ def drift(
     own = rotate(conjugate(quaternion), spin)
     mean, keeps = _mean_spin(own, moments, time), gyroscopic > 0.5
     mean = [where(keeps, new, old) for new, old in zip(mean, own, strict=True)]
-    turn = exponential(scale(time, mean))
+    turn = exponential(scale(time, mean), HALF_TURN)
     carried = rotate(conjugate(turn), [m * w for m, w in zip(moments, own, strict=True)])
     after = [where(keeps, x / m, old) for x, m, old in zip(carried, moments, own, strict=True)]
     quaternion = unit(multiply(quaternion, turn))
@@ -51,6 +54,7 @@ def _mean_spin(spin: Vector, moments: Sequence[Value], time: Value) -> Vector:
     for steps in NEWTON_STEPS:
         x, y, z = mean
         inverse = invert([[i, -(a * z), -(a * y)], [-(b * z), j, -(b * x)], [-(c * y), -(c * x), k]])
+        inverse = [[stop(entry) for entry in row] for row in inverse]
         for _ in range(steps):
             x, y, z = mean
             angle = square * dot(mean, mean)
