@@ -13,6 +13,7 @@ from physid.scenes.push import SCENE
 
 SPEED = 0.8  # [m/s]
 NEAR = 0.1  # of the speed
+EVEN = SCENE.time_step * torch.arange(60, dtype=torch.float64)[None]
 
 
 @pytest.mark.parametrize("brake", [0.0, 1.2, 12.0, 30.0])
@@ -22,7 +23,7 @@ def test_the_speed_of_a_body_that_may_stop_soon_is_among_the_guesses(brake: floa
     pose = torch.zeros(1, 60, 1, 7, dtype=torch.float64)
     pose[0, :, 0, 0] = SPEED * until - brake * until**2 / 2
     pose[..., 2], pose[..., 6] = SCENE.bodies[0].size[2] / 2, 1.0
-    initial = guess_initial_states(pose, torch.ones(1, 60, 1), Segmentation.equal(1, 60, 60), SCENE)
+    initial = guess_initial_states(pose, torch.ones(1, 60, 1), EVEN, Segmentation.equal(1, 60, 60), SCENE)
     assert bool(initial.resting.all())
     speeds = initial.twist[:, 0, 0, 3]
     assert float((speeds - SPEED).abs().min()) < NEAR * SPEED
@@ -35,10 +36,20 @@ def test_a_falling_body_has_the_speed_of_its_fall_however_long_one_looks() -> No
     pose[0, :, 0, 2] = 2 - 9.81 * time**2 / 2
     pose[..., 6] = 1.0
     scene = dataclasses.replace(SCENE, gravity=(0.0, 0.0, -9.81))
-    initial = guess_initial_states(pose, torch.ones(1, 60, 1), Segmentation.equal(1, 60, 60), scene)
+    initial = guess_initial_states(pose, torch.ones(1, 60, 1), EVEN, Segmentation.equal(1, 60, 60), scene)
     assert not bool(initial.resting.any())
     assert torch.allclose(initial.twist, torch.zeros_like(initial.twist), atol=1e-6)
     assert len(initial.pose) > len(SPANS)
+
+
+def test_lost_frames_do_not_make_a_body_faster() -> None:
+    kept = torch.randperm(240, generator=torch.Generator().manual_seed(0))[:60].sort().values
+    time = (SCENE.time_step * kept.double())[None]
+    pose = torch.zeros(1, 60, 1, 7, dtype=torch.float64)
+    pose[0, :, 0, 0] = SPEED * time[0]
+    pose[..., 2], pose[..., 6] = SCENE.bodies[0].size[2] / 2, 1.0
+    initial = guess_initial_states(pose, torch.ones(1, 60, 1), time, Segmentation.equal(1, 60, 60), SCENE)
+    assert torch.allclose(initial.twist[:-1, 0, 0, 3], torch.full((len(SPANS),), SPEED, dtype=torch.float64), atol=1e-6)
 
 
 @pytest.mark.parametrize(("late", "wild"), [(0, False), (5, False), (5, True)])
@@ -53,5 +64,5 @@ def test_a_body_that_soon_falls_does_not_lie_there_although_a_late_camera_shows_
     if wild:
         lying[0, 20, 0, 2] -= 0.03
     for seen, rests in ((pose, False), (lying, True)):
-        initial = guess_initial_states(seen, torch.ones(1, 60, 1), Segmentation.equal(1, 60, 60), SCENE)
+        initial = guess_initial_states(seen, torch.ones(1, 60, 1), EVEN, Segmentation.equal(1, 60, 60), SCENE)
         assert bool(initial.resting.all()) is rests

@@ -74,6 +74,12 @@ def test_poses_at_uneven_times_are_those_of_a_steady_motion() -> None:
     assert angle_between(between[..., 3:], wanted[..., 3:]).max() < 1e-7
 
 
+def test_frames_that_fill_up_a_shorter_trajectory_make_nothing_of_nothing() -> None:
+    time = FRAMES.clamp_max(7.0)[None]
+    between = at_times(steady(FRAMES), time, time - 0.4)
+    assert bool(between.isfinite().all())
+
+
 def test_a_quaternion_and_its_negative_are_resampled_alike() -> None:
     pose = steady(FRAMES)
     flipped = pose.clone()

@@ -16,7 +16,7 @@ def at_times(pose: Tensor, time: Tensor, wanted: Tensor) -> Tensor:
 
     Args:
         pose: Poses of at least two frames, shape (B, T, N, 7).
-        time: Times of the frames [s], increasing, shape (1 or B, T).
+        time: Times of the frames [s], not decreasing, shape (1 or B, T).
         wanted: Times to sample [s], shape (1 or B, W).
 
     Returns:
@@ -27,7 +27,8 @@ def at_times(pose: Tensor, time: Tensor, wanted: Tensor) -> Tensor:
     upper = torch.searchsorted(time, wanted.detach().contiguous()).clamp_max(last)
     before = (upper - 1).clamp_min(0)
     step = time.gather(1, before + 1) - time.gather(1, before)
-    back = ((time.gather(1, upper) - wanted) / step)[..., None, None]
+    # Frames that only fill up a shorter trajectory have the time of its last one, and no velocity.
+    back = ((time.gather(1, upper) - wanted) / torch.where(step > 0, step, 1.0))[..., None, None]
     start, end, anchor = (_pick(pose, frames) for frames in (before, before + 1, upper))
     turn = logarithm(multiply(conjugate(start[..., 3:]), end[..., 3:]))
     quaternion = multiply(anchor[..., 3:], exponential(-back * turn))

@@ -36,7 +36,7 @@ class SolverSettings:
 
     smoothing: float = 1e-8
     tolerance: float = 1e-3
-    max_steps: int = 40
+    max_steps: int = 120
     compliance: tuple[float, ...] = (1e-6, 1e-3, 1e-2, 1e-1, 1.0)
     compiled: bool | None = None
 

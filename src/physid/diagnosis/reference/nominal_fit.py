@@ -235,7 +235,7 @@ def begin(
     noisy frames suggest may let bodies hit each other that have passed, and no step leads back from there.
     """
     model, segments = predictor.model, predictor.segments
-    initial = guess_initial_states(observations.pose, present, segments, model.scene)
+    initial = guess_initial_states(observations.pose, present, predictor.timeline.time, segments, model.scene)
     if before is not None:
         pose, twist = (value[:, segments.trajectory, segments.start] for value in (before.state, before.twist))
         initial = replace(initial, pose=torch.cat([initial.pose, pose]), twist=torch.cat([initial.twist, twist]))

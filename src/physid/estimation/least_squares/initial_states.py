@@ -37,7 +37,9 @@ class InitialStates:
     resting: Tensor
 
 
-def guess_initial_states(pose: Tensor, seen: Tensor, segments: Segmentation, scene: Scene) -> InitialStates:
+def guess_initial_states(
+    pose: Tensor, seen: Tensor, time: Tensor, segments: Segmentation, scene: Scene
+) -> InitialStates:
     """Guess initial states from the first frames of each segment.
 
     A body that lies on the ground is put exactly there, without tumbling: then only its motion in the ground's plane
@@ -47,6 +49,7 @@ def guess_initial_states(pose: Tensor, seen: Tensor, segments: Segmentation, sce
     Args:
         pose: Observed poses, shape (R, T, N, 7).
         seen: Weights of the frames, 0 for those to ignore, shape (R, T, N).
+        time: Times of the frames [s], shape (R, T).
         segments: How trajectories are cut.
         scene: Sizes, ground, time step.
     """
@@ -58,7 +61,8 @@ def guess_initial_states(pose: Tensor, seen: Tensor, segments: Segmentation, sce
     )
     for batch in segments.batches:
         cut, weight = batch.cut(pose[None])[0], batch.cut(seen[None], fill=0.0)[0]
-        guessed = _guess(cut, weight, scene)
+        clock = batch.cut(time[None])[0]
+        guessed = _guess(cut, weight, clock - clock[:, :1], scene)
         for name in ("pose", "twist"):
             getattr(initial, name)[:, batch.segments] = getattr(guessed, name)
         initial.resting[batch.segments] = guessed.resting
@@ -79,16 +83,15 @@ def _sinks(pose: Tensor, seen: Tensor, scene: Scene) -> Tensor:
     return smooth[:, : bottom.shape[1]] - lowest > SINKS * 2 * half
 
 
-def _guess(cut: Tensor, weight: Tensor, scene: Scene) -> InitialStates:
-    """Guess the initial states of segments from their poses (K, L, N, 7) and the weights of the frames (K, L, N)."""
+def _guess(cut: Tensor, weight: Tensor, time: Tensor, scene: Scene) -> InitialStates:
+    """Guess initial states from poses (K, L, N, 7), weights (K, L, N) and times (K, L) of the frames of segments."""
     length = cut.shape[1]
     anchor = cut[:, :1, :, 3:]
     turn = logarithm(multiply(cut[..., 3:], conjugate(anchor.expand_as(cut[..., 3:]))))
     motion = torch.cat([turn, cut[..., :3]], -1)
-    time = torch.arange(length, dtype=cut.dtype) * scene.time_step
     frames = [min(max(5, round(span / scene.time_step)), length) for span in SPANS]
     gravity = torch.tensor(scene.gravity, dtype=cut.dtype)
-    dropped = torch.cat([torch.zeros(3, dtype=cut.dtype), gravity / 2]) * time[:, None, None] ** 2
+    dropped = torch.cat([torch.zeros(3, dtype=cut.dtype), gravity / 2]) * time[..., None, None] ** 2
     still, resting = _lying(motion[:, : frames[0]], weight, time, anchor, scene)
     poses, twists = [], []
     for count in frames:
@@ -108,7 +111,7 @@ def _lying(
     normal = torch.tensor(scene.ground.normal, dtype=motion.dtype)
     value, slope, bend = _polynomial(motion, weight, time, 2)
     pose, lean, gap, height = lay_down(_compose(value, anchor), scene)
-    last = float(time[motion.shape[1] - 1])
+    last = time[:, motion.shape[1] - 1, None]
     fall = abs(float(torch.tensor(scene.gravity, dtype=motion.dtype) @ normal)) * last**2 / 2
     speed, spin = slope[..., 3:] @ normal, slope[..., :3] @ normal
     sunk = (speed * last + (bend[..., 3:] @ normal) * last**2).abs()
@@ -125,10 +128,10 @@ def _compose(value: Tensor, anchor: Tensor) -> Tensor:
 def _polynomial(value: Tensor, weight: Tensor, time: Tensor, degree: int) -> tuple[Tensor, Tensor, Tensor]:
     """Fit a + b t + c t^2 to (K, L, N, 6) with weights and times that go on; returns a, b, c, each (K, N, 6)."""
     count = value.shape[1]
-    last = time[count - 1]
-    basis = torch.stack([(time[:count] / last) ** k for k in range(degree + 1)], -1)
-    weight = weight[:, :count]
-    gram = torch.einsum("wtn,ti,tj->wnij", weight, basis, basis) + 1e-9 * torch.eye(degree + 1, dtype=value.dtype)
-    solved = torch.linalg.solve(gram, torch.einsum("wtn,ti,wtnk->wnik", weight, basis, value))
+    last = time[:, count - 1].clamp_min(1e-9)
+    basis = torch.stack([(time[:, :count] / last[:, None]) ** k for k in range(degree + 1)], -1)
+    weight, last = weight[:, :count], last[:, None, None]
+    gram = torch.einsum("wtn,wti,wtj->wnij", weight, basis, basis) + 1e-9 * torch.eye(degree + 1, dtype=value.dtype)
+    solved = torch.linalg.solve(gram, torch.einsum("wtn,wti,wtnk->wnik", weight, basis, value))
     bend = solved[..., 2, :] / last**2 if degree == 2 else torch.zeros_like(solved[..., 0, :])
     return solved[..., 0, :], solved[..., 1, :] / last, bend

@@ -57,7 +57,7 @@ def _shifted(pose: Tensor, off: Tensor) -> Tensor:
 def _guessed(experiment: Experiment, point: Variants, pose: Tensor, weight: Tensor) -> Variants:
     """Return the point itself, and with initial states guessed from poses (R, T, N, 7)."""
     predictor = experiment.predictor
-    initial = guess_initial_states(pose, weight, predictor.segments, predictor.model.scene)
+    initial = guess_initial_states(pose, weight, predictor.timeline.time, predictor.segments, predictor.model.scene)
     return point.repeat(1 + len(initial.pose)).replace(
         pose=torch.cat([point.pose, initial.pose]), twist=torch.cat([point.twist, initial.twist])
     )
