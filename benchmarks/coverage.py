@@ -2,10 +2,13 @@
 
     python benchmarks/coverage.py                  100 sets per case
     python benchmarks/coverage.py --sets 10 --cases push_friction
+    python benchmarks/coverage.py --simulator closed_form --rates 30,60,100,148,240 --jitter 0.2 --missing 0.1
 
-Each set has its own seed, forces, starts and noise (1 mm and 10 mrad on every pose, no velocities). First guesses are
-twice the truth, initial states are fitted. "covered" is the share of the intervals that hold the truth, with Wilson's
-95 % interval; "error / half width" is the median.
+Each set has its own seed, forces, starts and noise (1 mm and 10 mrad on every pose unless --noise says otherwise, no
+velocities). First guesses are twice the truth, initial states are fitted. "covered" is the share of the intervals that
+hold the truth, with Wilson's 95 % interval; "error / half width" is the median; "bias / s.e." the mean error by the
+standard error, with the standard error of that mean. With rates, trajectories last as long as at 240 Hz, and forces
+change at the rate of --force-rate, another one than that of the poses.
 """
 
 from __future__ import annotations
@@ -17,18 +20,20 @@ import tempfile
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
-from statistics import median
+from statistics import mean, median, stdev
+from typing import Any
 
 import lightning as L
+from scipy.stats import t as student
 from tqdm import tqdm
 
 from physid.data.datamodule import RecordingsDataModule
 from physid.data.generate import generate
 from physid.data.generation import GenerateConfig, Noise
+from physid.training.callbacks.converged import Converged
 from physid.training.learners.sysid import SysID
 
-NOISE = Noise(position=1e-3, rotation=1e-2)
-EPOCHS = 15
+EPOCHS = 30
 
 
 @dataclass(frozen=True)
@@ -40,7 +45,9 @@ class Case:
         protocol: How it is excited.
         learn: The parameters.
         trajectories: How many of a set.
-        steps: Frames of each.
+        steps: Frames of each, at 240 Hz.
+        closed: Whether there is a closed form.
+        true_values: True values that differ from the scene's.
     """
 
     scene: str
@@ -48,6 +55,8 @@ class Case:
     learn: tuple[str, ...]
     trajectories: int = 10
     steps: int = 100
+    closed: bool = False
+    true_values: tuple[tuple[str, float], ...] = ()
 
 
 CASES = {
@@ -55,21 +64,30 @@ CASES = {
     "push_both": Case("push", "paper", ("block.mass", "block.friction")),
     "push_rich_both": Case("push", "rich", ("block.mass", "block.friction")),
     "slide_rich_friction": Case("slide", "rich", ("block.friction",)),
+    "push_straight": Case("push", "straight", ("block.mass", "block.friction"), steps=300, closed=True),
+    "slide_straight": Case("slide", "straight", ("block.friction",), steps=300, closed=True),
+    "toss_straight": Case("toss", "straight", ("block.friction", "block.restitution"), steps=200, closed=True),
+    "collide_straight": Case("collide", "straight", ("block.mass", "block.friction"), steps=200, closed=True),
 }
 
 
-def identify(case: Case, seed: int) -> dict[str, tuple[float, float, float, float]]:
+def identify(case: Case, seed: int, made: dict[str, Any], noise: Noise) -> dict[str, tuple[float, float, float, float]]:
     """Generate a set and identify it; returns truth, estimate and interval of each parameter."""
-    common = {"trajectories": case.trajectories, "steps": case.steps, "split": {"train": 1}, "noise": NOISE}
-    config = GenerateConfig(case.scene, case.protocol, seed=seed, video=False, unknown=case.learn, **common)
+    rate = made.get("frame_rate")
+    steps = case.steps if rate is None else max(20, round(case.steps * rate / 240))
+    common = {"trajectories": case.trajectories, "steps": steps, "split": {"train": 1}, "noise": noise}
+    common |= {"true_values": dict(case.true_values), **made}
+    config = GenerateConfig(case.scene, protocol=case.protocol, seed=seed, video=False, unknown=case.learn, **common)
     true = config.true_parameters()
     with tempfile.TemporaryDirectory() as folder:
         generate(config, folder, quiet=True)
         quiet = {"logger": False, "enable_progress_bar": False, "enable_model_summary": False}
         trainer = L.Trainer(
-            max_epochs=EPOCHS, accelerator="cpu", default_root_dir=folder, enable_checkpointing=False, **quiet
-        )
+            max_epochs=EPOCHS, accelerator="cpu", default_root_dir=folder, enable_checkpointing=False,
+            callbacks=[Converged()], **quiet,
+        )  # fmt: skip
         module = SysID()
+        module.print = lambda *_, **__: None  # type: ignore[method-assign]
         trainer.fit(module, RecordingsDataModule(Path(folder), shuffle=False))
     found = {}
     for name, value in module.physical.estimates().items():
@@ -86,27 +104,48 @@ def wilson(impacts: int, count: int, quantile: float = 1.96) -> tuple[float, flo
     return middle - half, middle + half
 
 
+def row(runs: list[tuple[float, float, float, float]], trajectories: int) -> str:
+    """Return the figures of a parameter, from truth, estimate and interval in each set."""
+    hits = sum(low <= true <= high for true, _, low, high in runs)
+    low, high = wilson(hits, len(runs))
+    width = median((high - low) / true for true, _, low, high in runs)
+    ratio = median(abs(value - true) / ((high - low) / 2) for true, value, low, high in runs)
+    quantile = float(student.ppf(0.95, trajectories - 1))
+    errors = [math.log(value / true) / (math.log(high / low) / 2 / quantile) for true, value, low, high in runs]
+    bias, spread = mean(errors), stdev(errors) / math.sqrt(len(errors)) if len(errors) > 1 else math.nan
+    shown = f"{hits / len(runs):.1%} | {low:.1%} to {high:.1%} | {width:.2%} | {ratio:.2f}"
+    return f"{len(runs)} | {shown} | {bias:+.2f} +- {spread:.2f}"
+
+
 def main() -> None:
-    """Print one line per case and parameter."""
+    """Print one line per case, rate and parameter."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sets", type=int, default=100)
-    parser.add_argument("--cases", nargs="+", choices=CASES, default=list(CASES))
+    parser.add_argument("--cases", nargs="+", choices=CASES)
+    parser.add_argument("--simulator", default="pybullet")
+    parser.add_argument("--rates", default="", help="frames per second, with commas between them")
+    parser.add_argument("--force-rate", type=float, help="rows of forces per second; that of the poses by default")
+    parser.add_argument("--jitter", type=float, default=0.0)
+    parser.add_argument("--missing", type=float, default=0.0)
+    parser.add_argument("--noise", type=float, default=1.0, help="[mm], and ten times as many mrad")
     options = parser.parse_args()
     warnings.filterwarnings("ignore")
-    logging.getLogger("lightning.pytorch").setLevel(logging.ERROR)
-    logging.getLogger("physid").setLevel(logging.ERROR)
-    print("| case | parameter | sets | covered | Wilson | width | error / half width |")
-    print("|---|---|---:|---:|---|---:|---:|")
-    for name in options.cases:
-        runs = [identify(CASES[name], seed) for seed in tqdm(range(options.sets), desc=name)]
-        for parameter in CASES[name].learn:
-            rows = [run[parameter] for run in runs]
-            impacts = sum(low <= true <= high for true, _, low, high in rows)
-            low, high = wilson(impacts, len(rows))
-            width = median((high - low) / true for true, _, low, high in rows)
-            ratio = median(abs(value - true) / ((high - low) / 2) for true, value, low, high in rows)
-            shown = f"{impacts / len(rows):.1%} | {low:.1%} to {high:.1%} | {width:.2%} | {ratio:.2f}"
-            print(f"| {name} | {parameter} | {len(rows)} | {shown} |", flush=True)
+    for name in ("lightning.pytorch", "physid"):
+        logging.getLogger(name).setLevel(logging.ERROR)
+    closed = options.simulator == "closed_form"
+    chosen = options.cases or [name for name, case in CASES.items() if case.closed == closed]
+    noise = Noise(position=1e-3 * options.noise, rotation=1e-2 * options.noise)
+    print("| case | rate | parameter | sets | covered | Wilson | width | error / half width | bias / s.e. |")
+    print("|---|---:|---|---:|---:|---|---:|---:|---:|")
+    for name in chosen:
+        for rate in options.rates.split(",") if options.rates else [""]:
+            made: dict[str, Any] = {"simulator": options.simulator, "frame_rate": float(rate) if rate else None}
+            made |= {"jitter": options.jitter, "missing": options.missing, "force_rate": options.force_rate}
+            bar = tqdm(range(options.sets), desc=f"{name} {rate}")
+            runs = [identify(CASES[name], seed, made, noise) for seed in bar]
+            for parameter in CASES[name].learn:
+                shown = row([run[parameter] for run in runs], CASES[name].trajectories)
+                print(f"| {name} | {rate or 240} | {parameter} | {shown} |", flush=True)
 
 
 if __name__ == "__main__":

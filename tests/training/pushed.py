@@ -10,12 +10,14 @@ import torch
 from physid.physics.layer import PhysicsLayer
 from physid.physics.state import State
 from physid.scenes.catalogue import find_setup
-from physid.scenes.scene import Scene
+from physid.scenes.scene import SEMI_IMPLICIT_EULER, Integration, Scene
 from physid.training.learners.engine import Engine
 from physid.training.parameters.physical_parameters import PhysicalParameters
 
 TRUE_FRICTION = 0.12
-SCENE: Scene = dataclasses.replace(find_setup("push").scene, unknown=("block.friction",))
+SCENE: Scene = dataclasses.replace(
+    find_setup("push").scene, unknown=("block.friction",), integration=Integration(SEMI_IMPLICIT_EULER, 1 / 240)
+)
 
 
 def layer() -> PhysicsLayer:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from typing import Literal
 
@@ -11,12 +12,22 @@ from torch import Tensor
 from torch.utils.data import Dataset
 
 from physid.data.format import RecordingSet
+from physid.data.observations.stamps import remarks_on
+from physid.data.observations.step_grid import SHORTEST, mean_wrench
+from physid.data.observations.trajectories import from_recordings
 from physid.data.recording import Recording
+
+logger = logging.getLogger("physid")
 
 Item = dict[str, Tensor]
 Video = Literal["none", "all"] | Sequence[int]
-JITTER = 0.02  # share of the time step by which the steps of an even log may differ
-OVER_TIME = ("pose", "twist", "wrench", "frames", "shown")  # filled up along time where lengths differ
+JITTER = 0.02
+"""Share of the time step by which the steps of an even log may differ, for what learns from segments or films; where
+steps follow the stamps it is that of the shortest step."""
+OVER_TIME = ("pose", "twist", "wrench", "frames", "shown", "time", "seen", "steps", "step_wrench", "frame_step")
+"""Filled up along time where lengths differ."""
+OF_STEPS = ("steps", "step_wrench", "count", "time_step")
+"""Not one for each frame, and of whole trajectories only."""
 
 
 class Segments(Dataset[Item]):
@@ -28,6 +39,10 @@ class Segments(Dataset[Item]):
       zero, and its last row is not used
     * `length`: frames that are real, for in a batch shorter trajectories are filled up with their last frame
     * `index` and `start`: which trajectory of the set it is, and its first frame there
+    * of a whole trajectory that is no even log (stamps that jitter, frames or bodies missing, forces with a clock of
+      their own): `time` (n,) since its first frame [s], `seen` (n, N), `steps` (S,) of the engine [s] with the force in
+      each, `step_wrench` (S, N, 6), `frame_step` (n,), after how many steps each frame lies, and their `count`;
+      `wrench` is then the mean force from frame to frame
     * with video: `shown` (f,), which frames of the segment are decoded, in order, and `frames` (f, H, W, 3), uint8; of
       the whole trajectory the `first` frame and the `background` (H, W, 3), uint8, and the `mask` of the first frame
       (N, H, W), bool
@@ -47,7 +62,8 @@ class Segments(Dataset[Item]):
         unposed: Whether to serve trajectories without poses, too; these are not finite then.
 
     Raises:
-        ValueError: If a trajectory is shorter than a segment, or video is asked for beyond the segment.
+        ValueError: If a trajectory is shorter than a segment, or no even log where segments or video are asked for, or
+            video is asked for beyond the segment.
     """
 
     def __init__(
@@ -99,7 +115,7 @@ class Segments(Dataset[Item]):
         trajectory, start = self._places[index]
         numbers = self._numbers_of(trajectory)
         end = None if self._length is None else start + self._length
-        item = {name: value[start:end] for name, value in numbers.items()}
+        item = {name: value if name in OF_STEPS else value[start:end] for name, value in numbers.items()}
         frames = len(item["pose"])
         item |= {
             name: torch.tensor(value) for name, value in (("length", frames), ("index", trajectory), ("start", start))
@@ -113,7 +129,8 @@ class Segments(Dataset[Item]):
     def _numbers_of(self, trajectory: int) -> Item:
         """Return poses, twists and wrenches of a trajectory, read once."""
         if trajectory not in self._numbers:
-            self._numbers[trajectory] = _numbers_of(self._recordings, trajectory, self._unposed)
+            even = self._length is not None or self._video != "none"
+            self._numbers[trajectory] = _numbers_of(self._recordings, trajectory, self._unposed, even)
         return self._numbers[trajectory]
 
     def _choose(self, start: int, frames: int) -> list[int]:
@@ -142,11 +159,11 @@ class Segments(Dataset[Item]):
         }
 
 
-def _numbers_of(recordings: RecordingSet, trajectory: int, unposed: bool) -> Item:
-    """Read poses, wrenches and, where they are there, twists.
+def _numbers_of(recordings: RecordingSet, trajectory: int, unposed: bool, even: bool) -> Item:
+    """Read poses, wrenches and, where they are there, twists; stamps and steps of what is no even log.
 
     Raises:
-        ValueError: If they are no even log: a segment has one pose and one force for each time step.
+        ValueError: If they must be an even log and are none: a segment has one pose and one force for each time step.
     """
     posed = recordings.has_poses(trajectory)
     if not posed and not unposed:
@@ -154,13 +171,18 @@ def _numbers_of(recordings: RecordingSet, trajectory: int, unposed: bool) -> Ite
             f"{recordings.paths[trajectory]}: pose: expected poses, found a recording with video only; read them first "
             "(physid track)"
         )
-    recording = recordings.read(trajectory, video=not posed)
-    reason = _irregular(recording, recordings.scene.time_step)
-    if reason:
+    recording, time_step = recordings.read(trajectory, video=not posed), recordings.scene.time_step
+    reason = _irregular(recording, time_step, JITTER if even else SHORTEST)
+    if reason and even:
         raise ValueError(
             f"{recordings.paths[trajectory]}: expected one pose and one force of each body every time step, found "
-            f"{reason}; resample the recording for what learns from segments or films"
+            f"{reason}; resample the recording for what learns from segments or films (physid fit with SysID takes "
+            "whole trajectories as they are: leave data.segment and data.video out)"
         )
+    if reason and posed:
+        for remark in remarks_on(recording, time_step):
+            logger.info("%s: %s", recordings.paths[trajectory], remark)
+        return _timed(recording, time_step, trajectory)
     pose = recording.pose
     if pose is None:
         pose = np.full((recording.length, len(recordings.scene.bodies), 7), np.nan)
@@ -171,13 +193,23 @@ def _numbers_of(recordings: RecordingSet, trajectory: int, unposed: bool) -> Ite
     return {name: torch.from_numpy(value) for name, value in numbers.items()}
 
 
-def _irregular(recording: Recording, time_step: float) -> str:
+def _timed(recording: Recording, time_step: float, trajectory: int) -> Item:
+    """Lay the steps of a trajectory that is no even log."""
+    laid = from_recordings([recording], time_step, [trajectory])
+    grid = laid.grid
+    item = {"pose": laid.pose[0], "wrench": mean_wrench(grid)[0], "time": laid.time[0], "seen": laid.seen[0]}
+    item |= {"steps": grid.steps[0], "step_wrench": grid.wrench[0], "frame_step": grid.frame_step[0]}
+    item |= {"count": grid.count[0], "time_step": torch.tensor(time_step, dtype=torch.float64)}
+    return item if laid.twist is None else item | {"twist": laid.twist[0]}
+
+
+def _irregular(recording: Recording, time_step: float, jitter: float) -> str:
     """Return what sets a recording apart from an even log; nothing where it is one."""
     if recording.wrench_time is not None:
         return "forces with a clock of their own (wrench_time)"
     if recording.pose is not None and not recording.seen.all():
         return f"a body that was not seen in frame {int(np.argwhere(~recording.seen)[0, 0])}"
-    off = np.abs(np.diff(recording.stamps(time_step)) - time_step) > JITTER * time_step
+    off = np.abs(np.diff(recording.stamps(time_step)) - time_step) > jitter * time_step
     return f"another step after frame {int(off.argmax())}" if off.any() else ""
 
 
@@ -187,9 +219,30 @@ def collate(items: Sequence[Item]) -> Item:
     Raises:
         ValueError: If some items carry velocities or video and others do not.
     """
+    steps = [float(item["time_step"]) for item in items if "time_step" in item]
+    if steps:
+        items = [item if "time" in item else _evenly(item, steps[0]) for item in items]
     if any(item.keys() != items[0].keys() for item in items):
         raise ValueError("trajectories of one batch must carry the same arrays; split the set by what was recorded")
-    return {name: _stack([item[name] for item in items], name) for name in items[0]}
+    batch = {name: _stack([item[name] for item in items], name) for name in items[0] if name != "time_step"}
+    if steps:
+        # What is filled up was not seen.
+        batch["seen"] &= (torch.arange(batch["seen"].shape[1]) < batch["length"][:, None])[..., None]
+    return batch
+
+
+def _evenly(item: Item, time_step: float) -> Item:
+    """Give an even log the stamps and steps that others of its batch have."""
+    frames, count = len(item["pose"]), max(len(item["pose"]) - 1, 1)
+    return item | {
+        "time": time_step * torch.arange(frames, dtype=torch.float64),
+        "seen": torch.ones(item["pose"].shape[:2], dtype=torch.bool),
+        "steps": torch.full((count,), time_step, dtype=torch.float64),
+        "step_wrench": item["wrench"][:count],
+        "frame_step": torch.arange(frames),
+        "count": torch.tensor(count),
+        "time_step": torch.tensor(time_step, dtype=torch.float64),
+    }
 
 
 def _stack(values: Sequence[Tensor], name: str) -> Tensor:

@@ -113,6 +113,16 @@ class Steps:
     frame_step: NDArray[np.int64]
 
 
+def mean_wrench(grid: StepGrid) -> Tensor:
+    """Return the mean wrench from each frame to the next, shape (R, T, N, 6); zero after the last frame."""
+    impulse = grid.wrench * grid.steps[..., None, None]
+    total = torch.cat([torch.zeros_like(impulse[:, :1]), impulse.cumsum(1)], 1)
+    given = total.gather(1, grid.frame_step[..., None, None].expand(-1, -1, *total.shape[2:])).diff(dim=1)
+    length = grid.times.gather(1, grid.frame_step).diff(dim=1)
+    mean = given / torch.where(length > 0, length, 1.0)[..., None, None]
+    return torch.cat([mean, torch.zeros_like(mean[:, :1])], 1)
+
+
 def lay_steps(time: Array, wrench: Array, wrench_time: Array, time_step: float, shortest: float | None = None) -> Steps:
     """Lay steps from frame to frame that end, too, where the force changes: the union of both clocks.
 

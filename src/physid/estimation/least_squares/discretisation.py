@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
@@ -9,7 +10,6 @@ from torch import Tensor
 
 from physid.estimation.least_squares.experiment import Experiment, Fit
 from physid.estimation.measurement.poses import difference
-from physid.estimation.prediction.rollout import Prediction
 from physid.estimation.prediction.timeline import Timeline
 
 
@@ -45,6 +45,7 @@ class ChosenSteps:
         error: What halving all of them still changes of the poses, root of the mean square over frames, rotation [rad]
             and position [m].
         bias: The largest change of an unknown parameter that this makes, in standard errors [-].
+        parts: Into how many parts each of the longest steps is cut, shape (R, S).
     """
 
     timeline: Timeline
@@ -52,14 +53,33 @@ class ChosenSteps:
     largest: int
     error: tuple[float, float]
     bias: float
+    parts: Tensor
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What steps are judged by: predictions of R segments or trajectories of T frames, and what follows from them.
+
+    Attributes:
+        base: The frames with the longest steps that there may be.
+        predict: Returns poses (R, T, N, 7) and twists (R, T, N, 6) with other steps.
+        respond: Returns how a change of the poses (R, T, N, 6), rotation vectors and shifts, changes the estimates, in
+            standard errors (P,).
+        noise: Standard deviations of the sensor, rotation [rad] and position [m], shape (6,).
+        followed: Whether a frame is predicted from the one before, shape (R, T - 1).
+        counted: Poses that count, shape (R, T, N).
+    """
+
+    base: Timeline
+    predict: Callable[[Timeline], tuple[Tensor, Tensor]]
+    respond: Callable[[Tensor], Tensor]
+    noise: Tensor
+    followed: Tensor
+    counted: Tensor
 
 
 def choose_steps(experiment: Experiment, fit: Fit, base: Timeline, choice: StepChoice | None = None) -> ChosenSteps:
-    """Cut steps near events into parts until what cutting them once more changes is small beside the noise.
-
-    A rollout with steps and one with half of them are compared. Where positions or velocities part between two frames
-    by more than `defect`, there the steps are halved, and all is compared again: stops, reversals and impacts get short
-    steps, steady motion keeps one from frame to frame.
+    """Choose the steps of an experiment (see `halve_steps`).
 
     Args:
         experiment: What is explained; frames that it does not count do not decide.
@@ -67,29 +87,64 @@ def choose_steps(experiment: Experiment, fit: Fit, base: Timeline, choice: StepC
         base: The frames with the longest steps that there may be.
         choice: When steps are short enough.
     """
-    choice = choice or StepChoice()
-    parts = torch.ones_like(base.grid.count[:, None].expand(base.grid.steps.shape))
+    unknown = torch.arange(fit.point.nominal.shape[1])
+
+    def predict(timeline: Timeline) -> tuple[Tensor, Tensor]:
+        predicted = experiment.predictor.at_times(timeline).predict(fit.point)
+        return predicted.pose[0], predicted.twist[0]
+
+    def respond(apart: Tensor) -> Tensor:
+        normal = fit.linear.respond(apart[None], experiment.scale).of(experiment.fitted).select(unknown)
+        matrix, vector = normal.matrix.sum(0), normal.vector.sum(0)[:, 0]
+        floor = 1e-12 * matrix.diagonal().amax().clamp_min(1e-30)
+        inverse = torch.linalg.inv(matrix + floor * torch.eye(len(unknown), dtype=matrix.dtype))
+        shift: Tensor = (inverse @ vector) / inverse.diagonal().sqrt()
+        return shift
+
+    def none(_: Tensor) -> Tensor:
+        return torch.zeros(0, dtype=torch.float64)
+
+    followed = experiment.predictor.segments.position[:, 1:] > 0
+    counted = (experiment.scale > 0).any(-1)
+    judgement = Judgement(base, predict, respond if len(unknown) else none, _noise(experiment), followed, counted)
+    return halve_steps(judgement, choice)
+
+
+def halve_steps(judgement: Judgement, choice: StepChoice | None = None, first: Tensor | None = None) -> ChosenSteps:
+    """Cut steps near events into parts until what cutting them once more changes is small beside the noise.
+
+    A rollout with steps and one with half of them are compared. Where positions or velocities part between two frames
+    by more than `defect`, there the steps are halved, and all is compared again: stops, reversals and impacts get short
+    steps, steady motion keeps one from frame to frame.
+
+    Args:
+        judgement: What steps are judged by.
+        choice: When steps are short enough.
+        first: Into how many parts steps are cut at least, shape (R, S); 1 by default.
+    """
+    choice, grid = choice or StepChoice(), judgement.base.grid
+    parts = torch.ones_like(grid.count[:, None].expand(grid.steps.shape)) if first is None else first
     defect = choice.defect
     for _ in range(choice.rounds):
-        parts = _cut(experiment, fit, base, parts, defect, choice)
-        chosen = _judged(experiment, fit, base, parts)
+        parts = _cut(judgement, parts, defect, choice)
+        chosen = judge_steps(judgement, parts)
         if chosen.bias <= choice.bias:
             break
         defect = defect / 4
     return chosen
 
 
-def _cut(experiment: Experiment, fit: Fit, base: Timeline, parts: Tensor, defect: float, choice: StepChoice) -> Tensor:
+def _cut(judgement: Judgement, parts: Tensor, defect: float, choice: StepChoice) -> Tensor:
     """Return into how many parts (R, S) the steps are cut, so that halving them changes little."""
-    noise = _noise(experiment)
+    base = judgement.base
+    length = base.time.diff(dim=1)[..., None, None]
     while True:
-        coarse, fine = _halved(experiment, fit, base, parts)
-        apart = difference(coarse.pose[0], fine.pose[0]), coarse.twist[0] - fine.twist[0]
-        within = (experiment.predictor.segments.position[:, 1:] > 0)[..., None, None]
-        length = base.time.diff(dim=1)[..., None, None]
-        speed = apart[1].diff(dim=1) * choice.reach
-        place = apart[0].diff(dim=1) - apart[1][:, :-1] * length
-        wrong = torch.where(within, (place.abs() + speed.abs()) / noise, 0.0).amax((2, 3)) > defect
+        (pose, twist), (fine_pose, fine_twist) = _halved(judgement, parts)
+        place, speed = difference(pose, fine_pose), twist - fine_twist
+        gained = speed.diff(dim=1) * choice.reach
+        moved = place.diff(dim=1) - speed[:, :-1] * length
+        within = judgement.followed[..., None, None]
+        wrong = torch.where(within, (moved.abs() + gained.abs()) / judgement.noise, 0.0).amax((2, 3)) > defect
         wrong = torch.cat([wrong, torch.zeros_like(wrong[:, :1])], 1)
         again = wrong.gather(1, base.owner) & (parts < choice.most)
         if not bool(again.any()):
@@ -97,36 +152,28 @@ def _cut(experiment: Experiment, fit: Fit, base: Timeline, parts: Tensor, defect
         parts = torch.where(again, 2 * parts, parts)
 
 
-def _halved(experiment: Experiment, fit: Fit, base: Timeline, parts: Tensor) -> tuple[Prediction, Prediction]:
+def _halved(judgement: Judgement, parts: Tensor) -> tuple[tuple[Tensor, Tensor], tuple[Tensor, Tensor]]:
     """Predict with steps cut into parts, and into twice as many."""
-    predictor = experiment.predictor
-    coarse, fine = (predictor.at_times(base.refined(factor * parts)).predict(fit.point) for factor in (1, 2))
+    coarse, fine = (judgement.predict(judgement.base.refined(factor * parts)) for factor in (1, 2))
     return coarse, fine
 
 
-def _judged(experiment: Experiment, fit: Fit, base: Timeline, parts: Tensor) -> ChosenSteps:
-    """Say what halving all steps changes of poses and estimates."""
-    coarse, fine = _halved(experiment, fit, base, parts)
-    apart = difference(coarse.pose[0], fine.pose[0])
-    counted = (experiment.scale > 0).double()
+def judge_steps(judgement: Judgement, parts: Tensor) -> ChosenSteps:
+    """Say what halving all steps, cut into parts (R, S), changes of poses and estimates."""
+    coarse, fine = _halved(judgement, parts)
+    apart = difference(coarse[0], fine[0])
+    counted = judgement.counted[..., None].double()
     rotation, position = ((apart * counted).unflatten(-1, (2, 3)).square().sum((0, 1, 2, 4)) / 3).unbind()
-    count = counted[..., 0].sum().clamp_min(1)
-    unknown = torch.arange(fit.point.nominal.shape[1])
-    bias = 0.0
-    if len(unknown):
-        normal = fit.linear.respond(apart[None], experiment.scale).of(experiment.fitted).select(unknown)
-        matrix, vector = normal.matrix.sum(0), normal.vector.sum(0)[:, 0]
-        floor = 1e-12 * matrix.diagonal().amax().clamp_min(1e-30)
-        inverse = torch.linalg.inv(matrix + floor * torch.eye(len(unknown), dtype=matrix.dtype))
-        bias = float(((inverse @ vector).abs() / inverse.diagonal().sqrt()).max())
-    real = base.grid.real
-    per_frame = parts[real].double()
+    count = counted.sum().clamp_min(1)
+    shift = judgement.respond(apart)
+    per_frame = parts[judgement.base.grid.real].double()
     return ChosenSteps(
-        base.refined(parts),
+        judgement.base.refined(parts),
         float(per_frame.mean()),
         int(per_frame.max()),
         (float((rotation / count).sqrt()), float((position / count).sqrt())),
-        bias,
+        float(shift.abs().max()) if len(shift) else 0.0,
+        parts,
     )
 
 

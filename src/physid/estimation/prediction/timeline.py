@@ -8,7 +8,7 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
-from physid.data.observations.step_grid import StepGrid
+from physid.data.observations.step_grid import StepGrid, mean_wrench
 from physid.estimation.prediction.segments import Batch
 
 
@@ -58,13 +58,7 @@ class Timeline:
     @cached_property
     def wrench(self) -> Tensor:
         """The mean wrench from each frame to the next, shape (R, T, N, 6); zero after the last frame."""
-        impulse = self.grid.wrench * self.grid.steps[..., None, None]
-        total = torch.cat([torch.zeros_like(impulse[:, :1]), impulse.cumsum(1)], 1)
-        at = self.grid.frame_step
-        given = total.gather(1, at[..., None, None].expand(-1, -1, *total.shape[2:])).diff(dim=1)
-        length = self.grid.times.gather(1, at).diff(dim=1)
-        mean = given / torch.where(length > 0, length, 1.0)[..., None, None]
-        return torch.cat([mean, torch.zeros_like(mean[:, :1])], 1)
+        return mean_wrench(self.grid)
 
     def on_steps(self, wrench: Tensor) -> Tensor:
         """Turn wrenches held from frame to frame, (C, R, T, N, 6), into those of the steps, (C, R, S, N, 6)."""

@@ -15,6 +15,8 @@ from physid.training.parameters.physical_parameters import PhysicalParameters
 class Converged(L.Callback):
     """End training once an epoch has changed no physical parameter by more than a tolerance.
 
+    A module that chooses the steps of its engine (`settled`) may ask for more: they must have been chosen there.
+
     Args:
         tolerance: Largest relative change.
     """
@@ -32,5 +34,6 @@ class Converged(L.Callback):
     def on_train_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         """Compare, and stop."""
         now = PhysicalParameters.of(pl_module).logarithm.detach()
-        if self._before is not None and bool(torch.all((now - self._before).abs() <= self.tolerance)):
+        still = self._before is not None and bool(torch.all((now - self._before).abs() <= self.tolerance))
+        if still and (not hasattr(pl_module, "settled") or pl_module.settled()):  # type: ignore[operator]
             trainer.should_stop = True

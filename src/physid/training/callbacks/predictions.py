@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, final
 
 import lightning as L
+import numpy as np
 
 from physid.data.files import write_text
 from physid.data.format import FOLDER, write_scene, write_sums
@@ -74,6 +75,7 @@ class Predictions(L.Callback):
                 name: getattr(outputs, name)[row, : int(outputs.length[row])].cpu().numpy()
                 for name in ("pose", "twist", "wrench")
             }
+            arrays |= _clocks(outputs, row)
             split, protocol = recordings.labels(index)
             known = Recording(**arrays, split=split, protocol=protocol)
             write_trajectory(folder / FOLDER / recordings.paths[index].name, known)
@@ -82,3 +84,14 @@ class Predictions(L.Callback):
     def on_predict_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         """Write the checksums."""
         write_sums(Path(trainer.default_root_dir))
+
+
+def _clocks(predicted: Trajectories, row: int) -> dict[str, Any]:
+    """Return stamps and forces of a trajectory that is no even log: with clocks of their own, as they were recorded."""
+    if predicted.seen is None or predicted.grid is None or predicted.time is None:
+        return {}
+    grid, count = predicted.grid, int(predicted.grid.count[row])
+    wrench, begin = grid.wrench[row, :count].cpu().numpy(), grid.times[row, :count].cpu().numpy()
+    changed = np.append(True, (wrench[1:] != wrench[:-1]).any((1, 2)))
+    time = predicted.time[row, : int(predicted.length[row])].cpu().numpy()
+    return {"time": time, "wrench": wrench[changed], "wrench_time": begin[changed]}

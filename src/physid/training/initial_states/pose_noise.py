@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import torch
 from torch import Tensor
 
 from physid.physics.rotations import conjugate, logarithm, multiply
@@ -34,10 +35,29 @@ def pose_noise(trajectories: Trajectories) -> SensorNoise:
     real, pose = trajectories.real, trajectories.pose
     if pose.shape[1] < 4:
         return SensorNoise()
+    if trajectories.time is not None and trajectories.seen is not None:
+        return _uneven(pose, trajectories.time, real)
     inside = real[:, 3:]
     turn = logarithm(multiply(conjugate(pose[:, :-1, :, 3:]), pose[:, 1:, :, 3:]))
     position, rotation = _deviation(pose[..., :3].diff(n=3, dim=1)[inside]), _deviation(turn.diff(n=2, dim=1)[inside])
     return SensorNoise(max(position, LEAST.position), max(rotation, LEAST.rotation))
+
+
+def _uneven(pose: Tensor, time: Tensor, real: Tensor) -> SensorNoise:
+    """Do as `pose_noise` does at any times: with third divided differences, scaled so that white noise keeps its size.
+
+    Weights are w_i = 1 / prod_j (t_i - t_j) over the root of their sum of squares.
+    """
+    windows, since = pose.unfold(1, 4, 1).movedim(-1, 2), time.unfold(1, 4, 1)
+    apart = since[..., :, None] - since[..., None, :] + torch.eye(4).to(since)
+    inside = real.unfold(1, 4, 1).all(-1)
+    weight = 1 / torch.where(inside[..., None], apart.prod(-1), 1.0)
+    weight = weight / weight.norm(dim=-1, keepdim=True)
+    turn = logarithm(multiply(conjugate(windows[:, :, :1, :, 3:].expand_as(windows[..., 3:])), windows[..., 3:]))
+    place, turned = (
+        torch.einsum("btw,btwni->btni", weight, value)[inside] * GAIN for value in (windows[..., :3], turn)
+    )
+    return SensorNoise(max(_deviation(place), LEAST.position), max(_deviation(turned), LEAST.rotation))
 
 
 def weighed_by(noise: SensorNoise) -> PoseLoss:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import torch
 from torch import Tensor
 
 from physid.physics.layer import PhysicsLayer
 from physid.physics.rotations import exponential, multiply
-from physid.physics.state import State
 from physid.training.parameters.physical_parameters import PhysicalParameters
 from physid.training.parameters.pose_loss import pose_residual
 from physid.training.parameters.slopes import BEND, FAINT, norms
@@ -60,7 +61,7 @@ def _moved(
     pose, twist = many.start.pose, many.start.twist + moves[..., 6:]
     attitude = multiply(exponential(moves[..., 3:6]), pose[..., 3:])
     first = torch.cat([pose[..., :3] + moves[..., :3], attitude], -1)
-    rollout = layer.rollout(State(first, twist), many.wrench[:, :-1], parameters())
-    plus, minus = pose_residual(layer.observe(rollout.pose), many.pose).unflatten(0, (2, count, batch))
+    rollout = dataclasses.replace(many, origin=torch.cat([first, twist], -1)).rolled(layer, parameters())
+    plus, minus = pose_residual(rollout.pose, many.pose).unflatten(0, (2, count, batch))
     slope: Tensor = (plus - minus) / (2 * difference)
     return slope

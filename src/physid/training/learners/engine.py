@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from physid.effects import from_values
 from physid.physics.contact import ContactRule, Speculative
 from physid.physics.friction import Cone, FrictionLaw
+from physid.physics.integration import Integration, Midpoint, SemiImplicit
 from physid.physics.layer import PhysicsLayer
 from physid.physics.world import Plane, World
 from physid.scenes.scene import Scene
@@ -18,32 +19,52 @@ class Engine:
     """The choices that a scene leaves open.
 
     Attributes:
-        contact: When bodies touch; None for `Speculative`.
+        contact: When bodies touch; None for `Speculative`, or under `Midpoint` the rule of that.
         friction: Law of friction; None for `Cone`.
-        substeps: Steps of the engine per frame.
+        substeps: Steps of the engine per frame; None for those of the simulator that made the recordings, or, where
+            nobody says how these were integrated, for as many as it takes (see `chooses`).
+        integration: How velocities become poses; None for the scheme of the simulator that made the recordings, or,
+            where nobody says, for `Midpoint`.
         gyroscopic: Whether the term w x I w acts (the paper drops it).
         effects: Effects at work, by name, with the values of their parameters: viscous_drag: {coefficient: 0.3}.
     """
 
     contact: ContactRule | None = None
     friction: FrictionLaw | None = None
-    substeps: int = 1
+    substeps: int | None = None
+    integration: Integration | None = None
     gyroscopic: bool = True
     effects: Mapping[str, Mapping[str, float]] | None = None
+
+    def __post_init__(self) -> None:
+        if self.substeps is not None and self.substeps < 1:
+            raise ValueError(f"model.engine.substeps must be at least 1, or null to choose them, got {self.substeps}")
+
+    def chooses(self, scene: Scene) -> bool:
+        """Return whether steps follow from the recordings: nobody says how these were integrated, nor in what steps."""
+        return self.substeps is None and scene.integration is None
 
     def layer(self, scene: Scene) -> PhysicsLayer:
         """Build the physics of a scene.
 
         Raises:
-            ValueError: If an effect or a parameter of it does not exist.
+            ValueError: If an effect or a parameter of it does not exist, or scheme and contact contradict each other.
         """
+        made = scene.integration
+        substeps = self.substeps or (1 if made is None else max(1, round(scene.time_step / made.step)))
         world = World(
             time_step=scene.time_step,
-            substeps=self.substeps,
+            substeps=substeps,
             gravity=scene.gravity,
             ground=Plane(scene.ground.normal, scene.ground.offset),
             friction=self.friction or Cone(),
             contact=self.contact or Speculative(),
             gyroscopic=self.gyroscopic,
+            integration=self.integration or self._scheme(scene),
         )
         return PhysicsLayer(world, [from_values(name, values) for name, values in (self.effects or {}).items()])
+
+    def _scheme(self, scene: Scene) -> Integration:
+        """Return the scheme of the maker, else that of second order; other rules of contact know the first alone."""
+        own_rule = self.contact is not None and self.contact != Speculative()
+        return Midpoint() if scene.integration is None and not own_rule else SemiImplicit()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any, Literal, final
@@ -11,23 +12,20 @@ import lightning as L
 import torch
 from torch import Tensor
 
-from physid.physics.layer import PhysicsLayer
-from physid.scenes.scene import Scene
 from physid.training.callbacks.identifiability_warning import IdentifiabilityWarning
 from physid.training.callbacks.intervals import Intervals
 from physid.training.callbacks.parameter_history import ParameterHistory
 from physid.training.identifiability.identifiability import Identifiability, SensorNoise
-from physid.training.initial_states.fitted import Explaining, Starts, TrackedFit
-from physid.training.initial_states.pose_noise import pose_noise, weighed_by
+from physid.training.initial_states.fitted import TrackedFit
+from physid.training.initial_states.pose_noise import pose_noise
 from physid.training.initial_states.projection import project_out_initial_states
-from physid.training.initial_states.tracked import TrackedInitialStates
-from physid.training.learners.base import OptimizerFactory, TrainingModule
+from physid.training.learners.base import OptimizerFactory
 from physid.training.learners.engine import Engine
-from physid.training.learners.metrics import PoseErrors
+from physid.training.learners.prediction import PredictingModule
+from physid.training.learners.step_control import Shift
 from physid.training.parameters.gauss_newton import GaussNewton
 from physid.training.parameters.intervals import Pull, coarse_pull
 from physid.training.parameters.pattern_search import PatternSearch
-from physid.training.parameters.physical_parameters import PhysicalParameters
 from physid.training.parameters.pose_loss import PoseLoss, pose_residual
 from physid.training.parameters.sensitivity import residuals, sensitivity
 from physid.training.parameters.slopes import slopes
@@ -40,7 +38,7 @@ AFRESH = 3
 
 
 @final
-class SysID(TrainingModule):
+class SysID(PredictingModule):
     """Identify physical parameters by matching predicted to recorded trajectories.
 
     The loss is the paper's (see `PoseLoss`), with each trajectory predicted from its initial state. With `segment` it
@@ -64,16 +62,7 @@ class SysID(TrainingModule):
             is far off.
         engine: Rules of the physics; None for the layer's own.
         optimizer: Adam, LBFGS, GaussNewton or PatternSearch; None for GaussNewton.
-
-    Attributes:
-        physical: The physical parameters, once the scene is known.
-        scene: The scene as far as it is known, once it is known.
-        layer: The physics, once the scene is known.
     """
-
-    physical: PhysicalParameters
-    scene: Scene
-    layer: PhysicsLayer
 
     def __init__(
         self,
@@ -100,32 +89,9 @@ class SysID(TrainingModule):
         self._weighs = loss is None
         self._known: tuple[Batch, Trajectories] | None = None  # the last batch, asked for again and again
 
-    def setup(self, stage: str) -> None:
-        """Take the scene from the data module, the first time."""
-        if not hasattr(self, "layer"):
-            self.attach(self.trainer.datamodule.scene)  # type: ignore[attr-defined]
-
-    def attach(self, scene: Scene) -> SysID:
-        """Build physics, parameters and metrics for a scene; returns itself."""
-        self.scene, self.layer = scene, self.engine.layer(scene)
-        self.physical, self.starts = PhysicalParameters(scene, self.learn, self.values), TrackedInitialStates(scene)
-        self.errors = torch.nn.ModuleDict({name: PoseErrors(scene) for name in ("fitted", "segments", "whole")})
-        return self
-
     def configure_callbacks(self) -> list[L.Callback]:
         """Find intervals, keep and draw the history of the parameters, and warn of those that are not identifiable."""
         return [Intervals(), ParameterHistory(), IdentifiabilityWarning()]
-
-    def trajectories(self, batch: Batch, segment: int | None = None) -> Trajectories:
-        """Return a batch of the data module as trajectories, cut into segments."""
-        if self._known is None or self._known[0] is not batch:
-            seen = {name: batch[name] for name in batch if name != "twist" or self.twist == "recorded"}
-            self._known = (batch, Trajectories.of(seen, self.layer.world.time_step))
-        return self._known[1].segments(segment)
-
-    def fits_starts(self, batch: Batch) -> bool:
-        """Return whether initial states are fitted."""
-        return self.start == "fitted" or (self.start is None and ("twist" not in batch or self.layer.distorts))
 
     def losses(self, batch: Batch) -> dict[str, Tensor]:
         """Compute the losses of each training segment (see `PoseLoss`), its initial state following the parameters."""
@@ -204,13 +170,48 @@ class SysID(TrainingModule):
         if isinstance(self.optimizers(use_pl_optimizer=False), PatternSearch):
             here = self.physical.logarithm.detach()
             return coarse_pull(lambda points: self.losses_at(batch, points)[0], here).of_trajectories(index)
+        cut, slopes, residual = self._followed(batch)
+        pull = Pull.of(self.loss, residual, slopes, cut.real).of_trajectories(index)
+        if not self.steps.chooses:
+            return pull
+        judged = self.layer, self.physical, self._coarse_from(cut), pose_noise(cut)
+        shift, chosen = self.steps.remaining(*judged, Shift.of(self.loss, residual, slopes, cut, judged[3]))
+        for name, value in (("mean", chosen.mean), ("most", chosen.largest), ("bias", chosen.bias)):
+            self.log(f"steps/{name}", float(value))
+        return dataclasses.replace(pull, shift=shift)
+
+    def _followed(self, batch: Batch) -> tuple[Trajectories, Tensor, Tensor]:
+        """Return training segments from states fitted for the present parameters, their answer and residuals."""
         follow = None
         if self.fits_starts(batch):
             # Not the states themselves: a run that goes on must not depend on where it was looked at.
             explaining = self._explaining(self.trajectories(batch, self.segment))
             follow, _ = copy.copy(self.starts).improve(explaining, afresh=False)
         cut, slopes = self.answer(batch, follow)
-        return Pull.of(self.loss, residuals(self.layer, self.physical, cut), slopes, cut.real).of_trajectories(index)
+        return cut, slopes, residuals(self.layer, self.physical, cut)
+
+    def _coarse_from(self, cut: Trajectories) -> Trajectories:
+        """Return training segments with the longest steps, from the initial states of others."""
+        return dataclasses.replace(self._coarse(self._batch, self.segment), origin=cut.origin)
+
+    @torch.no_grad()
+    def _choose_steps(self) -> None:
+        """Choose the steps of the training segments; the loss is another one then, and the optimizer begins anew."""
+        shift, cut = None, self.trajectories(self._batch, self.segment)
+        kind: Any = self.optimizers(use_pl_optimizer=False)
+        noise = pose_noise(cut)
+        if isinstance(kind, PatternSearch):
+            shift = Shift.none(cut, len(self.physical.names))
+        else:
+            cut, slopes, residual = self._followed(self._batch)
+            shift = Shift.of(self.loss, residual, slopes, cut, noise)
+        self.steps.choose(self.layer, self.physical, self._coarse_from(cut), noise, shift)
+        kind.state.clear()
+        self.print(self.steps.report)
+
+    def settled(self) -> bool:
+        """Return whether the steps of the engine were chosen near the present parameters; if not, they will be."""
+        return self.steps.settled(self.physical.logarithm)
 
     def optimizer_step(self, epoch: int, batch_idx: int, optimizer: Any, optimizer_closure: Any = None) -> None:
         """Give GaussNewton the curvature, PatternSearch the losses of other points; others step as ever."""
@@ -223,8 +224,12 @@ class SysID(TrainingModule):
             optimizer.step(closure=optimizer_closure)
 
     def on_train_batch_start(self, batch: Batch, batch_idx: int) -> None:
-        """Keep the batch for the optimizer."""
+        """Keep the batch for the optimizer, and choose the steps of the engine where that is due."""
         self._batch = batch
+        if self.steps.due(self.current_epoch):
+            self._choose_steps()
+            if batch_idx + 1 == self.trainer.num_training_batches:
+                self.steps.reviewed()
 
     def on_train_batch_end(self, outputs: Any, batch: Batch, batch_idx: int) -> None:
         """Add the errors of the last evaluation."""
@@ -235,66 +240,13 @@ class SysID(TrainingModule):
         """Log them."""
         self._log_errors("train/", "fitted")
 
-    def predict_step(self, batch: Batch, batch_idx: int) -> Trajectories:
-        """Predict whole trajectories from their initial state, under the recorded or the planned wrenches."""
-        known = self._started(self.trajectories(batch), batch)
-        return known.predicted(self.layer, self.physical(), batch.get("future"))
-
-    def validation_step(self, batch: Batch, batch_idx: int) -> None:
-        """Add the errors of the predictions over segments and over whole trajectories."""
-        for name, segment in self._lengths().items():
-            cut = self.trajectories(batch, segment)
-            rollout = self._started(cut, batch).rolled(self.layer, self.physical())
-            self.errors[name].update(rollout.pose, cut.pose, cut.real)  # type: ignore[operator]
-
-    test_step = validation_step
-
-    def on_validation_epoch_end(self) -> None:
-        """Log the errors."""
-        self._log_tested("val")
-
-    def on_test_epoch_end(self) -> None:
-        """Log the errors."""
-        self._log_tested("test")
-
-    def _lengths(self) -> dict[str, int | None]:
-        """Return the segments to predict; whole trajectories once."""
-        return {"segments": self.test_segment} | ({} if self.test_segment is None else {"whole": None})
-
-    def _started(self, cut: Trajectories, batch: Batch) -> Trajectories:
-        """Return trajectories with initial states from their beginnings alone, where these are to be fitted."""
-        if not self.fits_starts(batch):
-            return cut
-        self._weigh(batch)
-        seen = cut.beginnings(self.seen)
-        return self._explaining(seen).fit(Starts.guess(seen, self.scene))[0].of(cut)
-
-    def _weigh(self, batch: Batch) -> None:
-        """Weigh rotations by the noise of the poses, if no loss is given and the warm-up is over."""
-        if self._weighs and self._epochs_after >= 0:
-            self.loss = weighed_by(pose_noise(self.trajectories(batch)))
-
-    @property
-    def _epochs_after(self) -> int:
-        """How many epochs of training came after the warm-up; negative before its end, 1 outside of training."""
-        return self.current_epoch - self.warm_up if self._trainer is not None and self._trainer.training else 1
-
-    def _explaining(self, cut: Trajectories, logarithm: Tensor | None = None) -> Explaining:
-        return Explaining(self.layer, self.physical, self.loss, cut, logarithm)
-
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Keep the initial states too: a resumed run begins from them."""
         super().on_save_checkpoint(checkpoint)
         checkpoint["starts"] = self.starts.state_dict(self.physical.logarithm)
+        checkpoint["steps"] = self.steps.state_dict()
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Take the initial states of the run that is resumed."""
         self.starts.load_state_dict(checkpoint.get("starts", {}))
-
-    def _log_tested(self, stage: str) -> None:
-        for name in self._lengths():
-            self._log_errors(f"{stage}/" if name == "segments" else f"{stage}/whole_", name)
-
-    def _log_errors(self, prefix: str, name: str) -> None:
-        values = self.errors[name].take()  # type: ignore[operator]
-        self.log_dict({f"{prefix}{key}": value.float() for key, value in values.items()})
+        self.steps.load_state_dict(checkpoint.get("steps", {}))

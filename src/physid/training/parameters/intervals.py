@@ -29,10 +29,12 @@ class Pull:
     Attributes:
         gradient: Derivative of each loss, shape (B, P).
         curvature: Second derivative of each, in Gauss and Newton's approximation, shape (B, P, P).
+        shift: What the steps of the engine may still change of the parameters, shape (P,); None for nothing.
     """
 
     gradient: Tensor
     curvature: Tensor
+    shift: Tensor | None = None
 
     @classmethod
     def of(cls, loss: PoseLoss, residual: Tensor, slopes: Tensor, real: Tensor) -> Pull:
@@ -49,7 +51,7 @@ class Pull:
         def summed(value: Tensor) -> Tensor:
             return value.new_zeros(count, *value.shape[1:]).index_add(0, which, value)
 
-        return Pull(summed(self.gradient), summed(self.curvature))
+        return Pull(summed(self.gradient), summed(self.curvature), self.shift)
 
     def covariance(self) -> Tensor:
         """Compute the covariance of the parameters, shape (P, P).
@@ -57,7 +59,8 @@ class Pull:
         H^-1 (sum_b u_b u_b^T) H^-1, with H the sum of the curvatures and u_b = (1 - H_b H^-1)^-1 g_b: the residuals of
         whole trajectories stand for all that disturbs them, noise, however coloured, and misfit, as long as it is
         independent between trajectories (Huber 1967, White 1982, Liang & Zeger 1986); the factor makes up for their
-        having been fitted (CR3: Bell & McCaffrey 2002). What all trajectories share, say a wrong length, does not show.
+        having been fitted (CR3: Bell & McCaffrey 2002). What all trajectories share, say a wrong length, does not show,
+        but for the steps of the engine: the square of what these may change is added.
         """
         total = self.curvature.sum(0)
         diagonal = total.diagonal()
@@ -67,6 +70,8 @@ class Pull:
         left = torch.eye(len(total)).to(total) - self.curvature @ inverse
         pulled = torch.linalg.lstsq(left, self.gradient[..., None]).solution[..., 0]
         spread: Tensor = inverse @ (pulled.T @ pulled) @ inverse
+        if self.shift is not None:
+            spread = spread + torch.outer(self.shift, self.shift)
         return known(spread, total, len(self.gradient))
 
 

@@ -25,8 +25,8 @@ def pose_residual(predicted: Tensor, recorded: Tensor) -> Tensor:
 
 
 def mean_over_time(value: Tensor, real: Tensor) -> Tensor:
-    """Average values (B, T, ...) over the frames that are real (B, T); shape (B, ...)."""
-    weight = (real / real.sum(1, keepdim=True)).to(value)
+    """Average values (B, T, ...) over the frames that are real (B, T); shape (B, ...), zero where there are none."""
+    weight = (real / real.sum(1, keepdim=True).clamp_min(1)).to(value)
     return torch.einsum("bt...,bt->b...", value, weight)
 
 
@@ -90,7 +90,7 @@ class PoseLoss:
         Returns:
             Shape (B, T, N, 6).
         """
-        weight = (real / real.sum(1, keepdim=True)).to(residual)
+        weight = (real / real.sum(1, keepdim=True).clamp_min(1)).to(residual)
         if self.robust is not None:
             position, rotation = self._squares(residual)
             weight = weight / (1 + (position + rotation) / self.robust**2)

@@ -10,10 +10,14 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from physid.data.observations.step_grid import StepGrid
+from physid.estimation.prediction.timeline import Timeline
 from physid.physics.layer import PhysicsLayer, Rollout, SolverError
 from physid.physics.parameters import Parameters
 from physid.physics.state import State, check_shape
 from physid.training.initial_states.twist import twist_from_poses
+
+OVER_TIME = ("pose", "twist", "wrench", "time", "seen")
 
 
 @dataclass(frozen=True)
@@ -27,9 +31,13 @@ class Trajectories:
         length: Frames that are real, shape (B,).
         index: Which trajectory of the recording set it is, shape (B,).
         origin: State that it is predicted from, pose and twist, shape (B, N, 13); None for that of the first frame.
+        time: Time of each frame since the first of the recording [s], shape (B, T); None for one step per frame.
+        seen: Frames in which all bodies were seen, shape (B, T); None for all that are real.
+        grid: Steps of the engine, and the forces that act in them, instead of `wrench`, which is then their mean from
+            frame to frame; None for one step per frame.
 
     Raises:
-        ValueError: If a shape is off.
+        ValueError: If a shape is off, or there are steps without times.
     """
 
     pose: Tensor
@@ -38,6 +46,9 @@ class Trajectories:
     length: Tensor
     index: Tensor
     origin: Tensor | None = None
+    time: Tensor | None = None
+    seen: Tensor | None = None
+    grid: StepGrid | None = None
 
     def __post_init__(self) -> None:
         check_shape("pose", self.pose, (None, None, None, 7))
@@ -46,18 +57,34 @@ class Trajectories:
         check_shape("wrench", self.wrench, (batch, frames, bodies, 6))
         check_shape("length", self.length, (batch,))
         check_shape("index", self.index, (batch,))
+        for name, value in (("time", self.time), ("seen", self.seen)):
+            if value is not None:
+                check_shape(name, value, (batch, frames))
+        if self.grid is not None:
+            check_shape("grid.wrench", self.grid.wrench, (batch, None, bodies, 6))
+            check_shape("grid.frame_step", self.grid.frame_step, (batch, frames))
+            if self.time is None:
+                raise ValueError("time: expected the times of the frames beside the steps between them, got none")
 
     @classmethod
-    def of(cls, batch: Mapping[str, Any], time_step: float) -> Trajectories:
+    def of(cls, batch: Mapping[str, Any], time_step: float, arrival: float | None = None) -> Trajectories:
         """Build trajectories from a batch of the data module; twists may be estimated.
 
         Args:
             batch: What `physid.data.dataset.Segments` serves; without `twist` it is estimated.
             time_step: Time between frames [s].
+            arrival: Step over which a velocity is the mean one [s] (see `twist_from_poses`); None for `time_step`.
         """
         pose, length = batch["pose"].double(), batch["length"]
-        twist = batch["twist"].double() if "twist" in batch else twist_from_poses(pose, length, time_step)
-        return cls(pose, twist, batch["wrench"].double(), length, batch["index"])
+        time, seen, grid = None, None, None
+        if "time" in batch:
+            time, seen = batch["time"].double(), batch["seen"].all(-1)
+            grid = StepGrid(batch["steps"], batch["step_wrench"], batch["frame_step"], batch["count"])
+        if "twist" in batch:
+            twist = batch["twist"].double()
+        else:
+            twist = twist_from_poses(pose, length, time_step, time=time, seen=seen, arrival=arrival)
+        return cls(pose, twist, batch["wrench"].double(), length, batch["index"], None, time, seen, grid)
 
     def __len__(self) -> int:
         return len(self.pose)
@@ -71,8 +98,24 @@ class Trajectories:
 
     @property
     def real(self) -> Tensor:
-        """Which frames are real, shape (B, T)."""
-        return torch.arange(self.pose.shape[1], device=self.pose.device) < self.length[:, None]
+        """Which frames count: real ones in which all bodies were seen, shape (B, T)."""
+        real = torch.arange(self.pose.shape[1], device=self.pose.device) < self.length[:, None]
+        return real if self.seen is None else real & self.seen
+
+    def stepped(self, time_step: float) -> Trajectories:
+        """Return the same with steps of their own: where there are none, one from frame to frame."""
+        if self.grid is not None:
+            return self
+        line = Timeline.regular(self.wrench, time_step)
+        count = (self.length - 1).clamp_min(1).to(line.grid.count)
+        frame_step = torch.minimum(line.grid.frame_step.to(count), (self.length - 1)[:, None])
+        steps = line.grid.steps.to(self.pose)
+        grid = StepGrid(steps, line.grid.wrench, frame_step, count)
+        return dataclasses.replace(self, time=line.time.to(self.pose).expand(len(self), -1), grid=grid)
+
+    def refined(self, factors: int | Tensor) -> Trajectories:
+        """Return the same with steps cut into equal parts (see `StepGrid.refine`); nothing where there are none."""
+        return self if self.grid is None else dataclasses.replace(self, grid=self.grid.refine(factors))
 
     def rolled(self, layer: PhysicsLayer, parameters: Parameters, wrench: Tensor | None = None) -> Rollout:
         """Predict them from their initial states.
@@ -94,8 +137,10 @@ class Trajectories:
                 "expected initial states that are fitted where a perception effect is at work, got recorded ones; "
                 "leave model.start out, or set it to fitted"
             )
-        wrench = self.wrench if wrench is None else wrench
         try:
+            if self.grid is not None and wrench is None:
+                return self._stepped_through(layer, parameters, self.grid)
+            wrench = self.wrench if wrench is None else wrench
             rollout = layer.rollout(self.start, wrench[:, :-1], parameters)
             return dataclasses.replace(rollout, pose=layer.observe(rollout.pose))
         except SolverError as error:
@@ -103,11 +148,45 @@ class Trajectories:
             shown = ", ".join(map(str, which[:5])) + (", ..." if len(which) > 5 else "")
             raise SolverError(f"trajectory {shown}: {error}", error.samples) from None
 
+    def _stepped_through(self, layer: PhysicsLayer, parameters: Parameters, grid: StepGrid) -> Rollout:
+        """Predict over the steps of the grid, and pick what the frames show."""
+        assert self.time is not None
+        rollout = layer.rollout(
+            self.start, grid.wrench, parameters, lengths=grid.count, steps=grid.steps, start=self.time[:, 0]
+        )
+
+        def at_frames(states: Tensor) -> Tensor:
+            index = grid.frame_step.reshape(*grid.frame_step.shape, *[1] * (states.ndim - 2))
+            return states.gather(1, index.expand(-1, -1, *states.shape[2:]))
+
+        impulse = torch.nn.functional.pad(rollout.impulse.cumsum(1), (0, 0, 0, 0, 1, 0))
+        return dataclasses.replace(
+            rollout,
+            pose=layer.observe(at_frames(rollout.pose), self.time),
+            twist=at_frames(rollout.twist),
+            impulse=at_frames(impulse).diff(dim=1),
+        )
+
+    def planned(self, wrench: Tensor, time_step: float) -> Trajectories:
+        """Return what is to come of other forces: frames one time step apart, from the same initial states.
+
+        Args:
+            wrench: Held from each frame to the next, shape (B, T', N, 6).
+            time_step: Time between frames [s].
+
+        Returns:
+            Trajectories of T' frames, whose poses and twists are those of the initial states.
+        """
+        frames, start = wrench.shape[1], self.start
+        pose, twist = (value[:, None].expand(-1, frames, -1, -1) for value in (start.pose, start.twist))
+        whole = torch.full_like(self.length, frames)
+        return Trajectories(pose, twist, wrench, whole, self.index, self.origin).stepped(time_step)
+
     def predicted(self, layer: PhysicsLayer, parameters: Parameters, wrench: Tensor | None = None) -> Trajectories:
         """Return what is predicted from their initial states, under their own or other wrenches (see `rolled`)."""
         rollout = self.rolled(layer, parameters, wrench)
         if wrench is None:
-            return Trajectories(rollout.pose, rollout.twist, self.wrench, self.length, self.index)
+            return dataclasses.replace(self, pose=rollout.pose, twist=rollout.twist, origin=None)
         length = torch.full_like(self.length, wrench.shape[1])
         return Trajectories(rollout.pose, rollout.twist, wrench, length, self.index)
 
@@ -143,18 +222,42 @@ class Trajectories:
         at = (starts[:, None] + torch.arange(steps + 1, device=self.pose.device)).clamp_max(frames - 1)
         length = (self.length[:, None] - starts).clamp(max=steps + 1).flatten()
         keep = length > 1
-        return Trajectories(
-            **{name: getattr(self, name)[:, at].flatten(0, 1)[keep] for name in ("pose", "twist", "wrench")},
-            length=length[keep],
-            index=self.index.repeat_interleave(len(starts))[keep],
-        )
+        cut = {name: getattr(self, name)[:, at].flatten(0, 1) for name in OVER_TIME if getattr(self, name) is not None}
+        if self.seen is not None:
+            # Nothing is known of a segment whose poses are those of one frame.
+            keep = keep & (cut["seen"].sum(1) > 1)
+        cut = {name: value[keep] for name, value in cut.items()}
+        index = self.index.repeat_interleave(len(starts))[keep]
+        grid = self.grid
+        if grid is not None:
+            row = torch.arange(len(self), device=at.device).repeat_interleave(len(starts))[keep]
+            grid = _cut(grid, row, at.repeat(len(self), 1)[keep])
+        return Trajectories(**cut, length=length[keep], index=index, grid=grid)
 
     def beginnings(self, frames: int) -> Trajectories:
         """Return the first frames of every trajectory, at most half of the longest."""
         frames = max(2, min(frames, self.pose.shape[1] // 2))
-        cut = {name: getattr(self, name)[:, :frames] for name in ("pose", "twist", "wrench")}
-        return dataclasses.replace(self, **cut, length=self.length.clamp_max(frames))
+        cut = {name: getattr(self, name)[:, :frames] for name in OVER_TIME if getattr(self, name) is not None}
+        grid = self.grid
+        if grid is not None:
+            every = torch.arange(len(self), device=grid.count.device)
+            grid = _cut(grid, every, torch.arange(frames, device=grid.count.device).expand(len(self), -1))
+        return dataclasses.replace(self, **cut, length=self.length.clamp_max(frames), grid=grid)
 
     def _map(self, change: Any) -> Trajectories:
         values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        return Trajectories(**{name: change(value) for name, value in values.items() if value is not None})
+        if self.grid is not None:
+            values["grid"] = StepGrid(**{name: change(value) for name, value in vars(self.grid).items()})
+        return Trajectories(
+            **{name: change(value) if isinstance(value, Tensor) else value for name, value in values.items()}
+        )
+
+
+def _cut(grid: StepGrid, row: Tensor, frame: Tensor) -> StepGrid:
+    """Return the steps between consecutive frames (k, L) of trajectories (k,)."""
+    states = grid.frame_step[row[:, None], frame]
+    first = states[:, :1]
+    count = (states[:, -1:] - first).clamp_min(1)
+    index = (first + torch.arange(int(count.max()), device=first.device)).clamp_max(grid.steps.shape[1] - 1)
+    steps, wrench = grid.steps[row[:, None], index], grid.wrench[row[:, None], index]
+    return StepGrid(steps, wrench, states - first, count[:, 0])

@@ -11,31 +11,45 @@ from physid.scenes.scene import Scene
 from physid.scenes.setup import Excitation
 from physid.training.parameters.trajectories import Trajectories
 
+FINE = 1 / 960  # [s]
+
 
 def held(trajectories: Trajectories) -> Tensor:
     """Predict that nothing moves: the initial pose at all times, (B, T, N, 7)."""
     return trajectories.pose[:, :1].expand_as(trajectories.pose)
 
 
-def ballistic(trajectories: Trajectories, scene: Scene) -> Tensor:
+def fine_substeps(scene: Scene) -> int:
+    """Return as many steps per frame as PyBullet takes where nothing is to be shared with the maker's steps."""
+    return max(1, round(scene.time_step / FINE))
+
+
+def ballistic(trajectories: Trajectories, scene: Scene, step: float | None = None) -> Tensor:
     """Predict free flight with constant spin, frozen at touch-down.
 
     Args:
         trajectories: Gives the initial states and the frames to predict.
         scene: Gives gravity, the ground, the time step and the sizes.
+        step: Over which recorded velocities are mean ones [s]; 0 for those of the instant, None for the time
+            step.
 
     Returns:
         Poses, shape (B, T, N, 7); a body stays where its lowest corner first reaches the ground.
     """
     pose, twist = trajectories.pose[:, :1], trajectories.twist[:, :1]
-    time = scene.time_step * torch.arange(trajectories.pose.shape[1]).to(pose)[:, None, None]
-    fall = 0.5 * time * (time + scene.time_step) * pose.new_tensor(scene.gravity)
+    if trajectories.time is None:
+        time = scene.time_step * torch.arange(trajectories.pose.shape[1]).to(pose)[None, :, None, None]
+    else:
+        time = (trajectories.time - trajectories.time[:, :1])[..., None, None]
+    step = scene.time_step if step is None else step
+    fall = 0.5 * time * (time + step) * pose.new_tensor(scene.gravity)
     position = pose[..., :3] + time * twist[..., 3:] + fall
-    turned = multiply(exponential(time * twist[..., :3]), pose[..., 3:].expand(-1, len(time), -1, -1))
+    frames = time.shape[1]
+    turned = multiply(exponential(time * twist[..., :3]), pose[..., 3:].expand(-1, frames, -1, -1))
     flight = torch.cat([position, turned], -1)
     down = _lowest(flight, scene) <= scene.ground.offset
-    last = torch.where(down.any(1), down.int().argmax(1), len(time) - 1)
-    frame = torch.arange(len(time), device=pose.device)[None, :, None].minimum(last[:, None])
+    last = torch.where(down.any(1), down.int().argmax(1), frames - 1)
+    frame = torch.arange(frames, device=pose.device)[None, :, None].minimum(last[:, None])
     return flight.gather(1, frame[..., None].expand_as(flight))
 
 

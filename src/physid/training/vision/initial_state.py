@@ -73,11 +73,11 @@ class Start:
         if self.at_rest:
             return State(first, twist)
         known, world = wrench[:, : 2 * self.spacing], layer.world
-        force = torch.zeros_like(known)
+        force, substeps = torch.zeros_like(known), None if world.midpoint else world.substeps
         for _ in range(PASSES):
-            twist = velocity_from_poses(needed, force, parameters, world.time_step, substeps=world.substeps).twist
+            twist = velocity_from_poses(needed, force, parameters, world.time_step, substeps=substeps).twist
             force = _effective(State(first, twist.detach()), known, layer, parameters)
-        twist = velocity_from_poses(needed, force, parameters, world.time_step, substeps=world.substeps).twist
+        twist = velocity_from_poses(needed, force, parameters, world.time_step, substeps=substeps).twist
         return State(first, twist)
 
 

@@ -1,0 +1,281 @@
+"""Steps of the engine where nobody says how recordings were integrated: chosen by halving them, kept and reported."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any, final
+
+import torch
+from torch import Tensor
+
+from physid.estimation.least_squares.discretisation import (
+    ChosenSteps,
+    Judgement,
+    StepChoice,
+    halve_steps,
+    judge_steps,
+)
+from physid.estimation.prediction.timeline import Timeline
+from physid.physics.layer import PhysicsLayer
+from physid.physics.rotations import conjugate, rotate
+from physid.training.identifiability.identifiability import SensorNoise
+from physid.training.parameters.intervals import Pull
+from physid.training.parameters.physical_parameters import PhysicalParameters
+from physid.training.parameters.pose_loss import PoseLoss
+from physid.training.parameters.trajectories import Trajectories
+
+CHOICE = StepChoice(bias=0.1)
+FIRST = 1 / 480
+"""Longest steps before they are chosen [s]. Until parameters and initial states are near, bodies stop and turn at other
+times than those recorded; steps that are short only where the model has events would hold it there."""
+REVIEWS = (6, 10)
+"""Epochs before which steps are chosen: when the loss is the final one, and parameters have come near."""
+NEAR = 0.25
+"""Standard errors by which parameters may differ from those at which steps were chosen last."""
+MOST_REVIEWS = 8
+"""After so many choices a fit may end as it is; what its steps leave is in the intervals."""
+NANO = 1e-9
+Key = tuple[int, int, int]
+
+
+@final
+@dataclass(frozen=True)
+class Shift:
+    """How the estimates follow a change of the predicted poses: d = -H^-1 J^T W r, and how well they are known.
+
+    Attributes:
+        response: H^-1 J^T W, shape (P, B, T, N, 6), by positions and rotations (see `pose_residual`).
+        recorded: Recorded poses, shape (B, T, N, 7).
+        deviation: Standard errors of ln(parameter), shape (P,).
+    """
+
+    response: Tensor
+    recorded: Tensor
+    deviation: Tensor
+
+    @classmethod
+    def of(cls, loss: PoseLoss, residual: Tensor, slopes: Tensor, cut: Trajectories, noise: SensorNoise) -> Shift:
+        """Compute it from residuals (B, T, N, 6), their derivatives J (P, B, T, N, 6) and the noise of the poses.
+
+        Standard errors are those of the trajectories' pulls, at least those of white noise: few trajectories may agree
+        by chance.
+        """
+        pull = Pull.of(loss, residual, slopes, cut.real)
+        weighted = slopes * loss.weights(residual, cut.real)
+        inverse = _inverse(pull.curvature.sum(0) / 2)
+        response = torch.einsum("pq,qbtni->pbtni", inverse, weighted)
+        scale = noise.weights.to(slopes)
+        white = response / scale
+        least = white.square().sum((1, 2, 3, 4)).sqrt()
+        spread = pull.of_trajectories(cut.index).covariance().diagonal().clamp_min(0).sqrt().nan_to_num(0.0)
+        return cls(response, cut.pose, torch.maximum(spread, least))
+
+    @classmethod
+    def none(cls, cut: Trajectories, count: int) -> Shift:
+        """Say nothing of P estimates: where derivatives mean nothing, only the poses judge the steps."""
+        zero = cut.pose.new_zeros(count)
+        return cls(zero[:, None, None, None, None].expand(-1, *cut.pose.shape[:3], 6), cut.pose, zero + torch.inf)
+
+    def __call__(self, apart: Tensor) -> Tensor:
+        """Return the change of ln(parameter) (P,) by a change of poses (B, T, N, 6), world rotation and position."""
+        turn, place = apart.split(3, -1)
+        own = rotate(conjugate(self.recorded[..., 3:]), turn)
+        return -torch.einsum("pbtni,btni->p", self.response, torch.cat([place, own], -1))
+
+
+@final
+class StepControl:
+    """The steps in which the trajectories of a fit are predicted.
+
+    Args:
+        chooses: Whether steps follow from the recordings.
+        time_step: Nominal time between frames [s].
+
+    Attributes:
+        version: Grows whenever steps change.
+        report: What was chosen last, a sentence for the user.
+    """
+
+    def __init__(self, chooses: bool, time_step: float) -> None:
+        self.chooses, self.version, self.report = chooses, 0, ""
+        self._time_step = time_step
+        self._parts: dict[Key, Tensor] = {}
+        self._reviews, self._asked = 0, False
+        self._at = self._deviation = torch.empty(0, dtype=torch.float64)
+
+    def lay(self, whole: Trajectories) -> Trajectories:
+        """Return whole trajectories with the longest steps that there may be: those of the maker where they are known.
+
+        A maker's steps go on while frames are missing.
+        """
+        if self.chooses:
+            return whole.stepped(self._time_step)
+        if whole.grid is None:
+            return whole
+        return whole.refined((whole.grid.steps / self._time_step).round().long().clamp_min(1))
+
+    def apply(self, cut: Trajectories) -> Trajectories:
+        """Return trajectories or segments with the steps chosen for them; where none were, with short ones."""
+        if not self.chooses or cut.grid is None:
+            return cut
+        return cut.refined(self._parts_of(cut, short=True))
+
+    def choose(
+        self,
+        layer: PhysicsLayer,
+        physical: PhysicalParameters,
+        started: Trajectories,
+        noise: SensorNoise,
+        shift: Shift | None = None,
+    ) -> Trajectories:
+        """Choose the steps of trajectories with initial states, and return them so.
+
+        Args:
+            layer: The physics.
+            physical: The physical parameters.
+            started: With the longest steps that there may be.
+            noise: Of the recorded poses.
+            shift: How the estimates follow; None where none are fitted. Steps are then kept.
+        """
+        judgement = _judgement(layer, physical, started, noise, shift)
+        with torch.no_grad():
+            chosen = halve_steps(judgement, CHOICE, self._parts_of(started, short=False))
+            parts = _widened(chosen.parts)
+            if shift is not None:
+                self._keep(started, parts, physical.logarithm.detach(), shift)
+                judged = judge_steps(judgement, parts)
+                self.report = (
+                    f"steps of the engine: {judged.mean:.3g} from frame to frame on average, {judged.largest} at most; "
+                    f"halving them once more moves the estimates by {judged.bias:.2g} standard errors at most"
+                )
+        return started.refined(parts)
+
+    def remaining(
+        self,
+        layer: PhysicsLayer,
+        physical: PhysicalParameters,
+        started: Trajectories,
+        noise: SensorNoise,
+        shift: Shift,
+    ) -> tuple[Tensor, ChosenSteps]:
+        """Return what the steps that were chosen may still change of ln(parameter), (P,), and how they are judged.
+
+        Args:
+            layer: The physics.
+            physical: The physical parameters.
+            started: With initial states and the longest steps that there may be.
+            noise: Of the recorded poses.
+            shift: How the estimates follow.
+        """
+        judgement = _judgement(layer, physical, started, noise, shift)
+        found: list[Tensor] = []
+
+        def respond(apart: Tensor) -> Tensor:
+            found.append(shift(apart))
+            return judgement.respond(apart)
+
+        with torch.no_grad():
+            parts = self._parts_of(started, short=True)
+            judged = judge_steps(dataclasses.replace(judgement, respond=respond), parts)
+        # Around events the error falls with the step: what all further halvings change is twice what one does.
+        return 2 * found[0], judged
+
+    def due(self, epoch: int) -> bool:
+        """Return whether steps are to be chosen before an epoch of training."""
+        return self.chooses and (self._asked or epoch in REVIEWS)
+
+    def settled(self, logarithm: Tensor) -> bool:
+        """Return whether steps were chosen near these parameters; if not, that is done before the next epoch."""
+        if not self.chooses or self._reviews >= MOST_REVIEWS:
+            return True
+        self._asked = not (
+            len(self._at) == len(logarithm)
+            and bool(((logarithm.detach() - self._at).abs() <= NEAR * self._deviation).all())
+        )
+        return not self._asked
+
+    def reviewed(self) -> None:
+        """Take note that all trajectories of an epoch have their steps."""
+        self._asked = False
+        self._reviews += 1
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return what a checkpoint needs."""
+        if not self._parts:
+            return {}
+        longest = max(len(one) for one in self._parts.values())
+        padded = [torch.nn.functional.pad(one, (0, longest - len(one)), value=1) for one in self._parts.values()]
+        keys = torch.tensor(list(self._parts))
+        counts = torch.tensor([len(one) for one in self._parts.values()])
+        known = {"keys": keys, "parts": torch.stack(padded), "counts": counts, "at": self._at}
+        return {**known, "deviation": self._deviation, "reviews": self._reviews, "asked": self._asked}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Take the steps of the run that is resumed or evaluated."""
+        if not state:
+            return
+        rows = zip(state["keys"].tolist(), state["parts"], state["counts"].tolist(), strict=True)
+        self._parts = {(key[0], key[1], key[2]): parts[:count] for key, parts, count in rows}
+        self._at, self._deviation = state["at"], state["deviation"]
+        self._reviews, self._asked = state["reviews"], state["asked"]
+        self.version += 1
+
+    def _keep(self, started: Trajectories, parts: Tensor, logarithm: Tensor, shift: Shift) -> None:
+        """Keep what was chosen, and where."""
+        assert started.grid is not None
+        for row, key in enumerate(_keys(started)):
+            self._parts[key] = parts[row, : int(started.grid.count[row])].cpu()
+        self._at, self._deviation = logarithm.clone().cpu(), shift.deviation.cpu()
+        self.version += 1
+
+    def _parts_of(self, cut: Trajectories, *, short: bool) -> Tensor:
+        """Return into how many parts the steps of each are cut, shape (B, S); where nothing was chosen, short or 1."""
+        assert cut.grid is not None
+        parts = (cut.grid.steps / FIRST - NANO).ceil().long() if short else torch.ones_like(cut.grid.steps).long()
+        for row, key in enumerate(_keys(cut)):
+            known = self._parts.get(key)
+            if known is not None:
+                parts[row, : len(known)] = known.to(parts)
+        return parts.clamp_min(1)
+
+
+def _widened(parts: Tensor) -> Tensor:
+    """Cut steps beside those that are cut as well: an event may move to them before steps are chosen again."""
+    return torch.nn.functional.max_pool1d(parts[:, None].double(), 3, stride=1, padding=1)[:, 0].long()
+
+
+def _keys(cut: Trajectories) -> list[Key]:
+    """Name each trajectory or segment: its number in the set, when it begins [ns], and its frames."""
+    assert cut.time is not None
+    begins = (cut.time[:, 0] / NANO).round().long()
+    return list(zip(cut.index.tolist(), begins.tolist(), cut.length.tolist(), strict=True))
+
+
+def _judgement(
+    layer: PhysicsLayer, physical: PhysicalParameters, started: Trajectories, noise: SensorNoise, shift: Shift | None
+) -> Judgement:
+    """Return what the steps of trajectories are judged by."""
+    assert started.time is not None and started.grid is not None
+    parameters = physical()
+
+    def predict(timeline: Timeline) -> tuple[Tensor, Tensor]:
+        rollout = dataclasses.replace(started, grid=timeline.grid).rolled(layer, parameters)
+        return rollout.pose, rollout.twist
+
+    def respond(apart: Tensor) -> Tensor:
+        return apart.new_zeros(0) if shift is None else shift(apart) / shift.deviation.clamp_min(1e-12)
+
+    bodies = started.pose.shape[2]
+    scale = started.pose.new_tensor([noise.rotation] * 3 + [noise.position] * 3)
+    frames = torch.arange(1, started.pose.shape[1], device=started.pose.device)
+    followed = frames < started.length[:, None]
+    counted = started.real[..., None].expand(-1, -1, bodies)
+    return Judgement(Timeline(started.time, started.grid), predict, respond, scale, followed, counted)
+
+
+def _inverse(matrix: Tensor) -> Tensor:
+    """Invert a curvature (P, P); a parameter without influence gets a huge, finite variance."""
+    floor = 1e-12 * matrix.diagonal().amax() + torch.finfo(matrix.dtype).tiny
+    inverse: Tensor = torch.linalg.inv(matrix + floor * torch.eye(len(matrix)).to(matrix))
+    return inverse
