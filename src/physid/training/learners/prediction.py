@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal, Self
 
+import lightning as L
 import torch
 from torch import Tensor
 
@@ -14,7 +15,6 @@ from physid.scenes.scene import Scene
 from physid.training.initial_states.fitted import Explaining, Starts
 from physid.training.initial_states.pose_noise import pose_noise, weighed_by
 from physid.training.initial_states.tracked import TrackedInitialStates
-from physid.training.learners.base import TrainingModule
 from physid.training.learners.engine import Engine
 from physid.training.learners.metrics import PoseErrors
 from physid.training.learners.step_control import StepControl
@@ -25,7 +25,7 @@ from physid.training.parameters.trajectories import Trajectories
 Batch = Mapping[str, Any]
 
 
-class PredictingModule(TrainingModule):
+class PredictingModule(L.LightningModule):
     """A module that predicts recorded trajectories, for validation, test and prediction.
 
     Initial states are those recorded, or fitted to the beginnings of trajectories; steps of the engine those of the

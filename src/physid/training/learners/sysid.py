@@ -19,7 +19,7 @@ from physid.training.identifiability.identifiability import Identifiability, Sen
 from physid.training.initial_states.fitted import TrackedFit
 from physid.training.initial_states.pose_noise import pose_noise
 from physid.training.initial_states.projection import project_out_initial_states
-from physid.training.learners.base import OptimizerFactory
+from physid.training.learners.base import OptimizerFactory, TrainingModule
 from physid.training.learners.engine import Engine
 from physid.training.learners.prediction import PredictingModule
 from physid.training.learners.step_control import Shift
@@ -38,7 +38,7 @@ AFRESH = 3
 
 
 @final
-class SysID(PredictingModule):
+class SysID(TrainingModule, PredictingModule):
     """Identify physical parameters by matching predicted to recorded trajectories.
 
     The loss is the paper's (see `PoseLoss`), with each trajectory predicted from its initial state. With `segment` it

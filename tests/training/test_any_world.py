@@ -1,0 +1,165 @@
+"""Recordings that no engine made, at their own times: closed forms with jitter, gaps, and forces of another rate."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import lightning as L
+import numpy as np
+import pytest
+import torch
+from tests.data.sets import SCENE, recording, write_set
+from tests.training.pushed import SCENE as MADE
+
+from physid.data.datamodule import RecordingsDataModule
+from physid.data.dataset import Segments, collate
+from physid.data.format import RecordingSet
+from physid.data.generate import generate
+from physid.data.generation import GenerateConfig, Noise
+from physid.data.recording import Recording
+from physid.training.callbacks.converged import Converged
+from physid.training.initial_states.pose_noise import pose_noise
+from physid.training.initial_states.twist import twist_from_poses
+from physid.training.learners.engine import Engine
+from physid.training.learners.sysid import SysID
+from physid.training.parameters.trajectories import Trajectories
+
+STEP = SCENE.time_step
+LARGE = 3.0  # half widths of an interval: a miss is no surprise, three of them are
+quiet = pytest.mark.filterwarnings("ignore::lightning.fabric.utilities.warnings.PossibleUserWarning")
+
+
+def jittered(frames: int = 40, seed: int = 0) -> Recording:
+    """Return a log whose stamps wander, with a frame missing and one in which the body was not seen."""
+    known = recording(frames, seed)
+    generator = np.random.default_rng(seed)
+    time = STEP * (np.arange(frames) + generator.uniform(-0.2, 0.2, frames))
+    kept = np.arange(frames) != 7
+    assert known.pose is not None
+    pose = known.pose.copy()
+    pose[11] = np.nan
+    return Recording(pose=pose[kept], wrench=known.wrench, time=time[kept], wrench_time=STEP * np.arange(frames))
+
+
+def batch_of(folder: Path, logs: list[Recording]) -> Trajectories:
+    served = Segments(RecordingSet(write_set(folder, logs)), range(len(logs)))
+    return Trajectories.of(collate([served[row] for row in range(len(logs))]), STEP, 0.0)
+
+
+def test_an_uneven_log_is_served_with_its_stamps_its_gaps_and_all_its_impulse(tmp_path: Path) -> None:
+    log = jittered()
+    known = batch_of(tmp_path, [log, jittered(30, seed=1)])
+    assert known.grid is not None
+    assert known.time is not None
+    assert log.time is not None
+    assert log.wrench is not None
+    assert np.allclose(known.time[0], log.time - log.time[0])
+    assert not bool(known.real[0, 10])
+    assert int(known.real[0].sum()) == len(log.time) - 1
+    assert not bool(known.real[1, 29:].any())
+    # The force is held on its own clock: the impulse is the integral of the rows, whatever the frames.
+    ends = np.append(log.wrench_time, np.inf)
+    length = np.clip(np.minimum(ends[1:], log.time[-1]) - np.maximum(ends[:-1], log.time[0]), 0, None)
+    given = (known.grid.wrench[0] * known.grid.steps[0, :, None, None] * known.grid.real[0, :, None, None]).sum(0)
+    assert np.allclose(given, (log.wrench * length[:, None, None]).sum(0))
+
+
+def test_an_even_log_is_served_as_ever_and_beside_uneven_ones_with_one_step_per_frame(tmp_path: Path) -> None:
+    even = recording(20)
+    plain = Segments(RecordingSet(write_set(tmp_path / "even", [even])), [0])[0]
+    assert not {"time", "seen", "steps"} & plain.keys()
+    mixed = [Recording(pose=even.pose, wrench=even.wrench), jittered(20, seed=2)]
+    known = batch_of(tmp_path / "mixed", mixed)
+    assert known.grid is not None
+    assert torch.equal(known.grid.frame_step[0, :20], torch.arange(20))
+    assert torch.all(known.grid.steps[0, :19] == STEP)
+
+
+def test_segments_and_films_refuse_uneven_logs_and_say_what_takes_them(tmp_path: Path) -> None:
+    recordings = RecordingSet(write_set(tmp_path, [jittered()]))
+    with pytest.raises(ValueError, match=r"leave data\.segment and data\.video out"):
+        Segments(recordings, [0], length=5)
+
+
+def test_segments_keep_the_steps_between_their_frames(tmp_path: Path) -> None:
+    whole = batch_of(tmp_path, [jittered()])
+    cut = whole.segments(8)
+    assert cut.grid is not None
+    assert cut.time is not None
+    for row in range(len(cut)):
+        states = cut.grid.times[row, cut.grid.frame_step[row]]
+        assert torch.allclose(states, cut.time[row] - cut.time[row, 0], atol=2e-3 * STEP)
+    again = whole.refined(3).segments(8)
+    assert again.grid is not None
+    assert torch.equal(again.grid.count, 3 * cut.grid.count)
+
+
+def test_a_parabola_gives_the_velocity_of_the_instant_at_any_times() -> None:
+    time = torch.tensor([[0.0, 0.9, 2.2, 3.0, 4.1, 6.0, 7.2, 8.0, 9.1, 9.9]], dtype=torch.float64) * STEP
+    pose = torch.zeros(1, 10, 1, 7, dtype=torch.float64)
+    pose[..., 6] = 1.0
+    pose[0, :, 0, 0] = 2.0 * time[0] - 30.0 * time[0] ** 2
+    length = torch.tensor([10])
+    instant, mean = (twist_from_poses(pose, length, STEP, time=time, arrival=step) for step in (0.0, STEP))
+    slope = 2.0 - 60.0 * time[0]
+    assert torch.allclose(instant[0, :, 0, 3], slope)
+    assert torch.allclose(mean[0, :, 0, 3], slope + 30.0 * STEP)
+
+
+def test_noise_is_told_from_motion_by_stamps_that_jitter() -> None:
+    generator = torch.Generator().manual_seed(0)
+    time = STEP * (torch.arange(400) + 0.4 * torch.rand(4, 400, generator=generator)).double()
+    pose = torch.zeros(4, 400, 1, 7, dtype=torch.float64)
+    pose[..., 6] = 1.0
+    noise = 1e-3 * torch.randn(4, 400, 3, generator=generator).double()
+    pose[..., 0, :3] = 3.0 * time[..., None] + 2.0 * time[..., None] ** 2 + noise
+    shape = torch.zeros(4, 400, 1, 6, dtype=torch.float64)
+    known = Trajectories(
+        pose, shape, shape, torch.full((4,), 400), torch.arange(4), time=time, seen=torch.ones(4, 400).bool()
+    )
+    assert pose_noise(known).position == pytest.approx(1e-3, rel=0.1)
+
+
+def test_the_maker_decides_scheme_and_steps_and_an_override_wins() -> None:
+    unknown = Engine()
+    assert unknown.chooses(SCENE)
+    assert unknown.layer(SCENE).world.midpoint
+    assert not unknown.chooses(MADE)
+    assert not unknown.layer(MADE).world.midpoint
+    given = Engine(substeps=4)
+    assert not given.chooses(SCENE)
+    assert given.layer(SCENE).world.substeps == 4
+
+
+@quiet
+@pytest.mark.parametrize("rate", [30.0, 60.0, 240.0])
+def test_friction_and_mass_are_found_from_closed_forms_with_jitter_and_gaps(rate: float, tmp_path: Path) -> None:
+    learn = ("block.mass", "block.friction")
+    config = GenerateConfig(
+        "push", "closed_form", frame_rate=rate, protocol="straight", trajectories=6, steps=round(0.8 * rate), seed=3,
+        video=False, split={"train": 1}, unknown=learn, noise=Noise(2e-4, 2e-3), jitter=0.2, missing=0.1,
+        force_rate=100.0,
+    )  # fmt: skip
+    generate(config, tmp_path, quiet=True)
+    trainer = L.Trainer(
+        max_epochs=30, accelerator="cpu", default_root_dir=tmp_path, enable_checkpointing=False, logger=False,
+        enable_progress_bar=False, enable_model_summary=False, callbacks=[Converged()],
+    )  # fmt: skip
+    module = SysID()
+    trainer.fit(module, RecordingsDataModule(tmp_path, shuffle=False))
+    figures = {name: float(value) for name, value in trainer.callback_metrics.items()}
+    for name, value in module.physical.estimates().items():
+        true, half = (
+            config.true_parameters()[name],
+            (figures[f"params/{name}/high"] - figures[f"params/{name}/low"]) / 2,
+        )
+        assert abs(value - true) < LARGE * half
+        assert half < 0.02 * true
+    assert module.settled()
+    assert figures["steps/most"] > 1
+    again = SysID().attach(module.scene)
+    again.steps.load_state_dict(module.steps.state_dict())
+    laid, kept = (one.trajectories(module._batch).grid for one in (module, again))
+    assert laid is not None
+    assert kept is not None
+    assert torch.equal(laid.steps, kept.steps)
