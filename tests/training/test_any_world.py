@@ -26,7 +26,7 @@ from physid.training.parameters.trajectories import Trajectories
 
 STEP = SCENE.time_step
 LARGE = 3.0  # half widths of an interval: a miss is no surprise, three of them are
-quiet = pytest.mark.filterwarnings("ignore::lightning.fabric.utilities.warnings.PossibleUserWarning")
+quiet = pytest.mark.filterwarnings("ignore::UserWarning")  # Lightning's, about loaders
 
 
 def jittered(frames: int = 40, seed: int = 0) -> Recording:
