@@ -25,6 +25,8 @@ class StepChoice:
             chosen anew with a quarter of `defect`.
         most: Most parts of a step between two frames.
         rounds: Most times that `defect` is lowered.
+        finest: Whether steps are compared with the finest, `most` parts of all, instead of with their halves. That
+            takes longer, and sees an event that steps and their halves happen to miss by the same.
     """
 
     defect: float = 0.1
@@ -32,6 +34,7 @@ class StepChoice:
     bias: float = 0.25
     most: int = 32
     rounds: int = 3
+    finest: bool = False
 
 
 @dataclass(frozen=True)
@@ -127,7 +130,7 @@ def halve_steps(judgement: Judgement, choice: StepChoice | None = None, first: T
     defect = choice.defect
     for _ in range(choice.rounds):
         parts = _cut(judgement, parts, defect, choice)
-        chosen = judge_steps(judgement, parts)
+        chosen = judge_steps(judgement, parts, choice)
         if chosen.bias <= choice.bias:
             break
         defect = defect / 4
@@ -138,8 +141,10 @@ def _cut(judgement: Judgement, parts: Tensor, defect: float, choice: StepChoice)
     """Return into how many parts (R, S) the steps are cut, so that halving them changes little."""
     base = judgement.base
     length = base.time.diff(dim=1)[..., None, None]
+    reference = judgement.predict(base.refined(choice.most)) if choice.finest else None
     while True:
-        (pose, twist), (fine_pose, fine_twist) = _halved(judgement, parts)
+        pose, twist = judgement.predict(base.refined(parts))
+        fine_pose, fine_twist = reference or judgement.predict(base.refined(2 * parts))
         place, speed = difference(pose, fine_pose), twist - fine_twist
         gained = speed.diff(dim=1) * choice.reach
         moved = place.diff(dim=1) - speed[:, :-1] * length
@@ -152,16 +157,11 @@ def _cut(judgement: Judgement, parts: Tensor, defect: float, choice: StepChoice)
         parts = torch.where(again, 2 * parts, parts)
 
 
-def _halved(judgement: Judgement, parts: Tensor) -> tuple[tuple[Tensor, Tensor], tuple[Tensor, Tensor]]:
-    """Predict with steps cut into parts, and into twice as many."""
-    coarse, fine = (judgement.predict(judgement.base.refined(factor * parts)) for factor in (1, 2))
-    return coarse, fine
-
-
-def judge_steps(judgement: Judgement, parts: Tensor) -> ChosenSteps:
-    """Say what halving all steps, cut into parts (R, S), changes of poses and estimates."""
-    coarse, fine = _halved(judgement, parts)
-    apart = difference(coarse[0], fine[0])
+def judge_steps(judgement: Judgement, parts: Tensor, choice: StepChoice) -> ChosenSteps:
+    """Say what halving all steps, cut into parts (R, S), or the finest steps change of poses and estimates."""
+    fine = torch.full_like(parts, choice.most) if choice.finest else 2 * parts
+    coarse_pose, fine_pose = (judgement.predict(judgement.base.refined(each))[0] for each in (parts, fine))
+    apart = difference(coarse_pose, fine_pose)
     counted = judgement.counted[..., None].double()
     rotation, position = ((apart * counted).unflatten(-1, (2, 3)).square().sum((0, 1, 2, 4)) / 3).unbind()
     count = counted.sum().clamp_min(1)

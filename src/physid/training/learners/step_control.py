@@ -25,7 +25,7 @@ from physid.training.parameters.physical_parameters import PhysicalParameters
 from physid.training.parameters.pose_loss import PoseLoss
 from physid.training.parameters.trajectories import Trajectories
 
-CHOICE = StepChoice(bias=0.1)
+CHOICE = StepChoice(bias=0.1, finest=True)
 FIRST = 1 / 480
 """Longest steps before they are chosen [s]. Until parameters and initial states are near, bodies stop and turn at other
 times than those recorded; steps that are short only where the model has events would hold it there."""
@@ -144,10 +144,10 @@ class StepControl:
             parts = _widened(chosen.parts)
             if shift is not None:
                 self._keep(started, parts, physical.logarithm.detach(), shift)
-                judged = judge_steps(judgement, parts)
+                judged = judge_steps(judgement, parts, CHOICE)
                 self.report = (
                     f"steps of the engine: {judged.mean:.3g} from frame to frame on average, {judged.largest} at most; "
-                    f"halving them once more moves the estimates by {judged.bias:.2g} standard errors at most"
+                    f"{CHOICE.most} everywhere would move the estimates by {judged.bias:.2g} standard errors at most"
                 )
         return started.refined(parts)
 
@@ -177,9 +177,8 @@ class StepControl:
 
         with torch.no_grad():
             parts = self._parts_of(started, short=True)
-            judged = judge_steps(dataclasses.replace(judgement, respond=respond), parts)
-        # Around events the error falls with the step: what all further halvings change is twice what one does.
-        return 2 * found[0], judged
+            judged = judge_steps(dataclasses.replace(judgement, respond=respond), parts, CHOICE)
+        return found[0], judged
 
     def due(self, epoch: int) -> bool:
         """Return whether steps are to be chosen before an epoch of training."""
