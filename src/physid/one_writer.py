@@ -10,7 +10,7 @@ import socket
 import sys
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -39,6 +39,7 @@ def one_writer(folder: Path) -> Iterator[None]:
         FolderInUseError: If another process writes into it.
         OSError: If nothing can be written there.
     """
+    made = not folder.exists()
     folder.mkdir(parents=True, exist_ok=True)
     lock = _locked(folder)
     try:
@@ -47,6 +48,9 @@ def one_writer(folder: Path) -> Iterator[None]:
         # The file goes before the lock: who opened it meanwhile finds that it lies nowhere and opens another.
         (folder / LOCK).unlink(missing_ok=True)
         os.close(lock)
+        if made:
+            with suppress(OSError):  # a folder in which something has been written stays
+                folder.rmdir()
 
 
 def _locked(folder: Path) -> int:

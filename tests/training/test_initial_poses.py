@@ -13,6 +13,7 @@ from torch import Tensor
 from physid.physics.rotations import exponential, multiply
 from physid.physics.state import State
 from physid.scenes.catalogue import find_setup
+from physid.scenes.scene import Integration
 from physid.training.learners.supervised import SupervisedID
 from physid.training.parameters.pose_loss import PoseLoss
 from physid.training.parameters.slopes import Slopes, slopes
@@ -30,7 +31,9 @@ LOSS = PoseLoss(rotation_weight=0.06)
 
 def model_of(scene: str, learn: list[str]) -> VideoModel:
     torch.manual_seed(0)
-    return SupervisedID(learn, loss=LOSS, fast=False).attach(find_setup(scene).scene).model
+    known = find_setup(scene).scene
+    known = dataclasses.replace(known, integration=Integration("semi_implicit_euler", known.time_step))
+    return SupervisedID(learn, loss=LOSS, fast=False).attach(known).model
 
 
 def astray(pose: Tensor) -> Tensor:
