@@ -34,7 +34,7 @@ class StepChoice:
     bias: float = 0.25
     most: int = 32
     rounds: int = 3
-    finest: bool = False
+    finest: bool = True
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ from physid.training.parameters.physical_parameters import PhysicalParameters
 from physid.training.parameters.pose_loss import PoseLoss
 from physid.training.parameters.trajectories import Trajectories
 
-CHOICE = StepChoice(bias=0.1, finest=True)
+CHOICE = StepChoice(bias=0.1)
 FIRST = 1 / 480
 """Longest steps before they are chosen [s]. Until parameters and initial states are near, bodies stop and turn at other
 times than those recorded; steps that are short only where the model has events would hold it there."""
