@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import torch
 
-from physid.diagnosis.conclusion.materiality import Excess, Tolerance, excess_of, share_closed
+from physid.diagnosis.conclusion.materiality import Excess, Tolerance, excess_of, share_closed, unexplained_size
 from physid.estimation.measurement.sensor_noise import Noise
 from physid.scenes.catalogue import find_setup
 
@@ -42,6 +42,22 @@ def test_an_error_as_large_as_the_noise_is_material_in_positions_and_in_rotation
 
 def test_a_tenth_of_a_millimetre_beside_noise_of_six_is_not_material() -> None:
     assert not Tolerance.of(NOISE, SCENE).exceeded(excess_of(left(1e-4), NOISE, ALL))
+
+
+@pytest.mark.parametrize(("share", "material"), [(0.01, False), (1.0, True)])
+def test_what_a_better_model_would_move_counts_although_few_held_out_trajectories_do_not_show_it(
+    share: float, material: bool
+) -> None:
+    sizes = torch.tensor([100, 50])
+    segments = SimpleNamespace(size=sizes)
+    lack: Any = SimpleNamespace(
+        missing=share**2 * 100.0,
+        counted=torch.tensor([True, False]),
+        fit=SimpleNamespace(linear=SimpleNamespace(segments=segments)),
+    )
+    size = unexplained_size(lack, NOISE)
+    assert size == pytest.approx(share * NOISE.position)
+    assert (size > Tolerance.of(NOISE, SCENE).position) is material
 
 
 def test_a_given_tolerance_decides() -> None:

@@ -11,7 +11,7 @@ from torch import Tensor
 from physid.diagnosis.conclusion.confidence import confidence
 from physid.diagnosis.conclusion.gap import Closing, closing, floor_of, held_out_parts, position_errors, position_floors
 from physid.diagnosis.conclusion.localisation import SITES, places, sites
-from physid.diagnosis.conclusion.materiality import Tolerance, excess_of, share_closed
+from physid.diagnosis.conclusion.materiality import Tolerance, excess_of, share_closed, unexplained_size
 from physid.diagnosis.conclusion.next_experiment import NextExperiment, next_experiment
 from physid.diagnosis.conclusion.parametric_bootstrap import bootstrap_spread
 from physid.diagnosis.conclusion.verdict import Diagnosis, Estimate, Found, Name, judge
@@ -59,7 +59,10 @@ def draw_conclusion(
     parts = [*held_out_parts(nominal_fit.observations).values()]
     best, covariance = found.best, None
     excess = [excess_of(one, nominal_fit.noise, parts) for one in (found.nominal, best or found.nominal)]
-    before, after = (allowed.exceeded(each) for each in excess)
+    before, after = (
+        allowed.exceeded(each) or (lack is not None and unexplained_size(lack, nominal_fit.noise) > allowed.position)
+        for each, lack in zip(excess, (found.lack, found.left), strict=True)
+    )
     verdict = judge(found, judged["transfer"], before=before, after=after)
     minor = []
     if best is not None and not before:

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from physid.diagnosis.testing.hypothesis import Hypothesis
+from physid.diagnosis.testing.lack_of_fit import LackOfFit
 from physid.estimation.measurement.sensor_noise import Noise
 from physid.scenes.scene import Scene
 
@@ -96,6 +97,17 @@ def _excess(hypothesis: Hypothesis, noise: Noise, rows: Tensor) -> Excess:
         mean = float(((square * weight).sum() - floor**2 * count) / total)
         found[first] = max(mean, 0.0) ** 0.5
     return Excess(position=found[3], rotation=found[0])
+
+
+def unexplained_size(lack: LackOfFit, noise: Noise) -> float:
+    """Return how far a better model would move predicted positions [m], sigma sqrt(squared residual missing / frames).
+
+    What one effect, or a free residual wrench, explains beyond chance in the fitted trajectories is the squared distance
+    between two predictions in units of the noise. The noise itself is not in it, as it is in the errors of a few
+    held-out trajectories: these may lie below their floor where a whole set shows a gap.
+    """
+    frames = float(lack.fit.linear.segments.size[lack.counted].sum()) or 1.0
+    return noise.position * float(lack.missing / frames) ** 0.5
 
 
 def share_closed(before: Excess, after: Excess) -> float:
