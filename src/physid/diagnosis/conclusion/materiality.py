@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -102,12 +103,12 @@ def _excess(hypothesis: Hypothesis, noise: Noise, rows: Tensor) -> Excess:
 def unexplained_size(lack: LackOfFit, noise: Noise) -> float:
     """Return how far a better model would move predicted positions [m], sigma sqrt(squared residual missing / frames).
 
-    What one effect, or a free residual wrench, explains beyond chance in the fitted trajectories is the squared distance
-    between two predictions in units of the noise. The noise itself is not in it, as it is in the errors of a few
-    held-out trajectories: these may lie below their floor where a whole set shows a gap.
+    What one effect, or a free residual wrench, explains beyond chance in the fitted trajectories is the squared
+    distance between two predictions in units of the noise. The noise itself is not in it, as it is in the errors of a
+    few held-out trajectories: these may lie below their floor where a whole set shows a gap.
     """
     frames = float(lack.fit.linear.segments.size[lack.counted].sum()) or 1.0
-    return noise.position * float(lack.missing / frames) ** 0.5
+    return noise.position * math.sqrt(lack.missing / frames)
 
 
 def share_closed(before: Excess, after: Excess) -> float:
