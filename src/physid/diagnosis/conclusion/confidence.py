@@ -20,13 +20,21 @@ made to follow it along a curve.
 """
 NONE_AFTER_IMPACTS = (3, 6)
 """The same for `none` where many impacts are beyond any fit, so that effects which act at impacts do not show."""
+FAINT = 0.5  # weight of a segment, in the root, below which it is beyond any fit where no simulator is followed
 MOST_LOST = 0.1  # share of the contact segments, from which on they are many
 
 
 def confidence(verdict: Name, found: Attribution) -> float:
     """Return the probability that a verdict is right, (right + 1) / (all + 2) on calibration sets (Laplace 1774)."""
     experiment = found.nominal.experiment
-    contact = experiment.predictor.segments.contact
-    lost = float((contact & ~experiment.follow).sum()) > MOST_LOST * float(contact.sum())
+    segments = experiment.predictor.segments
+    contact = segments.contact
+    if experiment.predictor.model.scene.integration is not None:
+        beyond = contact & ~experiment.follow
+    else:
+        scale = experiment.scale[..., 3].amax(-1)
+        usual = segments.sum_frames(scale[None])[0] / segments.size
+        beyond = contact & (usual < FAINT * scale.amax())
+    lost = float(beyond.sum()) > MOST_LOST * float(contact.sum())
     right, count = NONE_AFTER_IMPACTS if verdict == "none" and lost else RIGHT[verdict]
     return (right + 1) / (count + 2)

@@ -93,7 +93,9 @@ def _curve(hypothesis: Hypothesis, chosen: Tensor) -> NDArray[np.float64]:
     square = hypothesis.fit.residual[chosen][..., 3:].square().sum(-1) * weight
     total = torch.stack([square.sum((0, 2)), weight.sum((0, 2))])
     summed = torch.nn.functional.avg_pool1d(total[None], SMOOTH, 1, SMOOTH // 2, count_include_pad=False)[0]
-    error: NDArray[np.float64] = (summed[0] / summed[1].clamp_min(1e-9)).sqrt().numpy()
+    # Frames in which nothing counts, say after the end of all trajectories, continue what was before.
+    seen = torch.where(summed[1] > 0, torch.arange(summed.shape[1]), 0).cummax(0).values
+    error: NDArray[np.float64] = (summed[0] / summed[1].clamp_min(1e-9)).sqrt()[seen].numpy()
     return error
 
 
