@@ -54,7 +54,7 @@ def diagnose(
     Args:
         recordings: Folder of the recording set.
         out: Folder for the results; made if it is not there.
-        model: What is believed of the system, see `believe`; None for what recording.yaml says.
+        model: What is believed of the system, see `read_nominal_model`; None for what recording.yaml says.
         transfer: Folder of a second set: the same bodies under another protocol, which certifies a cause.
         effects: Candidates beside the catalogue.
         limit: At most so many trajectories of each set, the first ones.
