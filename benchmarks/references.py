@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physid.scenes.catalogue import find_setup
-from physid.scenes.placing import on_ground
+from physid.scenes.setups.placing import on_ground
 from physid.scenes.scene import Body, Ground, Scene
 from physid.scenes.setup import Excitation
 from physid.simulators.motion import Motion

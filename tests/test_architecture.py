@@ -38,7 +38,7 @@ ROOMS = {
 }
 MOST_MODULES = 12
 """In a folder; `effects` has one file for each effect."""
-TO_BE_DIVIDED = {"physics": 16, "fused/formulas": 16, "data": 15, "scenes": 13}
+TO_BE_DIVIDED = {"physics": 16, "fused/formulas": 16, "data": 15}
 """Folders that still hold more, and how many at most."""
 TOP = 7  # modules beside the packages: the command line and what it needs
 HOMES = {

@@ -19,8 +19,8 @@ from physid.data.recording import Recording
 from physid.data.trajectory import write_trajectory
 from physid.physics.effect import Effect, Site, StepInputs, quantity
 from physid.physics.state import State
-from physid.scenes.push import PUSH
 from physid.scenes.rotations import from_vector, multiply
+from physid.scenes.setups.push import PUSH
 from physid.simulators.bullet.world import observed, simulate
 
 NOISE = Noise(position=0.0005, rotation=0.002)

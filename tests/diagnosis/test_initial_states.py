@@ -9,7 +9,7 @@ import torch
 
 from physid.estimation.least_squares.initial_states import SPANS, guess_initial_states
 from physid.estimation.prediction.segments import Segmentation
-from physid.scenes.push import SCENE
+from physid.scenes.setups.push import SCENE
 
 SPEED = 0.8  # [m/s]
 NEAR = 0.1  # of the speed

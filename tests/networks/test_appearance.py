@@ -12,10 +12,10 @@ from physid.networks.encoder import as_image
 from physid.networks.renderer import BoxRenderer
 from physid.physics.rotations import exponential, multiply
 from physid.scenes.camera import Camera
-from physid.scenes.collide import SCENE as COLLIDE
-from physid.scenes.push import SCENE as PUSH
 from physid.scenes.scene import Scene
-from physid.scenes.slide import SCENE as SLIDE
+from physid.scenes.setups.collide import SCENE as COLLIDE
+from physid.scenes.setups.push import SCENE as PUSH
+from physid.scenes.setups.slide import SCENE as SLIDE
 from physid.simulators.bullet.camera import Studio
 
 COLOUR_ERROR = 0.075

@@ -1,13 +1,15 @@
 """recording.yaml and the scene are the same thing, and mistakes in it are named."""
 
 import copy
+import dataclasses
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
 
-from physid.scenes.catalogue import SETUPS, bodies_of, find_setup, with_parameters
+from physid.scenes.catalogue import SETUPS, find_setup
+from physid.scenes.parameters import bodies_of, with_parameters
 from physid.scenes.scene import SEMI_IMPLICIT_EULER, Body, Integration, Scene
 
 SAMPLE = yaml.safe_load("""
@@ -91,6 +93,22 @@ def test_bodies_of_one_material_share_friction_but_not_mass() -> None:
     changed_scene = with_parameters(collide, {"block.friction": 0.2, "block.mass": 3.0})
     assert [body.friction for body in changed_scene.bodies] == [0.2, 0.2]
     assert [body.mass for body in changed_scene.bodies] == [3.0, 1.0]
+
+
+def test_a_material_not_the_name_of_a_scene_says_what_is_shared() -> None:
+    collide = find_setup("collide").scene
+    renamed = dataclasses.replace(collide, name="collide_of_my_own")
+    apart = collide.with_bodies([dataclasses.replace(collide.bodies[0], material=None), collide.bodies[1]])
+    assert bodies_of(renamed, "block.restitution") == (0, 1)
+    assert bodies_of(apart, "block.friction") == (0,)
+    assert Scene.from_mapping(renamed.to_mapping()) == renamed
+
+
+def test_version_1_of_the_format_wrote_no_materials_down() -> None:
+    content = find_setup("collide").scene.to_mapping() | {"version": 1}
+    content["bodies"] = [{key: one[key] for key in one if key != "material"} for one in content["bodies"]]
+    assert bodies_of(Scene.from_mapping(content), "block.friction") == (0, 1)
+    assert bodies_of(Scene.from_mapping(content | {"source": "my lab"}), "block.friction") == (0,)
 
 
 def test_a_given_inertia_follows_the_mass() -> None:

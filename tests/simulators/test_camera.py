@@ -7,8 +7,8 @@ import pybullet
 import pytest
 
 from physid.scenes.catalogue import find_setup
-from physid.scenes.placing import on_ground
 from physid.scenes.scene import Scene
+from physid.scenes.setups.placing import on_ground
 from physid.simulators.bullet import camera as studio
 from physid.simulators.bullet.camera import Studio, film
 

@@ -11,10 +11,10 @@ from physid.effects.force_gain import ForceGain
 from physid.effects.friction_drift import FrictionDrift
 from physid.effects.viscous_drag import ViscousDrag
 from physid.scenes.catalogue import find_setup
-from physid.scenes.placing import on_ground
 from physid.scenes.rotations import conjugate, rotate
 from physid.scenes.scene import Body, Ground, Scene
 from physid.scenes.setup import Excitation
+from physid.scenes.setups.placing import on_ground
 from physid.simulators.closed_form.flight import spin
 from physid.simulators.closed_form.path import Path, time_of_meeting
 from physid.simulators.closed_form.world import simulate_all

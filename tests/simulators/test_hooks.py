@@ -14,9 +14,9 @@ from physid.effects.force_gain import ForceGain
 from physid.effects.viscous_drag import ViscousDrag
 from physid.physics.effect import Effect, Site, StepInputs
 from physid.physics.state import State
-from physid.scenes.placing import on_ground
 from physid.scenes.scene import Body, Ground, Scene
 from physid.scenes.setup import Excitation
+from physid.scenes.setups.placing import on_ground
 from physid.simulators.bullet import engine
 from physid.simulators.bullet.hooks import split_products
 from physid.simulators.bullet.world import AT_ONCE, Motion, observed, simulate, simulate_all

@@ -10,10 +10,10 @@ import pytest
 
 from physid.scenes.camera import corners
 from physid.scenes.catalogue import find_setup
-from physid.scenes.placing import on_ground
 from physid.scenes.rotations import conjugate, rotate
 from physid.scenes.scene import Body, Ground, Scene
 from physid.scenes.setup import REST_DEPTH, Excitation
+from physid.scenes.setups.placing import on_ground
 from physid.simulators.motion import Motion
 from physid.simulators.mujoco.world import simulate_all
 from physid.simulators.protocol import find_simulator

@@ -16,9 +16,9 @@ from physid.effects.force_gain import ForceGain
 from physid.effects.viscous_drag import ViscousDrag
 from physid.physics.effect import Effect, Site, StepInputs
 from physid.physics.state import State
-from physid.scenes.placing import on_ground
 from physid.scenes.scene import Body, Ground, Scene
 from physid.scenes.setup import Excitation
+from physid.scenes.setups.placing import on_ground
 from physid.simulators.protocol import find_simulator
 
 Array = NDArray[np.float64]

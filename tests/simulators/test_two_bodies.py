@@ -12,8 +12,8 @@ from physid.physics.parameters import Parameters
 from physid.physics.state import State
 from physid.physics.world import World
 from physid.scenes.catalogue import find_setup
-from physid.scenes.placing import on_ground
 from physid.scenes.setup import Excitation
+from physid.scenes.setups.placing import on_ground
 from physid.simulators.bullet.engine import Engine
 from physid.simulators.bullet.world import simulate
 

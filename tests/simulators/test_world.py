@@ -6,10 +6,10 @@ import math
 import numpy as np
 import pytest
 
-from physid.scenes.placing import on_ground
 from physid.scenes.rotations import rotate
 from physid.scenes.scene import Body, Ground, Scene
 from physid.scenes.setup import REST_DEPTH, Excitation
+from physid.scenes.setups.placing import on_ground
 from physid.simulators.bullet.world import Motion, simulate
 
 TOLERANCE = 1e-8  # [m], [m/s]

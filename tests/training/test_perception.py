@@ -83,7 +83,7 @@ def test_recorded_initial_states_are_refused_where_the_camera_does_not_report_tr
 
 
 def test_models_that_draw_what_they_see_refuse_perception_effects() -> None:
-    from physid.scenes.push import SCENE
+    from physid.scenes.setups.push import SCENE
 
     module = SelfSupervisedID(learn=["block.friction"], engine=Engine(effects={"camera_offset": {"z": 0.1}}))
     with pytest.raises(ValueError, match="physid track"):

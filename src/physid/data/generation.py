@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from physid.data.recording import SPLITS
 from physid.data.splits import assign_splits
-from physid.scenes.catalogue import bodies_of, find_setup, with_parameters
+from physid.scenes.catalogue import find_setup
+from physid.scenes.parameters import bodies_of, with_parameters
 from physid.scenes.scene import Integration, Scene
 from physid.scenes.strict import check_keys, nearest, number, quoted, shown, whole
 from physid.simulators.protocol import find_simulator

@@ -35,6 +35,7 @@ class Body:
         friction: Coulomb coefficient [-]; a pair has the product, the ground's is 1.
         restitution: Newton coefficient [-]; a pair has the product, the ground's is 1.
         inertia: Principal moments [kg m^2], or None for a uniform box.
+        material: What it is made of; bodies of one material share friction and restitution. None: of its own.
 
     Raises:
         ValueError: If a value is of the wrong kind or sign.
@@ -46,6 +47,7 @@ class Body:
     friction: float
     restitution: float = 0.0
     inertia: Triple | None = None
+    material: str | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name or "." in self.name:
@@ -55,13 +57,15 @@ class Body:
         number(self.mass, f"{self.name}.mass", low=0.0, strict=True)
         number(self.friction, f"{self.name}.friction", low=0.0)
         number(self.restitution, f"{self.name}.restitution", low=0.0)
+        if self.material is not None and (not isinstance(self.material, str) or not self.material):
+            raise ValueError(f"{self.name}.material must be a word or null, got {self.material!r}")
         if self.inertia is not None and min(triple(self.inertia, f"{self.name}.inertia")) <= 0:
             raise ValueError(f"{self.name}.inertia must be positive principal moments or null, got {self.inertia}")
 
     @classmethod
     def from_mapping(cls, values: object, index: int) -> Body:
-        """Build a body from entry `index` of `bodies`; `restitution` and `inertia` may be left out."""
-        required, optional = ("name", "size", "mass", "friction"), ("restitution", "inertia")
+        """Build a body from entry `index` of `bodies`; the rest may be left out."""
+        required, optional = ("name", "size", "mass", "friction"), ("restitution", "inertia", "material")
         known = check_keys(values, f"bodies[{index}]", required, optional)
         inertia = known.get("inertia")
         where = f"bodies[{index}]"
@@ -72,6 +76,7 @@ class Body:
             friction=number(known["friction"], f"{where}.friction"),
             restitution=number(known.get("restitution", 0.0), f"{where}.restitution"),
             inertia=None if inertia is None else triple(inertia, f"{where}.inertia"),
+            material=known.get("material"),
         )
 
     def moments(self) -> NDArray[np.float64]:
@@ -196,12 +201,15 @@ class Scene:
         if not isinstance(known["bodies"], list) or not isinstance(known.get("unknown") or [], list):
             raise ValueError("recording.yaml: bodies and unknown must be lists")
         camera = known.get("camera")
+        bodies = [Body.from_mapping(one, index) for index, one in enumerate(known["bodies"])]
+        if _generated_by_version_1(known) and known["scene"] == "collide":  # that version wrote no materials down
+            bodies = [dataclasses.replace(body, material="wood") for body in bodies]
         time_step = number(known["time_step"], "time_step", low=0.0, strict=True)
         return cls(
             name=known["scene"],
             time_step=time_step,
             ground=Ground.from_mapping(known["ground"]),
-            bodies=tuple(Body.from_mapping(one, index) for index, one in enumerate(known["bodies"])),
+            bodies=tuple(bodies),
             unknown=tuple(known.get("unknown") or ()),
             camera=None if camera is None else Camera.from_mapping(camera),
             gravity=triple(known["gravity"], "gravity"),
@@ -256,9 +264,12 @@ def _integration(known: Mapping[str, Any], time_step: float) -> Integration | No
     """Return how recordings were integrated: as they say, and as physid itself did when it wrote version 1."""
     if known.get("integration") is not None:
         return Integration.from_mapping(known["integration"])
-    if known["version"] == 1 and known.get("source") == GENERATED:
-        return Integration(SEMI_IMPLICIT_EULER, time_step)
-    return None
+    return Integration(SEMI_IMPLICIT_EULER, time_step) if _generated_by_version_1(known) else None
+
+
+def _generated_by_version_1(known: Mapping[str, Any]) -> bool:
+    """Return whether physid itself wrote this in version 1, which left unsaid what all its sets had in common."""
+    return known["version"] == 1 and known.get("source") == GENERATED
 
 
 def _plain(value: Body | Ground | Camera | Integration) -> dict[str, Any]:

@@ -12,8 +12,8 @@ from scipy.signal import savgol_filter
 
 from physid.data.format import RecordingSet
 from physid.data.recording import Recording
-from physid.scenes.placing import span
 from physid.scenes.scene import Scene
+from physid.scenes.setups.placing import span
 
 Array = NDArray[np.float64]
 SMOOTHING = 0.2  # [s] length of the cubic that is laid through the positions (Savitzky, Golay 1964)

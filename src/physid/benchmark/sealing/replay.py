@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from physid.scenes.placing import span
 from physid.scenes.rotations import conjugate, from_vector, multiply, to_vector
 from physid.scenes.scene import Scene
 from physid.scenes.setup import Excitation
+from physid.scenes.setups.placing import span
 from physid.simulators.bullet.engine import Engine
 from physid.simulators.bullet.world import Motion
 

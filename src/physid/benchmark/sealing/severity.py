@@ -12,7 +12,8 @@ from physid.benchmark.sealing.replay import SPAN, axes_of, difference, length_of
 from physid.data.generate import draw
 from physid.data.generation import GenerateConfig
 from physid.physics.effect import Effect
-from physid.scenes.catalogue import with_parameters
+from physid.scenes.catalogue import find_setup
+from physid.scenes.parameters import with_parameters
 from physid.scenes.rotations import conjugate, multiply, to_vector
 from physid.scenes.scene import Scene
 from physid.scenes.setup import Excitation
@@ -31,7 +32,6 @@ BENT = 0.2  # share by which opposite changes may differ in a segment that count
 ELASTIC = 0.95  # largest restitution
 FARTHEST = 2.0  # ... and by this factor at most in each
 MOST = 10.0  # larger differences, in units of the noise, count as this: one impact that falls into another step
-FLYING = ("toss",)  # scenes whose bodies leave the ground: all six coordinates of an initial state are free there
 """In the others, those along the ground's normal follow from contact."""
 UNSEEN = np.array([1.0, 1.0, 1e6, 1e6, 1e6, 1.0])
 """A reader of films takes bodies to lie on the ground: what leaves it (height, tilt) is as good as never seen."""
@@ -223,7 +223,7 @@ def _places(scene: Scene) -> list[tuple[int, int, int]]:
 
 def _free(scene: Scene) -> Array:
     """Return which coordinates of an initial state are free: all in flight, else those in the ground's plane; (6,)."""
-    return np.ones(6) if scene.name in FLYING else np.array([1.0, 1.0, 0.0, 0.0, 0.0, 1.0])
+    return np.ones(6) if find_setup(scene.name).leaves_ground else np.array([1.0, 1.0, 0.0, 0.0, 0.0, 1.0])
 
 
 def _varied(scene: Scene, unknown: Sequence[str], change: float = CHANGE) -> list[Scene]:

@@ -20,8 +20,8 @@ Reference = str | float | int  # a column, "-" and a column, or a constant
 ORDERS = ("xyzw", "wxyz")
 ORIENTATIONS = ("quaternion", "euler", "matrix", "rotation_vector", "orientation")
 OF_BODY = (
-    "name", "size", "mass", "friction", "restitution", "inertia", "position", *ORIENTATIONS, "order", "euler_order",
-    "force", "torque", "visible", "tracked_point",
+    "name", "size", "mass", "friction", "restitution", "inertia", "material", "position", *ORIENTATIONS, "order",
+    "euler_order", "force", "torque", "visible", "tracked_point",
 )  # fmt: skip
 OF_SET = (
     "scene", "time", "rate", "time_step", "units", "axes", "header", "trajectory", "split", "protocol", "gravity",
@@ -191,6 +191,7 @@ def _body(values: object, units: Mapping[str, str], index: int, count: int) -> B
             friction=number(known.get("friction", GUESSED_FRICTION), f"{where}friction"),
             restitution=number(known.get("restitution", 0.0), f"{where}restitution"),
             inertia=None if inertia is None else triple(inertia, f"{where}inertia"),
+            material=known.get("material"),
         ),
         position=_references(known["position"], f"{where}position", 3),
         orientation=kind,

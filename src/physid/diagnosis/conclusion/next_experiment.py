@@ -19,12 +19,12 @@ from physid.estimation.prediction.rollout import Predictor, Variants
 from physid.estimation.prediction.segments import Segmentation
 from physid.estimation.prediction.timeline import Timeline
 from physid.physics.layer import SolverError
-from physid.scenes.catalogue import SETUPS, with_parameters
+from physid.scenes.catalogue import SETUPS
+from physid.scenes.parameters import with_parameters
 from physid.scenes.setup import Excitation, Setup
 
 DRAWN = 12  # trajectories of each protocol that are tried
 STEPS, SHORT_STEPS = 300, 60  # frames; in scenes with impacts only the beginning can be foretold
-IMPACTS = ("collide", "toss")
 RECORD = 24  # trajectories that are asked for
 ENOUGH = 8.0  # standard deviations of the sensor, over all of them, by which predictions must differ ...
 IMITATE = 8  # most steps of a hypothesis that imitates another
@@ -107,7 +107,7 @@ def _best_protocol(
 ) -> tuple[float, str, int] | None:
     """Return how far two hypotheses lie apart under the protocol where that is most, the protocol, and the frames."""
     tried, model = [], one.experiment.predictor.model
-    steps = SHORT_STEPS if setup.scene.name in IMPACTS else STEPS
+    steps = SHORT_STEPS if setup.impacts else STEPS
     values = dict(zip(model.unknown, model.to_values(one.fit.point.nominal[0]).tolist(), strict=True))
     scene = with_parameters(model.scene, values)
     for protocol in setup.protocols:

@@ -10,7 +10,7 @@ from typing import Any
 from physid.data.files import read_tensors
 from physid.effects import from_values
 from physid.estimation.prediction.nominal_model import NominalModel
-from physid.scenes.catalogue import with_parameters
+from physid.scenes.parameters import with_parameters
 from physid.scenes.scene import Scene
 from physid.scenes.strict import number, shown, whole
 from physid.yaml_files import read_yaml

@@ -20,7 +20,7 @@ from physid.estimation.prediction.step_effects import AtStep, has
 from physid.estimation.prediction.timeline import Timeline
 from physid.physics.effect import Effect
 from physid.physics.rotations import exponential, multiply
-from physid.scenes.catalogue import with_parameters
+from physid.scenes.parameters import with_parameters
 from physid.scenes.scene import Scene
 from physid.scenes.setup import Excitation
 from physid.simulators.protocol import find_simulator

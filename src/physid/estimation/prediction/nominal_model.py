@@ -13,7 +13,7 @@ from physid.physics.effect import Effect
 from physid.physics.parameters import Parameters, box_inertia
 from physid.physics.schemes.integration import Midpoint, SemiImplicit
 from physid.physics.world import Plane, World
-from physid.scenes.catalogue import bodies_of
+from physid.scenes.parameters import bodies_of
 from physid.scenes.scene import Scene
 
 SMALLEST = 1e-6

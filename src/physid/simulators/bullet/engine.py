@@ -11,10 +11,10 @@ import numpy as np
 import pybullet
 from numpy.typing import NDArray
 
-from physid.scenes.placing import UP
 from physid.scenes.rotations import between, rotate
 from physid.scenes.scene import Body, Scene
 from physid.scenes.setup import REST_DEPTH
+from physid.scenes.setups.placing import UP
 from physid.simulators.bullet.native import Settings
 
 Array = NDArray[np.float64]

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physid.scenes.camera import corners
-from physid.scenes.placing import UP
 from physid.scenes.rotations import rotate
 from physid.scenes.scene import Scene
 from physid.scenes.setup import REST_DEPTH, Excitation
+from physid.scenes.setups.placing import UP
 from physid.simulators.closed_form.flight import fly, spin
 from physid.simulators.closed_form.line import Line
 from physid.simulators.motion import Motion, actuated, check_fit

@@ -13,10 +13,10 @@ import numpy as np
 from mujoco import mjtDisableBit
 from numpy.typing import NDArray
 
-from physid.scenes.placing import UP
 from physid.scenes.rotations import between, conjugate, rotate
 from physid.scenes.scene import Scene
 from physid.scenes.setup import REST_DEPTH
+from physid.scenes.setups.placing import UP
 from physid.simulators.mujoco.contact import LEAST_FRICTION, SOFTER, Solution, solve
 from physid.simulators.mujoco.model import build_model
 

@@ -7,7 +7,7 @@ from typing import Any, final
 import lightning as L
 import torch
 
-from physid.scenes.catalogue import with_parameters
+from physid.scenes.parameters import with_parameters
 from physid.training.learners.metrics import PoseErrors
 from physid.training.learners.sysid import SysID
 from physid.training.runs import baselines

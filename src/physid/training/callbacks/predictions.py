@@ -16,7 +16,7 @@ from physid.data.files import write_text
 from physid.data.format import FOLDER, write_scene, write_sums
 from physid.data.recording import Recording
 from physid.data.trajectory import write_trajectory
-from physid.scenes.catalogue import with_parameters
+from physid.scenes.parameters import with_parameters
 from physid.training.parameters.physical_parameters import PhysicalParameters
 from physid.training.parameters.trajectories import Trajectories
 

@@ -15,7 +15,8 @@ import torch
 from physid.data.files import write_text
 from physid.physics.layer import PhysicsLayer
 from physid.physics.state import State
-from physid.scenes.catalogue import find_setup, with_parameters
+from physid.scenes.catalogue import find_setup
+from physid.scenes.parameters import with_parameters
 from physid.scenes.scene import Scene
 from physid.scenes.setup import Excitation
 from physid.scenes.strict import check_keys, nearest, number, whole

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from physid.physics.parameters import Parameters
-from physid.scenes.catalogue import bodies_of, with_parameters
+from physid.scenes.parameters import bodies_of, with_parameters
 from physid.scenes.scene import Scene
 
 FIELDS = ("mass", "friction", "restitution")

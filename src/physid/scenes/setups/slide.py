@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 
-from physid.scenes.forces import pieces, pieces_along
-from physid.scenes.placing import WORKSPACE, anywhere, moving, on_ground, planar_twist, span, upstream
-from physid.scenes.push import TOP_VIEW
 from physid.scenes.scene import Body, Ground, Scene
 from physid.scenes.setup import Excitation, Setup
+from physid.scenes.setups.forces import pieces, pieces_along
+from physid.scenes.setups.placing import WORKSPACE, anywhere, moving, on_ground, planar_twist, span, upstream
+from physid.scenes.setups.push import TOP_VIEW
 
 ANGLE = math.radians(20.0)
 DOWNHILL = np.array([1.0, 0.0])

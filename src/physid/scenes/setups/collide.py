@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from physid.scenes.forces import AXES, pieces, pieces_along, redrawn
-from physid.scenes.placing import heading, moving, on_ground, planar_twist, span, upstream
-from physid.scenes.push import TOP_VIEW
 from physid.scenes.scene import Body, Ground, Scene
 from physid.scenes.setup import Excitation, Setup
+from physid.scenes.setups.forces import AXES, pieces, pieces_along, redrawn
+from physid.scenes.setups.placing import heading, moving, on_ground, planar_twist, span, upstream
+from physid.scenes.setups.push import TOP_VIEW
 
 GAP = (0.03, 0.20)  # [m] free way before the blocks meet
 SIDE = 0.06  # [m] how far the second block may stand aside of the line of the push
@@ -20,8 +20,8 @@ SCENE = Scene(
     time_step=1 / 240,
     ground=Ground(),
     bodies=(
-        Body("block", size=(0.3, 0.25, 0.2), mass=1.5, friction=0.1),
-        Body("other", size=(0.25, 0.25, 0.2), mass=1.0, friction=0.1),
+        Body("block", size=(0.3, 0.25, 0.2), mass=1.5, friction=0.1, material="wood"),
+        Body("other", size=(0.25, 0.25, 0.2), mass=1.0, friction=0.1, material="wood"),
     ),
     camera=TOP_VIEW,
     source="pybullet",
@@ -77,4 +77,4 @@ def _pair(scene: Scene, generator: np.random.Generator, heading: int) -> np.ndar
     return np.stack([on_ground(scene.ground, x, y, angle, body.size[2]) for (x, y), angle, body in places])
 
 
-COLLIDE = Setup(SCENE, {"paper": paper, "rich": rich, "straight": straight}, materials={"other": "block"})
+COLLIDE = Setup(SCENE, {"paper": paper, "rich": rich, "straight": straight}, impacts=True)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from physid.scenes.camera import Camera
-from physid.scenes.forces import AXES, pieces, pieces_along, redrawn
-from physid.scenes.placing import WORKSPACE, anywhere, heading, moving, on_ground, planar_twist, span, upstream
 from physid.scenes.scene import Body, Ground, Scene
 from physid.scenes.setup import Excitation, Setup
+from physid.scenes.setups.forces import AXES, pieces, pieces_along, redrawn
+from physid.scenes.setups.placing import WORKSPACE, anywhere, heading, moving, on_ground, planar_twist, span, upstream
 
 TOP_VIEW = Camera(
     width=128, height=128, position=(0.0, 0.0, 6.0), target=(0.0, 0.0, 0.0), up=(0.0, 1.0, 0.0), fov_y=25.0

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from physid.scenes.forces import pieces
-from physid.scenes.placing import anywhere, heading, moving
-from physid.scenes.push import TOP_VIEW
 from physid.scenes.scene import Body, Ground, Scene
 from physid.scenes.setup import Excitation, Setup
+from physid.scenes.setups.forces import pieces
+from physid.scenes.setups.placing import anywhere, heading, moving
+from physid.scenes.setups.push import TOP_VIEW
 
 SCENE = Scene(
     name="toss",
@@ -60,4 +60,5 @@ def _throw(generator: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     return pose, np.concatenate([generator.uniform(-5.0, 5.0, 3), velocity])
 
 
-TOSS = Setup(SCENE, {"paper": paper, "rich": rich, "straight": straight, "flight": flight})
+PROTOCOLS = {"paper": paper, "rich": rich, "straight": straight, "flight": flight}
+TOSS = Setup(SCENE, PROTOCOLS, leaves_ground=True, impacts=True)

@@ -1,0 +1,47 @@
+"""Parameters of a scene by name: what "block.friction" sets."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+from physid.scenes.scene import Body, Scene
+
+
+def bodies_of(scene: Scene, parameter: str) -> tuple[int, ...]:
+    """Return the bodies whose value "body.field" sets: all those of one material for friction and restitution.
+
+    Raises:
+        ValueError: If there is no such body, or no such parameter.
+    """
+    owner, field_name = scene.locate(parameter)
+    material = scene.bodies[owner].material
+    if field_name == "mass" or material is None:
+        return (owner,)
+    return tuple(index for index, body in enumerate(scene.bodies) if body.material == material)
+
+
+def with_parameters(scene: Scene, values: Mapping[str, float]) -> Scene:
+    """Return the scene with parameters such as "block.friction" changed; bodies of one material change together.
+
+    Raises:
+        ValueError: If a parameter does not exist or a value is impossible.
+    """
+    bodies = list(scene.bodies)
+    for parameter, value in values.items():
+        _, field_name = scene.locate(parameter)
+        for index in bodies_of(scene, parameter):
+            bodies[index] = _changed(bodies[index], field_name, value)
+    return scene.with_bodies(bodies)
+
+
+def _changed(body: Body, field_name: str, value: float) -> Body:
+    """Return a copy of the body; a given inertia follows the mass."""
+    if field_name == "mass" and body.inertia is not None:
+        x, y, z = (moment * value / body.mass for moment in body.inertia)
+        return dataclasses.replace(body, mass=value, inertia=(x, y, z))
+    if field_name == "mass":
+        return dataclasses.replace(body, mass=value)
+    if field_name == "friction":
+        return dataclasses.replace(body, friction=value)
+    return dataclasses.replace(body, restitution=value)
