@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 from abc import ABC
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Literal, Self
+from functools import cache
+from typing import Annotated, ClassVar, Literal, Self, get_type_hints
 
 import torch
 from torch import Tensor
@@ -41,8 +43,26 @@ def quantity(unit: str, low: float, high: float, typical: float, null: float = 0
 
 
 @dataclass(frozen=True)
+class Declared:
+    """What an input of a step is; nominal inputs and the layout of the compiled engine follow from it.
+
+    Attributes:
+        of: What has one of its own: each `body` of each world, each `world`, the `ground` that all worlds share, or the
+            `instant`, which every step has anew.
+        width: Numbers of each.
+        nominal: Its value without effects, where neither parameters nor world have one of that name.
+    """
+
+    of: Literal["body", "world", "ground", "instant"]
+    width: int = 1
+    nominal: float = 0.0
+
+
+@dataclass(frozen=True)
 class StepInputs:
     """All that a step of the engine takes beside the state; the only thing that an effect may change.
+
+    A new input is one line here, and the formula of the step that reads it (twice: `step` and `fused.formulas`).
 
     Attributes:
         time: Time since the first frame [s], or since the start of the clock that a rollout was given; shape (B,).
@@ -64,22 +84,22 @@ class StepInputs:
         compliance: Static deflection per force of the contacts of each body with the ground [m/N], shape (B, N).
     """
 
-    time: Tensor
-    wrench: Tensor
-    gravity: Tensor
-    size: Tensor
-    mass: Tensor
-    inertia: Tensor
-    friction: Tensor
-    restitution: Tensor
-    ground_normal: Tensor
-    ground_offset: Tensor
-    ground_friction: Tensor
-    ground_restitution: Tensor
-    body_friction: Tensor
-    body_restitution: Tensor
-    centre_of_mass: Tensor
-    compliance: Tensor
+    time: Annotated[Tensor, Declared("instant")]
+    wrench: Annotated[Tensor, Declared("instant", 6)]
+    gravity: Annotated[Tensor, Declared("body", 3)]
+    size: Annotated[Tensor, Declared("body", 3)]
+    mass: Annotated[Tensor, Declared("body")]
+    inertia: Annotated[Tensor, Declared("body", 3)]
+    friction: Annotated[Tensor, Declared("body")]
+    restitution: Annotated[Tensor, Declared("body")]
+    ground_normal: Annotated[Tensor, Declared("ground", 3)]
+    ground_offset: Annotated[Tensor, Declared("ground")]
+    ground_friction: Annotated[Tensor, Declared("body", nominal=1.0)]
+    ground_restitution: Annotated[Tensor, Declared("body")]
+    body_friction: Annotated[Tensor, Declared("world", nominal=1.0)]
+    body_restitution: Annotated[Tensor, Declared("world")]
+    centre_of_mass: Annotated[Tensor, Declared("body", 3)]
+    compliance: Annotated[Tensor, Declared("body")]
 
     def add_force(self, force: Tensor) -> StepInputs:
         """Add forces at the centres [N], shape (B, N, 3), world frame."""
@@ -92,6 +112,37 @@ class StepInputs:
     def replace(self, **changes: Tensor) -> StepInputs:
         """Return a copy with some fields changed."""
         return dataclasses.replace(self, **changes)
+
+    @classmethod
+    def nominal(cls, like: Tensor, given: Mapping[str, Tensor]) -> StepInputs:
+        """Build the inputs of a step without any effect.
+
+        Args:
+            like: Poses of the worlds, shape (B, N, 7), whose batch, dtype and device the inputs have.
+            given: Values of inputs, of their shapes or with batch axes of length 1; what is not among them is nominal.
+        """
+        axes = {"body": like.shape[:2], "world": like.shape[:1], "instant": like.shape[:1], "ground": ()}
+        values = {}
+        for name, declared in _declarations().items():
+            value = given.get(name)
+            if value is None:
+                wide = (declared.width,) if declared.width > 1 else ()
+                value = like.new_full((*axes[declared.of], *wide), declared.nominal)
+            elif declared.of != "ground":
+                value = value.to(like).expand(like.shape[0], *value.shape[1:])
+            values[name] = value
+        return cls(**values)
+
+
+@cache
+def _declarations() -> dict[str, Declared]:
+    hints = get_type_hints(StepInputs, include_extras=True)
+    return {field.name: hints[field.name].__metadata__[0] for field in dataclasses.fields(StepInputs)}
+
+
+def widths_of(*kinds: str) -> dict[str, int]:
+    """Return the widths of all inputs of some kinds (see `Declared.of`), by name."""
+    return {name: one.width for name, one in _declarations().items() if one.of in kinds}
 
 
 @dataclass(frozen=True)

@@ -237,30 +237,15 @@ class PhysicsLayer(nn.Module):
 
 def nominal_inputs(state: State, wrenches: Tensor, parameters: Parameters, world: World) -> StepInputs:
     """Build the inputs of a step without any effect, at time 0 and with the first of the wrenches (B, T, N, 6)."""
-    batch, bodies = state.pose.shape[:2]
-    ones = torch.ones_like(state.pose[..., 0])
-
-    def whole(value: Tensor) -> Tensor:
-        return value.to(state.pose).expand(batch, *value.shape[1:])
-
-    return StepInputs(
-        time=torch.zeros_like(ones[:, 0]),
-        wrench=wrenches[:, 0],
-        gravity=state.pose.new_tensor(world.gravity).expand(batch, bodies, 3),
-        size=whole(parameters.size),
-        mass=whole(parameters.mass),
-        inertia=whole(parameters.inertia),
-        friction=whole(parameters.friction),
-        restitution=whole(parameters.restitution),
-        ground_normal=state.pose.new_tensor(world.ground.normal if world.ground else (0.0, 0.0, 1.0)),
-        ground_offset=state.pose.new_tensor(world.ground.offset if world.ground else -math.inf),
-        ground_friction=ones,
-        ground_restitution=torch.zeros_like(ones),
-        body_friction=ones[:, 0],
-        body_restitution=torch.zeros_like(ones[:, 0]),
-        centre_of_mass=torch.zeros_like(state.pose[..., :3]),
-        compliance=torch.zeros_like(ones),
-    )
+    of_bodies = {field.name: getattr(parameters, field.name) for field in dataclasses.fields(parameters)}
+    new, bodies = state.pose.new_tensor, state.pose.shape[1]
+    surroundings = {
+        "wrench": wrenches[:, 0],
+        "gravity": new(world.gravity).expand(1, bodies, 3),
+        "ground_normal": new(world.ground.normal if world.ground else (0.0, 0.0, 1.0)),
+        "ground_offset": new(world.ground.offset if world.ground else -math.inf),
+    }
+    return StepInputs.nominal(state.pose, of_bodies | surroundings)
 
 
 def require_converged(step: Step, frame: int, settings: SolverSettings) -> None:

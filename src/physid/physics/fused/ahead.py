@@ -8,7 +8,7 @@ from typing import NoReturn, cast
 
 from torch import Tensor
 
-from physid.physics.effect import Effect, StepInputs
+from physid.physics.effect import Effect, StepInputs, widths_of
 from physid.physics.guards.unread import ReadError, plain, unread
 from physid.physics.schemes.grid import TimeGrid
 from physid.physics.state import State
@@ -80,6 +80,6 @@ def _repeated(inputs: StepInputs, count: int) -> StepInputs:
     fields = {
         field.name: getattr(inputs, field.name).repeat_interleave(count, 0)
         for field in dataclasses.fields(inputs)
-        if field.name not in ("ground_normal", "ground_offset")
+        if field.name not in widths_of("ground")
     }
     return inputs.replace(**fields)

@@ -13,10 +13,9 @@ from torch import Tensor
 
 from physid.compiler.emit import LANES
 from physid.physics.contact import Speculative, Split
-from physid.physics.effect import Effect, StepInputs
+from physid.physics.effect import Effect, StepInputs, widths_of
 from physid.physics.fused.ahead import inputs_ahead
-from physid.physics.fused.formulas.layouts import CONSTANTS
-from physid.physics.fused.formulas.layouts import INPUTS as FIELDS
+from physid.physics.fused.formulas.layouts import CONSTANTS, OF_BODY, OF_WORLD
 from physid.physics.fused.records import Shape
 from physid.physics.fused.run import run
 from physid.physics.fused.writer import SHARED_INPUTS
@@ -45,10 +44,11 @@ class Inputs:
     @classmethod
     def of(cls, inputs: StepInputs, frames: int = 1) -> Inputs:
         """Pack inputs whose batch axis holds the frames of each world, one world after the other."""
-        fields = [getattr(inputs, name) for name in FIELDS]
-        bodies = torch.cat([field if field.ndim == 3 else field[..., None] for field in fields], -1)
-        ground = torch.cat([inputs.ground_normal, inputs.ground_offset[None]]).expand(bodies.shape[0], 4)
-        shared = torch.cat([ground, inputs.body_friction[:, None], inputs.body_restitution[:, None]], 1)
+        worlds, count = inputs.mass.shape
+        bodies = torch.cat([getattr(inputs, name).reshape(worlds, count, -1) for name in OF_BODY], -1)
+        ground = {name: getattr(inputs, name).expand(worlds, width) for name, width in widths_of("ground").items()}
+        world = {name: getattr(inputs, name).reshape(worlds, -1) for name in widths_of("world")}
+        shared = torch.cat([(ground | world)[name] for name in OF_WORLD], 1)
         return cls(bodies.unflatten(0, (-1, frames)), shared.unflatten(0, (-1, frames)))
 
 

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import accumulate, pairwise
 
 import torch
 from torch import Tensor
 
 from physid.compiler.emit import LANES
 from physid.physics.effect import Effect, StepInputs
-from physid.physics.fused.formulas.layouts import BODY
-from physid.physics.fused.formulas.layouts import INPUTS as FIELDS
+from physid.physics.fused.formulas.layouts import BODY, OF_BODY, OF_WORLD, SHARED
 from physid.physics.fused.rollout import Inputs, Outcome, by_frame, by_group, constants_of, roll, shape_of, stepwise
 from physid.physics.fused.run import bind
 from physid.physics.lcp import SolverSettings
@@ -21,7 +19,6 @@ from physid.physics.state import State
 from physid.physics.step import Step
 from physid.physics.world import World
 
-PLACES = list(accumulate((BODY.widths[name] for name in FIELDS), initial=0))
 LOOK = 16  # steps after which to see whether all is well
 
 
@@ -154,12 +151,9 @@ class _Going:
 
     def _write(self, inputs: StepInputs) -> None:
         """Write the inputs that are not those of the last step."""
-        for name, (start, stop) in zip(FIELDS, pairwise(PLACES), strict=True):
-            if (value := getattr(inputs, name)) is not getattr(self._known, name):
-                self._bodies[:, 0, :, start:stop] = value if value.ndim == 3 else value[..., None]
-        if inputs.ground_normal is not self._known.ground_normal:
-            self._shared[:, 0, :3] = inputs.ground_normal
-        for column, name in ((3, "ground_offset"), (4, "body_friction"), (5, "body_restitution")):
-            if (value := getattr(inputs, name)) is not getattr(self._known, name):
-                self._shared[:, 0, column] = value
+        for names, layout, array in ((OF_BODY, BODY, self._bodies), (OF_WORLD, SHARED, self._shared)):
+            for name, width in names.items():
+                if (value := getattr(inputs, name)) is not getattr(self._known, name):
+                    start = layout.offsets[name]
+                    array[:, 0, ..., start : start + width] = value if width > 1 else value[..., None]
         self._known = inputs

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from physid.compiler.control import Code
 from physid.compiler.emit import LANES
-from physid.physics.fused.formulas.layouts import CONSTANTS
+from physid.physics.fused.formulas.layouts import CONSTANTS, OF_BODY, OF_WORLD
 from physid.physics.fused.records import CHOSEN, SOLVED, STATE, Shape
 
 ARGUMENTS = (
@@ -16,8 +16,7 @@ ARGUMENTS = (
 )  # fmt: skip
 """What a kernel is told: numbers, addresses, and distances [doubles] between worlds and between frames."""
 
-INPUTS = 18  # per body
-SHARED_INPUTS = 6
+INPUTS, SHARED_INPUTS = sum(OF_BODY.values()), sum(OF_WORLD.values())
 
 
 class Writer:

@@ -18,7 +18,7 @@ CORNERS = tuple(product((-1.0, 1.0), repeat=3))
 
 def choose_corners(body: Record, shared: Record, patch: Record) -> None:
     """Write the signs of the four lowest corners, from the lowest up."""
-    downwards = apply(transpose(rows(body["axes"])), shared["normal"])
+    downwards = apply(transpose(rows(body["axes"])), shared["ground_normal"])
     reach = [0.5 * m * s for m, s in zip(downwards, body["size"], strict=True)]
     heights = [total([sign * r for sign, r in zip(signs, reach, strict=True)]) for signs in CORNERS]
     zero = heights[0].graph.constant(0.0)
@@ -40,7 +40,7 @@ def choose_corners(body: Record, shared: Record, patch: Record) -> None:
 
 def touch_ground(body: Record, shared: Record, constants: Record, patch: Record, *, midpoint: bool = False) -> None:
     """Write the patch of the four lowest corners of a box and the ground."""
-    axes, half, (ground,) = rows(body["axes"]), scale(0.5, body["size"]), shared["offset"]
+    axes, half, (ground,) = rows(body["axes"]), scale(0.5, body["size"]), shared["ground_offset"]
     points = []
     for k in range(4):
         signs = patch["choice"][3 * k : 3 * k + 3]
@@ -49,8 +49,8 @@ def touch_ground(body: Record, shared: Record, constants: Record, patch: Record,
     compliance = body.one("compliance") * constants.one("correction") * shared.one("mean_mass") / (h * h)
     touch = Touch(
         points=points,
-        gaps=[dot(point, shared["normal"]) - ground for point in points],
-        normal=shared["normal"],
+        gaps=[dot(point, shared["ground_normal"]) - ground for point in points],
+        normal=shared["ground_normal"],
         active=[ground > NO_GROUND] * 4,
         scale=reduce(most, body["size"]),
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from physid.compiler.section import Layout
+from physid.physics.effect import widths_of
 
 CONSTANTS = Layout(
     step=1,  # h [s]
@@ -20,12 +21,11 @@ CONSTANTS = Layout(
     ladder=8,
 )  # fmt: skip
 CONSTANTS.constant = frozenset(range(CONSTANTS.slots))
-SHARED = Layout(normal=3, offset=1, body_friction=1, body_restitution=1, mean_mass=1)
-INPUTS = ("gravity", "size", "mass", "inertia", "friction", "restitution", "ground_friction", "ground_restitution",
-          "centre_of_mass", "compliance")  # fmt: skip
+OF_BODY, OF_WORLD = widths_of("body"), widths_of("ground", "world")  # inputs that stand at the start of a record
+SHARED = Layout(constant=(), **OF_WORLD, mean_mass=1)
 BODY = Layout(
-    gravity=3, size=3, mass=1, inertia=3, friction=1, restitution=1, ground_friction=1, ground_restitution=1,
-    centre_of_mass=3, compliance=1,
+    constant=(),
+    **OF_BODY,
     wrench=6,
     start_pose=7, start_twist=6,  # at the beginning of the step, where the scheme works at its midpoint
     pose=7, twist=6,

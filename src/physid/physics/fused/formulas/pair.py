@@ -41,8 +41,8 @@ def touch_boxes(
     )
     exists = write_patch(patch, constants, touch, material, [second, first], midpoint=midpoint)
     flat = first_ground.one("flatness") * second_ground.one("flatness")
-    standing = where(shared.one("offset") > NO_GROUND, flat, 0.0)
-    tip = scale(standing, _lever(touch, shared["normal"], exists))
+    standing = where(shared.one("ground_offset") > NO_GROUND, flat, 0.0)
+    tip = scale(standing, _lever(touch, shared["ground_normal"], exists))
     patch["lever"] = [where(there, value, 0.0) for there, value in zip(exists, tip, strict=True)]
 
 
