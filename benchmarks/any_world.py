@@ -21,8 +21,8 @@ import joblib
 import numpy as np
 import yaml
 
-from physid.data.generate import generate
-from physid.data.generation import GenerateConfig
+from physid.data.generation.generate import generate
+from physid.data.generation.settings import GenerateConfig
 from physid.diagnosis.diagnose import diagnose
 from physid.effects import find
 

@@ -27,9 +27,9 @@ import lightning as L
 from scipy.stats import t as student
 from tqdm import tqdm
 
-from physid.data.datamodule import RecordingsDataModule
-from physid.data.generate import generate
-from physid.data.generation import GenerateConfig, Noise
+from physid.data.batches.datamodule import RecordingsDataModule
+from physid.data.generation.generate import generate
+from physid.data.generation.settings import GenerateConfig, Noise
 from physid.training.callbacks.converged import Converged
 from physid.training.learners.sysid import SysID
 

@@ -22,8 +22,8 @@ from torch import Tensor
 
 from physid.configuration import compose
 from physid.data.format import RecordingSet
-from physid.data.generate import generate
-from physid.data.generation import GenerateConfig
+from physid.data.generation.generate import generate
+from physid.data.generation.settings import GenerateConfig
 from physid.networks.encoder import as_image
 from physid.training.learners.metrics import PoseErrors
 from physid.training.learners.optimisation import DEFAULT_OPTIMIZER, LARGEST_GRADIENT, build_optimizer

@@ -133,7 +133,7 @@ def _config(folder: str, draw: random.Random, place: Path) -> Path:
 def feed_generate(draw: random.Random, place: Path) -> object:
     """Compose a configuration of `physid generate`."""
     from physid.configuration import compose
-    from physid.data.generation import GenerateConfig
+    from physid.data.generation.settings import GenerateConfig
 
     return GenerateConfig.from_mapping(compose([_config("generate", draw, place)], reads=GenerateConfig).values)
 

@@ -16,8 +16,8 @@ from pathlib import Path
 
 import pybullet
 
-from physid.data.generate import draw, generate
-from physid.data.generation import GenerateConfig
+from physid.data.generation.generate import draw, generate
+from physid.data.generation.settings import GenerateConfig
 from physid.scenes.scene import Scene
 from physid.scenes.setup import Excitation
 from physid.simulators.bullet.camera import GROUND_HALF_WIDTH, Studio, matrices

@@ -23,9 +23,9 @@ from torch import Tensor
 from video_intervals import Bounds, refine
 
 from physid.configuration import compose
-from physid.data.datamodule import RecordingsDataModule
-from physid.data.generate import generate
-from physid.data.generation import GenerateConfig
+from physid.data.batches.datamodule import RecordingsDataModule
+from physid.data.generation.generate import generate
+from physid.data.generation.settings import GenerateConfig
 from physid.physics.rotations import exponential, multiply
 from physid.scenes.catalogue import find_setup
 from physid.training.learners.supervised import SupervisedID

@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physid.scenes.catalogue import find_setup
-from physid.scenes.setups.placing import on_ground
 from physid.scenes.scene import Body, Ground, Scene
 from physid.scenes.setup import Excitation
+from physid.scenes.setups.placing import on_ground
 from physid.simulators.motion import Motion
 from physid.simulators.protocol import find_simulator
 

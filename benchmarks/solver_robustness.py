@@ -16,10 +16,10 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
+from physid.physics.contact_problem.lcp import SolverSettings
 from physid.physics.fused.backend import Backend, use_fused
 from physid.physics.fused.stepping import Stepper
 from physid.physics.layer import nominal_inputs
-from physid.physics.lcp import SolverSettings
 from physid.physics.parameters import Parameters
 from physid.physics.state import State
 from physid.physics.step import Step, advance, find_patches

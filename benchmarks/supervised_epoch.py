@@ -24,9 +24,9 @@ from unittest import mock
 import lightning as L
 import torch
 
-from physid.data.datamodule import RecordingsDataModule
-from physid.data.generate import generate
-from physid.data.generation import GenerateConfig
+from physid.data.batches.datamodule import RecordingsDataModule
+from physid.data.generation.generate import generate
+from physid.data.generation.settings import GenerateConfig
 from physid.training.learners.phases import Phases
 from physid.training.learners.supervised import SupervisedID
 from physid.training.refinement.horizon import Horizon

@@ -21,9 +21,9 @@ import torch
 from torch import Tensor
 
 from physid.configuration import compose
-from physid.data.datamodule import RecordingsDataModule
-from physid.data.generate import generate
-from physid.data.generation import GenerateConfig
+from physid.data.batches.datamodule import RecordingsDataModule
+from physid.data.generation.generate import generate
+from physid.data.generation.settings import GenerateConfig
 from physid.networks.encoder import as_image
 from physid.scenes.scene import Scene
 from physid.training.learners.supervised import SupervisedID

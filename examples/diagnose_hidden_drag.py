@@ -7,8 +7,8 @@ Run it: python examples/diagnose_hidden_drag.py
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from physid.data.generate import generate
-from physid.data.generation import GenerateConfig, Noise
+from physid.data.generation.generate import generate
+from physid.data.generation.settings import GenerateConfig, Noise
 from physid.diagnosis.diagnose import diagnose
 from physid.diagnosis.document.sentences import summary_lines
 

@@ -38,14 +38,12 @@ ROOMS = {
 }
 MOST_MODULES = 12
 """In a folder; `effects` has one file for each effect."""
-TO_BE_DIVIDED = {"physics": 16, "fused/formulas": 16, "data": 15}
-"""Folders that still hold more, and how many at most."""
 TOP = 7  # modules beside the packages: the command line and what it needs
 HOMES = {
     "pybullet": ("simulators/bullet/",),
     "mujoco": ("simulators/mujoco/",),
     "h5py": ("data/",),
-    "lightning": ("data/datamodule.py", "training/"),
+    "lightning": ("data/batches/datamodule.py", "training/"),
     "wandb": ("training/",),
     "jsonargparse": ("cli.py",),
     "omegaconf": ("configuration.py",),
@@ -53,7 +51,7 @@ HOMES = {
     "llvmlite": ("compiler/", "physics/"),
 }
 TRUTH = "physid.data.truth"
-TRUTH_READERS = ("data/generate.py", "training/callbacks/", "benchmark/scoring/")
+TRUTH_READERS = ("data/generation/generate.py", "training/callbacks/", "benchmark/scoring/")
 FORBIDDEN_NAMES = {"utils", "util", "helpers", "helper", "common", "manager", "misc"}
 
 FILES = sorted(SOURCE.rglob("*.py"))
@@ -112,8 +110,7 @@ def test_rooms_of_a_package_import_earlier_rooms_only(package: str) -> None:
 def test_no_folder_holds_too_many_modules() -> None:
     for folder in {path.parent for path in FILES} - {SOURCE / "effects"}:
         modules = [path for path in folder.glob("*.py") if path.name != "__init__.py"]
-        most = next((most for name, most in TO_BE_DIVIDED.items() if folder.as_posix().endswith(name)), MOST_MODULES)
-        assert len(modules) <= most, f"{folder.name} holds {len(modules)} modules"
+        assert len(modules) <= MOST_MODULES, f"{folder.name} holds {len(modules)} modules"
 
 
 def test_the_compiler_knows_no_physics() -> None:

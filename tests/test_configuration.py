@@ -12,7 +12,7 @@ import pytest
 from physid.class_paths import load_class
 from physid.commands import COMMANDS
 from physid.configuration import Configuration, ConfigurationError, compose
-from physid.data.generation import GenerateConfig
+from physid.data.generation.settings import GenerateConfig
 from physid.free_mappings import free_mappings, types_of
 from physid.schema import check_fit, check_keys
 
@@ -231,13 +231,13 @@ def test_an_unknown_key_or_class_is_refused_with_the_nearest_one(values: dict[st
 
 @pytest.mark.parametrize("value", [None, 3, "physid.training.sysid.SysID", {}, {"class_path": 3}, ["x"]])
 def test_a_fit_needs_a_model_and_data_that_name_their_class(value: object) -> None:
-    named = {"data": {"class_path": "physid.data.datamodule.RecordingsDataModule"}}
+    named = {"data": {"class_path": "physid.data.batches.datamodule.RecordingsDataModule"}}
     with pytest.raises(ConfigurationError, match="model: expected a mapping with the class_path of a LightningModule"):
         check_fit(Configuration("run", {**named, "model": value}))
 
 
 def test_a_class_of_another_kind_is_refused() -> None:
-    kind = {"class_path": "physid.data.datamodule.RecordingsDataModule"}
+    kind = {"class_path": "physid.data.batches.datamodule.RecordingsDataModule"}
     with pytest.raises(ConfigurationError, match=r"model\.class_path: expected a LightningModule, got .*DataModule"):
         check_fit(Configuration("run", {"data": kind, "model": kind}))
 

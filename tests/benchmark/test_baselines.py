@@ -11,8 +11,8 @@ from physid.benchmark.scoring.accelerations import samples
 from physid.benchmark.scoring.baselines import FITTED, SPLITS, answers, free_residual, sparse_regression
 from physid.benchmark.sealing.invent import SPLIT
 from physid.data.format import RecordingSet
-from physid.data.generate import generate
-from physid.data.generation import GenerateConfig, Noise
+from physid.data.generation.generate import generate
+from physid.data.generation.settings import GenerateConfig, Noise
 from physid.effects import from_values
 from physid.physics.effect import Effect
 

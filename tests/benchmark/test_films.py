@@ -24,7 +24,7 @@ from physid.benchmark.sealing.severity import severity
 from physid.benchmark.verdicts import diagnose_bank
 from physid.data.files import write_text
 from physid.data.format import RecordingSet
-from physid.data.generation import GenerateConfig, Noise
+from physid.data.generation.settings import GenerateConfig, Noise
 from physid.effects import from_values
 
 TINY = Plan("score", 3, Size(sets=2, trajectories=6, steps=60))

@@ -7,7 +7,7 @@ import pytest
 
 from physid.benchmark.sealing.acting import acting_phases
 from physid.benchmark.sealing.severity import severity
-from physid.data.generation import GenerateConfig, Noise
+from physid.data.generation.settings import GenerateConfig, Noise
 from physid.effects import from_values
 from physid.physics.effect import Effect
 

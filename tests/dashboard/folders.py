@@ -13,7 +13,7 @@ import numpy as np
 CONFIG = """\
 name: {name}
 model: {{class_path: physid.training.learners.sysid.SysID, init_args: {{segment: {segment}}}}}
-data: {{class_path: physid.data.datamodule.RecordingsDataModule, init_args: {{folder: data/push}}}}
+data: {{class_path: physid.data.batches.datamodule.RecordingsDataModule, init_args: {{folder: data/push}}}}
 """
 DIAGNOSIS: dict[str, Any] = {
     "format": "physid-diagnosis",

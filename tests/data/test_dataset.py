@@ -7,11 +7,11 @@ import pytest
 import torch
 from tests.data.sets import FRAMES, recording, write_set
 
-from physid.data.datamodule import RecordingsDataModule
-from physid.data.dataset import Segments, collate
+from physid.data.batches.datamodule import RecordingsDataModule
+from physid.data.batches.dataset import Segments, collate
 from physid.data.format import RecordingSet
-from physid.data.generate import generate
-from physid.data.generation import GenerateConfig
+from physid.data.generation.generate import generate
+from physid.data.generation.settings import GenerateConfig
 
 
 @pytest.fixture

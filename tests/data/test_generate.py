@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from physid.data.format import RecordingSet
-from physid.data.generate import draw, generate
-from physid.data.generation import GenerateConfig, Noise
+from physid.data.generation.generate import draw, generate
+from physid.data.generation.settings import GenerateConfig, Noise
 from physid.data.truth import read_truth
 from physid.scenes.camera import Camera
 from physid.scenes.scene import Integration

@@ -13,8 +13,8 @@ import torch
 from torch import Tensor
 
 from physid.data.format import RecordingSet, trajectory_path, write_scene, write_sums
-from physid.data.generate import generate
-from physid.data.generation import GenerateConfig, Noise
+from physid.data.generation.generate import generate
+from physid.data.generation.settings import GenerateConfig, Noise
 from physid.data.recording import Recording
 from physid.data.trajectory import write_trajectory
 from physid.physics.effect import Effect, Site, StepInputs, quantity

@@ -11,8 +11,8 @@ import torch
 
 from physid.cli import main
 from physid.data.format import RecordingSet, trajectory_path, write_scene, write_sums
-from physid.data.generate import generate
-from physid.data.generation import GenerateConfig
+from physid.data.generation.generate import generate
+from physid.data.generation.settings import GenerateConfig
 from physid.data.reading import ECHO, FILE, read_reading
 from physid.data.trajectory import write_trajectory
 from physid.diagnosis.document.document import read_diagnosis

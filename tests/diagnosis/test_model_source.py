@@ -21,7 +21,11 @@ MODEL: dict[str, Any] = {
         "engine": {"substeps": 1, "effects": {"viscous_drag": {"coefficient": 0.1}}},
         "optimizer": {"class_path": "physid.training.parameters.gauss_newton.GaussNewton"},
     },
-    "data": {"class_path": "physid.data.datamodule.RecordingsDataModule", "folder": "data/push", "shuffle": False},
+    "data": {
+        "class_path": "physid.data.batches.datamodule.RecordingsDataModule",
+        "folder": "data/push",
+        "shuffle": False,
+    },
     "trainer": {"accelerator": "cpu", "max_epochs": 12},
 }
 

@@ -12,8 +12,8 @@ import torch
 
 from diagnosis.documents import NAMED
 from physid.data.format import RecordingSet
-from physid.data.generate import generate
-from physid.data.generation import GenerateConfig
+from physid.data.generation.generate import generate
+from physid.data.generation.settings import GenerateConfig
 from physid.diagnosis.inputs.observations import Observations, load_observations
 from physid.diagnosis.report.contents import Overlay, ReportData
 from physid.diagnosis.report.outlines import SIDE, draw_panel, view_of

@@ -8,7 +8,7 @@ import torch
 
 from physics.worlds import boxes, forces, state
 from physid.physics.contact import ContactRule, Penetrating, Speculative, Split
-from physid.physics.friction import Cone, FrictionLaw, Pyramid
+from physid.physics.contact_problem.friction import Cone, FrictionLaw, Pyramid
 from physid.physics.layer import PhysicsLayer
 from physid.physics.rotations import to_matrix
 from physid.physics.state import State

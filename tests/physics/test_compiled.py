@@ -7,8 +7,8 @@ import torch
 from tests.physics.test_fused import GRADIENT, STATE, draw
 from torch import Tensor
 
-from physid.physics import lcp
 from physid.physics.compiled import compile_or_not
+from physid.physics.contact_problem import lcp
 from physid.physics.layer import PhysicsLayer
 from physid.physics.parameters import Parameters
 from physid.physics.state import State

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from physid.physics.cones import arrow, cone_length, jordan
+from physid.physics.contact_problem.cones import arrow, cone_length, jordan
 
 
 @pytest.mark.parametrize(("size", "linear"), [(5, 2), (6, 6)])

@@ -11,10 +11,10 @@ from torch import Tensor
 from physid.effects import CATALOGUE
 from physid.effects.viscous_drag import ViscousDrag
 from physid.physics.contact import ContactRule, Penetrating, Speculative, Split
+from physid.physics.contact_problem.lcp import SolverSettings
 from physid.physics.effect import Effect
 from physid.physics.fused.records import Shape
 from physid.physics.layer import PhysicsLayer, Rollout, SolverError
-from physid.physics.lcp import SolverSettings
 from physid.physics.parameters import Parameters
 from physid.physics.state import State
 from physid.physics.world import Plane, World

@@ -13,7 +13,7 @@ import torch
 from physid.compiler import machine
 from physid.compiler.control import Code
 from physid.compiler.emit import LANES
-from physid.physics.friction import Pyramid
+from physid.physics.contact_problem.friction import Pyramid
 from physid.physics.fused import backend
 from physid.physics.layer import PhysicsLayer
 from physid.physics.parameters import Parameters

@@ -11,8 +11,8 @@ import torch
 from physics.worlds import boxes, forces, repeat, state
 from physid.effects.force_gain import ForceGain
 from physid.effects.viscous_drag import ViscousDrag
+from physid.physics.contact_problem.lcp import SolverSettings
 from physid.physics.layer import PhysicsLayer, SolverError
-from physid.physics.lcp import SolverSettings
 from physid.physics.parameters import Parameters
 from physid.physics.rotations import exponential, multiply, rotate
 from physid.physics.state import State

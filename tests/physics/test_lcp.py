@@ -6,9 +6,9 @@ import pytest
 import torch
 from torch import Tensor
 
-from physid.physics.friction import Cone, FrictionLaw, Pyramid
-from physid.physics.implicit import attach_gradient
-from physid.physics.lcp import ContactProblem, SolverSettings, solve_contacts
+from physid.physics.contact_problem.friction import Cone, FrictionLaw, Pyramid
+from physid.physics.contact_problem.implicit import attach_gradient
+from physid.physics.contact_problem.lcp import ContactProblem, SolverSettings, solve_contacts
 
 LAWS = [Cone(), Pyramid(4), Pyramid(16)]
 COMPLEMENTARITY = 1e-6

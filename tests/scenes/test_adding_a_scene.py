@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from physid.data.generate import generate
-from physid.data.generation import GenerateConfig
+from physid.data.generation.generate import generate
+from physid.data.generation.settings import GenerateConfig
 from physid.scenes.catalogue import find_setup
 from physid.scenes.setup import Setup
 from physid.simulators.protocol import find_simulator

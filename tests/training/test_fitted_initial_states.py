@@ -13,9 +13,9 @@ import torch
 from tests.training.pushed import SCENE, TRUE_FRICTION, push_batch
 
 from physid.cli import main
-from physid.data.datamodule import RecordingsDataModule
-from physid.data.generate import generate
-from physid.data.generation import GenerateConfig, Noise
+from physid.data.batches.datamodule import RecordingsDataModule
+from physid.data.generation.generate import generate
+from physid.data.generation.settings import GenerateConfig, Noise
 from physid.physics.rotations import angle_between, exponential, multiply
 from physid.scenes.catalogue import find_setup
 from physid.scenes.lying import lay_down

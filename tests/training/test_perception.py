@@ -11,8 +11,8 @@ import torch
 
 from physid.cli import main
 from physid.data.format import RecordingSet
-from physid.data.generate import generate
-from physid.data.generation import GenerateConfig, Noise
+from physid.data.generation.generate import generate
+from physid.data.generation.settings import GenerateConfig, Noise
 from physid.physics.layer import PhysicsLayer
 from physid.physics.world import World
 from physid.training.learners.engine import Engine

@@ -18,8 +18,8 @@ from torch.optim import LBFGS, Adam
 from torch.utils.data import DataLoader
 
 from physid.cli import main
+from physid.physics.contact_problem.lcp import SolverSettings
 from physid.physics.layer import PhysicsLayer, SolverError
-from physid.physics.lcp import SolverSettings
 from physid.training.learners.base import NonFiniteLossError, OptimizerFactory
 from physid.training.learners.engine import Engine
 from physid.training.learners.sysid import SysID

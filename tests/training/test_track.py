@@ -13,8 +13,8 @@ from torch import Tensor
 
 from physid.cli import main
 from physid.data.format import RecordingSet, trajectory_path, write_scene, write_sums
-from physid.data.generate import generate
-from physid.data.generation import GenerateConfig
+from physid.data.generation.generate import generate
+from physid.data.generation.settings import GenerateConfig
 from physid.data.reading import ECHO, read_reading
 from physid.data.recording import Recording
 from physid.data.trajectory import write_trajectory

@@ -6,7 +6,7 @@ import dataclasses
 from pathlib import Path
 
 from physid.data.format import RecordingSet, write_sums
-from physid.data.generation import GenerateConfig, Noise
+from physid.data.generation.settings import GenerateConfig, Noise
 from physid.data.trajectory import write_trajectory
 
 EVERY, FIRST = 15, 7  # of each role every fifteenth set, from the eighth on

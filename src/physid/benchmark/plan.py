@@ -11,7 +11,7 @@ import numpy as np
 from physid.benchmark.bank import Purpose, Size
 from physid.benchmark.films import is_film
 from physid.benchmark.sealing.hidden import ROLES, SHARES, Role
-from physid.data.splits import assign_splits
+from physid.data.batches.splits import assign_splits
 
 FAMILIES: Mapping[Purpose, int] = {"score": 1, "calibration": 2}
 

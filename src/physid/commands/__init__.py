@@ -12,7 +12,7 @@ from physid.commands.recordings import effects, generate, identifiability, track
 __all__ = ["COMMANDS", "Command"]
 
 COMMANDS: tuple[Command, ...] = (
-    Command(generate, reads="physid.data.generation.GenerateConfig"),
+    Command(generate, reads="physid.data.generation.settings.GenerateConfig"),
     Command(import_),
     Command(check),
     Command(show),

@@ -38,8 +38,8 @@ def generate(
         scheduler: Address of Dask's scheduler, tcp://HOST:8786.
         quiet: Hide the progress bar.
     """
-    from physid.data.generate import generate as run
-    from physid.data.generation import GenerateConfig
+    from physid.data.generation.generate import generate as run
+    from physid.data.generation.settings import GenerateConfig
     from physid.one_writer import one_writer
     from physid.workers import running_on
 

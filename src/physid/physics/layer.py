@@ -12,10 +12,10 @@ import torch
 from torch import Tensor, nn
 from torch.utils.checkpoint import checkpoint
 
+from physid.physics.contact_problem.lcp import SolverSettings
 from physid.physics.effect import Effect, StepInputs
 from physid.physics.fused.backend import Backend, check_backend, use_fused
 from physid.physics.guards.border import admit
-from physid.physics.lcp import SolverSettings
 from physid.physics.parameters import Parameters
 from physid.physics.schemes.grid import TimeGrid
 from physid.physics.schemes.motion import acting

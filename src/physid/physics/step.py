@@ -12,10 +12,10 @@ from torch.nn.functional import pad
 
 from physid.physics.collision import box_on_box, box_on_plane
 from physid.physics.contact import WARP_COMPLIANCE, Patch
+from physid.physics.contact_problem.implicit import attach_gradient
+from physid.physics.contact_problem.lcp import ContactProblem, SolverSettings, solve_contacts
 from physid.physics.effect import StepInputs
-from physid.physics.implicit import attach_gradient
 from physid.physics.joints import equations_of
-from physid.physics.lcp import ContactProblem, SolverSettings, solve_contacts
 from physid.physics.rotations import exponential, multiply, normalize, rotate, to_matrix
 from physid.physics.schemes.impact import FINE, STANDARD_GRAVITY, bending, demand, late
 from physid.physics.schemes.motion import drift, drifted, moved

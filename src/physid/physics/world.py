@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 
 from physid.physics.contact import ContactRule, Speculative
-from physid.physics.friction import Cone, FrictionLaw
+from physid.physics.contact_problem.friction import Cone, FrictionLaw
 from physid.physics.joints import Joint
 from physid.physics.schemes.integration import Integration, Midpoint, SemiImplicit
 

@@ -12,8 +12,8 @@ from pathlib import Path
 
 from physid.configuration import ConfigurationError, compose
 from physid.data.files import write_text
-from physid.data.generate import generate
-from physid.data.generation import GenerateConfig
+from physid.data.generation.generate import generate
+from physid.data.generation.settings import GenerateConfig
 from physid.reproduce.cells import Cell, Fit, Recordings
 from physid.reproduce.profiles import PROFILES
 from physid.reproduce.results import RESULTS, Result, markdown, read_results, table, write_results

@@ -31,8 +31,8 @@ class Withheld(Cell):
     def run(self, configs: Path, data: Path, folder: Path) -> list[Result]:
         """Generate, diagnose and compare with what was hidden (see `Cell.run`)."""
         from physid.configuration import compose
-        from physid.data.generate import generate
-        from physid.data.generation import GenerateConfig
+        from physid.data.generation.generate import generate
+        from physid.data.generation.settings import GenerateConfig
         from physid.diagnosis.diagnose import diagnose
 
         hidden = GenerateConfig.from_mapping(compose([str(configs / CONFIG)], reads=GenerateConfig).values)

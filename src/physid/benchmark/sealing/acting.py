@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from physid.data.generate import draw
-from physid.data.generation import GenerateConfig
+from physid.data.generation.generate import draw
+from physid.data.generation.settings import GenerateConfig
 from physid.physics.effect import Effect
 from physid.scenes.rotations import rotate
 from physid.scenes.scene import Scene

@@ -14,8 +14,8 @@ from physid.benchmark.plan import Plan, Task
 from physid.benchmark.sealing.acting import acting_phases
 from physid.benchmark.sealing.hidden import ROLES, Hidden, Role, build, candidates, scaled
 from physid.benchmark.sealing.severity import severity
-from physid.data.generate import draw
-from physid.data.generation import GenerateConfig, Noise
+from physid.data.generation.generate import draw
+from physid.data.generation.settings import GenerateConfig, Noise
 from physid.physics.effect import Effect
 from physid.scenes.catalogue import SETUPS, find_setup
 

@@ -16,8 +16,8 @@ from physid.benchmark.labels import Label, write_labels
 from physid.benchmark.plan import Plan, Task, tasks
 from physid.benchmark.sealing.invent import inventions
 from physid.data.files import write_text
-from physid.data.generate import generate
-from physid.data.generation import GenerateConfig
+from physid.data.generation.generate import generate
+from physid.data.generation.settings import GenerateConfig
 from physid.record import checksum
 
 EPOCH = 1_700_000_000  # every file gets this date

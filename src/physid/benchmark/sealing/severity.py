@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physid.benchmark.sealing.replay import SPAN, axes_of, difference, length_of, replay
-from physid.data.generate import draw
-from physid.data.generation import GenerateConfig
+from physid.data.generation.generate import draw
+from physid.data.generation.settings import GenerateConfig
 from physid.physics.effect import Effect
 from physid.scenes.catalogue import find_setup
 from physid.scenes.parameters import with_parameters

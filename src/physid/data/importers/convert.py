@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from physid.data.batches.splits import assign_splits
 from physid.data.files import write_text
 from physid.data.format import trajectory_path, write_scene, write_sums
 from physid.data.importers.finding import force_logs
@@ -19,7 +20,6 @@ from physid.data.importers.reading_logs import Forces, Poses, read_forces, read_
 from physid.data.importers.tables import read_table
 from physid.data.observations.stamps import check_clocks, rhythm_of
 from physid.data.recording import Recording
-from physid.data.splits import assign_splits
 from physid.data.trajectory import read_trajectory, write_trajectory
 from physid.scenes.scene import Scene
 

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from physid.data.batches.splits import assign_splits
 from physid.data.format import trajectory_path, write_scene, write_sums
 from physid.data.recording import UNIT_TOLERANCE, Recording
-from physid.data.splits import assign_splits
 from physid.data.trajectory import write_trajectory
 from physid.scenes.rotations import rotate
 from physid.scenes.scene import Body, Ground, Scene

@@ -49,7 +49,7 @@ def save_model(path: Path, recordings: Path, model: NominalModel, conclusion: Co
             "optimizer": {"class_path": "physid.training.parameters.gauss_newton.GaussNewton"},
         },
         "data": {
-            "class_path": "physid.data.datamodule.RecordingsDataModule",
+            "class_path": "physid.data.batches.datamodule.RecordingsDataModule",
             "folder": str(recordings),
             "shuffle": False,
         },

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from physid.physics.contact import Penetrating, Speculative, Split
-from physid.physics.friction import Cone
+from physid.physics.contact_problem.friction import Cone
 from physid.physics.world import World
 
 Backend = Literal["auto", "reference", "fused"]

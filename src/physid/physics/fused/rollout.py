@@ -13,6 +13,7 @@ from torch import Tensor
 
 from physid.compiler.emit import LANES
 from physid.physics.contact import Speculative, Split
+from physid.physics.contact_problem.lcp import SolverSettings
 from physid.physics.effect import Effect, StepInputs, widths_of
 from physid.physics.fused.ahead import inputs_ahead
 from physid.physics.fused.formulas.layouts import CONSTANTS, OF_BODY, OF_WORLD
@@ -20,7 +21,6 @@ from physid.physics.fused.records import Shape
 from physid.physics.fused.run import run
 from physid.physics.fused.writer import SHARED_INPUTS
 from physid.physics.guards.first_derivative import only_first
-from physid.physics.lcp import SolverSettings
 from physid.physics.schemes.grid import TimeGrid
 from physid.physics.schemes.impact import velocity_unit
 from physid.physics.state import State

@@ -5,20 +5,11 @@ from __future__ import annotations
 from functools import partial
 
 from physid.compiler.section import Formula, Layout, Record, Section
-from physid.physics.fused.formulas import (
-    axis,
-    body,
-    direction,
-    face,
-    ground,
-    lane,
-    lift,
-    linear,
-    newton,
-    pair,
-    reverse,
-)  # fmt: skip
-from physid.physics.fused.formulas.cone import impulse_of
+from physid.physics.fused.formulas import body, lane
+from physid.physics.fused.formulas.contact_problem import direction, lift, linear, newton, reverse
+from physid.physics.fused.formulas.contact_problem.cone import impulse_of
+from physid.physics.fused.formulas.contacts import axis, face, ground, pair
+from physid.physics.fused.formulas.contacts.patch import Patch
 from physid.physics.fused.formulas.layouts import (
     BLOCK,
     BODY,
@@ -31,7 +22,6 @@ from physid.physics.fused.formulas.layouts import (
     PATCH,
     SHARED,
 )
-from physid.physics.fused.formulas.patch import Patch
 from physid.physics.fused.formulas.schemes import midpoint
 from physid.physics.fused.records import Shape
 

@@ -8,11 +8,11 @@ import torch
 from torch import Tensor
 
 from physid.compiler.emit import LANES
+from physid.physics.contact_problem.lcp import SolverSettings
 from physid.physics.effect import Effect, StepInputs
 from physid.physics.fused.formulas.layouts import BODY, OF_BODY, OF_WORLD, SHARED
 from physid.physics.fused.rollout import Inputs, Outcome, by_frame, by_group, constants_of, roll, shape_of, stepwise
 from physid.physics.fused.run import bind
-from physid.physics.lcp import SolverSettings
 from physid.physics.schemes.grid import TimeGrid
 from physid.physics.schemes.motion import acting
 from physid.physics.state import State

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from physid.effects import from_values
 from physid.physics.contact import ContactRule, Speculative
-from physid.physics.friction import Cone, FrictionLaw
+from physid.physics.contact_problem.friction import Cone, FrictionLaw
 from physid.physics.layer import PhysicsLayer
 from physid.physics.schemes.integration import Integration, Midpoint, SemiImplicit
 from physid.physics.world import Plane, World

@@ -71,7 +71,7 @@ class Trajectories:
         """Build trajectories from a batch of the data module; twists may be estimated.
 
         Args:
-            batch: What `physid.data.dataset.Segments` serves; without `twist` it is estimated.
+            batch: What `physid.data.batches.dataset.Segments` serves; without `twist` it is estimated.
             time_step: Time between frames [s].
             arrival: Step over which a velocity is the mean one [s] (see `twist_from_poses`); None for `time_step`.
         """

@@ -23,8 +23,8 @@ from physid.physics.fused.formulas.algebra import (
     transpose,
     unit,
 )  # fmt: skip
-from physid.physics.fused.formulas.cone import impulse_of
-from physid.physics.fused.formulas.patch import Patch, accumulate
+from physid.physics.fused.formulas.contact_problem.cone import impulse_of
+from physid.physics.fused.formulas.contacts.patch import Patch, accumulate
 from physid.physics.schemes.motion import NEWTON_STEPS, TANGENT
 
 HALF_TURN = 2

@@ -8,7 +8,7 @@ from physid.compiler.graph import Value, total
 from physid.compiler.section import Record
 from physid.physics.contact import WARP_COMPLIANCE
 from physid.physics.fused.formulas.algebra import Vector, add, apply, cross, dot, rows, scale, subtract, transpose
-from physid.physics.fused.formulas.cone import Contact
+from physid.physics.fused.formulas.contact_problem.cone import Contact
 
 STIFFNESS = 1 / WARP_COMPLIANCE
 

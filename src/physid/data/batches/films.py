@@ -8,7 +8,7 @@ from typing import final
 import torch
 from torch import Tensor
 
-from physid.data.dataset import Item
+from physid.data.batches.dataset import Item
 from physid.data.format import RecordingSet
 
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+from physid.data.batches.splits import assign_splits
 from physid.data.recording import SPLITS
-from physid.data.splits import assign_splits
 from physid.scenes.catalogue import find_setup
 from physid.scenes.parameters import bodies_of, with_parameters
 from physid.scenes.scene import Integration, Scene

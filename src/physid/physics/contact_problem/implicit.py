@@ -7,9 +7,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from physid.physics.bordered import bordered_factor
+from physid.physics.contact_problem.bordered import bordered_factor
+from physid.physics.contact_problem.lcp import ContactProblem, ContactSolution
 from physid.physics.guards.first_derivative import only_first
-from physid.physics.lcp import ContactProblem, ContactSolution
 
 
 def attach_gradient(problem: ContactProblem, solution: ContactSolution) -> tuple[Tensor, Tensor]:

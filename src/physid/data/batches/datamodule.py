@@ -9,11 +9,11 @@ import torch
 from lightning.pytorch import LightningDataModule
 from torch.utils.data import DataLoader
 
-from physid.data.dataset import Item, Segments, Video, collate
-from physid.data.films import Films
+from physid.data.batches.dataset import Item, Segments, Video, collate
+from physid.data.batches.films import Films
+from physid.data.batches.video import check_video
 from physid.data.forces import read_forces
 from physid.data.format import RecordingSet
-from physid.data.video import check_video
 from physid.scenes.scene import Scene
 
 

@@ -8,8 +8,8 @@ from physid.compiler.graph import Value, size, total, where
 from physid.compiler.section import Record
 from physid.physics.fused.formulas.algebra import Vector, add, apply, scale, subtract
 from physid.physics.fused.formulas.body import symmetric
-from physid.physics.fused.formulas.cone import begin, impulse_of, slide
-from physid.physics.fused.formulas.patch import STIFFNESS, Patch, accumulate, padded
+from physid.physics.fused.formulas.contact_problem.cone import begin, impulse_of, slide
+from physid.physics.fused.formulas.contacts.patch import STIFFNESS, Patch, accumulate, padded
 
 
 def recall(patch: Record, contact: Record) -> None:

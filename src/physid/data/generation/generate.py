@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physid.data.format import DESCRIPTION, read_scene, trajectory_path, write_scene, write_sums
-from physid.data.generation import GenerateConfig, Noise
+from physid.data.generation.settings import GenerateConfig, Noise
 from physid.data.recording import Recording
 from physid.data.trajectory import write_trajectory
 from physid.data.truth import FILE, Truth, read_truth, write_truth

@@ -21,8 +21,8 @@ from physid.physics.fused.formulas.algebra import (
     scale,
     transpose,
 )  # fmt: skip
-from physid.physics.fused.formulas.cone import impulse_of
-from physid.physics.fused.formulas.patch import STIFFNESS, Patch, accumulate, padded
+from physid.physics.fused.formulas.contact_problem.cone import impulse_of
+from physid.physics.fused.formulas.contacts.patch import STIFFNESS, Patch, accumulate, padded
 
 
 def eliminate(patch: Patch, blocks: Sequence[Sequence[Record]]) -> None:
@@ -132,7 +132,7 @@ class _Longest:
         self.denominator = where(shorter, denominator, self.denominator)
 
     def stay_in_cone(self, x: Sequence[Value], dx: Sequence[Value], matters: Value) -> None:
-        """Stay in the second-order cone: the first root of a quadratic (see `physid.physics.cones.cone_length`)."""
+        """Stay in the second-order cone: the first root of a quadratic (see `cones.cone_length`)."""
         a = dx[0] * dx[0] - dot(dx[1:], dx[1:])
         b = x[0] * dx[0] - dot(x[1:], dx[1:])
         c = most(x[0] * x[0] - dot(x[1:], x[1:]), 0.0)

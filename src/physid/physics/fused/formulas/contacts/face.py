@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from physid.compiler.graph import Value, most, size, where
 from physid.compiler.section import Record
 from physid.physics.fused.formulas.algebra import Vector, add, apply, dot, scale, subtract
-from physid.physics.fused.formulas.axis import axes_of, half_of, pick
+from physid.physics.fused.formulas.contacts.axis import axes_of, half_of, pick
 
 SIGNS = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
 NEXT = SIGNS[1:] + SIGNS[:1]

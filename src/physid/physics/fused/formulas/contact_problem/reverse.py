@@ -1,4 +1,4 @@
-"""The derivative of a solved contact problem by what enters it (see `physid.physics.implicit`)."""
+"""The derivative of a solved contact problem by what enters it (see `physid.physics.contact_problem.implicit`)."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from physid.compiler.graph import Value, stop, total
 from physid.compiler.section import Record
 from physid.physics.fused.formulas.algebra import add, apply, dot, rows, scale, subtract, transpose
 from physid.physics.fused.formulas.body import symmetric
-from physid.physics.fused.formulas.cone import impulse_of
-from physid.physics.fused.formulas.patch import Patch, accumulate, padded
+from physid.physics.fused.formulas.contact_problem.cone import impulse_of
+from physid.physics.fused.formulas.contacts.patch import Patch, accumulate, padded
 
 
 def seed(contact: Record, impulse_bar: Record, shared: Record, shared_bar: Record, constants: Record) -> None:

@@ -8,7 +8,7 @@ from itertools import product
 from physid.compiler.graph import Value, most, total, where
 from physid.compiler.section import Record
 from physid.physics.fused.formulas.algebra import add, apply, dot, rows, scale, transpose
-from physid.physics.fused.formulas.touch import Material, Touch, write_patch
+from physid.physics.fused.formulas.contacts.touch import Material, Touch, write_patch
 
 NO_GROUND = -1e300
 """A ground lower than this is none [m]."""

@@ -14,10 +14,10 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from physid.physics.bordered import bordered_factor
 from physid.physics.compiled import compile_or_not
-from physid.physics.cones import arrow, cone_length, jordan
-from physid.physics.friction import NORMAL, SLIP, Cone, FrictionLaw
+from physid.physics.contact_problem.bordered import bordered_factor
+from physid.physics.contact_problem.cones import arrow, cone_length, jordan
+from physid.physics.contact_problem.friction import NORMAL, SLIP, Cone, FrictionLaw
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """One contact of the circular cone: its equations eliminated by hand.
 
-With z = (ln, g, b, lt), w = (sn, s, x, yt) as in `physid.physics.friction.Cone`, right-hand sides e of the
-complementarity and r of the slack equations, and x = g, a Newton step changes them with the relative velocity u by
+With z = (ln, g, b, lt), w = (sn, s, x, yt) as in `physid.physics.contact_problem.friction.Cone`, right-hand sides e of
+the complementarity and r of the slack equations, and x = g, a Newton step changes them with the relative velocity u by
 
     dln = (e_n + ln r_n - ln du_n) / (sn + k ln)
     a11 db + a12 dg = e_0 - yt.et / g + q.(du_t - r_t),  a11 = g - yt.yt / g,  a12 = b - yt.lt / g,  q = b yt / g - lt
@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from physid.compiler.graph import Value, most, root, size
-from physid.physics.friction import SLACK_COMPLIANCE
+from physid.physics.contact_problem.friction import SLACK_COMPLIANCE
 from physid.physics.fused.formulas.algebra import Matrix, Vector, dot, scale, subtract
 
 SLIP_SPEED = 1e-2

@@ -48,7 +48,7 @@ class Segments(Dataset[Item]):
       (N, H, W), bool
 
     Numbers are read once and kept; video is decoded when asked for, in the worker that asks. With `decode` false only
-    `shown` is served, for whoever keeps decoded films (see `physid.data.films`).
+    `shown` is served, for whoever keeps decoded films (see `physid.data.batches.films`).
 
     Args:
         recordings: The set.

@@ -8,10 +8,10 @@ from functools import reduce
 from physid.compiler.graph import Value, least, most, root, total, where
 from physid.compiler.section import Record
 from physid.physics.fused.formulas.algebra import Vector, add, apply, cross, dot, scale, subtract, transpose
-from physid.physics.fused.formulas.axis import axes_of, half_of, pick
-from physid.physics.fused.formulas.face import Face
-from physid.physics.fused.formulas.ground import NO_GROUND
-from physid.physics.fused.formulas.touch import Material, Touch, write_patch
+from physid.physics.fused.formulas.contacts.axis import axes_of, half_of, pick
+from physid.physics.fused.formulas.contacts.face import Face
+from physid.physics.fused.formulas.contacts.ground import NO_GROUND
+from physid.physics.fused.formulas.contacts.touch import Material, Touch, write_patch
 
 
 def touch_boxes(

@@ -1,0 +1,1 @@
+"""Recordings made by a simulator: what they shall be, and how they come about."""

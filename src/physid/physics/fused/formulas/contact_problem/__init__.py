@@ -1,0 +1,1 @@
+"""The contact problem of one step and its reverse derivative, in scalars."""
