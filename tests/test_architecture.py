@@ -16,6 +16,7 @@ MOST_LINES_OF_A_FUNCTION = 80
 RANKS = {
     "class_paths": 0,
     "one_writer": 0,
+    "strict": 0,
     "yaml_files": 0,
     "compiler": 0,
     "physics": 1,

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from physid.commands import COMMANDS, Command
 from physid.commands.terminal import interruptible, stoppable, styled
-from physid.scenes.strict import nearest
+from physid.strict import nearest
 
 if TYPE_CHECKING:
     from jsonargparse import ArgumentParser

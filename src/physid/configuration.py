@@ -17,7 +17,7 @@ from typing import Any
 import yaml
 
 from physid.free_mappings import free_mappings
-from physid.scenes.strict import nearest
+from physid.strict import nearest
 from physid.yaml_files import YamlError, parse_yaml, read_yaml
 
 COMMAND_LINE = "command line"

@@ -6,7 +6,7 @@ import pytest
 from physid.scenes.camera import corners
 from physid.scenes.catalogue import SETUPS, find_setup
 from physid.scenes.setup import REST_DEPTH, Excitation
-from physid.scenes.strict import nearest
+from physid.strict import nearest
 
 STEPS, DRAWS = 300, 40
 EVERY = [(setup.scene.name, protocol) for setup in SETUPS for protocol in setup.protocols]

@@ -13,7 +13,7 @@ from typing import Any, Literal
 import yaml
 
 from physid.data.files import write_text
-from physid.scenes.strict import check_keys, whole
+from physid.strict import check_keys, whole
 from physid.yaml_files import YamlError, read_yaml
 
 Purpose = Literal["score", "calibration"]

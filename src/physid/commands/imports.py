@@ -76,7 +76,7 @@ def _sorted(kind: str, sources: list[Path]) -> tuple[str, list[Path]]:
         ValueError: If it is no kind of log, or nothing is named.
     """
     from physid.data.importers.finding import SUFFIXES
-    from physid.scenes.strict import nearest
+    from physid.strict import nearest
 
     if kind not in KINDS:
         found = next((name for name, suffixes in SUFFIXES.items() if kind.lower().endswith(suffixes)), None)

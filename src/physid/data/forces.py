@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physid.scenes.scene import Scene
-from physid.scenes.strict import MOST_SHOWN, nearest, quoted
+from physid.strict import MOST_SHOWN, nearest, quoted
 
 COMPONENTS = ("torque_x", "torque_y", "torque_z", "force_x", "force_y", "force_z")
 

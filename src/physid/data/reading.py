@@ -10,7 +10,7 @@ import yaml
 
 from physid.data.files import write_text
 from physid.data.format import RecordingSet
-from physid.scenes.strict import check_keys
+from physid.strict import check_keys
 from physid.yaml_files import YamlError, read_yaml
 
 FILE, ECHO = "reading.yaml", "echo"

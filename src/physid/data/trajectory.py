@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from physid.data.files import write_whole
 from physid.data.hdf5 import FormatError, declared, names_in, opened, read_dataset, read_text
 from physid.data.recording import LAYOUT, Recording, check_arrays, check_shapes
-from physid.scenes.strict import nearest
+from physid.strict import nearest
 
 GZIP = 4
 

@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 
 from physid.data.files import write_text
-from physid.scenes.strict import check_keys
+from physid.strict import check_keys
 from physid.yaml_files import YamlError, read_yaml
 
 FILE = "truth.yaml"

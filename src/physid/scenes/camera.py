@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physid.scenes.rotations import rotate
-from physid.scenes.strict import check_keys, number, triple, whole
+from physid.strict import check_keys, number, triple, whole
 
 Triple = tuple[float, float, float]
 CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])

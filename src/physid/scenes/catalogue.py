@@ -11,7 +11,7 @@ from physid.scenes.setups.collide import COLLIDE
 from physid.scenes.setups.push import PUSH
 from physid.scenes.setups.slide import SLIDE
 from physid.scenes.setups.toss import TOSS
-from physid.scenes.strict import check_keys, nearest, number, quoted, triple
+from physid.strict import check_keys, nearest, number, quoted, triple
 from physid.yaml_files import read_yaml
 
 SETUPS: tuple[Setup, ...] = (PUSH, SLIDE, COLLIDE, TOSS)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physid.scenes.camera import Camera, Triple
-from physid.scenes.strict import check_keys, nearest, number, quoted, triple
+from physid.strict import check_keys, nearest, number, quoted, triple
 
 FORMAT = "physid-recordings"
 VERSION = 2

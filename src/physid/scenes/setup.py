@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physid.scenes.scene import Scene
-from physid.scenes.strict import nearest
+from physid.strict import nearest
 
 REST_DEPTH = 1e-5  # [m] how deep PyBullet keeps a resting contact (its contact slop): bodies at rest start there
 

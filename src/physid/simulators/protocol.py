@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from physid.scenes.scene import Scene
 from physid.scenes.setup import Excitation
-from physid.scenes.strict import nearest
+from physid.strict import nearest
 
 if TYPE_CHECKING:
     from physid.physics.effect import Effect

@@ -13,9 +13,9 @@ from physid.data.recording import SPLITS
 from physid.scenes.catalogue import find_setup
 from physid.scenes.parameters import bodies_of, with_parameters
 from physid.scenes.scene import Integration, Scene
-from physid.scenes.strict import check_keys, nearest, number, quoted, shown, whole
 from physid.simulators.protocol import find_simulator
 from physid.simulators.sampling import MOST_JITTER, Sampling, sample
+from physid.strict import check_keys, nearest, number, quoted, shown, whole
 
 if TYPE_CHECKING:
     from physid.physics.effect import Effect

@@ -13,7 +13,7 @@ from physid.data.importers.rotations import axes_of, check_sequence
 from physid.data.importers.units import UNITS, factor_of
 from physid.data.recording import SPLITS
 from physid.scenes.scene import GRAVITY, Body, Ground
-from physid.scenes.strict import check_keys, nearest, number, triple, whole
+from physid.strict import check_keys, nearest, number, triple, whole
 
 Array = NDArray[np.float64]
 Reference = str | float | int  # a column, "-" and a column, or a constant

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from physid.scenes.strict import nearest
+from physid.strict import nearest
 
 Array = NDArray[np.float64]
 PRESETS = {

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physid.data.importers.units import UNITS, canonical, split_header
-from physid.scenes.strict import nearest
+from physid.strict import nearest
 
 Array = NDArray[np.float64]
 DELIMITERS = (",", ";", "\t", " ")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 
-from physid.scenes.strict import nearest
+from physid.strict import nearest
 
 UNITS: dict[str, dict[str, float]] = {
     "position": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "km": 1e3, "in": 0.0254, "ft": 0.3048},

@@ -12,7 +12,7 @@ from physid.effects import from_values
 from physid.estimation.prediction.nominal_model import NominalModel
 from physid.scenes.parameters import with_parameters
 from physid.scenes.scene import Scene
-from physid.scenes.strict import number, shown, whole
+from physid.strict import number, shown, whole
 from physid.yaml_files import read_yaml
 
 CONFIG, CHECKPOINT = "config.yaml", Path("checkpoints", "last.ckpt")

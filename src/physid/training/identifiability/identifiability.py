@@ -10,7 +10,7 @@ from typing import Any, Literal, final
 import torch
 from torch import Tensor
 
-from physid.scenes.strict import number
+from physid.strict import number
 
 Kind = Literal["identified", "combination", "unobservable"]
 ACCEPT = 0.05

@@ -19,7 +19,7 @@ from physid.scenes.catalogue import find_setup
 from physid.scenes.parameters import with_parameters
 from physid.scenes.scene import Scene
 from physid.scenes.setup import Excitation
-from physid.scenes.strict import check_keys, nearest, number, whole
+from physid.strict import check_keys, nearest, number, whole
 from physid.training.identifiability.identifiability import ACCEPT, Identifiability, SensorNoise, percent
 from physid.training.identifiability.plot import draw
 from physid.training.initial_states.projection import project_out_initial_states
