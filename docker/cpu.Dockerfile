@@ -12,6 +12,7 @@ ENV PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_NO_CACHE_DIR=1
 RUN python3 -m venv /opt/venv
 WORKDIR /build
 COPY pyproject.toml constraints-cpu.txt README.md LICENSE ./
+COPY configs configs
 COPY src src
 # Wheels from the house if it is filled, else from the net; setuptools only for the build, pip not at all in the image.
 RUN --mount=type=bind,target=/context \
@@ -46,7 +47,6 @@ ENV PATH=/opt/venv/bin:${PATH} \
 RUN groupadd --gid 1000 physid && useradd --uid 1000 --gid 1000 --home-dir /app --create-home physid
 WORKDIR /app
 COPY --from=build /opt/venv /opt/venv
-COPY configs configs
 RUN install --directory --owner physid --group physid data runs
 USER 1000:1000
 ENTRYPOINT ["physid"]

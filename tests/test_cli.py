@@ -78,7 +78,7 @@ def test_the_help_of_a_command_teaches_it(command: Command, capsys: pytest.Captu
         (["predict"], "predict needs a configuration: --config FILE or --run-dir RUN"),
         (
             ["predict", "--run-dir", "no"],
-            "no holds no run; predict needs a configuration: --config FILE (see configs/)",
+            "no holds no run; predict needs a configuration: --config FILE (see physid configs)",
         ),
         (["diagnose", "no"], "expected a recording set, found no recording.yaml there; make one with physid generate"),
         (["dashboard"], "runs: expected a folder with runs"),

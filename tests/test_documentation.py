@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 from pathlib import Path
 
 import pytest
@@ -69,7 +68,6 @@ def test_the_python_of_the_readme_gives_the_derivative_that_it_says() -> None:
 
 
 def test_the_first_steps_of_the_readme_identify_the_friction(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    shutil.copytree(ROOT / "configs", tmp_path / "configs")
     monkeypatch.chdir(tmp_path)
     steps = [words for words in commands(ROOT / "README.md") if words[0] in ("generate", "fit") and len(words) > 1]
     for words in steps:

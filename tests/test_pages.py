@@ -45,6 +45,7 @@ TINY = {
     "reproduce": ["--profile=quick", "--cell=sysid/push_friction", "--workers=1"],
     "dashboard": [],
     "completion": [],
+    "configs": [],
 }
 # Programs that a page may name without a test running them here; others test some of them.
 OTHERS = [
@@ -167,8 +168,7 @@ def given(page: str, recordings: Callable[[str], Path]) -> dict[str, Any]:
 
 @pytest.fixture
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """Return an empty folder with configs/, from which Python can import, and restore the default type."""
-    shutil.copytree(ROOT / "configs", tmp_path / "configs")
+    """Return an empty folder, from which Python can import, and restore the default type."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     yield tmp_path

@@ -44,7 +44,7 @@ Every value of a configuration file can be overridden: `trainer.max_epochs=3` or
 """
 
 CONFIGURED = """\
-  --config FILE         A configuration; of several, later ones win over earlier ones.
+  --config FILE         A configuration, or the name of a shipped one (physid configs); of several, later ones win.
   key=value             Overrides one value, in YAML: trainer.max_epochs=3, data.segment=null.
   --print-config        Print the resolved configuration and do nothing.
   --allow PACKAGE       Let the configuration name classes of a package of your own, whose code is then run.
@@ -206,7 +206,9 @@ def _run_command(command: Command, words: list[str]) -> int:
         if not files:
             there = f"{run_dir} holds no run; " if run_dir else ""
             recorded = " or --run-dir RUN" if "run_dir" in values and not run_dir else ""
-            raise UsageError(f"{there}{command.name} needs a configuration: --config FILE{recorded} (see configs/)")
+            raise UsageError(
+                f"{there}{command.name} needs a configuration: --config FILE{recorded} (see physid configs)"
+            )
         reads = load_class(command.reads) if command.reads else None
         values["configuration"] = compose(files, arguments.overrides, reads=reads, allowed=arguments.allowed)
         if shown:

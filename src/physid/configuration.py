@@ -7,7 +7,6 @@ free mapping, whose keys the user chooses (`split`, `effects`, `values`), replac
 from __future__ import annotations
 
 import copy
-import difflib
 import io
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ from typing import Any
 import yaml
 
 from physid.free_mappings import free_mappings
+from physid.shipped import find_configuration, nearest_configuration
 from physid.strict import nearest
 from physid.yaml_files import YamlError, parse_yaml, read_yaml
 
@@ -70,13 +70,14 @@ def compose(
 ) -> Configuration:
     """Lay files and overrides over each other and resolve the interpolations.
 
-    A file may name a lower one with `base: other.yaml` (relative to itself, or a list of them). Later files win over
+    A file may be a name of one that is shipped (see `shipped`). It may name a lower one with `base: other.yaml`
+    (relative to itself, or shipped; or a list of them). Later files win over
     earlier ones and overrides win over all. Beside a `class_path`, keys may be written without `init_args`; where a
     later layer changes the class, the arguments of the earlier class are dropped. A free mapping is replaced as a
     whole, by `split: {fit: 10}` in a file as by `split={fit: 10}`; `split.fit=10` changes one entry.
 
     Args:
-        files: Configuration files, the most general first.
+        files: Configuration files or names, the most general first.
         overrides: `key.sub=value` each, the value in YAML.
         reads: The class whose fields the keys are, if the configuration names none itself.
         allowed: Packages beside the trusted ones whose classes it may name.
@@ -114,10 +115,11 @@ def _read(file: Path, above: tuple[Path, ...]) -> list[tuple[str, dict[str, Any]
     from omegaconf import OmegaConf
     from omegaconf.errors import OmegaConfBaseException
 
+    file = find_configuration(file)
     if file.resolve() in above:
         raise ConfigurationError(f"{file}: builds on itself ({' -> '.join(one.name for one in above)} -> {file.name})")
     if not file.is_file():
-        raise ConfigurationError(f"config file {file} does not exist{_nearest_file(file)}")
+        raise ConfigurationError(f"config file {file} does not exist{nearest_configuration(file)}")
     try:
         values = read_yaml(file, lambda text: OmegaConf.to_container(OmegaConf.load(io.StringIO(text)), resolve=False))
     except YamlError as error:
@@ -134,16 +136,8 @@ def _read(file: Path, above: tuple[Path, ...]) -> list[tuple[str, dict[str, Any]
     below = [bases] if isinstance(bases, str) else bases
     if not isinstance(below, list) or not all(isinstance(base, str) for base in below):
         raise ConfigurationError(f"{file}: base: expected a file or a list of files, got {bases!r}")
-    return [each for base in below for each in _read(file.parent / base, (*above, file.resolve()))] + [
-        (str(file), named)
-    ]
-
-
-def _nearest_file(file: Path) -> str:
-    """Return a hint at the configuration file whose path comes nearest: beside it, or anywhere in configs."""
-    found = {str(path) for path in [*file.parent.glob("*.yaml"), *Path("configs").rglob("*.yaml")]}
-    close = difflib.get_close_matches(str(file), sorted(found), n=1, cutoff=0.6)
-    return f'; did you mean "{close[0]}"?' if close else ""
+    lower = [find_configuration(Path(base), file.parent) for base in below]
+    return [each for base in lower for each in _read(base, (*above, file.resolve()))] + [(str(file), named)]
 
 
 def _parse_override(override: str) -> Layer:

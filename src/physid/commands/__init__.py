@@ -8,6 +8,7 @@ from physid.commands.fits import fit, predict, test, validate
 from physid.commands.imports import check, import_, show
 from physid.commands.overviews import dashboard, reproduce
 from physid.commands.recordings import effects, generate, identifiability, track
+from physid.commands.shipped import configs
 
 __all__ = ["COMMANDS", "Command"]
 
@@ -25,6 +26,7 @@ COMMANDS: tuple[Command, ...] = (
     Command(diagnose),
     Command(benchmark),
     Command(effects),
+    Command(configs),
     Command(reproduce),
     Command(dashboard),
     Command(completion),

@@ -94,7 +94,9 @@ def _believed(model: Path, allow: str) -> Path | Mapping[str, Any]:
     """Check the configuration of the nominal model, key by key; return it, or the run or checkpoint with its values."""
     from physid.configuration import compose
     from physid.schema import check_fit
+    from physid.shipped import find_configuration
 
+    model = find_configuration(model)
     given = model.suffix in (".yaml", ".yml")
     run = model.parent.parent if model.suffix == ".ckpt" else model
     place = model if given else run / "config.yaml"

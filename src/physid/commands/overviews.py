@@ -44,7 +44,7 @@ def reproduce(
     cell: str | None = None,
     seeds: int = 1,
     out: Path | None = None,
-    configs: Path = Path("configs"),
+    configs: Path | None = None,
     workers: int = -1,
     at_once: int = 1,
     backend: Literal["loky", "dask"] = "loky",
@@ -53,7 +53,7 @@ def reproduce(
 ) -> None:
     """Run the experiments of the paper and print what they measure beside its figures.
 
-    Every cell is a configuration in configs/ with recordings of its own. A second call goes on where the first stopped.
+    Every cell is a shipped configuration with recordings of its own. A second call goes on where the first stopped.
     The table lands in OUT/results.json and OUT/results.md, each run in OUT/CELL.
 
     Examples:
@@ -67,7 +67,7 @@ def reproduce(
         cell: Only these cells, separated by commas.
         seeds: Runs of each cell that learns from video; of several, mean and standard deviation are shown.
         out: Folder of the results; by default runs/reproduce, or runs/reproduce_PROFILE for one that is not quick.
-        configs: The folder with the configurations.
+        configs: Folder with configurations of your own under the same names; those that are shipped by default.
         workers: Processes that generate recordings; -1 for one on each core.
         at_once: Cells that run at the same time; -1 for one on each core.
         backend: loky for processes of this machine, dask for a cluster (docs/scaling.md).
@@ -78,17 +78,17 @@ def reproduce(
     from physid.one_writer import one_writer
     from physid.reproduce.run import choose, report
     from physid.reproduce.run import reproduce as run
+    from physid.shipped import SHIPPED
     from physid.workers import running_on
 
     target = out or Path("runs", "reproduce" if profile == "quick" else f"reproduce_{profile}")
-    if not (configs / "generate").is_dir():
-        raise ConfigurationError(
-            f"{configs} holds no generate/: run in the repository, or name its configs with --configs"
-        )
+    place = configs or SHIPPED
+    if not (place / "generate").is_dir():
+        raise ConfigurationError(f"{place} holds no generate/; physid configs --out {place} fills it")
     cells = choose(profile, cell.split(",") if cell else (), seeds)
     with resumable(), one_writer(target), running_on(backend, scheduler) as whole_path:
-        place = {"out": whole_path(target), "configs": whole_path(configs)}
-        results = run(cells, **place, workers=workers, at_once=at_once, again=again)
+        folders = {"out": whole_path(target), "configs": whole_path(place)}
+        results = run(cells, **folders, workers=workers, at_once=at_once, again=again)
     figures, _, verdict = report(results, target).rpartition("\n")
     missed = any(result.misses for result in results)
     print(f"{figures}\n{styled(verdict, 'red' if missed else 'green', sys.stdout)}")
