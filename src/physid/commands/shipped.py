@@ -23,8 +23,8 @@ def configs(name: str | None = None, *, out: Path | None = None) -> None:
     """
     from physid.configuration import ConfigurationError
     from physid.data.files import write_text
-    from physid.strict import nearest
     from physid.shipped import SHIPPED, SUFFIX, names, summary, with_bases
+    from physid.strict import nearest
 
     known = names()
     asked = (name or "").removeprefix("configs/").removesuffix(SUFFIX).strip("/")
