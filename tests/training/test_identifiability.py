@@ -145,7 +145,7 @@ def profile(config: IdentifiabilityConfig, fixed: int, offset: float) -> float:
     """
     physical, layer = config.build_parameters(), Engine().layer(config.build_scene())
     recorded = predict(layer, physical, config.draw())
-    scale = torch.tensor([1 / config.noise.position] * 3 + [1 / config.noise.rotation] * 3, dtype=torch.float64)
+    scale = torch.tensor([1 / config.noise.rotation] * 3 + [1 / config.noise.position] * 3, dtype=torch.float64)
     physical.logarithm[fixed] += offset
     for _ in range(4):
         misfit = (residuals(layer, physical, recorded) * scale).flatten()

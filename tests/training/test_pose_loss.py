@@ -8,8 +8,9 @@ import torch
 from scipy.spatial.transform import Rotation
 from torch import Tensor
 
+from physid.estimation.measurement.poses import pose_difference
 from physid.training.learners.metrics import PositionError, RotationError
-from physid.training.parameters.pose_loss import PoseLoss, pose_residual
+from physid.training.parameters.pose_loss import PoseLoss
 
 CLOSE = 1e-10
 REAL = torch.tensor([[True] * 5, [True, True, True, False, False]])
@@ -23,7 +24,7 @@ def poses(seed: int) -> Tensor:
 
 def test_the_loss_is_the_sum_over_bodies_of_the_mean_over_real_frames() -> None:
     predicted, recorded = poses(0), poses(1)
-    parts = PoseLoss()(pose_residual(predicted, recorded), REAL)
+    parts = PoseLoss()(pose_difference(predicted, recorded), REAL)
     for each in range(2):
         frames = int(REAL[each].sum())
         turn = Rotation.from_quat(recorded[each].reshape(-1, 4 + 3)[:, 3:]).inv() * Rotation.from_quat(
@@ -46,9 +47,9 @@ def test_the_curvature_is_that_of_the_loss_with_linearised_residuals(robust: flo
 
     def loss_without_scale(residual: Tensor) -> Tensor:
         square = residual.square().sum(2)
-        return square[..., :3].sum(-1) + 0.3 * square[..., 3:].sum(-1)
+        return square[..., 3:].sum(-1) + 0.3 * square[..., :3].sum(-1)
 
-    here = pose_residual(poses(0), poses(1))
+    here = pose_difference(poses(0), poses(1))
     weights = REAL / REAL.sum(1, keepdim=True) / 2
     if robust is not None:
         weights = weights / (1 + loss_without_scale(here) / robust**2)

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from physid.diagnosis.inputs.motion_phases import PHASES
-from physid.estimation.measurement.poses import difference
+from physid.estimation.measurement.poses import pose_difference
 from physid.estimation.measurement.sensor_noise import Noise
 from physid.physics.rotations import to_matrix
 from physid.scenes.scene import Scene
@@ -57,7 +57,7 @@ def find_jolts(pose: Tensor, present: Tensor, noise: Noise, time_step: float) ->
     jolted = torch.zeros(pose.shape[:-1], dtype=torch.bool)
     if pose.shape[1] < 2 * REACH:
         return jolted
-    step = difference(pose[:, 1:], pose[:, :-1])
+    step = pose_difference(pose[:, 1:], pose[:, :-1])
     step = step * (present[:, 1:] * present[:, :-1])[..., None]
     path = torch.cat([torch.zeros_like(step[:, :1]), step.cumsum(1)], 1)
     time = torch.arange(REACH, dtype=pose.dtype) - (REACH - 1) / 2

@@ -11,7 +11,7 @@ from physid.diagnosis.reference.replay import replay
 from physid.estimation.least_squares.experiment import Experiment, Fit
 from physid.estimation.least_squares.levenberg_marquardt import gauss_newton
 from physid.estimation.least_squares.prior import clamp_effects
-from physid.estimation.measurement.poses import difference
+from physid.estimation.measurement.poses import pose_difference
 from physid.estimation.prediction.rollout import Predictor, Variants
 from physid.estimation.prediction.segments import Segmentation
 from physid.physics.effect import Effect
@@ -102,7 +102,7 @@ def simulator_discrepancy(predictor: Predictor, fit: Fit, follow: Tensor, workin
     other = replay(predictor.model, predictor.timeline, predictor.segments, fit.point, working, follow)
     seen = fit.jacobian.base.pose[0]
     inside = predictor.segments.spread(follow)[..., None, None]
-    return difference(torch.where(inside, other, seen), seen)
+    return pose_difference(torch.where(inside, other, seen), seen)
 
 
 def working_effects(predictor: Predictor, point: Variants, names: Sequence[str]) -> tuple[Effect, ...]:

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from physid.estimation.least_squares.experiment import Experiment, Fit
-from physid.estimation.measurement.poses import difference
+from physid.estimation.measurement.poses import pose_difference
 from physid.estimation.prediction.timeline import Timeline
 
 
@@ -145,7 +145,7 @@ def _cut(judgement: Judgement, parts: Tensor, defect: float, choice: StepChoice)
     while True:
         pose, twist = judgement.predict(base.refined(parts))
         fine_pose, fine_twist = reference or judgement.predict(base.refined(2 * parts))
-        place, speed = difference(pose, fine_pose), twist - fine_twist
+        place, speed = pose_difference(pose, fine_pose), twist - fine_twist
         gained = speed.diff(dim=1) * choice.reach
         moved = place.diff(dim=1) - speed[:, :-1] * length
         within = judgement.followed[..., None, None]
@@ -161,7 +161,7 @@ def judge_steps(judgement: Judgement, parts: Tensor, choice: StepChoice) -> Chos
     """Say what halving all steps, cut into parts (R, S), or the finest steps change of poses and estimates."""
     fine = torch.full_like(parts, choice.most) if choice.finest else 2 * parts
     coarse_pose, fine_pose = (judgement.predict(judgement.base.refined(each))[0] for each in (parts, fine))
-    apart = difference(coarse_pose, fine_pose)
+    apart = pose_difference(coarse_pose, fine_pose)
     counted = judgement.counted[..., None].double()
     rotation, position = ((apart * counted).unflatten(-1, (2, 3)).square().sum((0, 1, 2, 4)) / 3).unbind()
     count = counted.sum().clamp_min(1)

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from physid.estimation.least_squares.jacobian import Directions, Jacobian, differentiate
 from physid.estimation.least_squares.normal_equations import Linearised, Normal, linearise
-from physid.estimation.measurement.poses import difference
+from physid.estimation.measurement.poses import pose_difference
 from physid.estimation.prediction.rollout import Prediction, Predictor, Variants
 
 
@@ -38,7 +38,7 @@ class Experiment:
 
     def residual(self, predicted: Tensor, point: Variants) -> Tensor:
         """Return observed minus predicted poses, as rotation vectors and positions; (C, R, T, N, 6)."""
-        return difference(self.pose, predicted) - point.engine[:, :, None, None, None] * self.engine
+        return pose_difference(self.pose, predicted) - point.engine[:, :, None, None, None] * self.engine
 
     def losses(self, point: Variants) -> Tensor:
         """Return the squared residual of each variant and segment, in units of the noise; (C, K)."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from physid.estimation.measurement.poses import difference
+from physid.estimation.measurement.poses import pose_difference
 from physid.estimation.prediction.rollout import Prediction, Predictor, Variants
 from physid.physics.rotations import exponential, multiply
 
@@ -119,11 +119,11 @@ def differentiate(
     predicted = predictor.predict(many)
     base = Prediction(*(getattr(predicted, name)[:1] for name in Prediction.__annotations__))
     scale = torch.cat([steps, torch.full((p,), NOMINAL, dtype=torch.float64), sizes])
-    slope = difference(predicted.pose[1:], base.pose) / scale[:, None, None, None, None]
+    slope = pose_difference(predicted.pose[1:], base.pose) / scale[:, None, None, None, None]
     shared = slope[d:]
     if forces is not None and f:
         pushed = predictor.predict(point.repeat(f).replace(force=FORCE * forces))
-        shared = torch.cat([shared, difference(pushed.pose, base.pose) / FORCE])
+        shared = torch.cat([shared, pose_difference(pushed.pose, base.pose) / FORCE])
     return Jacobian(base, slope[:d], shared)
 
 

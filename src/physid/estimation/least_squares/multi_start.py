@@ -9,7 +9,7 @@ from physid.estimation.least_squares.experiment import Experiment, Fit
 from physid.estimation.least_squares.initial_states import guess_initial_states
 from physid.estimation.least_squares.levenberg_marquardt import gauss_newton
 from physid.estimation.least_squares.line_search import try_losses
-from physid.estimation.measurement.poses import difference
+from physid.estimation.measurement.poses import pose_difference
 from physid.estimation.prediction.rollout import Variants
 from physid.physics.rotations import exponential, multiply
 
@@ -27,7 +27,7 @@ def guesses(experiment: Experiment, point: Variants) -> Variants:
     they are looked at.
     """
     predicted = experiment.predictor.predict(point)
-    pose = _shifted(experiment.pose, difference(predicted.state, predicted.pose)[0])
+    pose = _shifted(experiment.pose, pose_difference(predicted.state, predicted.pose)[0])
     return _guessed(experiment, point, pose, (experiment.scale[..., 0] > 0).double())
 
 
@@ -44,7 +44,7 @@ def carried(experiment: Experiment, fit: Fit, point: Variants) -> Variants:
     seen = fit.jacobian.base.pose
     state = seen
     for _ in range(UNDO):
-        state = _shifted(state, difference(seen, experiment.predictor.observe(state, point.effects)))
+        state = _shifted(state, pose_difference(seen, experiment.predictor.observe(state, point.effects)))
     many = _guessed(experiment, point, state[0], torch.ones_like(state[0, ..., 0]))
     return _picked(many, try_losses(experiment, many).argmin(0))
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from physid.estimation.measurement.poses import difference
+from physid.estimation.measurement.poses import pose_difference
 from physid.estimation.measurement.tracking_error import TrackingError
 
 NORMAL_MAD = 1.4826  # standard deviation over median absolute deviation, for a normal distribution
@@ -71,7 +71,7 @@ def outlier_poses(pose: Tensor, present: Tensor) -> Tensor:
         low, high = index < k, index >= frames - k
         near = torch.where(low, index + k, index - k).clamp(0, frames - 1)
         far = torch.where(low, index + 2 * k, torch.where(high, index - 2 * k, index + k)).clamp(0, frames - 1)
-        one, other = difference(pose[:, near], pose), difference(pose[:, far], pose)
+        one, other = pose_difference(pose[:, near], pose), pose_difference(pose[:, far], pose)
         deviations.append(torch.where((low | high)[:, None, None], 2 * one - other, (one + other) / 2))
     odd = torch.stack(deviations).median(0).values.unflatten(-1, (2, 3)).norm(dim=-1)
     scale = NORMAL_MAD * odd[present.bool()].median(0).values

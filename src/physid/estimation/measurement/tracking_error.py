@@ -8,7 +8,7 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
-from physid.estimation.measurement.poses import difference
+from physid.estimation.measurement.poses import pose_difference
 
 SPANS = (1, 2, 4, 8, 16, 32)  # frames over which errors are averaged, to see how slowly they change
 SURE = 0.15  # standard deviation of the logarithm of the errors' size: drawn films differ from real ones
@@ -41,7 +41,7 @@ class TrackingError:
         """Compare poses (R, T, N, 7) with what was read of them; `middle` (3,) is where the view is fixed [m]."""
         away = torch.zeros_like(read[..., :6])
         away[..., 3:] = read[..., :3] - middle
-        return cls(difference(again, read), away, deviation)
+        return cls(pose_difference(again, read), away, deviation)
 
     def sized(self, residual: Tensor, weight: Tensor) -> TrackingError:
         """Return it with factors at which r_t - (r_{t-1} + r_{t+1}) / 2 is as large as in residuals (R, T, N, 6).

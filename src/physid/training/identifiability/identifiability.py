@@ -48,7 +48,7 @@ class SensorNoise:
     @property
     def weights(self) -> Tensor:
         """One over the standard deviation of each coordinate, shape (6,)."""
-        return torch.tensor([1 / self.position] * 3 + [1 / self.rotation] * 3, dtype=torch.float64)
+        return torch.tensor([1 / self.rotation] * 3 + [1 / self.position] * 3, dtype=torch.float64)
 
 
 @final

@@ -7,10 +7,10 @@ import dataclasses
 import torch
 from torch import Tensor
 
+from physid.estimation.measurement.poses import pose_difference
 from physid.physics.layer import PhysicsLayer
 from physid.physics.rotations import exponential, multiply
 from physid.training.parameters.physical_parameters import PhysicalParameters
-from physid.training.parameters.pose_loss import pose_residual
 from physid.training.parameters.slopes import BEND, FAINT, norms
 from physid.training.parameters.trajectories import Trajectories
 
@@ -62,6 +62,6 @@ def _moved(
     attitude = multiply(exponential(moves[..., 3:6]), pose[..., 3:])
     first = torch.cat([pose[..., :3] + moves[..., :3], attitude], -1)
     rollout = dataclasses.replace(many, origin=torch.cat([first, twist], -1)).rolled(layer, parameters())
-    plus, minus = pose_residual(rollout.pose, many.pose).unflatten(0, (2, count, batch))
+    plus, minus = pose_difference(rollout.pose, many.pose).unflatten(0, (2, count, batch))
     slope: Tensor = (plus - minus) / (2 * difference)
     return slope

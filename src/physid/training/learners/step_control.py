@@ -18,7 +18,6 @@ from physid.estimation.least_squares.discretisation import (
 )
 from physid.estimation.prediction.timeline import Timeline
 from physid.physics.layer import PhysicsLayer
-from physid.physics.rotations import conjugate, rotate
 from physid.training.identifiability.identifiability import SensorNoise
 from physid.training.parameters.intervals import Pull
 from physid.training.parameters.physical_parameters import PhysicalParameters
@@ -45,13 +44,11 @@ class Shift:
     """How the estimates follow a change of the predicted poses: d = -H^-1 J^T W r, and how well they are known.
 
     Attributes:
-        response: H^-1 J^T W, shape (P, B, T, N, 6), by positions and rotations (see `pose_residual`).
-        recorded: Recorded poses, shape (B, T, N, 7).
+        response: H^-1 J^T W, shape (P, B, T, N, 6), by rotations and positions (see `pose_difference`).
         deviation: Standard errors of ln(parameter), shape (P,).
     """
 
     response: Tensor
-    recorded: Tensor
     deviation: Tensor
 
     @classmethod
@@ -69,19 +66,17 @@ class Shift:
         white = response / scale
         least = white.square().sum((1, 2, 3, 4)).sqrt()
         spread = pull.of_trajectories(cut.index).covariance().diagonal().clamp_min(0).sqrt().nan_to_num(0.0)
-        return cls(response, cut.pose, torch.maximum(spread, least))
+        return cls(response, torch.maximum(spread, least))
 
     @classmethod
     def none(cls, cut: Trajectories, count: int) -> Shift:
         """Say nothing of P estimates: where derivatives mean nothing, only the poses judge the steps."""
         zero = cut.pose.new_zeros(count)
-        return cls(zero[:, None, None, None, None].expand(-1, *cut.pose.shape[:3], 6), cut.pose, zero + torch.inf)
+        return cls(zero[:, None, None, None, None].expand(-1, *cut.pose.shape[:3], 6), zero + torch.inf)
 
     def __call__(self, apart: Tensor) -> Tensor:
-        """Return the change of ln(parameter) (P,) by a change of poses (B, T, N, 6), world rotation and position."""
-        turn, place = apart.split(3, -1)
-        own = rotate(conjugate(self.recorded[..., 3:]), turn)
-        return -torch.einsum("pbtni,btni->p", self.response, torch.cat([place, own], -1))
+        """Return the change of ln(parameter) (P,) by a change of poses (B, T, N, 6)."""
+        return -torch.einsum("pbtni,btni->p", self.response, apart)
 
 
 @final

@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 from torch.optim import Optimizer
 
+from physid.estimation.measurement.poses import pose_difference
 from physid.networks.encoder import as_image
 from physid.scenes.scene import Scene
 from physid.training.callbacks.parameter_history import ParameterHistory
@@ -20,7 +21,7 @@ from physid.training.learners.engine import Engine
 from physid.training.learners.optimisation import DEFAULT_OPTIMIZER, build_optimizer, take_encoder, take_step
 from physid.training.learners.phases import Phase, Phases, epochs_of
 from physid.training.parameters.physical_parameters import PhysicalParameters
-from physid.training.parameters.pose_loss import PoseLoss, mean_over_time, pose_residual
+from physid.training.parameters.pose_loss import PoseLoss, mean_over_time
 from physid.training.parameters.trajectories import Trajectories
 from physid.training.refinement.horizon import Horizon, spread
 from physid.training.refinement.refinement import Refinement
@@ -147,7 +148,7 @@ class SupervisedID(TrainingModule):
         if self.phase is Phase.WARM_UP:
             values = encoding_losses(self.model, encoding, recorded, weight)
             return {f"encoded_{name}": mean_over_time(value, real) for name, value in values.items()} | imagined
-        values = self.loss(pose_residual(encoding.pose, recorded), real)
+        values = self.loss(pose_difference(encoding.pose, recorded), real)
         self.require_finite({f"encoded_{name}": value for name, value in values.items()}, batch)
         rolled = self.loss(*self._rolled(encoding.pose, batch))
         return (
@@ -160,7 +161,7 @@ class SupervisedID(TrainingModule):
         """Return residuals (b, T, N, 6) of the poses rolled out, and which frames are real (b, T)."""
         part = self.horizon.cut(batch)
         pose = self.model.roll_out(encoded[: len(part["shown"])], part["shown"], part["wrench"]).to(encoded.device)
-        residual = pose_residual(pose, part["pose"])
+        residual = pose_difference(pose, part["pose"])
         return residual, torch.arange(pose.shape[1], device=pose.device) < part["length"][:, None]
 
     def indices(self, batch: Batch) -> Tensor:

@@ -12,6 +12,7 @@ import lightning as L
 import torch
 from torch import Tensor
 
+from physid.estimation.measurement.poses import pose_difference
 from physid.training.callbacks.identifiability_warning import IdentifiabilityWarning
 from physid.training.callbacks.intervals import Intervals
 from physid.training.callbacks.parameter_history import ParameterHistory
@@ -26,7 +27,7 @@ from physid.training.learners.step_control import Shift
 from physid.training.parameters.gauss_newton import GaussNewton
 from physid.training.parameters.intervals import Pull, coarse_pull
 from physid.training.parameters.pattern_search import PatternSearch
-from physid.training.parameters.pose_loss import PoseLoss, pose_residual
+from physid.training.parameters.pose_loss import PoseLoss
 from physid.training.parameters.sensitivity import residuals, sensitivity
 from physid.training.parameters.slopes import slopes
 from physid.training.parameters.trajectories import Trajectories
@@ -104,7 +105,7 @@ class SysID(TrainingModule, PredictingModule):
             cut = follow.at(self.physical.logarithm - self.physical.logarithm.detach()).of(cut)
         predicted = cut.rolled(self.layer, self.physical()).pose
         self._evaluated = predicted.detach(), cut
-        return self.loss(pose_residual(predicted, cut.pose), cut.real)
+        return self.loss(pose_difference(predicted, cut.pose), cut.real)
 
     def indices(self, batch: Batch) -> Tensor:
         """Return the trajectory of each training segment."""

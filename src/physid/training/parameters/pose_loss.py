@@ -1,4 +1,4 @@
-"""How far predicted poses are from recorded ones, and what that costs."""
+"""What it costs that predicted poses leave recorded ones."""
 
 from __future__ import annotations
 
@@ -6,22 +6,6 @@ from dataclasses import dataclass
 
 import torch
 from torch import Tensor
-
-from physid.physics.rotations import conjugate, logarithm, multiply
-
-
-def pose_residual(predicted: Tensor, recorded: Tensor) -> Tensor:
-    """Compute p^ - p [m] and ln(q^-1 q^) [rad], the residuals whose squares the paper sums.
-
-    Args:
-        predicted: Poses (p^, q^), shape (..., 7).
-        recorded: Poses (p, q), shape (..., 7).
-
-    Returns:
-        Position, then rotation residuals, shape (..., 6).
-    """
-    turn = logarithm(multiply(conjugate(recorded[..., 3:]), predicted[..., 3:]))
-    return torch.cat([predicted[..., :3] - recorded[..., :3], turn], -1)
 
 
 def mean_over_time(value: Tensor, real: Tensor) -> Tensor:
@@ -54,7 +38,7 @@ class PoseLoss:
         """Compute the loss of each trajectory.
 
         Args:
-            residual: Shape (B, T, N, 6), see `pose_residual`.
+            residual: Shape (B, T, N, 6), rotation vectors, then positions, see `pose_difference`.
             real: Which frames count, shape (B, T).
 
         Returns:
@@ -94,10 +78,10 @@ class PoseLoss:
         if self.robust is not None:
             position, rotation = self._squares(residual)
             weight = weight / (1 + (position + rotation) / self.robust**2)
-        parts = residual.new_tensor([1.0] * 3 + [self.rotation_weight] * 3)
+        parts = residual.new_tensor([self.rotation_weight] * 3 + [1.0] * 3)
         return (weight[..., None, None] * parts).expand_as(residual)
 
     def _squares(self, residual: Tensor) -> tuple[Tensor, Tensor]:
         """Return the position and the rotation part of e, each (B, T)."""
         square = residual.square().sum(2)
-        return square[..., :3].sum(-1), self.rotation_weight * square[..., 3:].sum(-1)
+        return square[..., 3:].sum(-1), self.rotation_weight * square[..., :3].sum(-1)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from physid.estimation.measurement.poses import pose_difference
 from physid.physics.layer import PhysicsLayer
 from physid.training.parameters.physical_parameters import PhysicalParameters
-from physid.training.parameters.pose_loss import pose_residual
 from physid.training.parameters.trajectories import Trajectories
 
 DIFFERENCE = 1e-3
@@ -27,9 +27,9 @@ def residuals(
             present ones.
 
     Returns:
-        Residuals (see `pose_residual`), shape (B, T, N, 6).
+        Residuals (see `pose_difference`), shape (B, T, N, 6).
     """
-    return pose_residual(trajectories.rolled(layer, parameters(logarithm)).pose, trajectories.pose)
+    return pose_difference(trajectories.rolled(layer, parameters(logarithm)).pose, trajectories.pose)
 
 
 @torch.no_grad()

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, final
 import torch
 from torch import Tensor
 
+from physid.estimation.measurement.poses import pose_difference
 from physid.networks.chart import PlanarChart
 from physid.physics.state import State
-from physid.training.parameters.pose_loss import PoseLoss, pose_residual
+from physid.training.parameters.pose_loss import PoseLoss
 from physid.training.parameters.trajectories import Trajectories
 
 if TYPE_CHECKING:
@@ -89,12 +90,11 @@ def land(model: VideoModel, loss: PoseLoss, trajectories: Trajectories, real: Te
     def answer(height: Tensor) -> Tensor:
         moves = DIFFERENCE * torch.eye(goal.shape[2]).to(goal)
         sides = [torch.stack([predict(height + side * move) for move in moves]) for side in (1, -1)]
-        slope = pose_residual(sides[0], goal.expand_as(sides[0])) - pose_residual(sides[1], goal.expand_as(sides[1]))
-        return _across(slope / (2 * DIFFERENCE), rays)
+        return _across(pose_difference(*sides) / (2 * DIFFERENCE), rays)
 
     scale = _scale(loss, real, goal)
     for _ in range(PASSES):
-        residual = _across(pose_residual(predict(height), goal), rays)
+        residual = _across(pose_difference(predict(height), goal), rays)
         slopes = (scale * answer(height)).flatten(2).permute(1, 2, 0)
         step = -_solve(slopes, (scale * residual).flatten(1)[..., None])[..., 0]
         height = torch.maximum(height + step.clamp(-LONGEST, LONGEST), floor)
@@ -107,13 +107,13 @@ def land(model: VideoModel, loss: PoseLoss, trajectories: Trajectories, real: Te
 
 def _across(value: Tensor, rays: Tensor) -> Tensor:
     """Take out of residuals, or of their derivatives (..., 6), the part along the rays (B, T, N, 3)."""
-    along = (value[..., :3] * rays).sum(-1, keepdim=True)
-    return torch.cat([value[..., :3] - along * rays, value[..., 3:]], -1)
+    along = (value[..., 3:] * rays).sum(-1, keepdim=True)
+    return torch.cat([value[..., :3], value[..., 3:] - along * rays], -1)
 
 
 def _scale(loss: PoseLoss, real: Tensor, like: Tensor) -> Tensor:
     """Return the roots of the weights of the residuals, shape (B, T, 1, 6)."""
-    parts = like.new_tensor([1.0] * 3 + [loss.rotation_weight**0.5] * 3)
+    parts = like.new_tensor([loss.rotation_weight**0.5] * 3 + [1.0] * 3)
     return real.to(like)[..., None, None] * parts
 
 
