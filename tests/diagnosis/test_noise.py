@@ -7,9 +7,17 @@ import torch
 from torch import Tensor
 
 from physid.diagnosis.inputs.events import find_jolts
-from physid.estimation.measurement.sensor_noise import FLOOR, Noise, estimate_noise, frame_weights, outlier_poses
+from physid.estimation.measurement.sensor_noise import (
+    FLOOR,
+    Noise,
+    estimate_noise,
+    frame_weights,
+    noise_of_poses,
+    outlier_poses,
+)
+from physid.physics.rotations import exponential
 
-FRAMES, STEP = 120, 1 / 240
+FRAMES, STEP, MANY = 120, 1 / 240, 40
 NOISE = Noise(rotation=0.002, position=0.001)
 SHARE = 0.05  # of an estimate from 8 x 118 frames
 
@@ -54,6 +62,19 @@ def test_the_noise_is_estimated_whatever_smooth_error_the_model_makes() -> None:
 def test_recordings_without_noise_are_given_what_integrators_differ_by() -> None:
     found = estimate_noise(torch.zeros(2, FRAMES, 1, 6, dtype=torch.float64), torch.ones(2, FRAMES, 1))
     assert (found.rotation, found.position) == FLOOR
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.4])
+def test_poses_alone_show_the_noise_at_any_times_and_though_an_axis_stands_still(jitter: float) -> None:
+    drawn = torch.rand(MANY, FRAMES, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
+    time, white = STEP * (torch.arange(FRAMES) + jitter * drawn), noise(MANY, FRAMES, 1)
+    pose = torch.zeros(MANY, FRAMES, 1, 7, dtype=torch.float64)
+    pose[..., 0, 0] = 1.0 * time + 1.5 * time**2
+    pose[..., :2] += white[..., 3:5]
+    pose[..., 3:] = exponential(white[..., :3])
+    found = noise_of_poses(pose, torch.ones(MANY, FRAMES, dtype=torch.bool), time if jitter else None)
+    assert found.position == pytest.approx(NOISE.position, rel=SHARE)
+    assert found.rotation == pytest.approx(NOISE.rotation, rel=SHARE)
 
 
 def test_an_outlying_frame_loses_its_weight_and_a_wrong_stretch_keeps_it() -> None:

@@ -18,7 +18,6 @@ from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig, Noise
 from physid.data.recording import Recording
 from physid.training.callbacks.converged import Converged
-from physid.training.initial_states.pose_noise import pose_noise
 from physid.training.initial_states.twist import twist_from_poses
 from physid.training.learners.engine import Engine
 from physid.training.learners.sysid import SysID
@@ -117,7 +116,7 @@ def test_noise_is_told_from_motion_by_stamps_that_jitter() -> None:
     known = Trajectories(
         pose, shape, shape, torch.full((4,), 400), torch.arange(4), time=time, seen=torch.ones(4, 400).bool()
     )
-    assert pose_noise(known).position == pytest.approx(1e-3, rel=0.1)
+    assert known.noise.position == pytest.approx(1e-3, rel=0.1)
 
 
 def test_the_maker_decides_scheme_and_steps_and_an_override_wins() -> None:

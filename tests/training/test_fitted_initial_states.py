@@ -21,7 +21,6 @@ from physid.scenes.catalogue import find_setup
 from physid.scenes.lying import lay_down
 from physid.training.identifiability.identifiability import SensorNoise
 from physid.training.initial_states.fitted import Starts
-from physid.training.initial_states.pose_noise import pose_noise
 from physid.training.learners.sysid import SysID
 from physid.training.parameters.pose_loss import PoseLoss
 from physid.training.parameters.trajectories import Trajectories
@@ -133,7 +132,7 @@ def test_the_noise_of_poses_is_seen_in_their_third_differences(noise: Noise, tmp
     made = GenerateConfig("collide", trajectories=4, steps=200, video=False, noise=noise)
     generate(made, tmp_path, quiet=True)
     data = RecordingsDataModule(tmp_path, shuffle=False)
-    found = pose_noise(Trajectories.of(next(iter(data.train_dataloader())), data.scene.time_step))
+    found = Trajectories.of(next(iter(data.train_dataloader())), data.scene.time_step).noise
     assert found.position == pytest.approx(noise.position, rel=0.1)
     assert found.rotation == pytest.approx(noise.rotation, rel=0.1)
 

@@ -15,7 +15,9 @@ SOFT, WILD = 3.0, 6.0  # [standard deviations] beyond the first a frame counts l
 TRIM, TRIMMED = 3.0, 0.98661  # cut [standard deviations], and what it leaves of a normal standard deviation
 JUMP = (0.1, 0.015)  # [rad], [m] least deviation of a pose from its neighbours that no motion explains
 JUMP_SIGMAS = 10.0
-FLOOR = (3e-4, 1e-4)  # [rad], [m] noise that is assumed at least: below, integrators differ by more than sensors
+FLOOR = (1e-3, 1e-4)  # [rad], [m] least noise: below, engines differ by more, say in how a pushed block turns
+STILL = 1e-2  # share of the noise of the other axes below which an axis did not move at all, and says nothing
+WINDOW = 4  # frames of a third difference, in which a smooth motion hardly shows
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,10 @@ class Noise:
         if self.error is not None:
             return self.error.draw(count, generator)
         return torch.randn(count, *like.shape, generator=generator, dtype=like.dtype) * self.spread()
+
+
+UNSEEN = Noise(rotation=1e-2, position=1e-3)
+"""What is assumed where there is too little to tell."""
 
 
 def outlier_poses(pose: Tensor, present: Tensor) -> Tensor:
@@ -93,9 +99,45 @@ def estimate_noise(residual: Tensor, weight: Tensor, error: TrackingError | None
         return Noise(*_largest(error.spread), error)
     bent = residual[:, 1:-1] - (residual[:, :-2] + residual[:, 2:]) / 2
     good = (weight[:, 1:-1] > 0) & (weight[:, :-2] > 0) & (weight[:, 2:] > 0)
-    values = bent[good].unflatten(-1, (2, 3)).abs() / 1.5**0.5
-    rotation, position = (max(_spread(values[:, k].flatten()), FLOOR[k]) for k in (0, 1))
-    return Noise(rotation, position)
+    return _of_differences(bent[good] / 1.5**0.5)
+
+
+def noise_of_poses(pose: Tensor, real: Tensor, time: Tensor | None = None) -> Noise:
+    """Estimate white noise from poses alone, before any model is fitted.
+
+    Third divided differences of a smooth motion vanish with the third power of the time step; what remains is noise.
+    Their median magnitude does not see the few frames around an impact (Rice 1984, Hampel 1974). Weights are
+    w_i = 1 / prod_j (t_i - t_j), over the root of their sum of squares, so that white noise keeps its size.
+
+    Args:
+        pose: Recorded poses, at least four frames of each trajectory, shape (B, T, N, 7).
+        real: Frames that count, shape (B, T).
+        time: Times of the frames [s], shape (B, T); None for even ones.
+
+    Returns:
+        The noise, at least `FLOOR`; `UNSEEN` where trajectories are too short to tell.
+    """
+    if pose.shape[1] < WINDOW:
+        return UNSEEN
+    time = torch.arange(pose.shape[1]).to(pose).expand(pose.shape[:2]) if time is None else time
+    windows, since = pose.unfold(1, WINDOW, 1).movedim(-1, 2), time.unfold(1, WINDOW, 1)
+    inside = real.unfold(1, WINDOW, 1).all(-1)
+    apart = since[..., :, None] - since[..., None, :] + torch.eye(WINDOW).to(since)
+    weight = 1 / torch.where(inside[..., None], apart.prod(-1), 1.0)
+    weight = weight / weight.norm(dim=-1, keepdim=True)
+    motion = pose_difference(windows, windows[:, :, :1].expand_as(windows))
+    return _of_differences(torch.einsum("btw,btwni->btni", weight, motion)[inside].flatten(0, 1))
+
+
+def _of_differences(values: Tensor) -> Noise:
+    """Estimate noise from differences (n, 6) that have its size; axes in which nothing moves say nothing."""
+    if not len(values):
+        return UNSEEN
+    found = []
+    for kind, floor in zip(values.abs().split(3, -1), FLOOR, strict=True):
+        rough = kind.median(0).values
+        found.append(max(_spread(kind[:, rough >= STILL * rough.max()].flatten()), floor))
+    return Noise(found[0], found[1])
 
 
 def _largest(spread: Tensor) -> tuple[float, float]:

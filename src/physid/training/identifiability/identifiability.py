@@ -10,6 +10,7 @@ from typing import Any, Literal, final
 import torch
 from torch import Tensor
 
+from physid.estimation.measurement.sensor_noise import Noise
 from physid.strict import number
 
 Kind = Literal["identified", "combination", "unobservable"]
@@ -45,10 +46,9 @@ class SensorNoise:
         number(self.position, "noise.position", low=0.0, strict=True)
         number(self.rotation, "noise.rotation", low=0.0, strict=True)
 
-    @property
-    def weights(self) -> Tensor:
-        """One over the standard deviation of each coordinate, shape (6,)."""
-        return torch.tensor([1 / self.rotation] * 3 + [1 / self.position] * 3, dtype=torch.float64)
+    def spread(self) -> Tensor:
+        """Return the standard deviation of each coordinate, rotation vector and position, shape (6,)."""
+        return Noise(self.rotation, self.position).spread()
 
 
 @final
@@ -113,7 +113,7 @@ class Identifiability:
 
     @classmethod
     def of(
-        cls, names: tuple[str, ...], sensitivity: Tensor, real: Tensor, noise: SensorNoise, accept: float = ACCEPT
+        cls, names: tuple[str, ...], sensitivity: Tensor, real: Tensor, spread: Tensor, accept: float = ACCEPT
     ) -> Identifiability:
         """Compute the information.
 
@@ -121,10 +121,10 @@ class Identifiability:
             names: The P parameters.
             sensitivity: J by ln(parameter) [m, rad], shape (P, B, T, N, 6).
             real: Which frames are observed, shape (B, T).
-            noise: What the sensor adds.
+            spread: Standard deviation of each coordinate of a pose, shape (6,).
             accept: See the class.
         """
-        seen = (sensitivity * noise.weights.to(sensitivity) * real[..., None, None]).flatten(1)
+        seen = (sensitivity / spread.to(sensitivity) * real[..., None, None]).flatten(1)
         return cls(names, (seen @ seen.T).cpu(), accept)
 
     @property

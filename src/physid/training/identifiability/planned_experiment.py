@@ -187,9 +187,9 @@ def analyse(config: IdentifiabilityConfig, engine: Engine | None = None) -> Iden
     found = slopes(layer, physical, planned)
     answer = found.sensitivity
     if config.start == "estimated":
-        answer = project_out_initial_states(layer, physical, planned, answer, config.noise.weights)
-    keep = found.usable
-    result = Identifiability.of(physical.names, answer[:, keep], planned.real[keep], config.noise, config.accept)
+        answer = project_out_initial_states(layer, physical, planned, answer, 1 / config.noise.spread())
+    keep, spread = found.usable, config.noise.spread()
+    result = Identifiability.of(physical.names, answer[:, keep], planned.real[keep], spread, config.accept)
     return IdentifiabilityResult(config, result, len(planned), found.bent)
 
 

@@ -13,7 +13,6 @@ from torch import Tensor
 from physid.physics.layer import PhysicsLayer
 from physid.scenes.scene import Scene
 from physid.training.initial_states.fitted import Explaining, Starts
-from physid.training.initial_states.pose_noise import pose_noise, weighed_by
 from physid.training.initial_states.tracked import TrackedInitialStates
 from physid.training.learners.engine import Engine
 from physid.training.learners.metrics import PoseErrors
@@ -100,7 +99,7 @@ class PredictingModule(L.LightningModule):
         """Predict whole trajectories from their initial state, under the recorded or the planned wrenches."""
         known, future = self._started(batch), batch.get("future")
         if future is not None and self.steps.chooses:
-            noise, planned = pose_noise(known), known.planned(future, self.scene.time_step)
+            noise, planned = known.noise, known.planned(future, self.scene.time_step)
             known, future = self.steps.choose(self.layer, self.physical, planned, noise), None
         return known.predicted(self.layer, self.physical(), future)
 
@@ -131,7 +130,7 @@ class PredictingModule(L.LightningModule):
         if not self.steps.chooses:
             return started
         coarse = dataclasses.replace(self._coarse(batch, segment), origin=started.origin)
-        return self._from_beginnings(self.steps.choose(self.layer, self.physical, coarse, pose_noise(coarse)), batch)
+        return self._from_beginnings(self.steps.choose(self.layer, self.physical, coarse, coarse.noise), batch)
 
     def _from_beginnings(self, cut: Trajectories, batch: Batch) -> Trajectories:
         """Return trajectories with initial states from their beginnings alone, where these are to be fitted."""
@@ -144,7 +143,7 @@ class PredictingModule(L.LightningModule):
     def _weigh(self, batch: Batch) -> None:
         """Weigh rotations by the noise of the poses, if no loss is given and the warm-up is over."""
         if self._weighs and self._epochs_after >= 0:
-            self.loss = weighed_by(pose_noise(self.trajectories(batch)))
+            self.loss = PoseLoss.weighed_by(self.trajectories(batch).noise)
 
     @property
     def _epochs_after(self) -> int:

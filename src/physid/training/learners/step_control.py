@@ -16,9 +16,9 @@ from physid.estimation.least_squares.discretisation import (
     halve_steps,
     judge_steps,
 )
+from physid.estimation.measurement.sensor_noise import Noise
 from physid.estimation.prediction.timeline import Timeline
 from physid.physics.layer import PhysicsLayer
-from physid.training.identifiability.identifiability import SensorNoise
 from physid.training.parameters.intervals import Pull
 from physid.training.parameters.physical_parameters import PhysicalParameters
 from physid.training.parameters.pose_loss import PoseLoss
@@ -52,7 +52,7 @@ class Shift:
     deviation: Tensor
 
     @classmethod
-    def of(cls, loss: PoseLoss, residual: Tensor, slopes: Tensor, cut: Trajectories, noise: SensorNoise) -> Shift:
+    def of(cls, loss: PoseLoss, residual: Tensor, slopes: Tensor, cut: Trajectories, noise: Noise) -> Shift:
         """Compute it from residuals (B, T, N, 6), their derivatives J (P, B, T, N, 6) and the noise of the poses.
 
         Standard errors are those of the trajectories' pulls, at least those of white noise: few trajectories may agree
@@ -62,9 +62,7 @@ class Shift:
         weighted = slopes * loss.weights(residual, cut.real)
         inverse = _inverse(pull.curvature.sum(0) / 2)
         response = torch.einsum("pq,qbtni->pbtni", inverse, weighted)
-        scale = noise.weights.to(slopes)
-        white = response / scale
-        least = white.square().sum((1, 2, 3, 4)).sqrt()
+        least = (response * noise.spread().to(slopes)).square().sum((1, 2, 3, 4)).sqrt()
         spread = pull.of_trajectories(cut.index).covariance().diagonal().clamp_min(0).sqrt().nan_to_num(0.0)
         return cls(response, torch.maximum(spread, least))
 
@@ -121,7 +119,7 @@ class StepControl:
         layer: PhysicsLayer,
         physical: PhysicalParameters,
         started: Trajectories,
-        noise: SensorNoise,
+        noise: Noise,
         shift: Shift | None = None,
     ) -> Trajectories:
         """Choose the steps of trajectories with initial states, and return them so.
@@ -151,7 +149,7 @@ class StepControl:
         layer: PhysicsLayer,
         physical: PhysicalParameters,
         started: Trajectories,
-        noise: SensorNoise,
+        noise: Noise,
         shift: Shift,
     ) -> tuple[Tensor, ChosenSteps]:
         """Return what the steps that were chosen may still change of ln(parameter), (P,), and how they are judged.
@@ -247,7 +245,7 @@ def _keys(cut: Trajectories) -> list[Key]:
 
 
 def _judgement(
-    layer: PhysicsLayer, physical: PhysicalParameters, started: Trajectories, noise: SensorNoise, shift: Shift | None
+    layer: PhysicsLayer, physical: PhysicalParameters, started: Trajectories, noise: Noise, shift: Shift | None
 ) -> Judgement:
     """Return what the steps of trajectories are judged by."""
     assert started.time is not None and started.grid is not None
@@ -260,12 +258,11 @@ def _judgement(
     def respond(apart: Tensor) -> Tensor:
         return apart.new_zeros(0) if shift is None else shift(apart) / shift.deviation.clamp_min(1e-12)
 
-    bodies = started.pose.shape[2]
-    scale = started.pose.new_tensor([noise.rotation] * 3 + [noise.position] * 3)
+    bodies, spread = started.pose.shape[2], noise.spread().to(started.pose)
     frames = torch.arange(1, started.pose.shape[1], device=started.pose.device)
     followed = frames < started.length[:, None]
     counted = started.real[..., None].expand(-1, -1, bodies)
-    return Judgement(Timeline(started.time, started.grid), predict, respond, scale, followed, counted)
+    return Judgement(Timeline(started.time, started.grid), predict, respond, spread, followed, counted)
 
 
 def _inverse(matrix: Tensor) -> Tensor:

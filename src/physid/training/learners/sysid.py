@@ -18,7 +18,6 @@ from physid.training.callbacks.intervals import Intervals
 from physid.training.callbacks.parameter_history import ParameterHistory
 from physid.training.identifiability.identifiability import Identifiability, SensorNoise
 from physid.training.initial_states.fitted import TrackedFit
-from physid.training.initial_states.pose_noise import pose_noise
 from physid.training.initial_states.projection import project_out_initial_states
 from physid.training.learners.base import OptimizerFactory, TrainingModule
 from physid.training.learners.engine import Engine
@@ -153,7 +152,7 @@ class SysID(TrainingModule, PredictingModule):
     def identifiability(self, noise: SensorNoise | None = None) -> Identifiability:
         """Judge what some trajectories of the last training batch tell, under their own noise if none is given."""
         cut = self.trajectories(self._batch, self.segment)
-        noise = noise or pose_noise(cut)
+        spread = (noise or cut.noise).spread()
         if self.fits_starts(self._batch):
             cut = self.starts.starts(self._explaining(cut)).of(cut)
         cut = cut.chosen((cut.index[:, None] == cut.index.unique()[:JUDGED]).any(1))
@@ -161,8 +160,8 @@ class SysID(TrainingModule, PredictingModule):
         usable = found.usable | ~found.usable.any()  # better all than none
         cut, answer = cut.chosen(usable), found.sensitivity[:, usable]
         if self.fits_starts(self._batch):
-            answer = project_out_initial_states(self.layer, self.physical, cut, answer, noise.weights)
-        return Identifiability.of(self.physical.names, answer, cut.real, noise)
+            answer = project_out_initial_states(self.layer, self.physical, cut, answer, 1 / spread)
+        return Identifiability.of(self.physical.names, answer, cut.real, spread)
 
     @torch.no_grad()
     def pull(self) -> Pull:
@@ -175,7 +174,7 @@ class SysID(TrainingModule, PredictingModule):
         pull = Pull.of(self.loss, residual, slopes, cut.real).of_trajectories(index)
         if not self.steps.chooses:
             return pull
-        judged = self.layer, self.physical, self._coarse_from(cut), pose_noise(cut)
+        judged = self.layer, self.physical, self._coarse_from(cut), cut.noise
         shift, chosen = self.steps.remaining(*judged, Shift.of(self.loss, residual, slopes, cut, judged[3]))
         for name, value in (("mean", chosen.mean), ("most", chosen.largest), ("bias", chosen.bias)):
             self.log(f"steps/{name}", float(value))
@@ -200,7 +199,7 @@ class SysID(TrainingModule, PredictingModule):
         """Choose the steps of the training segments; the loss is another one then, and the optimizer begins anew."""
         shift, cut = None, self.trajectories(self._batch, self.segment)
         kind: Any = self.optimizers(use_pl_optimizer=False)
-        noise = pose_noise(cut)
+        noise = cut.noise
         if isinstance(kind, PatternSearch):
             shift = Shift.none(cut, len(self.physical.names))
         else:

@@ -7,6 +7,11 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from physid.estimation.measurement.sensor_noise import Noise
+
+MOST_UNEQUAL = 100.0
+"""Largest ratio of the two noises [m/rad], or of its inverse, that is believed."""
+
 
 def mean_over_time(value: Tensor, real: Tensor) -> Tensor:
     """Average values (B, T, ...) over the frames that are real (B, T); shape (B, ...), zero where there are none."""
@@ -26,6 +31,12 @@ class PoseLoss:
 
     rotation_weight: float = 1.0
     robust: float | None = None
+
+    @classmethod
+    def weighed_by(cls, noise: Noise) -> PoseLoss:
+        """Return the loss in which a deviation of a rotation counts as much as one of a position."""
+        ratio = min(max(noise.position / noise.rotation, 1 / MOST_UNEQUAL), MOST_UNEQUAL)
+        return cls(rotation_weight=ratio**2)
 
     def __post_init__(self) -> None:
         if self.rotation_weight < 0 or (self.robust is not None and self.robust <= 0):

@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from physid.data.observations.step_grid import StepGrid
+from physid.estimation.measurement.sensor_noise import Noise, noise_of_poses
 from physid.estimation.prediction.timeline import Timeline
 from physid.physics.layer import PhysicsLayer, Rollout, SolverError
 from physid.physics.parameters import Parameters
@@ -101,6 +102,11 @@ class Trajectories:
         """Which frames count: real ones in which all bodies were seen, shape (B, T)."""
         real = torch.arange(self.pose.shape[1], device=self.pose.device) < self.length[:, None]
         return real if self.seen is None else real & self.seen
+
+    @property
+    def noise(self) -> Noise:
+        """The sensor's noise, as the poses alone show it."""
+        return noise_of_poses(self.pose, self.real, self.time)
 
     def stepped(self, time_step: float) -> Trajectories:
         """Return the same with steps of their own: where there are none, one from frame to frame."""
