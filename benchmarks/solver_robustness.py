@@ -21,8 +21,9 @@ from physid.physics.fused.backend import Backend, use_fused
 from physid.physics.fused.stepping import Stepper
 from physid.physics.layer import nominal_inputs
 from physid.physics.parameters import Parameters
+from physid.physics.shapes.table import find_patches
 from physid.physics.state import State
-from physid.physics.step import Step, advance, find_patches
+from physid.physics.step import Step, advance
 from physid.physics.world import World
 
 BATCH = 2500
@@ -71,7 +72,7 @@ def tumbling() -> tuple[State, Parameters, Tensor]:
     pose = torch.cat([torch.zeros(BATCH, 1, 3, dtype=torch.float64), quaternion], -1)
     twist = torch.randn(BATCH, 1, 6, dtype=torch.float64) * torch.tensor([5.0, 5, 5, 1, 1, 1])
     inputs = nominal_inputs(State(pose, twist), torch.zeros(BATCH, 1, 1, 6, dtype=torch.float64), parameters, World())
-    lowest = find_patches(State(pose, twist), inputs, World())[0].gap.amin(1)
+    lowest = find_patches((), pose, inputs.size, (inputs.ground_normal, inputs.ground_offset))[0].gap.amin(1)
     pose[:, 0, 2] = -lowest + 2e-3 * torch.randn(BATCH, dtype=torch.float64)
     return State(pose, twist), parameters, _push(1)[0]
 

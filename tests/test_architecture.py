@@ -48,7 +48,6 @@ HOMES = {
     "wandb": ("training/",),
     "jsonargparse": ("cli.py",),
     "omegaconf": ("configuration.py",),
-    "numba": ("compiler/", "physics/"),
     "llvmlite": ("compiler/", "physics/"),
 }
 TRUTH = "physid.data.truth"
@@ -127,7 +126,7 @@ def test_third_parties_stay_at_home(name: str) -> None:
 
 
 def test_the_physics_needs_torch_and_its_compiler_only() -> None:
-    allowed = {"physid", "torch", "numpy", "numba", "llvmlite", *sys.stdlib_module_names}
+    allowed = {"physid", "torch", "numpy", "llvmlite", *sys.stdlib_module_names}
     for path in FILES:
         if path.is_relative_to(SOURCE / "physics") or path.is_relative_to(SOURCE / "compiler"):
             strangers = {module.split(".")[0] for module in imports(path)} - allowed

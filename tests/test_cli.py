@@ -22,7 +22,7 @@ HEAVY = (
     "lightning",
     "pybullet",
     "h5py",
-    "numba",
+    "llvmlite",
     "matplotlib",
     "wandb",
     "jsonargparse",

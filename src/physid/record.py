@@ -17,7 +17,7 @@ from typing import Any
 
 RECORD = "record.json"
 COMMIT = "PHYSID_COMMIT"  # an image has no repository: its build says here what it was made from
-THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "CUDA_VISIBLE_DEVICES")
+THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "CUDA_VISIBLE_DEVICES")
 
 
 def write_record(folder: Path, values: Mapping[str, Any]) -> None:

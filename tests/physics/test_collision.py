@@ -5,9 +5,10 @@ import math
 import torch
 from torch import Tensor
 
-from physid.physics.collision import box_on_box, box_on_plane, frame_of
 from physid.physics.contact import Patch
 from physid.physics.rotations import exponential, multiply, rotate
+from physid.physics.shapes.box import Box, box_on_box
+from physid.physics.shapes.shape import Placed, frame_of
 
 
 def pose(position: list[float], turn: tuple[float, float, float] = (0, 0, 0)) -> Tensor:
@@ -19,8 +20,12 @@ def pose(position: list[float], turn: tuple[float, float, float] = (0, 0, 0)) ->
 CUBE = torch.full((1, 3), 0.2, dtype=torch.float64)
 
 
+def between(first: Tensor, second: Tensor) -> Patch:
+    return box_on_box(Placed(0, first, CUBE), Placed(1, second, CUBE))
+
+
 def touch(second: Tensor, first: Tensor | None = None) -> Patch:
-    return box_on_box((pose([0, 0, 0]) if first is None else first, second), (CUBE, CUBE), (0, 1))
+    return between(pose([0, 0, 0]) if first is None else first, second)
 
 
 def test_flush_faces_touch_at_the_four_corners_of_their_overlap() -> None:
@@ -61,8 +66,8 @@ def test_boxes_that_pass_each_other_sideways_do_not_touch() -> None:
 
 def test_swapping_the_boxes_swaps_the_normal_and_keeps_the_gap() -> None:
     first, second = pose([0, 0, 0], (0, 0, 0.3)), pose([0.21, 0.03, 0.01], (0, 0, -0.4))
-    one = box_on_box((first, second), (CUBE, CUBE), (0, 1))
-    other = box_on_box((second, first), (CUBE, CUBE), (0, 1))
+    one = between(first, second)
+    other = between(second, first)
     torch.testing.assert_close(one.gap[one.active].min(), other.gap[other.active].min(), rtol=0, atol=1e-9)
     torch.testing.assert_close(one.frame[:, 0], -other.frame[:, 0], rtol=0, atol=1e-9)
 
@@ -74,15 +79,15 @@ def test_contacts_move_with_the_world() -> None:
         return torch.cat([rotate(turn, p[:, :3]) + 0.7, multiply(turn.expand(1, 4), p[:, 3:])], -1)
 
     first, second = pose([0, 0, 0], (0.1, 0, 0.3)), pose([0.205, 0.03, 0.01], (0, 0.2, -0.4))
-    here = box_on_box((first, second), (CUBE, CUBE), (0, 1))
-    there = box_on_box((moved(first), moved(second)), (CUBE, CUBE), (0, 1))
+    here = between(first, second)
+    there = between(moved(first), moved(second))
     torch.testing.assert_close(here.gap, there.gap, rtol=0, atol=1e-12)
     torch.testing.assert_close(rotate(turn, here.point) + 0.7, there.point, rtol=0, atol=1e-12)
 
 
 def test_gaps_are_differentiable_in_the_poses() -> None:
     def gaps(p: Tensor) -> Tensor:
-        patch = box_on_box((pose([0, 0, 0], (0, 0, 0.1)), p), (CUBE, CUBE), (0, 1))
+        patch = between(pose([0, 0, 0], (0, 0, 0.1)), p)
         return torch.cat([patch.gap.flatten(), patch.point.flatten()])
 
     start = pose([0.2, 0.04, 0.013], (0.02, 0.05, -0.2)).requires_grad_()
@@ -91,7 +96,7 @@ def test_gaps_are_differentiable_in_the_poses() -> None:
 
 def test_the_four_lowest_corners_of_a_tilted_box_are_found() -> None:
     normal, offset = torch.tensor([0, 0, 1.0], dtype=torch.float64), torch.tensor(0.0, dtype=torch.float64)
-    patch = box_on_plane(pose([0, 0, 0.1], (0, 0.05, 0)), CUBE, normal, offset, 0)
+    patch = Box().on_plane(Placed(0, pose([0, 0, 0.1], (0, 0.05, 0)), CUBE), normal, offset)
     heights = 0.1 - 0.1 * math.cos(0.05) + torch.tensor([-1, -1, 1, 1], dtype=torch.float64) * 0.1 * math.sin(0.05)
     torch.testing.assert_close(patch.gap[0].sort().values, heights.sort().values, rtol=0, atol=1e-12)
 

@@ -9,8 +9,8 @@ import torch
 from torch import Tensor
 
 from physid.physics.effect import Effect, StepInputs
-from physid.physics.parameters import box_inertia
 from physid.physics.rotations import exponential
+from physid.physics.shapes.box import Box
 from physid.physics.state import State
 
 TIME_STEP = 1 / 240
@@ -81,7 +81,7 @@ def draw_probe(batch: int = 3, frames: int = 8) -> Probe:
         gravity=(-9.81 * up).expand(batch, bodies, 3),
         size=size,
         mass=mass,
-        inertia=box_inertia(mass, size),
+        inertia=Box().inertia(mass, size),
         friction=values(batch, bodies, low=0.1, high=0.4),
         restitution=values(batch, bodies, low=0.1, high=0.4),
         ground_normal=up,

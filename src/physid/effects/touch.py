@@ -5,8 +5,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from physid.physics.collision import reach
 from physid.physics.effect import StepInputs
+from physid.physics.shapes.table import reach
 from physid.physics.state import State
 
 NEAR = 1e-3  # [m] a body at most this far away touches; bodies at rest stay within 0.01 mm in both engines
@@ -14,17 +14,17 @@ FAR = 3e-3  # [m] a body at least this far away does not
 
 
 def lowest_gap(state: State, inputs: StepInputs) -> Tensor:
-    """Compute the distance of each box from the ground, n . p - offset - sum_i |n . a_i| s_i / 2.
+    """Compute the distance of each body from the ground, n . p - offset - reach, of a box sum_i |n . a_i| s_i / 2.
 
     Returns:
-        Gaps of the lowest corner, negative in overlap [m], shape (B, N).
+        Gaps of the lowest point, negative in overlap [m], shape (B, N).
     """
-    height = reach(state.quaternion, inputs.size, inputs.ground_normal)
+    height = reach(inputs.shapes, state.quaternion, inputs.size, inputs.ground_normal)
     return state.position @ inputs.ground_normal - inputs.ground_offset - height
 
 
 def touching(state: State, inputs: StepInputs) -> Tensor:
-    """Measure whether each box touches the ground: 1 below a gap of 1 mm, 0 above 3 mm, t^2 (3 - 2 t) between.
+    """Measure whether each body touches the ground: 1 below a gap of 1 mm, 0 above 3 mm, t^2 (3 - 2 t) between.
 
     Returns:
         Shape (B, N).

@@ -29,6 +29,7 @@ class Patch:
         active: Which of the four exist, shape (B, 4).
         scale: A length of the touching face [m], shape (B,).
         together: Weight of an impact of all four at once, shape (B,); None for none.
+        rolling: Whether the points move over the bodies as these turn, as on a sphere, and not with them, as a corner.
     """
 
     first: int | None
@@ -39,6 +40,7 @@ class Patch:
     active: Tensor
     scale: Tensor
     together: Tensor | None = None
+    rolling: bool = False
 
     def flatness(self) -> Tensor:
         """Weigh whether the four contacts lie flat, exp(-(spread / (FLATNESS scale))^2) of their gaps; shape (B,).

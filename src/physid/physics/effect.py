@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
+from physid.physics.shapes.shape import Shape
 from physid.physics.state import State
 
 Site = Literal["actuation", "dynamics", "contact", "perception"]
@@ -68,7 +69,7 @@ class StepInputs:
         time: Time since the first frame [s], or since the start of the clock that a rollout was given; shape (B,).
         wrench: Torque [N m] and force [N] at the centre of the box, world frame, shape (B, N, 6).
         gravity: Acceleration of gravity on each body [m/s^2], world frame, shape (B, N, 3).
-        size: Full edge lengths [m], shape (B, N, 3).
+        size: Extents along the axes of each body, of a box its edge lengths [m], shape (B, N, 3).
         mass: Masses [kg], shape (B, N).
         inertia: Principal moments [kg m^2], body frame, shape (B, N, 3).
         friction: Coulomb coefficient of each body [-], shape (B, N).
@@ -82,6 +83,7 @@ class StepInputs:
         body_restitution: Added to the restitution between bodies [-], shape (B,); the sum is cut at 0.
         centre_of_mass: Offset of the centre of mass from the centre of the box, body frame [m], shape (B, N, 3).
         compliance: Static deflection per force of the contacts of each body with the ground [m/N], shape (B, N).
+        shapes: Those of the bodies; none where all are boxes. The same in all worlds, and no effect changes them.
     """
 
     time: Annotated[Tensor, Declared("instant")]
@@ -100,6 +102,7 @@ class StepInputs:
     body_restitution: Annotated[Tensor, Declared("world")]
     centre_of_mass: Annotated[Tensor, Declared("body", 3)]
     compliance: Annotated[Tensor, Declared("body")]
+    shapes: tuple[Shape, ...] = ()
 
     def add_force(self, force: Tensor) -> StepInputs:
         """Add forces at the centres [N], shape (B, N, 3), world frame."""
@@ -110,16 +113,17 @@ class StepInputs:
         return self.replace(wrench=self.wrench + pad(torque, (0, 3)))
 
     def replace(self, **changes: Tensor) -> StepInputs:
-        """Return a copy with some fields changed."""
-        return dataclasses.replace(self, **changes)
+        """Return a copy with some tensors changed."""
+        return dataclasses.replace(self, **changes)  # type: ignore[arg-type]
 
     @classmethod
-    def nominal(cls, like: Tensor, given: Mapping[str, Tensor]) -> StepInputs:
+    def nominal(cls, like: Tensor, given: Mapping[str, Tensor], shapes: tuple[Shape, ...] = ()) -> StepInputs:
         """Build the inputs of a step without any effect.
 
         Args:
             like: Poses of the worlds, shape (B, N, 7), whose batch, dtype and device the inputs have.
             given: Values of inputs, of their shapes or with batch axes of length 1; what is not among them is nominal.
+            shapes: Those of the bodies; none where all are boxes.
         """
         axes = {"body": like.shape[:2], "world": like.shape[:1], "instant": like.shape[:1], "ground": ()}
         values = {}
@@ -131,18 +135,18 @@ class StepInputs:
             elif declared.of != "ground":
                 value = value.to(like).expand(like.shape[0], *value.shape[1:])
             values[name] = value
-        return cls(**values)
+        return cls(**values, shapes=shapes)
 
 
 @cache
 def _declarations() -> dict[str, Declared]:
     hints = get_type_hints(StepInputs, include_extras=True)
-    return {field.name: hints[field.name].__metadata__[0] for field in dataclasses.fields(StepInputs)}
+    return {name: hint.__metadata__[0] for name, hint in hints.items() if hasattr(hint, "__metadata__")}
 
 
 def widths_of(*kinds: str) -> dict[str, int]:
-    """Return the widths of all inputs of some kinds (see `Declared.of`), by name."""
-    return {name: one.width for name, one in _declarations().items() if one.of in kinds}
+    """Return the widths of all inputs of some kinds (see `Declared.of`), by name; without kinds, of all tensors."""
+    return {name: one.width for name, one in _declarations().items() if one.of in kinds or not kinds}
 
 
 @dataclass(frozen=True)

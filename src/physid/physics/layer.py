@@ -69,15 +69,15 @@ class Rollout:
 
 @final
 class PhysicsLayer(nn.Module):
-    """Rigid boxes in contact, batched and differentiable (eq. (3) of the paper in every step).
+    """Rigid bodies in contact, batched and differentiable (eq. (3) of the paper in every step).
 
     Args:
         world: Time step, gravity, ground, joints, rules of contact.
         effects: What the nominal model lacks; applied in this order.
         solver: Accuracy and effort of the contact solver.
         checkpoint_every: Frames between stored states; None stores all (fast), a number trades time for memory.
-        backend: "fused" runs compiled code (CPU, float64, circular cone, no joints), "reference" the same in torch,
-            "auto" the first where it can.
+        backend: "fused" runs compiled code (CPU, float64, circular cone, boxes, no joints), "reference" the same in
+            torch, "auto" the first where it can.
     """
 
     def __init__(
@@ -133,6 +133,11 @@ class PhysicsLayer(nn.Module):
             SolverError: If a step's contact problem cannot be solved.
         """
         initial_state, wrenches, parameters = admit(initial_state, wrenches, parameters, lengths)
+        if self.world.shapes and len(self.world.shapes) != initial_state.pose.shape[1]:
+            raise ValueError(
+                f"world.shapes must hold one shape for each of {initial_state.pose.shape[1]} bodies, or none where all "
+                f"are boxes, got {len(self.world.shapes)}"
+            )
         grid = TimeGrid.of(self.world, initial_state, wrenches.shape[1], steps, start)
         effects = [effect.to(initial_state.pose) for effect in self.effects]
         for effect in effects:
@@ -245,7 +250,7 @@ def nominal_inputs(state: State, wrenches: Tensor, parameters: Parameters, world
         "ground_normal": new(world.ground.normal if world.ground else (0.0, 0.0, 1.0)),
         "ground_offset": new(world.ground.offset if world.ground else -math.inf),
     }
-    return StepInputs.nominal(state.pose, of_bodies | surroundings)
+    return StepInputs.nominal(state.pose, of_bodies | surroundings, world.shapes)
 
 
 def require_converged(step: Step, frame: int, settings: SolverSettings) -> None:

@@ -3,34 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
+from physid.physics.shapes.box import Box
+from physid.physics.shapes.shape import Shape
 from physid.physics.state import check_shape
-
-
-def box_inertia(mass: Tensor, size: Tensor) -> Tensor:
-    """Compute the principal moments of uniform boxes, I_x = m (b^2 + c^2) / 12 and so on.
-
-    Args:
-        mass: Masses [kg], shape (..., N).
-        size: Full edge lengths [m], shape (..., N, 3).
-
-    Returns:
-        Principal moments [kg m^2], shape (..., N, 3).
-    """
-    square = size**2
-    return mass[..., None] * (square.sum(-1, keepdim=True) - square) / 12
 
 
 @dataclass(frozen=True)
 class Parameters:
-    """Physical parameters of N boxes; the batch axis is B, or 1 where all worlds share them.
+    """Physical parameters of N bodies; the batch axis is B, or 1 where all worlds share them.
 
     Attributes:
-        size: Full edge lengths [m], shape (B or 1, N, 3).
+        size: Extents along the axes of the body, of a box its edge lengths [m], shape (B or 1, N, 3).
         mass: Masses [kg], shape (B or 1, N).
         inertia: Principal moments in the body frame [kg m^2], shape (B or 1, N, 3).
         friction: Coulomb coefficients [-], shape (B or 1, N). A pair has the product; the ground's is 1.
@@ -76,10 +65,23 @@ class Parameters:
         return cls(
             size=size,
             mass=mass,
-            inertia=box_inertia(mass, size) if inertia is None else inertia,
+            inertia=Box().inertia(mass, size) if inertia is None else inertia,
             friction=friction,
             restitution=torch.zeros_like(friction) if restitution is None else restitution,
         )
+
+    @classmethod
+    def of_shapes(
+        cls,
+        shapes: Sequence[Shape],
+        size: Tensor,
+        mass: Tensor,
+        friction: Tensor,
+        restitution: Tensor | None = None,
+    ) -> Parameters:
+        """Build parameters of uniform bodies of some shapes, those of `World.shapes`; `restitution` defaults to 0."""
+        moments = [shape.inertia(mass[:, n], size[:, n]) for n, shape in enumerate(shapes)]
+        return cls.of_boxes(size, mass, friction, restitution, torch.stack(moments, 1))
 
     def replace(self, **changes: Tensor) -> Parameters:
         """Return a copy with some fields changed (the inertia does not follow the mass by itself)."""

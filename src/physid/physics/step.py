@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from itertools import combinations
 
 import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from physid.physics.collision import box_on_box, box_on_plane
 from physid.physics.contact import WARP_COMPLIANCE, Patch
 from physid.physics.contact_problem.implicit import attach_gradient
 from physid.physics.contact_problem.lcp import ContactProblem, SolverSettings, solve_contacts
@@ -19,6 +17,7 @@ from physid.physics.joints import equations_of
 from physid.physics.rotations import exponential, multiply, normalize, rotate, to_matrix
 from physid.physics.schemes.impact import FINE, STANDARD_GRAVITY, bending, demand, late
 from physid.physics.schemes.motion import drift, drifted, moved
+from physid.physics.shapes.table import find_patches
 from physid.physics.state import State
 from physid.physics.world import World
 
@@ -71,7 +70,8 @@ def advance(
     joints = equations_of(world.joints, state, before, h[:, None], midpoint=world.midpoint)
     arm = rotate(state.quaternion, inputs.centre_of_mass)
     twist = moved(state.twist, arm)
-    patches = find_patches(state, inputs, world)
+    ground = None if world.ground is None else (inputs.ground_normal, inputs.ground_offset)
+    patches = find_patches(inputs.shapes, state.pose, inputs.size, ground)
     problem, scale, share = build_problem(state, twist, arm, patches, inputs, world, (h, unit), joints)
     solution = solve_contacts(problem, world.friction, settings)
     v, impulse = attach_gradient(problem, solution)
@@ -117,19 +117,6 @@ def _removal(
     v, _ = attach_gradient(still, solve_contacts(still, world.friction, settings))
     displacement = v[:, : 6 * bodies].unflatten(1, (bodies, 6)) * unit[..., None]
     return torch.where(touching.any(1)[:, None, None], displacement, 0.0)
-
-
-def find_patches(state: State, inputs: StepInputs, world: World) -> list[Patch]:
-    """List the possible contacts: every body on the ground, then every pair of bodies."""
-    bodies = range(state.pose.shape[1])
-    pose, size = state.pose, inputs.size
-    patches = []
-    if world.ground is not None:
-        normal, offset = inputs.ground_normal, inputs.ground_offset
-        patches = [box_on_plane(pose[:, n], size[:, n], normal, offset, n) for n in bodies]
-    for a, b in combinations(bodies, 2):
-        patches.append(box_on_box((pose[:, a], pose[:, b]), (size[:, a], size[:, b]), (a, b)))
-    return patches
 
 
 def build_problem(

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from itertools import combinations
 
 from physid.physics.contact import ContactRule, Speculative
 from physid.physics.contact_problem.friction import Cone, FrictionLaw
 from physid.physics.joints import Joint
 from physid.physics.schemes.integration import Integration, Midpoint, SemiImplicit
+from physid.physics.shapes.shape import Shape
+from physid.physics.shapes.table import contacts_of
 
 Vector = tuple[float, float, float]
 
@@ -43,6 +46,10 @@ class World:
         gyroscopic: Whether the term w x I w acts (the paper drops it).
         integration: How velocities become poses: `SemiImplicit` for recordings of a simulator that steps so, `Midpoint`
             for any other. `Midpoint` has a rule of contact of its own.
+        shapes: Those of the bodies, in their order; none where all are boxes.
+
+    Raises:
+        ValueError: If a value is off, or nobody knows the contacts of two of the shapes.
     """
 
     time_step: float = 1 / 240
@@ -54,6 +61,7 @@ class World:
     contact: ContactRule = field(default_factory=Speculative)
     gyroscopic: bool = True
     integration: Integration = field(default_factory=SemiImplicit)
+    shapes: tuple[Shape, ...] = ()
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.time_step) and self.time_step > 0):
@@ -64,6 +72,9 @@ class World:
             raise ValueError(
                 f"contact must be left out with integration=Midpoint(), which has a rule of its own, got {self.contact}"
             )
+
+        for first, second in combinations(self.shapes, 2):
+            contacts_of(first, second)
 
     @property
     def midpoint(self) -> bool:

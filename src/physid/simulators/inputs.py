@@ -10,17 +10,15 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from physid.physics.collision import reach
-from physid.physics.effect import Effect, StepInputs
+from physid.physics.effect import Effect, StepInputs, widths_of
+from physid.physics.shapes.table import reach
 from physid.physics.state import State
 from physid.scenes.scene import Body, Scene
 
 Array = NDArray[np.float64]
-SHARED = ("ground_normal", "ground_offset")  # the fields of StepInputs that all worlds of a batch share
+SHARED = tuple(widths_of("ground"))  # the fields of StepInputs that all worlds of a batch share
 BUILT_IN = ("size", "mass", "inertia", "centre_of_mass")  # what bodies are built with
-FIELDS = tuple(
-    field.name for field in dataclasses.fields(StepInputs) if field.name not in ("time", "wrench", "gravity")
-)
+FIELDS = tuple(name for name in widths_of() if name not in ("time", "wrench", "gravity"))
 
 
 class ChangingInputs:
@@ -68,7 +66,7 @@ class ChangingInputs:
     def start(self, pose: Array) -> Array:
         """Return initial poses (B, N, 7) that keep the distance of each body from the ground although sizes differ."""
         normal = self.nominal.ground_normal
-        taller = reach(torch.from_numpy(pose[..., 3:]), self.known.size - self.nominal.size, normal)
+        taller = reach((), torch.from_numpy(pose[..., 3:]), self.known.size - self.nominal.size, normal)
         lift = taller[..., None] * normal
         return np.concatenate([pose[..., :3] + lift.numpy(), pose[..., 3:]], -1)
 
@@ -113,34 +111,17 @@ class ChangingInputs:
 
 def _first(inputs: StepInputs, worlds: int) -> StepInputs:
     """Return the inputs of the first so many worlds."""
-    fields = (field.name for field in dataclasses.fields(inputs))
-    return inputs.replace(**{name: getattr(inputs, name)[:worlds] for name in fields if name not in SHARED})
+    names = (name for name in widths_of() if name not in SHARED)
+    return inputs.replace(**{name: getattr(inputs, name)[:worlds] for name in names})
 
 
 def nominal_inputs(scene: Scene, worlds: int = 1) -> StepInputs:
     """Return the inputs of a step without effects, for a batch of worlds."""
-    bodies, count = scene.bodies, len(scene.bodies)
-
-    def batch(values: object) -> Tensor:
-        row = torch.as_tensor(np.array(values, dtype=float))
-        return row.expand(worlds, *row.shape)
-
-    ones, one = torch.ones(worlds, count, dtype=torch.float64), torch.ones(worlds, dtype=torch.float64)
-    return StepInputs(
-        time=torch.zeros(worlds, dtype=torch.float64),
-        wrench=torch.zeros(worlds, count, 6, dtype=torch.float64),
-        gravity=batch([scene.gravity] * count),
-        size=batch(scene.sizes),
-        mass=batch([body.mass for body in bodies]),
-        inertia=batch([body.moments() for body in bodies]),
-        friction=batch([body.friction for body in bodies]),
-        restitution=batch([body.restitution for body in bodies]),
-        ground_normal=torch.as_tensor(np.array(scene.ground.normal, dtype=float)),
-        ground_offset=torch.as_tensor(np.array(scene.ground.offset, dtype=float)),
-        ground_friction=ones,
-        ground_restitution=torch.zeros_like(ones),
-        body_friction=one,
-        body_restitution=torch.zeros_like(one),
-        centre_of_mass=torch.zeros(worlds, count, 3, dtype=torch.float64),
-        compliance=torch.zeros(worlds, count, dtype=torch.float64),
-    )
+    like = torch.zeros(worlds, len(scene.bodies), 7, dtype=torch.float64)
+    known: dict[str, object] = {
+        name: [[getattr(body, name) for body in scene.bodies]] for name in ("mass", "friction", "restitution")
+    }
+    known |= {"size": [scene.sizes], "inertia": [[body.moments() for body in scene.bodies]]}
+    known |= {"gravity": [[scene.gravity] * len(scene.bodies)]}
+    known |= {"ground_normal": scene.ground.normal, "ground_offset": scene.ground.offset}
+    return StepInputs.nominal(like, {name: like.new_tensor(np.array(value)) for name, value in known.items()})

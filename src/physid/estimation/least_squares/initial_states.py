@@ -8,8 +8,8 @@ import torch
 from torch import Tensor
 
 from physid.estimation.prediction.segments import Segmentation
-from physid.physics.collision import reach
 from physid.physics.rotations import conjugate, exponential, logarithm, multiply
+from physid.physics.shapes.table import reach
 from physid.scenes.lying import lay_down
 from physid.scenes.scene import Scene
 
@@ -73,7 +73,7 @@ def guess_initial_states(
 def _sinks(pose: Tensor, seen: Tensor, scene: Scene) -> Tensor:
     """Return which bodies get nearer to the ground soon after each frame: they did not lie on it, shape (R, T, N)."""
     normal, size = pose.new_tensor(scene.ground.normal), pose.new_tensor(scene.sizes)
-    half = reach(pose[..., 3:], size, normal)
+    half = reach((), pose[..., 3:], size, normal)
     bottom = pose[..., :3] @ normal - half
     frames = max(MEDIAN, round(SOON / scene.time_step))
     last = torch.full_like(bottom[:, :1], torch.inf).expand(-1, frames + MEDIAN - 2, -1)

@@ -10,8 +10,9 @@ from torch import Tensor
 
 from physid.physics.contact import ContactRule, Speculative, Split
 from physid.physics.effect import Effect
-from physid.physics.parameters import Parameters, box_inertia
+from physid.physics.parameters import Parameters
 from physid.physics.schemes.integration import Midpoint, SemiImplicit
+from physid.physics.shapes.box import Box
 from physid.physics.world import Plane, World
 from physid.scenes.parameters import bodies_of
 from physid.scenes.scene import Scene
@@ -90,7 +91,7 @@ class NominalModel:
             for number in bodies_of(self.scene, name):
                 fields[field][:, number] = values[:, column]
         size = torch.tensor([[body.size for body in bodies]], dtype=torch.float64)
-        inertia = box_inertia(fields["mass"], size)
+        inertia = Box().inertia(fields["mass"], size)
         for index, body in enumerate(bodies):
             if body.inertia is not None:
                 given = torch.tensor(body.inertia, dtype=torch.float64)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from typing import NoReturn, cast
 
@@ -49,7 +48,7 @@ def _act(effects: Sequence[Effect], inputs: StepInputs) -> StepInputs:
     inputs = inputs.replace(time=unread(inputs.time))
     for effect in effects:
         inputs = effect.act(cast(State, _Unknown()), inputs)
-    return inputs.replace(**{field.name: plain(getattr(inputs, field.name)) for field in dataclasses.fields(inputs)})
+    return inputs.replace(**{name: plain(getattr(inputs, name)) for name in widths_of()})
 
 
 def _of_all_steps(
@@ -77,9 +76,5 @@ def _of_all_steps(
 
 def _repeated(inputs: StepInputs, count: int) -> StepInputs:
     """Repeat the inputs of every world so many times, but for the ground, which all worlds share."""
-    fields = {
-        field.name: getattr(inputs, field.name).repeat_interleave(count, 0)
-        for field in dataclasses.fields(inputs)
-        if field.name not in widths_of("ground")
-    }
-    return inputs.replace(**fields)
+    names = widths_of("body", "world", "instant")
+    return inputs.replace(**{name: getattr(inputs, name).repeat_interleave(count, 0) for name in names})

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from functools import lru_cache
 from importlib import import_module
+from itertools import combinations_with_replacement
 from typing import Literal, get_args
 
 import torch
@@ -12,9 +13,14 @@ from torch import Tensor
 
 from physid.physics.contact import Penetrating, Speculative, Split
 from physid.physics.contact_problem.friction import Cone
+from physid.physics.shapes.box import Box
 from physid.physics.world import World
 
 Backend = Literal["auto", "reference", "fused"]
+
+COMPILED_ON_GROUND = (Box,)
+COMPILED_PAIRS = ((Box, Box),)
+"""Shapes whose contacts with the ground, and pairs of shapes whose contacts, are compiled."""
 
 
 def check_backend(backend: str) -> None:
@@ -59,7 +65,18 @@ def _obstacle(world: World, reference: Tensor) -> str | None:
         return f"the contact rule is {type(world.contact).__name__}"
     if world.joints:
         return "the world has joints"
-    return _missing_compiler()
+    return _uncompiled_shapes(world) or _missing_compiler()
+
+
+def _uncompiled_shapes(world: World) -> str | None:
+    shapes = sorted({type(shape) for shape in world.shapes}, key=lambda shape: shape.__name__)
+    for shape in shapes if world.ground is not None else ():
+        if shape not in COMPILED_ON_GROUND:
+            return f"contacts of a {shape.__name__} with the ground are not compiled"
+    for pair in combinations_with_replacement(shapes, 2) if len(world.shapes) > 1 else ():
+        if pair not in COMPILED_PAIRS and pair[::-1] not in COMPILED_PAIRS:
+            return f"contacts of {pair[0].__name__} and {pair[1].__name__} are not compiled"
+    return None
 
 
 @lru_cache

@@ -80,14 +80,15 @@ class Impact:
 def bending(patch: Patch, centres: Tensor, twist: Tensor) -> Tensor:
     """Return the acceleration w x (w x r) of the points of a body on the ground, in the patch's frame, shape (B, 4, 3).
 
-    Between two bodies, of which the normal turns too, it is left out.
+    Between two bodies, of which the normal turns too, it is left out, and a point that a body rolls over has none: it
+    stays where it is below the centre.
 
     Args:
         patch: Where they touch.
         centres: Centres of mass [m], shape (B, N, 3).
         twist: Of the centres of mass, shape (B, N, 6).
     """
-    if patch.first is not None:
+    if patch.first is not None or patch.rolling:
         return torch.zeros_like(patch.point)
     spin = twist[:, None, patch.second, :3].expand_as(patch.point)
     arm = patch.point - centres[:, None, patch.second]

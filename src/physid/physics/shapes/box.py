@@ -1,15 +1,51 @@
-"""Where boxes touch the ground and each other; differentiable in poses and sizes, with static shapes."""
+"""A box, and where boxes touch the ground and each other."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
 
 import torch
 from torch import Tensor
 
 from physid.physics.contact import PATCH, Patch
 from physid.physics.rotations import to_matrix
+from physid.physics.shapes.shape import Finder, Placed, Shape, frame_of
 
 _SIGNS = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
 _OUTSIDE = 1e6
+
+
+@final
+@dataclass(frozen=True)
+class Box(Shape):
+    """A box; its extents are its edge lengths."""
+
+    def inertia(self, mass: Tensor, size: Tensor) -> Tensor:
+        """Compute I_x = m (b^2 + c^2) / 12 and so on (see `Shape.inertia`)."""
+        square = size**2
+        return mass[..., None] * (square.sum(-1, keepdim=True) - square) / 12
+
+    def reach(self, quaternion: Tensor, size: Tensor, normal: Tensor) -> Tensor:
+        """Compute sum_i |n . a_i| s_i / 2 with the axes a_i (see `Shape.reach`)."""
+        half: Tensor = ((normal @ to_matrix(quaternion)).abs() * size).sum(-1) / 2
+        return half
+
+    def on_plane(self, body: Placed, normal: Tensor, offset: Tensor) -> Patch:
+        """Find the four lowest corners (see `Shape.on_plane`)."""
+        pose, size = body.pose, body.size
+        arms = corner_signs(pose) * size[:, None] / 2
+        corners = pose[:, None, :3] + arms @ to_matrix(pose[:, 3:]).mT
+        height = corners @ normal - offset
+        lowest = height.detach().topk(PATCH, dim=1, largest=False).indices
+        gap = height.gather(1, lowest)
+        point = corners.gather(1, lowest[..., None].expand(-1, -1, 3))
+        frame = frame_of(normal).expand(pose.shape[0], 3, 3)
+        return Patch(None, body.body, point, gap, frame, torch.ones_like(gap, dtype=torch.bool), size.amax(1))
+
+    def meets(self, other: Shape) -> Finder | None:
+        """Return the contacts with boxes (see `Shape.meets`)."""
+        return box_on_box if isinstance(other, Box) else None
 
 
 def corner_signs(reference: Tensor) -> Tensor:
@@ -18,64 +54,14 @@ def corner_signs(reference: Tensor) -> Tensor:
     return torch.cartesian_prod(ones, ones, ones)
 
 
-def reach(quaternion: Tensor, size: Tensor, normal: Tensor) -> Tensor:
-    """Compute how far boxes reach from their centres along a normal n, sum_i |n . a_i| s_i / 2 with their axes a_i.
-
-    Args:
-        quaternion: Attitudes, shape (..., 4).
-        size: Edge lengths, shape (..., 3) [m].
-        normal: Unit vector, shape (3,).
-
-    Returns:
-        Shape (...) [m].
-    """
-    half: Tensor = ((normal @ to_matrix(quaternion)).abs() * size).sum(-1) / 2
-    return half
-
-
-def frame_of(normal: Tensor) -> Tensor:
-    """Complete unit normals (..., 3) to right-handed frames with rows (normal, tangent, tangent), shape (..., 3, 3)."""
-    axis = torch.zeros_like(normal).scatter(-1, normal.detach().abs().argmin(-1, keepdim=True), 1.0)
-    first = axis - (axis * normal).sum(-1, keepdim=True) * normal
-    first = first / first.square().sum(-1, keepdim=True).sqrt()
-    return torch.stack([normal, first, torch.linalg.cross(normal, first)], -2)
-
-
-def box_on_plane(pose: Tensor, size: Tensor, normal: Tensor, offset: Tensor, body: int) -> Patch:
-    """Find the four lowest corners of a box above the plane normal . p = offset.
-
-    Args:
-        pose: Poses of the box, shape (B, 7).
-        size: Edge lengths [m], shape (B, 3).
-        normal: Unit normal, shape (3,).
-        offset: [m], shape ().
-        body: Index of the box.
-    """
-    arms = corner_signs(pose) * size[:, None] / 2
-    corners = pose[:, None, :3] + arms @ to_matrix(pose[:, 3:]).mT
-    height = corners @ normal - offset
-    lowest = height.detach().topk(PATCH, dim=1, largest=False).indices
-    gap = height.gather(1, lowest)
-    point = corners.gather(1, lowest[..., None].expand(-1, -1, 3))
-    frame = frame_of(normal).expand(pose.shape[0], 3, 3)
-    return Patch(None, body, point, gap, frame, torch.ones_like(gap, dtype=torch.bool), size.amax(1))
-
-
-def box_on_box(pose: tuple[Tensor, Tensor], size: tuple[Tensor, Tensor], bodies: tuple[int, int]) -> Patch:
+def box_on_box(first: Placed, second: Placed) -> Patch:
     """Find up to four contacts between two boxes, by face or by edge.
 
     The separating axis theorem (Gottschalk et al. 1996) over 3 + 3 face normals and 9 edge crosses picks the axis of
     least overlap. A face contact clips the other box's opposite face against it and keeps four points that span the
     touching area; an edge contact is the one pair of closest points.
-
-    Args:
-        pose: Poses of the first and the second box, each of shape (B, 7).
-        size: Edge lengths [m], each of shape (B, 3).
-        bodies: Their indices.
-
-    Returns:
-        The patch; its normal points from the first to the second box.
     """
+    pose, size = (first.pose, second.pose), (first.size, second.size)
     half = size[0] / 2, size[1] / 2
     axes = to_matrix(pose[0][:, 3:]).mT, to_matrix(pose[1][:, 3:]).mT
     between = pose[1][:, :3] - pose[0][:, :3]
@@ -91,7 +77,7 @@ def box_on_box(pose: tuple[Tensor, Tensor], size: tuple[Tensor, Tensor], bodies:
         )
     )
     scale = torch.minimum(size[0].amin(1), size[1].amin(1))
-    return Patch(bodies[0], bodies[1], point, gap, frame_of(normal), active, scale)
+    return Patch(first.body, second.body, point, gap, frame_of(normal), active, scale)
 
 
 def _like(mask: Tensor, value: Tensor) -> Tensor:
