@@ -17,6 +17,7 @@ RANKS = {
     "class_paths": 0,
     "one_writer": 0,
     "strict": 0,
+    "typed_files": 1,
     "yaml_files": 0,
     "compiler": 0,
     "physics": 1,

@@ -14,7 +14,7 @@ import torch
 
 from physid.cli import main
 from physid.data.format import SUMS
-from physid.record import COMMIT, checksum, describe, recording_sets, source, write_record
+from physid.record import COMMIT, Source, checksum, describe, recording_sets, source, write_record
 
 ROOT = Path(__file__).parent.parent
 CONFIG = str(ROOT / "configs" / "sysid" / "push_friction.yaml")
@@ -45,7 +45,7 @@ def test_two_runs_of_a_configuration_give_the_same_figures_to_the_last_digit(
 
 
 def test_a_record_names_versions_source_data_machine_and_command(recordings: Callable[[str], Path]) -> None:
-    made = describe({"data": {"init_args": {"folder": str(recordings("push"))}}, "model": ["no set"]})
+    made = describe({"data": {"init_args": {"folder": str(recordings("push"))}}, "model": ["no set"]}).to_mapping()
     assert made["packages"]["torch"] == metadata.version("torch") == torch.__version__
     assert made["source"]["version"] == metadata.version("physid")
     assert len(made["data"][str(recordings("push"))]) == 64
@@ -57,10 +57,10 @@ def test_a_record_names_versions_source_data_machine_and_command(recordings: Cal
 def test_the_commit_is_that_of_the_source_or_of_the_image(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     head = subprocess.run(["git", "-C", str(ROOT), "rev-parse", "HEAD"], capture_output=True, text=True, check=False)
     if head.returncode == 0:
-        assert source()["commit"] == head.stdout.strip()
+        assert source().commit == head.stdout.strip()
     monkeypatch.setenv("PATH", str(tmp_path))  # no git
     monkeypatch.setenv(COMMIT, "abc")
-    assert source() == {"version": metadata.version("physid"), "commit": "abc", "changed": None}
+    assert source() == Source(metadata.version("physid"), "abc", None)
 
 
 def test_the_checksum_of_a_set_depends_on_its_content_alone(recordings: Callable[[str], Path], tmp_path: Path) -> None:
@@ -86,3 +86,14 @@ def test_a_resumed_run_keeps_the_record_of_its_first_session(tmp_path: Path) -> 
     last = record(tmp_path)
     assert len(last["earlier"]) == 2
     assert all("earlier" not in each for each in last["earlier"])
+
+
+def test_a_damaged_record_is_named(tmp_path: Path) -> None:
+    write_record(tmp_path, {})
+    content = record(tmp_path)
+    (tmp_path / "record.json").write_text(json.dumps(content | {"comand": 3}))
+    with pytest.raises(ValueError, match=r'record.json: unknown key "comand"; did you mean "command"'):
+        write_record(tmp_path, {})
+    (tmp_path / "record.json").write_text("{")
+    with pytest.raises(ValueError, match=r"record.json: expected JSON, found a damaged file .*; delete it"):
+        write_record(tmp_path, {})

@@ -10,14 +10,73 @@ import shlex
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
+
+from physid.typed_files import CLOSED, read_json_as
 
 RECORD = "record.json"
 COMMIT = "PHYSID_COMMIT"  # an image has no repository: its build says here what it was made from
 THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "CUDA_VISIBLE_DEVICES")
+
+
+@dataclass(frozen=True)
+class Source:
+    """The version of physid that ran, its commit (None outside of a repository), and whether files differ from it."""
+
+    __pydantic_config__: ClassVar[Any] = CLOSED
+    version: str
+    commit: str | None
+    changed: bool | None
+
+
+@dataclass(frozen=True)
+class Machine:
+    """System, processor, cores that the process may use, memory [GB] and GPUs."""
+
+    __pydantic_config__: ClassVar[Any] = CLOSED
+    system: str
+    processor: str
+    cores: int | None
+    memory_gb: float
+    gpus: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Record:
+    """The content of record.json.
+
+    Attributes:
+        started: When the run started, ISO 8601 in UTC.
+        command: The command line.
+        source: The version of physid.
+        python: The version of Python.
+        packages: Version of every package that is installed, by name.
+        data: SHA-256 of each recording set, by its folder.
+        machine: Where it ran.
+        threads: What the environment said of threads.
+        earlier: The sessions that this one resumed, oldest first.
+    """
+
+    __pydantic_config__: ClassVar[Any] = CLOSED
+    started: str
+    command: str
+    source: Source
+    python: str
+    packages: dict[str, str]
+    data: dict[str, str]
+    machine: Machine
+    threads: dict[str, str]
+    earlier: tuple[Record, ...] = ()
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return the record as plain values; a session that resumed none says nothing of earlier ones."""
+        plain = asdict(self)
+        earlier = [one.to_mapping() for one in plain.pop("earlier") and self.earlier]
+        return plain | ({"earlier": earlier} if earlier else {})
 
 
 def write_record(folder: Path, values: Mapping[str, Any]) -> None:
@@ -30,38 +89,32 @@ def write_record(folder: Path, values: Mapping[str, Any]) -> None:
     Raises:
         ValueError: If the record of earlier sessions is damaged.
     """
-    from physid.data.files import read_json, write_text
+    from physid.data.files import write_text
 
     path = folder / RECORD
     record = describe(values)
     if path.is_file():
-        before = read_json(path, "the record of earlier sessions")
-        if not isinstance(before, dict) or not isinstance(before.get("earlier", []), list):
-            raise ValueError(f"{path}: expected the record of earlier sessions, found something else; delete it")
-        record["earlier"] = [*before.pop("earlier", []), before]
-    write_text(path, json.dumps(record, indent=2) + "\n")
+        before = read_json_as(Record, path)
+        record = replace(record, earlier=(*before.earlier, replace(before, earlier=())))
+    write_text(path, json.dumps(record.to_mapping(), indent=2) + "\n")
 
 
-def describe(values: Mapping[str, Any]) -> dict[str, Any]:
+def describe(values: Mapping[str, Any]) -> Record:
     """Return what a run that starts now depends on.
 
     Args:
         values: Resolved configuration.
-
-    Returns:
-        started, command, source (version, commit, whether files differ from it), python, packages by name, data (the
-        SHA-256 of each recording set by its folder), machine and threads; in plain types.
     """
-    return {
-        "started": datetime.now(UTC).isoformat(timespec="seconds"),
-        "command": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
-        "source": source(),
-        "python": platform.python_version(),
-        "packages": packages(),
-        "data": {name: checksum(Path(name)) for name in sorted(set(recording_sets(values)))},
-        "machine": machine(),
-        "threads": {name: os.environ[name] for name in THREADS if name in os.environ},
-    }
+    return Record(
+        started=datetime.now(UTC).isoformat(timespec="seconds"),
+        command=shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
+        source=source(),
+        python=platform.python_version(),
+        packages=packages(),
+        data={name: checksum(Path(name)) for name in sorted(set(recording_sets(values)))},
+        machine=machine(),
+        threads={name: os.environ[name] for name in THREADS if name in os.environ},
+    )
 
 
 def packages() -> dict[str, str]:
@@ -70,14 +123,14 @@ def packages() -> dict[str, str]:
     return dict(sorted(found.items(), key=lambda item: item[0].lower()))
 
 
-def source() -> dict[str, Any]:
+def source() -> Source:
     """Return version, commit and whether a tracked file differs from it; commit None outside of a repository."""
     here = Path(__file__)
     version = metadata.version("physid")
     if _git(here.parent, "ls-files", "--error-unmatch", here.name) is None:
-        return {"version": version, "commit": os.environ.get(COMMIT), "changed": None}
+        return Source(version, os.environ.get(COMMIT), None)
     changed = _git(here.parent, "status", "--porcelain", "--untracked-files=no", "--", ".")
-    return {"version": version, "commit": _git(here.parent, "rev-parse", "HEAD"), "changed": bool(changed)}
+    return Source(version, _git(here.parent, "rev-parse", "HEAD"), bool(changed))
 
 
 def recording_sets(values: Any) -> Iterator[str]:
@@ -112,18 +165,18 @@ def checksum(folder: Path) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def machine() -> dict[str, Any]:
+def machine() -> Machine:
     """Return system, processor, cores this process may use, memory [GB] and GPUs."""
     import torch
 
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9
-    return {
-        "system": platform.platform(),
-        "processor": _processor(),
-        "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
-        "memory_gb": round(memory, 1),
-        "gpus": [torch.cuda.get_device_name(index) for index in range(torch.cuda.device_count())],
-    }
+    return Machine(
+        system=platform.platform(),
+        processor=_processor(),
+        cores=len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
+        memory_gb=round(memory, 1),
+        gpus=tuple(torch.cuda.get_device_name(index) for index in range(torch.cuda.device_count())),
+    )
 
 
 def _processor() -> str:

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
 
-from physid.record import source
+from physid.record import Source, source
 
 Backend = Literal["loky", "dask"]
 ANSWER = 10.0  # [s] for a scheduler to answer
@@ -77,8 +77,6 @@ def _require_same_source(client: Any) -> None:
             )
 
 
-def _name(version: dict[str, Any]) -> str:
+def _name(version: Source) -> str:
     """Return version and commit in a few words."""
-    return (
-        f"{version['version']} ({(version['commit'] or 'no commit')[:12]}{', changed' if version['changed'] else ''})"
-    )
+    return f"{version.version} ({(version.commit or 'no commit')[:12]}{', changed' if version.changed else ''})"

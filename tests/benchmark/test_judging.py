@@ -13,6 +13,7 @@ from physid.benchmark.scoring.baselines import bic, likelihood
 from physid.benchmark.scoring.figures import Figure, figures, reliability
 from physid.benchmark.scoring.intervals import bootstrap_calibration_error, half_power, wilson
 from physid.benchmark.scoring.judging import Judged, bin_of, judge
+from physid.benchmark.verdicts import Spent
 
 DRAG = Part("viscous_drag", "dynamics", {"coefficient": 0.2}, 2.0)
 GAIN = Part("force_gain", "actuation", {"gain": 0.1}, 2.0)
@@ -170,7 +171,7 @@ def test_confidence_is_calibrated_if_it_is_the_share_of_right_verdicts() -> None
 
 
 def test_every_figure_but_the_longest_time_has_an_interval() -> None:
-    seconds = {"seconds": 3.0, "cpu_seconds": 2.0}
+    seconds = Spent(3.0, 2.0)
     pair = label("pair", DRAG, GAIN)
     judged = [
         *(judge("0", said("none"), FREE, seconds), judge("1", said("unknown"), FREE, seconds)),

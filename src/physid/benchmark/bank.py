@@ -8,13 +8,13 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import yaml
 
 from physid.data.files import write_text
-from physid.strict import check_keys, whole
-from physid.yaml_files import YamlError, read_yaml
+from physid.strict import quoted, whole
+from physid.typed_files import CLOSED, read_yaml_as
 
 Purpose = Literal["score", "calibration"]
 FORMAT, VERSION = "physid-bank", 1
@@ -69,6 +69,23 @@ class Bank:
         return self.folder / VERDICTS / name
 
 
+@dataclass(frozen=True)
+class _BankFile:
+    """The content of bank.yaml."""
+
+    __pydantic_config__: ClassVar[Any] = CLOSED
+    format: Literal["physid-bank"]
+    version: Literal[1]
+    purpose: Purpose
+    seal: str
+    sets: dict[str, str]
+
+    def __post_init__(self) -> None:
+        strange = [name for name in self.sets if not re.fullmatch(r"[\w-]+", name)]
+        if strange:
+            raise ValueError(f"sets: expected plain names, which are folders of the bank, found {quoted(strange[0])}")
+
+
 def write_bank(bank: Bank) -> None:
     """Write bank.yaml, whole or not at all."""
     values = {"format": FORMAT, "version": VERSION, "purpose": bank.purpose, "seal": bank.seal, "sets": dict(bank.sets)}
@@ -87,17 +104,8 @@ def read_bank(folder: Path) -> Bank:
         raise FileNotFoundError(
             f"{path}: expected a sealed bank, found none; make one: physid benchmark diagnosis seal --out {folder}"
         )
-    try:
-        known = check_keys(read_yaml(path), FILE, ("format", "version", "purpose", "seal", "sets"))
-        if (known["format"], known["version"]) != (FORMAT, VERSION):
-            raise ValueError(f"expected format {FORMAT}, version {VERSION}, found {known['format']!r}")
-        if not isinstance(known["sets"], dict) or not all(re.fullmatch(r"[\w-]+", str(name)) for name in known["sets"]):
-            raise ValueError("sets must be a mapping from plain names, which are folders of the bank, to checksums")
-    except YamlError:
-        raise
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
-    return Bank(folder, known["purpose"], known["sets"], known["seal"])
+    known = read_yaml_as(_BankFile, path)
+    return Bank(folder, known.purpose, known.sets, known.seal)
 
 
 def seal_of(labels: Mapping[str, Any]) -> str:

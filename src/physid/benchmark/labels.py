@@ -6,11 +6,12 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from physid.benchmark.bank import SEALED, Bank, seal_of
 from physid.benchmark.sealing.hidden import Role
-from physid.data.files import write_text
+from physid.data.files import read_json, write_text
+from physid.typed_files import CLOSED, check_as
 
 FILE = "labels.json"
 
@@ -26,9 +27,10 @@ class Part:
         severity: How much it shows alone (see `severity`).
     """
 
+    __pydantic_config__: ClassVar[Any] = CLOSED
     name: str
     site: str
-    parameters: Mapping[str, float]
+    parameters: dict[str, float]
     severity: float
 
 
@@ -49,6 +51,7 @@ class Label:
         film: Whether the set has films instead of poses; the noise is then what a reader errs.
     """
 
+    __pydantic_config__: ClassVar[Any] = CLOSED
     role: Role
     scene: str
     protocol: str
@@ -57,20 +60,22 @@ class Label:
     severity: float = 0.0
     phases: tuple[str, ...] = ()
     noise: float = 0.0
-    parameters: Mapping[str, float] = field(default_factory=dict)
+    parameters: dict[str, float] = field(default_factory=dict)
     film: bool = False
-
-    @classmethod
-    def from_mapping(cls, values: Mapping[str, Any]) -> Label:
-        """Build a label from what `to_mapping` gave."""
-        parts = tuple(Part(**part) for part in values["effects"])
-        right = tuple(tuple(names) for names in values["right"])
-        return cls(**{**values, "effects": parts, "right": right, "phases": tuple(values["phases"])})
 
     def to_mapping(self) -> dict[str, Any]:
         """Return the label as plain values."""
         plain: dict[str, Any] = json.loads(json.dumps(asdict(self)))
         return plain
+
+
+@dataclass(frozen=True)
+class _Labels:
+    """The content of labels.json."""
+
+    __pydantic_config__: ClassVar[Any] = CLOSED
+    salt: str
+    sets: dict[str, Label]
 
 
 def write_labels(folder: Path, labels: Mapping[str, Label], salt: str) -> str:
@@ -90,10 +95,10 @@ def open_labels(bank: Bank) -> dict[str, Label]:
     path = bank.folder / SEALED / FILE
     if not path.is_file():
         raise FileNotFoundError(f"{path}: expected the sealed labels, found none; they belong to {bank.folder}")
-    values = json.loads(path.read_text(encoding="utf-8"))
+    values = read_json(path, "the sealed labels")
     if seal_of(values) != bank.seal:
         raise ValueError(
             f"{path}: expected labels with SHA-256 {bank.seal[:12]}..., found {seal_of(values)[:12]}...: "
             "they were changed after the bank was sealed; seal a new one"
         )
-    return {name: Label.from_mapping(label) for name, label in values["sets"].items()}
+    return check_as(_Labels, values, str(path)).sets

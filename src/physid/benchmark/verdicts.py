@@ -8,15 +8,33 @@ import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from physid.benchmark.bank import SEALED, Bank
 from physid.benchmark.films import with_poses
 from physid.data.files import write_text
 from physid.diagnosis.document.document import FILE
+from physid.typed_files import CLOSED
 
 TIME, FAILURE = "time.json", "failure.json"
+
+
+@dataclass(frozen=True)
+class Spent:
+    """What the diagnosis of a set took: the content of time.json.
+
+    Attributes:
+        seconds: How long it took.
+        cpu_seconds: How long a processor worked on it.
+    """
+
+    __pydantic_config__: ClassVar[Any] = CLOSED
+    seconds: float
+    cpu_seconds: float | None = None
+
+
 Diagnose = Callable[..., Mapping[str, Any]]
 _closed: list[str] = []  # folders that no Python code of this process may open
 
@@ -73,8 +91,8 @@ def diagnose_set(bank: Bank, name: str, diagnose: Diagnose | None = None) -> boo
         write_text(out / FAILURE, json.dumps({"error": f"{type(error).__name__}: {error}"}) + "\n")
         return False
     (out / FAILURE).unlink(missing_ok=True)
-    spent = {"seconds": time.perf_counter() - begun, "cpu_seconds": time.process_time() - used}
-    write_text(out / TIME, json.dumps(spent) + "\n")
+    spent = Spent(time.perf_counter() - begun, time.process_time() - used)
+    write_text(out / TIME, json.dumps(asdict(spent)) + "\n")
     return True
 
 

@@ -13,6 +13,7 @@ from physid.data.files import sha256, write_text
 from physid.data.observations.stamps import check_clocks
 from physid.data.recording import Recording
 from physid.data.trajectory import has_dataset, read_film, read_labels, read_trajectory
+from physid.scenes.description import describe, read_description
 from physid.scenes.scene import Scene
 from physid.yaml_files import YamlError, read_yaml
 
@@ -136,7 +137,7 @@ def read_scene(folder: Path) -> Scene:
             "make one with physid generate, or write one (docs/recordings.md)"
         )
     try:
-        return Scene.from_mapping(read_yaml(path))
+        return read_description(read_yaml(path))
     except YamlError:
         raise
     except ValueError as error:
@@ -145,7 +146,7 @@ def read_scene(folder: Path) -> Scene:
 
 def write_scene(folder: Path, scene: Scene) -> None:
     """Write recording.yaml, whole or not at all."""
-    text = yaml.safe_dump(scene.to_mapping(), sort_keys=False, default_flow_style=None, width=160)
+    text = yaml.safe_dump(describe(scene), sort_keys=False, default_flow_style=None, width=160)
     write_text(folder / DESCRIPTION, text)
 
 

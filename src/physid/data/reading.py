@@ -5,13 +5,13 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, ClassVar
 
 import yaml
 
 from physid.data.files import write_text
 from physid.data.format import RecordingSet
-from physid.strict import check_keys
-from physid.yaml_files import YamlError, read_yaml
+from physid.typed_files import CLOSED, read_yaml_as
 
 FILE, ECHO = "reading.yaml", "echo"
 
@@ -32,6 +32,7 @@ class Reading:
         key: Changes with the films.
     """
 
+    __pydantic_config__: ClassVar[Any] = CLOSED
     films: str
     reader: str
     chart: str
@@ -54,13 +55,7 @@ def read_reading(folder: Path) -> Reading | None:
     path = folder / FILE
     if not path.is_file():
         return None
-    names = [field.name for field in dataclasses.fields(Reading)]
-    try:
-        return Reading(**check_keys(read_yaml(path), "reading", names))
-    except YamlError:
-        raise
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
+    return read_yaml_as(Reading, path)
 
 
 def echo_of(recordings: RecordingSet) -> RecordingSet | None:

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, Literal
 
 import yaml
 
 from physid.data.files import write_text
-from physid.strict import check_keys
-from physid.yaml_files import YamlError, read_yaml
+from physid.typed_files import CLOSED, read_yaml_as
 
 FILE = "truth.yaml"
 FORMAT, VERSION = "physid-truth", 1
@@ -32,6 +31,18 @@ class Truth:
     generation: Mapping[str, Any] = field(default_factory=dict)
 
 
+@dataclass(frozen=True)
+class _TruthFile:
+    """The content of truth.yaml."""
+
+    __pydantic_config__: ClassVar[Any] = CLOSED
+    format: Literal["physid-truth"]
+    version: Literal[1]
+    parameters: dict[str, float]
+    effects: dict[str, dict[str, float]]
+    generation: dict[str, Any]
+
+
 def read_truth(place: Path | str) -> Truth | None:
     """Read the truth of a recording set, or None where there is none (real recordings).
 
@@ -44,16 +55,8 @@ def read_truth(place: Path | str) -> Truth | None:
     path = Path(place) / FILE if Path(place).is_dir() else Path(place)
     if not path.is_file():
         return None
-    try:
-        values = read_yaml(path)
-        known = check_keys(values, FILE, ("format", "version", "parameters", "effects", "generation"))
-        if (known["format"], known["version"]) != (FORMAT, VERSION):
-            raise ValueError(f"expected format {FORMAT}, version {VERSION}, found {known['format']!r}")
-    except YamlError:
-        raise
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
-    return Truth(known["parameters"], known["effects"], known["generation"])
+    known = read_yaml_as(_TruthFile, path)
+    return Truth(known.parameters, known.effects, known.generation)
 
 
 def write_truth(path: Path, truth: Truth) -> None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from physid.scenes.rotations import rotate
-from physid.strict import check_keys, number, triple, whole
+from physid.strict import number, triple, whole
+from physid.typed_files import CLOSED
 
 Triple = tuple[float, float, float]
 CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
@@ -30,6 +32,7 @@ class Camera:
         ValueError: If a value is of the wrong kind, or the view has no direction.
     """
 
+    __pydantic_config__: ClassVar[Any] = CLOSED
     width: int
     height: int
     position: Triple
@@ -48,17 +51,6 @@ class Camera:
         forward = np.subtract(self.target, self.position)
         if np.linalg.norm(np.cross(forward, self.up)) < 1e-9:
             raise ValueError("camera.up must not be parallel to the line from camera.position to camera.target")
-
-    @classmethod
-    def from_mapping(cls, values: object) -> Camera:
-        """Build a camera from the `camera` entry of recording.yaml.
-
-        Raises:
-            ValueError: If a key is missing or unknown, or a value is off.
-        """
-        known = check_keys(values, "camera", ("width", "height", "position", "target", "up", "fov_y"))
-        places = {name: triple(known[name], f"camera.{name}") for name in ("position", "target", "up")}
-        return cls(known["width"], known["height"], **places, fov_y=number(known["fov_y"], "camera.fov_y"))
 
     def axes(self) -> NDArray[np.float64]:
         """Return the unit vectors right, up and backward of the image in the world frame; rows of (3, 3)."""

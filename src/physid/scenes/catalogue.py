@@ -3,18 +3,34 @@
 from __future__ import annotations
 
 import dataclasses
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, ClassVar
 
+from physid.scenes.camera import Triple
 from physid.scenes.scene import Body, Ground
 from physid.scenes.setup import Setup
 from physid.scenes.setups.collide import COLLIDE
 from physid.scenes.setups.push import PUSH
 from physid.scenes.setups.slide import SLIDE
 from physid.scenes.setups.toss import TOSS
-from physid.strict import check_keys, nearest, number, quoted, triple
-from physid.yaml_files import read_yaml
+from physid.strict import nearest, quoted
+from physid.typed_files import CLOSED, read_yaml_as
 
 SETUPS: tuple[Setup, ...] = (PUSH, SLIDE, COLLIDE, TOSS)
+
+
+@dataclass(frozen=True)
+class OwnScene:
+    """A scene of the user's, as its YAML file describes it (see `read_setup`)."""
+
+    __pydantic_config__: ClassVar[Any] = CLOSED
+    scene: str
+    like: str
+    bodies: tuple[Body, ...] | None = None
+    ground: Ground | None = None
+    gravity: Triple | None = None
+    time_step: float | None = None
 
 
 def find_setup(name: str) -> Setup:
@@ -43,23 +59,16 @@ def read_setup(path: Path) -> Setup:
     """
     if not path.is_file():
         raise ValueError(f"no file {path} with a scene in it (looked in {Path.cwd()})")
-    known = check_keys(read_yaml(path), str(path), ("scene", "like"), ("bodies", "ground", "gravity", "time_step"))
-    like = {setup.scene.name: setup for setup in SETUPS}.get(str(known["like"]))
+    own = read_yaml_as(OwnScene, path)
+    known = {setup.scene.name: setup for setup in SETUPS}
+    like = known.get(own.like)
     if like is None:
-        names = [setup.scene.name for setup in SETUPS]
-        raise ValueError(f"{path}: like: no scene {quoted(known['like'])}{nearest(str(known['like']), names)}")
-    bodies = like.scene.bodies
-    if known.get("bodies") is not None:
-        if not isinstance(known["bodies"], list) or len(known["bodies"]) != len(bodies):
-            raise ValueError(f"{path}: bodies: expected a list of {len(bodies)}, as many as {like.scene.name} moves")
-        bodies = tuple(Body.from_mapping(one, index) for index, one in enumerate(known["bodies"]))
-    ground, gravity, step = known.get("ground"), known.get("gravity"), known.get("time_step")
-    scene = dataclasses.replace(
-        like.scene,
-        name=str(known["scene"]),
-        bodies=bodies,
-        ground=like.scene.ground if ground is None else Ground.from_mapping(ground),
-        gravity=like.scene.gravity if gravity is None else triple(gravity, "gravity"),
-        time_step=like.scene.time_step if step is None else number(step, "time_step", low=0.0, strict=True),
-    )
-    return dataclasses.replace(like, scene=scene)
+        raise ValueError(f"{path}: like: no scene {quoted(own.like)}{nearest(own.like, known)}")
+    if own.bodies is not None and len(own.bodies) != len(like.scene.bodies):
+        count = len(like.scene.bodies)
+        raise ValueError(f"{path}: bodies: expected a list of {count}, as many as {like.scene.name} moves")
+    changed = {name: value for name, value in vars(own).items() if name not in ("scene", "like") and value is not None}
+    try:
+        return dataclasses.replace(like, scene=dataclasses.replace(like.scene, name=own.scene, **changed))
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None

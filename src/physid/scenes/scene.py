@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from physid.scenes.camera import Camera, Triple
-from physid.strict import check_keys, nearest, number, quoted, triple
+from physid.strict import nearest, number, quoted, triple
+from physid.typed_files import CLOSED
 
-FORMAT = "physid-recordings"
-VERSION = 2
-READABLE = (1, VERSION)
-GENERATED = "pybullet"  # the `source` of all that version 1 of the format generated, always with one step per frame
 PARAMETERS = ("mass", "friction", "restitution")
 SEMI_IMPLICIT_EULER = "semi_implicit_euler"
 SCHEMES = (SEMI_IMPLICIT_EULER,)
@@ -41,6 +38,7 @@ class Body:
         ValueError: If a value is of the wrong kind or sign.
     """
 
+    __pydantic_config__: ClassVar[Any] = CLOSED
     name: str
     size: Triple
     mass: float
@@ -62,23 +60,6 @@ class Body:
         if self.inertia is not None and min(triple(self.inertia, f"{self.name}.inertia")) <= 0:
             raise ValueError(f"{self.name}.inertia must be positive principal moments or null, got {self.inertia}")
 
-    @classmethod
-    def from_mapping(cls, values: object, index: int) -> Body:
-        """Build a body from entry `index` of `bodies`; the rest may be left out."""
-        required, optional = ("name", "size", "mass", "friction"), ("restitution", "inertia", "material")
-        known = check_keys(values, f"bodies[{index}]", required, optional)
-        inertia = known.get("inertia")
-        where = f"bodies[{index}]"
-        return cls(
-            name=known["name"],
-            size=triple(known["size"], f"{where}.size"),
-            mass=number(known["mass"], f"{where}.mass"),
-            friction=number(known["friction"], f"{where}.friction"),
-            restitution=number(known.get("restitution", 0.0), f"{where}.restitution"),
-            inertia=None if inertia is None else triple(inertia, f"{where}.inertia"),
-            material=known.get("material"),
-        )
-
     def moments(self) -> NDArray[np.float64]:
         """Return the principal moments [kg m^2], (3,): those given, or I_x = m (b^2 + c^2) / 12 and so on."""
         if self.inertia is not None:
@@ -95,6 +76,7 @@ class Ground:
         ValueError: If the normal is not a unit vector.
     """
 
+    __pydantic_config__: ClassVar[Any] = CLOSED
     normal: Triple = (0.0, 0.0, 1.0)
     offset: float = 0.0
 
@@ -103,12 +85,6 @@ class Ground:
         if abs(length - 1) > 1e-6:
             raise ValueError(f"ground.normal must have length 1, got {length:.6g}; divide it by its length")
         number(self.offset, "ground.offset")
-
-    @classmethod
-    def from_mapping(cls, values: object) -> Ground:
-        """Build the ground from the `ground` entry of recording.yaml."""
-        known = check_keys(values, "ground", ("normal", "offset"))
-        return cls(triple(known["normal"], "ground.normal"), number(known["offset"], "ground.offset"))
 
 
 @dataclass(frozen=True)
@@ -126,6 +102,7 @@ class Integration:
         ValueError: If the scheme is unknown, or the step is not positive.
     """
 
+    __pydantic_config__: ClassVar[Any] = CLOSED
     scheme: str
     step: float
 
@@ -136,12 +113,6 @@ class Integration:
                 "`integration` out where it is another one, or not known"
             )
         number(self.step, "integration.step", low=0.0, strict=True)
-
-    @classmethod
-    def from_mapping(cls, values: object) -> Integration:
-        """Build it from the `integration` entry of recording.yaml."""
-        known = check_keys(values, "integration", ("scheme", "step"))
-        return cls(str(known["scheme"]), number(known["step"], "integration.step"))
 
 
 @dataclass(frozen=True)
@@ -184,55 +155,6 @@ class Scene:
         for parameter in self.unknown:
             self.locate(parameter)
 
-    @classmethod
-    def from_mapping(cls, values: object) -> Scene:
-        """Build a scene from the content of recording.yaml.
-
-        Raises:
-            ValueError: If a key is missing or unknown, or a value is off.
-        """
-        required = ("format", "version", "scene", "time_step", "gravity", "ground", "bodies")
-        known = check_keys(values, "recording.yaml", required, ("unknown", "camera", "source", "integration"))
-        if known["format"] != FORMAT or known["version"] not in READABLE:
-            raise ValueError(
-                f"recording.yaml must say format {FORMAT}, version {' or '.join(map(str, READABLE))}, "
-                f"got {known['format']!r}, version {known['version']!r}"
-            )
-        if not isinstance(known["bodies"], list) or not isinstance(known.get("unknown") or [], list):
-            raise ValueError("recording.yaml: bodies and unknown must be lists")
-        camera = known.get("camera")
-        bodies = [Body.from_mapping(one, index) for index, one in enumerate(known["bodies"])]
-        if _generated_by_version_1(known) and known["scene"] == "collide":  # that version wrote no materials down
-            bodies = [dataclasses.replace(body, material="wood") for body in bodies]
-        time_step = number(known["time_step"], "time_step", low=0.0, strict=True)
-        return cls(
-            name=known["scene"],
-            time_step=time_step,
-            ground=Ground.from_mapping(known["ground"]),
-            bodies=tuple(bodies),
-            unknown=tuple(known.get("unknown") or ()),
-            camera=None if camera is None else Camera.from_mapping(camera),
-            gravity=triple(known["gravity"], "gravity"),
-            source=str(known.get("source") or ""),
-            integration=_integration(known, time_step),
-        )
-
-    def to_mapping(self) -> dict[str, Any]:
-        """Return the content of recording.yaml, in the order of the format's description."""
-        content = {
-            "format": FORMAT,
-            "version": VERSION,
-            "scene": self.name,
-            "time_step": self.time_step,
-            "gravity": list(self.gravity),
-            "ground": _plain(self.ground),
-            "bodies": [_plain(body) for body in self.bodies],
-            "unknown": list(self.unknown),
-            "camera": None if self.camera is None else _plain(self.camera),
-            "source": self.source,
-        }
-        return content if self.integration is None else content | {"integration": _plain(self.integration)}
-
     @property
     def sizes(self) -> NDArray[np.float64]:
         """Full edge lengths of the bodies [m], shape (N, 3)."""
@@ -258,21 +180,3 @@ class Scene:
     def with_bodies(self, bodies: Iterable[Body]) -> Scene:
         """Return a copy with other bodies."""
         return dataclasses.replace(self, bodies=tuple(bodies))
-
-
-def _integration(known: Mapping[str, Any], time_step: float) -> Integration | None:
-    """Return how recordings were integrated: as they say, and as physid itself did when it wrote version 1."""
-    if known.get("integration") is not None:
-        return Integration.from_mapping(known["integration"])
-    return Integration(SEMI_IMPLICIT_EULER, time_step) if _generated_by_version_1(known) else None
-
-
-def _generated_by_version_1(known: Mapping[str, Any]) -> bool:
-    """Return whether physid itself wrote this in version 1, which left unsaid what all its sets had in common."""
-    return known["version"] == 1 and known.get("source") == GENERATED
-
-
-def _plain(value: Body | Ground | Camera | Integration) -> dict[str, Any]:
-    """Return the fields of a flat dataclass with tuples as lists."""
-    fields = dataclasses.asdict(value)
-    return {name: list(one) if isinstance(one, tuple) else one for name, one in fields.items()}

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from physid.benchmark.labels import Label
+from physid.benchmark.verdicts import Spent
 from physid.physics.effect import Site
 
 MOST_MEMBERS = 8  # a group of more members says nothing: it counts as wrong
@@ -76,14 +77,14 @@ def bin_of(severity: float) -> str:
     return BINS[sum(severity >= limit for limit in (WEAK, MEDIUM, STRONG))]
 
 
-def judge(name: str, document: Mapping[str, Any], label: Label, spent: Mapping[str, float] | None = None) -> Judged:
+def judge(name: str, document: Mapping[str, Any], label: Label, spent: Spent | None = None) -> Judged:
     """Compare a verdict with the truth.
 
     Args:
         name: The set.
         document: What diagnosis.json holds.
         label: The truth.
-        spent: How long the diagnosis took: `seconds`, and `cpu_seconds` of work.
+        spent: What the diagnosis took.
     """
     verdict = str(document["verdict"])
     named = tuple(effect["name"] for effect in document["effects"])
@@ -109,7 +110,8 @@ def judge(name: str, document: Mapping[str, Any], label: Label, spent: Mapping[s
         (_effect_coverage(document, label), _parameter_coverage(document, label)),
         _closed(document, label, "same"),
         _closed(document, label, "transfer"),
-        **(spent or {}),
+        seconds=None if spent is None else spent.seconds,
+        cpu_seconds=None if spent is None else spent.cpu_seconds,
     )
 
 

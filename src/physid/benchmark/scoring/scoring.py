@@ -26,11 +26,12 @@ from physid.benchmark.scoring.figures import (
 )
 from physid.benchmark.scoring.judging import Judged, judge
 from physid.benchmark.scoring.pictures import draw_confusion, draw_power, draw_reliability, save
-from physid.benchmark.verdicts import FAILURE, TIME, is_open
+from physid.benchmark.verdicts import FAILURE, TIME, Spent, is_open
 from physid.data.files import write_text
 from physid.data.format import RecordingSet
 from physid.diagnosis.document.document import FILE, read_diagnosis
 from physid.record import checksum
+from physid.typed_files import read_json_as
 
 Table = list[tuple[str, ...]]
 
@@ -104,8 +105,7 @@ def _judged(bank: Bank, name: str, label: Label) -> Judged:
     folder = bank.verdict(name)
     if (folder / FAILURE).is_file():
         return Judged(name, label, "failed")
-    spent = json.loads((folder / TIME).read_text(encoding="utf-8"))
-    return judge(name, read_diagnosis(folder / FILE), label, spent)
+    return judge(name, read_diagnosis(folder / FILE), label, read_json_as(Spent, folder / TIME))
 
 
 def report(result: Score) -> str:

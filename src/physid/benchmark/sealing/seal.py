@@ -19,6 +19,7 @@ from physid.data.files import write_text
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig
 from physid.record import checksum
+from physid.typed_files import read_json_as
 
 EPOCH = 1_700_000_000  # every file gets this date
 
@@ -74,7 +75,7 @@ def make(folder: Path, plan: Plan, task: Task) -> tuple[str, Label]:
     """Make one set, or return its label where it is there."""
     kept = folder / SEALED / "parts" / f"{task.name}.json"
     if kept.is_file():
-        return task.name, Label.from_mapping(json.loads(kept.read_text(encoding="utf-8")))
+        return task.name, read_json_as(Label, kept)
     place, truth = folder / SETS / task.name, folder / SEALED / "truth" / f"{task.name}.yaml"
     for config, effects, label in inventions(plan, task):
         whole = GenerateConfig.from_mapping(config.to_mapping() | {"truth_file": str(truth)})

@@ -16,6 +16,7 @@ from physid.scenes.scene import Integration, Scene
 from physid.simulators.protocol import find_simulator
 from physid.simulators.sampling import MOST_JITTER, Sampling, sample
 from physid.strict import check_keys, nearest, number, quoted, shown, whole
+from physid.typed_files import check_as
 
 if TYPE_CHECKING:
     from physid.physics.effect import Effect
@@ -166,7 +167,7 @@ class GenerateConfig:
             with_parameters(own, self.true_values),
             time_step=step,
             source=self.simulator,
-            integration=None if shared is None else Integration.from_mapping(shared),
+            integration=None if shared is None else check_as(Integration, dict(shared)),
         )
         return scene if self.video else dataclasses.replace(scene, camera=None)
 

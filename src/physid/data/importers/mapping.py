@@ -14,6 +14,7 @@ from physid.data.importers.units import UNITS, factor_of
 from physid.data.recording import SPLITS
 from physid.scenes.scene import GRAVITY, Body, Ground
 from physid.strict import check_keys, nearest, number, triple, whole
+from physid.typed_files import check_as
 
 Array = NDArray[np.float64]
 Reference = str | float | int  # a column, "-" and a column, or a constant
@@ -152,9 +153,7 @@ class LogMap:
             split=_shares(known.get("split") or {}),
             protocol=None if known.get("protocol") is None else str(known["protocol"]),
             gravity=triple(known.get("gravity", GRAVITY), "gravity"),
-            ground=Ground.from_mapping(
-                {"normal": (0, 0, 1), "offset": 0.0} | dict(_plain(known.get("ground"), "ground"))
-            ),
+            ground=check_as(Ground, _plain(known.get("ground"), "ground"), "ground"),
             unknown=unknown + tuple(name for name in unsaid if name not in unknown),
             unsaid=unsaid,
             source=str(known.get("source") or ""),
