@@ -65,7 +65,8 @@ def check_as(kind: type[T], content: object, where: str = "") -> T:
             _after(where, f"expected mappings, lists, texts and numbers, found others ({error})")
         ) from None
     try:  # In strict mode pydantic takes lists for tuples and mappings for dataclasses from JSON alone.
-        checked: T = _adapter(kind).validate_json(text)
+        model: Any = kind
+        checked: T = _adapter(model).validate_json(text)
         return checked
     except ValidationError as error:
         raise ValueError(explain(error, kind, where)) from None
