@@ -75,10 +75,13 @@ def test_the_help_of_a_command_teaches_it(command: Command, capsys: pytest.Captu
         (["generate", "--config", PUSH, "--workers=two"], "generate: workers: expected int, got two"),
         (["generate", "--config", PUSH, "stray"], "unrecognized arguments: stray; physid generate --help shows what"),
         (["generate", PUSH], f"unrecognized arguments: {PUSH}; did you mean --config {PUSH}?"),
-        (["predict"], "predict needs a configuration: --config FILE or --run-dir RUN"),
+        (
+            ["predict"],
+            "predict needs a configuration: --config FILE (see physid configs) or recordings or --run-dir RUN",
+        ),
         (
             ["predict", "--run-dir", "no"],
-            "no holds no run; predict needs a configuration: --config FILE (see physid configs)",
+            "no holds no run; predict needs a configuration: --config FILE (see physid configs) or recordings",
         ),
         (["diagnose", "no"], "expected a recording set, found no recording.yaml there; make one with physid generate"),
         (["dashboard"], "runs: expected a folder with runs"),

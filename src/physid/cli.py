@@ -36,8 +36,8 @@ where, why and by how much reality leaves the model.
 
 {commands}
 A first run, from nothing to an identified friction:
-  physid generate --config configs/generate/push.yaml trajectories=20 video=false
-  physid fit --config configs/sysid/push_friction.yaml
+  physid generate --config generate/push trajectories=20 video=false
+  physid fit data/push
 
 Every value of a configuration file can be overridden: `trainer.max_epochs=3` or `--trainer.max_epochs 3`.
 `physid COMMAND --help` explains one command. PHYSID_TRACEBACK=1 shows where in the code an error arose.
@@ -186,9 +186,7 @@ def _run(words: list[str]) -> int:
 
 def _run_command(command: Command, words: list[str]) -> int:
     """Read a command's arguments and run it."""
-    from physid.class_paths import load_class
-    from physid.configuration import compose
-    from physid.runs import recorded_config
+    from physid.commands.configured import configure
 
     parser = _build_parser(command)
     if "--help" in words or "-h" in words:
@@ -201,18 +199,10 @@ def _run_command(command: Command, words: list[str]) -> int:
         arguments = replace(arguments, overrides=(), own=arguments.own + laid)
     values = _parse(parser, arguments.own, command)
     if command.configurable:
-        run_dir = values.get("run_dir")
-        files = arguments.files or recorded_config(run_dir)
-        if not files:
-            there = f"{run_dir} holds no run; " if run_dir else ""
-            recorded = " or --run-dir RUN" if "run_dir" in values and not run_dir else ""
-            raise UsageError(
-                f"{there}{command.name} needs a configuration: --config FILE{recorded} (see physid configs)"
-            )
-        reads = load_class(command.reads) if command.reads else None
-        values["configuration"] = compose(files, arguments.overrides, reads=reads, allowed=arguments.allowed)
-        if shown:
-            print(values["configuration"].to_yaml(), end="")
+        found = configure(command, values, arguments.files, arguments.overrides, arguments.allowed)
+        values["configuration"] = found
+        if shown and found:
+            print(found.to_yaml(), end="")
             return OK
     elif stray := [
         *(["--config"] * bool(arguments.files)),
@@ -261,7 +251,8 @@ def _format_help(parser: ArgumentParser, command: Command) -> str:
     positional = "".join(f" {each.upper()}" for each in command.positionals)
     positional += "".join(f" [{each.upper()}]" for each in command.optional)
     configured = CONFIGURED if command.configurable else ""
-    usage = " --config FILE [key=value ...]" if command.configurable else ""
+    named = "[--config FILE]" if "recordings" in command.optional else "--config FILE"
+    usage = f" {named} [key=value ...]" if command.configurable else ""
     return f"usage: physid {command.name}{positional}{usage} [options]\n\n{command.guide}\n\n{options}{configured}"
 
 

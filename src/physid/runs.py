@@ -1,10 +1,10 @@
-"""The folder of a run: where it lies, what it must not overwrite, and the figures it ends with."""
+"""The folder of a run: where it lies, and what it must not overwrite."""
 
 from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -125,27 +125,3 @@ def fill_folder(folder: Path, *, marked_by: str, overwrite: bool = False) -> Ite
             part.replace(folder)
         finally:
             shutil.rmtree(part, ignore_errors=True)
-
-
-def _estimate(own: Mapping[str, float]) -> str:
-    """Write an estimate with its interval, its true value, and whether the recordings tell it at all."""
-    estimate, true = own["estimate"], own.get("true")
-    known = [f"90 %: {own['low']:.6g} to {own['high']:.6g}"] if {"low", "high"} <= own.keys() else []
-    if true is not None:
-        known.append(f"true {true:.6g}" + (f", off by {abs(estimate / true - 1):.3%}" if true else ""))
-    told = "" if own.get("observable", 1.0) else "  DO NOT RELY ON IT: these recordings cannot tell it by itself"
-    return f"{estimate:.6g}" + (f" ({'; '.join(known)})" if known else "") + told
-
-
-def summarize(figures: Mapping[str, float], folder: Path) -> str:
-    """Return the figures of a run as a table: the parameters beside their true values, what was tested, the effort."""
-    names = sorted({key.split("/")[1] for key in figures if key.startswith("params/") and key.endswith("/estimate")})
-    measured = sorted(key for key in figures if key.startswith(("test/", "val/")))
-    effort = [key for key in ("evaluations", "seconds") if key in figures]
-    width = max(map(len, [*names, *measured, *effort]), default=0)
-    lines = [f"{folder}"]
-    for name in names:
-        own = {key.rpartition("/")[2]: value for key, value in figures.items() if key.startswith(f"params/{name}/")}
-        lines.append(f"  {name:<{width}}  {_estimate(own)}")
-    lines += [f"  {key:<{width}}  {figures[key]:.6g}" for key in [*measured, *effort]]
-    return "\n".join(lines)

@@ -13,7 +13,7 @@ from scipy.stats import t as student
 from torch import Tensor
 
 from physid.cli import main
-from physid.runs import summarize
+from physid.commands.summary import summarize
 from physid.training.parameters.intervals import Pull, coarse_pull, intervals
 from physid.training.parameters.pose_loss import PoseLoss
 from physid.training.refinement.normal_equations import NormalEquations

@@ -18,7 +18,7 @@ COMMANDS: tuple[Command, ...] = (
     Command(check),
     Command(show),
     Command(track),
-    Command(fit),
+    Command(fit, usual="sysid/base"),
     Command(validate),
     Command(test),
     Command(predict),

@@ -15,10 +15,12 @@ class Command:
     Attributes:
         function: What runs; parameters without a default are positional, keyword-only ones are options.
         reads: Dotted path of the class whose fields its configuration gives, if that names no classes itself.
+        usual: The shipped configuration for recordings that come without one.
     """
 
     function: Callable[..., None]
     reads: str = ""
+    usual: str = ""
 
     @property
     def name(self) -> str:

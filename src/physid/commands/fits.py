@@ -10,26 +10,36 @@ if TYPE_CHECKING:
 
 
 def fit(
-    configuration: Configuration, *, run_dir: Path | None = None, resume: bool = False, overwrite: bool = False
+    configuration: Configuration,
+    recordings: Path | None = None,
+    *,
+    run_dir: Path | None = None,
+    resume: bool = False,
+    overwrite: bool = False,
 ) -> None:
     """Identify the parameters of recorded objects.
 
-    The configuration names a model, its data and the trainer. Everything about the run lands in runs/NAME: the
-    resolved configuration, metrics.csv with the history, metrics.json with the final figures, plots and checkpoints.
+    Of recordings alone, the scene says what is unknown. A configuration names a model, its data and the trainer.
+    Everything about the run lands in runs/NAME: the resolved configuration, metrics.csv with the history, metrics.json
+    with the final figures, plots and checkpoints. What the fit leaves is compared with the noise of the poses.
     Ctrl-C leaves a state from which the same command with --resume goes on exactly; RUN/config.yaml repeats a run.
 
     Examples:
+      physid fit data/mine
+      physid fit data/mine model.learn=[block.mass] --run-dir runs/mass
       physid fit --config configs/sysid/push_friction.yaml
       physid fit --config configs/sysid/push_friction.yaml --run-dir runs/try trainer.max_epochs=3
       physid fit --run-dir runs/try --resume
 
     Args:
         configuration: What to fit, to which recordings.
+        recordings: Folder of the recording set, instead of the configuration's.
         run_dir: Folder of the run; runs/NAME by default.
         resume: Go on from the last checkpoint of the run.
         overwrite: Delete what an earlier run left in the folder.
     """
-    from physid.runs import first_process, open_folder, summarize
+    from physid.commands.summary import recordings_of, summarize
+    from physid.runs import first_process, open_folder
     from physid.schema import check_fit
     from physid.training.runs import run
 
@@ -37,10 +47,16 @@ def fit(
     with open_folder(configuration, run_dir, resume=resume, overwrite=overwrite) as folder:
         figures = run.fit(configuration.values, folder, resume=resume)
     if first_process():
-        print(summarize(figures, folder))
+        print(summarize(figures, folder, recordings_of(configuration)))
 
 
-def validate(configuration: Configuration, *, run_dir: Path | None = None, checkpoint: Path | None = None) -> None:
+def validate(
+    configuration: Configuration,
+    recordings: Path | None = None,
+    *,
+    run_dir: Path | None = None,
+    checkpoint: Path | None = None,
+) -> None:
     """Measure a fitted model on the validation split of its recordings.
 
     Examples:
@@ -48,21 +64,29 @@ def validate(configuration: Configuration, *, run_dir: Path | None = None, check
 
     Args:
         configuration: As for fit; RUN/config.yaml by default.
+        recordings: Folder of the recording set, instead of the run's; without --run-dir, that of its own fit.
         run_dir: Folder of the run; runs/NAME by default.
         checkpoint: Weights to load; the last checkpoint of the run by default.
     """
     _evaluate("validate", configuration, run_dir, checkpoint)
 
 
-def test(configuration: Configuration, *, run_dir: Path | None = None, checkpoint: Path | None = None) -> None:
+def test(
+    configuration: Configuration,
+    recordings: Path | None = None,
+    *,
+    run_dir: Path | None = None,
+    checkpoint: Path | None = None,
+) -> None:
     """Measure a fitted model on recordings that the fit has not seen.
 
     Examples:
       physid test --run-dir runs/push_friction
-      physid test --run-dir runs/push_friction data.folder=data/push_rich
+      physid test data/push_rich --run-dir runs/push_friction
 
     Args:
         configuration: As for fit; RUN/config.yaml by default.
+        recordings: Folder of the recording set, instead of the run's; without --run-dir, that of its own fit.
         run_dir: Folder of the run; runs/NAME by default.
         checkpoint: Weights to load; the last checkpoint of the run by default.
     """
@@ -71,6 +95,7 @@ def test(configuration: Configuration, *, run_dir: Path | None = None, checkpoin
 
 def predict(
     configuration: Configuration,
+    recordings: Path | None = None,
     *,
     run_dir: Path | None = None,
     checkpoint: Path | None = None,
@@ -86,12 +111,13 @@ def predict(
     step, with columns such as block.force_x [N] or block.torque_z [N m]; or a .npy array (n, bodies, 6).
 
     Examples:
-      physid predict --run-dir runs/push_friction
-      physid predict --run-dir runs/push_friction data.folder=data/push_rich data.limit=null --out runs/rich
+      physid predict data/mine
+      physid predict data/others --run-dir runs/mine --out runs/others
       physid predict --run-dir runs/push_friction --forces planned.csv --out runs/planned
 
     Args:
         configuration: As for fit; RUN/config.yaml by default.
+        recordings: Folder of the recording set, instead of the run's; without --run-dir, that of its own fit.
         run_dir: Folder of the run; runs/NAME by default.
         checkpoint: Weights to load; the last checkpoint of the run by default.
         forces: File with planned forces, from the first frame on.
@@ -118,7 +144,8 @@ def _evaluate(
     stage: Literal["validate", "test"], configuration: Configuration, run_dir: Path | None, checkpoint: Path | None
 ) -> None:
     """Run one evaluation stage and print its figures."""
-    from physid.runs import folder_of, summarize
+    from physid.commands.summary import summarize
+    from physid.runs import folder_of
     from physid.schema import check_fit
     from physid.training.runs import run
 

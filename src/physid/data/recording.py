@@ -85,7 +85,7 @@ class Recording:
             ValueError: If there are no poses.
         """
         if self.pose is None:
-            raise ValueError("pose: expected poses, found a recording with video only; read them first (physid watch)")
+            raise ValueError("pose: expected poses, found a recording with video only; read them first (physid track)")
         return np.isfinite(self.pose[..., 0])
 
     def stamps(self, time_step: float) -> Array:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, final
 
 from physid.reproduce.results import RESULTS, Result, over_seeds, read_results, write_results
+from physid.scenes.parameters import unit_of
 
 if TYPE_CHECKING:
     from physid.configuration import Configuration
@@ -184,7 +185,7 @@ class Fit(Cell):
             ):
                 value = figures.get(f"params/{name}/{key}")
                 if value is not None:
-                    found.append(Result(self.name, f"{name}, {metric}", value, _unit(name)))
+                    found.append(Result(self.name, f"{name}, {metric}", value, unit_of(name) or "-"))
             error = PERCENT * figures[f"params/{name}/relative_error"]
             found.append(Result(self.name, f"{name}, error", error, "%", target=self.parameter))
         return found
@@ -239,7 +240,3 @@ def _taking(configuration: Configuration, donor: Path) -> list[str]:
         "model.phases.warm_up=0",
         f"trainer.max_epochs={epochs}",
     ]
-
-
-def _unit(parameter: str) -> str:
-    return "kg" if parameter.endswith(".mass") else "-"

@@ -21,6 +21,11 @@ def bodies_of(scene: Scene, parameter: str) -> tuple[int, ...]:
     return tuple(index for index, body in enumerate(scene.bodies) if body.material == material)
 
 
+def unit_of(parameter: str) -> str:
+    """Return the unit of "block.mass" and the like; "" for a pure number."""
+    return "kg" if parameter.endswith(".mass") else ""
+
+
 def with_parameters(scene: Scene, values: Mapping[str, float]) -> Scene:
     """Return the scene with parameters such as "block.friction" changed; bodies of one material change together.
 

@@ -16,6 +16,7 @@ from physid.estimation.measurement.poses import pose_difference
 from physid.training.callbacks.identifiability_warning import IdentifiabilityWarning
 from physid.training.callbacks.intervals import Intervals
 from physid.training.callbacks.parameter_history import ParameterHistory
+from physid.training.callbacks.unexplained import Unexplained
 from physid.training.identifiability.identifiability import Identifiability, SensorNoise
 from physid.training.initial_states.fitted import TrackedFit
 from physid.training.initial_states.projection import project_out_initial_states
@@ -90,8 +91,8 @@ class SysID(TrainingModule, PredictingModule):
         self._known: tuple[Batch, Trajectories] | None = None  # the last batch, asked for again and again
 
     def configure_callbacks(self) -> list[L.Callback]:
-        """Find intervals, keep and draw the history of the parameters, and warn of those that are not identifiable."""
-        return [Intervals(), ParameterHistory(), IdentifiabilityWarning()]
+        """Find intervals, keep the history of the parameters, and warn of what is not identifiable or explained."""
+        return [Intervals(), ParameterHistory(), IdentifiabilityWarning(), Unexplained()]
 
     def losses(self, batch: Batch) -> dict[str, Tensor]:
         """Compute the losses of each training segment (see `PoseLoss`), its initial state following the parameters."""
@@ -148,6 +149,10 @@ class SysID(TrainingModule, PredictingModule):
         losses = self.loss(residuals(self.layer, self.physical, many, every), many.real)
         total = torch.stack(list(losses.values())).sum(0).unflatten(0, (len(points), -1))
         return total, len(points) * (rollouts + 1)
+
+    def fitted(self) -> tuple[Tensor, Trajectories]:
+        """Return the poses that were predicted last in training (B, T, N, 7), and the segments fitted."""
+        return self._evaluated
 
     def identifiability(self, noise: SensorNoise | None = None) -> Identifiability:
         """Judge what some trajectories of the last training batch tell, under their own noise if none is given."""

@@ -1,0 +1,76 @@
+"""What a run ends with, in a few lines with units."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from physid.scenes.parameters import unit_of
+
+if TYPE_CHECKING:
+    from physid.configuration import Configuration
+
+SHOWN = {"position": (1e3, "mm"), "rotation": (180 / math.pi, "deg")}
+"""In which units people read what is logged in SI."""
+
+
+def recordings_of(configuration: Configuration) -> str:
+    """Return which recordings a configuration of a fit names."""
+    data = configuration.values.get("data") or {}
+    return str((data.get("init_args") or {}).get("folder", data.get("folder", "RECORDINGS")))
+
+
+def summarize(figures: Mapping[str, float], folder: Path, recordings: str = "RECORDINGS") -> str:
+    """Return the figures of a run as lines: parameters with units and intervals, what is left, what was tested.
+
+    Args:
+        figures: What was logged, by name.
+        folder: Of the run.
+        recordings: The set that was fitted, to name in advice.
+    """
+    names = sorted({key.split("/")[1] for key in figures if key.startswith("params/") and key.endswith("/estimate")})
+    measured = sorted(key for key in figures if key.startswith(("test/", "val/")) and not key.endswith("_deviation"))
+    effort = [key for key in ("evaluations", "seconds") if key in figures]
+    width = max(map(len, [*names, *measured, *effort]), default=0)
+    lines = [f"{folder}"]
+    for name in names:
+        own = {key.rpartition("/")[2]: value for key, value in figures.items() if key.startswith(f"params/{name}/")}
+        lines.append(f"  {name:<{width}}  {_estimate(own, unit_of(name))}")
+    lines += [f"  {key:<{width}}  {_measured(key, figures)}" for key in measured]
+    lines += [f"  {key:<{width}}  {figures[key]:.6g}" for key in effort]
+    return "\n".join([*lines, *_left(figures, recordings)])
+
+
+def _estimate(own: Mapping[str, float], unit: str) -> str:
+    """Write an estimate with its interval, its true value, and whether the recordings tell it at all."""
+    estimate, true = own["estimate"], own.get("true")
+    known = [f"90 %: {own['low']:.6g} to {own['high']:.6g}"] if {"low", "high"} <= own.keys() else []
+    if true is not None:
+        known.append(f"true {true:.6g}" + (f", off by {abs(estimate / true - 1):.3%}" if true else ""))
+    told = "" if own.get("observable", 1.0) else "  DO NOT RELY ON IT: these recordings cannot tell it by itself"
+    return f"{estimate:.6g}{f' {unit}' * bool(unit)}" + (f" ({'; '.join(known)})" if known else "") + told
+
+
+def _measured(key: str, figures: Mapping[str, float]) -> str:
+    """Write an error of a test, and its deviation over trajectories: positions relative to the size, else degrees."""
+    scale, unit = (100.0, "% of the size") if "position_error" in key else (1.0, "deg" * ("rotation_error" in key))
+    spread = figures.get(f"{key}_deviation")
+    return f"{scale * figures[key]:.4g}{'' if spread is None else f' +- {scale * spread:.2g}'} {unit}".rstrip()
+
+
+def _left(figures: Mapping[str, float], recordings: str) -> list[str]:
+    """Say whether the fit leaves more than noise, and what to do then."""
+    if not all(f"fit/{kind}_explained" in figures for kind in SHOWN):
+        return []
+    noise = {kind: f"{scale * figures[f'fit/{kind}_noise']:.2g} {unit}" for kind, (scale, unit) in SHOWN.items()}
+    parts = []
+    for kind, (scale, unit) in SHOWN.items():
+        if not figures[f"fit/{kind}_explained"]:
+            share = figures.get(f"fit/{kind}_share")
+            of_all = f"{100 * share:.2g} % of the {'motion' if kind == 'position' else 'turning'}, " if share else ""
+            parts.append(f"{of_all}{scale * figures[f'fit/{kind}_unexplained']:.2g} {unit} (noise {noise[kind]})")
+    if not parts:
+        return [f"  the fit leaves nothing beyond the noise of the poses ({' and '.join(noise.values())})"]
+    return [f"  the model leaves {' and '.join(parts)}: run physid diagnose {recordings}"]

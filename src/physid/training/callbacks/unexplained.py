@@ -1,0 +1,59 @@
+"""Compare what a fit leaves of the recordings with their noise."""
+
+from __future__ import annotations
+
+import math
+from typing import Protocol, final
+
+import lightning as L
+import torch
+from torch import Tensor
+
+from physid.estimation.measurement.misfit import Misfit
+from physid.estimation.measurement.poses import pose_difference
+from physid.scenes.scene import Scene
+from physid.training.parameters.trajectories import Trajectories
+
+SIGNIFICANT = 3.09
+"""Standard normal: noise alone goes beyond it once in a thousand fits."""
+SHARE_OF_NOISE, SHARE_OF_SIZE = 0.15, 2e-4
+"""What a diagnosis tolerates by default: of the noise, and of the largest edge of a body."""
+
+
+class Fitted(Protocol):
+    """A module that can tell how its predictions fit."""
+
+    scene: Scene
+
+    def fitted(self) -> tuple[Tensor, Trajectories]:
+        """Return the poses predicted last (B, T, N, 7), and the trajectories or segments that they are fitted to."""
+
+
+@final
+class Unexplained(L.Callback):
+    """After the last epoch, log how far fitted trajectories leave the recordings beyond noise, and how much that is.
+
+    For position [m] and rotation [rad]: fit/KIND_noise, of one axis; fit/KIND_unexplained, root mean square without the
+    noise; fit/KIND_share, relative to the root mean square motion since the first frame; fit/KIND_explained, 1 where
+    that is within noise, or too small to matter, else 0.
+    """
+
+    def on_train_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        """Compare, if this was the last epoch."""
+        if not (trainer.should_stop or trainer.current_epoch + 1 == trainer.max_epochs):
+            return
+        module: Fitted = pl_module  # type: ignore[assignment]
+        predicted, cut = module.fitted()
+        size = float(module.scene.sizes.max())
+        apart, moved = pose_difference(predicted, cut.pose), pose_difference(cut.pose, cut.pose[:, :1])
+        figures: dict[str, float] = {}
+        for kind, first, tolerated in (("rotation", 0, 2 * SHARE_OF_SIZE), ("position", 3, SHARE_OF_SIZE * size)):
+            misfit = Misfit.of(apart[..., first : first + 3], cut.real)
+            motion = math.sqrt(float(moved[..., first : first + 3][cut.real].square().sum(-1).mean()))
+            explained = misfit.score < SIGNIFICANT or misfit.size < max(SHARE_OF_NOISE * misfit.noise, tolerated)
+            figures |= {f"{kind}_noise": misfit.noise, f"{kind}_unexplained": misfit.size}
+            figures[f"{kind}_explained"] = float(explained)
+            if motion > 0:
+                figures[f"{kind}_share"] = misfit.size / motion
+        for name, value in figures.items():
+            pl_module.log(f"fit/{name}", torch.tensor(value, dtype=torch.float64))

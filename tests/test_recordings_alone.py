@@ -1,0 +1,83 @@
+"""Recordings without a configuration: the scene says what is unknown."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from tests.data.sets import recording, write_set
+
+from physid.cli import main
+from physid.data.format import RecordingSet
+
+
+@pytest.fixture
+def made(recordings: Callable[[str], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    folder = recordings("push")
+    monkeypatch.chdir(tmp_path)
+    return folder
+
+
+def test_a_set_is_fitted_tested_and_predicted_by_its_name(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["fit", str(made), "trainer.max_epochs=2"]) == 0
+    printed = capsys.readouterr().out
+    assert "block.friction" in printed
+    assert "90 %: " in printed
+    assert main(["test", str(made)]) == 0
+    assert "% of the size" in capsys.readouterr().out
+    assert main(["predict", str(made), "data.limit=2"]) == 0
+    assert len(RecordingSet(Path("runs", made.name, "predictions"))) == 2
+
+
+def test_another_parameter_and_another_run_are_chosen_on_the_command_line(
+    made: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["model.learn=[block.mass]", "--run-dir=runs/mass", "trainer.max_epochs=1"]
+    assert main(["fit", str(made), *words]) == 0
+    assert " kg (90 %" in capsys.readouterr().out
+    assert main(["test", str(made), "--run-dir", "runs/mass"]) == 0
+
+
+def test_a_set_says_what_it_identifies(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["identifiability", str(made), "--learn=block.mass,block.friction"]) == 0
+    assert "block.mass" in capsys.readouterr().out
+    found = json.loads(Path("runs", "identifiability", made.name, "identifiability.json").read_text())
+    assert found["examined"] > 0
+
+
+def test_an_interrupted_fit_of_a_set_goes_on(made: Path) -> None:
+    assert main(["fit", str(made), "trainer.max_epochs=2"]) == 0
+    assert main(["fit", str(made)]) == 2, "an earlier run is there"
+    assert main(["fit", str(made), "--resume"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["fit", "none"], "none/recording.yaml: expected a recording set, found no recording.yaml there"),
+        (["fit", "sysid/base.yaml"], "did you mean --config sysid/base.yaml?"),
+        (["fit"], "fit needs a configuration: --config FILE (see physid configs) or recordings"),
+        (["predict", "{set}"], "holds no run: physid fit {set} makes one, --run-dir RUN names another"),
+        (["identifiability", "{set}", "--config", "identifiability/push"], "a configuration or recordings, got both"),
+        (["identifiability", "--learn=block.mass"], "identifiability needs a configuration"),
+    ],
+)
+def test_what_is_missing_is_said_with_what_would_do(
+    words: list[str], message: str, made: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([word.format(set=made) for word in words]) == 2
+    assert message.format(set=made) in capsys.readouterr().err
+    assert not list(Path().rglob("*"))
+
+
+def test_films_are_to_be_tracked_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    filmed = dataclasses.replace(recording(video=True), pose=None, twist=None)
+    folder = write_set(tmp_path / "films", [filmed])
+    assert main(["fit", str(folder)]) == 2
+    assert f"physid track {folder} reads them first" in capsys.readouterr().err
