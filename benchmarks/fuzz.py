@@ -141,7 +141,7 @@ def feed_generate(draw: random.Random, place: Path) -> object:
 def feed_fit(draw: random.Random, place: Path) -> object:
     """Compose and check a configuration of `physid fit`."""
     from physid.configuration import compose
-    from physid.schema import check_fit
+    from physid.schema.check import check_fit
 
     overrides = [f"{draw.choice(('model.values', 'trainer', 'data.x', 'a.b'))}={draw.choice(NASTY)}"]
     configuration = compose([_config("sysid", draw, place)], overrides[: draw.randrange(2)])
@@ -300,7 +300,7 @@ def import_all() -> None:
     import physid.training.learners.sysid
     import physid.training.runs.run  # noqa: F401
     from physid.configuration import compose
-    from physid.schema import check_fit
+    from physid.schema.check import check_fit
 
     check_fit(compose([CONFIGS / "sysid" / "push_friction.yaml"]))
 

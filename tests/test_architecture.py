@@ -33,6 +33,7 @@ RANKS = {
     "dashboard": 7,
     "reproduce": 7,
     "commands": 7,
+    "schema": 7,
 }
 ROOMS = {
     "estimation": ("measurement", "prediction", "least_squares"),

@@ -13,8 +13,8 @@ from physid.class_paths import load_class
 from physid.commands import COMMANDS
 from physid.configuration import Configuration, ConfigurationError, compose
 from physid.data.generation.settings import GenerateConfig
-from physid.free_mappings import free_mappings, types_of
-from physid.schema import check_fit, check_keys
+from physid.schema.check import check_fit, check_keys
+from physid.schema.free_mappings import free_mappings, types_of
 
 
 def write(folder: Path, **texts: str) -> dict[str, Path]:

@@ -15,7 +15,7 @@ from typing import Any
 
 import yaml
 
-from physid.free_mappings import free_mappings
+from physid.schema.free_mappings import free_mappings
 from physid.shipped import find_configuration, nearest_configuration
 from physid.strict import nearest
 from physid.yaml_files import YamlError, parse_yaml, read_yaml

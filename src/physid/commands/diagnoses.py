@@ -93,7 +93,7 @@ def diagnose(
 def _believed(model: Path, allow: str) -> Path | Mapping[str, Any]:
     """Check the configuration of the nominal model, key by key; return it, or the run or checkpoint with its values."""
     from physid.configuration import compose
-    from physid.schema import check_fit
+    from physid.schema.check import check_fit
     from physid.shipped import find_configuration
 
     model = find_configuration(model)

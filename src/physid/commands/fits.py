@@ -40,7 +40,7 @@ def fit(
     """
     from physid.commands.summary import recordings_of, summarize
     from physid.runs import first_process, open_folder
-    from physid.schema import check_fit
+    from physid.schema.check import check_fit
     from physid.training.runs import run
 
     check_fit(configuration)
@@ -125,7 +125,7 @@ def predict(
         overwrite: Delete an earlier result in that folder.
     """
     from physid.runs import fill_folder, folder_of
-    from physid.schema import check_fit
+    from physid.schema.check import check_fit
     from physid.training.callbacks.predictions import PARAMETERS, Predictions
     from physid.training.runs import run
 
@@ -146,7 +146,7 @@ def _evaluate(
     """Run one evaluation stage and print its figures."""
     from physid.commands.summary import summarize
     from physid.runs import folder_of
-    from physid.schema import check_fit
+    from physid.schema.check import check_fit
     from physid.training.runs import run
 
     check_fit(configuration)

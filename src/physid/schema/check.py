@@ -10,7 +10,7 @@ from typing import Any
 
 from physid.class_paths import DOTTED, ClassPathError, load_class, require_trusted
 from physid.configuration import CLASS_KEYS, Configuration, ConfigurationError
-from physid.free_mappings import alternatives, is_mapping, types_of
+from physid.schema.free_mappings import alternatives, is_mapping, types_of
 from physid.strict import nearest
 
 
