@@ -10,8 +10,8 @@ import torch
 from tests.physics.test_fused import draw
 from torch import Tensor
 
-from physid.effects.friction_drift import FrictionDrift
-from physid.effects.viscous_drag import ViscousDrag
+from physid.effects.contact.friction_drift import FrictionDrift
+from physid.effects.dynamics.viscous_drag import ViscousDrag
 from physid.estimation.prediction.step_effects import only_steps
 from physid.physics.effect import Effect, Site, StepInputs, quantity
 from physid.physics.layer import PhysicsLayer, Rollout

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from physid.effects import from_values
-from physid.effects.force_saturation import ForceSaturation
+from physid.effects.actuation.force_saturation import ForceSaturation
 from physid.effects.probe import draw_probe
 
 TOLERANCE = 1e-12

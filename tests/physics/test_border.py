@@ -11,7 +11,7 @@ from torch import Tensor
 
 from physics.worlds import boxes, forces, repeat, state
 from physid.effects import laws
-from physid.effects.viscous_drag import ViscousDrag
+from physid.effects.dynamics.viscous_drag import ViscousDrag
 from physid.physics.effect import Effect, StepInputs, quantity
 from physid.physics.guards.unread import ReadError, plain, unread
 from physid.physics.layer import PhysicsLayer

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from physid.effects import CATALOGUE
-from physid.effects.viscous_drag import ViscousDrag
+from physid.effects.dynamics.viscous_drag import ViscousDrag
 from physid.physics.contact import ContactRule, Penetrating, Speculative, Split
 from physid.physics.contact_problem.lcp import SolverSettings
 from physid.physics.effect import Effect

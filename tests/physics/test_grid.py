@@ -10,8 +10,8 @@ from tests.physics.test_fused import GRADIENT, STATE, Case, draw
 from torch import Tensor
 
 from physics.worlds import boxes, forces, repeat, state
-from physid.effects.friction_drift import FrictionDrift
-from physid.effects.viscous_drag import ViscousDrag
+from physid.effects.contact.friction_drift import FrictionDrift
+from physid.effects.dynamics.viscous_drag import ViscousDrag
 from physid.physics.effect import Effect
 from physid.physics.layer import PhysicsLayer, Rollout
 from physid.physics.schemes.integration import Integration, Midpoint, SemiImplicit

@@ -9,8 +9,8 @@ import pytest
 import torch
 
 from physics.worlds import boxes, forces, repeat, state
-from physid.effects.force_gain import ForceGain
-from physid.effects.viscous_drag import ViscousDrag
+from physid.effects.actuation.force_gain import ForceGain
+from physid.effects.dynamics.viscous_drag import ViscousDrag
 from physid.physics.contact_problem.lcp import SolverSettings
 from physid.physics.layer import PhysicsLayer, SolverError
 from physid.physics.parameters import Parameters

@@ -9,8 +9,8 @@ import torch
 from tests.physics.test_fused import Case, draw
 from torch import Tensor
 
-from physid.effects.friction_drift import FrictionDrift
-from physid.effects.viscous_drag import ViscousDrag
+from physid.effects.contact.friction_drift import FrictionDrift
+from physid.effects.dynamics.viscous_drag import ViscousDrag
 from physid.physics.effect import Effect
 from physid.physics.layer import PhysicsLayer, Rollout
 from physid.scenes.catalogue import find_setup

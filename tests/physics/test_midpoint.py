@@ -10,8 +10,8 @@ import torch
 from torch import Tensor
 
 from physics.worlds import boxes, forces, state
-from physid.effects.contact_compliance import ContactCompliance
-from physid.effects.tether import Tether
+from physid.effects.contact.contact_compliance import ContactCompliance
+from physid.effects.dynamics.tether import Tether
 from physid.physics.contact import Split
 from physid.physics.layer import PhysicsLayer, Rollout
 from physid.physics.parameters import Parameters

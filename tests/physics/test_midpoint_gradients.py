@@ -10,9 +10,9 @@ import torch
 from tests.physics.test_fused import GRADIENT, STATE, Case, draw, outcome
 from torch import Tensor
 
-from physid.effects.friction_drift import FrictionDrift
-from physid.effects.tether import Tether
-from physid.effects.viscous_drag import ViscousDrag
+from physid.effects.contact.friction_drift import FrictionDrift
+from physid.effects.dynamics.tether import Tether
+from physid.effects.dynamics.viscous_drag import ViscousDrag
 from physid.physics.effect import Effect
 from physid.physics.layer import PhysicsLayer
 from physid.physics.parameters import Parameters

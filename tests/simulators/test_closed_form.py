@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import torch
 
-from physid.effects.force_gain import ForceGain
-from physid.effects.friction_drift import FrictionDrift
-from physid.effects.viscous_drag import ViscousDrag
+from physid.effects.actuation.force_gain import ForceGain
+from physid.effects.contact.friction_drift import FrictionDrift
+from physid.effects.dynamics.viscous_drag import ViscousDrag
 from physid.scenes.catalogue import find_setup
 from physid.scenes.rotations import conjugate, rotate
 from physid.scenes.scene import Body, Ground, Scene

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import torch
 
-from physid.effects.force_gain import ForceGain
-from physid.effects.viscous_drag import ViscousDrag
+from physid.effects.actuation.force_gain import ForceGain
+from physid.effects.dynamics.viscous_drag import ViscousDrag
 from physid.physics.effect import Effect, Site, StepInputs
 from physid.physics.state import State
 from physid.scenes.scene import Body, Ground, Scene

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from tests.effects.test_engines_agree import EXCITED_BY
 
 from physid.effects import find, from_values
-from physid.effects.force_gain import ForceGain
-from physid.effects.viscous_drag import ViscousDrag
+from physid.effects.actuation.force_gain import ForceGain
+from physid.effects.dynamics.viscous_drag import ViscousDrag
 from physid.physics.effect import Effect, Site, StepInputs
 from physid.physics.state import State
 from physid.scenes.scene import Body, Ground, Scene

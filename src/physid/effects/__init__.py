@@ -8,81 +8,11 @@ from difflib import get_close_matches
 
 import torch
 
-from physid.effects.adhesion import Adhesion
-from physid.effects.anisotropic_friction import AnisotropicFriction
-from physid.effects.body_anisotropic_friction import BodyAnisotropicFriction
-from physid.effects.camera_offset import CameraOffset
-from physid.effects.camera_yaw import CameraYaw
-from physid.effects.clock_rate import ClockRate
-from physid.effects.com_offset import ComOffset
-from physid.effects.constant_force import ConstantForce
-from physid.effects.contact_compliance import ContactCompliance
-from physid.effects.force_dead_zone import ForceDeadZone
-from physid.effects.force_delay import ForceDelay
-from physid.effects.force_gain import ForceGain
-from physid.effects.force_lag import ForceLag
-from physid.effects.force_misalignment import ForceMisalignment
-from physid.effects.force_offset import ForceOffset
-from physid.effects.force_saturation import ForceSaturation
-from physid.effects.friction_drift import FrictionDrift
-from physid.effects.friction_gradient import FrictionGradient
-from physid.effects.gravity_error import GravityError
-from physid.effects.ground_restitution import GroundRestitution
-from physid.effects.ground_tilt import GroundTilt
-from physid.effects.inertia_scale import InertiaScale
-from physid.effects.length_scale import LengthScale
-from physid.effects.lens_distortion import LensDistortion
-from physid.effects.load_dependent_friction import LoadDependentFriction
-from physid.effects.mass_drift import MassDrift
-from physid.effects.object_friction import ObjectFriction
-from physid.effects.object_restitution import ObjectRestitution
-from physid.effects.object_size import ObjectSize
-from physid.effects.observation_latency import ObservationLatency
-from physid.effects.quadratic_drag import QuadraticDrag
-from physid.effects.stribeck_friction import StribeckFriction
+from physid.effects import actuation, contact, dynamics, perception
 from physid.effects.table import Row, rows_of
-from physid.effects.tether import Tether
-from physid.effects.torsional_friction import TorsionalFriction
-from physid.effects.viscous_drag import ViscousDrag
 from physid.physics.effect import Effect, Quantity
 
-CATALOGUE: tuple[type[Effect], ...] = (
-    ForceGain,
-    ForceDeadZone,
-    ForceSaturation,
-    ForceDelay,
-    ForceLag,
-    ForceMisalignment,
-    ForceOffset,
-    ViscousDrag,
-    QuadraticDrag,
-    ConstantForce,
-    GroundTilt,
-    GravityError,
-    Tether,
-    ComOffset,
-    InertiaScale,
-    MassDrift,
-    StribeckFriction,
-    AnisotropicFriction,
-    BodyAnisotropicFriction,
-    FrictionGradient,
-    FrictionDrift,
-    TorsionalFriction,
-    LoadDependentFriction,
-    Adhesion,
-    GroundRestitution,
-    ObjectRestitution,
-    ObjectFriction,
-    ContactCompliance,
-    LengthScale,
-    CameraYaw,
-    CameraOffset,
-    ObservationLatency,
-    ClockRate,
-    LensDistortion,
-    ObjectSize,
-)
+CATALOGUE: tuple[type[Effect], ...] = (*actuation.EFFECTS, *dynamics.EFFECTS, *contact.EFFECTS, *perception.EFFECTS)
 """Every effect that ships with physid, by site: actuation, dynamics, contact, perception."""
 
 __all__ = ["CATALOGUE", "Row", "describe", "find", "from_values"]

@@ -10,8 +10,8 @@ from typing import get_args
 import torch
 from torch import Tensor
 
-from physid.effects.probe import SHARED, draw_probe
-from physid.physics.effect import Effect, Site
+from physid.effects.probe import draw_probe
+from physid.physics.effect import Effect, Site, widths_of
 from physid.physics.guards.unread import ReadError, unread
 
 HOOKS = ("actuate", "act", "observe")
@@ -108,7 +108,7 @@ def time_stays_a_tensor(effect: type[Effect]) -> None:
 
 def _compare(effect: type[Effect], batch: dict[str, Tensor], single: dict[str, Tensor], sample: int) -> None:
     for name, value in single.items():
-        mine = batch[name] if name in SHARED else batch[name][sample : sample + 1]
+        mine = batch[name] if name in widths_of("ground") else batch[name][sample : sample + 1]
         same = mine.shape == value.shape and torch.allclose(mine, value, TOLERANCE, TOLERANCE)
         _require(same, f"{effect.name} must treat each world of a batch by itself, but {name} differs")
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 
 import torch
@@ -14,7 +13,6 @@ from physid.physics.shapes.box import Box
 from physid.physics.state import State
 
 TIME_STEP = 1 / 240
-SHARED = ("ground_normal", "ground_offset")  # the fields of StepInputs without a batch axis
 
 
 @dataclass(frozen=True)
@@ -41,23 +39,20 @@ class Probe:
     def only(self, sample: int) -> Probe:
         """Return one sample as a batch of one."""
         one = slice(sample, sample + 1)
-        fields = [field.name for field in dataclasses.fields(self.inputs)]
-        chosen = {name: getattr(self.inputs, name)[one] for name in fields if name not in SHARED}
+        chosen = {name: value[one] for name, value in self.inputs.tensors(but=("ground",)).items()}
         state = State(self.state.pose[one], self.state.twist[one])
         return Probe(self.wrench[one], state, self.inputs.replace(**chosen), self.pose[one])
 
     def show(self, effect: Effect) -> dict[str, Tensor]:
         """Return what the hooks of an effect give, by name: `actuate`, `observe`, and the inputs after `act`."""
-        acting = effect.act(self.state, self.inputs)
-        shown = {field.name: getattr(acting, field.name) for field in dataclasses.fields(acting)}
+        shown = effect.act(self.state, self.inputs).tensors()
         shown["actuate"] = effect.actuate(self.wrench, self.time)
         shown["observe"] = effect.observe(self.pose, self.time)
         return shown
 
     def untouched(self) -> dict[str, Tensor]:
         """Return what an effect that does nothing gives (see `show`)."""
-        shown = {field.name: getattr(self.inputs, field.name) for field in dataclasses.fields(self.inputs)}
-        return shown | {"actuate": self.wrench, "observe": self.pose}
+        return self.inputs.tensors() | {"actuate": self.wrench, "observe": self.pose}
 
 
 def draw_probe(batch: int = 3, frames: int = 8) -> Probe:
@@ -74,23 +69,16 @@ def draw_probe(batch: int = 3, frames: int = 8) -> Probe:
     motion = TIME_STEP * torch.arange(frames)[:, None, None] * values(batch, 1, bodies, 6)
     pose = torch.cat([place[:, None] + motion[..., 3:], exponential(turn[:, None] + motion[..., :3])], -1)
     wrench, mass = 5 * values(batch, frames, bodies, 6), values(batch, bodies, low=1.0, high=2.0)
-    ones, up = torch.ones_like(mass), mass.new_tensor([0.0, 0.0, 1.0])
-    inputs = StepInputs(
-        time=values(batch, low=0.3, high=0.9),
-        wrench=wrench[:, 0],
-        gravity=(-9.81 * up).expand(batch, bodies, 3),
-        size=size,
-        mass=mass,
-        inertia=Box().inertia(mass, size),
-        friction=values(batch, bodies, low=0.1, high=0.4),
-        restitution=values(batch, bodies, low=0.1, high=0.4),
-        ground_normal=up,
-        ground_offset=mass.new_zeros(()),
-        ground_friction=ones,
-        ground_restitution=0 * ones,
-        body_friction=ones[:, 0],
-        body_restitution=0 * ones[:, 0],
-        centre_of_mass=torch.zeros_like(place),
-        compliance=0 * ones,
-    )
+    drawn = {
+        "time": values(batch, low=0.3, high=0.9),
+        "wrench": wrench[:, 0],
+        "gravity": mass.new_tensor([0.0, 0.0, -9.81]).expand(batch, bodies, 3),
+        "size": size,
+        "mass": mass,
+        "inertia": Box().inertia(mass, size),
+        "friction": values(batch, bodies, low=0.1, high=0.4),
+        "restitution": values(batch, bodies, low=0.1, high=0.4),
+        "ground_normal": mass.new_tensor([0.0, 0.0, 1.0]),
+    }
+    inputs = StepInputs.nominal(state.pose, drawn)
     return Probe(wrench, state, inputs, pose)

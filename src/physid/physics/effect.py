@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from abc import ABC
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import Annotated, ClassVar, Literal, Self, get_type_hints
@@ -112,6 +112,10 @@ class StepInputs:
         """Add torques [N m], shape (B, N, 3), world frame."""
         return self.replace(wrench=self.wrench + pad(torque, (0, 3)))
 
+    def tensors(self, but: Collection[str] = ()) -> dict[str, Tensor]:
+        """Return the inputs that are tensors, by name, without those of some kinds (see `Declared.of`)."""
+        return {name: getattr(self, name) for name, one in _declarations().items() if one.of not in but}
+
     def replace(self, **changes: Tensor) -> StepInputs:
         """Return a copy with some tensors changed."""
         return dataclasses.replace(self, **changes)  # type: ignore[arg-type]
@@ -145,8 +149,8 @@ def _declarations() -> dict[str, Declared]:
 
 
 def widths_of(*kinds: str) -> dict[str, int]:
-    """Return the widths of all inputs of some kinds (see `Declared.of`), by name; without kinds, of all tensors."""
-    return {name: one.width for name, one in _declarations().items() if one.of in kinds or not kinds}
+    """Return the widths of all inputs of some kinds (see `Declared.of`), by name."""
+    return {name: one.width for name, one in _declarations().items() if one.of in kinds}
 
 
 @dataclass(frozen=True)

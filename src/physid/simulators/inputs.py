@@ -18,7 +18,7 @@ from physid.scenes.scene import Body, Scene
 Array = NDArray[np.float64]
 SHARED = tuple(widths_of("ground"))  # the fields of StepInputs that all worlds of a batch share
 BUILT_IN = ("size", "mass", "inertia", "centre_of_mass")  # what bodies are built with
-FIELDS = tuple(name for name in widths_of() if name not in ("time", "wrench", "gravity"))
+NOT_COMPARED = ("time", "wrench", "gravity")  # what every step has anew, or is told as a force
 
 
 class ChangingInputs:
@@ -97,9 +97,9 @@ class ChangingInputs:
             ValueError: If sizes or centres of mass changed, which no simulator can do.
         """
         found = {}
-        for name in FIELDS:
-            new, old = getattr(inputs, name), getattr(self.known, name)
-            if new is not old and not torch.equal(new, old):
+        for name, new in inputs.tensors().items():
+            old = getattr(self.known, name)
+            if name not in NOT_COMPARED and new is not old and not torch.equal(new, old):
                 differs = new != old
                 found[name] = (
                     [] if name in SHARED else differs.reshape(len(differs), -1).any(1).nonzero()[:, 0].tolist()
@@ -111,8 +111,7 @@ class ChangingInputs:
 
 def _first(inputs: StepInputs, worlds: int) -> StepInputs:
     """Return the inputs of the first so many worlds."""
-    names = (name for name in widths_of() if name not in SHARED)
-    return inputs.replace(**{name: getattr(inputs, name)[:worlds] for name in names})
+    return inputs.replace(**{name: value[:worlds] for name, value in inputs.tensors(but=("ground",)).items()})
 
 
 def nominal_inputs(scene: Scene, worlds: int = 1) -> StepInputs:

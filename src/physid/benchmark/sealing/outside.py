@@ -9,7 +9,7 @@ from typing import ClassVar, final
 import torch
 from torch import Tensor
 
-from physid.effects.force_delay import with_end
+from physid.effects.actuation.force_delay import with_end
 from physid.physics.effect import Effect, Site, StepInputs, quantity
 from physid.physics.state import State
 

@@ -7,7 +7,7 @@ from typing import NoReturn, cast
 
 from torch import Tensor
 
-from physid.physics.effect import Effect, StepInputs, widths_of
+from physid.physics.effect import Effect, StepInputs
 from physid.physics.guards.unread import ReadError, plain, unread
 from physid.physics.schemes.grid import TimeGrid
 from physid.physics.state import State
@@ -48,7 +48,7 @@ def _act(effects: Sequence[Effect], inputs: StepInputs) -> StepInputs:
     inputs = inputs.replace(time=unread(inputs.time))
     for effect in effects:
         inputs = effect.act(cast(State, _Unknown()), inputs)
-    return inputs.replace(**{name: plain(getattr(inputs, name)) for name in widths_of()})
+    return inputs.replace(**{name: plain(value) for name, value in inputs.tensors().items()})
 
 
 def _of_all_steps(
@@ -76,5 +76,5 @@ def _of_all_steps(
 
 def _repeated(inputs: StepInputs, count: int) -> StepInputs:
     """Repeat the inputs of every world so many times, but for the ground, which all worlds share."""
-    names = widths_of("body", "world", "instant")
-    return inputs.replace(**{name: getattr(inputs, name).repeat_interleave(count, 0) for name in names})
+    own = inputs.tensors(but=("ground",))
+    return inputs.replace(**{name: value.repeat_interleave(count, 0) for name, value in own.items()})
