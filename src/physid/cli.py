@@ -26,7 +26,7 @@ LONGEST = 1000
 MOST_LINES = 6
 """Of an error; the longest of the project's own have three."""
 TRACEBACK = "PHYSID_TRACEBACK"
-PRINT, ALLOW = "--print-config", "allow"
+PRINT, SETTINGS, ALLOW = "--print-config", "--settings", "allow"
 
 OVERVIEW = """\
 usage: physid COMMAND [options] [key=value ...]
@@ -192,10 +192,17 @@ def _run_command(command: Command, words: list[str]) -> int:
     if "--help" in words or "-h" in words:
         print(_format_help(parser, command), end="")
         return OK
+    if command.settings and SETTINGS in words:
+        from physid.class_paths import load_class
+
+        kind = load_class(command.settings)
+        assert kind is not None
+        print(kind().listing())
+        return OK
     shown = command.configurable and PRINT in words
     arguments = sort_words([word for word in words if not (shown and word == PRINT)], command.options)
-    if "map" in command.options:  # the command reads key=value itself
-        laid = tuple(f"--map={word}" for word in arguments.overrides)
+    if command.laid:  # the command reads key=value itself
+        laid = tuple(f"--{command.laid}={word}" for word in arguments.overrides)
         arguments = replace(arguments, overrides=(), own=arguments.own + laid)
     values = _parse(parser, arguments.own, command)
     if command.configurable:

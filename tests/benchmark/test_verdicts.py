@@ -13,13 +13,12 @@ from tests.benchmark.stub import cheating, failing, ignorant
 
 from physid.benchmark.bank import Bank
 from physid.benchmark.labels import Label
-from physid.benchmark.scoring.calibrate import as_code, calibrate, count
+from physid.benchmark.scoring.calibrate import as_settings, calibrate, count
 from physid.benchmark.scoring.judging import MEDIUM, Judged
 from physid.benchmark.scoring.scoring import report, score
 from physid.benchmark.verdicts import closed, diagnose_bank, diagnose_set
 from physid.cli import main
-from physid.diagnosis.conclusion import confidence
-from physid.diagnosis.conclusion.confidence import NONE_AFTER_IMPACTS, RIGHT
+from physid.diagnosis.settings.settings import Settings, parse_changes
 
 
 @pytest.fixture
@@ -111,7 +110,8 @@ def test_counts_of_right_verdicts_are_those_by_hand_and_stand_as_in_the_diagnosi
     clear, faint = (
         Label("catalogue", "push", "rich", (), (("tether",),), severity) for severity in (MEDIUM, 0.99 * MEDIUM)
     )
-    (right, all_of), (after, all_after) = RIGHT["none"], NONE_AFTER_IMPACTS
+    known = Settings().confidence
+    (right, all_of), (after, all_after) = known.none, known.none_after_impacts
     plain, hit = (right + 1) / (all_of + 2), (after + 1) / (all_after + 2)
     said = (
         [(free, "none", plain, True)] * 3
@@ -122,20 +122,17 @@ def test_counts_of_right_verdicts_are_those_by_hand_and_stand_as_in_the_diagnosi
         + [(clear, "unknown", 0.5, False), (clear, "failed", 0.0, False)]
     )  # fmt: skip
     judged = [Judged("0", label, kind, confidence=sure, grouped=good) for label, kind, sure, good in said]
-    code = as_code(count(judged))
-    assert code.splitlines() == [
-        "RIGHT: dict[Name, tuple[int, int]] = {",
-        '    "none": (3, 4),',
-        '    "named": (5, 7),',
-        '    "group": (5, 7),',
-        '    "partial": (0, 0),',
-        '    "unknown": (0, 1),',
-        "}",
-        "NONE_AFTER_IMPACTS = (1, 3)",
+    words = as_settings(count(judged)).splitlines()
+    assert words == [
+        "confidence.none=[3, 4]",
+        "confidence.named=[5, 7]",
+        "confidence.group=[5, 7]",
+        "confidence.partial=[0, 0]",
+        "confidence.unknown=[0, 1]",
+        "confidence.none_after_impacts=[1, 3]",
     ]
-    shipped = Path(confidence.__file__).read_text()
-    for words in ("RIGHT: dict[Name, tuple[int, int]] = {", *(f'    "{verdict}": (' for verdict in RIGHT)):
-        assert words in shipped, "what is printed replaces what stands there"
+    changed = Settings().changed(parse_changes(words)).confidence
+    assert (changed.named, changed.none_after_impacts) == ((5, 7), (1, 3)), "what is printed can be given"
 
 
 def test_the_command_seals_and_refuses_what_is_out_of_order(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

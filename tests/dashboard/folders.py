@@ -46,6 +46,7 @@ DIAGNOSIS: dict[str, Any] = {
     },
     "next_experiment": None,
     "minor": [],
+    "settings": {"lack_of_fit": {"margin": 1.25}},
 }
 IDENTIFIABILITY = {
     "config": {"scene": "push", "protocol": "paper"},

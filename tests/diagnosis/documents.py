@@ -45,6 +45,7 @@ NAMED: dict[str, Any] = {
     },
     "next_experiment": None,
     "minor": [],
+    "settings": {"lack_of_fit": {"margin": 1.25}},
 }
 
 

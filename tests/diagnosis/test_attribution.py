@@ -11,15 +11,18 @@ from typing import Any, cast
 import pytest
 import torch
 
+from physid.diagnosis.progress import silent
 from physid.diagnosis.selection import attribution as attribute
 from physid.diagnosis.selection import comparison as compare_candidates
+from physid.diagnosis.settings.settings import Settings
 from physid.physics.layer import SolverError
 
 
 def hypothesis(*names: str, loss: float = 1.0) -> Any:
     """Stand in for a fitted hypothesis of two trajectories."""
     experiment = SimpleNamespace(fitted=torch.ones(2, dtype=torch.bool))
-    return SimpleNamespace(names=names, experiment=experiment, fit=None, held_out=torch.full((2,), loss), columns=())
+    given = {"experiment": experiment, "fit": None, "settings": Settings(), "columns": ()}
+    return SimpleNamespace(names=names, held_out=torch.full((2,), loss), **given)
 
 
 def lack(p_value: float) -> Any:
@@ -41,7 +44,7 @@ def test_a_hypothesis_that_cannot_be_looked_at_is_passed_over_and_the_next_one_a
         ("contact_free", lambda *_: None),
         ("conclude", lambda *_: nominal),
         ("find_lack_of_fit", find_lack_of_fit),
-        ("survivors", lambda _: [first.names, second.names]),
+        ("survivors", lambda *_: [first.names, second.names]),
         ("compare_candidates", lambda *_: [first, second]),
         ("evident", lambda _: False),
         ("sound", lambda *_: True),
@@ -50,7 +53,7 @@ def test_a_hypothesis_that_cannot_be_looked_at_is_passed_over_and_the_next_one_a
         ("alike", lambda *_: ()),
     ):
         monkeypatch.setattr(attribute, name, stand_in)
-    found = attribute.attribute(cast(Any, SimpleNamespace(experiment=None, fit=None)), torch.Generator())
+    found = attribute.attribute(cast(Any, hypothesis()), torch.Generator())
     assert found.best is second
     assert found.group == [second]
     assert found.left is not None
@@ -72,7 +75,7 @@ def test_what_flights_showed_stays_where_what_it_leaves_at_impacts_cannot_be_sim
         ("find_lack_of_fit", fails),
     ):
         monkeypatch.setattr(attribute, name, stand_in)
-    found = attribute.attribute(cast(Any, SimpleNamespace(experiment=None, fit=None)), torch.Generator())
+    found = attribute.attribute(cast(Any, hypothesis()), torch.Generator())
     assert found.contact_free
     assert found.whole_best is drag
     assert found.best is drag
@@ -88,6 +91,4 @@ def test_a_hypothesis_that_the_reference_simulator_cannot_follow_stays_as_it_was
     monkeypatch.setattr(compare_candidates, "finish_hypothesis", lambda one: one)
     monkeypatch.setattr(compare_candidates, "refitted_from_new_states", lambda one: one)
     monkeypatch.setattr(compare_candidates, "fit_with_reference", fails)
-    assert compare_candidates.compare_candidates([fitted.names], lambda _: fitted, hypothesis(), lambda _: None) == [
-        fitted
-    ]
+    assert compare_candidates.compare_candidates([fitted.names], lambda _: fitted, hypothesis(), silent) == [fitted]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
@@ -16,9 +17,10 @@ from physid.diagnosis.inputs.model_source import read_nominal_model
 from physid.diagnosis.inputs.observations import load_observations
 from physid.diagnosis.reference.nominal_fit import NominalFit, fit_nominal_model
 from physid.diagnosis.selection import attribution as attribute
-from physid.diagnosis.selection.contact_free import LATE, contact_free
+from physid.diagnosis.selection.contact_free import contact_free
+from physid.diagnosis.settings.settings import Settings
 from physid.effects import CATALOGUE
-from physid.estimation.prediction.segments import CONTACT_FREE, Segmentation
+from physid.estimation.prediction.segments import Segmentation
 from physid.physics.layer import SolverError
 
 DRAG, TOLERANCE = 0.6, 0.1
@@ -48,12 +50,15 @@ def test_contact_free_segments_count_alone_without_frames_that_a_late_camera_tak
     whole = nominal_fit(tossed)
     part = contact_free(whole, torch.Generator().manual_seed(0))
     assert part is not None
-    segments, kept = Segmentation.around(whole.events, CONTACT_FREE), part.experiment.predictor.segments
+    segments, kept = (
+        Segmentation.around(whole.events, whole.settings.segments.contact_free.rule),
+        part.experiment.predictor.segments,
+    )
     assert bool(segments.contact.any())
     assert len(kept) == int((~segments.contact).sum())
     counts = (part.experiment.scale > 0).any(-1).any(-1)
     assert not bool(counts[segments.spread(segments.contact)].any())
-    late = round(LATE / whole.observations.scene.time_step)
+    late = round(whole.settings.contact_free.late / whole.observations.scene.time_step)
     for row, start, size in zip(kept.trajectory.tolist(), kept.start.tolist(), kept.size.tolist(), strict=True):
         first = min(late, size // 2) if start else 0
         assert not bool(counts[row, start : start + first].any())
@@ -87,7 +92,7 @@ def test_what_cannot_be_simulated_in_all_frames_stays_as_contact_free_segments_s
     monkeypatch.setattr(attribute, "contact_free", lambda *_: "calm windows")
     named = attribute.Attribution(*[cast(Any, name) for name in ("nominal", "stage", "tried", "best", "left", "group")])
     monkeypatch.setattr(attribute, "_search", lambda *_: named)
-    assert attribute.attribute(cast(Any, "all windows"), torch.Generator()) is named
+    assert attribute.attribute(cast(Any, SimpleNamespace(settings=Settings())), torch.Generator()) is named
     assert not named.contact_free
 
 

@@ -17,6 +17,7 @@ from physid.cli import main
 from physid.diagnosis.diagnose import NEXT, diagnose
 from physid.diagnosis.document.document import FILE, read_diagnosis
 from physid.diagnosis.document.sentences import MOST_LINES, caveat, summary_lines
+from physid.diagnosis.progress import Stage
 from physid.diagnosis.reference import nominal_fit_cache as resume
 from physid.effects import CATALOGUE
 
@@ -177,15 +178,17 @@ def test_the_same_seed_gives_the_same_diagnosis(folder: Path, free: Path) -> Non
 def test_an_interrupted_diagnosis_goes_on_to_the_same_result(folder: Path, free: Path) -> None:
     whole = diagnose(free, folder / "whole")
 
-    def interrupt(text: str) -> None:
-        if text.startswith("testing"):
+    def interrupt(stage: Stage, what: str = "") -> None:
+        if stage is Stage.TESTING:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         diagnose(free, folder / "interrupted", say=interrupt)
     assert (folder / "interrupted" / resume.FILE).exists()
 
-    said: list[str] = []
-    assert diagnose(free, folder / "interrupted", say=said.append) == whole
-    assert "fitting the nominal model" not in said
+    said: list[Stage] = []
+    again = diagnose(free, folder / "interrupted", say=lambda stage, what="": said.append(stage))
+    assert again == whole
+    assert Stage.TESTING in said
+    assert Stage.FITTING_NOMINAL not in said
     assert not (folder / "interrupted" / resume.FILE).exists()

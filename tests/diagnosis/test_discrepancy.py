@@ -39,6 +39,6 @@ def test_a_replay_that_goes_another_way_makes_no_segment_worse(
 
     begun = nominal_fit.experiment.linearise(nominal_fit.fit.point, drag)
     monkeypatch.setattr(settling, "replay", other_way)
-    _, fit = fit_with_reference(nominal_fit.experiment, begun, drag, ("viscous_drag",))
+    _, fit = fit_with_reference(nominal_fit.experiment, begun, drag, ("viscous_drag",), nominal_fit.settings)
     assert float(fit.loss[0]) < float(begun.loss[0])
     assert float(fit.point.effects[0, 0]) == pytest.approx(0.8, rel=0.1)

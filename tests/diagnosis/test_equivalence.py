@@ -6,7 +6,8 @@ import pytest
 import torch
 from torch import Tensor
 
-from physid.diagnosis.testing.equivalence import ALIKE, cosine
+from physid.diagnosis.settings.settings import Settings
+from physid.diagnosis.testing.equivalence import cosine
 from physid.diagnosis.testing.score_test import Conditional, Group, condition
 from physid.effects import find
 from physid.estimation.least_squares.jacobian import Directions, differentiate
@@ -17,6 +18,7 @@ from physid.estimation.prediction.segments import Segmentation
 from physid.estimation.prediction.timeline import Timeline
 from physid.scenes.catalogue import find_setup
 
+ALIKE, VISIBLE = Settings().equivalence.alike, Settings().score_test.visible
 ONE = torch.ones(1, dtype=torch.float64)
 NO_NUISANCE = (torch.zeros(0, dtype=torch.int64), *2 * [torch.zeros(0, 1, dtype=torch.float64)])
 
@@ -32,7 +34,7 @@ def given(columns: Tensor) -> Conditional:
 
 def test_an_effect_that_makes_the_same_signature_is_alike_whatever_its_size_and_sign() -> None:
     one = torch.randn(40, 1, generator=torch.Generator().manual_seed(1)).double() * 5
-    assert cosine(given(torch.cat([one, -3 * one], 1)), group(0), ONE, group(1)) == pytest.approx(1)
+    assert cosine(given(torch.cat([one, -3 * one], 1)), group(0), ONE, group(1), VISIBLE) == pytest.approx(1)
 
 
 def test_an_orthogonal_effect_is_not_and_between_them_it_is_the_squared_cosine() -> None:
@@ -40,14 +42,14 @@ def test_an_orthogonal_effect_is_not_and_between_them_it_is_the_squared_cosine()
     angle = torch.tensor(0.4, dtype=torch.float64)
     between = angle.cos() * axes[:, :1] + angle.sin() * axes[:, 1:2]
     both = given(torch.cat([axes[:, :1], axes[:, 1:2], between], 1))
-    assert cosine(both, group(0), ONE, group(1)) == pytest.approx(0)
-    assert cosine(both, group(0), ONE, group(2)) == pytest.approx(float(angle.cos() ** 2))
-    assert cosine(both, group(2), ONE, group(0, 1)) == pytest.approx(1)
+    assert cosine(both, group(0), ONE, group(1), VISIBLE) == pytest.approx(0)
+    assert cosine(both, group(0), ONE, group(2), VISIBLE) == pytest.approx(float(angle.cos() ** 2))
+    assert cosine(both, group(2), ONE, group(0, 1), VISIBLE) == pytest.approx(1)
 
 
 def test_an_effect_that_does_not_show_is_alike_to_none() -> None:
     one = torch.ones(4, 1, dtype=torch.float64)
-    assert cosine(given(torch.cat([5 * one, 0.1 * one], 1)), group(0), ONE, group(1)) == 0
+    assert cosine(given(torch.cat([5 * one, 0.1 * one], 1)), group(0), ONE, group(1), VISIBLE) == 0
 
 
 @pytest.mark.parametrize("cuts", [1, 3])
@@ -74,5 +76,5 @@ def test_in_free_flight_a_clock_is_gravity_and_no_wind(cuts: int) -> None:
     nothing = torch.zeros(0, dtype=torch.int64)
     normal = condition(linear.normal(), nothing, torch.zeros(0, dtype=torch.float64))
     clock, gravity, wind = group(0), group(1), group(2, 3)
-    assert cosine(normal, gravity, ONE, clock) > ALIKE
-    assert cosine(normal, gravity, ONE, wind) < 1 - ALIKE
+    assert cosine(normal, gravity, ONE, clock, VISIBLE) > ALIKE
+    assert cosine(normal, gravity, ONE, wind, VISIBLE) < 1 - ALIKE

@@ -28,5 +28,6 @@ def test_a_strong_lens_is_found_whatever_the_nominal_fit_made_of_it(tmp_path: Pa
     fitted = fit_nominal_model(observations, model, list(CATALOGUE), torch.Generator().manual_seed(0))
     bent = fitted.fit.point.replace(nominal=fitted.fit.point.nominal - BENT)
     column = columns_of(fitted.experiment.predictor, ["lens_distortion"])
-    found = begin_from_finite_sizes(fitted.experiment, bent, ("lens_distortion",), torch.ones(1, dtype=torch.float64))
+    one = torch.ones(1, dtype=torch.float64)
+    found = begin_from_finite_sizes(fitted.experiment, bent, ("lens_distortion",), one, fitted.settings)
     assert float(found.fit.point.effects[0, column]) == pytest.approx(STRENGTH, rel=0.1)

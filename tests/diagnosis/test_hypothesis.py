@@ -53,6 +53,6 @@ def test_a_camera_that_is_turned_far_is_followed(tmp_path: Path) -> None:
         observations, read_nominal_model(observations.scene, None), [find("camera_yaw")], generator
     )
     start = nominal_fit.experiment.linearise(nominal_fit.fit.point, torch.tensor([0]))
-    found = begin_hypothesis(nominal_fit.experiment, start, ("camera_yaw",))
+    found = begin_hypothesis(nominal_fit.experiment, start, ("camera_yaw",), nominal_fit.settings)
     assert found.values["camera_yaw.angle"] == pytest.approx(0.4, abs=0.02)
     assert float(found.fit.loss.sum()) < 1.2 * float(nominal_fit.experiment.counted().sum())

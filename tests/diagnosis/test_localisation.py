@@ -9,6 +9,7 @@ import torch
 
 from physid.diagnosis.conclusion.localisation import sites
 from physid.diagnosis.selection.attribution import Attribution
+from physid.diagnosis.settings.settings import Settings
 from physid.diagnosis.testing.lack_of_fit import Row
 from physid.diagnosis.testing.null_tails import together
 from physid.diagnosis.testing.score_test import Conditional, Group
@@ -32,7 +33,8 @@ def found(*sizes: float) -> Attribution:
     ]
     lack = SimpleNamespace(groups=groups, conditional=conditional, rows=rows)
     predictor = SimpleNamespace(candidates=CATALOGUE)
-    nominal = SimpleNamespace(experiment=SimpleNamespace(predictor=predictor), held_out=torch.zeros(1))
+    experiment = SimpleNamespace(predictor=predictor)
+    nominal = SimpleNamespace(experiment=experiment, held_out=torch.zeros(1), settings=Settings())
     return Attribution(cast(Any, nominal), cast(Any, lack), [], None, None, [])
 
 

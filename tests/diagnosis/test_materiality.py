@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from physid.diagnosis.conclusion.materiality import Excess, Tolerance, excess_of, share_closed, unexplained_size
+from physid.diagnosis.settings.conclusion import MaterialitySettings
 from physid.estimation.measurement.sensor_noise import Noise
 from physid.scenes.catalogue import find_setup
 
@@ -30,18 +31,18 @@ ALL = [torch.ones(FRAMES[0], dtype=torch.bool)]
 
 
 def test_noise_alone_is_within_the_tolerance() -> None:
-    assert not Tolerance.of(NOISE, SCENE).exceeded(excess_of(left(), NOISE, ALL))
+    assert not Tolerance.of(NOISE, SCENE, MaterialitySettings()).exceeded(excess_of(left(), NOISE, ALL))
 
 
 @pytest.mark.parametrize(("shift", "turn"), [(6e-4, 0.0), (0.0, 4e-3)])
 def test_an_error_as_large_as_the_noise_is_material_in_positions_and_in_rotations(shift: float, turn: float) -> None:
     excess = excess_of(left(shift, turn), NOISE, ALL)
-    assert Tolerance.of(NOISE, SCENE).exceeded(excess)
+    assert Tolerance.of(NOISE, SCENE, MaterialitySettings()).exceeded(excess)
     assert max(abs(excess.position - shift), abs(excess.rotation - turn)) < 0.3 * max(shift, turn)
 
 
 def test_a_tenth_of_a_millimetre_beside_noise_of_six_is_not_material() -> None:
-    assert not Tolerance.of(NOISE, SCENE).exceeded(excess_of(left(1e-4), NOISE, ALL))
+    assert not Tolerance.of(NOISE, SCENE, MaterialitySettings()).exceeded(excess_of(left(1e-4), NOISE, ALL))
 
 
 @pytest.mark.parametrize(("share", "material"), [(0.01, False), (1.0, True)])
@@ -57,18 +58,18 @@ def test_what_a_better_model_would_move_counts_although_few_held_out_trajectorie
     )
     size = unexplained_size(lack, NOISE)
     assert size == pytest.approx(share * NOISE.position)
-    assert (size > Tolerance.of(NOISE, SCENE).position) is material
+    assert (size > Tolerance.of(NOISE, SCENE, MaterialitySettings()).position) is material
 
 
 def test_a_given_tolerance_decides() -> None:
     excess = excess_of(left(6e-4), NOISE, ALL)
-    assert Tolerance.of(NOISE, SCENE, 5e-4).exceeded(excess)
-    assert not Tolerance.of(NOISE, SCENE, 2e-3).exceeded(excess)
+    assert Tolerance.of(NOISE, SCENE, MaterialitySettings(), 5e-4).exceeded(excess)
+    assert not Tolerance.of(NOISE, SCENE, MaterialitySettings(), 2e-3).exceeded(excess)
 
 
 def test_no_tolerance_at_all_is_refused() -> None:
     with pytest.raises(ValueError, match="tolerance must be positive"):
-        Tolerance.of(NOISE, SCENE, 0.0)
+        Tolerance.of(NOISE, SCENE, MaterialitySettings(), 0.0)
 
 
 def test_half_the_error_left_closes_three_quarters_of_the_mean_square() -> None:

@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 from physid.diagnosis.inputs.events import find_jolts
+from physid.diagnosis.settings.inputs import EventSettings
 from physid.estimation.measurement.sensor_noise import (
     FLOOR,
     Noise,
@@ -89,11 +90,11 @@ def test_an_outlying_frame_loses_its_weight_and_a_wrong_stretch_keeps_it() -> No
 def test_a_jolt_is_found_where_it_is_and_only_there() -> None:
     smooth = moving(1.0)
     there = torch.ones(smooth.shape[:-1])
-    assert not find_jolts(smooth, there, NOISE, STEP).any()
+    assert not find_jolts(smooth, there, NOISE, STEP, EventSettings()).any()
     hit = smooth.clone()
     late = (torch.arange(FRAMES, dtype=torch.float64) - 60).clamp_min(0) * STEP
     hit[..., 0, 0] -= 2.0 * late
-    found = find_jolts(hit, there, NOISE, STEP)[:, :, 0]
+    found = find_jolts(hit, there, NOISE, STEP, EventSettings())[:, :, 0]
     assert found[:, 60].all()
     assert not found[:, :50].any()
     assert not found[:, 70:].any()

@@ -27,7 +27,7 @@ def fitted(folder: Path, **changes: object) -> Hypothesis:
     nominal_fit = fit_nominal_model(
         observations, read_nominal_model(observations.scene, None), [find("viscous_drag")], generator
     )
-    return conclude(nominal_fit.experiment, nominal_fit.fit, ())
+    return conclude(nominal_fit.experiment, nominal_fit.fit, (), nominal_fit.settings)
 
 
 def test_pushes_leave_the_scatter_over_trajectories_alone(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from physid.diagnosis.reference.replay import Reference, references_of, replay
+from physid.diagnosis.settings.reference import ReplaySettings
 from physid.estimation.prediction.nominal_model import NominalModel
 from physid.estimation.prediction.rollout import Variants
 from physid.estimation.prediction.segments import Segmentation
@@ -32,7 +33,9 @@ def flown(reference: Reference) -> tuple[Tensor, Tensor]:
     twist = torch.tensor([0.0, 0, 0, 0, 0, SPEED], dtype=torch.float64).expand(1, 1, 1, 6)
     nothing = torch.zeros(1, 0, dtype=torch.float64)
     point = Variants(pose, twist, model.guess[None], nothing, torch.zeros(1, 1, dtype=torch.float64))
-    seen = replay(model, Timeline(time, grid), Segmentation.equal(1, 6, 6), point, reference=reference)
+    seen = replay(
+        model, Timeline(time, grid), Segmentation.equal(1, 6, 6), point, ReplaySettings(), reference=reference
+    )
     return seen[0, :, 0, 2], 3 + SPEED * time[0] - 9.81 * time[0] ** 2 / 2
 
 
@@ -51,11 +54,11 @@ def test_positions_of_semi_implicit_steps_run_ahead_by_half_a_step_unless_they_a
 
 def test_recordings_of_a_known_simulator_are_replayed_with_its_own_steps() -> None:
     known = dataclasses.replace(TOSS, integration=Integration("semi_implicit_euler", 1 / 480))
-    assert references_of(known) == (Reference("pybullet", 1 / 480),)
+    assert references_of(known, ReplaySettings()) == (Reference("pybullet", 1 / 480),)
 
 
 def test_no_reference_of_an_unknown_maker_has_long_steps() -> None:
     slow = dataclasses.replace(TOSS, integration=None, time_step=1 / 30)
-    assert all(each.step <= 1 / 480 for each in references_of(slow))
+    assert all(each.step <= 1 / 480 for each in references_of(slow, ReplaySettings()))
     collide = dataclasses.replace(find_setup("collide").scene, integration=None)
-    assert "pybullet" not in {each.name for each in references_of(collide)}
+    assert "pybullet" not in {each.name for each in references_of(collide, ReplaySettings())}

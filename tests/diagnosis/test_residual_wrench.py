@@ -5,10 +5,11 @@ from __future__ import annotations
 import pytest
 import torch
 
-from physid.diagnosis.testing.residual_wrench import SPREAD, gain_alone, local_gain
+from physid.diagnosis.testing.residual_wrench import gain_alone, local_gain
 from physid.estimation.least_squares.normal_equations import Linearised, Part
 from physid.estimation.prediction.segments import Segmentation
 
+SPREAD = 100.0
 FRAMES, BODIES, COLUMNS, DRAWS = 12, 2, 5, 3
 
 
@@ -30,7 +31,9 @@ def test_a_column_explains_its_projection_after_initial_states(linear: Linearise
     part = linear.parts[0]
     clean, data = part.profiled(part.shared)[0, :, 2], part.residual[0]
     wanted = float((clean @ data) ** 2 / (clean @ clean + 1 / SPREAD**2))
-    assert float(gain_alone(linear, torch.arange(COLUMNS))[part.batch.segments[0], 2, 0]) == pytest.approx(wanted)
+    assert float(gain_alone(linear, torch.arange(COLUMNS), SPREAD)[part.batch.segments[0], 2, 0]) == pytest.approx(
+        wanted
+    )
 
 
 def test_columns_alone_explain_what_each_explains_without_the_others(linear: Linearised) -> None:
@@ -38,7 +41,7 @@ def test_columns_alone_explain_what_each_explains_without_the_others(linear: Lin
     data = torch.randn(DRAWS, 2, FRAMES, BODIES, 6, generator=torch.Generator().manual_seed(1)).double()
     scale = torch.ones_like(data[0])
     for given in ((), (data, scale)):
-        together = gain_alone(linear, columns, *given)
+        together = gain_alone(linear, columns, SPREAD, *given)
         for column in columns:
-            alone = local_gain(linear, column[None], *given)
+            alone = local_gain(linear, column[None], SPREAD, *given)
             torch.testing.assert_close(together[:, column], alone, rtol=1e-9, atol=1e-12)

@@ -6,11 +6,13 @@ import pytest
 import torch
 
 from physid.diagnosis.reference.null_simulations import p_value
+from physid.diagnosis.settings.testing import ScoreTestSettings
 from physid.diagnosis.testing.score_test import Conditional, Group, condition, gains, steady_gains
 from physid.estimation.least_squares.normal_equations import Normal
 
 ONE = torch.ones(1, dtype=torch.float64)
 NO_NUISANCE = (torch.zeros(0, dtype=torch.int64), *2 * [torch.zeros(0, 1, dtype=torch.float64)])
+SETTINGS = ScoreTestSettings()
 NO_RIDGE = torch.zeros(1, dtype=torch.float64)
 
 
@@ -32,7 +34,9 @@ def drawn(count: int) -> tuple[torch.Tensor, torch.Tensor]:
 def test_one_column_explains_its_projection() -> None:
     columns, data = drawn(1)
     equations = normal(columns, data)
-    gain, change, _ = gains(Conditional(equations.matrix[0], equations.vector[0][:, None], *NO_NUISANCE), group(0))
+    gain, change, _ = gains(
+        Conditional(equations.matrix[0], equations.vector[0][:, None], *NO_NUISANCE), group(0), SETTINGS
+    )
     best = float(columns[:, 0] @ data / columns[:, 0].square().sum())
     assert float(change) == pytest.approx(best)
     assert float(gain) == pytest.approx(best**2 * float(columns[:, 0].square().sum()))
@@ -42,7 +46,7 @@ def test_beside_a_nuisance_only_what_is_orthogonal_to_it_counts() -> None:
     columns, data = drawn(2)
     clean = columns[:, 1] - columns[:, 0] * (columns[:, 0] @ columns[:, 1] / columns[:, 0].square().sum())
     given = condition(normal(columns, data), torch.tensor([0]), NO_RIDGE)
-    gain, _, visible = gains(given, group(1))
+    gain, _, visible = gains(given, group(1), SETTINGS)
     assert float(gain) == pytest.approx(float((clean @ data) ** 2 / clean.square().sum()))
     assert float(visible) == pytest.approx(float(clean.norm()))
 
@@ -50,7 +54,7 @@ def test_beside_a_nuisance_only_what_is_orthogonal_to_it_counts() -> None:
 def test_a_column_that_the_nuisance_absorbs_explains_nothing() -> None:
     columns, data = drawn(1)
     given = condition(normal(torch.cat([columns, 2 * columns], 1), data), torch.tensor([0]), NO_RIDGE)
-    gain, _, visible = gains(given, group(1))
+    gain, _, visible = gains(given, group(1), SETTINGS)
     assert float(gain) == 0
     assert float(visible) == 0
 
@@ -59,7 +63,7 @@ def test_a_change_stays_in_its_range() -> None:
     columns, _ = drawn(1)
     equations = normal(columns, 5 * columns[:, 0])
     given = Conditional(equations.matrix[0], equations.vector[0][:, None], *NO_NUISANCE)
-    gain, change, _ = gains(given, group(0, low=0.0, high=2.0))
+    gain, change, _ = gains(given, group(0, low=0.0, high=2.0), SETTINGS)
     assert float(change) == pytest.approx(2.0)
     assert float(gain) == pytest.approx((2 * 5 * 2 - 2**2) * float(columns.square().sum()))
 
@@ -86,9 +90,9 @@ def test_what_is_steady_is_what_a_test_without_the_most_informative_impact_finds
     left = data - columns[:, 0] * given.solved[0, 0]
     others = torch.cat([torch.arange(20), torch.arange(30, 50)])
     expected = float((clean[others, 0] @ left[others]) ** 2 / clean[others, 0].square().sum())
-    steady = float(steady_gains(given, group(1), impacts(columns, data)))
+    steady = float(steady_gains(given, group(1), impacts(columns, data), SETTINGS))
     assert steady == pytest.approx(expected)
-    assert steady < 0.2 * float(gains(given, group(1))[0])
+    assert steady < 0.2 * float(gains(given, group(1), SETTINGS)[0])
 
 
 def test_without_impacts_and_for_what_all_impacts_show_alike_nearly_all_is_steady() -> None:
@@ -96,17 +100,21 @@ def test_without_impacts_and_for_what_all_impacts_show_alike_nearly_all_is_stead
     data = 2 * columns[:, 0]
     equations = normal(columns, data)
     given = Conditional(equations.matrix[0], equations.vector[0][:, None], *NO_NUISANCE)
-    whole = float(gains(given, group(0))[0])
+    whole = float(gains(given, group(0), SETTINGS)[0])
     none = Normal(torch.zeros(0, 1, 1), torch.zeros(0, 1, 1), torch.zeros(0, 1))
-    assert float(steady_gains(given, group(0), none)) == whole
-    assert float(steady_gains(given, group(0), impacts(columns, data))) > 0.5 * whole
+    assert float(steady_gains(given, group(0), none, SETTINGS)) == whole
+    assert float(steady_gains(given, group(0), impacts(columns, data), SETTINGS)) > 0.5 * whole
 
 
 def test_a_change_of_the_nuisance_leaves_what_is_steady() -> None:
     columns, data = drawn(2)
     nuisance = torch.tensor([0])
     steady = [
-        float(steady_gains(condition(normal(columns, moved), nuisance, NO_RIDGE), group(1), impacts(columns, moved)))
+        float(
+            steady_gains(
+                condition(normal(columns, moved), nuisance, NO_RIDGE), group(1), impacts(columns, moved), SETTINGS
+            )
+        )
         for moved in (data, data + 7 * columns[:, 0])
     ]
     assert steady[0] == pytest.approx(steady[1])

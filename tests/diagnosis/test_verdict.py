@@ -13,6 +13,7 @@ from physid.diagnosis.conclusion.gap import Closing, Interval
 from physid.diagnosis.conclusion.verdict import judge
 from physid.diagnosis.selection.attribution import Attribution
 from physid.diagnosis.selection.evidence import both_needed, complete, distinguishable, improves_held_out
+from physid.diagnosis.settings.settings import Settings
 from physid.diagnosis.testing.hypothesis import Hypothesis
 from physid.diagnosis.testing.lack_of_fit import LackOfFit, Row
 from physid.diagnosis.testing.null_tails import Tail
@@ -20,12 +21,13 @@ from physid.effects import CATALOGUE
 from physid.estimation.prediction.effect_parameters import EffectParameter
 
 FLOOR = 1e-3
+SETTINGS = Settings()
 
 
 def hypothesis(*held_out: float) -> Any:
     fitted = SimpleNamespace(fitted=torch.ones(len(held_out), dtype=torch.bool))
     held = torch.tensor(held_out, dtype=torch.float64)
-    return SimpleNamespace(names=("viscous_drag",), held_out=held, experiment=fitted)
+    return SimpleNamespace(names=("viscous_drag",), held_out=held, experiment=fitted, settings=SETTINGS)
 
 
 def left(excess: float, p_value: float) -> Any:
@@ -143,7 +145,8 @@ def test_a_hair_is_left_by_laws_that_differ_a_little_and_is_no_part() -> None:
 def lack(*rows: Row) -> LackOfFit:
     """Return a stage whose null simulations deviate by 3 at most."""
     null = torch.linspace(0, 3, 300)
-    return LackOfFit(cast(Any, None), [], list(rows), null, null, null, null, cast(Any, None), [], null > 0, null)
+    nothing, settings = cast(Any, None), SETTINGS.lack_of_fit
+    return LackOfFit(nothing, [], list(rows), null, null, null, null, nothing, [], null > 0, null, settings)
 
 
 def row(name: str, gain: float, scale: float) -> Row:
@@ -176,6 +179,7 @@ def test_wind_that_may_be_zero_and_closes_no_gap_is_not_there(size: float, gap: 
         experiment=cast(Any, SimpleNamespace(predictor=predictor, fitted=torch.ones(1000, dtype=torch.bool))),
         normal=cast(Any, None),
         held_out=null,
+        settings=SETTINGS,
     )
     covariance = torch.eye(4, dtype=torch.float64) * (0.2 / 1.646) ** 2
     closings = [Closing(FLOOR, FLOOR, None, FLOOR), transfer(1.5, 0.7) if gap else None]

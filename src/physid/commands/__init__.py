@@ -14,7 +14,7 @@ __all__ = ["COMMANDS", "Command"]
 
 COMMANDS: tuple[Command, ...] = (
     Command(generate, reads="physid.data.generation.settings.GenerateConfig"),
-    Command(import_),
+    Command(import_, laid="map"),
     Command(check),
     Command(show),
     Command(track),
@@ -23,7 +23,7 @@ COMMANDS: tuple[Command, ...] = (
     Command(test),
     Command(predict),
     Command(identifiability, reads="physid.training.identifiability.planned_experiment.IdentifiabilityConfig"),
-    Command(diagnose),
+    Command(diagnose, laid="set", settings="physid.diagnosis.settings.settings.Settings"),
     Command(benchmark),
     Command(effects),
     Command(configs),

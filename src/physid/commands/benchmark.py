@@ -98,10 +98,10 @@ def _diagnose(place: Path, workers: int, again: bool, quiet: bool) -> None:
 
 def _judge(step: str, place: Path, target: Path) -> None:
     from physid.benchmark.bank import read_bank
-    from physid.benchmark.scoring.calibrate import as_code, calibrate
+    from physid.benchmark.scoring.calibrate import as_settings, calibrate
     from physid.benchmark.scoring.scoring import report, score
 
     if step in ("all", "score"):
         print(f"{report(score(read_bank(place), target))}\n\n{target / 'results.html'}")
     if step == "calibrate":
-        print(as_code(calibrate(read_bank(place))))
+        print(as_settings(calibrate(read_bank(place))))

@@ -16,11 +16,15 @@ class Command:
         function: What runs; parameters without a default are positional, keyword-only ones are options.
         reads: Dotted path of the class whose fields its configuration gives, if that names no classes itself.
         usual: The shipped configuration for recordings that come without one.
+        laid: Option that takes the words key=value, where there is no configuration to take them.
+        settings: Dotted path of the class whose `listing` the option --settings prints.
     """
 
     function: Callable[..., None]
     reads: str = ""
     usual: str = ""
+    laid: str = ""
+    settings: str = ""
 
     @property
     def name(self) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
@@ -11,18 +10,9 @@ from typing import TYPE_CHECKING, Any, Literal
 if TYPE_CHECKING:
     from tqdm import tqdm
 
+    from physid.diagnosis.progress import Stage
+
 BAR, LONGEST = "{desc} {percentage:3.0f}% {bar:20} {elapsed}", 44
-SHARES = {
-    "fitting the nominal model": 5,
-    "replaying the fit": 15,
-    "measuring": 25,
-    "testing": 35,
-    "fitting (?!the)": 45,
-    "replaying (?!the)": 60,
-    "looking": 75,
-    "writing": 95,
-}
-"""How far a diagnosis is when it says what begins like this [%]."""
 
 
 def diagnose(
@@ -35,6 +25,7 @@ def diagnose(
     transfer: Path | None = None,
     effects: str = "",
     allow: str = "",
+    set: list[str] | None = None,
     limit: int | None = None,
     save_model: Path | None = None,
     tolerance: float | None = None,
@@ -53,6 +44,8 @@ def diagnose(
       physid diagnose data/mine --transfer data/mine_rich
       physid diagnose data/mine --effects my_effects.py:MagneticBrake
       physid diagnose data/films --from-video
+      physid diagnose data/mine lack_of_fit.margin=1.5
+      physid diagnose --settings
 
     Args:
         recordings: Folder of the recording set.
@@ -64,6 +57,8 @@ def diagnose(
         transfer: A second set, the same bodies moved in another way; it certifies a cause.
         effects: Effects of your own as FILE.py:CLASS, several separated by commas. Such a file is code, and is run.
         allow: Packages of your own whose classes the model's configuration may name; their code is run.
+        set: One more key=value of the settings; may be repeated, and the word --set be left out. `physid diagnose
+            --settings` lists every number that decides, with its unit and where it was calibrated.
         limit: At most so many trajectories of each set, the first ones.
         save_model: Where to write the model with what was found, as a configuration of `physid fit`.
         tolerance: How far positions may leave the model, beyond what noise accounts for, before anything is blamed
@@ -73,9 +68,11 @@ def diagnose(
         quiet: Hide the progress bar.
     """
     from physid.diagnosis.document.sentences import summary_lines
+    from physid.diagnosis.settings.settings import Settings, parse_changes
     from physid.effects import CATALOGUE
     from physid.effects.loading import with_own
 
+    settings = Settings().changed(parse_changes(set or []))
     folder = out or Path("runs/diagnosis") / recordings.resolve().name
     if from_video or encoder or any(_has_films_alone(each) for each in (recordings, transfer) if each):
         read = partial(_read, encoder=encoder, limit=limit, quiet=quiet)
@@ -83,7 +80,9 @@ def diagnose(
         transfer = transfer and read(transfer, folder / "read_transfer")
     own = with_own([place for place in effects.split(",") if place])[len(CATALOGUE) :]
     options = {"model": model and _believed(model, allow), "transfer": transfer, "effects": own, "limit": limit}
-    found = _run(recordings, folder, quiet=quiet, save=save_model, seed=seed, tolerance=tolerance, **options)
+    found = _run(
+        recordings, folder, quiet=quiet, save=save_model, seed=seed, tolerance=tolerance, settings=settings, **options
+    )
     if wandb:
         _log(folder, wandb, {"recordings": str(recordings), "transfer": str(transfer or ""), "seed": seed}, found)
     print("\n".join(summary_lines(found)))
@@ -113,7 +112,7 @@ def _run(recordings: Path, folder: Path, *, quiet: bool, **options: Any) -> Mapp
     from physid.diagnosis.diagnose import diagnose
 
     with resumable(), tqdm(total=100, bar_format=BAR, disable=quiet or None) as bar:
-        return diagnose(recordings, folder, say=lambda text: _show(bar, text), **options)
+        return diagnose(recordings, folder, say=lambda stage, what="": _show(bar, stage, what), **options)
 
 
 def _log(folder: Path, wandb: str, config: Mapping[str, Any], found: Mapping[str, Any]) -> None:
@@ -149,7 +148,7 @@ def _read(films: Path, into: Path, *, encoder: Path | None, limit: int | None, q
     return into
 
 
-def _show(bar: tqdm[Any], text: str) -> None:
+def _show(bar: tqdm[Any], stage: Stage, what: str) -> None:
     """Say what is being done, and about how far it is."""
-    bar.n = max([bar.n, *(share for start, share in SHARES.items() if re.match(start, text))])
-    bar.set_description_str(text[:LONGEST].ljust(LONGEST))
+    bar.n = max(bar.n, stage.share)
+    bar.set_description_str(stage.about(what)[:LONGEST].ljust(LONGEST))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +19,14 @@ from physid.diagnosis.document.document import check_diagnosis, write_diagnosis
 from physid.diagnosis.inputs.model_source import read_nominal_model
 from physid.diagnosis.inputs.observations import Observations, load_observations
 from physid.diagnosis.inputs.requirements import require_usable
+from physid.diagnosis.progress import Progress, Stage, silent
 from physid.diagnosis.reference.nominal_fit import NominalFit, fit_nominal_model
 from physid.diagnosis.reference.nominal_fit_cache import cached_fit, clear_cache
 from physid.diagnosis.report.figures import draw
 from physid.diagnosis.report.overlay import overlay
 from physid.diagnosis.report.page import write_report
 from physid.diagnosis.selection.attribution import attribute
+from physid.diagnosis.settings.settings import Settings
 from physid.effects import CATALOGUE
 from physid.estimation.prediction.nominal_model import NominalModel
 from physid.one_writer import one_writer
@@ -32,6 +34,7 @@ from physid.physics.effect import Effect
 from physid.physics.layer import SolverError
 
 NEXT = "next_experiment.yaml"
+DEFAULT = Settings()
 
 
 def diagnose(
@@ -45,7 +48,8 @@ def diagnose(
     seed: int = 0,
     tolerance: float | None = None,
     save: Path | None = None,
-    say: Callable[[str], None] = lambda _: None,
+    settings: Settings = DEFAULT,
+    say: Progress = silent,
 ) -> Mapping[str, Any]:
     """Diagnose a recording set and write diagnosis.json and report.html.
 
@@ -62,7 +66,8 @@ def diagnose(
         tolerance: How far positions may leave the model, beyond what noise accounts for, before anything is blamed [m];
             None for what follows from noise and sizes.
         save: Where to write the model with what was found, as a configuration of `physid fit`.
-        say: Called with what is being done.
+        settings: Every number that decides.
+        say: Told what is being done.
 
     Returns:
         The document, as diagnosis.json holds it.
@@ -72,15 +77,26 @@ def diagnose(
         FolderInUseError: If another process writes into the output folder.
     """
     begun = time.perf_counter()
-    say("reading the recordings")
+    say(Stage.READING)
     observations = load_observations(
-        RecordingSet(recordings), None if transfer is None else RecordingSet(transfer), limit
+        RecordingSet(recordings), None if transfer is None else RecordingSet(transfer), limit, settings.roles
     )
     believed_model = read_nominal_model(observations.scene, model)
-    require_usable(observations)
+    require_usable(observations, settings.requirements)
     with one_writer(out):
         document, conclusion = _write(
-            recordings, out, transfer, effects, limit, seed, tolerance, observations, believed_model, say, begun
+            recordings,
+            out,
+            transfer,
+            effects,
+            limit,
+            seed,
+            tolerance,
+            observations,
+            believed_model,
+            settings,
+            say,
+            begun,
         )
         if save is not None:
             save_model(save, recordings, believed_model, conclusion)
@@ -97,15 +113,16 @@ def _write(
     tolerance: float | None,
     observations: Observations,
     believed_model: NominalModel,
-    say: Callable[[str], None],
+    settings: Settings,
+    say: Progress,
     begun: float,
 ) -> tuple[Mapping[str, Any], Conclusion]:
     """Diagnose and write the results (see `diagnose`); `begun` is when, by `time.perf_counter`."""
     generator = torch.Generator().manual_seed(seed)
-    nominal_fit = _fitted(out, observations, believed_model, effects, generator, say)
+    nominal_fit = _fitted(out, observations, believed_model, effects, generator, settings, say)
     found = attribute(nominal_fit, generator, say)
     conclusion = draw_conclusion(nominal_fit, found, generator, tolerance)
-    say("writing the report")
+    say(Stage.WRITING)
     document = check_diagnosis(conclusion.diagnosis.to_mapping())
     reading = read_reading(recordings)
     title = Path(reading.films).name if reading else recordings.name
@@ -132,7 +149,8 @@ def _fitted(
     believed_model: NominalModel,
     effects: Sequence[type[Effect]],
     generator: torch.Generator,
-    say: Callable[[str], None],
+    settings: Settings,
+    say: Progress,
 ) -> NominalFit:
     """Fit the nominal model, or take the fit of an interrupted run; effects that it knows are no candidates."""
     known = {effect.name for effect in believed_model.effects}
@@ -144,7 +162,8 @@ def _fitted(
             believed_model,
             candidates,
             generator,
-            lambda: fit_nominal_model(observations, believed_model, candidates, generator, say),
+            settings,
+            lambda: fit_nominal_model(observations, believed_model, candidates, generator, say, settings),
         )
     except SolverError as error:
         raise ValueError(

@@ -8,8 +8,8 @@ from collections.abc import Iterable, Mapping
 from physid.benchmark.bank import Bank
 from physid.benchmark.scoring.judging import MEDIUM, Judged
 from physid.benchmark.scoring.scoring import open_judged
-from physid.diagnosis.conclusion.confidence import NONE_AFTER_IMPACTS, RIGHT
 from physid.diagnosis.document.document import VERDICTS
+from physid.diagnosis.settings.conclusion import ConfidenceSettings
 
 Counts = Mapping[str, tuple[int, int]]
 AFTER_HITS = "none after hits"
@@ -47,15 +47,16 @@ def count(judged: Iterable[Judged]) -> Counts:
     return {kind: of(*(TOGETHER if kind in TOGETHER else (kind,))) for kind in (*VERDICTS, AFTER_HITS)}
 
 
-def as_code(counts: Counts) -> str:
-    """Spell counts as they stand in physid/diagnosis/conclusion/confidence.py."""
-    rows = "".join(f'    "{verdict}": {counts[verdict]},\n' for verdict in VERDICTS)
-    return f"RIGHT: dict[Name, tuple[int, int]] = {{\n{rows}}}\nNONE_AFTER_IMPACTS = {counts[AFTER_HITS]}"
+def as_settings(counts: Counts) -> str:
+    """Spell counts as settings of a diagnosis, which then become the defaults of `ConfidenceSettings`."""
+    names = {verdict: verdict for verdict in VERDICTS} | {AFTER_HITS: "none_after_impacts"}
+    return "\n".join(f"confidence.{name}=[{', '.join(map(str, counts[kind]))}]" for kind, name in names.items())
 
 
 def _kind(one: Judged) -> str:
     """Return the kind of a verdict; whether a `none` came after impacts shows in how sure it was."""
     if one.verdict != "none":
         return one.verdict
-    plain, after = ((right + 1) / (all_of + 2) for right, all_of in (RIGHT["none"], NONE_AFTER_IMPACTS))
+    known = ConfidenceSettings()
+    plain, after = ((right + 1) / (all_of + 2) for right, all_of in (known.none, known.none_after_impacts))
     return AFTER_HITS if abs(one.confidence - after) < abs(one.confidence - plain) else "none"

@@ -54,8 +54,9 @@ def draw_conclusion(
         tolerance: How far positions may leave the model before anything is blamed [m]; None for what follows from noise
             and sizes.
     """
+    settings = nominal_fit.settings
     judged = _closings(nominal_fit, found.nominal, found.best, generator)
-    allowed = Tolerance.of(nominal_fit.noise, nominal_fit.observations.scene, tolerance)
+    allowed = Tolerance.of(nominal_fit.noise, nominal_fit.observations.scene, settings.materiality, tolerance)
     parts = [*held_out_parts(nominal_fit.observations).values()]
     best, covariance = found.best, None
     excess = [excess_of(one, nominal_fit.noise, parts) for one in (found.nominal, best or found.nominal)]
@@ -69,14 +70,15 @@ def draw_conclusion(
         minor = [(best.names, found.lack.chance(best.names, gain(found.nominal, best)), share_closed(*excess))]
     if verdict in BLAMING and best is not None:
         covariance = best.covariance() + bootstrap_spread(best, generator)
-        if indistinguishable_from_zero(best, covariance, judged.values()):
+        if settings.verdict.reconsidered and indistinguishable_from_zero(best, covariance, judged.values()):
             verdict = reconsider(verdict, improves_held_out(found.nominal, best))
     chosen, shown = (best, found.whole_best) if verdict in BLAMING else (None, None)
     closings = _closings(nominal_fit, found.whole_nominal, shown, generator) if found.contact_free else judged
     if chosen is None:
         closings = {name: _unclosed(one) for name, one in closings.items()}
     wide = covariance if shown is chosen or shown is None else shown.covariance() + bootstrap_spread(shown, generator)
-    where = places(found.lack, [body.name for body in nominal_fit.observations.scene.bodies])
+    bodies = [body.name for body in nominal_fit.observations.scene.bodies]
+    where = places(found.lack, bodies, settings.localisation.rounding)
     further = None if chosen is None else next_experiment(nominal_fit, found)
     diagnosis = Diagnosis(
         verdict=verdict,
@@ -93,6 +95,7 @@ def draw_conclusion(
         next_experiment=further.sentence if further else None,
         tolerance=allowed,
         minor=minor,
+        settings=settings,
     )
     return Conclusion(diagnosis, chosen, shown, further)
 
@@ -105,7 +108,10 @@ def _closings(
     after = before if best is None else position_errors(best, nominal_fit.observations)
     floors = position_floors(nominal.experiment, nominal_fit.noise)
     parts = held_out_parts(nominal_fit.observations)
-    return {name: closing(before, after, floors, chosen, generator) for name, chosen in parts.items()}
+    return {
+        name: closing(before, after, floors, chosen, nominal_fit.settings.gap, generator)
+        for name, chosen in parts.items()
+    }
 
 
 def indistinguishable_from_zero(chosen: Hypothesis, covariance: Tensor, closings: Iterable[Closing | None]) -> bool:

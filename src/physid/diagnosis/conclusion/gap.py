@@ -8,15 +8,12 @@ import torch
 from torch import Tensor
 
 from physid.diagnosis.inputs.observations import SAME, SELECT, TRANSFER, Observations
+from physid.diagnosis.settings.conclusion import GapSettings
 from physid.diagnosis.testing.hypothesis import Hypothesis
 from physid.diagnosis.testing.lack_of_fit import LackOfFit
 from physid.diagnosis.testing.residual_wrench import freed
 from physid.estimation.least_squares.experiment import Experiment
 from physid.estimation.measurement.sensor_noise import Noise
-
-BOOTSTRAPS = 1000
-INTERVAL = (0.05, 0.95)
-NO_GAP = 1.02  # a gap below this multiple of the floor is none, and its shrink is not defined
 
 
 @dataclass(frozen=True)
@@ -78,17 +75,18 @@ def position_errors(hypothesis: Hypothesis, observations: Observations) -> Tenso
     return total
 
 
-def residual_wrench_errors(lack: LackOfFit, experiment: Experiment, noise: Noise) -> Tensor:
+def residual_wrench_errors(lack: LackOfFit, hypothesis: Hypothesis, noise: Noise) -> Tensor:
     """Compute the mean square position errors that a free residual wrench leaves [m^2], shape (R,)."""
     first = lack.fit.linear.parts[0].shared.shape[-1] - len(lack.cells)
     free = torch.tensor([first + k for k, cell in enumerate(lack.cells) if cell.piece is not None])
-    square = freed(lack.fit, free)[..., 3:].square().sum((1, 2, 3)) * noise.position**2
-    total: Tensor = square / _weights(experiment).sum((1, 2)).clamp_min(1e-9)
+    spread = hypothesis.settings.residual_wrench.spread
+    square = freed(lack.fit, free, spread)[..., 3:].square().sum((1, 2, 3)) * noise.position**2
+    total: Tensor = square / _weights(hypothesis.experiment).sum((1, 2)).clamp_min(1e-9)
     return total
 
 
 def closing(
-    before: Tensor, after: Tensor, floors: Tensor, chosen: Tensor, generator: torch.Generator
+    before: Tensor, after: Tensor, floors: Tensor, chosen: Tensor, settings: GapSettings, generator: torch.Generator
 ) -> Closing | None:
     """Compare mean square errors (R,) [m^2] of the chosen trajectories; the interval is a bootstrap over them."""
     rows = chosen.nonzero()[:, 0]
@@ -100,12 +98,12 @@ def closing(
 
     old, new = (float(value) for value in errors(rows))
     floor = float(floors[rows].mean().sqrt())
-    if old < NO_GAP * floor:
+    if old < settings.no_gap * floor:
         return Closing(old, new, None, floor)
-    draws = rows[torch.randint(len(rows), (BOOTSTRAPS, len(rows)), generator=generator)]
+    draws = rows[torch.randint(len(rows), (settings.bootstraps, len(rows)), generator=generator)]
     olds, news = errors(draws)
-    shrinks = (olds - news) / (olds - floor).clamp_min(1e-3 * floor)
-    low, high = (float(shrinks.quantile(q)) for q in INTERVAL)
+    shrinks = (olds - news) / (olds - floor).clamp_min(settings.least * floor)
+    low, high = (float(shrinks.quantile(q)) for q in settings.interval)
     return Closing(old, new, Interval((old - new) / (old - floor), low, high), floor)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import torch
@@ -14,9 +13,6 @@ from physid.diagnosis.testing.score_test import gains, joined
 from physid.physics.effect import Site
 
 SITES: tuple[Site, ...] = ("perception", "actuation", "dynamics", "contact")
-COOL = 0.01  # share of the best gain by which an explanation must fall behind to count e times less
-ROUNDING = 1e-6  # squared residual, in units of the noise
-WARM = 0.1  # the same between whole sites, where nothing is named
 
 
 @dataclass(frozen=True)
@@ -38,15 +34,16 @@ class Place:
     share: float
 
 
-def places(lack: LackOfFit, names: list[str]) -> list[Place]:
+def places(lack: LackOfFit, names: list[str], rounding: float) -> list[Place]:
     """List the cells (phase x body x degree of freedom), those with most evidence first.
 
     Args:
         lack: What the nominal model leaves unexplained.
         names: Names of the bodies.
+        rounding: Gain that is nothing.
     """
     total = max(lack.excess, 1e-9)
-    evidence = _shown(lack.cell_gain[:, lack.counted].sum(1))
+    evidence = _shown(lack.cell_gain[:, lack.counted].sum(1), rounding)
     found = [
         Place(cell.phase, names[cell.body], cell.dof, float(gain.sqrt()), min(1.0, float(gain) / total))
         for cell, gain in zip(lack.cells, evidence, strict=True)
@@ -55,9 +52,9 @@ def places(lack: LackOfFit, names: list[str]) -> list[Place]:
     return sorted(found, key=lambda place: -place.evidence)
 
 
-def over_time(lack: LackOfFit, body: int) -> tuple[Tensor, list[str]]:
+def over_time(lack: LackOfFit, body: int, rounding: float) -> tuple[Tensor, list[str]]:
     """Return the evidence over pieces of time (from the start of segments) and degrees of freedom, (dof, pieces)."""
-    evidence = _shown(lack.cell_gain[:, lack.counted].sum(1))
+    evidence = _shown(lack.cell_gain[:, lack.counted].sum(1), rounding)
     pieces = [
         (cell, gain)
         for cell, gain in zip(lack.cells, evidence, strict=True)
@@ -70,9 +67,9 @@ def over_time(lack: LackOfFit, body: int) -> tuple[Tensor, list[str]]:
     return table, dofs
 
 
-def _shown(gains: Tensor) -> Tensor:
+def _shown(gains: Tensor, rounding: float) -> Tensor:
     """Let gains that are nothing but rounding be zero."""
-    return torch.where(gains > ROUNDING, gains, torch.zeros_like(gains))
+    return torch.where(gains > rounding, gains, torch.zeros_like(gains))
 
 
 def sites(found: Attribution, named: bool) -> dict[str, float]:
@@ -87,11 +84,13 @@ def sites(found: Attribution, named: bool) -> dict[str, float]:
         found: What the search found.
         named: Whether effects are named.
     """
-    explained = _hypotheses(found) if named else _whole_sites(found.lack, _kinds(found))
+    settings = found.nominal.settings.localisation
+    explained = _hypotheses(found) if named else _whole_sites(found)
+    share = settings.named if named else settings.unnamed
     best = max((gain for _, gain in explained), default=0.0)
     weights = dict.fromkeys(SITES, 0.0)
     for where, gain in explained:
-        weight = torch.tensor((gain - best) / (2 * max(2.0, (COOL if named else WARM) * best))).exp()
+        weight = torch.tensor((gain - best) / (2 * max(settings.least, share * best))).exp()
         for site in where:
             weights[site] += float(weight) / len(where)
     total = sum(weights.values())
@@ -110,13 +109,14 @@ def _hypotheses(found: Attribution) -> list[tuple[list[Site], float]]:
     return [([kinds[name] for name in names], gain) for names, gain in explained.items()]
 
 
-def _whole_sites(lack: LackOfFit, kinds: Mapping[str, Site]) -> list[tuple[list[Site], float]]:
+def _whole_sites(found: Attribution) -> list[tuple[list[Site], float]]:
     """List what all effects of a site explain together, at any size, beyond what they explain by chance."""
+    lack, kinds, settings = found.lack, _kinds(found), found.nominal.settings.score_test
     listed: list[tuple[list[Site], float]] = []
     for site in SITES:
         groups = [group for group in lack.groups if kinds[group.names[0]] == site]
         if groups:
             chance = sum(float(row.tail.mean) for row in lack.rows if kinds[row.names[0]] == site)
-            gain = float(gains(lack.conditional, joined(groups).unbounded())[0])
+            gain = float(gains(lack.conditional, joined(groups).unbounded(), settings)[0])
             listed.append(([site], max(0.0, gain - chance)))
     return listed

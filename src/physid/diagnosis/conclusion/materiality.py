@@ -9,17 +9,11 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from physid.diagnosis.settings.conclusion import MaterialitySettings
 from physid.diagnosis.testing.hypothesis import Hypothesis
 from physid.diagnosis.testing.lack_of_fit import LackOfFit
 from physid.estimation.measurement.sensor_noise import Noise
 from physid.scenes.scene import Scene
-
-SHARE_OF_NOISE = 0.15
-"""Share of the error that a perfect model leaves of noisy poses. What is blamed has to be significant as well, so that
-this share need not: it keeps what only thousands of frames show from being blamed."""
-SHARE_OF_SIZE = 2e-4
-"""Share of the largest edge of a body: faces that are not flat and edges that are not sharp make real recordings leave
-any model of rigid boxes by that much."""
 
 
 @dataclass(frozen=True)
@@ -42,21 +36,24 @@ class Tolerance:
             )
 
     @classmethod
-    def of(cls, noise: Noise, scene: Scene, position: float | None = None) -> Tolerance:
+    def of(cls, noise: Noise, scene: Scene, settings: MaterialitySettings, position: float | None = None) -> Tolerance:
         """Return the tolerance of positions that a user gives, or one that follows from noise and sizes.
 
-        A rotation may be off by what moves the end of the largest edge by as much.
+        A rotation may be off by what moves the end of the largest edge by as much. What is blamed has to be significant
+        as well, so that the share of the noise need not be: it keeps what only thousands of frames show from being
+        blamed.
 
         Args:
             noise: Of the poses.
             scene: The sizes.
+            settings: Shares of noise and sizes.
             position: As given [m].
         """
         size = float(scene.sizes.max())
-        by_size = SHARE_OF_SIZE * size
+        by_size = settings.share_of_size * size
         if position is not None:
             return cls(position, 2 * position / size)
-        by_noise = (SHARE_OF_NOISE * noise.floor, SHARE_OF_NOISE * 3**0.5 * noise.rotation)
+        by_noise = (settings.share_of_noise * noise.floor, settings.share_of_noise * 3**0.5 * noise.rotation)
         return cls(max(by_noise[0], by_size), max(by_noise[1], 2 * by_size / size))
 
     def exceeded(self, one: Excess) -> bool:

@@ -23,13 +23,6 @@ from physid.scenes.catalogue import SETUPS
 from physid.scenes.parameters import with_parameters
 from physid.scenes.setup import Excitation, Setup
 
-DRAWN = 12  # trajectories of each protocol that are tried
-STEPS, SHORT_STEPS = 300, 60  # frames; in scenes with impacts only the beginning can be foretold
-RECORD = 24  # trajectories that are asked for
-ENOUGH = 8.0  # standard deviations of the sensor, over all of them, by which predictions must differ ...
-IMITATE = 8  # most steps of a hypothesis that imitates another
-MORE = 2.0  # ... and how many times as far as over as many like those that are there
-
 # What splits those that no force profile of a scene can: docs/diagnosis.md.
 REMEDIES: tuple[tuple[frozenset[str], str], ...] = (
     (frozenset({"force_gain", "mass_drift"}), "weigh the body, or push a second one of known mass"),
@@ -82,22 +75,29 @@ def next_experiment(nominal_fit: NominalFit, found: Attribution) -> NextExperime
     if found.best is None or not (rivals or found.alike):
         return None
     names = {name for one in found.group for name in one.names} | set(found.alike)
+    settings = nominal_fit.settings.next_experiment
     advice = next((text for members, text in REMEDIES if len(members & names) > 1), "")
     model = found.best.experiment.predictor.model
     setup = next((one for one in SETUPS if one.scene.name == model.scene.name), None)
     best = None if setup is None or not rivals else _best_protocol(setup, found.best, rivals[0], nominal_fit)
     now = _now(found.best, rivals[0]) if rivals else 0.0
-    if best is None or best[0] < max(ENOUGH, MORE * now):
+    if best is None or best[0] < max(settings.apart, settings.more * now):
         sentence = "no force profile of this scene tells them apart" if setup else "other pushes may tell them apart"
         return NextExperiment(f"{sentence}; {advice}" if advice else sentence)
     apart, protocol, steps = best
     pair = " and ".join(" + ".join(one.names).replace("_", " ") for one in (found.best, rivals[0]))
     sentence = (
-        f"record {RECORD} trajectories of protocol {protocol} (next_experiment.yaml): {pair} then differ by "
+        f"record {settings.record} trajectories of protocol {protocol} (next_experiment.yaml): {pair} then differ by "
         f"{apart:.0f} standard deviations of the sensor in all, where as many like these differ by {now:.1f}"
         + (f"; or {advice}" if advice else "")
     )
-    config = {"scene": model.scene.name, "protocol": protocol, "seed": 0, "trajectories": RECORD, "steps": steps}
+    config = {
+        "scene": model.scene.name,
+        "protocol": protocol,
+        "seed": 0,
+        "trajectories": settings.record,
+        "steps": steps,
+    }
     more = {"unknown": list(model.unknown), "video": False}
     return NextExperiment(sentence, yaml.safe_dump(config | more, sort_keys=False))
 
@@ -107,12 +107,13 @@ def _best_protocol(
 ) -> tuple[float, str, int] | None:
     """Return how far two hypotheses lie apart under the protocol where that is most, the protocol, and the frames."""
     tried, model = [], one.experiment.predictor.model
-    steps = SHORT_STEPS if setup.impacts else STEPS
+    settings = nominal_fit.settings.next_experiment
+    steps = settings.steps_with_impacts if setup.impacts else settings.steps
     values = dict(zip(model.unknown, model.to_values(one.fit.point.nominal[0]).tolist(), strict=True))
     scene = with_parameters(model.scene, values)
     for protocol in setup.protocols:
         generator = np.random.default_rng(0)
-        drawn = [setup.draw(scene, protocol, generator, steps) for _ in range(DRAWN)]
+        drawn = [setup.draw(scene, protocol, generator, steps) for _ in range(settings.drawn)]
         try:
             tried.append((_planned(drawn, one, other, nominal_fit), protocol, steps))
         except SolverError:
@@ -140,16 +141,19 @@ def _planned(drawn: Sequence[Excitation], one: Hypothesis, other: Hypothesis, no
 
 
 def _told(one: Hypothesis, experiment: Experiment, points: Sequence[Variants]) -> float:
-    """Return the standard deviations that are left when a hypothesis imitates what is seen, over `RECORD` trajectories.
+    """Return the standard deviations that are left when a hypothesis imitates what is seen, over all that is asked for.
 
     Args:
         one: The hypothesis.
         experiment: What is seen.
         points: Where imitations begin; each trajectory keeps the better one.
     """
-    left = torch.stack([gauss_newton(experiment, point, one.columns, IMITATE).normal().square for point in points])
+    settings = one.settings.next_experiment
+    left = torch.stack(
+        [gauss_newton(experiment, point, one.columns, settings.imitation_steps).normal().square for point in points]
+    )
     usual = left.amin(0)[experiment.fitted].median()  # one in which every imitation gets stuck decides nothing
-    return float((RECORD * usual).sqrt())
+    return float((settings.record * usual).sqrt())
 
 
 def _now(one: Hypothesis, other: Hypothesis) -> float:

@@ -10,8 +10,6 @@ from physid.diagnosis.reference.replay import replay
 from physid.diagnosis.testing.hypothesis import Hypothesis
 from physid.estimation.least_squares.prior import prior
 
-REPLAYS = 6  # runs of the reference simulator
-
 
 def bootstrap_spread(hypothesis: Hypothesis, generator: torch.Generator) -> Tensor:
     """Estimate how far the shared parameters diverge without any noise of the sensor.
@@ -30,12 +28,20 @@ def bootstrap_spread(hypothesis: Hypothesis, generator: torch.Generator) -> Tens
     """
     experiment, fit = hypothesis.experiment, hypothesis.fit
     predictor, count = experiment.predictor, fit.point.nominal.shape[1] + 1 + len(hypothesis.columns)
-    if not bool(predictor.segments.contact.any()):
+    replays = hypothesis.settings.parametric_bootstrap.replays
+    if not replays or not bool(predictor.segments.contact.any()):
         return torch.zeros(count, count, dtype=torch.float64)
     errors = []
-    for _ in range(REPLAYS):
-        point = jitter(experiment, fit, generator)
-        made = replay(predictor.model, predictor.timeline, predictor.segments, point, hypothesis.working)
+    for _ in range(replays):
+        point = jitter(experiment, fit, hypothesis.settings, generator)
+        made = replay(
+            predictor.model,
+            predictor.timeline,
+            predictor.segments,
+            point,
+            hypothesis.settings.replay,
+            hypothesis.working,
+        )
         residual = experiment.replace(pose=made).residual(fit.jacobian.base.pose, fit.point)
         normal = fit.linear.respond(residual, experiment.scale).of(experiment.fitted)
         matrix = normal.matrix.sum(0) + torch.diag(prior(experiment.predictor, hypothesis.columns))
@@ -44,4 +50,4 @@ def bootstrap_spread(hypothesis: Hypothesis, generator: torch.Generator) -> Tens
         error[:unknown] -= (point.nominal - fit.point.nominal)[0]
         errors.append(error)
     table = torch.stack(errors)
-    return table.T @ table / REPLAYS
+    return table.T @ table / replays

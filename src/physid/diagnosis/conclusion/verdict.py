@@ -11,12 +11,10 @@ from physid.diagnosis.conclusion.localisation import Place
 from physid.diagnosis.conclusion.materiality import Tolerance
 from physid.diagnosis.selection.attribution import Attribution, unexplained
 from physid.diagnosis.selection.evidence import complete, explained
+from physid.diagnosis.settings.conclusion import VerdictSettings
+from physid.diagnosis.settings.settings import Settings
 
 Name = Literal["none", "named", "group", "partial", "unknown"]
-PARTLY = 0.4  # share of the gap that may be left for `partial`; with more the cause is unknown
-CARRIES = 0.5  # share of the gap on the transfer protocol that must close as well; the interval must reach it
-NEARLY = 1.05  # times the floor: a gap that is left there contradicts nothing
-MOST_CELLS, MOST_RANKS = 12, 20
 
 
 @dataclass(frozen=True)
@@ -58,6 +56,7 @@ class Diagnosis:
         tolerance: How far a model may leave the recordings before anything is blamed.
         minor: What was significant and is not blamed, because the gap is not material: effects, p-value, and the share
             of the excess over the floor that they close.
+        settings: What decided.
     """
 
     verdict: Name
@@ -74,6 +73,7 @@ class Diagnosis:
     next_experiment: str | None
     tolerance: Tolerance
     minor: list[tuple[tuple[str, ...], float, float]]
+    settings: Settings
 
     def to_mapping(self) -> dict[str, Any]:
         """Return the content of diagnosis.json."""
@@ -93,13 +93,13 @@ class Diagnosis:
             "confidence": _round(self.confidence),
             "ranking": [
                 {"effects": list(names), "score": _round(score), "p_value": _round(p)}
-                for names, score, p in self.ranking[:MOST_RANKS]
+                for names, score, p in self.ranking[: self.settings.verdict.most_ranks]
             ],
             "where": {
                 "site": {name: _round(weight) for name, weight in self.sites.items()},
                 "cells": [
                     {"phase": one.phase, "body": one.body, "dof": one.dof, "evidence": _round(one.evidence)}
-                    for one in self.places[:MOST_CELLS]
+                    for one in self.places[: self.settings.verdict.most_cells]
                 ],
             },
             "gap": {
@@ -119,6 +119,7 @@ class Diagnosis:
                 {"effects": list(names), "p_value": _round(p), "closes": _round(share)}
                 for names, p, share in self.minor
             ],
+            "settings": self.settings.to_mapping(),
         }
 
 
@@ -135,23 +136,26 @@ def judge(found: Attribution, transfer: Closing | None, *, before: bool, after: 
         return "none"
     if found.best is None or found.left is None:
         return "unknown" if unexplained(found) else "none"
+    settings = found.nominal.settings.verdict
     whole = not after or complete(found.nominal, found.best, found.lack, found.left)
     open_share = found.left.missing / explained(found.nominal, found.best, found.lack)
-    if not _carries(transfer) or (not whole and open_share > PARTLY):
+    if not _carries(transfer, settings) or (not whole and open_share > settings.partly):
         return "unknown"
     if not whole:
-        return "partial" if transfer is None or _open(transfer) <= PARTLY else "unknown"
+        return "partial" if transfer is None or _open(transfer, settings) <= settings.partly else "unknown"
     return "group" if len(found.group) > 1 or found.alike else "named"
 
 
-def _carries(transfer: Closing | None) -> bool:
+def _carries(transfer: Closing | None, settings: VerdictSettings) -> bool:
     """Return whether another protocol contradicts what was found: a gap is left there, and less than a half closes."""
-    return transfer is None or _open(transfer) == 0 or (transfer.shrink is not None and transfer.shrink.high > CARRIES)
+    if transfer is None or _open(transfer, settings) == 0:
+        return True
+    return transfer.shrink is not None and transfer.shrink.high > settings.carries
 
 
-def _open(closing: Closing) -> float:
+def _open(closing: Closing, settings: VerdictSettings) -> float:
     """Return the share of a gap that is left, 0 if there is none or little."""
-    if closing.shrink is None or closing.after is None or closing.after < NEARLY * closing.floor:
+    if closing.shrink is None or closing.after is None or closing.after < settings.nearly * closing.floor:
         return 0.0
     return 1 - closing.shrink.value
 

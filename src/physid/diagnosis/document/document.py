@@ -41,6 +41,7 @@ KEYS = (
     "parameters",
     "next_experiment",
     "minor",
+    "settings",
 )
 SUM_TOLERANCE = 0.02  # shares of four sites, each rounded to two digits
 
@@ -74,6 +75,8 @@ def check_diagnosis(diagnosis: object) -> Mapping[str, Any]:
         _check_gap(document["gap"], document["shrink"], faults)
         _check_parameters(document["parameters"], faults)
         _check_minor(document["minor"], faults)
+        for where, section in faults.entries(document["settings"], "settings"):
+            list(faults.entries(section, where))
         if document["next_experiment"] is not None:
             faults.text(document["next_experiment"], "next_experiment")
     faults.complain(FILE)

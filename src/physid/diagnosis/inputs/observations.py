@@ -13,6 +13,7 @@ from physid.data.format import RecordingSet
 from physid.data.observations.step_grid import StepGrid
 from physid.data.observations.trajectories import Trajectories, load_trajectories
 from physid.data.reading import ECHO, echo_of, read_reading
+from physid.diagnosis.settings.inputs import RoleSettings
 from physid.estimation.measurement.tracking_error import TrackingError
 from physid.estimation.prediction.timeline import Timeline
 from physid.scenes.scene import Scene
@@ -27,8 +28,8 @@ ROLES = {
     "val": SELECT,
     "test": SAME,
 }
-ENOUGH = 4  # from so many trajectories of another protocol on, every second one joins the fit as a probe
 UNSPLIT = (FIT, SELECT, SAME)  # trajectories without a split play these parts in turn
+DEFAULT_ROLES = RoleSettings()
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,10 @@ class Observations:
 
 
 def load_observations(
-    recordings: RecordingSet, transfer: RecordingSet | None = None, limit: int | None = None
+    recordings: RecordingSet,
+    transfer: RecordingSet | None = None,
+    limit: int | None = None,
+    roles: RoleSettings = DEFAULT_ROLES,
 ) -> Observations:
     """Read a recording set.
 
@@ -72,18 +76,19 @@ def load_observations(
         recordings: The set.
         transfer: Recordings of the same bodies under another protocol; all of them are for the transfer.
         limit: At most so many trajectories of each set, the first ones.
+        roles: Which trajectories select, and probe.
 
     Raises:
         ValueError: If a trajectory has no poses, or the second set holds other bodies; see also `require_sound`.
     """
     read = load_trajectories(recordings, _first(recordings, limit))
-    observations = _observed(recordings.scene, [read])
+    observations = _observed(recordings.scene, [read], roles)
     if transfer is not None:
         require_same_scene(recordings, transfer)
         more = load_trajectories(transfer, _first(transfer, limit))
         more = replace(more, splits=("report_transfer",) * len(more))
-        observations = _observed(recordings.scene, [read, more])
-    return replace(observations, error=_tracking_error(observations, recordings, transfer, limit))
+        observations = _observed(recordings.scene, [read, more], roles)
+    return replace(observations, error=_tracking_error(observations, recordings, transfer, limit, roles))
 
 
 def _first(recordings: RecordingSet, limit: int | None) -> range:
@@ -91,7 +96,7 @@ def _first(recordings: RecordingSet, limit: int | None) -> range:
     return range(len(recordings))[:limit]
 
 
-def _observed(scene: Scene, sets: Sequence[Trajectories]) -> Observations:
+def _observed(scene: Scene, sets: Sequence[Trajectories], roles: RoleSettings) -> Observations:
     """Put trajectories of several sets one after the other; shorter ones are filled up with frames nobody saw."""
     frames = max(each.pose.shape[1] for each in sets)
     steps = max(each.grid.steps.shape[1] for each in sets)
@@ -117,13 +122,17 @@ def _observed(scene: Scene, sets: Sequence[Trajectories]) -> Observations:
         torch.cat([longer(each.pose, frames) for each in sets]),
         torch.cat(unseen).double(),
         Timeline(torch.cat([longer(each.time, frames) for each in sets]), grid),
-        _roles(splits, protocols),
+        _roles(splits, protocols, roles),
         tuple(range(len(splits))),
     )
 
 
 def _tracking_error(
-    observations: Observations, recordings: RecordingSet, transfer: RecordingSet | None, limit: int | None
+    observations: Observations,
+    recordings: RecordingSet,
+    transfer: RecordingSet | None,
+    limit: int | None,
+    roles: RoleSettings,
 ) -> TrackingError | None:
     """Compare poses that were read from films with what drawing and reading them again gives.
 
@@ -140,7 +149,8 @@ def _tracking_error(
                 f"{each.folder}: expected poses that were read from films, as in the other set, and the set {ECHO} "
                 "beside them, found none; use physid track on both sets"
             )
-    again = _observed(observations.scene, [load_trajectories(each, _first(each, limit)) for each in echoes if each])
+    loaded = [load_trajectories(each, _first(each, limit)) for each in echoes if each]
+    again = _observed(observations.scene, loaded, roles)
     camera = recordings.scene.camera
     assert camera is not None
     deviation = max(each.stretch_deviation for each in readings if each)
@@ -165,13 +175,13 @@ def require_same_scene(recordings: RecordingSet, transfer: RecordingSet) -> None
             )
 
 
-def _roles(splits: Sequence[str | None], protocols: Sequence[str | None]) -> tuple[str, ...]:
+def _roles(splits: Sequence[str | None], protocols: Sequence[str | None], settings: RoleSettings) -> tuple[str, ...]:
     """Give each trajectory its part; one of another protocol than most of those fitted is for the transfer."""
     turns = iter(UNSPLIT * len(splits))
     roles = [ROLES[split] if split else next(turns) for split in splits]
     if SELECT not in roles:
         fitted = [row for row, role in enumerate(roles) if role == FIT]
-        for row in fitted[2::3]:
+        for row in fitted[settings.select_every - 1 :: settings.select_every]:
             roles[row] = SELECT
     if TRANSFER not in roles:
         used = Counter(one for one, role in zip(protocols, roles, strict=True) if role in (FIT, SELECT))
@@ -179,17 +189,17 @@ def _roles(splits: Sequence[str | None], protocols: Sequence[str | None]) -> tup
         roles = [
             TRANSFER if role == SAME and one != usual else role for one, role in zip(protocols, roles, strict=True)
         ]
-    return _with_probes(roles)
+    return _with_probes(roles, settings.probes_from)
 
 
-def _with_probes(roles: list[str]) -> tuple[str, ...]:
+def _with_probes(roles: list[str], enough: int) -> tuple[str, ...]:
     """Let every second trajectory of the other protocol join the fit, where there are enough.
 
     What one protocol cannot show, say a dead zone that friction absorbs, has to be looked for on another; the cause is
     then certified on those trajectories of the other protocol that were not looked at.
     """
     other = [row for row, role in enumerate(roles) if role == TRANSFER]
-    if len(other) >= ENOUGH:
+    if len(other) >= enough:
         for row in other[::2]:
             roles[row] = PROBE
     return tuple(roles)

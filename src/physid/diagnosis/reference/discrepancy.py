@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import torch
 from torch import Tensor
 
+from physid.diagnosis.progress import Progress, Stage, silent
 from physid.diagnosis.reference.replay import replay
+from physid.diagnosis.settings.reference import DiscrepancySettings
+from physid.diagnosis.settings.settings import Settings
 from physid.estimation.least_squares.experiment import Experiment, Fit
 from physid.estimation.least_squares.levenberg_marquardt import gauss_newton
 from physid.estimation.least_squares.prior import clamp_effects
@@ -16,21 +19,14 @@ from physid.estimation.prediction.rollout import Predictor, Variants
 from physid.estimation.prediction.segments import Segmentation
 from physid.physics.effect import Effect
 
-ROUNDS = 5  # most replays
-SETTLED = 0.1  # a change of the loss by less than this share of its standard deviation ends the rounds
-SHORTER = 0.4  # a step of an initial state that did not help is tried again, shortened by this
-STEADY = 0.85  # largest ratio of successive steps of the shared parameters that is extrapolated
-
-Say = Callable[[str], None]
-
 
 def fit_with_reference(
     experiment: Experiment,
     fit: Fit,
     effects: Tensor,
     names: Sequence[str],
-    say: Say = lambda _: None,
-    rounds: int = ROUNDS,
+    settings: Settings,
+    say: Progress = silent,
 ) -> tuple[Experiment, Fit]:
     """Fit and replay in turn until both agree on how far the reference simulator leaves the prediction.
 
@@ -46,48 +42,50 @@ def fit_with_reference(
         fit: Where to start.
         effects: Indices of the free parameters of effects.
         names: Their effects, which the reference simulator has too, at the values of the fit.
+        settings: How often, how far, and with which reference simulators.
         say: Called with what is being done.
-        rounds: Most replays.
 
     Returns:
         The experiment with the gap between the engines at the best point, and the fit there.
     """
     if not bool(experiment.follow.any()):
         return experiment, gauss_newton(experiment, fit, effects)
-    say("replaying the fit in the reference simulator")
-    best, segments = fit.point, experiment.predictor.segments
-    engine = _renewed(experiment, fit, names).engine
+    say(Stage.REPLAYING_NOMINAL)
+    limits, best, segments = settings.discrepancy, fit.point, experiment.predictor.segments
+    engine = _renewed(experiment, fit, names, settings).engine
     stride = torch.ones(len(segments), dtype=torch.float64)
     loss = torch.full_like(stride, torch.inf)
     if names:
         both = [one.losses(best)[0] for one in (experiment, experiment.replace(engine=engine))]
         engine, loss = _by_segment(segments, both[1] < both[0], engine, experiment.engine), torch.minimum(*both)
     path: list[Tensor] = []
-    for turn in range(rounds):
+    for turn in range(limits.rounds):
         before = float(loss.clamp_max(1e12).sum())
         known = experiment.replace(engine=engine)
-        fit = gauss_newton(known, known.at(best, fit), effects, steps=0 if turn else 2)
+        fit = gauss_newton(known, known.at(best, fit), effects, steps=0 if turn else limits.first_steps)
         trial = between(best, fit.point, stride)
         path.append(_shared(trial, effects))
-        if (further := _aitken(path)) is not None:
+        if (further := _aitken(path, limits)) is not None:
             trial = _with_shared(experiment.predictor, trial, effects, further)
             path.clear()
         fit = experiment.at(trial, fit)
-        say("replaying the fit in the reference simulator")
-        fresh = _renewed(experiment, fit, names).engine
+        say(Stage.REPLAYING_NOMINAL)
+        fresh = _renewed(experiment, fit, names, settings).engine
         now = experiment.replace(engine=fresh).losses(trial)[0]
         better = now < loss
-        stride = torch.where(better, torch.ones_like(stride), stride * SHORTER)
+        stride = torch.where(better, torch.ones_like(stride), stride * limits.shorter)
         best = between(best, trial, better.to(torch.float64))
         engine = _by_segment(segments, better, fresh, engine)
         loss = torch.minimum(now, loss)
-        if before - float(loss.sum()) < SETTLED * (2 * float(loss.sum())) ** 0.5:
+        if before - float(loss.sum()) < limits.settled * (2 * float(loss.sum())) ** 0.5:
             break
     experiment = experiment.replace(engine=engine)
-    return experiment, gauss_newton(experiment, experiment.at(best, fit), effects, steps=6)
+    return experiment, gauss_newton(experiment, experiment.at(best, fit), effects, steps=limits.last_steps)
 
 
-def simulator_discrepancy(predictor: Predictor, fit: Fit, follow: Tensor, working: Sequence[Effect] = ()) -> Tensor:
+def simulator_discrepancy(
+    predictor: Predictor, fit: Fit, follow: Tensor, working: Sequence[Effect], settings: Settings
+) -> Tensor:
     """Compute how far PyBullet leaves the prediction of a fit, from the same states; zero where it is not followed.
 
     Args:
@@ -95,11 +93,12 @@ def simulator_discrepancy(predictor: Predictor, fit: Fit, follow: Tensor, workin
         fit: Initial states and parameters.
         follow: Which segments, shape (K,).
         working: Effects at work.
+        settings: Those of the replay count.
 
     Returns:
         Shape (R, T, N, 6).
     """
-    other = replay(predictor.model, predictor.timeline, predictor.segments, fit.point, working, follow)
+    other = replay(predictor.model, predictor.timeline, predictor.segments, fit.point, settings.replay, working, follow)
     seen = fit.jacobian.base.pose[0]
     inside = predictor.segments.spread(follow)[..., None, None]
     return pose_difference(torch.where(inside, other, seen), seen)
@@ -126,9 +125,10 @@ def between(one: Variants, other: Variants, share: Tensor) -> Variants:
     return other.replace(pose=torch.cat([position, quaternion], -1), twist=twist)
 
 
-def _renewed(experiment: Experiment, fit: Fit, names: Sequence[str]) -> Experiment:
+def _renewed(experiment: Experiment, fit: Fit, names: Sequence[str], settings: Settings) -> Experiment:
     working = working_effects(experiment.predictor, fit.point, names)
-    return experiment.replace(engine=simulator_discrepancy(experiment.predictor, fit, experiment.follow, working))
+    engine = simulator_discrepancy(experiment.predictor, fit, experiment.follow, working, settings)
+    return experiment.replace(engine=engine)
 
 
 def _by_segment(segments: Segmentation, mask: Tensor, first: Tensor, second: Tensor) -> Tensor:
@@ -156,13 +156,13 @@ def _with_shared(predictor: Predictor, point: Variants, effects: Tensor, shared:
     )
 
 
-def _aitken(path: list[Tensor]) -> Tensor | None:
+def _aitken(path: list[Tensor], settings: DiscrepancySettings) -> Tensor | None:
     """Extrapolate three points that creep in one direction, x + d r / (1 - r) with r the ratio of the last steps."""
     if len(path) < 3:
         return None
     first, second = path[-2] - path[-3], path[-1] - path[-2]
     length = first.abs().clamp_min(1e-9)
     ratio = float((second / length * (first / length)).sum() / (first / length).square().sum())
-    if not 0.2 < ratio < STEADY:
+    if not settings.creeping < ratio < settings.steady:
         return None
     return path[-1] + second * ratio / (1 - ratio)

@@ -11,8 +11,10 @@ from torch import Tensor
 from physid.diagnosis.inputs.events import find_events
 from physid.diagnosis.inputs.motion_phases import phases_of
 from physid.diagnosis.inputs.observations import Observations
-from physid.diagnosis.reference.discrepancy import Say, between, fit_with_reference
+from physid.diagnosis.progress import Progress, Stage, silent
+from physid.diagnosis.reference.discrepancy import between, fit_with_reference
 from physid.diagnosis.reference.null_simulations import floors
+from physid.diagnosis.settings.settings import Settings
 from physid.estimation.least_squares.discretisation import ChosenSteps, choose_steps
 from physid.estimation.least_squares.experiment import Experiment, Fit
 from physid.estimation.least_squares.initial_states import guess_initial_states
@@ -24,16 +26,11 @@ from physid.estimation.measurement.sensor_noise import Noise, estimate_noise, fr
 from physid.estimation.measurement.tracking_error import TrackingError
 from physid.estimation.prediction.nominal_model import NominalModel
 from physid.estimation.prediction.rollout import Prediction, Predictor, Variants
-from physid.estimation.prediction.segments import IMPACTS, Segmentation
+from physid.estimation.prediction.segments import Segmentation
 from physid.estimation.prediction.timeline import Timeline
 from physid.physics.effect import Effect
 
-FIRST_NOISE = Noise(rotation=5e-3, position=2e-3)
-FACTORS = (1.0, 0.5, 0.25, 2.0, 4.0)  # first guesses of unknown parameters that are tried, times the one given
-LOST = 1.5  # times the usual misfit of contact segments, from which on one does not follow the reference simulator
-FIRST, FEWEST = 30 / 240, 10  # [s], and least frames, of the segments of the first fit
-CHOICES = 2  # times that the steps of the engine are chosen, and all is fitted with them
-CUTS = 3  # most times that trajectories are cut into segments around events
+DEFAULT = Settings()
 NONE = torch.zeros(0, dtype=torch.int64)
 
 
@@ -48,6 +45,7 @@ class NominalFit:
         noise: White noise of the poses.
         phases: Codes of what each body is doing, shape (R, T, N).
         events: Frames at which small errors grow fast, shape (R, T).
+        settings: What decided, and decides in all that follows.
         steps: The steps of the engine that were chosen; None where they are known, or given.
     """
 
@@ -57,6 +55,7 @@ class NominalFit:
     noise: Noise
     phases: Tensor
     events: Tensor
+    settings: Settings
     steps: ChosenSteps | None = None
 
     @property
@@ -76,7 +75,8 @@ def fit_nominal_model(
     model: NominalModel,
     candidates: Sequence[type[Effect]],
     generator: torch.Generator,
-    say: Say = lambda _: None,
+    say: Progress = silent,
+    settings: Settings = DEFAULT,
 ) -> NominalFit:
     """Fit the nominal model: unknown parameters by the fitted trajectories, initial states by all.
 
@@ -86,39 +86,45 @@ def fit_nominal_model(
         candidates: Effects that may be added later; all null here.
         generator: Source of randomness.
         say: Called with what is being done.
+        settings: What decides.
 
     Returns:
         The fit, with the noise that its residuals show.
     """
     trajectories, frames = observations.pose.shape[:2]
     present = inliers(observations)
-    say("fitting the nominal model to short windows")
-    length = max(round(FIRST / observations.scene.time_step), FEWEST)
+    say(Stage.FITTING_SHORT_SEGMENTS)
+    own = settings.nominal_fit
+    length = max(round(own.first_segments / observations.scene.time_step), own.first_frames)
     short = Segmentation.equal(trajectories, frames, min(length, frames))
     timeline = _first_steps(observations, model)
     predictor = Predictor(model, timeline, short, candidates)
-    experiment, point = begin(predictor, observations, present, FIRST_NOISE)
-    point = _scan(experiment, point)
-    first = gauss_newton(experiment, point, NONE, steps=5)
+    experiment, point = begin(
+        predictor, observations, present, Noise(own.first_rotation_noise, own.first_position_noise)
+    )
+    point = _scan(experiment, point, own.guess_factors)
+    first = gauss_newton(experiment, point, NONE, steps=own.first_steps)
     noise = estimate_noise(first.residual, present, observations.error)
-    say("fitting the nominal model")
-    experiment, fit, events = _fit_segments(observations, predictor, present, noise, first)
+    say(Stage.FITTING_NOMINAL)
+    experiment, fit, events = _fit_segments(observations, predictor, present, noise, first, settings)
     chosen = None
-    for _ in range(CHOICES if _chooses_steps(model) else 0):
-        say("choosing the steps of the engine")
+    for _ in range(own.step_choices if _chooses_steps(model) else 0):
+        say(Stage.CHOOSING_STEPS)
         noise, experiment = _weighed(experiment, fit, present, noise.error)
-        chosen = choose_steps(experiment, experiment.linearise(fit.point, NONE), observations.timeline)
-        experiment, fit, events = _fit_segments(
-            observations, experiment.predictor.at_times(chosen.timeline), present, noise, fit
+        chosen = choose_steps(
+            experiment, experiment.linearise(fit.point, NONE), observations.timeline, settings.steps.choice
         )
-    experiment, fit, noise = _follow(experiment, fit, present, noise.error, say)
-    say("measuring where the numerics disturb")
-    extra = (1 + floors(experiment, fit, generator)).rsqrt()
+        experiment, fit, events = _fit_segments(
+            observations, experiment.predictor.at_times(chosen.timeline), present, noise, fit, settings
+        )
+    experiment, fit, noise = _follow(experiment, fit, present, noise.error, settings, say)
+    say(Stage.MEASURING_NUMERICS)
+    extra = (1 + floors(experiment, fit, settings, generator)).rsqrt()
     segments = experiment.predictor.segments
     experiment = experiment.replace(scale=experiment.scale * segments.spread(extra)[..., None, None])
-    experiment, fit = fit_with_reference(experiment, fit, NONE, (), say)
-    phases = phases_of(fit.jacobian.base, observations.timeline, model.scene)
-    return NominalFit(observations, experiment, fit, noise, phases, events, chosen)
+    experiment, fit = fit_with_reference(experiment, fit, NONE, (), settings, say)
+    phases = phases_of(fit.jacobian.base, observations.timeline, model.scene, settings.phases)
+    return NominalFit(observations, experiment, fit, noise, phases, events, settings, chosen)
 
 
 def _first_steps(observations: Observations, model: NominalModel) -> Timeline:
@@ -140,6 +146,7 @@ def _fit_segments(
     present: Tensor,
     noise: Noise,
     fit: Fit,
+    settings: Settings,
 ) -> tuple[Experiment, Fit, Tensor]:
     """Fit segments cut around events, which a fit to short segments shows; cut again if the new fit shows others.
 
@@ -151,13 +158,13 @@ def _fit_segments(
     """
 
     def events_of(fit: Fit) -> Tensor:
-        phases = phases_of(fit.jacobian.base, observations.timeline, model.scene)
-        return find_events(phases, observations.pose, present, noise, model.scene)
+        phases = phases_of(fit.jacobian.base, observations.timeline, model.scene, settings.phases)
+        return find_events(phases, observations.pose, present, noise, model.scene, settings.events)
 
     model = predictor.model
     events = events_of(fit)
-    for _ in range(CUTS):
-        segments = Segmentation.around(events, IMPACTS, model.scene.time_step)
+    for _ in range(settings.nominal_fit.cuts):
+        segments = Segmentation.around(events, settings.segments.impacts.rule, model.scene.time_step)
         predictor = predictor.over(segments)
         experiment, point = begin(predictor, observations, present, noise, fit.point.nominal, fit.jacobian.base)
         fit = gauss_newton(experiment, point, NONE)
@@ -170,7 +177,12 @@ def _fit_segments(
 
 
 def _follow(
-    experiment: Experiment, alone: Fit, present: Tensor, error: TrackingError | None, say: Say
+    experiment: Experiment,
+    alone: Fit,
+    present: Tensor,
+    error: TrackingError | None,
+    settings: Settings,
+    say: Progress,
 ) -> tuple[Experiment, Fit, Noise]:
     """Follow the reference simulator from a fit without it; give up the contact segments in which that fails.
 
@@ -180,16 +192,16 @@ def _follow(
     """
     segments = experiment.predictor.segments
     noise, experiment = _weighed(experiment, alone, present, error)
-    if experiment.predictor.model.scene.integration is None:
+    if experiment.predictor.model.scene.integration is None or not settings.nominal_fit.follows:
         # Steps are fine, and no simulator is nearer to the recordings than the model itself.
         own = _own_weight(segments, experiment.misfit(alone.point), segments.contact)
         experiment = experiment.replace(scale=experiment.scale * own, follow=torch.zeros_like(experiment.follow))
         return experiment, experiment.linearise(alone.point, NONE), noise
     own = _own_weight(segments, experiment.misfit(alone.point), segments.contact)
     fit = experiment.linearise(alone.point.replace(engine=torch.ones_like(alone.point.engine)), NONE)
-    followed, fit = fit_with_reference(experiment.replace(scale=experiment.scale * own), fit, NONE, (), say)
+    followed, fit = fit_with_reference(experiment.replace(scale=experiment.scale * own), fit, NONE, (), settings, say)
     misfit = experiment.replace(engine=followed.engine).misfit(fit.point)
-    lost = segments.contact & (misfit > LOST * _usual(segments, misfit))
+    lost = segments.contact & (misfit > settings.nominal_fit.lost * _usual(segments, misfit))
     point = between(alone.point, fit.point, (~lost).double())
     engine = torch.where(segments.spread(lost)[..., None, None], torch.zeros((), dtype=torch.float64), followed.engine)
     experiment = experiment.replace(follow=~lost, engine=engine)
@@ -262,14 +274,14 @@ def begin(
     return experiment, one.replace(pose=initial.pose[best, pick][None], twist=initial.twist[best, pick][None])
 
 
-def _scan(experiment: Experiment, point: Variants) -> Variants:
+def _scan(experiment: Experiment, point: Variants, factors: Sequence[float]) -> Variants:
     """Try multiples of the first guesses, one unknown parameter after the other; a bad guess may leave no slope."""
     model = experiment.predictor.model
     counts = experiment.fitted[experiment.predictor.segments.trajectory]
     for column in range(len(model.unknown)):
-        many = point.repeat(len(FACTORS))
+        many = point.repeat(len(factors))
         values = model.to_values(many.nominal)
-        values[:, column] *= torch.tensor(FACTORS, dtype=torch.float64)
+        values[:, column] *= torch.tensor(factors, dtype=torch.float64)
         many = many.replace(nominal=model.to_coordinates(values))
         losses = try_losses(experiment, many)[:, counts].clamp_max(1e12).sum(1)
         best = int(losses.argmin())

@@ -13,6 +13,7 @@ from physid.data.files import read_tensors, write_tensors
 from physid.data.observations.step_grid import StepGrid
 from physid.diagnosis.inputs.observations import Observations
 from physid.diagnosis.reference.nominal_fit import NONE, NominalFit
+from physid.diagnosis.settings.settings import Settings
 from physid.estimation.least_squares.experiment import Experiment
 from physid.estimation.least_squares.jacobian import Directions
 from physid.estimation.measurement.sensor_noise import Noise
@@ -25,6 +26,8 @@ FILE = "prepared.pt"
 LAYOUT = 2  # of what the file holds; another one is not read
 GRID = ("steps", "wrench", "frame_step", "count")
 WINDOWS = ("trajectory", "start", "size", "contact")
+DECIDING = ("phases", "events", "nominal_fit", "segments", "steps", "discrepancy", "null_simulations", "replay")
+"""Sections of the settings that the fit depends on."""
 POINT = ("pose", "twist", "nominal", "effects", "engine")
 
 
@@ -34,6 +37,7 @@ def cached_fit(
     model: NominalModel,
     candidates: Sequence[type[Effect]],
     generator: torch.Generator,
+    settings: Settings,
     make: Callable[[], NominalFit],
 ) -> NominalFit:
     """Return the fitted nominal model, from an interrupted run with the same inputs if there is one.
@@ -44,9 +48,10 @@ def cached_fit(
         model: What is believed.
         candidates: Effects that may be added.
         generator: Source of randomness; goes on as if nothing had been interrupted.
+        settings: What decides.
         make: Fits the nominal model.
     """
-    key = _key(observations, model, candidates, generator)
+    key = _key(observations, model, candidates, generator, settings)
     path = folder / FILE
     if path.is_file():
         try:
@@ -55,7 +60,7 @@ def cached_fit(
             state = {"key": None}
         if state["key"] == key:
             generator.set_state(state["generator"])
-            return _restored(state, observations, model, candidates)
+            return _restored(state, observations, model, candidates, settings)
     nominal_fit = make()
     experiment, segments = nominal_fit.experiment, nominal_fit.experiment.predictor.segments
     state = {name: getattr(segments, name) for name in WINDOWS}
@@ -76,7 +81,11 @@ def clear_cache(folder: Path) -> None:
 
 
 def _restored(
-    state: dict[str, torch.Tensor], observations: Observations, model: NominalModel, candidates: Sequence[type[Effect]]
+    state: dict[str, torch.Tensor],
+    observations: Observations,
+    model: NominalModel,
+    candidates: Sequence[type[Effect]],
+    settings: Settings,
 ) -> NominalFit:
     """Put the parts together again."""
     segments = Segmentation(*observations.pose.shape[:2], *(state[name] for name in WINDOWS))
@@ -99,11 +108,16 @@ def _restored(
     if error is not None:
         rotations, positions = map(float, state["factors"])
         error = dataclasses.replace(error, factors=(rotations, positions))
-    return NominalFit(observations, experiment, fit, Noise(rotation, position, error), state["phases"], state["events"])
+    noise = Noise(rotation, position, error)
+    return NominalFit(observations, experiment, fit, noise, state["phases"], state["events"], settings)
 
 
 def _key(
-    observations: Observations, model: NominalModel, candidates: Sequence[type[Effect]], generator: torch.Generator
+    observations: Observations,
+    model: NominalModel,
+    candidates: Sequence[type[Effect]],
+    generator: torch.Generator,
+    settings: Settings,
 ) -> str:
     """Return a checksum of all that the fit depends on."""
     digest = hashlib.sha256(b"" if observations.error is None else observations.error.track.numpy().tobytes())
@@ -111,6 +125,7 @@ def _key(
     for array in (observations.pose, observations.present, grid.steps, grid.wrench, generator.get_state()):
         digest.update(array.numpy().tobytes())
     known = [(effect.name, [float(value) for value in effect.values().values()]) for effect in model.effects]
+    decided = [getattr(settings, section) for section in DECIDING]
     named = [(kind.name, sorted(kind.quantities())) for kind in candidates]
-    digest.update(repr((LAYOUT, model.scene, model.substeps, known, observations.roles, named)).encode())
+    digest.update(repr((LAYOUT, model.scene, model.substeps, known, observations.roles, named, decided)).encode())
     return digest.hexdigest()

@@ -8,6 +8,8 @@ import torch
 from torch import Tensor
 
 from physid.diagnosis.reference.replay import Reference, references_of, replay
+from physid.diagnosis.settings.reference import NullSimulationSettings
+from physid.diagnosis.settings.settings import Settings
 from physid.estimation.least_squares.experiment import Experiment, Fit
 from physid.estimation.least_squares.initial_states import SPANS
 from physid.estimation.least_squares.line_search import try_losses
@@ -16,11 +18,6 @@ from physid.estimation.least_squares.prior import prior
 from physid.estimation.measurement.sensor_noise import Noise
 from physid.estimation.prediction.rollout import Variants
 from physid.physics.effect import Effect
-
-REPLAYS = 4  # runs of the reference simulator, each from other initial states and parameters
-SURE = 3.0  # standard deviations by which a draw of initial states may fit worse than expected
-HALVINGS = 6
-DRAWS = 75  # draws of the noise on top of each
 
 
 @dataclass(frozen=True)
@@ -39,9 +36,8 @@ def draw_null_simulations(
     fit: Fit,
     noise: Noise,
     effects: tuple[Effect, ...],
+    settings: Settings,
     generator: torch.Generator,
-    replays: int = REPLAYS,
-    draws: int = DRAWS,
 ) -> NullSimulations:
     """Make data as they would be if the fit were the truth.
 
@@ -53,17 +49,16 @@ def draw_null_simulations(
         fit: The model that is taken to be true.
         noise: White noise of the poses.
         effects: Effects of that model, beside the nominal ones.
+        settings: How many replays R of reference simulators, and draws D of the noise for each.
         generator: Source of randomness.
-        replays: Runs of reference simulators.
-        draws: Draws of the noise for each run.
 
     Returns:
-        Z = replays * draws data sets.
+        Z = R D data sets.
     """
-    residuals, references = [], references_of(experiment.predictor.model.scene)
-    for run in range(replays):
-        clean = noiseless(experiment, fit, effects, generator, references[run % len(references)])
-        residuals.append(clean + noise.draw(draws, clean, generator))
+    residuals, references = [], references_of(experiment.predictor.model.scene, settings.replay)
+    for run in range(settings.null_simulations.replays):
+        clean = noiseless(experiment, fit, effects, settings, generator, references[run % len(references)])
+        residuals.append(clean + noise.draw(settings.null_simulations.draws, clean, generator))
     return NullSimulations(torch.cat(residuals))
 
 
@@ -87,17 +82,20 @@ def noiseless(
     experiment: Experiment,
     fit: Fit,
     effects: tuple[Effect, ...],
+    settings: Settings,
     generator: torch.Generator,
     reference: Reference | None = None,
 ) -> Tensor:
     """Return the residuals of one replay without noise, shape (R, T, N, 6); see `draw_null_simulations`."""
     predictor = experiment.predictor
-    point = jitter(experiment, fit, generator)
-    real = replay(predictor.model, predictor.timeline, predictor.segments, point, effects, None, reference)
+    point = jitter(experiment, fit, settings, generator)
+    real = replay(
+        predictor.model, predictor.timeline, predictor.segments, point, settings.replay, effects, None, reference
+    )
     return experiment.replace(pose=real).residual(fit.jacobian.base.pose, fit.point)[0]
 
 
-def floors(experiment: Experiment, fit: Fit, generator: torch.Generator, replays: int = 4) -> Tensor:
+def floors(experiment: Experiment, fit: Fit, settings: Settings, generator: torch.Generator) -> Tensor:
     """Compute how much the numerics disturb each segment: squared residuals per frame that replays leave.
 
     Where small differences grow (impacts, a body that just stops), two runs of one engine from states that the data
@@ -106,10 +104,13 @@ def floors(experiment: Experiment, fit: Fit, generator: torch.Generator, replays
     Returns:
         Mean square in units of the noise, after initial states and unknown parameters are fitted again; shape (K,).
     """
+    replays = settings.null_simulations.floor_replays
+    if not replays:
+        return torch.zeros_like(fit.loss)
     unknown = torch.arange(fit.point.nominal.shape[1] + 1)
-    references = references_of(experiment.predictor.model.scene)
+    references = references_of(experiment.predictor.model.scene, settings.replay)
     runs = (references[run % len(references)] for run in range(replays))
-    clean = torch.stack([noiseless(experiment, fit, (), generator, reference) for reference in runs])
+    clean = torch.stack([noiseless(experiment, fit, (), settings, generator, reference) for reference in runs])
     respond = fit.linear.respond(clean, experiment.scale).select(unknown).of(experiment.fitted)
     matrix = respond.matrix.sum(0) + torch.diag(prior(experiment.predictor, torch.zeros(0, dtype=torch.int64)))
     change = torch.linalg.solve(matrix, respond.vector.sum(0))
@@ -122,18 +123,19 @@ def floors(experiment: Experiment, fit: Fit, generator: torch.Generator, replays
     return fit.linear.gather(left) / experiment.counted()
 
 
-def jitter(experiment: Experiment, fit: Fit, generator: torch.Generator) -> Variants:
+def jitter(experiment: Experiment, fit: Fit, settings: Settings, generator: torch.Generator) -> Variants:
     """Draw initial states and unknown parameters around a fit, as far as the data leave them open."""
     unknown = fit.point.nominal.shape[1]
     normal = fit.normal().of(experiment.fitted)
-    matrix = normal.matrix.sum(0)[:unknown, :unknown] + torch.eye(unknown, dtype=torch.float64) / 9
+    ridge = prior(experiment.predictor, torch.zeros(0, dtype=torch.int64))[:unknown]
+    matrix = normal.matrix.sum(0)[:unknown, :unknown] + torch.diag(ridge)
     draw = torch.randn(unknown, 1, generator=generator, dtype=torch.float64)
     shift = torch.linalg.solve_triangular(torch.linalg.cholesky(matrix).mT, draw, upper=True)[:, 0]
     shared = torch.zeros(fit.linear.parts[0].shared.shape[-1], dtype=torch.float64)
     shared[:unknown] = shift
     states = []
     # A initial velocity that friction stops at once leaves no trace; then what the first frames show bounds the draw.
-    sure = torch.diag(1 / _first_frames(experiment) ** 2)
+    sure = torch.diag(1 / _first_frames(experiment, settings.null_simulations) ** 2)
     for part in fit.linear.parts:
         free = torch.randn(*part.factor.shape[:2], 1, generator=generator, dtype=torch.float64)
         factor = torch.linalg.cholesky(part.factor @ part.factor.mT + sure)
@@ -141,18 +143,20 @@ def jitter(experiment: Experiment, fit: Fit, generator: torch.Generator) -> Vari
         states.append((torch.linalg.solve_triangular(factor.mT, free, upper=True) - follow)[..., 0])
     order = torch.cat([part.batch.segments for part in fit.linear.parts]).argsort()
     drawn = fit.point.replace(nominal=fit.point.nominal + shift)
-    return _believable(experiment, fit, drawn, torch.cat(states)[order])
+    return _believable(experiment, fit, drawn, torch.cat(states)[order], settings.null_simulations)
 
 
-def _believable(experiment: Experiment, fit: Fit, drawn: Variants, change: Tensor) -> Variants:
+def _believable(
+    experiment: Experiment, fit: Fit, drawn: Variants, change: Tensor, settings: NullSimulationSettings
+) -> Variants:
     """Move initial states by a draw (K, D), shortened in contact-free segments as long as the data contradict it.
 
     A body that starts near rest takes small velocities in its stride or slips for long; a line knows nothing of that.
     """
     contact_free = ~experiment.predictor.segments.contact
     free = change.shape[1]
-    most = fit.loss + free + SURE * (2 * free) ** 0.5
-    for _ in range(HALVINGS):
+    most = fit.loss + free + settings.sure * (2 * free) ** 0.5
+    for _ in range(settings.halvings):
         pose, twist = experiment.directions.move(fit.point.pose, fit.point.twist, change[None])
         moved = drawn.replace(pose=pose, twist=twist)
         wrong = contact_free & (try_losses(experiment, moved)[0] > most)
@@ -167,10 +171,10 @@ def p_value(observed: float, null: Tensor) -> float:
     return (1 + int((null >= observed).sum())) / (1 + len(null))
 
 
-def _first_frames(experiment: Experiment) -> Tensor:
+def _first_frames(experiment: Experiment, settings: NullSimulationSettings) -> Tensor:
     """Return the standard deviations of initial states that a line through the first frames would leave, shape (D,)."""
     step = experiment.predictor.model.scene.time_step
-    count = max(5.0, SPANS[0] / step)
+    count = max(float(settings.first_frames), SPANS[0] / step)
     still = [1 / float(experiment.scale[..., k : k + 3].amax()) for k in (0, 3)]
     slope = (12 / count**3) ** 0.5 / step
     kinds = [k // 3 for _, k in experiment.directions.used]

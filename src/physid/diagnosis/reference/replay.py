@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
+from physid.diagnosis.settings.reference import ReplaySettings
 from physid.effects.resampling import at_times
 from physid.estimation.prediction.nominal_model import NominalModel
 from physid.estimation.prediction.rollout import Variants, restarts
@@ -24,13 +25,6 @@ from physid.scenes.parameters import with_parameters
 from physid.scenes.scene import Scene
 from physid.scenes.setup import Excitation
 from physid.simulators.protocol import find_simulator
-
-FINE = {"pybullet": 1e-3, "mujoco": 1 / 480}
-"""Longest steps of references for recordings of unknown integration [s]: PyBullet's scheme is
-of first order, MuJoCo's here of second."""
-JUMP = 5.0
-"""A velocity that changes by more than this multiple of g h in a step h was changed by an impact."""
-EARTH = 9.81  # [m/s^2]
 
 
 @dataclass(frozen=True)
@@ -49,7 +43,7 @@ class Reference:
     lags: bool = False
 
 
-def references_of(scene: Scene) -> tuple[Reference, ...]:
+def references_of(scene: Scene, settings: ReplaySettings) -> tuple[Reference, ...]:
     """Return the simulators that recordings of a scene are compared with.
 
     Where recording.yaml says how a simulator integrated, it is that simulator with those steps: then nothing differs
@@ -60,10 +54,11 @@ def references_of(scene: Scene) -> tuple[Reference, ...]:
     """
     if scene.integration is not None:
         return (Reference("pybullet", scene.integration.step),)
-    there = [name for name in FINE if find_spec(name) is not None]
+    fine = {"pybullet": settings.pybullet_step, "mujoco": settings.mujoco_step}
+    there = [name for name in fine if find_spec(name) is not None]
     if len(scene.bodies) > 1 and "mujoco" in there:
         there = ["mujoco"]
-    steps = {name: scene.time_step / math.ceil(scene.time_step / FINE[name] - 1e-9) for name in there}
+    steps = {name: scene.time_step / math.ceil(scene.time_step / fine[name] - 1e-9) for name in there}
     return tuple(Reference(name, step, lags=name == "pybullet") for name, step in steps.items())
 
 
@@ -72,6 +67,7 @@ def replay(
     timeline: Timeline,
     segments: Segmentation,
     point: Variants,
+    settings: ReplaySettings,
     effects: Sequence[Effect] = (),
     chosen: Tensor | None = None,
     reference: Reference | None = None,
@@ -83,6 +79,7 @@ def replay(
         timeline: When poses were recorded, and the commanded wrenches in between.
         segments: How trajectories are cut.
         point: Initial states and unknown parameters, a single variant.
+        settings: Which references, and what their impacts are.
         effects: Effects beside those of the nominal model.
         chosen: Which segments, shape (K,); None for all.
         reference: The simulator; None for the first of `references_of`.
@@ -90,7 +87,7 @@ def replay(
     Returns:
         Poses that the camera would report, shape (R, T, N, 7); zeros outside the chosen segments.
     """
-    reference = reference or references_of(model.scene)[0]
+    reference = reference or references_of(model.scene, settings)[0]
     working = (*model.effects, *effects)
     values = dict(zip(model.unknown, model.to_values(point.nominal[0]).tolist(), strict=True))
     scene = with_parameters(model.scene, values)
@@ -115,7 +112,7 @@ def replay(
     motions = find_simulator(reference.name).simulate(scene, initial, steps, 1, clocks)
     for (row, first, size, stamps, fine), motion in zip(places, motions, strict=True):
         pose, twist = torch.from_numpy(motion.pose), torch.from_numpy(motion.twist)
-        pose = _put_back(pose, twist, reference.step) if reference.lags else pose
+        pose = _put_back(pose, twist, reference.step, settings) if reference.lags else pose
         pose = at_times(pose[None], fine[None], stamps[None])[0] if len(fine) > 1 else pose
         for effect in working:
             pose = effect.observe(pose[None], stamps[None])[0] if restarts(effect) else pose
@@ -139,7 +136,7 @@ def _interpolated(values: Tensor, time: Tensor, wanted: Tensor) -> Tensor:
     return torch.lerp(values[right - 1], values[right], share)
 
 
-def _put_back(pose: Tensor, twist: Tensor, step: float) -> Tensor:
+def _put_back(pose: Tensor, twist: Tensor, step: float, settings: ReplaySettings) -> Tensor:
     """Take off the half step by which semi-implicit positions run ahead, but for what impacts changed.
 
     With x+ = x + h v+ a constant acceleration a gives x0 + v0 t + a t (t + h) / 2, which is ahead of the truth by
@@ -149,9 +146,10 @@ def _put_back(pose: Tensor, twist: Tensor, step: float) -> Tensor:
         pose: Shape (T, N, 7).
         twist: Shape (T, N, 6).
         step: h [s].
+        settings: From which change of a velocity on it was an impact.
     """
     change = twist.diff(dim=0)
-    smooth = change[..., 3:].norm(dim=-1, keepdim=True) <= JUMP * EARTH * step
+    smooth = change[..., 3:].norm(dim=-1, keepdim=True) <= settings.jump * settings.gravity * step
     ahead = pad((change * smooth).cumsum(0), (0, 0, 0, 0, 1, 0)) * (step / 2)
     turned = multiply(exponential(-ahead[..., :3]), pose[..., 3:])
     return torch.cat([pose[..., :3] - ahead[..., 3:], turned], -1)

@@ -44,9 +44,7 @@ def draw(title: str, nominal_fit: NominalFit, found: Attribution, conclusion: Co
         for split, chosen in parts.items()
         if bool(chosen.any())
     ]
-    free = (
-        None if found.contact_free else residual_wrench_errors(found.lack, found.nominal.experiment, nominal_fit.noise)
-    )
+    free = None if found.contact_free else residual_wrench_errors(found.lack, found.nominal, nominal_fit.noise)
     kinds = nominal_fit.experiment.predictor.candidates
     return ReportData(
         title=title,
@@ -101,11 +99,12 @@ def _curve(hypothesis: Hypothesis, chosen: Tensor) -> NDArray[np.float64]:
 
 def _time_map(lack: LackOfFit, names: list[str], nominal_fit: NominalFit) -> TimeMap | None:
     """Return the evidence over the time since the start of a segment."""
-    tables = {name: over_time(lack, body) for body, name in enumerate(names)}
+    settings = nominal_fit.settings
+    tables = {name: over_time(lack, body, settings.localisation.rounding) for body, name in enumerate(names)}
     evidence = torch.cat([table for table, _ in tables.values()]).double().numpy()
     if not evidence.size:
         return None
     step = nominal_fit.observations.scene.time_step
-    edges = step * piece_frames(step) * np.arange(evidence.shape[1] + 1)
+    edges = step * piece_frames(settings.residual_wrench.piece_time, step) * np.arange(evidence.shape[1] + 1)
     edges[-1] = step * int(lack.fit.linear.segments.size.max())
     return TimeMap(tuple((name, dof) for name, (_, dofs) in tables.items() for dof in dofs), edges, evidence)

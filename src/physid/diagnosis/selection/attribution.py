@@ -7,13 +7,12 @@ from dataclasses import dataclass, replace
 
 import torch
 
-from physid.diagnosis.reference.discrepancy import Say
+from physid.diagnosis.progress import Progress, Stage, silent
 from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.selection.candidates import first_pairs, ranked_pairs, survivors, swapped_pairs
 from physid.diagnosis.selection.comparison import by_prediction, compare_candidates
 from physid.diagnosis.selection.contact_free import contact_free, refit_all_segments
 from physid.diagnosis.selection.evidence import (
-    ALPHA,
     both_needed,
     complete,
     distinguishable,
@@ -25,10 +24,6 @@ from physid.diagnosis.testing.equivalence import alike
 from physid.diagnosis.testing.hypothesis import Hypothesis, begin_from_finite_sizes, begin_hypothesis, conclude
 from physid.diagnosis.testing.lack_of_fit import LackOfFit, find_lack_of_fit
 from physid.physics.layer import SolverError
-
-SECOND = 0.01  # share of the gap from which on a second effect is looked for
-MULTI_START = 6  # single effects that are fitted again from finite sizes, where the best leaves a gap
-AT_IMPACTS = 3  # effects that are tried beside one that contact-free segments showed
 
 
 @dataclass(frozen=True)
@@ -72,7 +67,7 @@ class Attribution:
         return self.best if self.refit_all_segments is None else self.refit_all_segments[1]
 
 
-def attribute(nominal_fit: NominalFit, generator: torch.Generator, say: Say = lambda _: None) -> Attribution:
+def attribute(nominal_fit: NominalFit, generator: torch.Generator, say: Progress = silent) -> Attribution:
     """Search the catalogue for what the nominal model lacks: first where the motion is calm, then everywhere.
 
     Args:
@@ -80,7 +75,8 @@ def attribute(nominal_fit: NominalFit, generator: torch.Generator, say: Say = la
         generator: Randomness of null simulations.
         say: Called with what is being done.
     """
-    quiet = contact_free(nominal_fit, generator, say)
+    first = nominal_fit.settings.contact_free.first
+    quiet = contact_free(nominal_fit, generator, say) if first else None
     if quiet is not None:
         found = _search(quiet, generator, say)
         if found.best is not None or unexplained(found):
@@ -88,22 +84,25 @@ def attribute(nominal_fit: NominalFit, generator: torch.Generator, say: Say = la
     return _search(nominal_fit, generator, say)
 
 
-def _with_all_frames(nominal_fit: NominalFit, found: Attribution, say: Say) -> Attribution:
+def _with_all_frames(nominal_fit: NominalFit, found: Attribution, say: Progress) -> Attribution:
     """Fit what contact-free segments showed to all frames; where that cannot be simulated, it stays as it is."""
-    say("fitting what was found to all frames")
+    say(Stage.FITTING_ALL_FRAMES)
     try:
         best = None if found.best is None else refit_all_segments(nominal_fit, found.best)
     except SolverError:
         return found
-    return replace(found, refit_all_segments=(conclude(nominal_fit.experiment, nominal_fit.fit, ()), best))
+    return replace(
+        found, refit_all_segments=(conclude(nominal_fit.experiment, nominal_fit.fit, (), nominal_fit.settings), best)
+    )
 
 
-def _with_second(nominal_fit: NominalFit, found: Attribution, generator: torch.Generator, say: Say) -> Attribution:
+def _with_second(nominal_fit: NominalFit, found: Attribution, generator: torch.Generator, say: Progress) -> Attribution:
     """Look in all segments for a second effect: it may act at impacts alone, or move all that a camera sees."""
     one = found.whole_best
-    if not found.contact_free or one is None or len(one.names) > 1:
+    looked = found.contact_free and nominal_fit.settings.attribution.at_impacts > 0
+    if not looked or one is None or len(one.names) > 1:
         return found
-    say(f"looking at what {one.names[0]} leaves at hits")
+    say(Stage.EXAMINING_IMPACTS, one.names[0])
     try:
         return _beside(nominal_fit, found, one, generator, say) or found
     except SolverError:
@@ -111,17 +110,17 @@ def _with_second(nominal_fit: NominalFit, found: Attribution, generator: torch.G
 
 
 def _beside(
-    nominal_fit: NominalFit, found: Attribution, one: Hypothesis, generator: torch.Generator, say: Say
+    nominal_fit: NominalFit, found: Attribution, one: Hypothesis, generator: torch.Generator, say: Progress
 ) -> Attribution | None:
     """Return the best pair of an effect and another that are both needed in all segments; None if there is none."""
-    nominal = found.whole_nominal
+    nominal, settings = found.whole_nominal, nominal_fit.settings
     left = find_lack_of_fit(nominal_fit, one, generator)
-    further = sorted(left.significant, key=lambda row: -row.deviation())[:AT_IMPACTS]
-    if left.p_value > ALPHA or not further:
+    further = sorted(left.significant, key=lambda row: -row.deviation())[: settings.attribution.at_impacts]
+    if left.p_value > settings.evidence.alpha or not further:
         return None
     pairs = compare_candidates(
         [(*one.names, *row.names) for row in further],
-        lambda names: begin_hypothesis(one.experiment, left.fit, names),
+        lambda names: begin_hypothesis(one.experiment, left.fit, names, settings),
         one,
         say,
     )
@@ -136,27 +135,35 @@ def _beside(
 
 def unexplained(found: Attribution) -> bool:
     """Return whether a gap is beyond doubt although no effect was confirmed."""
-    return found.best is None and (found.lack.p_free <= ALPHA or evident(found.nominal))
+    alpha = found.nominal.settings.evidence.alpha
+    return found.best is None and (found.lack.p_free <= alpha or evident(found.nominal))
 
 
-def _search(nominal_fit: NominalFit, generator: torch.Generator, say: Say) -> Attribution:
+def _search(nominal_fit: NominalFit, generator: torch.Generator, say: Progress) -> Attribution:
     """Search the catalogue for what the nominal model lacks in the segments given."""
-    nominal = conclude(nominal_fit.experiment, nominal_fit.fit, ())
-    say("testing all effects at once, against null simulations")
+    settings = nominal_fit.settings
+    nominal = conclude(nominal_fit.experiment, nominal_fit.fit, (), settings)
+    say(Stage.TESTING)
     lack = find_lack_of_fit(nominal_fit, nominal, generator)
-    if lack.p_value > ALPHA and not evident(nominal):
+    if lack.p_value > settings.evidence.alpha and not evident(nominal):
         return Attribution(nominal, lack, [], None, None, [])
     singles = compare_candidates(
-        survivors(lack), lambda names: begin_hypothesis(nominal_fit.experiment, lack.fit, names), nominal, say
+        survivors(lack, settings.candidates),
+        lambda names: begin_hypothesis(nominal_fit.experiment, lack.fit, names, settings),
+        nominal,
+        say,
     )
     best, left = _best_of(nominal_fit, nominal, lack, singles, generator, say)
-    if best is not None and left is not None and not complete(nominal, best, lack, left) and evident(nominal):
+    open_gap = best is not None and left is not None and not complete(nominal, best, lack, left) and evident(nominal)
+    if open_gap and settings.attribution.multi_start:
         singles = _from_finite_sizes(nominal_fit, nominal, lack, singles, say)
         best, left = _best_of(nominal_fit, nominal, lack, singles, generator, say)
     if best is None or left is None:
         return Attribution(nominal, lack, [], None, None, [])
     tried = singles = [one for one in _since(best, singles) if sound(nominal, one, lack)]
-    if left.p_value <= ALPHA and left.missing > SECOND * explained(nominal, best, lack):
+    if left.p_value <= settings.evidence.alpha and left.missing > settings.attribution.second * explained(
+        nominal, best, lack
+    ):
         tried = by_prediction([*singles, *_needed_pairs(nominal_fit, nominal, lack, singles, left, say)])
         if tried[0] is not best:
             best, left = _best_of(nominal_fit, nominal, lack, tried, generator, say)
@@ -173,7 +180,7 @@ def _best_of(
     lack: LackOfFit,
     tried: Sequence[Hypothesis],
     generator: torch.Generator,
-    say: Say,
+    say: Progress,
 ) -> tuple[Hypothesis, LackOfFit] | tuple[None, None]:
     """Return the hypothesis that predicts best, of those that are confirmed, and what it leaves.
 
@@ -181,7 +188,7 @@ def _best_of(
     """
     for one in tried:
         if sound(nominal, one, lack):
-            say(f"looking at what {' + '.join(one.names)} leaves")
+            say(Stage.EXAMINING, " + ".join(one.names))
             try:
                 return one, find_lack_of_fit(nominal_fit, one, generator)
             except SolverError:
@@ -195,17 +202,18 @@ def _since(best: Hypothesis, tried: Sequence[Hypothesis]) -> list[Hypothesis]:
 
 
 def _from_finite_sizes(
-    nominal_fit: NominalFit, nominal: Hypothesis, lack: LackOfFit, singles: list[Hypothesis], say: Say
+    nominal_fit: NominalFit, nominal: Hypothesis, lack: LackOfFit, singles: list[Hypothesis], say: Progress
 ) -> list[Hypothesis]:
     """Fit single effects again from finite sizes and first guesses; of each, what predicts better is returned.
 
     A strong effect has driven the nominal fit far away, to a friction of nearly nothing, say, and no small step of
     any effect leads back from there.
     """
+    settings = nominal_fit.settings
     changes = {row.names: row.change for row in lack.rows}
     again = compare_candidates(
-        [one.names for one in singles[:MULTI_START]],
-        lambda names: begin_from_finite_sizes(nominal_fit.experiment, lack.fit.point, names, changes[names]),
+        [one.names for one in singles[: settings.attribution.multi_start]],
+        lambda names: begin_from_finite_sizes(nominal_fit.experiment, lack.fit.point, names, changes[names], settings),
         nominal,
         say,
     )
@@ -216,20 +224,27 @@ def _from_finite_sizes(
 
 
 def _needed_pairs(
-    nominal_fit: NominalFit, nominal: Hypothesis, lack: LackOfFit, singles: list[Hypothesis], left: LackOfFit, say: Say
+    nominal_fit: NominalFit,
+    nominal: Hypothesis,
+    lack: LackOfFit,
+    singles: list[Hypothesis],
+    left: LackOfFit,
+    say: Progress,
 ) -> list[Hypothesis]:
     """Fit pairs, and then those that share one effect with the best of them; return the pairs that are needed."""
-    best = singles[0]
+    best, settings = singles[0], nominal_fit.settings
 
     def begin(names: tuple[str, ...]) -> Hypothesis:
         if set(best.names) < set(names):
-            return begin_hypothesis(best.experiment, left.fit, names)
-        return begin_hypothesis(nominal_fit.experiment, lack.fit, names)
+            return begin_hypothesis(best.experiment, left.fit, names, settings)
+        return begin_hypothesis(nominal_fit.experiment, lack.fit, names, settings)
 
-    ranked = ranked_pairs(lack)
-    pairs = compare_candidates(first_pairs(ranked, best, left), begin, best, say)
+    most, ranked = settings.candidates.most_pairs, ranked_pairs(lack, settings.score_test)
+    pairs = compare_candidates(first_pairs(ranked, best, left, most), begin, best, say)
     needed = [pair for pair in pairs if both_needed(pair, nominal, singles, left)]
-    if not needed:
-        return []
-    further = compare_candidates(swapped_pairs(ranked, needed[0], [pair.names for pair in pairs]), begin, best, say)
+    if not needed or not settings.candidates.swapped:
+        return needed
+    further = compare_candidates(
+        swapped_pairs(ranked, needed[0], [pair.names for pair in pairs], most), begin, best, say
+    )
     return [*needed, *(pair for pair in further if both_needed(pair, nominal, singles, left))]

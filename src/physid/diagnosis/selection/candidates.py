@@ -5,39 +5,38 @@ from __future__ import annotations
 from itertools import combinations
 
 from physid.diagnosis.selection.comparison import Names
+from physid.diagnosis.settings.selection import CandidateSettings
+from physid.diagnosis.settings.testing import ScoreTestSettings
 from physid.diagnosis.testing.hypothesis import Hypothesis
 from physid.diagnosis.testing.lack_of_fit import LackOfFit
 from physid.diagnosis.testing.score_test import gains, joined
 
-SURVIVE = 0.1  # share of the best gain that a candidate needs to be fitted
-MOST_SINGLES, MOST_PAIRS = 10, 5
 
-
-def survivors(lack: LackOfFit) -> list[Names]:
+def survivors(lack: LackOfFit, settings: CandidateSettings) -> list[Names]:
     """Return the effects worth fitting: what a line at the null says of a strong effect may fall short by far."""
-    worth = [row for row in lack.rows if row.gain >= SURVIVE * lack.rows[0].gain]
-    return [row.names for row in worth][:MOST_SINGLES]
+    worth = [row for row in lack.rows if row.gain >= settings.survive * lack.rows[0].gain]
+    return [row.names for row in worth][: settings.most_singles]
 
 
-def ranked_pairs(lack: LackOfFit) -> list[Names]:
+def ranked_pairs(lack: LackOfFit, settings: ScoreTestSettings) -> list[Names]:
     """Return all pairs of effects that are significant alone, those with the largest linear gain first."""
     alone = {row.names[0] for row in lack.significant}
     groups = [group for group in lack.groups if group.names[0] in alone]
     both = {
-        tuple(sorted((one.names[0], two.names[0]))): float(gains(lack.conditional, joined((one, two)))[0])
+        tuple(sorted((one.names[0], two.names[0]))): float(gains(lack.conditional, joined((one, two)), settings)[0])
         for one, two in combinations(groups, 2)
     }
     return sorted(both, key=lambda names: -both[names])
 
 
-def first_pairs(ranked: list[Names], best: Hypothesis, left: LackOfFit) -> list[Names]:
-    """Return pairs worth fitting: the best with what it leaves, and the best of all pairs by their linear gain."""
+def first_pairs(ranked: list[Names], best: Hypothesis, left: LackOfFit, most: int) -> list[Names]:
+    """Return at most so many pairs: the best with what it leaves, and the best of all pairs by their linear gain."""
     further = (tuple(sorted((*best.names, row.names[0]))) for row in left.significant)
-    with_best = [names for names in further if names in ranked][: MOST_PAIRS // 2]
+    with_best = [names for names in further if names in ranked][: most // 2]
     chosen = [*with_best, *(names for names in ranked if names not in with_best)]
-    return chosen[:MOST_PAIRS]
+    return chosen[:most]
 
 
-def swapped_pairs(ranked: list[Names], pair: Hypothesis, tried: list[Names]) -> list[Names]:
-    """Return pairs that share one effect with a pair: alone, the other may have stood for a part of both."""
-    return [names for names in ranked if len({*names, *pair.names}) == 3 and names not in tried][:MOST_PAIRS]
+def swapped_pairs(ranked: list[Names], pair: Hypothesis, tried: list[Names], most: int) -> list[Names]:
+    """Return pairs that share one effect with a pair, `most` of them: alone, the other may stand for a part of both."""
+    return [names for names in ranked if len({*names, *pair.names}) == 3 and names not in tried][:most]

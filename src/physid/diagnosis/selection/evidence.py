@@ -8,15 +8,6 @@ from physid.diagnosis.selection.comparison import gain
 from physid.diagnosis.testing.hypothesis import Hypothesis
 from physid.diagnosis.testing.lack_of_fit import LackOfFit
 
-ALPHA = 0.02  # null simulations are called suspicious this often
-CLEAR = 2.5  # standard errors by which a prediction must be worse to be told apart
-NATS = 12.0  # and by how much squared residual at least
-SAME = 0.003  # share of what the best explains that the numerics may decide between two hypotheses
-EVIDENT = 2.0  # mean squared residual, in units of the noise, that no null simulation reaches
-CLOSED = 0.02  # share of the gap that may be left without a second look
-CLOSED_BY_PAIR = 0.005  # the same where two effects are blamed
-MOST_OF_IT = 0.5  # share of what one effect leaves that a second one must explain
-
 
 def sound(nominal: Hypothesis, one: Hypothesis, lack: LackOfFit) -> bool:
     """Return whether a hypothesis explains more than chance, where it was fitted and where it was not."""
@@ -33,8 +24,9 @@ def complete(nominal: Hypothesis, best: Hypothesis, lack: LackOfFit, left: LackO
 
     Two effects follow a foreign law more closely than one: of a pair less may be left.
     """
-    closed = CLOSED if len(best.names) == 1 else CLOSED_BY_PAIR
-    return left.p_value > ALPHA or left.missing < closed * explained(nominal, best, lack)
+    settings = nominal.settings.evidence
+    closed = settings.closed if len(best.names) == 1 else settings.closed_by_pair
+    return left.p_value > settings.alpha or left.missing < closed * explained(nominal, best, lack)
 
 
 def confirmed(nominal: Hypothesis, one: Hypothesis) -> bool:
@@ -45,7 +37,7 @@ def confirmed(nominal: Hypothesis, one: Hypothesis) -> bool:
 
 def improves_held_out(nominal: Hypothesis, one: Hypothesis) -> bool:
     """Return whether a hypothesis predicts better there by more than chance lets it."""
-    return float(_advance(nominal, one).sum()) > NATS
+    return float(_advance(nominal, one).sum()) > nominal.settings.evidence.least
 
 
 def _advance(nominal: Hypothesis, one: Hypothesis) -> Tensor:
@@ -66,7 +58,7 @@ def evident(nominal: Hypothesis) -> bool:
     experiment = nominal.experiment
     reported = ~experiment.fitted
     count = (experiment.scale[reported] > 0).sum()
-    return float(nominal.held_out[reported].sum()) > EVIDENT * float(count)
+    return float(nominal.held_out[reported].sum()) > nominal.settings.evidence.evident * float(count)
 
 
 def distinguishable(
@@ -79,12 +71,12 @@ def distinguishable(
     the best leaves something (it is not the whole), the difference must exceed that as well, and hold in a paired test
     over trajectories.
     """
-    worse = other.held_out - best.held_out
+    settings, worse = nominal.settings.evidence, other.held_out - best.held_out
     closed = float((nominal.held_out - best.held_out).sum())
-    least = max(NATS, SAME * closed, 2 * left.excess)
-    if left.p_value <= ALPHA and not whole:
+    least = max(settings.least, settings.same * closed, 2 * left.excess)
+    if left.p_value <= settings.alpha and not whole:
         error = float(worse.std()) * len(worse) ** 0.5
-        least = max(least, CLEAR * error)
+        least = max(least, settings.clear * error)
     return float(worse.sum()) > least
 
 
@@ -93,9 +85,10 @@ def both_needed(pair: Hypothesis, nominal: Hypothesis, singles: list[Hypothesis]
 
     Neither part may have sizes that are known no better than that they may be null.
     """
-    if gain(singles[0], pair) < MOST_OF_IT * left.missing or pair.absent(pair.covariance()):
+    settings = nominal.settings.evidence
+    if gain(singles[0], pair) < settings.second_explains * left.missing or pair.absent(pair.covariance()):
         return False
-    least = max(NATS, SAME * float((nominal.held_out - pair.held_out).sum()))
+    least = max(settings.least, settings.same * float((nominal.held_out - pair.held_out).sum()))
     return all(
         float((one.held_out - pair.held_out).sum()) > least and gain(one, pair) > left.reach(pair.names)
         for one in singles

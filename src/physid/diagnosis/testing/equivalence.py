@@ -7,11 +7,8 @@ from torch import Tensor
 
 from physid.diagnosis.testing.hypothesis import Hypothesis
 from physid.diagnosis.testing.lack_of_fit import LackOfFit
-from physid.diagnosis.testing.score_test import VISIBLE, Conditional, Group, condition
+from physid.diagnosis.testing.score_test import Conditional, Group, condition
 from physid.estimation.least_squares.prior import prior
-
-ALIKE = 0.98  # squared cosine of two signatures from which on they are one
-CONTACT_FREE = 0.5  # share of a signature that must lie in contact-free segments to be judged there
 
 
 def alike(lack: LackOfFit, best: Hypothesis) -> tuple[str, ...]:
@@ -24,7 +21,7 @@ def alike(lack: LackOfFit, best: Hypothesis) -> tuple[str, ...]:
         lack: The nominal model, linearised with all candidates.
         best: The hypothesis, whose fitted values give the direction of each part.
     """
-    experiment = best.experiment
+    experiment, settings = best.experiment, best.settings
     contact_free = (~experiment.predictor.segments.contact).to(torch.float64)
     whole, quiet = (lack.fit.linear.normal(share).of(experiment.fitted) for share in (None, contact_free))
     offset = lack.fit.point.nominal.shape[1] + 1
@@ -38,14 +35,15 @@ def alike(lack: LackOfFit, best: Hypothesis) -> tuple[str, ...]:
         ridge = torch.cat([always, *(prior(experiment.predictor, each - offset)[offset:] for each in others)])
         all_of, calm_of = (condition(normal.select(shared), nuisance, ridge) for normal in (whole, quiet))
         direction = change[part.columns - offset]
-        if _energy(calm_of, part, direction) < CONTACT_FREE * _energy(all_of, part, direction):
+        if _energy(calm_of, part, direction) < settings.equivalence.contact_free * _energy(all_of, part, direction):
             continue
         rivals = (group for group in lack.groups if group.names[0] not in best.names)
-        found += [one.names[0] for one in rivals if cosine(calm_of, part, direction, one) >= ALIKE]
+        visible, least = settings.score_test.visible, settings.equivalence.alike
+        found += [one.names[0] for one in rivals if cosine(calm_of, part, direction, one, visible) >= least]
     return tuple(dict.fromkeys(found))
 
 
-def cosine(given: Conditional, part: Group, direction: Tensor, other: Group) -> float:
+def cosine(given: Conditional, part: Group, direction: Tensor, other: Group, visible: float) -> float:
     """Compute the share of a signature that another effect can make, 1 if they are one (a squared cosine).
 
     Args:
@@ -53,12 +51,13 @@ def cosine(given: Conditional, part: Group, direction: Tensor, other: Group) -> 
         part: The effect.
         direction: Change of its parameters, shape (k,).
         other: The other effect, which may change its parameters at will, as far as they show.
+        visible: From how many standard deviations of a typical size on they do.
     """
     size = other.typical
     matrix = given.matrix[other.columns][:, other.columns] * size[:, None] * size
     across = given.matrix[other.columns][:, part.columns] @ direction * size
     values, axes = torch.linalg.eigh((matrix + matrix.T) / 2)
-    inverse = torch.where(values > VISIBLE**2, 1 / values.clamp_min(1e-30), torch.zeros_like(values))
+    inverse = torch.where(values > visible**2, 1 / values.clamp_min(1e-30), torch.zeros_like(values))
     made = float(((axes.T @ across).square() * inverse).sum())
     return made / max(_energy(given, part, direction), 1e-30)
 

@@ -10,6 +10,8 @@ import torch
 from torch import Tensor
 
 from physid.diagnosis.reference.discrepancy import working_effects
+from physid.diagnosis.settings.settings import Settings
+from physid.diagnosis.settings.testing import HypothesisSettings
 from physid.estimation.least_squares.experiment import Experiment, Fit
 from physid.estimation.least_squares.levenberg_marquardt import FIRST_DAMPING, gauss_newton, solve_shared
 from physid.estimation.least_squares.line_search import Step, best_step
@@ -19,12 +21,6 @@ from physid.estimation.least_squares.prior import clamp_effects, prior
 from physid.estimation.prediction.rollout import Predictor, Variants
 from physid.estimation.prediction.step_effects import has
 from physid.physics.effect import Effect
-
-CONFIDENCE = 0.9
-STRIDES = (1.0, 0.5, 0.25, 0.1)  # parts of the linear step that are tried first
-KEPT = 0.5  # share of what a linear step promises that it must keep; else initial states follow along a curve ...
-FAR, FOLLOWING = (1.0, 0.5), 3  # ... to these parts of it, and unknown parameters in so many Gauss-Newton steps
-SIZES = (1.0, 3.0)  # times the typical one: finite sizes from which a fit may begin
 
 
 @dataclass(frozen=True)
@@ -38,6 +34,7 @@ class Hypothesis:
         fit: The fit.
         normal: Normal equations at the fit.
         held_out: Squared residual of each trajectory, predicted without it where it was among the fitted ones; (R,).
+        settings: What decides.
     """
 
     names: tuple[str, ...]
@@ -46,6 +43,7 @@ class Hypothesis:
     fit: Fit
     normal: Normal
     held_out: Tensor
+    settings: Settings
 
     @property
     def values(self) -> dict[str, float]:
@@ -74,13 +72,15 @@ class Hypothesis:
         return covariance
 
     def reach(self, covariance: Tensor) -> Tensor:
-        """Return how far the 90 % intervals of the shared parameters reach to either side, shape (P,).
+        """Return how far the intervals (of 90 % by default) of the shared parameters reach to either side, shape (P,).
 
         Their covariance comes from a few trajectories (Student 1908).
         """
         from scipy.stats import t as student
 
-        quantile = float(student.ppf((1 + CONFIDENCE) / 2, max(int(self.experiment.fitted.sum()) - 1, 1)))
+        quantile = float(
+            student.ppf((1 + self.settings.hypothesis.confidence) / 2, max(int(self.experiment.fitted.sum()) - 1, 1))
+        )
         return quantile * covariance.diagonal().sqrt()
 
     def absent(self, covariance: Tensor) -> list[str]:
@@ -99,23 +99,23 @@ def columns_of(predictor: Predictor, names: Sequence[str]) -> Tensor:
     return torch.tensor([k for k, term in enumerate(predictor.terms) if term.effect.name in names], dtype=torch.int64)
 
 
-def begin_hypothesis(experiment: Experiment, start: Fit, names: tuple[str, ...], steps: int = 5) -> Hypothesis:
+def begin_hypothesis(experiment: Experiment, start: Fit, names: tuple[str, ...], settings: Settings) -> Hypothesis:
     """Fit the effects together with unknown parameters and initial states, as far as a few steps go.
 
     Args:
         experiment: What to explain.
         start: A fit without them (or with some), linearised with columns for them.
         names: Names of the effects.
-        steps: Most Gauss-Newton steps.
+        settings: How far a few steps are.
     """
     columns = columns_of(experiment.predictor, names)
-    return conclude(
-        experiment, gauss_newton(experiment, _first_step(experiment, start, columns), columns, steps), names
-    )
+    point = _first_step(experiment, start, columns, settings.hypothesis)
+    fit = gauss_newton(experiment, point, columns, settings.hypothesis.first_steps)
+    return conclude(experiment, fit, names, settings)
 
 
 def begin_from_finite_sizes(
-    experiment: Experiment, point: Variants, names: tuple[str, ...], change: Tensor, steps: int = 5
+    experiment: Experiment, point: Variants, names: tuple[str, ...], change: Tensor, settings: Settings
 ) -> Hypothesis:
     """Fit effects from finite sizes, with the first guesses of the unknown parameters; the best fit is returned.
 
@@ -124,7 +124,7 @@ def begin_from_finite_sizes(
         point: Initial states, without effects.
         names: Names of the effects.
         change: Their parameters as a line at the null suggests: its direction is taken, shape (E,).
-        steps: Most Gauss-Newton steps.
+        settings: From which sizes.
 
     Raises:
         SolverError: If a fit cannot be simulated.
@@ -136,43 +136,44 @@ def begin_from_finite_sizes(
     direction = direction / direction.abs().max().clamp_min(1e-9)
     guess = point.replace(nominal=predictor.model.guess[None])
     counts, found = experiment.fitted[predictor.segments.trajectory], []
-    for size in SIZES:
+    for size in settings.hypothesis.finite_sizes:
         effects = point.effects.clone()
         effects[0, columns] = predictor.null[columns] + size * typical * direction
         start = try_new_states(experiment, guess.replace(effects=clamp_effects(predictor, effects)))
-        found.append(gauss_newton(experiment, start, columns, steps))
-    return conclude(experiment, min(found, key=lambda fit: float(fit.loss[counts].sum())), names)
+        found.append(gauss_newton(experiment, start, columns, settings.hypothesis.first_steps))
+    return conclude(experiment, min(found, key=lambda fit: float(fit.loss[counts].sum())), names, settings)
 
 
-def finish_hypothesis(begun: Hypothesis, steps: int = 16) -> Hypothesis:
+def finish_hypothesis(begun: Hypothesis) -> Hypothesis:
     """Fit a hypothesis to the end, with initial states guessed anew once its effects are known."""
-    experiment, columns = begun.experiment, begun.columns
-    fit = gauss_newton(experiment, begun.fit, columns, steps)
-    again = try_new_states(experiment, fit.point)
+    experiment, columns, own = begun.experiment, begun.columns, begun.settings.hypothesis
+    fit = gauss_newton(experiment, begun.fit, columns, own.last_steps)
+    again = try_new_states(experiment, fit.point) if own.new_states else fit.point
     if again is not fit.point:
-        fit = gauss_newton(experiment, again, columns, steps)
-    return conclude(experiment, fit, begun.names)
+        fit = gauss_newton(experiment, again, columns, own.last_steps)
+    return conclude(experiment, fit, begun.names, begun.settings)
 
 
-def refitted_from_new_states(one: Hypothesis, steps: int = 8) -> Hypothesis:
+def refitted_from_new_states(one: Hypothesis) -> Hypothesis:
     """Fit a hypothesis again with new initial states where it fits badly; the better fit is returned."""
-    point = search(one.experiment, one.fit)
+    own = one.settings.hypothesis
+    point = search(one.experiment, one.fit) if own.new_states else one.fit.point
     if point is one.fit.point:
         return one
-    fit = gauss_newton(one.experiment, point, one.columns, steps)
+    fit = gauss_newton(one.experiment, point, one.columns, own.new_states_steps)
     counts = one.experiment.fitted[one.experiment.predictor.segments.trajectory]
     better = float((one.fit.loss - fit.loss)[counts].sum()) > 0
-    return conclude(one.experiment, fit, one.names) if better else one
+    return conclude(one.experiment, fit, one.names, one.settings) if better else one
 
 
-def conclude(experiment: Experiment, fit: Fit, names: tuple[str, ...]) -> Hypothesis:
+def conclude(experiment: Experiment, fit: Fit, names: tuple[str, ...], settings: Settings) -> Hypothesis:
     """Cross-validate a fit: every fitted trajectory is predicted with the parameters of the others."""
     columns = columns_of(experiment.predictor, names)
     normal = fit.normal()
     others = experiment.fitted.nonzero()[:, 0]
     changes = torch.zeros_like(normal.vector)
     changes[others] = left_out(normal.of(others), prior(experiment.predictor, columns))
-    return Hypothesis(names, columns, experiment, fit, normal, normal.loss(changes))
+    return Hypothesis(names, columns, experiment, fit, normal, normal.loss(changes), settings)
 
 
 def left_out(normal: Normal, ridge: Tensor) -> Tensor:
@@ -182,20 +183,20 @@ def left_out(normal: Normal, ridge: Tensor) -> Tensor:
     return changes
 
 
-def _first_step(experiment: Experiment, start: Fit, columns: Tensor) -> Variants:
+def _first_step(experiment: Experiment, start: Fit, columns: Tensor, settings: HypothesisSettings) -> Variants:
     """Take the best part of the linear step from a fit that has columns for the effects."""
     always = start.point.nominal.shape[1] + 1
     among = torch.cat([torch.arange(always), always + _places(start.effects, columns)])
     normal = start.normal().select(among)
     change = solve_shared(normal, experiment.fitted, prior(experiment.predictor, columns))
     damping = torch.full_like(start.loss, FIRST_DAMPING)
-    step = best_step(experiment, start, columns, change, damping, STRIDES)
+    step = best_step(experiment, start, columns, change, damping, settings.strides)
     counts = experiment.fitted[experiment.predictor.segments.trajectory]
     promised = (normal.square - normal.loss(change))[experiment.fitted].sum()
-    kept = float((start.loss - step.loss)[counts].sum()) > KEPT * float(promised)
+    kept = float((start.loss - step.loss)[counts].sum()) > settings.kept * float(promised)
     if kept or not _seen(experiment, columns):
         return step.point
-    found: list[Step | Fit] = [step, *_carried_along(experiment, start, columns, change[always:])]
+    found: list[Step | Fit] = [step, *_carried_along(experiment, start, columns, change[always:], settings)]
     return min(found, key=lambda one: float(one.loss[counts].sum())).point
 
 
@@ -204,18 +205,20 @@ def _seen(experiment: Experiment, columns: Tensor) -> bool:
     return any(has(experiment.predictor.terms[k].effect, "observe") for k in columns.tolist())
 
 
-def _carried_along(experiment: Experiment, start: Fit, columns: Tensor, change: Tensor) -> list[Fit]:
+def _carried_along(
+    experiment: Experiment, start: Fit, columns: Tensor, change: Tensor, settings: HypothesisSettings
+) -> list[Fit]:
     """Fit unknown parameters to parts of a change of effects, when initial states follow what a camera sees.
 
     A camera that is turned moves and turns all that it reports: initial states follow along a curve, and a line leaves
     it at once.
     """
     predictor, found = experiment.predictor, []
-    for share, nominal in product(FAR, (start.point.nominal, predictor.model.guess[None])):
+    for share, nominal in product(settings.curved, (start.point.nominal, predictor.model.guess[None])):
         effects = start.point.effects.clone()
         effects[0, columns] += share * change
         there = start.point.replace(nominal=nominal, effects=clamp_effects(predictor, effects))
-        found.append(gauss_newton(experiment, carried(experiment, start, there), columns[:0], FOLLOWING))
+        found.append(gauss_newton(experiment, carried(experiment, start, there), columns[:0], settings.curved_steps))
     return found
 
 

@@ -9,16 +9,14 @@ from torch import Tensor
 
 from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.reference.null_simulations import draw_null_simulations, p_value
+from physid.diagnosis.settings.testing import LackOfFitSettings
 from physid.diagnosis.testing.hypothesis import Hypothesis
-from physid.diagnosis.testing.null_distribution import BAD, Gain, ScoreTest
+from physid.diagnosis.testing.null_distribution import Gain, ScoreTest
 from physid.diagnosis.testing.null_tails import Tail, together
 from physid.diagnosis.testing.residual_wrench import Cell, gain_alone, local_gain, residual_wrenches
 from physid.diagnosis.testing.score_test import Conditional, Group, groups_of
 from physid.estimation.least_squares.experiment import Experiment, Fit
 from physid.estimation.least_squares.prior import prior
-
-MARGIN = 1.25  # by which a gain must exceed those in null simulations
-CELL_DRAWS = 10  # every so many null simulations serve for the cells
 
 
 @dataclass(frozen=True)
@@ -60,6 +58,7 @@ class LackOfFit:
         counted: Segments of the fitted trajectories that a free residual wrench may speak about, shape (K,).
         cell_gain: What a residual wrench in each cell alone explains, by segment, beyond the mean of null simulations;
             in the order of `cells`, shape (F, K).
+        settings: By which margin chance must be exceeded.
     """
 
     fit: Fit
@@ -73,6 +72,7 @@ class LackOfFit:
     groups: list[Group]
     counted: Tensor
     cell_gain: Tensor
+    settings: LackOfFitSettings
 
     @property
     def left(self) -> float:
@@ -101,22 +101,26 @@ class LackOfFit:
         Null simulations come from one reference simulator, and reality is a third: what is found must exceed them by a
         margin.
         """
-        return p_value(max(row.deviation(MARGIN) for row in self.rows), self.null_steady) if self.rows else 1.0
+        return (
+            p_value(max(row.deviation(self.settings.margin) for row in self.rows), self.null_steady)
+            if self.rows
+            else 1.0
+        )
 
     @property
     def p_free(self) -> float:
         """How often null simulations leave as much to a free residual wrench, with the same margin."""
-        return p_value(float(self.null_free.mean()) + self.excess / MARGIN, self.null_free)
+        return p_value(float(self.null_free.mean()) + self.excess / self.settings.margin, self.null_free)
 
     @property
     def limit(self) -> float:
         """The deviation that the gain of some effect reaches in one of a hundred null simulations."""
-        return float(self.null_best.quantile(0.99))
+        return float(self.null_best.quantile(self.settings.quantile))
 
     @property
     def significant(self) -> list[Row]:
         """The effects that gain more, steadily, than one in a hundred null simulations, best first."""
-        limit = float(self.null_steady.quantile(0.99))
+        limit = float(self.null_steady.quantile(self.settings.quantile))
         return [row for row in self.rows if row.deviation() >= limit]
 
     def reach(self, names: tuple[str, ...]) -> float:
@@ -139,11 +143,16 @@ def find_lack_of_fit(nominal_fit: NominalFit, hypothesis: Hypothesis, generator:
         hypothesis: The hypothesis.
         generator: Randomness of the null simulations.
     """
-    experiment = hypothesis.experiment
+    experiment, settings = hypothesis.experiment, hypothesis.settings
     predictor, segments = experiment.predictor, experiment.predictor.segments
     planar = not bool(experiment.directions.free[..., 0].any())
     cells, wrenches = residual_wrenches(
-        nominal_fit.phases, experiment.directions.frame, planar, segments, predictor.model.scene.time_step
+        nominal_fit.phases,
+        experiment.directions.frame,
+        planar,
+        segments,
+        predictor.model.scene.time_step,
+        settings.residual_wrench,
     )
     count = len(predictor.terms)
     fit = experiment.linearise(hypothesis.fit.point, torch.arange(count), wrenches)
@@ -154,14 +163,20 @@ def find_lack_of_fit(nominal_fit: NominalFit, hypothesis: Hypothesis, generator:
         if group.names[0] not in hypothesis.names
     ]
     nuisance = torch.cat([torch.arange(offset), offset + hypothesis.columns])
-    test = ScoreTest(experiment, fit, groups, offset + count, nuisance, prior(experiment.predictor, hypothesis.columns))
+    ridge = prior(experiment.predictor, hypothesis.columns)
+    test = ScoreTest(experiment, fit, groups, offset + count, nuisance, ridge, settings)
 
-    null_data = draw_null_simulations(experiment, hypothesis.fit, nominal_fit.noise, hypothesis.working, generator)
+    null_data = draw_null_simulations(
+        experiment, hypothesis.fit, nominal_fit.noise, hypothesis.working, settings, generator
+    )
     response = test.respond(null_data)
     chance = test.chance(null_data, response, generator)
     cleaned = test.cleaned(null_data, response)
     free = torch.tensor([offset + count + k for k, cell in enumerate(cells) if cell.piece is not None])
-    counted = experiment.fitted[segments.trajectory] & _sound(experiment, hypothesis.fit)
+    counted = experiment.fitted[segments.trajectory] & _sound(
+        experiment, hypothesis.fit, settings.null_distribution.bad
+    )
+    spread, some = settings.residual_wrench.spread, cleaned[:: settings.lack_of_fit.cell_draws]
     conditional, gained = test.observed()
     steady = torch.tensor([gain.steady for gain in gained], dtype=torch.float64)
     rare = chance.steady_tail.deviation(steady).tolist()
@@ -175,24 +190,25 @@ def find_lack_of_fit(nominal_fit: NominalFit, hypothesis: Hypothesis, generator:
         sorted(rows, key=lambda row: -row.gain),
         chance.best,
         chance.steady,
-        local_gain(fit.linear, free)[:, 0],
-        local_gain(fit.linear, free, cleaned, experiment.scale)[counted].sum(0),
+        local_gain(fit.linear, free, spread)[:, 0],
+        local_gain(fit.linear, free, spread, cleaned, experiment.scale)[counted].sum(0),
         conditional,
         groups,
         counted,
-        _cell_gains(fit, offset + count + torch.arange(len(cells)), cleaned[::CELL_DRAWS], experiment.scale),
+        _cell_gains(fit, offset + count + torch.arange(len(cells)), spread, some, experiment.scale),
+        settings.lack_of_fit,
     )
 
 
-def _sound(experiment: Experiment, fit: Fit) -> Tensor:
+def _sound(experiment: Experiment, fit: Fit, bad: float) -> Tensor:
     """Return the segments whose misfit is evidence: contact-free ones, and those with contact if most fit badly."""
     segments = experiment.predictor.segments
     followed = experiment.misfit(fit.point)[segments.contact & experiment.follow]
-    badly = len(followed) > 0 and float(followed.median()) > BAD
+    badly = len(followed) > 0 and float(followed.median()) > bad
     return ~segments.contact | (experiment.follow & badly)
 
 
-def _cell_gains(fit: Fit, columns: Tensor, cleaned: Tensor, scale: Tensor) -> Tensor:
+def _cell_gains(fit: Fit, columns: Tensor, spread: float, cleaned: Tensor, scale: Tensor) -> Tensor:
     """Compute what each residual wrench explains alone, beyond its mean over null simulations; shape (F, K)."""
-    chance = gain_alone(fit.linear, columns, cleaned, scale).mean(2)
-    return (gain_alone(fit.linear, columns)[..., 0] - chance).T
+    chance = gain_alone(fit.linear, columns, spread, cleaned, scale).mean(2)
+    return (gain_alone(fit.linear, columns, spread)[..., 0] - chance).T

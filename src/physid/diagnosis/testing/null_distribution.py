@@ -8,12 +8,11 @@ import torch
 from torch import Tensor
 
 from physid.diagnosis.reference.null_simulations import NullSimulations, with_signs
+from physid.diagnosis.settings.settings import Settings
 from physid.diagnosis.testing.null_tails import Tail
 from physid.diagnosis.testing.score_test import Conditional, Group, condition, gains, steady_gains
 from physid.estimation.least_squares.experiment import Experiment, Fit
 from physid.estimation.least_squares.normal_equations import Normal
-
-BAD = 2.0  # mean squared residual, in units of the noise, that the numerics of an impact do not explain
 
 
 @dataclass(frozen=True)
@@ -63,6 +62,7 @@ class ScoreTest:
         count: How many of the shared columns are unknown parameters, engine and effects; they come first.
         nuisance: Which columns are solved for.
         ridge: Prior precision of these.
+        settings: What is visible, what fits badly, and what chance then does.
     """
 
     experiment: Experiment
@@ -71,6 +71,7 @@ class ScoreTest:
     count: int
     nuisance: Tensor
     ridge: Tensor
+    settings: Settings
 
     @property
     def impacts(self) -> Tensor:
@@ -86,8 +87,8 @@ class ScoreTest:
         impacts = replace(impacts, vector=impacts.vector[..., None])
         found = []
         for group in self.groups:
-            gain, change, visible = gains(given, group)
-            steady = float(steady_gains(given, group, impacts))
+            gain, change, visible = gains(given, group, self.settings.score_test)
+            steady = float(steady_gains(given, group, impacts, self.settings.score_test))
             found.append(Gain(group.names, float(gain), steady, change[0], float(visible.max())))
         return given, found
 
@@ -99,7 +100,9 @@ class ScoreTest:
         segments = self.experiment.predictor.segments
         response = self.fit.linear.respond_by_segment(null_data.residual, self.experiment.scale)
         away = response.square / self.experiment.counted()[:, None]
-        share = torch.where(segments.contact[:, None], (BAD / away).clamp_max(1), torch.ones_like(away))
+        share = torch.where(
+            segments.contact[:, None], (self.settings.null_distribution.bad / away).clamp_max(1), torch.ones_like(away)
+        )
         return replace(response, vector=share[:, None] * response.vector, square=share * response.square)
 
     def chance(self, null_data: NullSimulations, response: Normal, generator: torch.Generator) -> NullDistribution:
@@ -110,16 +113,16 @@ class ScoreTest:
             response: Their normal equations by segment.
             generator: Randomness of the signs.
         """
-        given = self._given(response)
-        each = torch.stack([gains(given, group)[0] for group in self.groups])
+        given, test, own = self._given(response), self.settings.score_test, self.settings.null_distribution
+        each = torch.stack([gains(given, group, test)[0] for group in self.groups])
         impacts = response.select(torch.arange(self.count)).of(self.impacts)
-        steady = torch.stack([steady_gains(given, group, impacts) for group in self.groups])
+        steady = torch.stack([steady_gains(given, group, impacts, test) for group in self.groups])
         tail, steady_tail = Tail.of(each), Tail.of(steady)
-        bad = self.experiment.predictor.segments.contact & (self.experiment.misfit(self.fit.point) > BAD)
-        if bool(bad.any()):
+        bad = self.experiment.predictor.segments.contact & (self.experiment.misfit(self.fit.point) > own.bad)
+        if own.random_signs and bool(bad.any()):
             signed = with_signs(null_data, self.fit, bad, generator)
             wild = self._given(self.fit.linear.respond_by_segment(signed.residual, self.experiment.scale))
-            by_sign = Tail.of(torch.stack([gains(wild, group)[0] for group in self.groups]))
+            by_sign = Tail.of(torch.stack([gains(wild, group, test)[0] for group in self.groups]))
             tail, steady_tail = tail.widened(by_sign), steady_tail.widened(by_sign)
         return NullDistribution(
             tail, steady_tail, tail.deviation(each.T).amax(1), steady_tail.deviation(steady.T).amax(1)

@@ -8,14 +8,10 @@ import torch
 from torch import Tensor
 
 from physid.diagnosis.inputs.motion_phases import PHASES
+from physid.diagnosis.settings.testing import ResidualWrenchSettings
 from physid.estimation.least_squares.experiment import Fit
 from physid.estimation.least_squares.normal_equations import Linearised, Part
 from physid.estimation.prediction.segments import Segmentation
-
-PIECE_TIME = 0.16  # [s] length of one piece of a residual wrench
-FORCE, TORQUE = 1.0, 0.1  # [N], [N m] units of a residual wrench
-SPREAD = 100.0  # prior standard deviation of a residual wrench, in these units
-SELDOM = 0.01  # a phase that makes up less than this share of the frames has no cell
 
 
 @dataclass(frozen=True)
@@ -35,9 +31,9 @@ class Cell:
     piece: int | None = None
 
 
-def piece_frames(time_step: float) -> int:
+def piece_frames(piece_time: float, time_step: float) -> int:
     """Return the frames of one piece of a residual wrench."""
-    return max(2, round(PIECE_TIME / time_step))
+    return max(2, round(piece_time / time_step))
 
 
 DOFS = ("rx", "ry", "rz", "x", "y", "z")
@@ -45,7 +41,12 @@ PLANAR = ("rz", "x", "y")
 
 
 def residual_wrenches(
-    phases: Tensor, frame: Tensor, planar: bool, segments: Segmentation, time_step: float
+    phases: Tensor,
+    frame: Tensor,
+    planar: bool,
+    segments: Segmentation,
+    time_step: float,
+    settings: ResidualWrenchSettings,
 ) -> tuple[list[Cell], Tensor]:
     """List residual wrenches of unit size; phases that are seldom within segments have none.
 
@@ -55,13 +56,14 @@ def residual_wrenches(
         planar: Whether bodies stay on the ground, so that only motion in its plane is of interest.
         segments: How trajectories are cut.
         time_step: [s] between frames.
+        settings: Their units, and how long a piece is.
 
     Returns:
         The cells, and their wrenches, shape (F, R, T, N, 6).
     """
     bodies = phases.shape[2]
     inside = segments.spread(torch.ones(len(segments), dtype=torch.bool))
-    piece = segments.position // piece_frames(time_step)
+    piece = segments.position // piece_frames(settings.piece_time, time_step)
     pieces = int(piece.max()) + 1
     cells: list[Cell] = []
     masks: list[Tensor] = []
@@ -71,26 +73,27 @@ def residual_wrenches(
             for k in range(pieces):
                 cells.append(Cell(body, dof, piece=k))
                 masks.append(piece == k)
-            for code in (share > SELDOM).nonzero()[:, 0].tolist():
+            for code in (share > settings.seldom).nonzero()[:, 0].tolist():
                 cells.append(Cell(body, dof, phase=PHASES[code]))
                 masks.append(phases[:, :, body] == code)
     wrench = torch.zeros(len(cells), *phases.shape, 6, dtype=torch.float64)
     for row, (cell, mask) in enumerate(zip(cells, masks, strict=True)):
         k = DOFS.index(cell.dof)
         wrench[row, :, :, cell.body, 3 * (k // 3) : 3 * (k // 3) + 3] = (
-            mask[..., None] * frame[k % 3] * (FORCE if k >= 3 else TORQUE)
+            mask[..., None] * frame[k % 3] * (settings.force if k >= 3 else settings.torque)
         )
     return cells, wrench
 
 
 def local_gain(
-    linear: Linearised, columns: Tensor, residuals: Tensor | None = None, scale: Tensor | None = None
+    linear: Linearised, columns: Tensor, spread: float, residuals: Tensor | None = None, scale: Tensor | None = None
 ) -> Tensor:
     """Compute what columns explain when each segment has its own amplitudes.
 
     Args:
         linear: The linearised experiment.
         columns: Shared columns to free, shape (F,).
+        spread: Prior standard deviation of an amplitude.
         residuals: Other data, shape (Z, R, T, N, 6), with `scale`; None for the observed ones.
         scale: One over the standard deviation, shape (R, T, N, 6).
 
@@ -101,7 +104,7 @@ def local_gain(
     def explain(part: Part) -> Tensor:
         data = _data(part, residuals, scale)
         clean = part.profiled(part.shared[..., columns])
-        gram = clean.mT @ clean + torch.eye(len(columns), dtype=clean.dtype) / SPREAD**2
+        gram = clean.mT @ clean + torch.eye(len(columns), dtype=clean.dtype) / spread**2
         moment = clean.mT @ data
         gain: Tensor = (moment * torch.linalg.solve(gram, moment)).sum(1)
         return gain
@@ -110,7 +113,7 @@ def local_gain(
 
 
 def gain_alone(
-    linear: Linearised, columns: Tensor, residuals: Tensor | None = None, scale: Tensor | None = None
+    linear: Linearised, columns: Tensor, spread: float, residuals: Tensor | None = None, scale: Tensor | None = None
 ) -> Tensor:
     """Compute what each column explains alone when each segment has its own amplitude; see `local_gain`.
 
@@ -120,7 +123,7 @@ def gain_alone(
 
     def explain(part: Part) -> Tensor:
         clean = part.profiled(part.shared[..., columns])
-        gram = clean.square().sum(1) + 1 / SPREAD**2
+        gram = clean.square().sum(1) + 1 / spread**2
         moment: Tensor = clean.mT @ _data(part, residuals, scale)
         return moment.square() / gram[..., None]
 
@@ -134,12 +137,13 @@ def _data(part: Part, residuals: Tensor | None, scale: Tensor | None) -> Tensor:
     return part.batch.columns(residuals * scale)
 
 
-def freed(fit: Fit, columns: Tensor) -> Tensor:
+def freed(fit: Fit, columns: Tensor, spread: float) -> Tensor:
     """Return the residuals, in units of the noise, that are left when each segment has its own amplitudes of columns.
 
     Args:
         fit: A linearised experiment.
         columns: Shared columns to free, shape (F,).
+        spread: Prior standard deviation of an amplitude.
 
     Returns:
         Shape (R, T, N, 6).
@@ -147,7 +151,7 @@ def freed(fit: Fit, columns: Tensor) -> Tensor:
     left = torch.zeros_like(fit.residual)[None]
     for part in fit.linear.parts:
         clean = part.profiled(part.shared[..., columns])
-        gram = clean.mT @ clean + torch.eye(len(columns), dtype=clean.dtype) / SPREAD**2
+        gram = clean.mT @ clean + torch.eye(len(columns), dtype=clean.dtype) / spread**2
         data = part.profiled(part.residual[..., None])
         rest = data - clean @ torch.linalg.solve(gram, clean.mT @ data)
         part.batch.put(rest[..., 0].unflatten(1, (-1, *fit.residual.shape[2:]))[None], left)

@@ -8,10 +8,9 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
+from physid.diagnosis.settings.testing import ScoreTestSettings
 from physid.estimation.least_squares.normal_equations import Normal
 from physid.estimation.prediction.effect_parameters import EffectParameter
-
-VISIBLE = 1.0  # a direction in which the typical size stays below so many standard deviations is not tested
 
 
 @dataclass(frozen=True)
@@ -98,23 +97,24 @@ def condition(normal: Normal, nuisance: Tensor, ridge: Tensor) -> Conditional:
     )
 
 
-def gains(conditional: Conditional, group: Group) -> tuple[Tensor, Tensor, Tensor]:
+def gains(conditional: Conditional, group: Group, settings: ScoreTestSettings) -> tuple[Tensor, Tensor, Tensor]:
     """Compute what a group explains, 2 b . x - x . A x at its best admissible x.
 
     Args:
         conditional: Normal equations after the nuisances.
         group: Columns and their ranges.
+        settings: Which directions are visible.
 
     Returns:
         Gains of the squared residual (K,), the changes (K, k), and how many standard deviations the typical size
         makes in the directions that the data can see, shape (k,) (0 for the others).
     """
     matrix = conditional.matrix[group.columns][:, group.columns]
-    gain, change, visible = _best(matrix[None], conditional.vector[group.columns].T, group)
+    gain, change, visible = _best(matrix[None], conditional.vector[group.columns].T, group, settings.visible)
     return gain, change, visible[0]
 
 
-def steady_gains(conditional: Conditional, group: Group, impacts: Normal) -> Tensor:
+def steady_gains(conditional: Conditional, group: Group, impacts: Normal, settings: ScoreTestSettings) -> Tensor:
     """Compute what a group still explains without the impact that says most for it.
 
     What an effect does shows in many impacts; one impact that goes another way in two engines may look like any effect.
@@ -124,12 +124,13 @@ def steady_gains(conditional: Conditional, group: Group, impacts: Normal) -> Ten
         group: Columns and their ranges.
         impacts: Normal equations of all columns for the same data sets, one for each of W segments with an impact:
             matrices (W, P, P) and vectors (W, P, K).
+        settings: Whether one impact is left out at all.
 
     Returns:
         Shape (K,).
     """
-    gain, change, _ = gains(conditional, group)
-    if len(impacts.vector) == 0:
+    gain, change, _ = gains(conditional, group, settings)
+    if len(impacts.vector) == 0 or not settings.steady:
         return gain
     clean = change.new_zeros(impacts.vector.shape[1], len(group.columns))
     clean[group.columns, torch.arange(len(group.columns))] = 1
@@ -140,15 +141,15 @@ def steady_gains(conditional: Conditional, group: Group, impacts: Normal) -> Ten
     most = (2 * torch.einsum("wik,ki->wk", vector, change) - bent).argmax(0)
     rest = conditional.matrix[group.columns][:, group.columns] - matrix[most]
     left = conditional.vector[group.columns].T - vector[most, :, torch.arange(len(most))]
-    return _best(rest, left, group)[0].minimum(gain)
+    return _best(rest, left, group, settings.visible)[0].minimum(gain)
 
 
-def _best(matrix: Tensor, vector: Tensor, group: Group) -> tuple[Tensor, Tensor, Tensor]:
+def _best(matrix: Tensor, vector: Tensor, group: Group, visible: float) -> tuple[Tensor, Tensor, Tensor]:
     """Return gains (K,), changes (K, k) and visibility for matrices (K or 1, k, k) and vectors (K, k)."""
     typical = group.typical
     matrix, vector = matrix * typical[:, None] * typical, vector * typical
     values, axes = torch.linalg.eigh((matrix + matrix.mT) / 2)
-    seen = values > VISIBLE**2
+    seen = values > visible**2
     inverse = torch.where(seen, 1 / values.clamp_min(1e-30), torch.zeros_like(values))
     best = (axes @ (inverse[..., None] * (axes.mT @ vector[..., None])))[..., 0] * typical
     change = torch.minimum(torch.maximum(best, group.low), group.high)

@@ -1,0 +1,95 @@
+"""Settings of the conclusion: verdict, confidence, gap, materiality, and the next experiment."""
+
+from __future__ import annotations
+
+from physid.diagnosis.settings.setting import Section, setting
+
+BANK = "calibration bank 1616, 60 sets (docs/benchmark.md)"
+COUNTS = "right verdicts, of how many"
+
+
+class ConfidenceSettings(Section):
+    """How often verdicts of a kind were right.
+
+    Counted on the 51 sets of the bank that are free, or of medium severity and up. Sets in which a camera is wrong were
+    diagnosed once more after initial states were made to follow it along a curve. `physid benchmark diagnosis
+    calibrate` prints such counts. Named and group are counted together.
+    """
+
+    none: tuple[int, int] = setting((9, 10), "sets", COUNTS, BANK)
+    none_after_impacts: tuple[int, int] = setting(
+        (3, 6), "sets", f"{COUNTS}, where many impacts are beyond a fit", BANK
+    )
+    named: tuple[int, int] = setting((19, 23), "sets", COUNTS, BANK)
+    group: tuple[int, int] = setting((19, 23), "sets", COUNTS, BANK)
+    partial: tuple[int, int] = setting((2, 6), "sets", COUNTS, BANK)
+    unknown: tuple[int, int] = setting((5, 6), "sets", COUNTS, BANK)
+    faint: float = setting(0.5, "-", "root of the weight of a segment below which it is beyond any fit", gt=0, le=1)
+    most_lost: float = setting(0.1, "share", "of contact segments beyond any fit, from which on they are many", ge=0)
+
+    def counts(self, kind: str) -> tuple[int, int]:
+        """Return how many verdicts of a kind were right, of how many."""
+        found: tuple[int, int] = getattr(self, kind)
+        return found
+
+
+class BootstrapSettings(Section):
+    """How far estimates scatter where impacts amplify."""
+
+    replays: int = setting(6, "replays", "of the reference simulator; 0 adds nothing to intervals", ge=0)
+
+
+class GapSettings(Section):
+    """How far the gap closes."""
+
+    least: float = setting(1e-3, "floors", "excess that the shrink of a drawn set is divided by at least", gt=0)
+    bootstraps: int = setting(1000, "draws", "of trajectories, for the interval of a shrink", ge=10)
+    interval: tuple[float, float] = setting((0.05, 0.95), "-", "quantiles of that interval", "by definition")
+    no_gap: float = setting(
+        1.02, "floors", "error below which there is no gap to close", "as in docs/benchmark.md", gt=1
+    )
+
+
+class MaterialitySettings(Section):
+    """What a model may leave before anything is blamed for it."""
+
+    share_of_noise: float = setting(0.15, "share", "of the error that a perfect model leaves of noisy poses", gt=0)
+    share_of_size: float = setting(
+        2e-4, "share", "of the largest edge: faces that are not flat, edges that are not sharp", gt=0
+    )
+
+
+class VerdictSettings(Section):
+    """When a verdict is partial, and when another protocol contradicts it."""
+
+    partly: float = setting(0.4, "share", "of the gap that may be left for `partial`; with more: `unknown`", ge=0, le=1)
+    carries: float = setting(
+        0.5, "share", "of the gap on the transfer protocol that the interval of its shrink must reach; -1e9 for none"
+    )
+    nearly: float = setting(1.05, "floors", "error after, that contradicts nothing", ge=1)
+    reconsidered: bool = setting(True, "", "whether effects whose sizes may all be zero are dropped without a gap")
+    most_cells: int = setting(12, "cells", "of the map that are written", ge=0)
+    most_ranks: int = setting(20, "hypotheses", "of the ranking that are written", ge=1)
+
+
+class SiteSettings(Section):
+    """How sites are weighed."""
+
+    named: float = setting(0.01, "share", "of the best gain that divides a weight by e, where effects are named", gt=0)
+    unnamed: float = setting(
+        0.1, "share", "the same between whole sites, where none is", "decision 0011, calibration bank 607", gt=0
+    )
+    least: float = setting(2.0, "squared residuals", "that divide a weight by e at least", gt=0)
+    rounding: float = setting(1e-6, "squared residuals", "gain of a cell that is nothing but rounding", ge=0)
+
+
+class NextExperimentSettings(Section):
+    """Which experiment would tell a group apart."""
+
+    drawn: int = setting(12, "trajectories", "of each protocol that are tried", ge=1)
+    steps: int = setting(300, "frames", "of a trajectory without impacts", ge=2)
+    steps_with_impacts: int = setting(60, "frames", "of one with impacts: only its beginning can be foretold", ge=2)
+    record: int = setting(24, "trajectories", "that are asked for", ge=1)
+    apart: float = setting(8.0, "standard deviations", "over all of them, by which predictions must differ", gt=0)
+    more: float = setting(2.0, "-", "times as far as over as many like those that are there", ge=1)
+    imitation_steps: int = setting(8, "steps", "most Gauss-Newton steps of a hypothesis that imitates another", ge=1)

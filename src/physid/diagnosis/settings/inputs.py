@@ -1,0 +1,57 @@
+"""Settings of what a diagnosis starts from: requirements on the data, roles, phases of motion, events."""
+
+from __future__ import annotations
+
+from physid.diagnosis.settings.setting import FLIGHTS, Section, setting
+
+
+class RoleSettings(Section):
+    """Which part a trajectory plays."""
+
+    probes_from: int = setting(
+        4, "trajectories", "of another protocol, from which on every second one joins the fit as a probe", ge=2
+    )
+    select_every: int = setting(
+        3, "trajectories", "of so many fitted ones the last selects, where no split says which", ge=2
+    )
+
+
+class RequirementSettings(Section):
+    """What recordings must be to be diagnosed."""
+
+    least_fitted: int = setting(3, "trajectories", "fewer leave no scatter from which an interval could come", ge=2)
+    least_frames: int = setting(12, "frames", "of the longest trajectory", ge=3)
+    still_rotation: float = setting(0.02, "rad", "turn below which nothing moves", ge=0)
+    still_position: float = setting(0.005, "m", "way below which nothing moves", ge=0)
+    fastest: float = setting(100.0, "m/s", "median speed beyond which it is the unit that is wrong", gt=0)
+    farthest: float = setting(100.0, "largest edges", "median height beyond which it is the unit that is wrong", gt=0)
+    most_outliers: float = setting(0.1, "share", "of outlier poses that no robust fit survives", ge=0, le=1)
+    rough: float = setting(0.2, "share", "of the whole motion by which poses may leave the middle of neighbours", gt=0)
+    first_frames: int = setting(10, "frames", "at the beginning, in which a body lies still that is pushed later", ge=1)
+    set_off: float = setting(0.02, "m", "way of a body from rest that takes a force", gt=0)
+    level: float = setting(1e-3, "rad", "slope of the ground below which nothing slides by itself", gt=0)
+    lying: float = setting(0.75, "largest edges", "height of a centre below which a body lies on the ground", gt=0)
+
+
+class PhaseSettings(Section):
+    """What a body is doing at each frame."""
+
+    still_speed: float = setting(0.01, "m/s", "speed below which a body is at rest or sticks", gt=0)
+    still_spin: float = setting(0.05, "rad/s", "spin below which it is", gt=0)
+    slow: float = setting(0.3, "m/s", "speed that parts slow from fast sliding", gt=0)
+    light: float = setting(0.02, "weights", "contact force below which a body flies", gt=0)
+    hard: float = setting(3.0, "weights", "contact force from which on a contact is an impact", gt=0)
+    impact_frames: int = setting(2, "frames", "that a contact event lasts in the map", ge=1)
+    switch: float = setting(0.3, "share", "of the largest command; a larger change of it is a switch", gt=0)
+    switch_time: float = setting(0.02, "s", "that a switch lasts in the map", gt=0)
+    rare: float = setting(0.2, "share", "of frames; if more are switches, the command is noise and none is", gt=0, le=1)
+
+
+class EventSettings(Section):
+    """Frames at which small errors grow fast."""
+
+    tilted: float = setting(0.05, "rad", "lean of a body that touches the ground with an edge", FLIGHTS, gt=0)
+    reach: int = setting(6, "frames", "before and after a frame, whose velocities are compared", ge=2)
+    jolt: float = setting(6.0, "standard deviations", "by which a velocity changes that was jolted", gt=0)
+    jolt_spin: float = setting(1.5, "rad/s", "least change that is a jolt", gt=0)
+    jolt_speed: float = setting(0.5, "m/s", "least change that is a jolt", gt=0)

@@ -1,0 +1,112 @@
+"""Settings of the nominal fit, of reference simulators and of null simulations."""
+
+from __future__ import annotations
+
+from physid.diagnosis.settings.setting import HITS, Section, setting
+from physid.estimation.least_squares.discretisation import StepChoice
+from physid.estimation.prediction.segments import CONTACT_FREE, IMPACTS, CutRule
+
+CUTS = "decisions 0011 and 0012, calibration bank 607"
+
+
+class NominalFitSettings(Section):
+    """How the nominal model is fitted."""
+
+    first_rotation_noise: float = setting(5e-3, "rad", "noise of the first fit, before any is estimated", gt=0)
+    first_position_noise: float = setting(2e-3, "m", "noise of the first fit, before any is estimated", gt=0)
+    first_segments: float = setting(30 / 240, "s", "length of the segments of the first fit", gt=0)
+    first_frames: int = setting(10, "frames", "of these segments at least", ge=3)
+    first_steps: int = setting(5, "steps", "most Gauss-Newton steps of the first fit", ge=1)
+    guess_factors: tuple[float, ...] = setting(
+        (1.0, 0.5, 0.25, 2.0, 4.0), "-", "times the first guess of an unknown parameter, that are tried"
+    )
+    cuts: int = setting(3, "times", "most that trajectories are cut into segments around events", ge=1)
+    step_choices: int = setting(2, "times", "that the steps of the engine are chosen; 0 keeps the longest", ge=0)
+    follows: bool = setting(True, "", "whether the fit follows a reference simulator whose steps are known")
+    lost: float = setting(
+        1.5, "usual misfits", "of a contact segment, from which on it does not follow the reference simulator", gt=1
+    )
+
+
+class CutSettings(Section):
+    """How trajectories are cut around events, see `CutRule`."""
+
+    lead: float = setting(IMPACTS.lead, "s", "before an event that belongs to it", CUTS, ge=0)
+    trail: float = setting(IMPACTS.trail, "s", "after an event that belongs to it", CUTS, ge=0)
+    longest: float = setting(IMPACTS.longest, "s", "longest contact segment", CUTS, gt=0)
+    least: float = setting(IMPACTS.least, "s", "a shorter contact-free stretch is no segment of its own", CUTS, ge=0)
+
+    @property
+    def rule(self) -> CutRule:
+        """The same for the estimation."""
+        return CutRule(self.lead, self.trail, self.longest, self.least)
+
+
+class SegmentSettings(Section):
+    """How trajectories are cut for a fit of all frames, and for the search where nothing is hit."""
+
+    impacts: CutSettings = CutSettings()
+    contact_free: CutSettings = CutSettings(**vars(CONTACT_FREE))
+
+
+class StepSettings(Section):
+    """When the steps of the engine are short enough, see `StepChoice`."""
+
+    defect: float = setting(
+        0.1, "standard deviations", "of the sensor that halving the steps between two frames may change", gt=0
+    )
+    reach: float = setting(0.1, "s", "that a wrong velocity moves a body before the next impact comes", gt=0)
+    bias: float = setting(0.25, "standard errors", "that halving all steps may change of an estimate", gt=0)
+    most: int = setting(32, "parts", "most of a step between two frames", ge=1)
+    rounds: int = setting(3, "times", "most that the defect is lowered", ge=1)
+    finest: bool = setting(True, "", "whether steps are compared with the finest instead of with their halves")
+
+    @property
+    def choice(self) -> StepChoice:
+        """The same for the estimation."""
+        return StepChoice(self.defect, self.reach, self.bias, self.most, self.rounds, self.finest)
+
+
+class DiscrepancySettings(Section):
+    """Fitting and replaying in turn."""
+
+    rounds: int = setting(5, "replays", "most of one fit", ge=1)
+    settled: float = setting(0.1, "standard deviations", "of the loss; less change ends the rounds", gt=0)
+    shorter: float = setting(0.4, "-", "factor of a step of an initial state that did not help", gt=0, lt=1)
+    creeping: float = setting(0.2, "-", "least ratio of successive steps that is extrapolated (Aitken)", ge=0, lt=1)
+    steady: float = setting(0.85, "-", "largest ratio that is; 0 extrapolates nothing", ge=0, lt=1)
+    first_steps: int = setting(2, "steps", "most Gauss-Newton steps before the first replay", ge=0)
+    last_steps: int = setting(6, "steps", "most Gauss-Newton steps after the last replay", ge=0)
+
+
+class NullSimulationSettings(Section):
+    """Recordings as the reference simulator makes them if a model is true."""
+
+    replays: int = setting(4, "replays", "from other initial states and parameters", ge=1)
+    draws: int = setting(75, "draws", "of the noise for each replay", ge=1)
+    floor_replays: int = setting(4, "replays", "that tell where the numerics disturb; 0 takes no account of it", ge=0)
+    sure: float = setting(3.0, "standard deviations", "by which a draw of initial states may fit worse", gt=0)
+    halvings: int = setting(6, "times", "most that such a draw is shortened", ge=1)
+    first_frames: int = setting(5, "frames", "least, whose line bounds a draw of initial states", ge=2)
+
+
+class ReplaySettings(Section):
+    """Reference simulators for recordings that do not say how they were integrated."""
+
+    pybullet_step: float = setting(
+        1e-3, "s", "longest step: PyBullet's scheme is of first order", "docs/simulators.md", gt=0
+    )
+    mujoco_step: float = setting(
+        1 / 480, "s", "longest step: MuJoCo's here is of second order", "docs/simulators.md", gt=0
+    )
+    jump: float = setting(5.0, "g h", "change of a velocity in a step h that an impact made", gt=0)
+    gravity: float = setting(9.81, "m/s^2", "g in the line above", gt=0)
+
+
+class NullDistributionSettings(Section):
+    """What chance gives effects."""
+
+    bad: float = setting(
+        2.0, "noise variances", "mean squared residual that the numerics of an impact do not explain", HITS, gt=0
+    )
+    random_signs: bool = setting(True, "", "whether impacts that fit badly take random signs (wild bootstrap)", HITS)

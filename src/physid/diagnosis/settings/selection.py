@@ -1,0 +1,64 @@
+"""Settings of the search: which candidates are fitted, compared, and kept."""
+
+from __future__ import annotations
+
+from physid.diagnosis.settings.setting import FLIGHTS, HITS, Section, setting
+
+
+class ContactFreeSettings(Section):
+    """Where nothing is hit."""
+
+    first: bool = setting(True, "", "whether contact-free segments are searched first, and alone", FLIGHTS)
+    late: float = setting(
+        0.05, "s", "first frames of a segment in which a late camera shows what was before it", FLIGHTS, ge=0
+    )
+
+
+class CandidateSettings(Section):
+    """Which hypotheses are worth fitting."""
+
+    survive: float = setting(0.1, "share", "of the best gain that a candidate needs to be fitted", ge=0, le=1)
+    most_singles: int = setting(10, "effects", "most that are fitted alone", ge=1)
+    most_pairs: int = setting(5, "pairs", "most that are fitted at a time; 0 looks for no second effect", ge=0)
+    swapped: bool = setting(True, "", "whether pairs that share one effect with the best pair are tried", FLIGHTS)
+
+
+class ComparisonSettings(Section):
+    """How candidates are compared."""
+
+    behind: float = setting(
+        0.5, "share", "of the gap, beyond the best, that a hypothesis may leave after a few steps", ge=0
+    )
+    most_refitted: int = setting(4, "hypotheses", "most that are fitted with the reference simulator; 0 for none", ge=0)
+    near: float = setting(0.2, "share", "of the gap, beyond the best, that these leave at most", ge=0)
+
+
+class AttributionSettings(Section):
+    """When more is tried."""
+
+    second: float = setting(0.01, "share", "of the gap from which on a second effect is looked for", ge=0)
+    multi_start: int = setting(
+        6, "effects", "fitted again from finite sizes where the best leaves a gap; 0 for none", FLIGHTS, ge=0
+    )
+    at_impacts: int = setting(
+        3, "effects", "tried beside one that contact-free segments showed; 0 for none", HITS, ge=0
+    )
+
+
+class EvidenceSettings(Section):
+    """Which evidence is enough."""
+
+    alpha: float = setting(0.02, "-", "how often null simulations are called suspicious", HITS, gt=0, lt=1)
+    clear: float = setting(2.5, "standard errors", "by which a prediction must be worse to be told apart", gt=0)
+    least: float = setting(12.0, "squared residuals", "by which a prediction must be better at least", gt=0)
+    same: float = setting(
+        0.003, "share", "of what the best explains that the numerics may decide between two hypotheses", ge=0
+    )
+    evident: float = setting(
+        2.0, "noise variances", "mean squared residual that no null simulation reaches; 1e9 for none", gt=0
+    )
+    closed: float = setting(0.02, "share", "of the gap that may be left without a second look", FLIGHTS, ge=0)
+    closed_by_pair: float = setting(0.005, "share", "the same where two effects are blamed", FLIGHTS, ge=0)
+    second_explains: float = setting(
+        0.5, "share", "of what one effect leaves that a second one must explain", FLIGHTS, ge=0
+    )

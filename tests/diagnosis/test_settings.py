@@ -1,0 +1,125 @@
+"""Settings: every deciding number is one, each is read somewhere, and a wrong key or value is said in one line."""
+
+from __future__ import annotations
+
+import ast
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import yaml
+from pydantic import ValidationError
+
+from physid.cli import main
+from physid.diagnosis import diagnose as pipeline
+from physid.diagnosis.settings.settings import Settings, parse_changes
+
+ROOT = Path(pipeline.__file__).parent
+ROOMS = ("inputs", "reference", "testing", "selection", "conclusion")
+"""Where a diagnosis decides; `document` and `report` only present it."""
+FILES = [ROOT / "diagnose.py", *(path for room in ROOMS for path in sorted((ROOT / room).glob("*.py")))]
+NAMES = [path.relative_to(ROOT).as_posix() for path in FILES]
+TRIVIAL = {0, 1, 2, 3, 6, 7, 0.5}
+"""Neutral values, halves, doubles, the three axes, the six coordinates of a pose difference and the seven of a pose."""
+TINY, HUGE = 1e-6, 1e9
+"""What is at most so small or at least so large keeps a division or a comparison finite, and decides nothing."""
+LISTED = {
+    "inputs/events.py": {24},  # variance of a slope, 24 sigma^2 / (n^3 - n)
+    "reference/null_simulations.py": {12},  # the same of one line, 12 sigma^2 / n^3
+    "testing/null_tails.py": {9},  # Wilson and Hilferty 1931
+    "conclusion/localisation.py": {4},  # digits
+    "conclusion/fitted_model.py": {6, 12, 120},  # epochs of a configuration that is written
+}
+CONSTANTS = {
+    "reference/nominal_fit_cache.py": {"LAYOUT"},  # version of a file
+    "conclusion/fitted_model.py": {"DIGITS"},  # of what is written
+}
+
+
+def literals(tree: ast.AST) -> Iterator[ast.Constant]:
+    """List the numbers below a node, but for indices and for what is written into texts."""
+    for child in ast.iter_child_nodes(tree):
+        if isinstance(child, ast.Constant) and type(child.value) in (int, float):
+            yield child
+        elif not isinstance(child, ast.JoinedStr) and not (isinstance(tree, ast.Subscript) and child is tree.slice):
+            yield from literals(child)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_no_number_decides_outside_the_settings(name: str) -> None:
+    for number in literals(ast.parse((ROOT / name).read_text())):
+        value = number.value
+        assert isinstance(value, int | float)
+        fine = value in TRIVIAL | LISTED.get(name, set()) or value <= TINY or value >= HUGE
+        assert fine, f"{name}:{number.lineno}: {value} decides something: make it a setting"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_no_module_has_a_number_of_its_own(name: str) -> None:
+    for statement in ast.parse((ROOT / name).read_text()).body:
+        if isinstance(statement, ast.Assign | ast.AnnAssign) and statement.value is not None:
+            named = ast.unparse(statement).partition("=")[0].partition(":")[0].strip()
+            pure = not any(isinstance(node, ast.Call) for node in ast.walk(statement.value))
+            assert not (pure and list(literals(statement))) or named in CONSTANTS.get(name, set()), f"{name}: {named}"
+
+
+def test_every_setting_is_read_and_says_its_unit_meaning_and_origin() -> None:
+    source = "".join(path.read_text() for path in (*FILES, *ROOT.glob("report/*.py"), *ROOT.glob("settings/*.py")))
+    read = {node.attr for node in ast.walk(ast.parse(source.replace("from __future__ import annotations", "")))
+            if isinstance(node, ast.Attribute)}  # fmt: skip
+    for row in Settings().table():
+        assert row.meaning, row.key
+        assert row.calibrated, row.key
+        kinds = ("none", "none_after_impacts", "named", "group", "partial", "unknown")
+        assert row.key.rpartition(".")[2] in read | set(kinds), f"{row.key} is read nowhere"
+
+
+def test_a_table_read_back_is_the_settings() -> None:
+    words = [f"{row.key}={row.value}" for row in Settings().table()]
+    again = Settings().changed(parse_changes(words)).to_mapping()
+    assert json.loads(json.dumps(again, allow_nan=False)) == again
+    assert again["confidence"] == Settings().to_mapping()["confidence"]
+    assert again["segments"]["impacts"]["lead"] == pytest.approx(20 / 240, rel=1e-5)
+
+
+def test_a_change_reaches_what_is_used_and_leaves_the_rest() -> None:
+    changed = Settings().changed({"segments.impacts.lead": 0.1, "lack_of_fit.margin": 2})
+    assert changed.segments.impacts.rule.lead == 0.1
+    assert changed.lack_of_fit.margin == 2.0
+    assert changed.evidence == Settings().evidence
+    with pytest.raises(ValidationError, match="frozen"):
+        changed.lack_of_fit.margin = 3.0
+
+
+@pytest.mark.parametrize(
+    ("word", "said"),
+    [
+        ("lack_of_fit.margn=2", r'unknown key "lack_of_fit.margn"; did you mean "lack_of_fit.margin"\?'),
+        ("margin=2", r'unknown key "margin"; known are lack_of_fit.margin'),
+        ("nothing.like=2", r"known are roles\.\*, .*"),
+        ("lack_of_fit.margin=much", r"lack_of_fit.margin: expected a valid number, .*got 'much'"),
+        ("lack_of_fit.margin=0.5", r"lack_of_fit.margin: expected greater than or equal to 1, got 0.5"),
+        ("lack_of_fit.margin=.inf", r"lack_of_fit.margin: expected a finite number, got inf"),
+        ("score_test.steady=perhaps", r"score_test.steady: expected a valid boolean, .*got 'perhaps'"),
+        ("hypothesis.strides=1", r"hypothesis.strides: expected a valid tuple, got 1"),
+        ("lack_of_fit.margin=", r"expected key=value, got 'lack_of_fit.margin='"),
+        ("lack_of_fit.margin=[1", r"lack_of_fit.margin: expected a value in YAML, got '\[1'"),
+    ],
+)
+def test_a_wrong_change_is_said_in_one_line_before_anything_is_read(
+    word: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(ValueError, match=said) as raised:
+        Settings().changed(parse_changes([word]))
+    assert "\n" not in str(raised.value)
+    assert main(["diagnose", str(tmp_path / "none"), word]) == 2
+    assert capsys.readouterr().err.strip().endswith(str(raised.value))
+
+
+def test_the_command_lists_all_settings(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["diagnose", "--settings"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 2 * len(Settings().table())
+    assert "lack_of_fit.margin=1.25" in lines
+    assert all(yaml.safe_load(line.split("=")[1].split(" ")[0].replace("[", "")) is not None for line in lines[::2])
