@@ -37,7 +37,18 @@ RANKS = {
 }
 ROOMS = {
     "estimation": ("measurement", "prediction", "least_squares"),
-    "diagnosis": ("inputs", "reference", "testing", "selection", "conclusion", "document", "report", "diagnose.py"),
+    "diagnosis": (
+        "settings",
+        "progress.py",
+        "inputs",
+        "reference",
+        "testing",
+        "selection",
+        "conclusion",
+        "document",
+        "report",
+        "diagnose.py",
+    ),
 }
 MOST_MODULES = 12
 """In a folder."""

@@ -50,7 +50,8 @@ class Command:
     def options(self) -> dict[str, bool]:
         """The names of the options, and whether each takes a value (a flag does not)."""
         parameters = inspect.signature(self.function).parameters.values()
-        return {each.name: each.annotation != "bool" for each in parameters if each.kind is each.KEYWORD_ONLY}
+        own = {each.name: each.annotation != "bool" for each in parameters if each.kind is each.KEYWORD_ONLY}
+        return own | ({"settings": False} if self.settings else {})
 
     @property
     def summary(self) -> str:
