@@ -27,12 +27,13 @@ from physid.data.generation.settings import GenerateConfig
 from physid.networks.encoder import as_image
 from physid.scenes.scene import Scene
 from physid.training.learners.supervised import SupervisedID
+from physid.training.parameters.intervals import intervals
 from physid.training.parameters.physical_parameters import PhysicalParameters
 from physid.training.parameters.pose_loss import PoseLoss
 from physid.training.refinement.horizon import Horizon
 from physid.training.refinement.kesten_step import KestenStep
 from physid.training.refinement.normal_equations import NormalEquations
-from physid.training.refinement.refinement import LARGEST_STEP, add_to, interval
+from physid.training.refinement.refinement import LARGEST_STEP, add_to
 from physid.training.vision.model import at_frames, over_time
 from physid.training.vision.pose_refinement import PoseRefinement
 
@@ -109,21 +110,18 @@ def refine(
     """Carry out the last phase from a scene's first guesses; returns estimates and intervals."""
     model = module.model
     model.physical = PhysicalParameters(scene, model.physical.names)
-    bounds: dict[str, float] = {}
+    bounds: dict[str, tuple[float, float]] = {}
     calm = KestenStep()
     for _ in range(STEPS):
-        equations = NormalEquations(len(model.physical.names))
+        equations = NormalEquations()
         add_to(equations, model, module.loss, encoded, batch, goal, real, from_images=from_images)
-        step = calm(equations.step(LARGEST_STEP), equations.curvature)
+        step = calm(equations.step(LARGEST_STEP), equations.normal.matrix.sum(0))
         with torch.no_grad():
             model.physical.logarithm.add_(step)
-        bounds = interval(model.physical.estimates(), equations.covariance().diagonal().sqrt().tolist())
+        bounds = intervals(model.physical.estimates(), equations.covariance(), len(equations.weights))
         if step.abs().max() < SETTLED:
             break
-    return {
-        name: (value, bounds[f"params/{name}/low"], bounds[f"params/{name}/high"])
-        for name, value in model.physical.estimates().items()
-    }
+    return {name: (value, *bounds[name]) for name, value in model.physical.estimates().items()}
 
 
 def main() -> None:

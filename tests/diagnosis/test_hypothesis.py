@@ -12,8 +12,9 @@ from physid.data.format import RecordingSet
 from physid.diagnosis.inputs.model_source import read_nominal_model
 from physid.diagnosis.inputs.observations import load_observations
 from physid.diagnosis.reference.nominal_fit import fit_nominal_model
-from physid.diagnosis.testing.hypothesis import begin_hypothesis, left_out
+from physid.diagnosis.testing.hypothesis import begin_hypothesis
 from physid.effects import find
+from physid.estimation.least_squares.covariance import left_out
 from physid.estimation.least_squares.normal_equations import Normal
 
 NO_RIDGE = torch.zeros(1, dtype=torch.float64)

@@ -108,7 +108,7 @@ def test_a_shared_scale_widens_the_interval_by_what_it_does_to_the_parameter() -
         shifted = Trajectories(stretched(model.chart, goal, SHARE), torch.zeros_like(push), push, length, index)
         physical = model.physical.logarithm.detach().clone()
         for _ in range(6):
-            equations = NormalEquations(1)
+            equations = NormalEquations()
             equations.add(model, PoseLoss(), there, real, shifted=[shifted])
             with torch.no_grad():
                 model.physical.logarithm.add_(equations.step(0.5))

@@ -100,7 +100,7 @@ def identified(model: VideoModel, goal: Tensor, wrench: Tensor, *, fitted: bool)
     with torch.no_grad():
         model.physical.logarithm.add_(math.log(1.1))
     for _ in range(STEPS):
-        equations, trajectories = NormalEquations(len(model.physical.names)), given(goal, wrench)
+        equations, trajectories = NormalEquations(), given(goal, wrench)
         own: Placing | None = None
         if fitted:
             own = place(model, LOSS, trajectories, real)
@@ -147,7 +147,7 @@ def test_trajectories_without_usable_slopes_move_no_parameter(monkeypatch: pytes
     def judged(*arguments: Any) -> Slopes:
         return dataclasses.replace(slopes(*arguments), usable=usable)
 
-    few, some = NormalEquations(2), NormalEquations(2)
+    few, some = NormalEquations(), NormalEquations()
     few.add(model, LOSS, given(goal, wrench).chosen(usable), real[usable])
     monkeypatch.setattr(normal_equations, "slopes", judged)
     some.add(model, LOSS, given(goal, wrench), real)

@@ -14,10 +14,13 @@ from torch import Tensor
 
 from physid.cli import main
 from physid.commands.summary import summarize
-from physid.training.parameters.intervals import Pull, coarse_pull, intervals
+from physid.estimation.least_squares.covariance import covariance_of
+from physid.estimation.least_squares.normal_equations import Normal
+from physid.estimation.measurement.sensor_noise import Noise
+from physid.training.parameters.intervals import Response, intervals, normal_of, ridge_of
 from physid.training.parameters.pose_loss import PoseLoss
-from physid.training.refinement.normal_equations import NormalEquations
-from physid.training.refinement.refinement import QUANTILE, SMALLEST, interval
+from physid.training.parameters.trajectories import Trajectories
+from physid.training.refinement.normal_equations import LEAST, NormalEquations
 
 CONFIGS = Path(__file__).parents[2] / "configs" / "sysid"
 EXACT = 1e-9
@@ -36,17 +39,29 @@ def test_the_deviation_of_a_mean_is_that_of_the_groups_means() -> None:
     slopes, real = slopes_of_a_mean(groups, frames)
     means = value[..., 0].mean((1, 2))
     residual = means.mean() - value
-    variance = Pull.of(PoseLoss(), residual, slopes, real).covariance()
+    normal = normal_of(PoseLoss(), residual, slopes, real)
+    variance = covariance_of(normal, ridge_of(normal.matrix.sum(0)), torch.zeros(1).double())
     # Equal groups: u = g / (1 - 1 / G), so that the variance is the jackknife's, sum (m - mean)^2 / (G - 1)^2.
     expected = (means - means.mean()).square().sum() / (groups - 1) ** 2
     assert float(variance) == pytest.approx(float(expected), rel=EXACT)
 
 
+def test_white_noise_that_agrees_by_chance_is_not_taken_for_knowledge() -> None:
+    groups, frames, noise = 3, 50, Noise(rotation=1e-2, position=1e-3)
+    slopes, _ = slopes_of_a_mean(groups, frames)
+    pose = torch.zeros(groups, frames, 1, 7, dtype=torch.float64)
+    pose[..., 6] = 1.0
+    still = torch.zeros(groups, frames, 1, 6, dtype=torch.float64)
+    cut = Trajectories(pose, still, still, torch.full((groups,), frames), torch.arange(groups))
+    variance = Response.of(PoseLoss(), still, slopes, cut, noise).covariance()
+    assert float(variance) == pytest.approx(noise.rotation**2 / (groups * frames), rel=EXACT)
+
+
 def test_segments_of_one_trajectory_count_as_one() -> None:
-    pull = Pull(torch.randn(6, 2, dtype=torch.float64), torch.eye(2, dtype=torch.float64).expand(6, 2, 2))
-    twice = Pull(pull.gradient.repeat_interleave(2, 0) / 2, pull.curvature.repeat_interleave(2, 0) / 2)
-    again = twice.of_trajectories(torch.arange(6).repeat_interleave(2))
-    assert torch.allclose(again.covariance(), pull.covariance())
+    vector, matrix = torch.randn(6, 2, dtype=torch.float64), torch.eye(2, dtype=torch.float64).expand(6, 2, 2)
+    twice = Normal(matrix, vector, vector[:, 0]).grouped(torch.arange(3).repeat_interleave(2))
+    assert torch.equal(twice.matrix, 2 * matrix[:3])
+    assert torch.equal(twice.vector, vector[::2] + vector[1::2])
 
 
 def test_an_interval_is_students_in_the_logarithm() -> None:
@@ -56,13 +71,13 @@ def test_an_interval_is_students_in_the_logarithm() -> None:
 
 
 def test_a_parameter_without_influence_has_no_interval() -> None:
-    gradient, curvature = torch.randn(5, 2).double(), torch.zeros(5, 2, 2).double()
-    curvature[:, 0, 0] = 1.0
-    gradient[:, 1] = 0.0
-    pull = Pull(gradient, curvature)
-    found = intervals({"seen": 1.0, "unseen": 1.0}, pull.covariance(), 5)
+    vector, matrix = torch.randn(5, 2).double(), torch.zeros(5, 2, 2).double()
+    matrix[:, 0, 0] = 1.0
+    vector[:, 1] = 0.0
+    response = Response(Normal(matrix, vector, vector[:, 0]), torch.zeros(2).double())
+    found = intervals({"seen": 1.0, "unseen": 1.0}, response.covariance(), 5)
     assert 0 < found["seen"][0] < found["seen"][1] < math.inf
-    assert found["unseen"] == (0.0, math.inf)
+    assert found.keys() == {"seen"}
 
 
 def test_differences_over_a_coarse_step_are_those_of_a_parabola() -> None:
@@ -73,9 +88,9 @@ def test_differences_over_a_coarse_step_are_those_of_a_parabola() -> None:
         away = points[:, None] - centre
         return torch.einsum("kbi,ij,kbj->kb", away, bend, away) / 2
 
-    pull = coarse_pull(losses, torch.zeros(2).double())
-    assert torch.allclose(pull.gradient, -centre @ bend)
-    assert torch.allclose(pull.curvature, bend.expand(3, 2, 2))
+    normal = Response.coarse(losses, torch.zeros(2).double(), torch.arange(3)).normal
+    assert torch.allclose(2 * normal.vector, centre @ bend)
+    assert torch.allclose(2 * normal.matrix, bend.expand(3, 2, 2))
 
 
 def test_a_fit_reports_intervals_and_marks_what_is_not_identifiable(
@@ -96,21 +111,24 @@ def test_a_fit_reports_intervals_and_marks_what_is_not_identifiable(
     assert "DO NOT RELY ON IT" in summarize(figures, tmp_path)
 
 
+def exact_equations(matrix: Tensor, vector: Tensor) -> NormalEquations:
+    equations = NormalEquations()
+    losses, none = torch.ones(len(vector)).double(), torch.zeros(*vector.shape, 0).double()
+    equations.collect(losses, Normal(matrix, vector, losses), none)
+    return equations
+
+
 def test_no_interval_from_video_is_narrower_than_engines_agree() -> None:
-    found = interval({"block.friction": 0.12}, [0.0])
-    low, high = found["params/block.friction/low"], found["params/block.friction/high"]
-    assert math.log(high / low) == pytest.approx(2 * QUANTILE * SMALLEST, rel=1e-3)
-    wide = interval({"block.friction": 0.12}, [0.1])
-    assert wide["params/block.friction/high"] == pytest.approx(0.12 * math.exp(0.1 * QUANTILE))
+    equations = exact_equations(torch.ones(20, 1, 1).double(), torch.zeros(20, 1).double())
+    low, high = intervals({"block.friction": 0.12}, equations.covariance(), 20)["block.friction"]
+    assert math.log(high / low) == pytest.approx(2 * student.ppf(0.95, 19) * LEAST, rel=1e-3)
 
 
 def test_a_parameter_that_films_say_nothing_about_has_no_interval() -> None:
-    gradients = torch.tensor([[0.1, 0.0], [-0.2, 0.0], [0.1, 0.0]], dtype=torch.float64)
-    curvatures = torch.diag(torch.tensor([1.0, 0.0], dtype=torch.float64)).expand(3, -1, -1)
-    equations = NormalEquations(2)
-    equations.collect(torch.ones(3).double(), Pull(gradients, curvatures), torch.zeros(3, 2, 0).double())
-    deviation = equations.covariance().diagonal().sqrt().tolist()
-    assert interval({"seen": 1.0, "unseen": 1.0}, deviation).keys() == {"params/seen/low", "params/seen/high"}
+    vector = torch.tensor([[0.1, 0.0], [-0.2, 0.0], [0.1, 0.0]], dtype=torch.float64)
+    matrix = torch.diag(torch.tensor([1.0, 0.0], dtype=torch.float64)).expand(3, -1, -1)
+    covariance = exact_equations(matrix, vector).covariance()
+    assert intervals({"seen": 1.0, "unseen": 1.0}, covariance, 3).keys() == {"seen"}
 
 
 @pytest.mark.parametrize("noise", [1e-3, 1e-9])
@@ -118,15 +136,17 @@ def test_a_few_trajectories_that_nothing_explains_hardly_move_an_estimate_from_v
     torch.manual_seed(0)
     pulled = noise * torch.randn(60, 20).double()
     pulled[:6] += 0.5  # of the parameter that the first ones measure
-    curvatures, none = torch.full((60, 1, 1), 2.0).double(), torch.zeros(60, 1, 0).double()
+    matrices, none = torch.ones(60, 1, 1).double(), torch.zeros(60, 1, 0).double()
     found = torch.zeros(1).double()
     for _ in range(20):
         residual = found - pulled
-        equations = NormalEquations(1)
-        equations.collect(residual.square().mean(1), Pull(2 * residual.mean(1, keepdim=True), curvatures), none)
+        equations = NormalEquations()
+        square = residual.square().mean(1)
+        equations.collect(square, Normal(matrices, -residual.mean(1, keepdim=True), square), none)
         found = found + equations.step(1.0)
     deviation = float(equations.covariance().sqrt())
-    assert abs(float(found)) < 3 * deviation < 3 * noise
+    assert abs(float(found)) < 3 * noise
+    assert deviation <= max(noise, 1.01 * LEAST)
     assert float(equations.weights[:6].max()) < 1e-3
     assert float(equations.weights[6:].min()) > 0.8
 
@@ -134,6 +154,6 @@ def test_a_few_trajectories_that_nothing_explains_hardly_move_an_estimate_from_v
 def test_trajectories_that_fit_alike_count_alike_and_exact_ones_too() -> None:
     for losses in (torch.full((4,), 2.0).double(), torch.zeros(4).double()):
         one = torch.ones(4, 1).double()
-        equations = NormalEquations(1)
-        equations.collect(losses, Pull(one, one[..., None]), one[..., None])
+        equations = NormalEquations()
+        equations.collect(losses, Normal(one[..., None], one, losses), one[..., None])
         assert torch.equal(equations.weights, equations.weights[:1].expand(4))

@@ -60,7 +60,7 @@ def test_friction_and_first_heights_are_found_though_images_mistake_the_depth() 
     for _ in range(STEPS):
         given = Trajectories(goal, calm, calm, length, index)
         landing = land(model, loss, given, real)
-        equations = NormalEquations(1)
+        equations = NormalEquations()
         equations.add(model, loss, landing.trajectories, real, landing)
         with torch.no_grad():
             model.physical.logarithm.add_(equations.step(0.5))
@@ -77,7 +77,7 @@ def test_without_the_motion_the_wrong_heights_spoil_the_friction() -> None:
     calm, real = torch.zeros(*goal.shape[:3], 6).to(goal), torch.ones(goal.shape[:2], dtype=torch.bool)
     given = Trajectories(goal, calm, calm, torch.full((4,), FRAMES), torch.arange(4))
     for _ in range(STEPS):
-        equations = NormalEquations(1)
+        equations = NormalEquations()
         equations.add(model, PoseLoss(), given, real)
         with torch.no_grad():
             model.physical.logarithm.add_(equations.step(0.5))

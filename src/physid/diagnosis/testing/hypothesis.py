@@ -12,6 +12,7 @@ from torch import Tensor
 from physid.diagnosis.reference.discrepancy import working_effects
 from physid.diagnosis.settings.settings import Settings
 from physid.diagnosis.settings.testing import HypothesisSettings
+from physid.estimation.least_squares.covariance import covariance_of, left_out, reach_of
 from physid.estimation.least_squares.experiment import Experiment, Fit
 from physid.estimation.least_squares.levenberg_marquardt import FIRST_DAMPING, gauss_newton, solve_shared
 from physid.estimation.least_squares.line_search import Step, best_step
@@ -57,31 +58,13 @@ class Hypothesis:
         return working_effects(self.experiment.predictor, self.fit.point, self.names)
 
     def covariance(self) -> Tensor:
-        """Estimate the covariance of the shared parameters: from their changes when each trajectory is left out.
-
-        Whole trajectories stand for all that disturbs them, and it counts that they were fitted themselves (CR3: Bell
-        and McCaffrey 2002). No variance is below that of white noise.
-        """
+        """Estimate the covariance of the shared parameters (see `covariance_of`), shape (P, P)."""
         fitted = self.normal.of(self.experiment.fitted)
-        inverse = torch.linalg.inv(fitted.matrix.sum(0) + torch.diag(prior(self.experiment.predictor, self.columns)))
-        changes = left_out(fitted, prior(self.experiment.predictor, self.columns))
-        robust = changes.T @ changes
-        larger = torch.maximum(robust.diagonal(), inverse.diagonal()).sqrt()
-        spread = robust.diagonal().clamp_min(1e-30).sqrt()
-        covariance: Tensor = robust / spread[:, None] / spread * larger[:, None] * larger
-        return covariance
+        return covariance_of(fitted, prior(self.experiment.predictor, self.columns))
 
     def reach(self, covariance: Tensor) -> Tensor:
-        """Return how far the intervals (of 90 % by default) of the shared parameters reach to either side, shape (P,).
-
-        Their covariance comes from a few trajectories (Student 1908).
-        """
-        from scipy.stats import t as student
-
-        quantile = float(
-            student.ppf((1 + self.settings.hypothesis.confidence) / 2, max(int(self.experiment.fitted.sum()) - 1, 1))
-        )
-        return quantile * covariance.diagonal().sqrt()
+        """Return how far the intervals (of 90 % by default) of the shared parameters reach to either side, shape (P,)."""
+        return reach_of(covariance, int(self.experiment.fitted.sum()), self.settings.hypothesis.confidence)
 
     def absent(self, covariance: Tensor) -> list[str]:
         """List the effects all of whose sizes may be those of no effect."""
@@ -174,13 +157,6 @@ def conclude(experiment: Experiment, fit: Fit, names: tuple[str, ...], settings:
     changes = torch.zeros_like(normal.vector)
     changes[others] = left_out(normal.of(others), prior(experiment.predictor, columns))
     return Hypothesis(names, columns, experiment, fit, normal, normal.loss(changes), settings)
-
-
-def left_out(normal: Normal, ridge: Tensor) -> Tensor:
-    """Return how the shared parameters change when each of R trajectories is left out of the fit, shape (R, P)."""
-    matrix = normal.matrix.sum(0) + torch.diag(ridge) - normal.matrix
-    changes: Tensor = torch.linalg.solve(matrix, normal.vector.sum(0) - normal.vector)
-    return changes
 
 
 def _first_step(experiment: Experiment, start: Fit, columns: Tensor, settings: HypothesisSettings) -> Variants:

@@ -43,6 +43,20 @@ class Normal:
         """Turn what is by segment into what is by trajectory."""
         return Normal(*(segments.sum_segments(each) for each in (self.matrix, self.vector, self.square)))
 
+    def grouped(self, index: Tensor) -> Normal:
+        """Sum over what has the same index (R,): segments of one trajectory; in the order of the indices."""
+        kinds, which = index.unique(return_inverse=True)
+
+        def summed(value: Tensor) -> Tensor:
+            return value.new_zeros(len(kinds), *value.shape[1:]).index_add(0, which, value)
+
+        return Normal(*(summed(each) for each in (self.matrix, self.vector, self.square)))
+
+    def solved(self, ridge: Tensor) -> Normal:
+        """Return the normal equations after the step that solves their sum, with a ridge (P,) on it."""
+        step = torch.linalg.solve(self.matrix.sum(0) + torch.diag(ridge), self.vector.sum(0))
+        return Normal(self.matrix, self.vector - self.matrix @ step, self.loss(step))
+
     def loss(self, change: Tensor) -> Tensor:
         """Return the squared residual of each trajectory after the change (P,) or (R, P) of the shared parameters."""
         change = change.expand(self.vector.shape[0], -1)

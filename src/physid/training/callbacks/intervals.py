@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from typing import Protocol, final
 
 import lightning as L
-import torch
 
-from physid.training.parameters.intervals import Pull, intervals
+from physid.training.parameters.intervals import Response, intervals, logged
 from physid.training.parameters.physical_parameters import PhysicalParameters
 
 
-class Pulled(Protocol):
-    """A module that can tell how much each trajectory pulls at its parameters."""
+class Responding(Protocol):
+    """A module that can tell how its estimates respond to the poses."""
 
-    def pull(self) -> Pull:
-        """Return gradient and curvature of the loss of each trajectory."""
+    def response(self) -> Response:
+        """Return it, at the present parameters."""
 
 
 @final
@@ -31,9 +29,6 @@ class Intervals(L.Callback):
         """Compute them, if this was the last epoch."""
         if not (trainer.should_stop or trainer.current_epoch + 1 == trainer.max_epochs):
             return
-        module: Pulled = pl_module  # type: ignore[assignment]
-        pull, estimates = module.pull(), PhysicalParameters.of(pl_module).estimates()
-        for name, ends in intervals(estimates, pull.covariance(), len(pull.gradient)).items():
-            if math.isfinite(ends[1]):
-                for word, value in zip(("low", "high"), ends, strict=True):
-                    pl_module.log(f"params/{name}/{word}", torch.tensor(value, dtype=torch.float64))
+        module: Responding = pl_module  # type: ignore[assignment]
+        response, estimates = module.response(), PhysicalParameters.of(pl_module).estimates()
+        pl_module.log_dict(logged(intervals(estimates, response.covariance(), len(response.normal.square))))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
 from typing import Any, final
 
 import torch
@@ -19,9 +18,8 @@ from physid.estimation.least_squares.discretisation import (
 from physid.estimation.measurement.sensor_noise import Noise
 from physid.estimation.prediction.timeline import Timeline
 from physid.physics.layer import PhysicsLayer
-from physid.training.parameters.intervals import Pull
+from physid.training.parameters.intervals import Response
 from physid.training.parameters.physical_parameters import PhysicalParameters
-from physid.training.parameters.pose_loss import PoseLoss
 from physid.training.parameters.trajectories import Trajectories
 
 CHOICE = StepChoice(bias=0.1)
@@ -36,45 +34,6 @@ MOST_REVIEWS = 8
 """After so many choices a fit may end as it is; what its steps leave is in the intervals."""
 NANO = 1e-9
 Key = tuple[int, int, int]
-
-
-@final
-@dataclass(frozen=True)
-class Shift:
-    """How the estimates follow a change of the predicted poses: d = -H^-1 J^T W r, and how well they are known.
-
-    Attributes:
-        response: H^-1 J^T W, shape (P, B, T, N, 6), by rotations and positions (see `pose_difference`).
-        deviation: Standard errors of ln(parameter), shape (P,).
-    """
-
-    response: Tensor
-    deviation: Tensor
-
-    @classmethod
-    def of(cls, loss: PoseLoss, residual: Tensor, slopes: Tensor, cut: Trajectories, noise: Noise) -> Shift:
-        """Compute it from residuals (B, T, N, 6), their derivatives J (P, B, T, N, 6) and the noise of the poses.
-
-        Standard errors are those of the trajectories' pulls, at least those of white noise: few trajectories may agree
-        by chance.
-        """
-        pull = Pull.of(loss, residual, slopes, cut.real)
-        weighted = slopes * loss.weights(residual, cut.real)
-        inverse = _inverse(pull.curvature.sum(0) / 2)
-        response = torch.einsum("pq,qbtni->pbtni", inverse, weighted)
-        least = (response * noise.spread().to(slopes)).square().sum((1, 2, 3, 4)).sqrt()
-        spread = pull.of_trajectories(cut.index).covariance().diagonal().clamp_min(0).sqrt().nan_to_num(0.0)
-        return cls(response, torch.maximum(spread, least))
-
-    @classmethod
-    def none(cls, cut: Trajectories, count: int) -> Shift:
-        """Say nothing of P estimates: where derivatives mean nothing, only the poses judge the steps."""
-        zero = cut.pose.new_zeros(count)
-        return cls(zero[:, None, None, None, None].expand(-1, *cut.pose.shape[:3], 6), zero + torch.inf)
-
-    def __call__(self, apart: Tensor) -> Tensor:
-        """Return the change of ln(parameter) (P,) by a change of poses (B, T, N, 6)."""
-        return -torch.einsum("pbtni,btni->p", self.response, apart)
 
 
 @final
@@ -120,7 +79,7 @@ class StepControl:
         physical: PhysicalParameters,
         started: Trajectories,
         noise: Noise,
-        shift: Shift | None = None,
+        response: Response | None = None,
     ) -> Trajectories:
         """Choose the steps of trajectories with initial states, and return them so.
 
@@ -129,14 +88,14 @@ class StepControl:
             physical: The physical parameters.
             started: With the longest steps that there may be.
             noise: Of the recorded poses.
-            shift: How the estimates follow; None where none are fitted. Steps are then kept.
+            response: How the estimates follow, in which case steps are kept; None where none are fitted.
         """
-        judgement = _judgement(layer, physical, started, noise, shift)
+        judgement = _judgement(layer, physical, started, noise, response)
         with torch.no_grad():
             chosen = halve_steps(judgement, CHOICE, self._parts_of(started, short=False))
             parts = _widened(chosen.parts)
-            if shift is not None:
-                self._keep(started, parts, physical.logarithm.detach(), shift)
+            if response is not None:
+                self._keep(started, parts, physical.logarithm.detach(), response.deviation())
                 judged = judge_steps(judgement, parts, CHOICE)
                 self.report = (
                     f"steps of the engine: {judged.mean:.3g} from frame to frame on average, {judged.largest} at most; "
@@ -150,7 +109,7 @@ class StepControl:
         physical: PhysicalParameters,
         started: Trajectories,
         noise: Noise,
-        shift: Shift,
+        response: Response,
     ) -> tuple[Tensor, ChosenSteps]:
         """Return what the steps that were chosen may still change of ln(parameter), (P,), and how they are judged.
 
@@ -159,13 +118,13 @@ class StepControl:
             physical: The physical parameters.
             started: With initial states and the longest steps that there may be.
             noise: Of the recorded poses.
-            shift: How the estimates follow.
+            response: How the estimates follow.
         """
-        judgement = _judgement(layer, physical, started, noise, shift)
+        judgement = _judgement(layer, physical, started, noise, response)
         found: list[Tensor] = []
 
         def respond(apart: Tensor) -> Tensor:
-            found.append(shift(apart))
+            found.append(response(apart))
             return judgement.respond(apart)
 
         with torch.no_grad():
@@ -213,12 +172,12 @@ class StepControl:
         self._reviews, self._asked = state["reviews"], state["asked"]
         self.version += 1
 
-    def _keep(self, started: Trajectories, parts: Tensor, logarithm: Tensor, shift: Shift) -> None:
+    def _keep(self, started: Trajectories, parts: Tensor, logarithm: Tensor, deviation: Tensor) -> None:
         """Keep what was chosen, and where."""
         assert started.grid is not None
         for row, key in enumerate(_keys(started)):
             self._parts[key] = parts[row, : int(started.grid.count[row])].cpu()
-        self._at, self._deviation = logarithm.clone().cpu(), shift.deviation.cpu()
+        self._at, self._deviation = logarithm.clone().cpu(), deviation.cpu()
         self.version += 1
 
     def _parts_of(self, cut: Trajectories, *, short: bool) -> Tensor:
@@ -245,28 +204,23 @@ def _keys(cut: Trajectories) -> list[Key]:
 
 
 def _judgement(
-    layer: PhysicsLayer, physical: PhysicalParameters, started: Trajectories, noise: Noise, shift: Shift | None
+    layer: PhysicsLayer, physical: PhysicalParameters, started: Trajectories, noise: Noise, response: Response | None
 ) -> Judgement:
     """Return what the steps of trajectories are judged by."""
     assert started.time is not None and started.grid is not None
     parameters = physical()
+    response = response or Response.unknown(1)
+    deviation = response.deviation().clamp_min(1e-12)
 
     def predict(timeline: Timeline) -> tuple[Tensor, Tensor]:
         rollout = dataclasses.replace(started, grid=timeline.grid).rolled(layer, parameters)
         return rollout.pose, rollout.twist
 
     def respond(apart: Tensor) -> Tensor:
-        return apart.new_zeros(0) if shift is None else shift(apart) / shift.deviation.clamp_min(1e-12)
+        return response(apart) / deviation
 
     bodies, spread = started.pose.shape[2], noise.spread().to(started.pose)
     frames = torch.arange(1, started.pose.shape[1], device=started.pose.device)
     followed = frames < started.length[:, None]
     counted = started.real[..., None].expand(-1, -1, bodies)
     return Judgement(Timeline(started.time, started.grid), predict, respond, spread, followed, counted)
-
-
-def _inverse(matrix: Tensor) -> Tensor:
-    """Invert a curvature (P, P); a parameter without influence gets a huge, finite variance."""
-    floor = 1e-12 * matrix.diagonal().amax() + torch.finfo(matrix.dtype).tiny
-    inverse: Tensor = torch.linalg.inv(matrix + floor * torch.eye(len(matrix)).to(matrix))
-    return inverse

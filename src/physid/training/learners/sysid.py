@@ -23,9 +23,8 @@ from physid.training.initial_states.projection import project_out_initial_states
 from physid.training.learners.base import OptimizerFactory, TrainingModule
 from physid.training.learners.engine import Engine
 from physid.training.learners.prediction import PredictingModule
-from physid.training.learners.step_control import Shift
 from physid.training.parameters.gauss_newton import GaussNewton
-from physid.training.parameters.intervals import Pull, coarse_pull
+from physid.training.parameters.intervals import Response
 from physid.training.parameters.pattern_search import PatternSearch
 from physid.training.parameters.pose_loss import PoseLoss
 from physid.training.parameters.sensitivity import residuals, sensitivity
@@ -169,21 +168,20 @@ class SysID(TrainingModule, PredictingModule):
         return Identifiability.of(self.physical.names, answer, cut.real, spread)
 
     @torch.no_grad()
-    def pull(self) -> Pull:
-        """Compute how much each trajectory of the last training batch pulls at the parameters."""
+    def response(self) -> Response:
+        """Compute how the estimates respond to the trajectories of the last training batch."""
         batch, index = self._batch, self.indices(self._batch)
         if isinstance(self.optimizers(use_pl_optimizer=False), PatternSearch):
             here = self.physical.logarithm.detach()
-            return coarse_pull(lambda points: self.losses_at(batch, points)[0], here).of_trajectories(index)
+            return Response.coarse(lambda points: self.losses_at(batch, points)[0], here, index)
         cut, slopes, residual = self._followed(batch)
-        pull = Pull.of(self.loss, residual, slopes, cut.real).of_trajectories(index)
+        response = Response.of(self.loss, residual, slopes, cut, cut.noise)
         if not self.steps.chooses:
-            return pull
-        judged = self.layer, self.physical, self._coarse_from(cut), cut.noise
-        shift, chosen = self.steps.remaining(*judged, Shift.of(self.loss, residual, slopes, cut, judged[3]))
+            return response
+        shift, chosen = self.steps.remaining(self.layer, self.physical, self._coarse_from(cut), cut.noise, response)
         for name, value in (("mean", chosen.mean), ("most", chosen.largest), ("bias", chosen.bias)):
             self.log(f"steps/{name}", float(value))
-        return dataclasses.replace(pull, shift=shift)
+        return dataclasses.replace(response, shift=shift)
 
     def _followed(self, batch: Batch) -> tuple[Trajectories, Tensor, Tensor]:
         """Return training segments from states fitted for the present parameters, their answer and residuals."""
@@ -202,15 +200,13 @@ class SysID(TrainingModule, PredictingModule):
     @torch.no_grad()
     def _choose_steps(self) -> None:
         """Choose the steps of the training segments; the loss is another one then, and the optimizer begins anew."""
-        shift, cut = None, self.trajectories(self._batch, self.segment)
+        cut = self.trajectories(self._batch, self.segment)
         kind: Any = self.optimizers(use_pl_optimizer=False)
-        noise = cut.noise
-        if isinstance(kind, PatternSearch):
-            shift = Shift.none(cut, len(self.physical.names))
-        else:
+        noise, response = cut.noise, Response.unknown(len(self.physical.names))
+        if not isinstance(kind, PatternSearch):
             cut, slopes, residual = self._followed(self._batch)
-            shift = Shift.of(self.loss, residual, slopes, cut, noise)
-        self.steps.choose(self.layer, self.physical, self._coarse_from(cut), noise, shift)
+            response = Response.of(self.loss, residual, slopes, cut, noise)
+        self.steps.choose(self.layer, self.physical, self._coarse_from(cut), noise, response)
         kind.state.clear()
         self.print(self.steps.report)
 

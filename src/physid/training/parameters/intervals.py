@@ -10,119 +10,142 @@ from typing import final
 import torch
 from torch import Tensor
 
+from physid.estimation.least_squares.covariance import covariance_of, reach_of
+from physid.estimation.least_squares.normal_equations import Normal
+from physid.estimation.measurement.sensor_noise import Noise
 from physid.training.parameters.pose_loss import PoseLoss
+from physid.training.parameters.trajectories import Trajectories
 
-CONFIDENCE = 0.9
 COARSE = 0.1
 """Step of ln(parameter) where the slope of the loss says nothing."""
 ROUNDING = 1e-10
 """Root of the mean square of derivatives [m] that are nothing but rounding."""
 WIDEST = 10.0
 """Standard deviation of a logarithm beyond which nothing is known."""
+RIDGE = 1e-12
+"""Least curvature, relative to the largest: a parameter without influence gets a huge variance, not an error."""
 
 
 @final
 @dataclass(frozen=True)
-class Pull:
-    """How much trajectories pull at the logarithms of P parameters where their mean loss is least.
+class Response:
+    """How the estimates of P ln(parameter) respond to the poses of B segments, and how well they are known.
 
     Attributes:
-        gradient: Derivative of each loss, shape (B, P).
-        curvature: Second derivative of each, in Gauss and Newton's approximation, shape (B, P, P).
-        shift: What the steps of the engine may still change of the parameters, shape (P,); None for nothing.
+        normal: Normal equations by trajectory.
+        least: Variances that the white noise of the poses alone would cause, shape (P,).
+        gain: H^-1 J^T W, by which estimates follow predicted poses, d = -gain r, shape (P, B, T, N, 6); None where
+            derivatives mean nothing.
+        shift: What the steps of the engine may still change of the estimates, shape (P,); None for nothing.
     """
 
-    gradient: Tensor
-    curvature: Tensor
+    normal: Normal
+    least: Tensor
+    gain: Tensor | None = None
     shift: Tensor | None = None
 
     @classmethod
-    def of(cls, loss: PoseLoss, residual: Tensor, slopes: Tensor, real: Tensor) -> Pull:
-        """Compute it from residuals (B, T, N, 6) and their derivatives J (P, B, T, N, 6) by the logarithms."""
-        weight = loss.weights(residual, real)
-        gradient = torch.einsum("pbtni,btni,btni->bp", slopes, weight, residual)
-        return cls(2 * gradient, 2 * torch.einsum("pbtni,qbtni,btni->bpq", slopes, slopes, weight))
+    def of(cls, loss: PoseLoss, residual: Tensor, slopes: Tensor, cut: Trajectories, noise: Noise) -> Response:
+        """Compute it from residuals (B, T, N, 6), their derivatives J (P, B, T, N, 6) and the noise of the poses."""
+        normal = normal_of(loss, residual, slopes, cut.real)
+        weighted = slopes * loss.weights(residual, cut.real)
+        total = normal.matrix.sum(0)
+        gain = torch.einsum("pq,qbtni->pbtni", torch.linalg.inv(total + torch.diag(ridge_of(total))), weighted)
+        least = (gain * noise.spread().to(gain)).square().sum((1, 2, 3, 4))
+        return cls(normal.grouped(cut.index), least, gain)
 
-    def of_trajectories(self, index: Tensor) -> Pull:
-        """Sum over the segments of each trajectory, of which `index` (B,) names one for each."""
-        which = index.unique(return_inverse=True)[1]
-        count = int(which.max()) + 1
+    @classmethod
+    def unknown(cls, count: int) -> Response:
+        """Say nothing of P estimates."""
+        zero = torch.zeros(1, count, dtype=torch.float64)
+        return cls(Normal(zero[..., None].expand(-1, -1, count), zero, zero[:, 0]), zero[0])
 
-        def summed(value: Tensor) -> Tensor:
-            return value.new_zeros(count, *value.shape[1:]).index_add(0, which, value)
+    @classmethod
+    def coarse(cls, losses: Callable[[Tensor], Tensor], here: Tensor, index: Tensor, step: float = COARSE) -> Response:
+        """Compute it by differences of the losses over a coarse step, where their slopes say nothing.
 
-        return Pull(summed(self.gradient), summed(self.curvature), self.shift)
+        Args:
+            losses: The losses (K, B) of B segments at K points (K, P).
+            here: The point where their mean is least, shape (P,).
+            index: The trajectory of each segment, shape (B,).
+            step: Of the differences; the curvature is that of the mean.
+        """
+        count = len(here)
+        moves = step * torch.eye(count).to(here)
+        pairs = torch.stack([moves[:, None] + moves, moves[:, None] - moves]).flatten(0, 2)
+        value = losses(here + torch.cat([moves, -moves, pairs, -pairs]))
+        plus, minus, both = value[:count], value[count : 2 * count], value[2 * count :]
+        along, across = both.unflatten(0, (2, 2, count, count)).sum(0)
+        matrix = (along - across).mean(-1) / (8 * step**2)
+        size = value.shape[1]
+        normal = Normal(matrix.expand(size, count, count), ((minus - plus) / (4 * step)).T, value[0])
+        return cls(normal.grouped(index), torch.zeros_like(here))
 
     def covariance(self) -> Tensor:
-        """Compute the covariance of the parameters, shape (P, P).
-
-        H^-1 (sum_b u_b u_b^T) H^-1, with H the sum of the curvatures and u_b = (1 - H_b H^-1)^-1 g_b: the residuals of
-        whole trajectories stand for all that disturbs them, noise, however coloured, and misfit, as long as it is
-        independent between trajectories (Huber 1967, White 1982, Liang & Zeger 1986); the factor makes up for their
-        having been fitted (CR3: Bell & McCaffrey 2002). What all trajectories share, say a wrong length, does not show,
-        but for the steps of the engine: the square of what these may change is added.
-        """
-        total = self.curvature.sum(0)
-        diagonal = total.diagonal()
-        # A parameter without influence gets a huge deviation, not an error.
-        floor = 1e-12 * diagonal.max() + torch.finfo(total.dtype).tiny
-        inverse = torch.linalg.inv(total + torch.diag(floor.expand(len(total))))
-        left = torch.eye(len(total)).to(total) - self.curvature @ inverse
-        pulled = torch.linalg.lstsq(left, self.gradient[..., None]).solution[..., 0]
-        spread: Tensor = inverse @ (pulled.T @ pulled) @ inverse
+        """Estimate the covariance of the estimates (see `covariance_of`), and what the steps may change, squared."""
+        total = self.normal.matrix.sum(0)
+        ridge = ridge_of(total)
+        spread = covariance_of(self.normal.solved(ridge), ridge, self.least)
         if self.shift is not None:
             spread = spread + torch.outer(self.shift, self.shift)
-        return known(spread, total, len(self.gradient))
+        return known(spread, total, len(self.normal.square))
+
+    def deviation(self) -> Tensor:
+        """Return standard errors of ln(parameter), huge where nothing is known, shape (P,)."""
+        return self.covariance().diagonal().clamp_min(0).sqrt().nan_to_num(torch.inf)
+
+    def __call__(self, apart: Tensor) -> Tensor:
+        """Return the change of ln(parameter) (P,) by a change of predicted poses (B, T, N, 6)."""
+        if self.gain is None:
+            return torch.zeros_like(self.least)
+        return -torch.einsum("pbtni,btni->p", self.gain, apart)
 
 
-def known(covariance: Tensor, curvature: Tensor, trajectories: int) -> Tensor:
-    """Return a covariance (P, P) that is infinite for parameters whose curvature, summed, is nothing but rounding.
+def normal_of(loss: PoseLoss, residual: Tensor, slopes: Tensor, real: Tensor) -> Normal:
+    """Return the normal equations of each segment, from residuals (B, T, N, 6) and derivatives J (P, B, T, N, 6)."""
+    weight = loss.weights(residual, real)
+    matrix = torch.einsum("pbtni,qbtni,btni->bpq", slopes, slopes, weight)
+    vector = -torch.einsum("pbtni,btni,btni->bp", slopes, weight, residual)
+    return Normal(matrix, vector, (weight * residual.square()).sum((1, 2, 3)))
+
+
+def ridge_of(matrix: Tensor) -> Tensor:
+    """Return what keeps a matrix (P, P) regular, shape (P,)."""
+    return (RIDGE * matrix.diagonal().max() + torch.finfo(matrix.dtype).tiny).expand(len(matrix))
+
+
+def known(covariance: Tensor, matrix: Tensor, trajectories: int) -> Tensor:
+    """Return a covariance (P, P) that is infinite for parameters whose J^T W J, summed, is nothing but rounding.
 
     The quotient of two rounding errors may be anything, zero included.
     """
-    unseen = curvature.diagonal() <= 2 * ROUNDING**2 * trajectories
+    unseen = matrix.diagonal() <= ROUNDING**2 * trajectories
     return torch.where(torch.diag(unseen), math.inf, covariance)
 
 
-def coarse_pull(losses: Callable[[Tensor], Tensor], here: Tensor, step: float = COARSE) -> Pull:
-    """Compute the pull by differences of the losses over a coarse step, where their slopes say nothing.
-
-    Args:
-        losses: The losses (K, B) of B trajectories at K points (K, P).
-        here: The point where their mean is least, shape (P,).
-        step: Of the differences; the curvature is that of the mean.
-    """
-    count = len(here)
-    moves = step * torch.eye(count).to(here)
-    pairs = torch.stack([moves[:, None] + moves, moves[:, None] - moves]).flatten(0, 2)
-    value = losses(here + torch.cat([moves, -moves, pairs, -pairs]))
-    plus, minus, both = value[:count], value[count : 2 * count], value[2 * count :]
-    along, across = both.unflatten(0, (2, 2, count, count)).sum(0)
-    curvature = (along - across).mean(-1) / (4 * step**2)
-    size = value.shape[1]
-    return Pull(((plus - minus) / (2 * step)).T, curvature.expand(size, count, count))
-
-
-def intervals(
-    estimates: Mapping[str, float], covariance: Tensor, trajectories: int, confidence: float = CONFIDENCE
-) -> dict[str, tuple[float, float]]:
-    """Return an interval of each parameter, by Student's distribution of its logarithm.
+def intervals(estimates: Mapping[str, float], covariance: Tensor, trajectories: int) -> dict[str, tuple[float, float]]:
+    """Return a 90 % interval of each parameter, by Student's distribution of its logarithm.
 
     Args:
         estimates: Parameters by name.
         covariance: Of their logarithms, shape (P, P).
         trajectories: From how many independent trajectories it was estimated.
-        confidence: Share of the intervals that hold the truth.
 
     Returns:
-        Lower and upper end by name; (0, inf) where nothing is known.
+        Lower and upper end by name, of those of which something is known.
     """
-    from scipy.stats import t as student
-
-    quantile = float(student.ppf((1 + confidence) / 2, max(trajectories - 1, 1)))
     found: dict[str, tuple[float, float]] = {}
-    for (name, value), variance in zip(estimates.items(), covariance.diagonal().tolist(), strict=True):
-        finite = math.isfinite(variance) and 0 <= variance < WIDEST**2
-        factor = math.exp(quantile * math.sqrt(variance)) if finite else math.inf
-        found[name] = (value / factor, value * factor)
+    reaches = reach_of(covariance, trajectories).tolist()
+    for (name, value), reach, variance in zip(estimates.items(), reaches, covariance.diagonal().tolist(), strict=True):
+        if 0 <= variance < WIDEST**2:
+            found[name] = (value * math.exp(-reach), value * math.exp(reach))
     return found
+
+
+def logged(ends: Mapping[str, tuple[float, float]]) -> dict[str, Tensor]:
+    """Return intervals as figures of a run: params/NAME/low and params/NAME/high."""
+    return {
+        f"params/{name}/{word}": torch.tensor(value, dtype=torch.float64)
+        for name, pair in ends.items()
+        for word, value in zip(("low", "high"), pair, strict=True)
+    }

@@ -1,4 +1,4 @@
-"""Gauss-Newton over many batches: sums of what one step over all trajectories needs."""
+"""Gauss-Newton over many batches: what one step over all trajectories needs."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ from typing import TYPE_CHECKING, Protocol, final
 import torch
 from torch import Tensor
 
-from physid.training.parameters.intervals import Pull, known
+from physid.estimation.least_squares.covariance import covariance_of
+from physid.estimation.least_squares.levenberg_marquardt import solve_shared
+from physid.estimation.least_squares.normal_equations import Normal
+from physid.training.parameters.intervals import RIDGE, known, normal_of, ridge_of
 from physid.training.parameters.pose_loss import PoseLoss
 from physid.training.parameters.sensitivity import residuals
 from physid.training.parameters.slopes import slopes
@@ -20,8 +23,9 @@ if TYPE_CHECKING:
 
 MISFIT = 3.0
 """Root of a trajectory's loss, relative to the median's, from which on it counts half."""
-FLOOR = 1e-12
-"""Smallest curvature, relative to the largest: a parameter without influence stays where it is."""
+LEAST = 1e-5
+"""Standard deviation of a logarithm: even on poses without noise, engines differ by so much on pushes."""
+FIELDS = ("matrix", "vector", "square")
 
 
 class OwnUnknowns(Protocol):
@@ -34,23 +38,22 @@ class OwnUnknowns(Protocol):
 
 @final
 class NormalEquations:
-    """Gradient and curvature of a loss, collected over trajectories.
+    """Normal equations of a loss, collected over trajectories.
 
     A hit that no parameter explains, since engines resolve it in different ways, outweighs all others by its square.
     Each trajectory therefore counts by a Cauchy weight, w_b = 1 / (1 + L_b / (MISFIT^2 median L)), with L_b its own
     loss: a trajectory that fits like most of them counts fully, whatever the noise.
     """
 
-    def __init__(self, parameters: int) -> None:
-        self._parameters = parameters
+    def __init__(self) -> None:
         self._losses: list[Tensor] = []
-        self._pulls: list[Pull] = []
+        self._normals: list[Normal] = []
         self._common: list[Tensor] = []
 
-    def collect(self, losses: Tensor, pull: Pull, common: Tensor) -> None:
-        """Take losses (B,) of trajectories, how much they pull, and the errors they share (B, P, K), see `common`."""
+    def collect(self, losses: Tensor, normal: Normal, common: Tensor) -> None:
+        """Take losses (B,) of trajectories, their normal equations, and errors they share (B, P, K), see `common`."""
         self._losses.append(losses)
-        self._pulls.append(pull)
+        self._normals.append(normal)
         self._common.append(common)
 
     @property
@@ -61,19 +64,15 @@ class NormalEquations:
         return 1 / (1 + losses / scale) if scale > 0 else torch.ones_like(losses)
 
     @property
-    def gradients(self) -> Tensor:
-        """Weighed derivative of each trajectory's loss by the parameters, shape (B, P)."""
-        return self.weights[:, None] * torch.cat([pull.gradient for pull in self._pulls])
-
-    @property
-    def curvature(self) -> Tensor:
-        """2 J^T W J, weighed and summed over trajectories, shape (P, P)."""
-        each = torch.cat([pull.curvature for pull in self._pulls])
-        return torch.einsum("b,bpq->pq", self.weights, each)
+    def normal(self) -> Normal:
+        """The normal equations of all trajectories, weighed."""
+        weights = self.weights
+        matrix, vector, square = (torch.cat([getattr(one, name) for one in self._normals]) for name in FIELDS)
+        return Normal(weights[:, None, None] * matrix, weights[:, None] * vector, weights * square)
 
     @property
     def common(self) -> Tensor:
-        """2 J^T W e, weighed and summed over trajectories, shape (P, K).
+        """J^T W e, weighed and summed over trajectories, shape (P, K).
 
         e is what each of K independent errors that all of them share, such as that of the scale of an image, adds to
         the residuals within a standard deviation.
@@ -116,28 +115,25 @@ class NormalEquations:
                 moved = torch.stack([residuals(model.layer, physical, one) for one in shifted])
             added = moved[:, usable] - residual
         weight = loss.weights(residual, real[usable])
-        common = 2 * torch.einsum("pbtni,btni,kbtni->bpk", answer, weight, added)
-        self.collect(value[usable], Pull.of(loss, residual, answer, real[usable]), common)
+        common = torch.einsum("pbtni,btni,kbtni->bpk", answer, weight, added)
+        self.collect(value[usable], normal_of(loss, residual, answer, real[usable]), common)
         return value
 
     def step(self, largest: float) -> Tensor:
-        """Solve H x = -g, and shorten x so that no component exceeds `largest`; shape (P,)."""
-        step: Tensor = torch.linalg.solve(self._stiff(), -self.gradients.sum(0))
-        return step * min(1.0, largest / max(float(step.abs().max()), FLOOR))
+        """Solve the normal equations, and shorten x so that no component exceeds `largest`; shape (P,)."""
+        normal = self.normal
+        every = torch.ones_like(normal.square, dtype=torch.bool)
+        step = solve_shared(normal, every, ridge_of(normal.matrix.sum(0)))
+        return step * min(1.0, largest / max(float(step.abs().max()), RIDGE))
 
     def covariance(self) -> Tensor:
-        """Estimate the covariance of the parameters, H^-1 (sum_b g_b g_b^T + C C^T) H^-1, shape (P, P).
+        """Estimate the covariance of the parameters, shape (P, P), once the step is taken (see `covariance_of`).
 
-        The spread of the gradients over trajectories stands for all that their residuals hold, noise and misfit, which
-        only need to be independent between trajectories (Huber 1967, White 1982). An error that all trajectories share
-        does not show there; C is what is known of it, `common`.
+        An error that all trajectories share does not show in it; C C^T is added for what is known of such, `common`.
         """
-        gradients, common, inverse = self.gradients, self.common, torch.linalg.inv(self._stiff())
-        share = len(gradients) / max(len(gradients) - self._parameters, 1)
-        covariance = inverse @ (share * gradients.T @ gradients + common @ common.T) @ inverse
-        return known(covariance, self.curvature, len(gradients))
-
-    def _stiff(self) -> Tensor:
-        curvature = self.curvature
-        diagonal = curvature.diagonal()
-        return curvature + torch.diag(FLOOR * diagonal.max() + torch.finfo(diagonal.dtype).tiny + 0 * diagonal)
+        normal = self.normal
+        total = normal.matrix.sum(0)
+        ridge = ridge_of(total)
+        spread = covariance_of(normal.solved(ridge), ridge, torch.full_like(ridge, LEAST**2))
+        shared = torch.linalg.solve(total + torch.diag(ridge), self.common)
+        return known(spread + shared @ shared.T, total, len(normal.square))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from typing import Any, final
 
 import torch
@@ -11,7 +10,7 @@ from torch import Tensor, nn
 
 from physid.networks.chart import PlanarChart
 from physid.training.learners.base import TrainingModule
-from physid.training.parameters.intervals import WIDEST
+from physid.training.parameters.intervals import intervals, logged
 from physid.training.parameters.pose_loss import PoseLoss
 from physid.training.parameters.trajectories import Trajectories
 from physid.training.refinement.horizon import Batch
@@ -23,10 +22,6 @@ from physid.training.vision.model import VideoModel
 
 LARGEST_STEP = 0.5
 """Of the logarithm of a parameter."""
-QUANTILE = 1.645
-"""Of the normal distribution: 90 % lie within so many standard deviations."""
-SMALLEST = 1e-5
-"""Standard deviation of a logarithm: even on poses without noise, engines differ by so much on pushes."""
 
 
 @final
@@ -74,26 +69,25 @@ class Refinement(nn.Module):
         # Poses that are not finite have no loss at all: the physics refuses them without naming the trajectory.
         module.require_finite({"refined": pose.double().sum((1, 2, 3)) + goal.double().sum((1, 2, 3))}, batch)
         if self._equations is None:
-            self._equations = NormalEquations(len(model.physical.names))
+            self._equations = NormalEquations()
         loss = add_to(self._equations, model, self._loss, pose, batch, goal, real, from_images=from_images)
         module.require_finite({"refined": loss}, batch)
         many = module.trainer.num_training_batches > 1
         module.log("train/loss", loss.mean(), on_step=not many, on_epoch=many, prog_bar=True, batch_size=len(loss))
         if module.trainer.is_last_batch:
-            bounds = self._finish(module, model)
-            module.log_dict({name: torch.tensor(value, dtype=torch.float64) for name, value in bounds.items()})
+            module.log_dict(self._finish(module, model))
 
-    def _finish(self, module: TrainingModule, model: VideoModel) -> dict[str, float]:
+    def _finish(self, module: TrainingModule, model: VideoModel) -> dict[str, Tensor]:
         """Take the step, forget the sums, and return the intervals."""
         assert self._equations is not None
         physical = model.physical
         with torch.no_grad():
-            step = self._calm(self._equations.step(LARGEST_STEP), self._equations.curvature)
+            step = self._calm(self._equations.step(LARGEST_STEP), self._equations.normal.matrix.sum(0))
             physical.logarithm.add_(step.to(physical.logarithm))
-        spread = self._equations.covariance().diagonal().sqrt().tolist()
+        ends = intervals(physical.estimates(), self._equations.covariance(), len(self._equations.weights))
         self._equations = None
         _count_a_step(module.optimizers())
-        return interval(physical.estimates(), spread)
+        return logged(ends)
 
 
 @torch.no_grad()
@@ -142,16 +136,3 @@ def _count_a_step(optimizer: Any) -> None:
     """Let the optimizer step without gradients: Lightning writes a checkpoint only where a step was counted."""
     optimizer.zero_grad()
     optimizer.step()
-
-
-def interval(estimates: dict[str, float], spread: list[float]) -> dict[str, float]:
-    """Return 90 % intervals from the standard deviations of the parameters' logarithms, at least SMALLEST.
-
-    A parameter of which nothing is known has none.
-    """
-    bounds: dict[str, float] = {}
-    for (name, value), deviation in zip(estimates.items(), spread, strict=True):
-        if deviation < WIDEST:
-            factor = math.exp(QUANTILE * max(deviation, SMALLEST))
-            bounds |= {f"params/{name}/low": value / factor, f"params/{name}/high": value * factor}
-    return bounds
