@@ -63,7 +63,7 @@ class Hypothesis:
         return covariance_of(fitted, prior(self.experiment.predictor, self.columns))
 
     def reach(self, covariance: Tensor) -> Tensor:
-        """Return how far the intervals (of 90 % by default) of the shared parameters reach to either side, shape (P,)."""
+        """Return how far intervals (of 90 % by default) of the shared parameters reach to either side, shape (P,)."""
         return reach_of(covariance, int(self.experiment.fitted.sum()), self.settings.hypothesis.confidence)
 
     def absent(self, covariance: Tensor) -> list[str]:
