@@ -74,9 +74,9 @@ def judge(number: int, seed: int) -> dict[str, Any]:
         content.pop("integration", None)
         (folder / "recording.yaml").write_text(yaml.safe_dump(content))
         found = diagnose(folder, Path(work) / "out")
-    named = [one["name"] for one in found["effects"]]
+    named = list(found.blamed)
     row = {"number": number, "scene": drawn["scene"], "rate": drawn["frame_rate"], "hidden": hidden}
-    row |= {"jitter": "jitter" in drawn, "verdict": found["verdict"], "named": named, "group": found["group"]}
+    row |= {"jitter": "jitter" in drawn, "verdict": found.verdict, "named": named, "group": list(found.group)}
     print(json.dumps(row), flush=True)
     return row
 

@@ -35,10 +35,10 @@ def main() -> None:
         generate(hidden, Path(folder, "recordings"), workers=1, quiet=True)
         found = diagnose(Path(folder, "recordings"), Path(folder, "diagnosis"))
     print("\n".join(summary_lines(found)))
-    named = {effect["name"]: effect["parameters"] for effect in found["effects"]}
+    named = {effect.name: effect.parameters for effect in found.effects}
     if list(named) != ["viscous_drag"]:
         raise SystemExit(f"hidden was a viscous drag, blamed is {', '.join(named) or 'nothing'}")
-    estimate = named["viscous_drag"]["coefficient"]["value"]
+    estimate = named["viscous_drag"]["coefficient"].value
     if abs(estimate / DRAG - 1) > TOLERANCE:
         raise SystemExit(f"the drag is off by {estimate / DRAG - 1:.1%}; at most {TOLERANCE:.0%} is right")
 

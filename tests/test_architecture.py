@@ -38,6 +38,7 @@ RANKS = {
 ROOMS = {
     "estimation": ("measurement", "prediction", "least_squares"),
     "diagnosis": (
+        "document",
         "settings",
         "progress.py",
         "inputs",
@@ -45,7 +46,6 @@ ROOMS = {
         "testing",
         "selection",
         "conclusion",
-        "document",
         "report",
         "diagnose.py",
     ),

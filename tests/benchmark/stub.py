@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
-from tests.diagnosis.documents import diagnosis
+from tests.diagnosis.documents import said
 
-from physid.diagnosis.document.document import write_diagnosis
+from physid.diagnosis.document.document import Diagnosis, write_diagnosis
 
 
-def ignorant(recordings: Path, out: Path) -> Mapping[str, Any]:
+def ignorant(recordings: Path, out: Path) -> Diagnosis:
     """Say `none` of everything."""
-    document = diagnosis("none")
+    document = said("none")
     write_diagnosis(out, document)
     return document
 
 
-def failing(recordings: Path, out: Path) -> Mapping[str, Any]:
+def failing(recordings: Path, out: Path) -> Diagnosis:
     """Fail."""
     raise ValueError("nothing moves")
 
 
-def cheating(recordings: Path, out: Path) -> Mapping[str, Any]:
+def cheating(recordings: Path, out: Path) -> Diagnosis:
     """Open the labels."""
     (recordings.parent.parent / "sealed" / "labels.json").read_text()
     return ignorant(recordings, out)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+import dataclasses
 
 import numpy as np
 import pytest
@@ -14,6 +14,7 @@ from physid.benchmark.scoring.figures import Figure, figures, reliability
 from physid.benchmark.scoring.intervals import bootstrap_calibration_error, half_power, wilson
 from physid.benchmark.scoring.judging import Judged, bin_of, judge
 from physid.benchmark.verdicts import Spent
+from physid.diagnosis.document.document import Diagnosis, check_diagnosis
 
 DRAG = Part("viscous_drag", "dynamics", {"coefficient": 0.2}, 2.0)
 GAIN = Part("force_gain", "actuation", {"gain": 0.1}, 2.0)
@@ -27,13 +28,13 @@ def label(role: str = "catalogue", *parts: Part, right: tuple[tuple[str, ...], .
     return Label(role, "push", "rich", hidden, names, 2.0, ("coast",), 1e-3, {"block.mass": 1.0})  # type: ignore[arg-type]
 
 
-def said(verdict: str, *names: str, group: tuple[str, ...] = ()) -> dict[str, Any]:
+def said(verdict: str, *names: str, group: tuple[str, ...] = ()) -> Diagnosis:
     """Return a diagnosis that blames effects."""
     made = diagnosis(verdict)
     if names:
         made["effects"] = [{"name": name, "site": "dynamics", "parameters": {}} for name in names]
         made["group"] = [*names, *group]
-    return made
+    return check_diagnosis(made)
 
 
 @pytest.mark.parametrize(
@@ -63,33 +64,35 @@ def said(verdict: str, *names: str, group: tuple[str, ...] = ()) -> dict[str, An
     ],
 )
 def test_a_verdict_is_right_exactly_or_within_its_group(
-    truth: Label, verdict: dict[str, Any], exact: bool, grouped: bool
+    truth: Label, verdict: Diagnosis, exact: bool, grouped: bool
 ) -> None:
     one = judge("000", verdict, truth)
     assert (one.exact, one.grouped) == (exact, grouped)
-    assert one.flagged == (verdict["verdict"] != "none")
+    assert one.flagged == (verdict.verdict != "none")
 
 
 def test_site_and_phase_are_those_of_the_largest_share_and_the_strongest_cell() -> None:
     document = diagnosis()
-    one = judge("000", document, label())
+    one = judge("000", check_diagnosis(document), label())
     assert one.site is True
     assert one.phase is True
     document["where"]["site"] = {"perception": 0.0, "actuation": 0.9, "dynamics": 0.1, "contact": 0.0}
     document["where"]["cells"][0]["phase"] = "impact"
-    other = judge("000", document, label())
+    other = judge("000", check_diagnosis(document), label())
     assert other.site is False
     assert other.phase is False
-    assert judge("000", diagnosis("none"), label()).site is None
-    assert judge("000", document, FREE).phase is None
+    assert judge("000", said("none"), label()).site is None
+    assert judge("000", check_diagnosis(document), FREE).phase is None
 
 
 def test_an_interval_covers_the_truth_or_does_not() -> None:
     document = diagnosis()  # 0.19 to 0.23 N s/m, 0.995 to 1.009 kg
-    assert judge("000", document, label()).covered == ((True,), (True,))
+    assert judge("000", check_diagnosis(document), label()).covered == ((True,), (True,))
     off = Part("viscous_drag", "dynamics", {"coefficient": 0.24}, 2.0)
-    assert judge("000", document, label("catalogue", off)).covered[0] == (False,)
-    assert judge("000", document, label("catalogue", GAIN)).covered == ((), ()), "sizes of wrong effects are not asked"
+    assert judge("000", check_diagnosis(document), label("catalogue", off)).covered[0] == (False,)
+    assert judge("000", check_diagnosis(document), label("catalogue", GAIN)).covered == ((), ()), (
+        "sizes of wrong effects are not asked"
+    )
 
 
 def test_what_closes_is_relative_to_the_noise_that_the_true_effect_leaves() -> None:
@@ -97,16 +100,16 @@ def test_what_closes_is_relative_to_the_noise_that_the_true_effect_leaves() -> N
     floor = 3**0.5 * 1e-3
     document["gap"]["same"] = {"before": 0.02, "after": floor}
     document["gap"]["transfer"] = {"before": 0.02, "after": 0.02}
-    one = judge("000", document, label())
+    one = judge("000", check_diagnosis(document), label())
     assert one.same == pytest.approx(1)
     assert one.transfer == pytest.approx(0)
     document["gap"]["same"] = {"before": 1.01 * floor, "after": floor}
-    document["gap"]["transfer"] = None
-    near = judge("000", document, label())
+    document["gap"]["transfer"] = document["shrink"]["transfer"] = None
+    near = judge("000", check_diagnosis(document), label())
     assert near.same is None
     assert near.transfer is None
     document["gap"]["same"] = {"before": 0.02, "after": None}
-    assert judge("000", document, label()).same == 0, "a gap that is not explained does not close"
+    assert judge("000", check_diagnosis(document), label()).same == 0, "a gap that is not explained does not close"
 
 
 def test_severities_have_names() -> None:
@@ -159,7 +162,7 @@ def test_figures_count_what_they_say() -> None:
 def test_confidence_is_calibrated_if_it_is_the_share_of_right_verdicts() -> None:
     def set_of(confidence: float, right: int, wrong: int) -> list[Judged]:
         hit, miss = said("named", "viscous_drag"), said("named", "tether")
-        hit["confidence"] = miss["confidence"] = confidence
+        hit, miss = (dataclasses.replace(one, confidence=confidence) for one in (hit, miss))
         return [judge("0", hit, label())] * right + [judge("1", miss, label())] * wrong
 
     def error(judged: list[Judged]) -> float | None:
@@ -175,7 +178,7 @@ def test_every_figure_but_the_longest_time_has_an_interval() -> None:
     pair = label("pair", DRAG, GAIN)
     judged = [
         *(judge("0", said("none"), FREE, seconds), judge("1", said("unknown"), FREE, seconds)),
-        *(judge("2", diagnosis(), label(), seconds), judge("3", said("none"), label(), seconds)),
+        *(judge("2", check_diagnosis(diagnosis()), label(), seconds), judge("3", said("none"), label(), seconds)),
         judge("4", said("unknown"), label("outside", right=()), seconds),
         judge("5", said("named", "force_gain", "viscous_drag"), pair, seconds),
     ]
@@ -198,10 +201,10 @@ def test_the_interval_of_the_calibration_error_holds_it_and_shrinks_with_more_se
 def test_baselines_take_the_best_of_the_ranking_if_it_gains_enough() -> None:
     document = diagnosis()
     document["ranking"] = [{"effects": ["viscous_drag"], "score": 11.0, "p_value": 0.5}]
-    assert likelihood(document).named == "viscous_drag"
-    assert bic(document, numbers=10**3).named == "viscous_drag"  # ln 1000 = 6.9
-    assert not bic(document, numbers=10**5).flagged  # ln 1e5 = 11.5
+    assert likelihood(check_diagnosis(document)).named == "viscous_drag"
+    assert bic(check_diagnosis(document), numbers=10**3).named == "viscous_drag"  # ln 1000 = 6.9
+    assert not bic(check_diagnosis(document), numbers=10**5).flagged  # ln 1e5 = 11.5
     document["ranking"][0]["score"] = 9.0
-    assert not likelihood(document).flagged
+    assert not likelihood(check_diagnosis(document)).flagged
     document["ranking"] = []
-    assert not likelihood(document).flagged
+    assert not likelihood(check_diagnosis(document)).flagged

@@ -5,6 +5,8 @@ from __future__ import annotations
 import copy
 from typing import Any
 
+from physid.diagnosis.document.document import Diagnosis, check_diagnosis
+
 NAMED: dict[str, Any] = {
     "format": "physid-diagnosis",
     "version": 2,
@@ -65,3 +67,8 @@ def diagnosis(verdict: str = "named", *, transfer: bool = True) -> dict[str, Any
     if not transfer:
         made["gap"]["transfer"] = made["shrink"]["transfer"] = None
     return made
+
+
+def said(verdict: str = "named", *, transfer: bool = True) -> Diagnosis:
+    """Return the same as a typed model."""
+    return check_diagnosis(diagnosis(verdict, transfer=transfer))

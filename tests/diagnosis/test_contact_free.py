@@ -74,12 +74,12 @@ def test_a_drag_that_shows_in_flight_is_named_with_its_size_although_blocks_boun
     tossed: Path, tmp_path: Path
 ) -> None:
     found = diagnose(tossed, tmp_path)
-    assert found["verdict"] in ("named", "group")
-    assert found["effects"][0]["name"] == "viscous_drag"
-    assert found["effects"][0]["parameters"]["coefficient"]["value"] == pytest.approx(DRAG, rel=TOLERANCE)
+    assert found.verdict in ("named", "group")
+    assert found.effects[0].name == "viscous_drag"
+    assert found.effects[0].parameters["coefficient"].value == pytest.approx(DRAG, rel=TOLERANCE)
     # Flights say nothing of restitution: it comes from all frames, and not as anything between 0 and 1.
-    known = found["parameters"]["block.restitution"]["with_effect"]
-    assert known["high"] - known["low"] < 0.5 * known["value"]
+    known = found.parameters["block.restitution"].with_effect
+    assert known.high - known.low < 0.5 * known.value
 
 
 def test_what_cannot_be_simulated_in_all_frames_stays_as_contact_free_segments_say(
@@ -101,7 +101,7 @@ def test_what_flights_show_and_what_bodies_on_the_ground_show_are_found_together
     height = 0.003
     hidden = {"viscous_drag": {"coefficient": DRAG}, "camera_offset": {"z": height}}
     found = diagnose(recorded(tmp_path / "tossed", hidden, **TOSS), tmp_path / "out")
-    sizes = {effect["name"]: effect["parameters"] for effect in found["effects"]}
+    sizes = {effect.name: effect.parameters for effect in found.effects}
     assert set(sizes) == set(hidden)
-    assert sizes["viscous_drag"]["coefficient"]["value"] == pytest.approx(DRAG, rel=0.15)
-    assert sizes["camera_offset"]["z"]["value"] == pytest.approx(height, rel=0.1)
+    assert sizes["viscous_drag"]["coefficient"].value == pytest.approx(DRAG, rel=0.15)
+    assert sizes["camera_offset"]["z"].value == pytest.approx(height, rel=0.1)

@@ -48,32 +48,32 @@ def free(folder: Path) -> Path:
 
 
 def names(found: Mapping[str, Any]) -> list[str]:
-    return [effect["name"] for effect in found["effects"]]
+    return list(found.blamed)
 
 
 def test_a_hidden_drag_is_named_with_its_size(drag: Mapping[str, Any]) -> None:
-    assert (drag["verdict"], names(drag)) == ("named", ["viscous_drag"])
-    size = drag["effects"][0]["parameters"]["coefficient"]
-    assert abs(size["value"] - DRAG) < WIDER * (size["high"] - size["low"]) / 2
-    assert size["unit"] == "N s/m"
+    assert (drag.verdict, names(drag)) == ("named", ["viscous_drag"])
+    size = drag.effects[0].parameters["coefficient"]
+    assert abs(size.value - DRAG) < WIDER * (size.high - size.low) / 2
+    assert size.unit == "N s/m"
 
 
 def test_the_drag_lies_in_the_dynamics_and_closes_the_gap_on_both_protocols(drag: Mapping[str, Any]) -> None:
-    assert max(drag["where"]["site"], key=drag["where"]["site"].get) == "dynamics"
-    assert {cell["dof"] for cell in drag["where"]["cells"][:3]} <= {"x", "y"}
+    assert max(drag.where.site, key=drag.where.site.get) == "dynamics"
+    assert {cell.dof for cell in drag.where.cells[:3]} <= {"x", "y"}
     for split in ("same", "transfer"):
-        assert drag["gap"][split]["after"] < drag["gap"][split]["before"]
-    assert drag["shrink"]["same"]["value"] > CLOSED
+        assert drag.errors(split).after < drag.errors(split).before
+    assert drag.shrink.same.value > CLOSED
 
 
 def test_friction_is_right_once_the_drag_is_known(drag: Mapping[str, Any]) -> None:
-    with_effect = drag["parameters"]["block.friction"]["with_effect"]
-    assert with_effect["value"] == pytest.approx(FRICTION, rel=FRICTION_TOLERANCE)
-    assert abs(with_effect["value"] - FRICTION) < abs(drag["parameters"]["block.friction"]["nominal"] - FRICTION)
+    with_effect = drag.parameters["block.friction"].with_effect
+    assert with_effect.value == pytest.approx(FRICTION, rel=FRICTION_TOLERANCE)
+    assert abs(with_effect.value - FRICTION) < abs(drag.parameters["block.friction"].nominal - FRICTION)
 
 
 def test_what_is_written_is_what_is_returned(folder: Path, drag: Mapping[str, Any]) -> None:
-    assert read_diagnosis(folder / "drag" / FILE) == json.loads(json.dumps(drag))
+    assert read_diagnosis(folder / "drag" / FILE) == drag
     assert "Viscous drag" in (folder / "drag" / "report.html").read_text()
     assert len(summary_lines(drag)) <= MOST_LINES
 
@@ -93,8 +93,8 @@ def test_the_saved_model_is_what_fit_takes_and_predicts_better(
 
 def test_nothing_is_found_where_nothing_is_hidden(folder: Path, free: Path) -> None:
     found = diagnose(free, folder / "none")
-    assert (found["verdict"], found["effects"], found["group"]) == ("none", [], [])
-    assert found["parameters"]["block.friction"]["nominal"] == pytest.approx(FRICTION, rel=FRICTION_TOLERANCE)
+    assert (found.verdict, found.effects, found.group) == ("none", (), ())
+    assert found.parameters["block.friction"].nominal == pytest.approx(FRICTION, rel=FRICTION_TOLERANCE)
 
 
 @pytest.mark.slow
@@ -103,20 +103,20 @@ def test_outliers_decide_nothing(folder: Path, free: Path, dragged: Path) -> Non
     for source, verdict in ((free, "none"), (dragged, "named")):
         wild = rewritten(source, folder / f"wild_{verdict}", lambda _, one: with_wild_poses(one, random))
         found = diagnose(wild, folder / f"of_wild_{verdict}")
-        assert found["verdict"] == verdict
+        assert found.verdict == verdict
         assert names(found) == (["viscous_drag"] if verdict == "named" else [])
 
 
 def test_noise_free_recordings_without_an_effect_show_none(folder: Path) -> None:
     plain = recorded(folder / "plain", protocol="paper", protocol_of_split={}, noise={}, split={"train": 4, "test": 1})
-    assert diagnose(plain, folder / "of_plain")["verdict"] == "none"
+    assert diagnose(plain, folder / "of_plain").verdict == "none"
 
 
 @pytest.mark.slow
 def test_an_effect_outside_the_catalogue_is_unknown_until_its_law_is_given(folder: Path) -> None:
     strange = recorded_with(folder / "strange", [Vortex(torch.tensor([2.0], dtype=torch.float64))])
     found = diagnose(strange, folder / "unknown")
-    assert (found["verdict"], found["effects"]) == ("unknown", [])
+    assert (found.verdict, found.effects) == ("unknown", ())
     own = diagnose(strange, folder / "own", effects=[Vortex])
     assert names(own) == ["vortex"]
 
@@ -124,9 +124,9 @@ def test_an_effect_outside_the_catalogue_is_unknown_until_its_law_is_given(folde
 @pytest.mark.slow
 def test_what_one_mass_does_not_identify_apart_is_a_group(folder: Path) -> None:
     found = diagnose(recorded(folder / "tilted", {"ground_tilt": {"x": 0.03, "y": 0.02}}), folder / "tilt")
-    assert found["verdict"] == "group"
-    assert set(found["group"]) == {"ground_tilt", "constant_force"}
-    assert "another mass" in found["next_experiment"]
+    assert found.verdict == "group"
+    assert set(found.group) == {"ground_tilt", "constant_force"}
+    assert "another mass" in found.next_experiment
     assert not (folder / "tilt" / NEXT).exists(), "no force profile of push tells them apart"
 
 
@@ -135,8 +135,8 @@ def test_the_next_experiment_tells_apart_what_these_recordings_cannot(folder: Pa
     drag = {"viscous_drag": {"coefficient": 2.0}}
     slow = recorded(folder / "slow", drag, protocol="paper", protocol_of_split={}, split={"fit": 5, "report_same": 1})
     found = diagnose(slow, folder / "of_slow")
-    assert (found["verdict"], set(found["group"])) == ("group", {"viscous_drag", "quadratic_drag"})
-    told = re.search(r"differ by (\d+) standard deviations .* like these differ by ([\d.]+)", found["next_experiment"])
+    assert (found.verdict, set(found.group)) == ("group", {"viscous_drag", "quadratic_drag"})
+    told = re.search(r"differ by (\d+) standard deviations .* like these differ by ([\d.]+)", found.next_experiment)
     assert told is not None
     assert float(told.group(1)) > 2 * float(told.group(2))
     config = folder / "of_slow" / NEXT
@@ -145,17 +145,17 @@ def test_the_next_experiment_tells_apart_what_these_recordings_cannot(folder: Pa
     words = ["generate", "--config", str(config), f"--out={folder / 'next'}", "--workers=1", "--quiet", *small, hidden]
     assert main(words) == 0
     after = diagnose(folder / "next", folder / "of_next")
-    assert (after["verdict"], after["group"]) == ("named", ["viscous_drag"])
+    assert (after.verdict, after.group) == ("named", ("viscous_drag",))
 
 
 @pytest.mark.slow
 def test_without_a_transfer_set_a_cause_is_not_certified(folder: Path, dragged: Path) -> None:
     rich = recorded(folder / "rich", {"viscous_drag": {"coefficient": DRAG}}, split={"fit": 3, "report_same": 1})
     alone = diagnose(rich, folder / "alone")
-    assert alone["gap"]["transfer"] is None
+    assert alone.gap.transfer is None
     assert "not certified" in caveat(alone)
     certified = diagnose(rich, folder / "both", transfer=dragged)
-    assert certified["gap"]["transfer"]["before"] > 0
+    assert certified.gap.transfer.before > 0
     assert names(certified) == names(alone) == ["viscous_drag"]
 
 
@@ -171,7 +171,7 @@ def test_the_command_prints_verdict_and_answers(folder: Path, free: Path, capsys
 def test_the_same_seed_gives_the_same_diagnosis(folder: Path, free: Path) -> None:
     first, second = (diagnose(free, folder / f"seed_{k}", seed=3) for k in (0, 1))
     assert first == second
-    assert len(CATALOGUE) >= len(first["ranking"])
+    assert len(CATALOGUE) >= len(first.ranking)
 
 
 @pytest.mark.slow

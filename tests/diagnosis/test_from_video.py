@@ -124,7 +124,7 @@ def test_films_alone_are_read_by_themselves_and_once_only(folder: Path, capsys: 
     out = folder / "out"
     assert main(["diagnose", str(films), f"--out={out}"]) == 0
     assert "Poses are read from the films" in capsys.readouterr().out
-    assert read_diagnosis(out / "diagnosis.json")["verdict"] == "none"
+    assert read_diagnosis(out / "diagnosis.json").verdict == "none"
     assert "Diagnosis of films" in (out / "report.html").read_text()
     assert "data:image/webp" in (out / "report.html").read_text(), "the films are found for the overlay"
     written = (out / "read" / FILE).stat().st_mtime_ns
@@ -152,7 +152,7 @@ def test_a_drag_is_named_from_films_and_films_without_an_effect_show_none(folder
         out = folder / f"of_{verdict}"
         assert main(["diagnose", str(films), "--from-video", f"--out={out}", "--quiet"]) == 0
         found = read_diagnosis(out / "diagnosis.json")
-        assert found["verdict"] == verdict
-        assert [each["name"] for each in found["effects"]] == list(effects)
-    size = found["effects"][0]["parameters"]["coefficient"]
-    assert abs(size["value"] - DRAG) < WIDER * (size["high"] - size["low"]) / 2
+        assert found.verdict == verdict
+        assert list(found.blamed) == list(effects)
+    size = found.effects[0].parameters["coefficient"]
+    assert abs(size.value - DRAG) < WIDER * (size.high - size.low) / 2

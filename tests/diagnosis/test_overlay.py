@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 
-from diagnosis.documents import NAMED
+from diagnosis.documents import said
 from physid.data.format import RecordingSet
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig
@@ -70,7 +70,7 @@ def test_the_held_out_trajectory_that_is_missed_most_is_drawn_and_small_differen
 def test_the_page_carries_film_and_pictures_and_stays_small(films: Path, tmp_path: Path) -> None:
     before = torch.full((4,), 0.03, dtype=torch.float64)
     made = drawn(films, tmp_path, before, before / 10)
-    page = render(NAMED, ReportData(overlay=made))
+    page = render(said(), ReportData(overlay=made))
     assert page.count("data:image/webp") == len(made.stills if made else ()) == 4
     assert page.count("data:video/mp4") == 1
     assert "with viscous drag" in page

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from diagnosis.documents import diagnosis
-from physid.diagnosis.document.document import VERDICTS
+from diagnosis.documents import diagnosis, said
+from physid.diagnosis.document.document import VERDICTS, Estimate, check_diagnosis
 from physid.diagnosis.document.sentences import (
     MOST_LINES,
     caveat,
@@ -28,21 +28,21 @@ SENTENCES = {
 
 @pytest.mark.parametrize("verdict", VERDICTS)
 def test_a_verdict_is_one_plain_sentence(verdict: str) -> None:
-    assert verdict_sentence(diagnosis(verdict)) == SENTENCES[verdict]
+    assert verdict_sentence(said(verdict)) == SENTENCES[verdict]
 
 
 @pytest.mark.parametrize("verdict", VERDICTS)
 def test_without_a_transfer_set_nothing_is_called_a_cause(verdict: str) -> None:
     document = diagnosis(verdict, transfer=False)
-    assert "cause" not in verdict_sentence(document)
+    assert "cause" not in verdict_sentence(check_diagnosis(document))
     if document["effects"]:
-        assert caveat(document) == "Predictive only, cause not certified: there is no transfer set."
-        assert any("cause not certified" in line for line in summary_lines(document))
+        assert caveat(check_diagnosis(document)) == "Predictive only, cause not certified: there is no transfer set."
+        assert any("cause not certified" in line for line in summary_lines(check_diagnosis(document)))
 
 
 def test_a_certified_cause_needs_no_warning_but_the_absence_of_a_gap_does() -> None:
-    assert not caveat(diagnosis("named"))
-    assert "not no effect" in caveat(diagnosis("none"))
+    assert not caveat(said("named"))
+    assert "not no effect" in caveat(said("none"))
 
 
 def test_two_effects_are_named_together_and_told_from_their_group() -> None:
@@ -50,7 +50,7 @@ def test_two_effects_are_named_together_and_told_from_their_group() -> None:
     document["effects"].append({"name": "ground_tilt", "site": "dynamics", "parameters": {}})
     document["group"].append("ground_tilt")
     expected = "Viscous drag and ground tilt cause the gap; these recordings cannot tell them from quadratic drag."
-    assert verdict_sentence(document) == expected
+    assert verdict_sentence(check_diagnosis(document)) == expected
 
 
 @pytest.mark.parametrize("transfer", [True, False])
@@ -62,7 +62,7 @@ def test_the_summary_has_at_most_ten_lines_and_answers_three_questions(verdict: 
         document["effects"][0]["parameters"] = sizes
     document["parameters"] = {f"block.p{k}": {"nominal": 1.0, "with_effect": None} for k in range(9)}
     document["next_experiment"] = "let it coast"
-    lines = summary_lines(document)
+    lines = summary_lines(check_diagnosis(document))
     assert len(lines) <= MOST_LINES
     assert all("\n" not in line for line in lines)
     labels = [line.split("  ")[0].strip() for line in lines]
@@ -70,7 +70,7 @@ def test_the_summary_has_at_most_ten_lines_and_answers_three_questions(verdict: 
 
 
 def test_the_summary_gives_sizes_errors_and_shares_with_their_units() -> None:
-    text = "\n".join(summary_lines(diagnosis()))
+    text = "\n".join(summary_lines(said()))
     assert "viscous_drag.coefficient = 0.210 (0.190 to 0.230) N s/m" in text
     assert "transfer protocol: 18 mm -> 1.9 mm (floor 1.4 mm), 97 % closed (93 % to 99 %)" in text
     assert "block.mass 1.11 -> 1.002 (0.995 to 1.009) kg" in text
@@ -82,13 +82,19 @@ def test_of_several_sizes_the_one_that_is_known_best_comes_first() -> None:
         "x": {"value": 0.1, "low": -0.2, "high": 0.4, "unit": "mm"},
         "z": {"value": -0.65, "low": -0.75, "high": -0.54, "unit": "mm"},
     }
-    assert [line.split(" = ")[0] for line in effect_lines(document)] == ["viscous_drag.z", "viscous_drag.x"]
+    lines = effect_lines(check_diagnosis(document))
+    assert [line.split(" = ")[0] for line in lines] == [
+        "viscous_drag.z",
+        "viscous_drag.x",
+    ]
 
 
 def test_a_gap_close_to_its_floor_has_no_share() -> None:
     document = diagnosis()
     document["shrink"]["same"] = None
-    assert any("same protocol" in line and "too near to the floor" in line for line in summary_lines(document))
+    assert any(
+        "same protocol" in line and "too near to the floor" in line for line in summary_lines(check_diagnosis(document))
+    )
 
 
 @pytest.mark.parametrize(
@@ -107,4 +113,4 @@ def test_a_length_takes_the_prefix_that_suits_it(value: float, text: str) -> Non
 
 
 def test_an_interval_without_width_or_unit_is_written_as_it_is() -> None:
-    assert estimate({"value": 0.25, "low": 0.25, "high": 0.25, "unit": "-"}) == "0.25 (0.25 to 0.25)"
+    assert estimate(Estimate(0.25, 0.25, 0.25, "-")) == "0.25 (0.25 to 0.25)"

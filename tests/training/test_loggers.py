@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from diagnosis.documents import NAMED, diagnosis
+from diagnosis.documents import NAMED, said
 from physid.diagnosis.conclusion.metrics import figures_of
 from physid.training.runs.loggers import log_result
 
@@ -68,7 +68,7 @@ def test_an_offline_run_holds_figures_ranking_page_and_film(tmp_path: Path, monk
     (tmp_path / "film.mp4").write_bytes(b"film")
     tables = {"ranking": (("effects", "score"), [("viscous_drag", 412.3)])}
     media = [tmp_path / "report.html", tmp_path / "film.mp4", tmp_path / "missing.mp4"]
-    log_result(tmp_path, "disabled", {"recordings": "data/drag"}, figures_of(NAMED), tables, media)
+    log_result(tmp_path, "disabled", {"recordings": "data/drag"}, figures_of(said()), tables, media)
     found, config = logged(tmp_path)
     assert found["verdict"] == "named"
     assert found["effects/viscous_drag/coefficient/value"] == 0.21
@@ -91,7 +91,7 @@ def test_nothing_is_logged_where_it_is_not_asked_for(tmp_path: Path, monkeypatch
 
 @pytest.mark.parametrize("verdict", ["none", "named", "group", "unknown"])
 def test_figures_are_numbers_and_texts_without_gaps(verdict: str) -> None:
-    figures = figures_of(diagnosis(verdict, transfer=False))
+    figures = figures_of(said(verdict, transfer=False))
     assert figures["verdict"] == verdict
     assert all(isinstance(value, int | float | str) for value in figures.values())
     assert not [name for name in figures if name.startswith("gap/transfer")]

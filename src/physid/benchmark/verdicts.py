@@ -6,7 +6,7 @@ import json
 import sys
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 from physid.benchmark.bank import SEALED, Bank
 from physid.benchmark.films import with_poses
 from physid.data.files import write_text
-from physid.diagnosis.document.document import FILE
+from physid.diagnosis.document.document import FILE, Diagnosis
 from physid.typed_files import CLOSED
 
 TIME, FAILURE = "time.json", "failure.json"
@@ -35,7 +35,7 @@ class Spent:
     cpu_seconds: float | None = None
 
 
-Diagnose = Callable[..., Mapping[str, Any]]
+Diagnose = Callable[..., Diagnosis]
 _closed: list[str] = []  # folders that no Python code of this process may open
 
 

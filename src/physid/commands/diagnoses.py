@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 if TYPE_CHECKING:
     from tqdm import tqdm
 
+    from physid.diagnosis.document.document import Diagnosis
     from physid.diagnosis.progress import Stage
 
 BAR, LONGEST = "{desc} {percentage:3.0f}% {bar:20} {elapsed}", 44
@@ -104,7 +105,7 @@ def _believed(model: Path, allow: str) -> Path | Mapping[str, Any]:
     return configuration.values if given else model
 
 
-def _run(recordings: Path, folder: Path, *, quiet: bool, **options: Any) -> Mapping[str, Any]:
+def _run(recordings: Path, folder: Path, *, quiet: bool, **options: Any) -> Diagnosis:
     """Diagnose behind a progress bar."""
     from tqdm import tqdm
 
@@ -115,14 +116,14 @@ def _run(recordings: Path, folder: Path, *, quiet: bool, **options: Any) -> Mapp
         return diagnose(recordings, folder, say=lambda stage, what="": _show(bar, stage, what), **options)
 
 
-def _log(folder: Path, wandb: str, config: Mapping[str, Any], found: Mapping[str, Any]) -> None:
+def _log(folder: Path, wandb: str, config: Mapping[str, Any], found: Diagnosis) -> None:
     """Set a diagnosis to wandb."""
     from physid.diagnosis.conclusion.metrics import figures_of
     from physid.diagnosis.report.overlay import FILM
     from physid.diagnosis.report.page import REPORT
     from physid.training.runs.loggers import log_result
 
-    ranking = [(" + ".join(row["effects"]), row["score"], row["p_value"]) for row in found["ranking"]]
+    ranking = [(" + ".join(row.effects), row.score, row.p_value) for row in found.ranking]
     tables = {"ranking": (("effects", "score", "p_value"), ranking)}
     log_result(folder, wandb, config, figures_of(found), tables, [folder / REPORT, folder / FILM])
 

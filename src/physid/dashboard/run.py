@@ -21,6 +21,7 @@ from physid.dashboard.folders import (
     REPORT,
 )
 from physid.dashboard.media import MOST_BYTES, read_media
+from physid.diagnosis.document.document import check_diagnosis
 from physid.diagnosis.document.sentences import verdict_sentence
 from physid.yaml_files import parse_yaml
 
@@ -189,8 +190,8 @@ def _results(path: Path, notes: list[str]) -> tuple[list[Any], dict[str, Any]]:
 def _sentence(diagnosis: Mapping[str, Any]) -> str:
     """Say the verdict in a sentence; the verdict itself where parts of the document are missing."""
     try:
-        return verdict_sentence(diagnosis) if diagnosis else ""
-    except (KeyError, TypeError):
+        return verdict_sentence(check_diagnosis(diagnosis)) if diagnosis else ""
+    except ValueError:
         return str(diagnosis.get("verdict", "no verdict"))
 
 

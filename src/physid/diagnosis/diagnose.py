@@ -15,7 +15,7 @@ from physid.data.format import RecordingSet
 from physid.data.reading import read_reading
 from physid.diagnosis.conclusion.conclusion import Conclusion, draw_conclusion
 from physid.diagnosis.conclusion.fitted_model import save_model
-from physid.diagnosis.document.document import check_diagnosis, write_diagnosis
+from physid.diagnosis.document.document import Diagnosis, write_diagnosis
 from physid.diagnosis.inputs.model_source import read_nominal_model
 from physid.diagnosis.inputs.observations import Observations, load_observations
 from physid.diagnosis.inputs.requirements import require_usable
@@ -50,7 +50,7 @@ def diagnose(
     save: Path | None = None,
     settings: Settings = DEFAULT,
     say: Progress = silent,
-) -> Mapping[str, Any]:
+) -> Diagnosis:
     """Diagnose a recording set and write diagnosis.json and report.html.
 
     An interrupted diagnosis goes on from the fitted nominal model when it is called again.
@@ -116,14 +116,14 @@ def _write(
     settings: Settings,
     say: Progress,
     begun: float,
-) -> tuple[Mapping[str, Any], Conclusion]:
+) -> tuple[Diagnosis, Conclusion]:
     """Diagnose and write the results (see `diagnose`); `begun` is when, by `time.perf_counter`."""
     generator = torch.Generator().manual_seed(seed)
     nominal_fit = _fitted(out, observations, believed_model, effects, generator, settings, say)
     found = attribute(nominal_fit, generator, say)
     conclusion = draw_conclusion(nominal_fit, found, generator, tolerance)
     say(Stage.WRITING)
-    document = check_diagnosis(conclusion.diagnosis.to_mapping())
+    document = dataclasses.replace(conclusion.diagnosis, seconds=float(f"{time.perf_counter() - begun:.3g}"))
     reading = read_reading(recordings)
     title = Path(reading.films).name if reading else recordings.name
     pictures = draw(title, nominal_fit, found, conclusion, time.perf_counter() - begun)

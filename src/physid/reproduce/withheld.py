@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, final
+from typing import TYPE_CHECKING, final
 
 from physid.reproduce.cells import PERCENT, Cell, Recordings
 from physid.reproduce.results import Result
+
+if TYPE_CHECKING:
+    from physid.diagnosis.document.document import Diagnosis
 
 CONFIG = Path("diagnose", "withheld_drag.yaml")
 NONE_WRONG, SIZE_TOLERANCE, LEFT = 0.5, 10.0, 10.0
@@ -39,19 +42,20 @@ class Withheld(Cell):
         generate(hidden, folder / "recordings", 1, quiet=True)
         return self.results(diagnose(folder / "recordings", folder), hidden.effects)
 
-    def results(self, found: Mapping[str, Any], hidden: Mapping[str, Mapping[str, float]]) -> list[Result]:
+    def results(self, found: Diagnosis, hidden: Mapping[str, Mapping[str, float]]) -> list[Result]:
         """Score a diagnosis against the effects that were hidden."""
-        blamed = {each["name"]: each["parameters"] for each in found["effects"]}
+        blamed = {each.name: each.parameters for each in found.effects}
         wrong = len(set(blamed) ^ set(hidden))
         scored = [Result(self.name, "effects missed or wrongly named", wrong, "", target=NONE_WRONG)]
         for name, values in hidden.items():
             for key, true in values.items():
-                value = blamed.get(name, {}).get(key, {}).get("value")
+                estimate = blamed.get(name, {}).get(key)
+                value = None if estimate is None else estimate.value
                 error = None if value is None else PERCENT * abs(value / true - 1)
                 scored.append(Result(self.name, f"{name}.{key}, true value", true, ""))
                 scored.append(Result(self.name, f"{name}.{key}, estimate", value, ""))
                 scored.append(Result(self.name, f"{name}.{key}, error", error, "%", target=SIZE_TOLERANCE))
-        for split, share in found["shrink"].items():
-            left = None if share is None else PERCENT * max(0.0, 1 - share["value"])
+        for split, share in (("same", found.shrink.same), ("transfer", found.shrink.transfer)):
+            left = None if share is None else PERCENT * max(0.0, 1 - share.value)
             scored.append(Result(self.name, f"gap left, {split} protocol", left, "%", target=LEFT))
         return scored

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from physid.benchmark.scoring.accelerations import Samples, samples
 from physid.benchmark.scoring.judging import NO_GAP
 from physid.data.format import RecordingSet
+from physid.diagnosis.document.document import Diagnosis
 from physid.effects import CATALOGUE
 from physid.scenes.scene import Scene
 
@@ -43,7 +44,7 @@ class Answer:
     transfer: float | None = None
 
 
-def answers(recordings: RecordingSet, document: Mapping[str, Any], noise: float) -> dict[str, Answer]:
+def answers(recordings: RecordingSet, document: Diagnosis, noise: float) -> dict[str, Answer]:
     """Ask all baselines about a set.
 
     Args:
@@ -63,24 +64,24 @@ def answers(recordings: RecordingSet, document: Mapping[str, Any], noise: float)
     }
 
 
-def bic(document: Mapping[str, Any], numbers: int) -> Answer:
+def bic(document: Diagnosis, numbers: int) -> Answer:
     """Take the effect with the largest gain - k ln n, if above 0 (Schwarz 1978), for n white residuals."""
     return _best(document, lambda gain, k: gain - k * math.log(numbers))
 
 
-def likelihood(document: Mapping[str, Any]) -> Answer:
+def likelihood(document: Diagnosis) -> Answer:
     """Take the effect that gains most, if by more than 5 nats."""
     return _best(document, lambda gain, _: gain / 2 - NATS)
 
 
-def _best(document: Mapping[str, Any], worth: Any) -> Answer:
+def _best(document: Diagnosis, worth: Any) -> Answer:
     size = {kind.name: len(kind.quantities()) for kind in CATALOGUE}
-    rows = [row for row in document["ranking"] if len(row["effects"]) == 1 and row["effects"][0] in size]
+    rows = [row for row in document.ranking if len(row.effects) == 1 and row.effects[0] in size]
     if not rows:
         return Answer(False)
-    best = max(rows, key=lambda row: worth(row["score"], size[row["effects"][0]]))
-    name = best["effects"][0]
-    return Answer(True, name) if worth(best["score"], size[name]) > 0 else Answer(False)
+    best = max(rows, key=lambda row: worth(row.score, size[row.effects[0]]))
+    name = best.effects[0]
+    return Answer(True, name) if worth(best.score, size[name]) > 0 else Answer(False)
 
 
 def sparse_regression(scene: Scene, data: Samples) -> Answer:

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from physid.benchmark.labels import Label
 from physid.benchmark.verdicts import Spent
-from physid.physics.effect import Site
+from physid.diagnosis.document.document import SITES, Diagnosis, Split
 
 MOST_MEMBERS = 8  # a group of more members says nothing: it counts as wrong
 WEAK, MEDIUM, STRONG = 0.1, 0.3, 1.0  # [standard deviations of the noise] severities from which on a set is called so
 NO_GAP = 1.02  # gaps below this multiple of the noise are not asked to close
 BINS = ("faint", "weak", "medium", "strong")
 BODY_FIXED = ("com_offset", "force_offset")  # their direction is that of the body: its films tell but half the heading
-SITES: tuple[Site, ...] = ("perception", "actuation", "dynamics", "contact")
 
 
 @dataclass(frozen=True)
@@ -77,18 +74,18 @@ def bin_of(severity: float) -> str:
     return BINS[sum(severity >= limit for limit in (WEAK, MEDIUM, STRONG))]
 
 
-def judge(name: str, document: Mapping[str, Any], label: Label, spent: Spent | None = None) -> Judged:
+def judge(name: str, document: Diagnosis, label: Label, spent: Spent | None = None) -> Judged:
     """Compare a verdict with the truth.
 
     Args:
         name: The set.
-        document: What diagnosis.json holds.
+        document: What was said.
         label: The truth.
         spent: What the diagnosis took.
     """
-    verdict = str(document["verdict"])
-    named = tuple(effect["name"] for effect in document["effects"])
-    group = tuple(dict.fromkeys((*named, *document["group"])))
+    verdict = document.verdict
+    named = document.blamed
+    group = tuple(dict.fromkeys((*named, *document.group)))
     if label.right:
         exact = any(sorted(right) == sorted(named) for right in label.right)
         enough = [right for right in label.right if set(right) <= set(group) and len(named) >= len(right)]
@@ -102,7 +99,7 @@ def judge(name: str, document: Mapping[str, Any], label: Label, spent: Spent | N
         verdict,
         named,
         group,
-        float(document["confidence"]),
+        document.confidence,
         exact,
         grouped,
         _site(document, label) if flagged and label.effects else None,
@@ -115,45 +112,45 @@ def judge(name: str, document: Mapping[str, Any], label: Label, spent: Spent | N
     )
 
 
-def _site(document: Mapping[str, Any], label: Label) -> bool:
-    shares = document["where"]["site"]
+def _site(document: Diagnosis, label: Label) -> bool:
+    shares = document.where.site
     return max(SITES, key=lambda site: shares[site]) in {part.site for part in label.effects}
 
 
-def _phase(document: Mapping[str, Any], label: Label) -> bool:
-    cells = document["where"]["cells"]
-    return bool(cells) and max(cells, key=lambda cell: cell["evidence"])["phase"] in label.phases
+def _phase(document: Diagnosis, label: Label) -> bool:
+    cells = document.where.cells
+    return bool(cells) and max(cells, key=lambda cell: cell.evidence).phase in label.phases
 
 
-def _effect_coverage(document: Mapping[str, Any], label: Label) -> tuple[bool, ...]:
+def _effect_coverage(document: Diagnosis, label: Label) -> tuple[bool, ...]:
     """Tell for each parameter of the rightly named effects whether its interval holds the truth."""
     true = {part.name: part.parameters for part in label.effects}
-    if sorted(true) != sorted(effect["name"] for effect in document["effects"]):
+    if sorted(true) != sorted(effect.name for effect in document.effects):
         return ()
     return tuple(
-        estimate["low"] <= true[effect["name"]][key] <= estimate["high"]
-        for effect in document["effects"]
-        if not (label.film and effect["name"] in BODY_FIXED)
-        for key, estimate in effect["parameters"].items()
+        estimate.low <= true[effect.name][key] <= estimate.high
+        for effect in document.effects
+        if not (label.film and effect.name in BODY_FIXED)
+        for key, estimate in effect.parameters.items()
     )
 
 
-def _parameter_coverage(document: Mapping[str, Any], label: Label) -> tuple[bool, ...]:
+def _parameter_coverage(document: Diagnosis, label: Label) -> tuple[bool, ...]:
     """Tell the same for the parameters of the scene, where the right effects were added."""
-    if sorted(part.name for part in label.effects) != sorted(effect["name"] for effect in document["effects"]):
+    if sorted(part.name for part in label.effects) != sorted(effect.name for effect in document.effects):
         return ()
-    found = {name: value["with_effect"] for name, value in document["parameters"].items()}
+    found = {name: value.with_effect for name, value in document.parameters.items()}
     return tuple(
-        one["low"] <= label.parameters[name] <= one["high"]
+        one.low <= label.parameters[name] <= one.high
         for name, one in found.items()
         if one is not None and name in label.parameters
     )
 
 
-def _closed(document: Mapping[str, Any], label: Label, split: str) -> float | None:
+def _closed(document: Diagnosis, label: Label, split: Split) -> float | None:
     """Return (before - after) / (before - floor): the true effect, at its true size, leaves but the sensor's noise."""
-    error, floor = document["gap"][split], (2 if label.film else 3) ** 0.5 * label.noise  # no film tells the height
-    if error is None or not label.effects or error["before"] < NO_GAP * floor:
+    error, floor = document.errors(split), (2 if label.film else 3) ** 0.5 * label.noise  # no film tells the height
+    if error is None or not label.effects or error.before < NO_GAP * floor:
         return None
-    after = error["before"] if error["after"] is None else error["after"]
-    return float((error["before"] - after) / (error["before"] - floor))
+    after = error.before if error.after is None else error.after
+    return float((error.before - after) / (error.before - floor))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import torch
@@ -10,18 +10,38 @@ from torch import Tensor
 
 from physid.diagnosis.conclusion.confidence import confidence
 from physid.diagnosis.conclusion.gap import Closing, closing, floor_of, held_out_parts, position_errors, position_floors
-from physid.diagnosis.conclusion.localisation import SITES, places, sites
+from physid.diagnosis.conclusion.localisation import places, sites
 from physid.diagnosis.conclusion.materiality import Tolerance, excess_of, share_closed, unexplained_size
 from physid.diagnosis.conclusion.next_experiment import NextExperiment, next_experiment
 from physid.diagnosis.conclusion.parametric_bootstrap import bootstrap_spread
-from physid.diagnosis.conclusion.verdict import Diagnosis, Estimate, Found, Name, judge
+from physid.diagnosis.conclusion.verdict import judge
+from physid.diagnosis.document.document import (
+    FORMAT,
+    SITES,
+    VERSION,
+    Allowed,
+    Cell,
+    Diagnosis,
+    Errors,
+    Estimate,
+    FoundEffect,
+    Gap,
+    Minor,
+    Ranked,
+    Refitted,
+    Share,
+    Shrink,
+    Verdict,
+    Where,
+    rounded,
+)
 from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.selection.attribution import Attribution
 from physid.diagnosis.selection.comparison import gain
 from physid.diagnosis.selection.evidence import improves_held_out
 from physid.diagnosis.testing.hypothesis import Hypothesis
 
-BLAMING: tuple[Name, ...] = ("named", "group", "partial")
+BLAMING: tuple[Verdict, ...] = ("named", "group", "partial")
 """Verdicts that name effects."""
 
 
@@ -67,7 +87,7 @@ def draw_conclusion(
     verdict = judge(found, judged["transfer"], before=before, after=after)
     minor = []
     if best is not None and not before:
-        minor = [(best.names, found.lack.chance(best.names, gain(found.nominal, best)), share_closed(*excess))]
+        minor = [Minor(best.names, found.lack.chance(best.names, gain(found.nominal, best)), share_closed(*excess))]
     if verdict in BLAMING and best is not None:
         covariance = best.covariance() + bootstrap_spread(best, generator)
         if settings.verdict.reconsidered and indistinguishable_from_zero(best, covariance, judged.values()):
@@ -80,24 +100,31 @@ def draw_conclusion(
     bodies = [body.name for body in nominal_fit.observations.scene.bodies]
     where = places(found.lack, bodies, settings.localisation.rounding)
     further = None if chosen is None else next_experiment(nominal_fit, found)
+    cells = (
+        []
+        if verdict == "none"
+        else [Cell(one.phase, one.body, one.dof, one.evidence) for one in where if one.evidence > 0]
+    )
     diagnosis = Diagnosis(
+        format=FORMAT,
+        version=VERSION,
         verdict=verdict,
-        effects=[] if chosen is None or covariance is None else _effects(chosen, covariance),
-        group=[] if chosen is None else _group(found, chosen),
+        effects=() if chosen is None or covariance is None else _effects(chosen, covariance),
+        group=() if chosen is None else _group(found, chosen),
         confidence=confidence(verdict, found),
-        ranking=_ranking(found),
-        sites=dict.fromkeys(SITES, 0.0) if verdict == "none" else sites(found, chosen is not None),
-        places=[] if verdict == "none" else [place for place in where if place.evidence > 0],
-        floor=floor_of(nominal_fit.noise),
-        same=closings["same"],
-        transfer=closings["transfer"],
+        ranking=_ranking(found)[: settings.verdict.most_ranks],
+        where=Where(
+            dict.fromkeys(SITES, 0.0) if verdict == "none" else sites(found, chosen is not None),
+            () if verdict == "none" else tuple(cells[: settings.verdict.most_cells]),
+        ),
+        gap=_gap(floor_of(nominal_fit.noise), allowed, closings),
+        shrink=Shrink(_share(closings["same"]), _share(closings["transfer"])),
         parameters=_parameters(found.whole_nominal, shown, wide),
         next_experiment=further.sentence if further else None,
-        tolerance=allowed,
-        minor=minor,
-        settings=settings,
+        minor=tuple(minor),
+        settings=settings.to_mapping(),
     )
-    return Conclusion(diagnosis, chosen, shown, further)
+    return Conclusion(rounded(diagnosis), chosen, shown, further)
 
 
 def _closings(
@@ -129,7 +156,7 @@ def indistinguishable_from_zero(chosen: Hypothesis, covariance: Tensor, closings
     return len(chosen.absent(covariance)) == len(chosen.names)
 
 
-def reconsider(verdict: Name, foretells: bool) -> Name:
+def reconsider(verdict: Verdict, foretells: bool) -> Verdict:
     """Return the verdict where the effects that were found are hollow.
 
     Where they are but a part, what they leave is there without them. What leaves nothing and foretells trajectories
@@ -145,13 +172,24 @@ def _unclosed(one: Closing | None) -> Closing | None:
     return None if one is None else Closing(one.before, None, None, one.floor)
 
 
-def _group(found: Attribution, chosen: Hypothesis) -> list[str]:
+def _gap(floor: float, allowed: Tolerance, closings: Mapping[str, Closing | None]) -> Gap:
+    """Give the errors before and after on each split."""
+    same, transfer = (None if one is None else Errors(one.before, one.after) for one in closings.values())
+    assert same is not None
+    return Gap("m", floor, Allowed(allowed.position, allowed.rotation), same, transfer)
+
+
+def _share(one: Closing | None) -> Share | None:
+    return None if one is None or one.shrink is None else Share(one.shrink.value, one.shrink.low, one.shrink.high)
+
+
+def _group(found: Attribution, chosen: Hypothesis) -> tuple[str, ...]:
     """Name every effect of the hypotheses that cannot be told from the chosen one, its own first."""
     tied = [name for one in (chosen, *found.group) for name in one.names]
-    return list(dict.fromkeys([*tied, *found.alike]))
+    return tuple(dict.fromkeys([*tied, *found.alike]))
 
 
-def _ranking(found: Attribution) -> list[tuple[tuple[str, ...], float, float]]:
+def _ranking(found: Attribution) -> tuple[Ranked, ...]:
     """List hypotheses with the squared residual that they explain: fitted ones by prediction, others by the score test.
 
     The best fitted one comes first, for it may be a pair whose p-value is that of its gain among null simulations.
@@ -160,10 +198,10 @@ def _ranking(found: Attribution) -> list[tuple[tuple[str, ...], float, float]]:
     rows = {row.names: row.gain for row in found.lack.rows}
     rows |= {one.names: base - float(one.held_out.sum()) for one in found.tried}
     ranked = sorted(rows.items(), key=lambda row: -row[1])
-    return [(names, gain, found.lack.chance(names, gain)) for names, gain in ranked]
+    return tuple(Ranked(names, gain, found.lack.chance(names, gain)) for names, gain in ranked)
 
 
-def _effects(chosen: Hypothesis, covariance: Tensor) -> list[Found]:
+def _effects(chosen: Hypothesis, covariance: Tensor) -> tuple[FoundEffect, ...]:
     """Give the fitted effects with the 90 % intervals of their parameters."""
     predictor, first = chosen.experiment.predictor, chosen.fit.point.nominal.shape[1] + 1
     reach = chosen.reach(covariance)[first:].tolist()
@@ -178,20 +216,18 @@ def _effects(chosen: Hypothesis, covariance: Tensor) -> list[Found]:
                 value = float(chosen.fit.point.effects[0, column])
                 low, high = value - reach[place], value + reach[place]
                 parameters[term.name] = Estimate(value, max(low, known.low), min(high, known.high), known.unit)
-        made.append(Found(name, kind.site, parameters))
-    return made
+        made.append(FoundEffect(name, kind.site, parameters))
+    return tuple(made)
 
 
-def _parameters(
-    nominal: Hypothesis, chosen: Hypothesis | None, covariance: Tensor | None
-) -> dict[str, tuple[float, Estimate | None]]:
+def _parameters(nominal: Hypothesis, chosen: Hypothesis | None, covariance: Tensor | None) -> dict[str, Refitted]:
     """Give the unknown parameters, refitted without and with the effects."""
     model = nominal.experiment.predictor.model
     before = model.to_values(nominal.fit.point.nominal[0]).tolist()
     after: Sequence[Estimate | None] = [None] * len(before)
     if chosen is not None and covariance is not None:
         after = _values(chosen, covariance)
-    return {name: (old, new) for name, old, new in zip(model.unknown, before, after, strict=True)}
+    return {name: Refitted(*each) for name, *each in zip(model.unknown, before, after, strict=True)}
 
 
 def _values(hypothesis: Hypothesis, covariance: Tensor) -> list[Estimate]:

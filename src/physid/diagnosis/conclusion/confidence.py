@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from physid.diagnosis.conclusion.verdict import Name
+from physid.diagnosis.document.document import Verdict
 from physid.diagnosis.selection.attribution import Attribution
 
 
-def confidence(verdict: Name, found: Attribution) -> float:
+def confidence(verdict: Verdict, found: Attribution) -> float:
     """Return the probability that a verdict is right, (right + 1) / (all + 2) on calibration sets (Laplace 1774)."""
     experiment, settings = found.nominal.experiment, found.nominal.settings.confidence
     segments = experiment.predictor.segments

@@ -36,8 +36,8 @@ def save_model(path: Path, recordings: Path, model: NominalModel, conclusion: Co
         if one.name in known
     }
     values = {
-        name: _rounded(before if after is None else after.value)
-        for name, (before, after) in diagnosis.parameters.items()
+        name: _rounded(one.nominal if one.with_effect is None else one.with_effect.value)
+        for name, one in diagnosis.parameters.items()
     }
     content: dict[str, Any] = {
         "seed_everything": 0,

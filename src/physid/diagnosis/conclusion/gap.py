@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from physid.diagnosis.document.document import Split
 from physid.diagnosis.inputs.observations import SAME, SELECT, TRANSFER, Observations
 from physid.diagnosis.settings.conclusion import GapSettings
 from physid.diagnosis.testing.hypothesis import Hypothesis
@@ -107,7 +108,7 @@ def closing(
     return Closing(old, new, Interval((old - new) / (old - floor), low, high), floor)
 
 
-def held_out_parts(observations: Observations) -> dict[str, Tensor]:
+def held_out_parts(observations: Observations) -> dict[Split, Tensor]:
     """Return which trajectories report on the same protocol (held-out ones, else `select`) and on the transfer."""
     same = observations.having(SAME)
     return {

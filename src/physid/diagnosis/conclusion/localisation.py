@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import cast
 
 import torch
 from torch import Tensor
 
+from physid.diagnosis.document.document import SITES, Dof, Phase
 from physid.diagnosis.selection.attribution import Attribution
 from physid.diagnosis.testing.lack_of_fit import LackOfFit
 from physid.diagnosis.testing.score_test import gains, joined
 from physid.physics.effect import Site
-
-SITES: tuple[Site, ...] = ("perception", "actuation", "dynamics", "contact")
 
 
 @dataclass(frozen=True)
@@ -27,9 +27,9 @@ class Place:
         share: Part of the gap that a residual wrench in this cell alone explains.
     """
 
-    phase: str
+    phase: Phase
     body: str
-    dof: str
+    dof: Dof
     evidence: float
     share: float
 
@@ -45,7 +45,13 @@ def places(lack: LackOfFit, names: list[str], rounding: float) -> list[Place]:
     total = max(lack.excess, 1e-9)
     evidence = _shown(lack.cell_gain[:, lack.counted].sum(1), rounding)
     found = [
-        Place(cell.phase, names[cell.body], cell.dof, float(gain.sqrt()), min(1.0, float(gain) / total))
+        Place(
+            cast(Phase, cell.phase),
+            names[cell.body],
+            cast(Dof, cell.dof),
+            float(gain.sqrt()),
+            min(1.0, float(gain) / total),
+        )
         for cell, gain in zip(lack.cells, evidence, strict=True)
         if cell.phase is not None
     ]
@@ -72,7 +78,7 @@ def _shown(gains: Tensor, rounding: float) -> Tensor:
     return torch.where(gains > rounding, gains, torch.zeros_like(gains))
 
 
-def sites(found: Attribution, named: bool) -> dict[str, float]:
+def sites(found: Attribution, named: bool) -> dict[Site, float]:
     """Weigh the sites by how well they explain the gap.
 
     Where effects are named, a site stands for its best one; where none is, for all of its effects together, since what

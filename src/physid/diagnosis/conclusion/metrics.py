@@ -5,19 +5,22 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from physid.diagnosis.document.document import Diagnosis
 
-def figures_of(diagnosis: Mapping[str, Any]) -> dict[str, float | str]:
-    """Flatten a document (see `check_diagnosis`): every number and text by its place, say gap/same/before.
+
+def figures_of(diagnosis: Diagnosis) -> dict[str, float | str]:
+    """Flatten a document: every number and text by its place, say gap/same/before.
 
     Effects stand under their names; the ranking and the cells of the map, which are tables, are left out.
     """
+    plain = diagnosis.to_mapping()
     nested = {
-        "verdict": diagnosis["verdict"],
-        "confidence": diagnosis["confidence"],
-        "group": ", ".join(diagnosis["group"]),
-        "effects": {effect["name"]: effect["parameters"] for effect in diagnosis["effects"]},
-        "site": diagnosis["where"]["site"],
-        **{name: diagnosis[name] for name in ("gap", "shrink", "parameters")},
+        "verdict": diagnosis.verdict,
+        "confidence": diagnosis.confidence,
+        "group": ", ".join(diagnosis.group),
+        "effects": {effect["name"]: effect["parameters"] for effect in plain["effects"]},
+        "site": diagnosis.where.site,
+        **{name: plain[name] for name in ("gap", "shrink", "parameters")},
     }
     return dict(_flat(nested, ""))
 

@@ -1,22 +1,30 @@
-"""diagnosis.json: what it must hold, written and read with a check."""
+"""diagnosis.json as a typed model, written and read with a check."""
 
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, ClassVar, Literal, get_args
+
+from annotated_types import Ge, Le, MinLen
 
 from physid.data.files import write_text
-from physid.diagnosis.document.faults import Faults
+from physid.physics.effect import Site
+from physid.typed_files import CLOSED, check_as, read_json_as
 
 FILE = "diagnosis.json"
-FORMAT, VERSION = "physid-diagnosis", 2
-VERDICTS = ("none", "named", "group", "partial", "unknown")
-SITES = ("perception", "actuation", "dynamics", "contact")
-SPLITS = ("same", "transfer")
-DOFS = ("x", "y", "z", "rx", "ry", "rz")
-PHASES = (
+FORMAT: Literal["physid-diagnosis"] = "physid-diagnosis"
+VERSION: Literal[2] = 2
+DIGITS = 5  # of numbers in the file
+SUM_TOLERANCE = 0.02  # shares of four sites, each rounded to two digits
+
+Verdict = Literal["none", "named", "group", "partial", "unknown"]
+Split = Literal["same", "transfer"]
+Dof = Literal["x", "y", "z", "rx", "ry", "rz"]
+Phase = Literal[
     "rest",
     "stick",
     "slide_slow",
@@ -26,193 +34,268 @@ PHASES = (
     "impact",
     "contact_between_objects",
     "free_fall",
-)
-KEYS = (
-    "format",
-    "version",
-    "verdict",
-    "effects",
-    "group",
-    "confidence",
-    "ranking",
-    "where",
-    "gap",
-    "shrink",
-    "parameters",
-    "next_experiment",
-    "minor",
-    "settings",
-)
-SUM_TOLERANCE = 0.02  # shares of four sites, each rounded to two digits
+]
+VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
+SITES: tuple[Site, ...] = ("perception", "actuation", "dynamics", "contact")
+SPLITS: tuple[Split, ...] = get_args(Split)
+DOFS: tuple[Dof, ...] = get_args(Dof)
+PHASES: tuple[Phase, ...] = get_args(Phase)
+
+Positive = Annotated[float, Ge(0)]
+Probability = Annotated[float, Ge(0), Le(1)]
+Text = Annotated[str, MinLen(1)]
+Names = Annotated[tuple[Text, ...], MinLen(1)]
 
 
-def check_diagnosis(diagnosis: object) -> Mapping[str, Any]:
-    """Check that a document says what a diagnosis must say, in exactly the agreed form.
+@dataclass(frozen=True)
+class Share:
+    """The part of a gap that closes, with its 90 % interval."""
 
-    Besides the form: `effects` and `group` are empty for `none` and `unknown`; otherwise every effect is in its group,
-    and the group of the verdict `group` has further members. `after` is null where no effect was added, an entry of
-    `shrink` where there is no such split or the gap is too near to its floor.
+    __pydantic_config__: ClassVar[Any] = CLOSED
+    value: float
+    low: float
+    high: float
 
-    Args:
-        diagnosis: The parsed document.
+    def __post_init__(self) -> None:
+        _require_order(self.low, self.value, self.high)
 
-    Returns:
-        The document itself.
+
+@dataclass(frozen=True)
+class Estimate:
+    """A parameter with its 90 % interval."""
+
+    __pydantic_config__: ClassVar[Any] = CLOSED
+    value: float
+    low: float
+    high: float
+    unit: str
+
+    def __post_init__(self) -> None:
+        _require_order(self.low, self.value, self.high)
+
+
+@dataclass(frozen=True)
+class FoundEffect:
+    """An effect that is blamed, where it acts, and its size."""
+
+    __pydantic_config__: ClassVar[Any] = CLOSED
+    name: Text
+    site: Site
+    parameters: dict[str, Estimate]
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """A candidate: the squared residual that it explains, in standard deviations of the noise, and its p-value."""
+
+    __pydantic_config__: ClassVar[Any] = CLOSED
+    effects: Names
+    score: float
+    p_value: Probability
+
+
+@dataclass(frozen=True)
+class Minor:
+    """What was significant and is not blamed, as the gap is not material; `closes` is its share of the excess."""
+
+    __pydantic_config__: ClassVar[Any] = CLOSED
+    effects: tuple[Text, ...]
+    p_value: Probability
+    closes: Probability
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Evidence for a residual wrench in one phase of the motion, on one body, along one degree of freedom."""
+
+    __pydantic_config__: ClassVar[Any] = CLOSED
+    phase: Phase
+    body: Text
+    dof: Dof
+    evidence: float
+
+
+@dataclass(frozen=True)
+class Where:
+    """Shares of the evidence by site, and the cells of the map, strongest first."""
+
+    __pydantic_config__: ClassVar[Any] = CLOSED
+    site: dict[Site, Probability]
+    cells: tuple[Cell, ...]
+
+    def __post_init__(self) -> None:
+        if set(self.site) != set(SITES):
+            raise ValueError(f"site: expected the keys {', '.join(SITES)}, found {', '.join(self.site) or 'none'}")
+        total = sum(self.site.values())
+        if total != 0 and abs(total - 1) > SUM_TOLERANCE:
+            raise ValueError(f"site: expected shares with sum 1 (or all 0), found sum {total:g}")
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Root mean square errors of held-out positions [m]; `after` is None where no effect was added."""
+
+    __pydantic_config__: ClassVar[Any] = CLOSED
+    before: Positive
+    after: Positive | None
+
+
+@dataclass(frozen=True)
+class Allowed:
+    """How far a model may leave the recordings before anything is blamed [m, rad]."""
+
+    __pydantic_config__: ClassVar[Any] = CLOSED
+    position: Positive
+    rotation: Positive
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Errors on the same protocol and on the transfer protocol, beside the floor that a true model would leave."""
+
+    __pydantic_config__: ClassVar[Any] = CLOSED
+    unit: Text
+    floor: Positive
+    tolerance: Allowed
+    same: Errors
+    transfer: Errors | None
+
+
+@dataclass(frozen=True)
+class Shrink:
+    """The share of the gap that closes on each split; None where there is none, or too near to its floor."""
+
+    __pydantic_config__: ClassVar[Any] = CLOSED
+    same: Share | None
+    transfer: Share | None
+
+
+@dataclass(frozen=True)
+class Refitted:
+    """An unknown parameter of the nominal model, refitted without and with the effects."""
+
+    __pydantic_config__: ClassVar[Any] = CLOSED
+    nominal: float
+    with_effect: Estimate | None
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What a diagnosis says: the content of diagnosis.json.
+
+    Attributes:
+        format: Name of the format.
+        version: Its version.
+        verdict: What is said of the gap.
+        effects: What is blamed; none for the verdicts none and unknown.
+        group: Effects that the recordings cannot tell apart, the blamed ones included.
+        confidence: Calibrated probability that the verdict is right.
+        ranking: The candidates, best first.
+        where: Where the gap lies.
+        gap: Errors before and after.
+        shrink: The share of the gap that closes.
+        parameters: The unknown parameters by name.
+        next_experiment: What would tell a group apart.
+        minor: What was significant and is not blamed.
+        settings: What decided: thresholds by section and name; empty where the file does not say.
+        seconds: How long it took; None where nobody looked.
+    """
+
+    __pydantic_config__: ClassVar[Any] = CLOSED
+    format: Literal["physid-diagnosis"]
+    version: Literal[2]
+    verdict: Verdict
+    effects: tuple[FoundEffect, ...]
+    group: tuple[Text, ...]
+    confidence: Probability
+    ranking: tuple[Ranked, ...]
+    where: Where
+    gap: Gap
+    shrink: Shrink
+    parameters: dict[str, Refitted]
+    next_experiment: Text | None
+    minor: tuple[Minor, ...]
+    settings: dict[str, dict[str, Any]] = field(default_factory=dict)
+    seconds: Positive | None = field(default=None, compare=False)
+
+    def __post_init__(self) -> None:
+        """Check that effects and group fit the verdict, and shares the splits that there are."""
+        names, verdict = self.blamed, self.verdict
+        if verdict in ("none", "unknown"):
+            _require(not names and not self.group, f"effects, group: expected none for the verdict {verdict!r}")
+        else:
+            _require(bool(names), f"effects: expected at least one for the verdict {verdict!r}")
+            outside = [name for name in names if name not in self.group]
+            _require(not outside, f"group: expected the effects themselves among its members, found no {outside}")
+            alone = verdict == "group" and len(self.group) <= len(names)
+            _require(not alone, "group: expected members beside the effects for the verdict 'group'")
+        empty = self.gap.transfer is not None or self.shrink.transfer is None
+        _require(empty, "shrink.transfer: expected null, since there is no gap.transfer")
+
+    @property
+    def blamed(self) -> tuple[str, ...]:
+        """Names of the effects."""
+        return tuple(effect.name for effect in self.effects)
+
+    def errors(self, split: Split) -> Errors | None:
+        """Return the errors on a split, None where there is none."""
+        return self.gap.same if split == "same" else self.gap.transfer
+
+    def share(self, split: Split) -> Share | None:
+        """Return the share of the gap that closes on a split."""
+        return self.shrink.same if split == "same" else self.shrink.transfer
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return the content of the file as plain values; what is not known of settings and time is left out."""
+        plain = asdict(self)
+        left_out = [name for name in ("settings", "seconds") if not plain[name]]
+        return {name: value for name, value in plain.items() if name not in left_out}
+
+
+def check_diagnosis(content: object) -> Diagnosis:
+    """Check that parsed JSON says what a diagnosis must say, in exactly the agreed form.
 
     Raises:
         ValueError: If anything is wrong; names every fault, what was expected and what came.
     """
-    faults = Faults()
-    document = faults.mapping(diagnosis, "diagnosis", KEYS)
-    if document is not None:
-        faults.one_of(document["format"], "format", (FORMAT,))
-        faults.one_of(document["version"], "version", (VERSION,))
-        faults.one_of(document["verdict"], "verdict", VERDICTS)
-        faults.number(document["confidence"], "confidence", 0, 1)
-        _check_effects(document, faults)
-        _check_ranking(document["ranking"], faults)
-        _check_where(document["where"], faults)
-        _check_gap(document["gap"], document["shrink"], faults)
-        _check_parameters(document["parameters"], faults)
-        _check_minor(document["minor"], faults)
-        for where, section in faults.entries(document["settings"], "settings"):
-            list(faults.entries(section, where))
-        if document["next_experiment"] is not None:
-            faults.text(document["next_experiment"], "next_experiment")
-    faults.complain(FILE)
-    assert document is not None
-    return document
+    return check_as(Diagnosis, content, FILE)
 
 
-def write_diagnosis(folder: Path, diagnosis: Mapping[str, Any]) -> Path:
-    """Write diagnosis.json.
+def rounded(diagnosis: Diagnosis) -> Diagnosis:
+    """Return a diagnosis with the digits that its file has."""
+    plain = diagnosis.to_mapping()
+    return check_diagnosis(_rounded(plain) | {"settings": diagnosis.settings})
 
-    Args:
-        folder: Output folder of the diagnosis; made if it is not there.
-        diagnosis: The document.
 
-    Returns:
-        The file.
-
-    Raises:
-        ValueError: If the document is not as `check_diagnosis` wants it.
-    """
+def write_diagnosis(folder: Path, diagnosis: Diagnosis) -> Path:
+    """Write diagnosis.json into a folder, which is made if it is not there; returns the file."""
     path = folder / FILE
-    write_text(path, json.dumps(check_diagnosis(diagnosis), indent=1, allow_nan=False) + "\n")
+    write_text(path, json.dumps(diagnosis.to_mapping(), indent=1, allow_nan=False) + "\n")
     return path
 
 
-def read_diagnosis(path: Path) -> Mapping[str, Any]:
+def read_diagnosis(path: Path) -> Diagnosis:
     """Read diagnosis.json.
 
-    Args:
-        path: The file.
-
-    Returns:
-        The document.
-
     Raises:
-        ValueError: If the file is no JSON, or the document not as `check_diagnosis` wants it; names the file.
+        ValueError: If the file is no JSON, or no diagnosis; names the file.
     """
-    try:
-        return check_diagnosis(json.loads(path.read_text(encoding="utf-8")))
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
+    return read_json_as(Diagnosis, path)
 
 
-def _check_effects(document: Mapping[str, Any], faults: Faults) -> None:
-    """Check the blamed effects and their group, and that both fit the verdict."""
-    names = []
-    for where, effect in faults.items(document["effects"], "effects"):
-        if faults.mapping(effect, where, ("name", "site", "parameters")) is None:
-            continue
-        names.append(effect["name"])
-        faults.text(effect["name"], f"{where}.name")
-        faults.one_of(effect["site"], f"{where}.site", SITES)
-        for name, value in faults.entries(effect["parameters"], f"{where}.parameters"):
-            faults.estimate(value, name)
-    group = [each for where, each in faults.items(document["group"], "group") if faults.text(each, where)]
-    verdict = document["verdict"]
-    if verdict in ("none", "unknown"):
-        faults.expect(not names and not group, "effects, group", f"none for the verdict {verdict!r}", [*names, *group])
-    elif verdict in VERDICTS:
-        faults.expect(bool(names), "effects", f"at least one for the verdict {verdict!r}", names)
-        outside = [name for name in names if name not in group]
-        faults.expect(not outside, "group", f"the effects themselves among its members ({outside})", group)
-        alone = verdict == "group" and len(group) <= len(names)
-        faults.expect(not alone, "group", "members beside the effects for the verdict 'group'", group)
+def _rounded(value: Any) -> Any:
+    """Round the numbers in plain values."""
+    if isinstance(value, Mapping):
+        return {name: _rounded(each) for name, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_rounded(each) for each in value]
+    return float(f"{value:.{DIGITS}g}") if isinstance(value, float) and math.isfinite(value) else value
 
 
-def _check_ranking(ranking: object, faults: Faults) -> None:
-    """Check the candidates, their scores and p-values."""
-    for where, candidate in faults.items(ranking, "ranking"):
-        if faults.mapping(candidate, where, ("effects", "score", "p_value")) is None:
-            continue
-        names = [faults.text(each, place) for place, each in faults.items(candidate["effects"], f"{where}.effects")]
-        faults.expect(bool(names), f"{where}.effects", "at least one name", candidate["effects"])
-        faults.number(candidate["score"], f"{where}.score")
-        faults.number(candidate["p_value"], f"{where}.p_value", 0, 1)
+def _require_order(low: float, value: float, high: float) -> None:
+    _require(low <= value <= high, f"expected low <= value <= high, found {low:g}, {value:g}, {high:g}")
 
 
-def _check_minor(minor: object, faults: Faults) -> None:
-    """Check what was significant and is not blamed."""
-    for where, one in faults.items(minor, "minor"):
-        if faults.mapping(one, where, ("effects", "p_value", "closes")) is None:
-            continue
-        for place, each in faults.items(one["effects"], f"{where}.effects"):
-            faults.text(each, place)
-        faults.number(one["p_value"], f"{where}.p_value", 0, 1)
-        faults.number(one["closes"], f"{where}.closes", 0, 1)
-
-
-def _check_where(where: object, faults: Faults) -> None:
-    """Check the shares of the sites and the cells of the map."""
-    known = faults.mapping(where, "where", ("site", "cells"))
-    if known is None:
-        return
-    shares = faults.mapping(known["site"], "where.site", SITES)
-    if shares is not None and all(faults.number(shares[site], f"where.site.{site}", 0, 1) for site in SITES):
-        total = sum(shares.values())
-        fair = total == 0 or abs(total - 1) <= SUM_TOLERANCE
-        faults.expect(fair, "where.site", "shares with sum 1 (or all 0)", f"sum {total:g}")
-    for place, cell in faults.items(known["cells"], "where.cells"):
-        if faults.mapping(cell, place, ("phase", "body", "dof", "evidence")) is None:
-            continue
-        faults.one_of(cell["phase"], f"{place}.phase", PHASES)
-        faults.text(cell["body"], f"{place}.body")
-        faults.one_of(cell["dof"], f"{place}.dof", DOFS)
-        faults.number(cell["evidence"], f"{place}.evidence")
-
-
-def _check_gap(gap: object, shrink: object, faults: Faults) -> None:
-    """Check the errors before and after, and the shares that were closed."""
-    errors = faults.mapping(gap, "gap", ("unit", "floor", "tolerance", *SPLITS))
-    shares = faults.mapping(shrink, "shrink", SPLITS)
-    if errors is None or shares is None:
-        return
-    faults.text(errors["unit"], "gap.unit")
-    faults.number(errors["floor"], "gap.floor", 0)
-    if faults.mapping(errors["tolerance"], "gap.tolerance", ("position", "rotation")) is not None:
-        for name, value in errors["tolerance"].items():
-            faults.number(value, f"gap.tolerance.{name}", 0)
-    for split in SPLITS:
-        error, share = errors[split], shares[split]
-        if split == "transfer" and error is None:
-            faults.expect(share is None, "shrink.transfer", "null, since there is no gap.transfer", share)
-            continue
-        if faults.mapping(error, f"gap.{split}", ("before", "after")) is not None:
-            faults.number(error["before"], f"gap.{split}.before", 0)
-            if error["after"] is not None:
-                faults.number(error["after"], f"gap.{split}.after", 0)
-        if share is not None:
-            faults.estimate(share, f"shrink.{split}", unit=False)
-
-
-def _check_parameters(parameters: object, faults: Faults) -> None:
-    """Check the unknown parameters of the nominal model, without and with the effect."""
-    for where, value in faults.entries(parameters, "parameters"):
-        if faults.mapping(value, where, ("nominal", "with_effect")) is None:
-            continue
-        faults.number(value["nominal"], f"{where}.nominal")
-        if value["with_effect"] is not None:
-            faults.estimate(value["with_effect"], f"{where}.with_effect")
+def _require(fine: bool, message: str) -> None:
+    if not fine:
+        raise ValueError(message)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Sequence
+
+from physid.diagnosis.document.document import Diagnosis, Estimate, Share, Split
 
 MOST_LINES = 10
 MOST_PARAMETERS = 3  # of effects, and as many refitted ones, that the terminal shows
 MOST_CELLS = 2
-SPLIT_NAMES = {"same": "same protocol", "transfer": "transfer protocol"}
+SPLIT_NAMES: dict[Split, str] = {"same": "same protocol", "transfer": "transfer protocol"}
 PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"))
 MOST_DECIMALS = 6
 MOST_CLOSED = 1.5  # an interval that reaches beyond says that the floor is too near to be subtracted
@@ -17,134 +18,131 @@ SMALLEST_SHOWN = 0.1  # a number below takes the next prefix
 LABEL_WIDTH = 9
 
 
-def verdict_sentence(diagnosis: Mapping[str, Any]) -> str:
+def verdict_sentence(diagnosis: Diagnosis) -> str:
     """Say the verdict in one plain sentence.
 
     A cause is called a cause only where a transfer set has certified it.
 
     Args:
-        diagnosis: A document as `check_diagnosis` accepts it.
+        diagnosis: The document.
 
     Returns:
         The sentence.
     """
-    named = capital(join((words(effect["name"]) for effect in diagnosis["effects"]), "and"))
-    several = len(diagnosis["effects"]) > 1
-    certified = diagnosis["gap"]["transfer"] is not None
+    named = capital(join((words(effect.name) for effect in diagnosis.effects), "and"))
+    several = len(diagnosis.effects) > 1
+    certified = diagnosis.gap.transfer is not None
     cause, part = ("causes", "causes part of") if certified else ("accounts for", "accounts for part of")
     if several:
         cause, part = ("cause", "cause part of") if certified else ("account for", "account for part of")
-    if diagnosis["verdict"] == "group" and several:
-        others = [
-            words(name) for name in diagnosis["group"] if name not in {each["name"] for each in diagnosis["effects"]}
-        ]
+    if diagnosis.verdict == "group" and several:
+        others = [words(name) for name in diagnosis.group if name not in diagnosis.blamed]
         return f"{named} {cause} the gap; these recordings cannot tell them from {join(others, 'or')}."
-    if diagnosis["verdict"] == "group":
-        group = join((words(name) for name in diagnosis["group"]), "or")
+    if diagnosis.verdict == "group":
+        group = join((words(name) for name in diagnosis.group), "or")
         verb = "is caused" if certified else "is accounted for"
         return f"The gap {verb} by one of {group}; these recordings cannot tell which."
-    allowed = diagnosis["gap"]["tolerance"]["position"]
+    allowed = diagnosis.gap.tolerance.position
     return {
         "none": f"The model explains these recordings within {quantity(allowed, 'm')} beyond the noise.",
         "named": f"{named} {cause} the gap between model and recordings.",
         "partial": f"{named} {part} the gap; something is left that no candidate explains.",
         "unknown": "There is a gap between model and recordings, and no candidate explains it.",
-    }[diagnosis["verdict"]]
+    }[diagnosis.verdict]
 
 
-def caveat(diagnosis: Mapping[str, Any]) -> str:
+def caveat(diagnosis: Diagnosis) -> str:
     """Say what the verdict does not mean; empty where there is nothing to warn of."""
-    if diagnosis["minor"]:
+    if diagnosis.minor:
         named = [
-            f"{' + '.join(words(name) for name in one['effects'])} (closes {percent(one['closes'])} of it)"
-            for one in diagnosis["minor"]
+            f"{' + '.join(words(name) for name in one.effects)} (closes {percent(one.closes)} of it)"
+            for one in diagnosis.minor
         ]
         return f"Significant but minor, below the tolerance: {join(named, 'and')}."
-    if diagnosis["verdict"] == "none":
+    if diagnosis.verdict == "none":
         return "No gap is not no effect: what refitted parameters absorb under this protocol does not show."
-    if diagnosis["effects"] and diagnosis["gap"]["transfer"] is None:
+    if diagnosis.effects and diagnosis.gap.transfer is None:
         return "Predictive only, cause not certified: there is no transfer set."
     return ""
 
 
-def where_sentence(diagnosis: Mapping[str, Any]) -> str:
+def where_sentence(diagnosis: Diagnosis) -> str:
     """Say which site the evidence points to, and in which cells it is strongest."""
-    shares = sorted(diagnosis["where"]["site"].items(), key=lambda item: -item[1])
+    shares = sorted(diagnosis.where.site.items(), key=lambda item: -item[1])
     site = ", ".join(f"{name} {percent(share)}" for name, share in shares[:2] if share >= 0.005)
-    cells = sorted(diagnosis["where"]["cells"], key=lambda cell: -cell["evidence"])[:MOST_CELLS]
-    strongest = "; ".join(f"{words(cell['phase'])}, {cell['body']} {cell['dof']}" for cell in cells)
+    cells = sorted(diagnosis.where.cells, key=lambda cell: -cell.evidence)[:MOST_CELLS]
+    strongest = "; ".join(f"{words(cell.phase)}, {cell.body} {cell.dof}" for cell in cells)
     parts = [site or "no site stands out", f"strongest in {strongest}" if strongest else ""]
     return "; ".join(part for part in parts if part)
 
 
-def effect_lines(diagnosis: Mapping[str, Any]) -> list[str]:
+def effect_lines(diagnosis: Diagnosis) -> list[str]:
     """Give the size of each parameter of the blamed effects, with its interval; what is known best comes first."""
     sizes = [
-        (f"{effect['name']}.{name} = {estimate(value)}", abs(value["value"]) / max(value["high"] - value["low"], 1e-12))
-        for effect in diagnosis["effects"]
-        for name, value in effect["parameters"].items()
+        (f"{effect.name}.{name} = {estimate(value)}", abs(value.value) / max(value.high - value.low, 1e-12))
+        for effect in diagnosis.effects
+        for name, value in effect.parameters.items()
     ]
     known = [line for line, _ in sorted(sizes, key=lambda size: -size[1])]
-    return known or [effect["name"] for effect in diagnosis["effects"]]
+    return known or [effect.name for effect in diagnosis.effects]
 
 
-def how_far_sentence(diagnosis: Mapping[str, Any], split: str) -> str:
+def how_far_sentence(diagnosis: Diagnosis, split: Split) -> str:
     """Give the error before and after on one split, its floor, and the share of the gap that was closed."""
-    gap, share = diagnosis["gap"], diagnosis["shrink"][split]
-    error, unit = gap[split], gap["unit"]
-    after = "" if error["after"] is None else f" -> {quantity(error['after'], unit)}"
-    text = f"{SPLIT_NAMES[split]}: {quantity(error['before'], unit)}{after} (floor {quantity(gap['floor'], unit)})"
+    share, error, unit = diagnosis.share(split), diagnosis.errors(split), diagnosis.gap.unit
+    assert error is not None
+    after = "" if error.after is None else f" -> {quantity(error.after, unit)}"
+    text = f"{SPLIT_NAMES[split]}: {quantity(error.before, unit)}{after} (floor {quantity(diagnosis.gap.floor, unit)})"
     if share is not None:
         return f"{text}, {' closed ('.join(closed(share))})"
-    return text if error["after"] is None else f"{text}, too near to the floor for a share"
+    return text if error.after is None else f"{text}, too near to the floor for a share"
 
 
-def closed(share: Mapping[str, Any]) -> tuple[str, str]:
+def closed(share: Share) -> tuple[str, str]:
     """Say which share of a gap is closed, and its interval; no more than all of it where the floor is not sure."""
-    if share["high"] > MOST_CLOSED:
-        return percent(min(share["value"], 1.0)), f"at least {percent(min(share['low'], 1.0))}"
-    return percent(share["value"]), f"{percent(share['low'])} to {percent(share['high'])}"
+    if share.high > MOST_CLOSED:
+        return percent(min(share.value, 1.0)), f"at least {percent(min(share.low, 1.0))}"
+    return percent(share.value), f"{percent(share.low)} to {percent(share.high)}"
 
 
-def summary_lines(diagnosis: Mapping[str, Any]) -> list[str]:
+def summary_lines(diagnosis: Diagnosis) -> list[str]:
     """Sum up a diagnosis for the terminal.
 
     Args:
-        diagnosis: A document as `check_diagnosis` accepts it.
+        diagnosis: The document.
 
     Returns:
         At most ten lines.
     """
-    sure = f"(confidence {percent(diagnosis['confidence'])})"
-    lines = _labelled("Verdict", [f"{diagnosis['verdict']}: {verdict_sentence(diagnosis)} {sure}"])
+    sure = f"(confidence {percent(diagnosis.confidence)})"
+    lines = _labelled("Verdict", [f"{diagnosis.verdict}: {verdict_sentence(diagnosis)} {sure}"])
     lines += _labelled("Where", [where_sentence(diagnosis)])
     lines += _labelled("Which", _which(diagnosis))
-    splits = [split for split in SPLIT_NAMES if diagnosis["gap"][split] is not None]
+    splits = [split for split in SPLIT_NAMES if diagnosis.errors(split) is not None]
     lines += _labelled("How far", [how_far_sentence(diagnosis, split) for split in splits])
     lines += _labelled("Note", [caveat(diagnosis)] if caveat(diagnosis) else [])
     lines += _labelled("Refitted", _refitted(diagnosis))
-    lines += _labelled("Next", [diagnosis["next_experiment"]] if diagnosis["next_experiment"] else [])
+    lines += _labelled("Next", [diagnosis.next_experiment] if diagnosis.next_experiment else [])
     return lines[:MOST_LINES]
 
 
-def _which(diagnosis: Mapping[str, Any]) -> list[str]:
+def _which(diagnosis: Diagnosis) -> list[str]:
     """Give the sizes of the effects; without any, the best candidate and its p-value."""
     sizes = effect_lines(diagnosis)
     if sizes:
         shown = sizes[: MOST_PARAMETERS - 1] if len(sizes) > MOST_PARAMETERS else sizes
         return [*shown, *[f"and {len(sizes) - len(shown)} parameters more"] * (len(shown) < len(sizes))]
-    if not diagnosis["ranking"]:
+    if not diagnosis.ranking:
         return ["no candidate stands out"]
-    best = diagnosis["ranking"][0]
-    return [f"none; best candidate {' + '.join(best['effects'])}, p = {figure(best['p_value'], 2)}"]
+    best = diagnosis.ranking[0]
+    return [f"none; best candidate {' + '.join(best.effects)}, p = {figure(best.p_value, 2)}"]
 
 
-def _refitted(diagnosis: Mapping[str, Any]) -> list[str]:
+def _refitted(diagnosis: Diagnosis) -> list[str]:
     """Give the unknown parameters without and with the effect, in one line."""
-    known = list(diagnosis["parameters"].items())
+    known = list(diagnosis.parameters.items())
     texts = [
-        f"{name} {figure(value['nominal'])}"
-        + ("" if value["with_effect"] is None else f" -> {estimate(value['with_effect'])}")
+        f"{name} {figure(value.nominal)}" + ("" if value.with_effect is None else f" -> {estimate(value.with_effect)}")
         for name, value in known[:MOST_PARAMETERS]
     ]
     more = [f"and {len(known) - MOST_PARAMETERS} more"] * (len(known) > MOST_PARAMETERS)
@@ -197,24 +195,22 @@ def quantity(value: float, unit: str) -> str:
     return f"{figure(value / factor)} {prefix}{unit}"
 
 
-def estimate(value: Mapping[str, Any]) -> str:
+def estimate(value: Estimate) -> str:
     """Write a value with its interval and unit."""
     middle, low, high = resolved(value)
     return f"{middle} ({low} to {high}){unit_of(value)}"
 
 
-def resolved(value: Mapping[str, Any]) -> tuple[str, str, str]:
+def resolved(value: Estimate) -> tuple[str, str, str]:
     """Write value, low and high with two digits of the width of the interval, so that they can be told apart."""
-    low, high = value["low"], value["high"]
-    numbers = (value["value"], low, high)
-    decimals = 1 - math.floor(math.log10(high - low)) if high > low else MOST_DECIMALS + 1
+    width = value.high - value.low
+    decimals = 1 - math.floor(math.log10(width)) if width > 0 else MOST_DECIMALS + 1
     if not 0 <= decimals <= MOST_DECIMALS:
-        return figure(numbers[0]), figure(low), figure(high)
-    middle, low, high = (f"{number:.{decimals}f}" for number in numbers)
-    return middle, low, high
+        return figure(value.value), figure(value.low), figure(value.high)
+    return f"{value.value:.{decimals}f}", f"{value.low:.{decimals}f}", f"{value.high:.{decimals}f}"
 
 
-def unit_of(value: Mapping[str, Any]) -> str:
+def unit_of(value: Estimate) -> str:
     """Return the unit with a space before it; nothing for a number without a unit."""
-    unit = value.get("unit", "")
+    unit = value.unit
     return "" if unit in ("", "-", "1") else f" {unit}"

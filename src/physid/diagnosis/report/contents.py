@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from physid.diagnosis.document.document import SPLITS
+from physid.diagnosis.document.document import SPLITS, Split
 
 LEVELS = ("sensor", "repeatability", "numerical")
 
@@ -26,7 +26,7 @@ class Curve:
         freeform: With a free residual wrench, shape (T,) [m]; None where there is none.
     """
 
-    split: str
+    split: Split
     time: NDArray[np.float64]
     before: NDArray[np.float64]
     after: NDArray[np.float64] | None = None

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from physid.diagnosis.document.document import SPLITS
+from physid.diagnosis.document.document import SPLITS, Diagnosis, Gap, Split
 from physid.diagnosis.document.sentences import SPLIT_NAMES, capital, closed, percent, quantity
 from physid.diagnosis.report.contents import LEVELS, Curve, ReportData
 from physid.diagnosis.report.elements import Markup, card, element
@@ -57,19 +56,19 @@ class Axis:
         return [step * k for k in range(int(self.high / step) + 1)]
 
 
-def error_curves(curves: Sequence[Curve], gap: Mapping[str, Any]) -> Markup | None:
+def error_curves(curves: Sequence[Curve], gap: Gap) -> Markup | None:
     """Draw the errors over time of each split, all on one axis, with the floor."""
     if not curves:
         return None
     values = np.concatenate([line for curve in curves for line in curve.lines.values()])
-    low = float(min([gap["floor"] or np.inf, *values[values > 0]], default=1.0))
-    high = float(max(values.max(), gap["floor"], 1e-9))
-    floor = gap["floor"] if gap["floor"] > 0 else low
+    low = float(min([gap.floor or np.inf, *values[values > 0]], default=1.0))
+    high = float(max(values.max(), gap.floor, 1e-9))
+    floor = gap.floor if gap.floor > 0 else low
     axis = Axis(max(low, floor / 4), high, high / floor > SPREAD_FOR_LOGARITHM)
     plots = [_plot(curve, axis, gap) for curve in sorted(curves, key=lambda curve: SPLITS.index(curve.split))]
     names = [name for name in LINES if any(name in curve.lines for curve in curves)]
     legend = [element("span", element("i", class_=f"key {name}"), LINES[name]) for name in names]
-    legend.append(element("span", element("i", class_="key floor"), f"floor {quantity(gap['floor'], gap['unit'])}"))
+    legend.append(element("span", element("i", class_="key floor"), f"floor {quantity(gap.floor, gap.unit)}"))
     scale = ", logarithmic scale" if axis.logarithmic else ""
     return card(
         f"Error over time, held-out trajectories{scale}",
@@ -80,19 +79,19 @@ def error_curves(curves: Sequence[Curve], gap: Mapping[str, Any]) -> Markup | No
     )
 
 
-def _plot(curve: Curve, axis: Axis, gap: Mapping[str, Any]) -> Markup:
+def _plot(curve: Curve, axis: Axis, gap: Gap) -> Markup:
     """Draw one split; labels are text beside the drawing, so that they keep their size on a phone."""
     start, end = float(curve.time[0]), float(curve.time[-1])
     shown = np.unique(np.linspace(0, len(curve.time) - 1, MOST_POINTS).astype(int))
     across = 100 * (curve.time[shown] - start) / (end - start)
     ticks = axis.ticks()
     lines = [_level(float(axis.place(tick)), "grid-line") for tick in ticks]
-    lines.append(_level(float(axis.place(gap["floor"])), "line floor"))
+    lines.append(_level(float(axis.place(gap.floor)), "line floor"))
     for name in reversed(list(curve.lines)):
         points = zip(across, 100 - axis.place(curve.lines[name][shown]), strict=True)
         lines.append(element("polyline", points=" ".join(f"{x:.2f},{y:.2f}" for x, y in points), class_=f"line {name}"))
     labels = [
-        element("span", quantity(tick, gap["unit"]) if tick else "0", style=f"bottom: {float(axis.place(tick)):.2f}%")
+        element("span", quantity(tick, gap.unit) if tick else "0", style=f"bottom: {float(axis.place(tick)):.2f}%")
         for tick in ticks
     ]
     title = f"{capital(SPLIT_NAMES[curve.split])}: error over time"
@@ -109,19 +108,19 @@ def _level(height: float, kind: str) -> Markup:
     return element("line", x1=0, x2=100, y1=f"{100 - height:.2f}", y2=f"{100 - height:.2f}", class_=kind)
 
 
-def error_levels(diagnosis: Mapping[str, Any], pictures: ReportData) -> Markup | None:
+def error_levels(diagnosis: Diagnosis, pictures: ReportData) -> Markup | None:
     """Draw floors and gaps as points on one logarithmic scale."""
-    gap = diagnosis["gap"]
+    gap = diagnosis.gap
     rows = [(LEVEL_NAMES[name], pictures.levels[name], "floor") for name in LEVELS if name in pictures.levels]
-    rows.append(("Floor of the gap", gap["floor"], "floor"))
+    rows.append(("Floor of the gap", gap.floor, "floor"))
     for split in SPLITS:
-        error = gap[split]
+        error = diagnosis.errors(split)
         if error is None:
             continue
         name = SPLIT_NAMES[split]
-        rows.append((f"Gap, {name}", error["before"], "before"))
-        if error["after"] is not None:
-            rows.append(("… with the effect", error["after"], "after"))
+        rows.append((f"Gap, {name}", error.before, "before"))
+        if error.after is not None:
+            rows.append(("… with the effect", error.after, "after"))
         if split in pictures.residual_wrench:
             rows.append(("… with a free residual", pictures.residual_wrench[split], "freeform"))
     known = [value for _, value, _ in rows if value]
@@ -133,13 +132,13 @@ def error_levels(diagnosis: Mapping[str, Any], pictures: ReportData) -> Markup |
     return card("Levels of error", element("div", lines, class_="levels"), note=note)
 
 
-def _row(name: str, value: float | None, kind: str, axis: Axis, gap: Mapping[str, Any]) -> list[Markup]:
+def _row(name: str, value: float | None, kind: str, axis: Axis, gap: Gap) -> list[Markup]:
     marks = []
-    if gap["floor"] > 0:
-        marks.append(element("b", style=f"left: {float(axis.place(gap['floor'])):.1f}%"))
+    if gap.floor > 0:
+        marks.append(element("b", style=f"left: {float(axis.place(gap.floor)):.1f}%"))
     if value is not None:
         marks.append(element("i", class_=f"dot {kind}", style=f"left: {float(axis.place(max(value, axis.low))):.1f}%"))
-    text = "no repeats" if value is None else quantity(value, gap["unit"])
+    text = "no repeats" if value is None else quantity(value, gap.unit)
     return [
         element("span", name, class_="inset" if name.startswith("…") else None),
         element("span", marks, class_="track"),
@@ -147,25 +146,25 @@ def _row(name: str, value: float | None, kind: str, axis: Axis, gap: Mapping[str
     ]
 
 
-def shares(diagnosis: Mapping[str, Any], pictures: ReportData) -> Markup | None:
+def shares(diagnosis: Diagnosis, pictures: ReportData) -> Markup | None:
     """Draw which share of the gap closes on each split, with its interval."""
-    blocks = [_share(diagnosis, split) for split in SPLITS if diagnosis["gap"][split] is not None]
-    if not any(each["after"] is not None for each in map(diagnosis["gap"].get, SPLITS) if each):
+    blocks = [_share(diagnosis, split) for split in SPLITS if diagnosis.errors(split) is not None]
+    if not any(each.after is not None for each in map(diagnosis.errors, SPLITS) if each):
         return None
-    if diagnosis["gap"]["transfer"] is None:
+    if diagnosis.gap.transfer is None:
         blocks.append(element("p", "There is no transfer protocol.", class_="small soft size"))
     level = percent(pictures.interval)
     note = f"(before - after) / (before - floor) with its {level} interval over trajectories; the scale ends at 100 %."
     return card("Share of the gap that closes", *blocks, note=note)
 
 
-def _share(diagnosis: Mapping[str, Any], split: str) -> Markup:
-    share = diagnosis["shrink"][split]
+def _share(diagnosis: Diagnosis, split: Split) -> Markup:
+    share = diagnosis.share(split)
     name = element("p", SPLIT_NAMES[split], class_="small soft")
     if share is None:
         return element("div", name, element("p", "too near to the floor for a share"), class_="size")
     value, interval = closed(share)
-    left, middle, right = (100 * min(max(share[key], 0.0), 1.0) for key in ("low", "value", "high"))
+    left, middle, right = (100 * min(max(getattr(share, key), 0.0), 1.0) for key in ("low", "value", "high"))
     marks = [
         element("u", style=f"left: {left:.1f}%; width: {max(right - left, 0.8):.1f}%"),
         element("i", class_="dot after", style=f"left: {middle:.1f}%"),

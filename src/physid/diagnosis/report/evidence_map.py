@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
-from physid.diagnosis.document.document import DOFS, PHASES, SITES
+from physid.diagnosis.document.document import DOFS, PHASES, SITES, Cell, Diagnosis
 from physid.diagnosis.document.sentences import capital, figure, percent, words
 from physid.diagnosis.report.contents import TimeMap
 from physid.diagnosis.report.elements import Markup, card, element
+from physid.physics.effect import Site
 
 DARK = 0.55  # share of the largest evidence from which on the ink is light
 WIDE = 6  # a map with more columns takes the whole width
 
 
-def site_bar(shares: Mapping[str, float]) -> Markup | None:
+def site_bar(shares: Mapping[Site, float]) -> Markup | None:
     """Draw the shares of the four sites as one bar with a legend."""
     if not sum(shares.values()):
         return None
@@ -34,17 +34,18 @@ def site_bar(shares: Mapping[str, float]) -> Markup | None:
     )
 
 
-def evidence_map(cells: Sequence[Mapping[str, Any]]) -> Markup | None:
+def evidence_map(cells: Sequence[Cell]) -> Markup | None:
     """Draw the evidence as one grid per body, phases down and degrees of freedom across."""
     if not cells:
         return None
-    most = max(max(cell["evidence"] for cell in cells), 1e-12)
-    bodies = list(dict.fromkeys(cell["body"] for cell in cells))
-    phases = [phase for phase in PHASES if any(cell["phase"] == phase for cell in cells)]
-    dofs = [dof for dof in DOFS if any(cell["dof"] == dof for cell in cells)]
+    most = max(max(cell.evidence for cell in cells), 1e-12)
+    bodies = list(dict.fromkeys(cell.body for cell in cells))
+    phases = [phase for phase in PHASES if any(cell.phase == phase for cell in cells)]
+    dofs = [dof for dof in DOFS if any(cell.dof == dof for cell in cells)]
     grids = []
     for body in bodies:
-        known = {(cell["phase"], cell["dof"]): cell["evidence"] for cell in cells if cell["body"] == body}
+        mine = [cell for cell in cells if cell.body == body]
+        known: dict[tuple[str, str], float] = {(cell.phase, cell.dof): cell.evidence for cell in mine}
         grids.append(element("figure", element("figcaption", body), _grid(phases, dofs, known, most)))
     return card(
         "Phase, body and degree of freedom",
@@ -114,10 +115,10 @@ def time_map(picture: TimeMap | None) -> Markup | None:
     return card("Time", element("div", rows, axis, class_="times"), note=note)
 
 
-def site_name(diagnosis: Mapping[str, Any]) -> str:
+def site_name(diagnosis: Diagnosis) -> str:
     """Name the site with the largest share."""
-    shares = diagnosis["where"]["site"]
+    shares = diagnosis.where.site
     best = max(SITES, key=lambda site: float(shares[site]))
     if shares[best] > 0:
         return capital(best)
-    return "Nowhere" if diagnosis["verdict"] == "none" else "No site"
+    return "Nowhere" if diagnosis.verdict == "none" else "No site"

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from itertools import groupby
 from pathlib import Path
-from typing import Any
 
 from physid.data.files import write_text
-from physid.diagnosis.document.document import FILE, check_diagnosis
+from physid.diagnosis.document.document import FILE, Diagnosis, Split
 from physid.diagnosis.document.sentences import (
     capital,
     caveat,
@@ -36,12 +34,12 @@ KINDS = {"none": "good", "named": "", "group": "warn", "partial": "warn", "unkno
 POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; media-src data:"
 
 
-def write_report(folder: Path, diagnosis: Mapping[str, Any], pictures: ReportData) -> Path:
+def write_report(folder: Path, diagnosis: Diagnosis, pictures: ReportData) -> Path:
     """Write the report of a diagnosis.
 
     Args:
         folder: Output folder of the diagnosis; made if it is not there.
-        diagnosis: The document, as `check_diagnosis` accepts it.
+        diagnosis: The document.
         pictures: What is drawn beside it.
 
     Returns:
@@ -51,11 +49,11 @@ def write_report(folder: Path, diagnosis: Mapping[str, Any], pictures: ReportDat
         ValueError: If the document is not valid, or a film is too large to be carried by a page.
     """
     path = folder / REPORT
-    write_text(path, render(check_diagnosis(diagnosis), pictures))
+    write_text(path, render(diagnosis, pictures))
     return path
 
 
-def render(diagnosis: Mapping[str, Any], pictures: ReportData) -> str:
+def render(diagnosis: Diagnosis, pictures: ReportData) -> str:
     """Return the page as one HTML document."""
     title = f"Diagnosis of {pictures.title}" if pictures.title else "Diagnosis"
     head = [
@@ -80,10 +78,10 @@ def render(diagnosis: Mapping[str, Any], pictures: ReportData) -> str:
     return f"<!doctype html>\n{page}\n"
 
 
-def _verdict(diagnosis: Mapping[str, Any], title: str) -> Markup:
+def _verdict(diagnosis: Diagnosis, title: str) -> Markup:
     """Say the verdict, how sure it is, and what it does not mean."""
     warning = caveat(diagnosis)
-    confidence = diagnosis["confidence"]
+    confidence = diagnosis.confidence
     meter = element("span", element("i", style=f"width: {100 * confidence:.1f}%"), class_="meter")
     return element(
         "header",
@@ -91,27 +89,27 @@ def _verdict(diagnosis: Mapping[str, Any], title: str) -> Markup:
         element("h1", verdict_sentence(diagnosis)),
         element(
             "p",
-            badge(diagnosis["verdict"], KINDS[diagnosis["verdict"]]),
+            badge(diagnosis.verdict, KINDS[diagnosis.verdict]),
             element("span", "confidence ", element("b", percent(confidence)), class_="number"),
             meter,
             class_="sure",
         ),
         element("p", warning, class_="note") if warning else None,
-        class_=f"card verdict {KINDS[diagnosis['verdict']]}".strip(),
+        class_=f"card verdict {KINDS[diagnosis.verdict]}".strip(),
     )
 
 
-def _answers(diagnosis: Mapping[str, Any]) -> Markup:
+def _answers(diagnosis: Diagnosis) -> Markup:
     """Give the three answers in a few words each."""
-    blamed = [words(effect["name"]) for effect in diagnosis["effects"]]
-    others = len(diagnosis["group"]) - len(blamed) if blamed else 0
-    nobody = "No effect" if diagnosis["verdict"] == "none" else "No known effect"
+    blamed = [words(effect.name) for effect in diagnosis.effects]
+    others = len(diagnosis.group) - len(blamed) if blamed else 0
+    nobody = "No effect" if diagnosis.verdict == "none" else "No known effect"
     which, more = capital(join(blamed, "and")) or nobody, ""
     if others and len(blamed) == 1 and others <= MOST_LISTED:
-        which, more = capital(join(map(words, diagnosis["group"]), "or")), "these recordings cannot tell which"
+        which, more = capital(join(map(words, diagnosis.group), "or")), "these recordings cannot tell which"
     elif others:
         more = f"cannot be told from {others} other{'s' * (others > 1)}"
-    split = "transfer" if diagnosis["gap"]["transfer"] else "same"
+    split: Split = "transfer" if diagnosis.gap.transfer else "same"
     tiles = (
         ("Where", site_name(diagnosis), where_sentence(diagnosis)),
         ("Which", which, more or _best(diagnosis)),
@@ -130,43 +128,42 @@ def _answers(diagnosis: Mapping[str, Any]) -> Markup:
     return element("div", made, class_="grid answers")
 
 
-def _far(diagnosis: Mapping[str, Any], split: str) -> str:
+def _far(diagnosis: Diagnosis, split: Split) -> str:
     """Say in two words how far the gap closes."""
-    share = diagnosis["shrink"][split]
+    share = diagnosis.share(split)
     if share is not None:
         return f"{closed(share)[0]} closed"
-    if diagnosis["gap"][split]["after"] is not None:
+    error = diagnosis.errors(split)
+    if error is not None and error.after is not None:
         return "Near the floor"
-    return "Nothing to close" if diagnosis["verdict"] == "none" else "Not closed"
+    return "Nothing to close" if diagnosis.verdict == "none" else "Not closed"
 
 
-def _best(diagnosis: Mapping[str, Any]) -> str:
+def _best(diagnosis: Diagnosis) -> str:
     """Say how the effects stand out from what chance brings."""
-    best = diagnosis["ranking"][:1]
+    best = diagnosis.ranking[:1]
     if not best:
         return "no candidate stands out"
-    name = (
-        "stands out with" if diagnosis["effects"] else f"best candidate: {' + '.join(map(words, best[0]['effects']))},"
-    )
-    return f"{name} p = {best[0]['p_value']:.2g}"
+    name = "stands out with" if diagnosis.effects else f"best candidate: {' + '.join(map(words, best[0].effects))},"
+    return f"{name} p = {best[0].p_value:.2g}"
 
 
-def _where(diagnosis: Mapping[str, Any], pictures: ReportData) -> Markup | None:
-    where = diagnosis["where"]
+def _where(diagnosis: Diagnosis, pictures: ReportData) -> Markup | None:
+    where = diagnosis.where
     # Evidence of nothing would fill the map with colours all the same.
-    over_time = None if diagnosis["verdict"] == "none" else time_map(pictures.time_map)
-    cards = (site_bar(where["site"]), evidence_map(where["cells"]), over_time)
+    over_time = None if diagnosis.verdict == "none" else time_map(pictures.time_map)
+    cards = (site_bar(where.site), evidence_map(where.cells), over_time)
     return section("Where", "In which part of the motion the prediction leaves the recording.", *_rows(*cards))
 
 
-def _which(diagnosis: Mapping[str, Any], pictures: ReportData) -> Markup | None:
+def _which(diagnosis: Diagnosis, pictures: ReportData) -> Markup | None:
     cards = (*effects(diagnosis, pictures), group(diagnosis), ranking(diagnosis, pictures))
     return section("Which", "What each candidate explains beyond the refitted nominal model.", *_rows(*cards))
 
 
-def _how_far(diagnosis: Mapping[str, Any], pictures: ReportData) -> Markup | None:
+def _how_far(diagnosis: Diagnosis, pictures: ReportData) -> Markup | None:
     cards = (
-        error_curves(pictures.curves, diagnosis["gap"]),
+        error_curves(pictures.curves, diagnosis.gap),
         error_levels(diagnosis, pictures),
         shares(diagnosis, pictures),
         parameters(diagnosis, pictures),
@@ -174,14 +171,14 @@ def _how_far(diagnosis: Mapping[str, Any], pictures: ReportData) -> Markup | Non
     return section("How far", "Errors on trajectories that took no part in the fit.", *_rows(*cards))
 
 
-def _next(diagnosis: Mapping[str, Any], pictures: ReportData) -> Markup | None:
-    if not diagnosis["next_experiment"]:
+def _next(diagnosis: Diagnosis, pictures: ReportData) -> Markup | None:
+    if not diagnosis.next_experiment:
         return None
     config: Content = None
     if pictures.next_config:
         code = element("pre", pictures.next_config)
         config = element("details", element("summary", "Configuration for physid generate"), code)
-    sentence = element("p", capital(diagnosis["next_experiment"]))
+    sentence = element("p", capital(diagnosis.next_experiment))
     return section("Next experiment", "", element("div", sentence, config, class_="card"))
 
 
