@@ -17,7 +17,7 @@ CPU_WHEELS := https://download.pytorch.org/whl/cpu
 export OMP_NUM_THREADS ?= 1
 export WANDB_MODE ?= offline
 
-.PHONY: help install reproduce test test-all lint types format docs picture clean
+.PHONY: help install reproduce test test-all lint types format docs picture architecture clean
 
 help:
 	@echo 'make reproduce   identify the parameters of every scene and print them beside the truth'
@@ -25,6 +25,7 @@ help:
 	@echo 'make lint types  check style and types; make format mends the style'
 	@echo 'make docs        write the reference of the Python interface into site/'
 	@echo 'make picture     draw the picture of README.md from two runs'
+	@echo 'make architecture  draw the packages and their imports'
 	@echo 'make install     only create .venv; make clean removes it'
 
 reproduce: $(STAMP)
@@ -52,6 +53,9 @@ docs: $(STAMP)
 
 picture: $(STAMP)
 	$(BIN)/python docs/pictures/overview.py
+
+architecture: $(STAMP)
+	$(BIN)/python docs/pictures/architecture.py
 
 install: $(STAMP)
 

@@ -126,6 +126,12 @@ def test_no_folder_holds_too_many_modules() -> None:
         assert len(modules) <= MOST_MODULES, f"{folder.name} holds {len(modules)} modules"
 
 
+def test_the_picture_of_the_architecture_shows_every_package() -> None:
+    picture = (SOURCE.parent.parent / "docs" / "pictures" / "architecture.svg").read_text()
+    for package in {path.name for path in SOURCE.iterdir() if (path / "__init__.py").exists()} - {"commands", "schema"}:
+        assert f">{package}<" in picture, f"{package} is missing: make architecture"
+
+
 def test_the_compiler_knows_no_physics() -> None:
     for name in [name for name in NAMES if name.startswith("compiler/")]:
         assert not [other for other in imported_files(SOURCE / name) if not other.startswith("compiler")], name
