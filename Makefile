@@ -24,8 +24,7 @@ help:
 	@echo 'make test        run the tests (make test-all: the slow ones too)'
 	@echo 'make lint types  check style and types; make format mends the style'
 	@echo 'make docs        write the reference of the Python interface into site/'
-	@echo 'make picture     draw the picture of README.md from two runs'
-	@echo 'make architecture  draw the packages and their imports'
+	@echo 'make picture     draw the picture of README.md from two runs (make architecture: of the packages)'
 	@echo 'make install     only create .venv; make clean removes it'
 
 reproduce: $(STAMP)
