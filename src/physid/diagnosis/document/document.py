@@ -25,7 +25,8 @@ Verdict = Literal["none", "named", "group", "partial", "unknown"]
 Split = Literal["same", "transfer"]
 Dof = Literal["x", "y", "z", "rx", "ry", "rz"]
 Phase = Literal[
-    "rest", "stick", "slide_slow", "slide_fast", "coast", "force_switch", "impact", "contact_between_objects", "free_fall",
+    "rest", "stick", "slide_slow", "slide_fast", "coast",
+    "force_switch", "impact", "contact_between_objects", "free_fall",
 ]  # fmt: skip
 VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 SITES: tuple[Site, ...] = ("perception", "actuation", "dynamics", "contact")
