@@ -144,6 +144,15 @@ def test_third_parties_stay_at_home(name: str) -> None:
         assert homes is None or name.startswith(homes), f"{name} imports {module}, whose home is {', '.join(homes)}"
 
 
+def test_simulators_are_reached_by_their_protocol_only() -> None:
+    """Who simulates is a name in a configuration; no other package knows the packages behind the protocol."""
+    behind = tuple(f"physid.simulators.{name}" for name in ("bullet", "mujoco", "closed_form"))
+    for path in FILES:
+        if not path.is_relative_to(SOURCE / "simulators"):
+            named = [module for module in imports(path) if module.startswith(behind)]
+            assert not named, f"{path.relative_to(SOURCE)} imports {', '.join(named)}; ask physid.simulators.protocol"
+
+
 def test_the_physics_needs_torch_and_its_compiler_only() -> None:
     allowed = {"physid", "torch", "numpy", "llvmlite", *sys.stdlib_module_names}
     for path in FILES:

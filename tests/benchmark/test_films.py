@@ -120,5 +120,5 @@ def test_a_diagnosis_gets_what_was_read_and_is_scored_by_source(films: Bank, tmp
     assert diagnose_bank(films, diagnose=looking, quiet=True) == (1, 0)
     assert looked == [films.verdict(free) / "read"]
     table = score(films, tmp_path / "score").tables["By source, of sets that are free or of medium severity and up"]
-    assert ("films, free", "1", "0", "100", "100") in table
+    assert ("films, free", "1", "0", "100", "100", "0") in table
     assert not any(row[0].startswith("poses") for row in table)

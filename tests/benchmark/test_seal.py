@@ -93,7 +93,7 @@ def test_no_text_names_an_effect_a_seed_or_the_truth(bank: Bank) -> None:
     ]
     for text in texts:
         assert not [word for word in (*names, "seed", "effect", *ROLES[2:], "truth") if word in text]
-    assert set(yaml.safe_load(texts[0])) == {"format", "version", "purpose", "seal", "sets"}
+    assert set(yaml.safe_load(texts[0])) == {"format", "version", "purpose", "seal", "sets", "recorded"}
 
 
 def test_what_is_believed_does_not_depend_on_what_is_hidden() -> None:
@@ -135,7 +135,7 @@ def test_a_second_call_makes_the_same_recordings_and_an_interrupted_one_goes_on(
     assert first.sets == again.sets
     (tmp_path / "two" / "sealed" / "parts" / "001.json").unlink()
     assert seal(tmp_path / "two", small, quiet=True).sets == first.sets
-    with pytest.raises(ValueError, match="another seed, size or purpose"):
+    with pytest.raises(ValueError, match="another seed, size, purpose"):
         seal(tmp_path / "one", Plan("score", 6, small.size), quiet=True)
 
 

@@ -10,7 +10,8 @@ from physid.scenes.catalogue import find_setup
 from physid.scenes.scene import Scene
 from physid.scenes.setups.placing import on_ground
 from physid.simulators.bullet import camera as studio
-from physid.simulators.bullet.camera import Studio, film
+from physid.simulators.bullet.camera import Studio
+from physid.simulators.filming import film
 
 PIXEL = 0.6  # [pixel] accepted distance of a body's middle from where the projection puts it
 

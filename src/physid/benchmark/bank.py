@@ -6,7 +6,7 @@ import hashlib
 import json
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
@@ -45,6 +45,20 @@ QUICK = Size(sets=15, trajectories=12, steps=120)
 
 
 @dataclass(frozen=True)
+class Recorder:
+    """Who recorded a set, and how often.
+
+    Attributes:
+        simulator: Name of the simulator.
+        frame_rate: Frames per second [Hz].
+    """
+
+    __pydantic_config__: ClassVar[Any] = CLOSED
+    simulator: str
+    frame_rate: float
+
+
+@dataclass(frozen=True)
 class Bank:
     """What everybody may know of a bank; nothing of it depends on what is hidden.
 
@@ -53,12 +67,14 @@ class Bank:
         purpose: score, or calibration: the thresholds that ship come from calibration banks alone.
         sets: SHA-256 of each recording set, by name.
         seal: SHA-256 of the labels with their salt.
+        recorded: Simulator and frame rate of each recording set, by name; empty for banks that do not say.
     """
 
     folder: Path
     purpose: Purpose
     sets: Mapping[str, str]
     seal: str
+    recorded: Mapping[str, Recorder] = field(default_factory=dict)
 
     def recordings(self, name: str) -> Path:
         """Return the folder of a recording set."""
@@ -79,6 +95,7 @@ class _BankFile:
     purpose: Purpose
     seal: str
     sets: dict[str, str]
+    recorded: dict[str, Recorder] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         strange = [name for name in self.sets if not re.fullmatch(r"[\w-]+", name)]
@@ -88,7 +105,15 @@ class _BankFile:
 
 def write_bank(bank: Bank) -> None:
     """Write bank.yaml, whole or not at all."""
-    values = {"format": FORMAT, "version": VERSION, "purpose": bank.purpose, "seal": bank.seal, "sets": dict(bank.sets)}
+    values: dict[str, Any] = {
+        "format": FORMAT,
+        "version": VERSION,
+        "purpose": bank.purpose,
+        "seal": bank.seal,
+        "sets": dict(bank.sets),
+    }
+    if bank.recorded:
+        values["recorded"] = {name: asdict(how) for name, how in bank.recorded.items()}
     write_text(bank.folder / FILE, yaml.safe_dump(values, sort_keys=False, width=200))
 
 
@@ -105,7 +130,7 @@ def read_bank(folder: Path) -> Bank:
             f"{path}: expected a sealed bank, found none; make one: physid benchmark diagnosis seal --out {folder}"
         )
     known = read_yaml_as(_BankFile, path)
-    return Bank(folder, known.purpose, known.sets, known.seal)
+    return Bank(folder, known.purpose, known.sets, known.seal, known.recorded)
 
 
 def seal_of(labels: Mapping[str, Any]) -> str:

@@ -49,6 +49,9 @@ class Label:
         noise: Standard deviation of the noise of each coordinate of a position [m].
         parameters: True values of the scene's parameters.
         film: Whether the set has films instead of poses; the noise is then what a reader errs.
+        simulator: Who made its motions.
+        frame_rate: Frames per second [Hz].
+        uneven: Whether its stamps wander and frames are missing.
     """
 
     __pydantic_config__: ClassVar[Any] = CLOSED
@@ -62,6 +65,9 @@ class Label:
     noise: float = 0.0
     parameters: dict[str, float] = field(default_factory=dict)
     film: bool = False
+    simulator: str = "pybullet"
+    frame_rate: float = 240.0
+    uneven: bool = False
 
     def to_mapping(self) -> dict[str, Any]:
         """Return the label as plain values."""

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 from physid.commands.terminal import resumable
 
 if TYPE_CHECKING:
+    from physid.benchmark.bank import Purpose
     from physid.benchmark.plan import Plan
 
 
@@ -23,6 +24,9 @@ def benchmark(
     steps: int = 300,
     seed: int = 0,
     quick: bool = False,
+    simulator: str = "pybullet",
+    roles: str = "",
+    least_severity: float = 0.0,
     calibration: bool = False,
     workers: int = -1,
     backend: Literal["loky", "dask"] = "loky",
@@ -42,6 +46,7 @@ def benchmark(
       physid benchmark diagnosis seal --out banks/1 --seed 1
       physid benchmark diagnosis diagnose --bank banks/1
       physid benchmark diagnosis score --bank banks/1
+      physid benchmark diagnosis --simulator mujoco --roles free,catalogue --out banks/2
 
     Args:
         subject: What to check.
@@ -53,6 +58,12 @@ def benchmark(
         steps: Frames of each trajectory.
         seed: Seed of a new bank.
         quick: A tenth: 15 sets of 12 trajectories of 120 frames.
+        simulator: Who makes the sets of a new bank: pybullet, mujoco, closed_form, several with commas between them, or
+            all. With others than pybullet frame rates lie between 30 and 240 per second, and every third set has
+            jittered stamps and lost frames.
+        roles: What the sets of a new bank are for, with commas between them: free, catalogue, native, outside, alias,
+            pair; all by default.
+        least_severity: How much each hidden effect shows at least, in standard deviations of the noise.
         calibration: Make a calibration bank.
         workers: Processes; -1 for one on each core.
         backend: loky for processes of this machine, dask for a cluster (docs/scaling.md).
@@ -61,14 +72,16 @@ def benchmark(
         quiet: Hide the progress bars.
     """
     from physid.benchmark.bank import QUICK, Size
-    from physid.benchmark.plan import Plan
+    from physid.benchmark.plan import Plan, roles_of, simulators_of
     from physid.workers import running_on
 
     place = (out if step in ("all", "seal") else None) or bank or Path(f"runs/benchmark/{subject}")
     size = QUICK if quick else Size(sets, trajectories, steps)
     with resumable(), _writing(place, step), running_on(backend, scheduler) as whole_path:
         if step in ("all", "seal"):
-            _seal(whole_path(place), Plan("calibration" if calibration else "score", seed, size), workers, quiet)
+            purpose: Purpose = "calibration" if calibration else "score"
+            plan = Plan(purpose, seed, size, simulators_of(simulator), roles_of(roles), least_severity)
+            _seal(whole_path(place), plan, workers, quiet)
         if step in ("all", "diagnose"):
             _diagnose(whole_path(place), workers, again, quiet)
     _judge(step, place, (out if step == "score" else None) or place / "score")

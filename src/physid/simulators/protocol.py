@@ -23,10 +23,14 @@ class Simulator(Protocol):
 
     Attributes:
         name: What configurations call it.
+        from_any_state: Whether it knows every motion of a scene, from any state and with any effect of the catalogue.
     """
 
     @property
     def name(self) -> str: ...  # noqa: D102
+
+    @property
+    def from_any_state(self) -> bool: ...  # noqa: D102
 
     def simulate(
         self,
@@ -75,6 +79,7 @@ class _Simulator:
     longest_step: float
     load: Callable[[], Callable[..., list[Motion]]]
     scheme: str | None = None
+    from_any_state: bool = True
 
     def simulate(
         self,
@@ -118,7 +123,7 @@ def _closed_form() -> Callable[..., list[Motion]]:
 SIMULATORS: tuple[Simulator, ...] = (
     _Simulator("pybullet", BULLET_STEP, _bullet, scheme="semi_implicit_euler"),
     _Simulator("mujoco", 1e-3, _mujoco),
-    _Simulator("closed_form", math.inf, _closed_form),
+    _Simulator("closed_form", math.inf, _closed_form, from_any_state=False),
 )
 
 

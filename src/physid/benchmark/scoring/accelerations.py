@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 SMOOTHING = 0.2  # [s] length of the cubic that is laid through the positions (Savitzky, Golay 1964)
 MOVING = 0.05  # [m/s] slower frames are left out: friction has no direction there
 HARD = 12.0  # [m/s^2] frames with more acceleration are left out: impacts
+SAME_TIME = 1e-6  # [step] times that differ by rounding only
 LIFTED = 0.5  # part of the weight below which a body does not press on the ground
 
 
@@ -51,10 +52,10 @@ class Samples:
 
 def samples(recordings: RecordingSet, splits: Sequence[str]) -> Samples:
     """Differentiate the positions of the first body in all trajectories of some splits."""
-    chosen = [recordings.read(index) for index in recordings.indices(splits)]
+    chosen, step = [recordings.read(index) for index in recordings.indices(splits)], recordings.scene.time_step
     parts = [_differentiate(recordings.scene, one) for one in chosen]
     joined = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    frames, step = chosen[0].length, recordings.scene.time_step
+    frames = len(_evenly(chosen[0], step)[0])
     impulse = np.zeros(frames)
     impulse[frames // 2] = 1.0
     return Samples(**joined, spread=float(np.linalg.norm(_smooth(impulse[:, None], step, 2))))
@@ -62,10 +63,8 @@ def samples(recordings: RecordingSet, splits: Sequence[str]) -> Samples:
 
 def _differentiate(scene: Scene, recording: Recording) -> dict[str, Array]:
     """Return the samples of one trajectory, see `Samples`."""
-    assert recording.pose is not None
     step, axes, normal = scene.time_step, span(scene.ground), np.array(scene.ground.normal)
-    place = recording.pose[:, 0, :3]
-    wrench = np.zeros((len(place), 6)) if recording.wrench is None else recording.wrench[:, 0]
+    place, wrench = _evenly(recording, step)
     velocity, acceleration = _smooth(place, step, 1), _smooth(place, step, 2)
     free = acceleration - np.array(scene.gravity)
     force = _averaged(wrench[:, 3:] @ axes.T, step)
@@ -83,6 +82,22 @@ def _differentiate(scene: Scene, recording: Recording) -> dict[str, Array]:
         "gravity": np.tile(np.array(scene.gravity) @ axes.T, (len(place), 1)),
     }
     return {name: value[good] for name, value in found.items()}
+
+
+def _evenly(recording: Recording, step: float) -> tuple[Array, Array]:
+    """Return positions (T, 3) and commanded wrenches (T, 6) of the first body at even times, a step apart.
+
+    Positions in between are on the line from frame to frame; a command is held.
+    """
+    assert recording.pose is not None
+    stamps = recording.stamps(step)
+    even = stamps[0] + step * np.arange(round((stamps[-1] - stamps[0]) / step) + 1)
+    seen = recording.seen[:, 0]
+    place = np.stack([np.interp(even, stamps[seen], column[seen]) for column in recording.pose[:, 0, :3].T], 1)
+    if recording.wrench is None:
+        return place, np.zeros((len(even), 6))
+    held = np.searchsorted(recording.wrench_stamps(step), even + SAME_TIME * step, side="right") - 1
+    return place, np.where(held[:, None] < 0, 0.0, recording.wrench[held, 0])
 
 
 def _smooth(values: Array, step: float, order: int) -> Array:

@@ -89,6 +89,7 @@ def figures(judged: Sequence[Judged]) -> list[Figure]:
         share("flagged, medium and up", (one.flagged for one in shown)),
         share("group accuracy, medium and up", (one.grouped for one in known), ">= 95", ">= 98"),
         share("exact accuracy, medium and up", (one.exact for one in plain), ">= 85", ">= 93"),
+        share("a cause blamed that is not there", (one.astray for one in judged), "", "<= 3"),
         share("recall of unknown, strong", (one.exact for one in alone), ">= 80", ">= 95"),
         share("coverage of 90 % intervals, effects", effects, "80 to 97", "87 to 93"),
         share("coverage of 90 % intervals, scene", others, "80 to 97", "87 to 93"),
@@ -125,6 +126,25 @@ def by_scene(judged: Sequence[Judged]) -> list[tuple[str, ...]]:
     return _table("scene", clear, lambda one: f"{one.label.scene}, {one.label.protocol}")
 
 
+def by_recording(judged: Sequence[Judged]) -> list[tuple[str, ...]]:
+    """Return a table: simulator, frame rate, stamps, free or hidden, sets and shares; hidden ones of medium and up."""
+    clear = [one for one in judged if one.label.role == "free" or one.label.severity >= MEDIUM]
+    parts: tuple[Callable[[Judged], str], ...] = (
+        lambda one: one.label.simulator,
+        lambda one: f"{one.label.simulator}, {one.label.frame_rate:.0f} Hz",
+        lambda one: f"{one.label.simulator}, {'uneven' if one.label.uneven else 'even'} stamps",
+        lambda one: f"{one.label.simulator}, {one.label.scene}",
+    )
+
+    def free(one: Judged) -> str:
+        return "free" if one.label.role == "free" else "hidden"
+
+    def table(part: Callable[[Judged], str]) -> list[tuple[str, ...]]:
+        return _table("recorded by", clear, lambda one: f"{part(one)}, {free(one)}")
+
+    return [table(parts[0])[0], *(row for part in parts for row in table(part)[1:])]
+
+
 def by_source(judged: Sequence[Judged]) -> list[tuple[str, ...]]:
     """Return a table: poses or films, free or hidden, sets, flagged, exact, group; hidden ones of medium and up."""
 
@@ -157,10 +177,10 @@ def _table(
     groups = {**groups, **{key(one): [] for one in judged if key(one) not in groups}}
     for one in judged:
         groups[key(one)].append(one)
-    rows: list[tuple[str, ...]] = [(title, "sets", "flagged %", "exact %", "group %")]
+    rows: list[tuple[str, ...]] = [(title, "sets", "flagged %", "exact %", "group %", "astray %")]
     for name in order or sorted(groups):
         members = groups[name]
-        shares = ([one.flagged for one in members], [one.exact for one in members], [one.grouped for one in members])
+        shares = ([getattr(one, name) for one in members] for name in ("flagged", "exact", "grouped", "astray"))
         cells = (f"{100 * sum(impacts) / len(impacts):.0f}" if impacts else "" for impacts in shares)
         rows.append((name, str(len(members)), *cells))
     return rows

@@ -64,6 +64,13 @@ class Judged:
         return min((part.severity for part in self.label.effects), default=0.0)
 
     @property
+    def astray(self) -> bool:
+        """Whether a cause is blamed that is not there; what cannot be told from the one that is there is not astray."""
+        there = {part.name for part in self.label.effects}.union(*self.label.right)
+        alike = self.grouped and len(self.named) <= len(self.label.effects)
+        return bool(set(self.named) - there) and not alike
+
+    @property
     def answer(self) -> str:
         """What was said, in one word, for the table of confusions."""
         return " + ".join(sorted(self.named)) if self.named else self.verdict

@@ -7,14 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from physid.data.generation.generate import draw
+from physid.benchmark.sealing.replay import Look, look_at, steady
 from physid.data.generation.settings import GenerateConfig
 from physid.physics.effect import Effect
 from physid.scenes.rotations import rotate
 from physid.scenes.scene import Scene
 from physid.scenes.setup import Excitation
-from physid.simulators.bullet.engine import Engine
-from physid.simulators.bullet.world import Motion
+from physid.simulators.motion import Motion
 
 Array = NDArray[np.float64]
 SHARE = 0.2  # part of an effect's work that a phase must hold to be named
@@ -31,8 +30,8 @@ of all frames were switches, none is."""
 def acting_phases(config: GenerateConfig, effects: Sequence[Effect]) -> list[str]:
     """Name the phases in which effects change the motion.
 
-    From every true state the effect-free engine makes one step; what the velocities differ by, as kinetic energy of
-    that difference, is summed by phase. Phases that hold at least a fifth are named.
+    From every true state the effect-free simulator goes to the next frame; what the velocities differ by, as kinetic
+    energy of that difference, is summed by phase. Phases that hold at least a fifth are named.
 
     Args:
         config: The recording set.
@@ -42,29 +41,21 @@ def acting_phases(config: GenerateConfig, effects: Sequence[Effect]) -> list[str
         Names of phases, the strongest first; none for effects that only change what is seen.
     """
     work: dict[str, float] = {}
-    index = config.splits().index("fit")
-    excitation, motion, _ = draw(config, index, config.protocol, effects)
-    scene = config.true_scene()
-    names = phases(scene, excitation, motion).ravel().tolist()
-    for name, value in zip(names, _change(scene, excitation, motion).flat, strict=True):
+    config = steady(config)
+    look, scene = look_at(config, config.splits().index("fit"), effects), config.true_scene()
+    names = phases(scene, look.excitation, look.motion).ravel().tolist()
+    for name, value in zip(names, _change(scene, look).flat, strict=True):
         work[name] = work.get(name, 0.0) + float(value)
     total = sum(work.values())
     strongest = sorted(work, key=lambda name: -work[name])
     return [name for name in strongest if total > NOTHING and work[name] >= SHARE * total]
 
 
-def _change(scene: Scene, excitation: Excitation, motion: Motion) -> Array:
+def _change(scene: Scene, look: Look) -> Array:
     """Return the kinetic energy of what one effect-free step misses [J], shape (T - 1, N)."""
     mass = np.array([body.mass for body in scene.bodies])
     moment = np.array([body.moments().mean() for body in scene.bodies])
-    missed = []
-    with Engine(scene, scene.time_step) as engine:
-        for start in range(len(motion.pose) - 1):
-            engine.set_state(motion.pose[start], motion.twist[start])
-            engine.push(engine.read()[0], excitation.wrench[start].tolist())
-            engine.step()
-            missed.append(motion.twist[start + 1] - np.array(engine.read()[1]))
-    square = np.square(missed)
+    square = np.square(look.motion.twist[1:] - np.array([motion.twist[1] for motion in look.steps(scene)]))
     energy: Array = (moment * square[..., :3].sum(-1) + mass * square[..., 3:].sum(-1)) / 2
     return energy
 

@@ -12,6 +12,9 @@ from physid.benchmark.sealing.native import NATIVE
 from physid.benchmark.sealing.outside import OUTSIDE
 from physid.effects import CATALOGUE, find
 from physid.physics.effect import Effect
+from physid.scenes.catalogue import SETUPS
+from physid.simulators.native import Native
+from physid.simulators.protocol import find_simulator
 
 Role = Literal["free", "catalogue", "native", "outside", "alias", "pair"]
 ROLES: tuple[Role, ...] = get_args(Role)
@@ -77,24 +80,37 @@ class Hidden:
         return [kind.site for kind in self.kinds]
 
 
-def candidates(role: Role, scene: str, protocol: str) -> list[Hidden]:
-    """List what may be hidden in sets of one role, scene and protocol."""
+def cells(simulator: str) -> list[tuple[str, str]]:
+    """List scenes and protocols of the sets that a simulator makes."""
+    protocols = BOTH if find_simulator(simulator).from_any_state else ("straight",)
+    return [(setup.scene.name, protocol) for setup in SETUPS for protocol in protocols]
+
+
+def candidates(role: Role, scene: str, protocol: str, simulator: str = "pybullet") -> list[Hidden]:
+    """List what may be hidden in sets of one role, scene and protocol that a simulator makes."""
     if role == "free":
         return [Hidden("free")]
     if role == "alias":
         fitting = (one for one in CONFUSIONS if one.scene == scene and protocol in one.protocols)
         return [Hidden("alias", (find(name),)) for one in fitting for name in one.effects]
     near = {name for one in CONFUSIONS if one.scene == scene and protocol in one.protocols for name in one.effects}
-    clear = [kind for kind in CATALOGUE if kind.name not in near]
-    if role == "pair":
+    clear = [kind for kind in CATALOGUE if kind.name not in near and _makes(simulator, kind)]
+    if role == "pair" and find_simulator(simulator).from_any_state:
         return [
             Hidden("pair", (one, two))
             for index, one in enumerate(clear)
             for two in clear[index + 1 :]
             if one.site != two.site and not confused(one.name, two.name)
         ]
-    kinds: Sequence[type[Effect]] = {"catalogue": clear, "native": NATIVE, "outside": OUTSIDE}[role]
-    return [Hidden(role, (kind,)) for kind in kinds]
+    kinds: Mapping[Role, Sequence[type[Effect]]] = {"catalogue": clear, "native": NATIVE, "outside": OUTSIDE}
+    return [Hidden(role, (kind,)) for kind in kinds.get(role, ()) if _makes(simulator, kind)]
+
+
+def _makes(simulator: str, kind: type[Effect]) -> bool:
+    """Return whether a simulator can make an effect: settings of PyBullet are its own, closed forms know drag alone."""
+    if issubclass(kind, Native):
+        return simulator == "pybullet"
+    return find_simulator(simulator).from_any_state or kind.act is Effect.act or kind.name == "viscous_drag"
 
 
 def confused(one: str, two: str) -> bool:

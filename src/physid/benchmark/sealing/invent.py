@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -10,17 +11,17 @@ import numpy as np
 from physid.benchmark.bank import Size
 from physid.benchmark.films import SCENES, filmed
 from physid.benchmark.labels import Label, Part
-from physid.benchmark.plan import Plan, Task
+from physid.benchmark.plan import Plan, Recorded, Task
 from physid.benchmark.sealing.acting import acting_phases
-from physid.benchmark.sealing.hidden import ROLES, Hidden, Role, build, candidates, scaled
+from physid.benchmark.sealing.hidden import ROLES, Hidden, Role, build, candidates, cells, scaled
 from physid.benchmark.sealing.severity import severity
 from physid.data.generation.generate import draw
 from physid.data.generation.settings import GenerateConfig, Noise
 from physid.physics.effect import Effect
-from physid.scenes.catalogue import SETUPS, find_setup
+from physid.scenes.catalogue import find_setup
+from physid.simulators.protocol import find_simulator
 
 SPLIT = {"fit": 4, "select": 2, "report_same": 2, "report_transfer": 4}
-CELLS = [(setup.scene.name, protocol) for setup in SETUPS for protocol in ("paper", "rich")]
 UNKNOWN: Mapping[str, tuple[tuple[str, ...], ...]] = {
     "push": (("block.friction",), ("block.mass", "block.friction")),
     "slide": (("block.friction",),),
@@ -41,6 +42,8 @@ FAINT = 1e-4  # severity below which an effect does not show at all
 LEAST, MOST = 3e-3, 15.0  # multiples of the typical size that are tried
 TRIES = 240  # draws of effects and sizes before a set is given up
 SAME = 20  # of them, for which a configuration stays the same: where nothing shows, no effect helps
+FEWEST_FRAMES = 20  # of a trajectory
+OWN_WAY = Recorded()
 REDRAWS = 50  # draws that a trajectory without effects may need; with effects there may be more
 
 Invention = tuple[GenerateConfig, tuple[Effect, ...], Label]
@@ -58,16 +61,21 @@ def invent(plan: Plan, task: Task) -> Invention:
 def inventions(plan: Plan, task: Task) -> Iterator[Invention]:
     """Yield what `invent` returns, and the next choices: other effects, then other configurations too."""
     generator = plan.generator(1, int(task.name))
-    cells = [cell for cell in CELLS if candidates(task.role, *cell) and (cell[0] in SCENES or not task.film)]
-    turn = task.turn + int(plan.generator(2, ROLES.index(task.role)).integers(len(cells)))
-    scene, protocol = cells[turn % len(cells)]
-    menu = candidates(task.role, scene, protocol)
+    simulator = task.recorded.simulator
+    able = [
+        cell
+        for cell in cells(simulator)
+        if candidates(task.role, *cell, simulator) and (cell[0] in SCENES or not task.film)
+    ]
+    turn = task.turn + int(plan.generator(2, ROLES.index(task.role)).integers(len(able)))
+    scene, protocol = able[turn % len(able)]
+    menu = candidates(task.role, scene, protocol, simulator)
     order = plan.generator(3, ROLES.index(task.role)).permutation(len(menu))
     for attempt in range(TRIES):
         if attempt % SAME == 0:
-            config = in_view(plan.size, scene, protocol, generator, film=task.film)
+            config = in_view(plan.size, scene, protocol, generator, task.recorded, film=task.film)
         hidden = menu[order[(task.turn + attempt) % len(menu)]]
-        parts = _sizes(config, hidden, generator)
+        parts = _sizes(config, hidden, generator, plan.least)
         if parts is None:
             continue
         effects = tuple(build(kind, part.parameters) for kind, part in zip(hidden.kinds, parts, strict=True))
@@ -75,11 +83,17 @@ def inventions(plan: Plan, task: Task) -> Iterator[Invention]:
 
 
 def in_view(
-    size: Size, scene: str, protocol: str, generator: np.random.Generator, *, film: bool = False
+    size: Size,
+    scene: str,
+    protocol: str,
+    generator: np.random.Generator,
+    recorded: Recorded = OWN_WAY,
+    *,
+    film: bool = False,
 ) -> GenerateConfig:
     """Draw configurations until one keeps the bodies in view, without any effect, after a few draws at most."""
     for _ in range(TRIES):
-        config = _configuration(size, scene, protocol, generator)
+        config = _recorded(_configuration(size, scene, protocol, generator), recorded)
         config = filmed(config) if film else config
         looks = enumerate(config.splits())
         try:
@@ -97,7 +111,7 @@ def _configuration(size: Size, scene: str, protocol: str, generator: np.random.G
     if body.restitution:
         true["restitution"] = generator.uniform(0.15, 0.5)
     unknown = UNKNOWN[scene]
-    other = {"paper": "rich", "rich": "paper"}[protocol]
+    other = {"paper": "rich", "rich": "paper"}.get(protocol, protocol)
     return GenerateConfig(
         scene=scene,
         protocol=protocol,
@@ -114,11 +128,22 @@ def _configuration(size: Size, scene: str, protocol: str, generator: np.random.G
     )
 
 
-def _sizes(config: GenerateConfig, hidden: Hidden, generator: np.random.Generator) -> tuple[Part, ...] | None:
+def _recorded(config: GenerateConfig, recorded: Recorded) -> GenerateConfig:
+    """Return the configuration of a set that is recorded in another way, over the same time."""
+    own, frames = find_setup(config.scene).scene.time_step, config.steps
+    if recorded.frame_rate is not None:
+        frames = max(FEWEST_FRAMES, round(config.steps * own * recorded.frame_rate))
+    return replace(config, steps=frames, **asdict(recorded))
+
+
+def _sizes(
+    config: GenerateConfig, hidden: Hidden, generator: np.random.Generator, least: float
+) -> tuple[Part, ...] | None:
     """Find a size for each effect at which it shows as much as is drawn; None where one cannot."""
     parts = []
     for kind in hidden.kinds:
-        target = float(np.exp(generator.uniform(*np.log(SEVERITIES[hidden.role]))))
+        low, high = SEVERITIES[hidden.role]
+        target = float(np.exp(generator.uniform(*np.log((max(low, NEAR * least), high)))))
         found = _size(config, kind, _direction(kind, generator), target)
         if found is None:
             return None
@@ -145,8 +170,9 @@ def _size(
             return None
         before = values
         try:
+            _check_makeable(config, (build(kind, values),))
             shown = severity(config, (build(kind, values),))
-        except ValueError:  # the bodies leave the view, or PyBullet cannot do it
+        except ValueError:  # the bodies leave the view, or the simulator cannot do it
             return None
         if target / NEAR <= shown <= target * NEAR:
             return values, shown
@@ -154,6 +180,16 @@ def _size(
             return None
         size = min(max(size * target / shown, LEAST), MOST)
     return None
+
+
+def _check_makeable(config: GenerateConfig, effects: tuple[Effect, ...]) -> None:
+    """Let a simulator that knows few motions try one; the others are tried by `severity`.
+
+    Raises:
+        ValueError: If it does not know this one.
+    """
+    if not find_simulator(config.simulator).from_any_state:
+        draw(config, 0, config.protocol, effects)
 
 
 def _label(config: GenerateConfig, hidden: Hidden, parts: tuple[Part, ...], effects: tuple[Effect, ...]) -> Label:
@@ -171,6 +207,9 @@ def _label(config: GenerateConfig, hidden: Hidden, parts: tuple[Part, ...], effe
         effects=parts,
         right=tuple(tuple(names) for names in hidden.right(config.scene)),
         noise=config.noise.position,
+        simulator=config.simulator,
+        frame_rate=1 / config.true_scene().time_step,
+        uneven=bool(config.jitter or config.missing),
         parameters=config.true_parameters(),
         **moving,
     )

@@ -12,7 +12,7 @@ from typing import ClassVar, final
 from torch import Tensor
 
 from physid.physics.effect import Effect, Site, quantity
-from physid.simulators.bullet.native import Settings
+from physid.simulators.native import Settings
 
 
 @final

@@ -1,55 +1,105 @@
-"""The effect-free engine, started anew from the true state every now and then."""
+"""The effect-free simulator, started anew from the true state every now and then."""
 
 from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from physid.data.generation.generate import draw
+from physid.data.generation.settings import GenerateConfig
+from physid.physics.effect import Effect
+from physid.scenes.catalogue import find_setup
 from physid.scenes.rotations import conjugate, from_vector, multiply, to_vector
 from physid.scenes.scene import Scene
 from physid.scenes.setup import Excitation
 from physid.scenes.setups.placing import span
-from physid.simulators.bullet.engine import Engine
-from physid.simulators.bullet.world import Motion
+from physid.simulators.motion import Motion
+from physid.simulators.protocol import Simulator, find_simulator
 
 Array = NDArray[np.float64]
 SPAN = 0.1  # [s] over which the change of a rate is told
+STAND_IN = "mujoco"  # for a simulator that knows few motions
+ROUNDING = 1e-9  # [-] quotients that differ from a whole number by less are one
 
 
-def replay(
-    scene: Scene,
-    excitation: Excitation,
-    motion: Motion,
-    segment: float,
-    change: Array | None = None,
-) -> Array:
-    """Run the effect-free engine from the true state at the start of each segment.
+@dataclass(frozen=True)
+class Look:
+    """One true trajectory: its commands, its motion with the effects, and who made it.
 
-    Args:
-        scene: The scene.
+    Attributes:
         excitation: The commands.
-        motion: The true motion.
-        segment: Length of a segment [s].
-        change: Of initial states, in the axes of the ground: of their poses, and of their rates in 0.1 s; of all
-            segments alike (2, N, 6), or of each (W, 2, N, 6).
-
-    Returns:
-        Poses, shape (T, N, 7).
+        motion: The motion.
+        simulator: Who made it, and makes it again without the effects.
+        substeps: Its steps between two frames; None for its own choice.
     """
-    length, rows = length_of(scene, segment), []
-    with Engine(scene, scene.time_step) as engine:
-        for number, start in enumerate(range(0, len(motion.pose) - 1, length)):
-            pose, twist = motion.pose[start], motion.twist[start]
-            if change is not None:
-                pose, twist = _disturbed(scene, pose, twist, change if change.ndim == 3 else change[number])
-            engine.set_state(pose, twist)
-            rows.append(engine.read()[0])
-            for load in excitation.wrench[start : min(start + length, len(motion.pose)) - 1].tolist():
-                engine.push(rows[-1], load)
-                engine.step()
-                rows.append(engine.read()[0])
-    joined = np.array(rows)
-    return np.concatenate([joined, motion.pose[len(joined) :]])
+
+    excitation: Excitation
+    motion: Motion
+    simulator: Simulator
+    substeps: int | None = None
+
+    def steps(self, scene: Scene) -> list[Motion]:
+        """Go one frame from every true state but the last, without effects; motions of two frames."""
+        starts = range(len(self.motion.pose) - 1)
+        return self._run(scene, starts, 2, self.motion.pose[:-1], self.motion.twist[:-1])
+
+    def replay(self, scene: Scene, segment: float, change: Array | None = None) -> Array:
+        """Run the effect-free simulator from the true state at the start of each segment.
+
+        Args:
+            scene: The scene.
+            segment: Length of a segment [s].
+            change: Of initial states, in the axes of the ground: of their poses, and of their rates in 0.1 s; of all
+                segments alike (2, N, 6), or of each (W, 2, N, 6).
+
+        Returns:
+            Poses, shape (T, N, 7).
+        """
+        length = length_of(scene, segment)
+        starts = range(0, len(self.motion.pose) - 1, length)
+        pose, twist = self.motion.pose[list(starts)], self.motion.twist[list(starts)]
+        if change is not None:
+            each = np.broadcast_to(change, (len(starts), *change.shape[-3:]))
+            states = [_disturbed(scene, *state) for state in zip(pose, twist, each, strict=True)]
+            pose, twist = (np.stack(values) for values in zip(*states, strict=True))
+        joined = np.concatenate([motion.pose for motion in self._run(scene, starts, length, pose, twist)])
+        return np.concatenate([joined, self.motion.pose[len(joined) :]])
+
+    def _run(self, scene: Scene, starts: range, length: int, pose: Array, twist: Array) -> list[Motion]:
+        """Simulate so many frames from each state; the last segment may be shorter."""
+        end = len(self.motion.pose)
+        states = [
+            Excitation(first, speed, self.excitation.wrench[start : min(start + length, end)])
+            for start, first, speed in zip(starts, pose, twist, strict=True)
+        ]
+        return self.simulator.simulate(scene, states, (), self.substeps)
+
+
+def steady(config: GenerateConfig) -> GenerateConfig:
+    """Return the same experiment at the scene's own frame rate, with every frame at its time and none missing.
+
+    How much an effect shows, and in which phases, is a matter of the motion, not of when it is looked at. A simulator
+    that cannot start from any state has another one stand in for it. One step from frame to frame is enough: the
+    effect-free simulator that the effect is compared with takes the same.
+    """
+    own = find_setup(config.scene).scene.time_step
+    frames = config.steps
+    if config.frame_rate is not None:
+        frames = math.floor((config.steps - 1) / (config.frame_rate * own) + ROUNDING) + 1
+    simulator = config.simulator if find_simulator(config.simulator).from_any_state else STAND_IN
+    return replace(
+        config, substeps=1, frame_rate=None, jitter=0.0, missing=0.0, force_rate=None, steps=frames, simulator=simulator
+    )
+
+
+def look_at(config: GenerateConfig, index: int, effects: Sequence[Effect]) -> Look:
+    """Draw trajectory `index` with effects; its instants are the frames (see `steady`)."""
+    excitation, motion, _ = draw(config, index, config.protocol, effects)
+    return Look(excitation, motion, find_simulator(config.simulator), config.sampling().substeps)
 
 
 def _disturbed(scene: Scene, pose: Array, twist: Array, change: Array) -> tuple[Array, Array]:

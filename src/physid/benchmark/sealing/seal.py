@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 
-from physid.benchmark.bank import SEALED, SETS, Bank, write_bank
+from physid.benchmark.bank import SEALED, SETS, Bank, Recorder, write_bank
 from physid.benchmark.films import leave_out_poses
 from physid.benchmark.labels import Label, write_labels
 from physid.benchmark.plan import Plan, Task, tasks
@@ -48,7 +48,8 @@ def seal(folder: Path, plan: Plan, workers: int = 1, *, quiet: bool = False) -> 
     labels = dict(tqdm(parallel(jobs), total=plan.size.sets, desc="sealing", disable=quiet or None))
     mark = seal_all(folder, labels)
     sums = {name: checksum(folder / SETS / name) for name in sorted(labels)}
-    bank = Bank(folder, plan.purpose, sums, mark)
+    recorded = {name: Recorder(one.simulator, one.frame_rate) for name, one in sorted(labels.items())}
+    bank = Bank(folder, plan.purpose, sums, mark, recorded)
     write_bank(bank)
     return bank
 
@@ -64,9 +65,11 @@ def _keep_apart(folder: Path, plan: Plan) -> None:
     """Refuse to mix two banks in one folder."""
     path = folder / SEALED / "plan.json"
     values = json.loads(json.dumps(asdict(plan)))
-    if path.is_file() and json.loads(path.read_text(encoding="utf-8")) != values:
+    plain = asdict(Plan(plan.purpose, plan.seed, plan.size))  # what a bank is that says no more
+    if path.is_file() and json.loads(json.dumps(plain)) | json.loads(path.read_text(encoding="utf-8")) != values:
         raise ValueError(
-            f"{folder} holds a bank of another seed, size or purpose; choose another folder, or delete this one first"
+            f"{folder} holds a bank of another seed, size, purpose, simulator or role; choose another folder, or "
+            "delete this one first"
         )
     write_text(path, json.dumps(values) + "\n")
 

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from physid.benchmark.sealing.replay import SPAN, axes_of, difference, length_of, replay
-from physid.data.generation.generate import draw
+from physid.benchmark.sealing.replay import SPAN, Look, axes_of, difference, length_of, look_at, steady
 from physid.data.generation.settings import GenerateConfig
 from physid.physics.effect import Effect
 from physid.scenes.catalogue import find_setup
 from physid.scenes.parameters import with_parameters
 from physid.scenes.rotations import conjugate, multiply, to_vector
 from physid.scenes.scene import Scene
-from physid.scenes.setup import Excitation
-from physid.simulators.bullet.world import Motion, observed
+from physid.simulators.motion import observed
 
 Array = NDArray[np.float64]
 WINDOW = 0.5  # [s] after so long the nominal model starts again from the true state: impacts would amplify anything
@@ -56,9 +53,9 @@ def severity(config: GenerateConfig, effects: Sequence[Effect]) -> float:
     Returns:
         Severity [standard deviations of the noise]; 0 without effects.
     """
-    splits = config.splits()
-    chosen = [index for index, split in enumerate(splits) if split == "fit"][:LOOKS]
-    looks = [Look(*draw(config, index, config.protocol, effects)[:2]) for index in chosen]
+    config = steady(config)
+    chosen = [index for index, split in enumerate(config.splits()) if split == "fit"][:LOOKS]
+    looks = [look_at(config, index, effects) for index in chosen]
     spread = np.array([config.noise.position] * 3 + [config.noise.rotation] * 3) * (UNSEEN if config.video else 1.0)
     scene = _refitted(config, effects, looks, spread)
     parts = [
@@ -73,14 +70,6 @@ def severity(config: GenerateConfig, effects: Sequence[Effect]) -> float:
         ]
     )
     return float(np.sqrt(max(0.0, np.median(square[:, 0] - square[:, 1:].mean(1)))))
-
-
-@dataclass(frozen=True)
-class Look:
-    """One true trajectory: its commands, and its motion with the effects."""
-
-    excitation: Excitation
-    motion: Motion
 
 
 def _refitted(config: GenerateConfig, effects: Sequence[Effect], looks: Sequence[Look], spread: Array) -> Scene:
@@ -111,9 +100,9 @@ def _refitted(config: GenerateConfig, effects: Sequence[Effect], looks: Sequence
 def _brief(scene: Scene, unknown: Sequence[str], effects: Sequence[Effect], look: Look, spread: Array) -> list[Array]:
     """Return d and the changes by each unknown parameter, (1 + P, n), in each brief segment where these are linear."""
     seen = observed(look.motion.pose, effects, scene.time_step * np.arange(len(look.motion.pose), dtype=np.float64))
-    plain = replay(scene, look.excitation, look.motion, BRIEF)
+    plain = look.replay(scene, BRIEF)
     scenes = [*_varied(scene, unknown), *_varied(scene, unknown, -CHANGE)]
-    varied = (replay(each, look.excitation, look.motion, BRIEF) for each in scenes)
+    varied = (look.replay(each, BRIEF) for each in scenes)
     rows = [difference(each, plain, scene) / spread for each in (seen, *varied)]
     length = length_of(scene, BRIEF)
     segments = []
@@ -150,11 +139,11 @@ def _columns(
     """Return d of a trajectory, e by each jitter, and the changes by each unknown parameter: shape (1 + J + P, n)."""
     seen = observed(look.motion.pose, effects, scene.time_step * np.arange(len(look.motion.pose), dtype=np.float64))
     generator = np.random.default_rng(index)
-    plain = replay(scene, look.excitation, look.motion, WINDOW)
+    plain = look.replay(scene, WINDOW)
     bodies = len(scene.bodies)
     draws = [generator.standard_normal((2, bodies, 6)) * _free(scene) for _ in range(JITTERS)]
-    others = [replay(scene, look.excitation, look.motion, WINDOW, JITTER * spread * draw) for draw in draws]
-    others += [replay(each, look.excitation, look.motion, WINDOW) for each in _varied(scene, unknown)]
+    others = [look.replay(scene, WINDOW, JITTER * spread * draw) for draw in draws]
+    others += [look.replay(each, WINDOW) for each in _varied(scene, unknown)]
     rows = np.array([difference(each, plain, scene) / spread for each in (seen, *others)])
     states = _first_states(scene, look, plain, spread)
     followed = _followed(scene, look, seen, states, spread)
@@ -176,7 +165,7 @@ def _followed(scene: Scene, look: Look, seen: Array, states: Array, spread: Arra
     initial = range(0, len(seen) - 1, length_of(scene, WINDOW))
     change, left = _seen_starts(scene, look, seen, initial), [np.array([np.inf])] * len(initial)
     for _ in range(STEPS):
-        again = replay(scene, look.excitation, look.motion, WINDOW, change)
+        again = look.replay(scene, WINDOW, change)
         wide = difference(seen, again, scene)[None] / spread
         for number, start in enumerate(initial):
             segment, free = _flat(wide, scene, start)[0], _flat(states, scene, start)
@@ -211,7 +200,7 @@ def _first_states(scene: Scene, look: Look, plain: Array, spread: Array) -> Arra
     for place in _places(scene):
         unit = np.zeros((2, len(scene.bodies), 6))
         unit[place] = JITTER
-        moved = replay(scene, look.excitation, look.motion, WINDOW, unit * spread)
+        moved = look.replay(scene, WINDOW, unit * spread)
         made.append(difference(moved, plain, scene) / spread / JITTER)
     return np.array(made)
 

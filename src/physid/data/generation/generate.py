@@ -19,6 +19,7 @@ from physid.data.truth import FILE, Truth, read_truth, write_truth
 from physid.scenes.catalogue import find_setup
 from physid.scenes.rotations import from_vector, multiply
 from physid.scenes.setup import Excitation
+from physid.simulators.filming import film
 from physid.simulators.motion import Motion, observed
 from physid.simulators.protocol import find_simulator
 from physid.simulators.sampling import Sampling
@@ -136,8 +137,6 @@ def _write_one(config: GenerateConfig, folder: Path, index: int, split: str, ext
     pose = seen[frames]
     images = {}
     if scene.camera is not None:
-        from physid.simulators.bullet.camera import film
-
         images = film(scene, pose)
     disturbed = bool(config.noise) or seen is not motion.pose
     uneven = bool(config.jitter or config.missing or config.force_rate)

@@ -126,26 +126,3 @@ def matrices(camera: Camera) -> tuple[list[float], list[float]]:
     projection[8] += 1 / camera.width
     projection[9] += 1 / camera.height
     return view, projection
-
-
-def film(scene: Scene, pose: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
-    """Film a motion.
-
-    Args:
-        scene: What to draw.
-        pose: Poses of the bodies at each frame, shape (T, N, 7).
-
-    Returns:
-        `frames` (T, H, W, 3), `mask` of the bodies in the first frame (N, H, W), and `background` (H, W, 3).
-
-    Raises:
-        ValueError: If the scene has no camera.
-    """
-    with Studio(scene) as studio:
-        shots = [studio.shoot(place) for place in pose]
-        first = shots[0][1]
-        return {
-            "frames": np.stack([image for image, _ in shots]),
-            "mask": np.stack([first == index for index in range(len(scene.bodies))]),
-            "background": studio.background,
-        }

@@ -15,7 +15,7 @@ from physid.scenes.rotations import between, rotate
 from physid.scenes.scene import Body, Scene
 from physid.scenes.setup import REST_DEPTH
 from physid.scenes.setups.placing import UP
-from physid.simulators.bullet.native import Settings
+from physid.simulators.native import Settings
 
 Array = NDArray[np.float64]
 Rows = list[tuple[float, ...]]

@@ -13,8 +13,8 @@ from physid.physics.effect import Effect, StepInputs
 from physid.physics.rotations import rotate
 from physid.scenes.scene import Scene
 from physid.simulators.bullet.engine import Engine, Rows
-from physid.simulators.bullet.native import Native
 from physid.simulators.inputs import ChangingInputs
+from physid.simulators.native import Native
 
 Array = NDArray[np.float64]
 

@@ -9,6 +9,7 @@ from torch import Tensor
 from physid.physics.rotations import exponential, multiply, rotate
 from physid.scenes.scene import Scene
 from physid.scenes.setup import Excitation
+from physid.simulators.protocol import find_simulator
 from physid.training.parameters.trajectories import Trajectories
 
 FINE = 1 / 960  # [s]
@@ -64,17 +65,14 @@ def bullet(trajectories: Trajectories, scene: Scene, substeps: int) -> Tensor:
     Returns:
         Poses, shape (B, T, N, 7).
     """
-    from physid.simulators.bullet.world import simulate
-
-    motions = [
-        simulate(scene, Excitation(pose, twist, wrench), substeps=substeps).pose
-        for pose, twist, wrench in zip(
-            trajectories.pose[:, 0].cpu().numpy(),
-            trajectories.twist[:, 0].cpu().numpy(),
-            trajectories.wrench.cpu().numpy(),
-            strict=True,
-        )
-    ]
+    initial = zip(
+        trajectories.pose[:, 0].cpu().numpy(),
+        trajectories.twist[:, 0].cpu().numpy(),
+        trajectories.wrench.cpu().numpy(),
+        strict=True,
+    )
+    excitations = [Excitation(pose, twist, wrench) for pose, twist, wrench in initial]
+    motions = [motion.pose for motion in find_simulator("pybullet").simulate(scene, excitations, substeps=substeps)]
     return torch.from_numpy(np.stack(motions)).to(trajectories.pose)
 
 

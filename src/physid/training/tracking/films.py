@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from physid.data.format import RecordingSet
 from physid.data.recording import Recording
 from physid.scenes.scene import Scene
+from physid.simulators.filming import open_studio
 
 Image = NDArray[np.uint8]
 FirstSight = tuple[Image, NDArray[np.bool_], Image]
@@ -97,9 +98,7 @@ class Drawn(Footage, AbstractContextManager["Drawn"]):
         self, scene: Scene, patches: Image, poses: Sequence[NDArray[np.float64]], backgrounds: Sequence[Image],
         noise: float = 0.0,
     ) -> None:  # fmt: skip
-        from physid.simulators.bullet.camera import Studio
-
-        self._studio = Studio(scene, patches)
+        self._studio = open_studio(scene, patches)
         self._poses, self._backgrounds, self._noise = poses, backgrounds, noise
         self._bodies = len(scene.bodies)
 

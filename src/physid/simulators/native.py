@@ -1,4 +1,4 @@
-"""What only PyBullet can do: its own settings, as an effect asks for them."""
+"""What only one simulator can do: its own settings, as an effect asks for them."""
 
 from __future__ import annotations
 
