@@ -60,6 +60,7 @@ OTHERS = [
     "git",
 ]
 OTHERS += ["pip", "sbatch", "sleep", "srun", "torchrun", "wandb"]
+TUTORIALS = ("tutorial_csv.md",)  # tests/test_tutorials.py runs them as they stand
 LONG = ("--quick",)  # left out, since it would win over what keeps a command short
 # Several processes: tests/test_workers.py and tests/test_processes.py run these.
 SPREAD = ("--backend", "--scheduler", "trainer.strategy=")
@@ -190,7 +191,8 @@ def run(words: list[str], recordings: Callable[[str], Path]) -> int:
         wanted = Path(compose(files).values["data"]["init_args"]["folder"])
         if not wanted.exists():
             shutil.copytree(recordings(wanted.name), wanted)
-    if words[0] == "diagnose" and not Path(words[1]).exists():
+    asked = words[0] in ("diagnose", "fit", "identifiability") and not words[1].startswith("-")
+    if asked and not Path(words[1]).exists():
         shutil.copytree(recordings("push"), words[1])
     if words[0] == "dashboard" and not Path(words[1]).exists():
         write_fit(Path(words[1]) / "push_friction", estimate=0.1201, seconds=3.0)
@@ -202,7 +204,7 @@ def run(words: list[str], recordings: Callable[[str], Path]) -> int:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "page",
-    [page for page in PAGES if any(block.kind != "text" for block in blocks(page))],
+    [page for page in PAGES if any(block.kind != "text" for block in blocks(page)) and page.name not in TUTORIALS],
     ids=lambda page: page.relative_to(ROOT).as_posix(),
 )
 def test_what_a_page_shows_runs_from_top_to_bottom(page: Path, place: Path, recordings: Callable[[str], Path]) -> None:

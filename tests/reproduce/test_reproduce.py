@@ -159,6 +159,8 @@ def test_the_time_left_counts_what_cells_cost(tmp_path: Path, capsys: pytest.Cap
 
 def test_an_unknown_cell_or_profile_is_refused_with_the_nearest_name() -> None:
     assert [cell.name for cell in choose("quick", ["sysid/push_mass"])] == ["sysid/push_mass"]
+    every = [cell.name for cell in choose("quick", [])]
+    assert [cell.name for cell in choose("quick", ["sysid"])] == [name for name in every if name.startswith("sysid/")]
     with pytest.raises(ConfigurationError, match=r"did you mean 'sysid/push_mass'"):
         choose("quick", ["sysid/pushmass"])
     with pytest.raises(ConfigurationError, match="unknown profile"):

@@ -64,7 +64,7 @@ def reproduce(
     Args:
         profile: quick: minutes on two cores; reduced: all cells of the tables, those with video on 64
             trajectories, half an hour; paper: 1000 trajectories with video of each scene, hours.
-        cell: Only these cells, separated by commas.
+        cell: Only these cells or groups of cells (sysid), separated by commas.
         seeds: Runs of each cell that learns from video; of several, mean and standard deviation are shown.
         out: Folder of the results; by default runs/reproduce, or runs/reproduce_PROFILE for one that is not quick.
         configs: Folder with configurations of your own under the same names; those that are shipped by default.

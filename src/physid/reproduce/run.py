@@ -23,7 +23,7 @@ LEARNED = ("supervised/", "self_supervised/")
 
 
 def choose(profile: str, names: Sequence[str], seeds: int = 1) -> list[Cell]:
-    """Return the cells of a profile, or those of them that are named; those with video with so many seeds.
+    """Return the cells of a profile, those that are named, or whose group is; those with video with seeds.
 
     Raises:
         ConfigurationError: If the profile or a cell does not exist; names the nearest.
@@ -31,12 +31,14 @@ def choose(profile: str, names: Sequence[str], seeds: int = 1) -> list[Cell]:
     if profile not in PROFILES:
         raise ConfigurationError(f"unknown profile {profile!r}; there are {', '.join(PROFILES)}")
     cells = {cell.name: cell for cell in PROFILES[profile]}
+    chosen: dict[str, Cell] = {}
     for name in names:
-        if name not in cells:
+        found = {one: cell for one, cell in cells.items() if one == name or one.startswith(f"{name}/")}
+        if not found:
             nearest = get_close_matches(name, cells, 1, 0)
             raise ConfigurationError(f"unknown cell {name!r} of profile {profile}; did you mean {nearest[0]!r}?")
-    chosen = [cells[name] for name in names] or list(cells.values())
-    return [_with_seeds(cell, seeds) for cell in chosen]
+        chosen |= found
+    return [_with_seeds(cell, seeds) for cell in (chosen or cells).values()]
 
 
 def _with_seeds(cell: Cell, seeds: int) -> Cell:

@@ -1,0 +1,47 @@
+"""The tutorials run as they stand, and end where they say."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from physid.cli import main
+
+ROOT = Path(__file__).parent.parent
+TRUE = {"block.mass": 0.73, "block.friction": 0.21}
+MOST = 10
+
+
+def shell(page: str) -> list[list[str]]:
+    """Return the commands of a page, but for those that its text alone names."""
+    text = (ROOT / "docs" / page).read_text()
+    lines = re.findall(r"^ {4}((?:physid|python) .*)$", text, re.MULTILINE)
+    return [shlex.split(line) for line in lines]
+
+
+@pytest.mark.slow
+def test_the_tutorial_leads_from_logs_to_a_diagnosed_model(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    commands = shell("tutorial_csv.md")
+    assert len(commands) <= MOST
+    for program, *words in commands:
+        if program == "python":
+            subprocess.run([sys.executable, str(ROOT / words[0]), *words[1:]], check=True, capture_output=True)
+        else:
+            assert main(words) == 0, words
+    printed = capsys.readouterr().out
+    assert "Nothing looks wrong." in printed
+    assert "the fit leaves nothing beyond the noise of the poses" in printed
+    figures = json.loads(Path("runs", "bench", "metrics.json").read_text())
+    for name, true in TRUE.items():
+        assert figures[f"params/{name}/low"] < true < figures[f"params/{name}/high"]
+    assert json.loads(Path("runs", "diagnosis", "bench", "diagnosis.json").read_text())["verdict"] == "none"
+    assert Path("runs", "dashboard.html").is_file()
