@@ -26,7 +26,7 @@ from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig
 from physid.networks.encoder import as_image
 from physid.training.learners.metrics import PoseErrors
-from physid.training.learners.optimisation import DEFAULT_OPTIMIZER, LARGEST_GRADIENT, build_optimizer
+from physid.training.learners.optimisation import DEFAULT_OPTIMIZER, LARGEST_GRADIENT, build_optimizers
 from physid.training.learners.phases import Phases
 from physid.training.learners.supervised import SupervisedID
 from physid.training.vision import synthetic_images as synthetic_images
@@ -71,12 +71,12 @@ def learn(films: RecordingSet, images: int, *, features: bool) -> None:
     background = seen[1][:1]
     known = SyntheticImages(frames=512).draw_poses(model, 1)
     shown = SyntheticImages(frames=512).draw_images(model, known, background), background, known
-    optimizer, phases, steps = build_optimizer(DEFAULT_OPTIMIZER, model, 0.0), Phases(0, 0), images // BATCH
+    optimizer, phases, steps = build_optimizers(DEFAULT_OPTIMIZER, model, 0.0)[0], Phases(0, 0), images // BATCH
     start = time.process_time()
     print("  images        imagined             recorded       CPU s")
     for step in range(1, steps + 1):
         for group in optimizer.param_groups:
-            group["lr"] = phases.encoder_rate(step, steps) * group["highest"]
+            group["lr"] = phases.encoder_share(step, steps) * group["highest"]
         losses = SyntheticImages(frames=BATCH).losses(model, background, 0.06)
         kept = [value.mean() for name, value in losses.items() if features or name != "imagined_features"]
         optimizer.zero_grad()

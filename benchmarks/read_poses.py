@@ -29,6 +29,7 @@ from physid.data.generation.settings import GenerateConfig
 from physid.physics.rotations import exponential, multiply
 from physid.scenes.catalogue import find_setup
 from physid.training.learners.supervised import SupervisedID
+from physid.training.learners.video import Objective
 from physid.training.parameters.pose_loss import PoseLoss
 from physid.training.refinement.horizon import Horizon
 
@@ -62,7 +63,7 @@ def astray(pose: Tensor) -> Tensor:
 def identify(data: RecordingsDataModule, frames: int, *, read: bool) -> Bounds:
     """Return estimates and intervals where all poses are known, or every tenth is read."""
     scene = dataclasses.replace(data.scene, camera=find_setup("collide").scene.camera)
-    module = SupervisedID(list(RANGES), loss=PoseLoss(rotation_weight=0.06)).attach(scene)
+    module = SupervisedID(list(RANGES), objective=Objective(PoseLoss(rotation_weight=0.06))).attach(scene)
     batch = Horizon(frames).cut(next(iter(data.train_dataloader())), all_trajectories=True)
     goal = batch["pose"].double()
     batch["shown"] = torch.zeros(len(goal), 1, dtype=torch.long)

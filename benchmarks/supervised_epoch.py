@@ -18,6 +18,7 @@ import tempfile
 import time
 import warnings
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from unittest import mock
 
@@ -27,9 +28,12 @@ import torch
 from physid.data.batches.datamodule import RecordingsDataModule
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig
+from physid.networks.encoder import Layers, PoseEncoder
 from physid.training.learners.phases import Phases
 from physid.training.learners.supervised import SupervisedID
+from physid.training.learners.video import Objective
 from physid.training.refinement.horizon import Horizon
+from physid.training.vision.model import Vision
 from physid.training.vision.pose_refinement import PoseRefinement
 from physid.training.vision.synthetic_images import SyntheticImages
 
@@ -67,15 +71,14 @@ class Profiled(L.Callback):
 
 
 def measure(folder: Path, phases: Phases, *, fast: bool | None = None) -> tuple[float, Mapping[str, float]]:
-    """Return the CPU time of an epoch [s], and of each part [s]; fast is that of `SupervisedID`."""
+    """Return the CPU time of an epoch [s], and of each part [s]; fast is that of `Layers`."""
     L.seed_everything(0, verbose=False)
     model = SupervisedID(
         learn=["block.friction"],
+        encoder=partial(PoseEncoder, layers=Layers(fast=fast)),
+        vision=Vision(pose_refinement=PoseRefinement(steps=8, headings=24)),
+        objective=Objective(synthetic_images=SyntheticImages(frames=4), horizon=Horizon(trajectories=2)),
         phases=phases,
-        synthetic_images=SyntheticImages(frames=4),
-        pose_refinement=PoseRefinement(steps=8, headings=24),
-        horizon=Horizon(trajectories=2),
-        fast=fast,
     )
     data, profiled = RecordingsDataModule(str(folder), batch_size=4, video=[0], draw=1, every=10), Profiled()
     trainer = L.Trainer(

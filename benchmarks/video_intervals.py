@@ -27,14 +27,15 @@ from physid.data.generation.settings import GenerateConfig
 from physid.networks.encoder import as_image
 from physid.scenes.scene import Scene
 from physid.training.learners.supervised import SupervisedID
+from physid.training.learners.video import Objective
 from physid.training.parameters.intervals import intervals
 from physid.training.parameters.physical_parameters import PhysicalParameters
 from physid.training.parameters.pose_loss import PoseLoss
 from physid.training.refinement.horizon import Horizon
 from physid.training.refinement.kesten_step import KestenStep
 from physid.training.refinement.normal_equations import NormalEquations
-from physid.training.refinement.refinement import LARGEST_STEP, add_to
-from physid.training.vision.model import at_frames, over_time
+from physid.training.refinement.refinement import LARGEST_STEP, Readings, add_to
+from physid.training.vision.model import Vision, at_frames, over_time
 from physid.training.vision.pose_refinement import PoseRefinement
 
 CONFIGS = Path(__file__).parents[1] / "configs" / "generate"
@@ -71,12 +72,11 @@ def load(run: Path) -> tuple[SupervisedID, str]:
     arguments = compose([str(run / "config.yaml")]).values
     recordings = RecordingsDataModule(arguments["data"]["init_args"]["folder"]).recordings
     given = arguments["model"]["init_args"]
+    vision, objective = given["vision"], given["objective"]
     module = SupervisedID(
         given["learn"],
-        chart=given["chart"],
-        loss=PoseLoss(**given["loss"]),
-        pose_refinement=PoseRefinement(**given["pose_refinement"]),
-        horizon=Horizon(given["horizon"].get("frames")),
+        vision=Vision(vision["chart"], pose_refinement=PoseRefinement(**vision["pose_refinement"])),
+        objective=Objective(PoseLoss(**objective["pose_loss"]), horizon=Horizon(objective["horizon"].get("frames"))),
     ).attach(recordings.scene)
     module.load_state_dict(state, strict=False)
     return module.eval(), recordings.scene.name
@@ -87,7 +87,7 @@ def identify(module: SupervisedID, folder: Path) -> dict[str, Bounds]:
     model = module.model
     data = RecordingsDataModule(folder, video="all", every=FRAMES, fit=("train", "test"), shuffle=False)
     model.look_at(data.recordings, data.trajectories("fit"))
-    batch = module.horizon.cut(next(iter(data.train_dataloader())), all_trajectories=True)
+    batch = module.objective.horizon.cut(next(iter(data.train_dataloader())), all_trajectories=True)
     _, encoded = model.read(as_image(batch["frames"]), as_image(batch["background"]))
     goal, real = over_time(encoded.double(), batch)
     everywhere, known = torch.ones_like(real), at_frames(batch["pose"], batch["shown"])
@@ -114,7 +114,8 @@ def refine(
     calm = KestenStep()
     for _ in range(STEPS):
         equations = NormalEquations()
-        add_to(equations, model, module.loss, encoded, batch, goal, real, from_images=from_images)
+        known = Readings(encoded, goal, real, from_images)
+        add_to(equations, model, module.objective.pose_loss, batch, known)
         step = calm(equations.step(LARGEST_STEP), equations.normal.matrix.sum(0))
         with torch.no_grad():
             model.physical.logarithm.add_(step)

@@ -9,6 +9,7 @@ from physid.networks.camera import PinholeCamera
 from physid.networks.chart import PlanarChart
 from physid.networks.encoder import (
     CONTRAST,
+    Layers,
     PoseEncoder,
     VariationalPoseEncoder,
     as_image,
@@ -58,7 +59,7 @@ def test_an_untrained_encoder_answers_nearly_the_neutral_pose(model: type[PoseEn
 
 
 def test_every_image_is_read_by_itself() -> None:
-    encoder = PoseEncoder(CHART, fast=False)
+    encoder = PoseEncoder(CHART, layers=Layers(fast=False))
     together = encoder(images(), BACKGROUND).numbers
     apart = torch.cat([encoder(i[None], BACKGROUND).numbers for i in images()])
     assert torch.allclose(together, apart, atol=TOLERANCE)
@@ -66,7 +67,7 @@ def test_every_image_is_read_by_itself() -> None:
 
 def test_convolutions_in_bfloat16_and_mixed_precision_leave_the_poses_in_single_precision() -> None:
     torch.manual_seed(0)
-    fast, exact = PoseEncoder(CHART, fast=True), PoseEncoder(CHART, fast=False)
+    fast, exact = PoseEncoder(CHART, layers=Layers(fast=True)), PoseEncoder(CHART, layers=Layers(fast=False))
     exact.load_state_dict(fast.state_dict())
     expected = exact(images(), BACKGROUND)
     assert torch.allclose(fast(images(), BACKGROUND).numbers, expected.numbers, atol=5e-3)
@@ -78,7 +79,7 @@ def test_convolutions_in_bfloat16_and_mixed_precision_leave_the_poses_in_single_
 
 def seconds(fast: bool | None) -> float:
     """Return what the faster of two passes through an encoder takes, forward and backward."""
-    encoder = PoseEncoder(CHART, fast=fast)
+    encoder = PoseEncoder(CHART, layers=Layers(fast=fast))
     spent = []
     for _ in range(2):
         begin = time.process_time()
@@ -152,7 +153,7 @@ def test_frames_of_the_wrong_kind_or_size_are_refused() -> None:
 
 def test_features_are_summed_over_the_image_and_do_not_tell_where_a_body_is() -> None:
     torch.manual_seed(0)
-    encoder, patch = PoseEncoder(CHART, fast=False), torch.rand(3, 20, 20)
+    encoder, patch = PoseEncoder(CHART, layers=Layers(fast=False)), torch.rand(3, 20, 20)
     frames = BACKGROUND.repeat(2, 1, 1, 1)
     for frame, place in zip(frames, (40, 56), strict=True):  # moved by two strides of the third convolution
         frame[:, place : place + 20, place : place + 20] = patch

@@ -186,11 +186,11 @@ def test_cells_with_the_same_films_share_an_encoder_once_it_is_learned(
         one.run(CONFIGS, tmp_path / "data", tmp_path / name)
     taking, resumed, own = (values["model"]["init_args"] for values in seen)
     assert taking == resumed
-    assert taking["encoder"] == str(donor / "checkpoints/last.ckpt")
+    assert taking["vision"]["weights"] == str(donor / "checkpoints/last.ckpt")
     assert taking["phases"]["warm_up"] == 0
     assert seen[0]["trainer"]["max_epochs"] == 6
-    assert "encoder" not in own
+    assert "weights" not in own["vision"]
     # What has begun without goes on without.
     (tmp_path / "supervised/push_mass/config.yaml").write_text("{}")
     cell.run(CONFIGS, tmp_path / "data", tmp_path / "supervised/push_mass")
-    assert "encoder" not in seen[-1]["model"]["init_args"]
+    assert "weights" not in seen[-1]["model"]["init_args"]["vision"]

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import pytest
 import torch
 from torch import Tensor
 
+from physid.networks.encoder import Layers, PoseEncoder
 from physid.physics.state import State
 from physid.scenes.catalogue import find_setup
 from physid.training.learners.supervised import SupervisedID
@@ -17,13 +19,15 @@ from physid.training.refinement.normal_equations import NormalEquations
 from physid.training.vision.calibration import Calibration, moved, stretched
 from physid.training.vision.model import VideoModel
 
+PRECISE = partial(PoseEncoder, layers=Layers(fast=False))
+
 SHARE = 0.003
 OFFSET = torch.tensor([0.4, -0.3], dtype=torch.float64)  # [px]
 ROUNDING = 1e-4  # relative
 
 
 def model_of() -> VideoModel:
-    return SupervisedID(["block.friction"], fast=False).attach(find_setup("push").scene).model
+    return SupervisedID(["block.friction"], encoder=PRECISE).attach(find_setup("push").scene).model
 
 
 def anywhere(model: VideoModel, count: int) -> Tensor:

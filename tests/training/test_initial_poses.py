@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from functools import partial
 from typing import Any
 
 import pytest
 import torch
 from torch import Tensor
 
+from physid.networks.encoder import Layers, PoseEncoder
 from physid.physics.rotations import exponential, multiply
 from physid.physics.state import State
 from physid.scenes.catalogue import find_setup
 from physid.scenes.scene import Integration
 from physid.training.learners.supervised import SupervisedID
+from physid.training.learners.video import Objective
 from physid.training.parameters.pose_loss import PoseLoss
 from physid.training.parameters.slopes import Slopes, slopes
 from physid.training.parameters.trajectories import Trajectories
@@ -22,6 +25,8 @@ from physid.training.refinement import normal_equations
 from physid.training.refinement.initial_poses import Placing, place
 from physid.training.refinement.normal_equations import NormalEquations
 from physid.training.vision.model import VideoModel
+
+PRECISE = partial(PoseEncoder, layers=Layers(fast=False))
 
 FRAMES, STEPS, MANY = 50, 6, 12
 OFF, TURNED = 1e-3, 0.01  # [m], [rad], of what is read
@@ -33,7 +38,7 @@ def model_of(scene: str, learn: list[str]) -> VideoModel:
     torch.manual_seed(0)
     known = find_setup(scene).scene
     known = dataclasses.replace(known, integration=Integration("semi_implicit_euler", known.time_step))
-    return SupervisedID(learn, loss=LOSS, fast=False).attach(known).model
+    return SupervisedID(learn, encoder=PRECISE, objective=Objective(LOSS)).attach(known).model
 
 
 def astray(pose: Tensor) -> Tensor:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import pytest
 import torch
 from torch import Tensor
 
+from physid.networks.encoder import Layers, PoseEncoder
 from physid.physics.state import State
 from physid.scenes.catalogue import find_setup
 from physid.training.learners.supervised import SupervisedID
@@ -15,7 +17,9 @@ from physid.training.parameters.pose_loss import PoseLoss
 from physid.training.parameters.trajectories import Trajectories
 from physid.training.refinement.landing_height import land
 from physid.training.refinement.normal_equations import NormalEquations
-from physid.training.vision.model import VideoModel
+from physid.training.vision.model import VideoModel, Vision
+
+PRECISE = partial(PoseEncoder, layers=Layers(fast=False))
 
 FRAMES, STEPS = 160, 5
 DEPTH = 0.03  # [m] by which images mistake how far away a body is
@@ -27,7 +31,7 @@ def sliding() -> tuple[VideoModel, Tensor]:
     """Return a model whose friction is a third too high, and true poses (B, T, 1, 7)."""
     torch.manual_seed(0)
     scene = find_setup("slide").scene
-    model = SupervisedID(["block.friction"], chart="hovering", fast=False).attach(scene).model
+    model = SupervisedID(["block.friction"], encoder=PRECISE, vision=Vision(chart="hovering")).attach(scene).model
     height = torch.tensor([0.02, 0.05, 0.08, 0.11], dtype=torch.float64)[:, None]
     numbers = torch.zeros(len(height), 1, 5, dtype=torch.float64)
     numbers[..., 0], numbers[..., 2] = -0.4, 1.0

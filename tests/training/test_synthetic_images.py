@@ -5,7 +5,7 @@ import torch
 
 from physid.networks.encoder import Encoding
 from physid.scenes.catalogue import find_setup
-from physid.training.learners.optimisation import DEFAULT_OPTIMIZER, build_optimizer
+from physid.training.learners.optimisation import DEFAULT_OPTIMIZER, build_optimizers
 from physid.training.learners.supervised import SupervisedID
 from physid.training.vision.model import VideoModel
 from physid.training.vision.synthetic_images import SyntheticImages, encoding_losses
@@ -45,7 +45,7 @@ def test_neighbours_are_drawn_side_by_side_and_within_view() -> None:
 
 def test_some_hundreds_of_images_teach_where_a_body_is() -> None:
     model, synthetic_images = model_of("push"), SyntheticImages(frames=IMAGES)
-    optimizer = build_optimizer(DEFAULT_OPTIMIZER, model, 0.0)
+    optimizer = build_optimizers(DEFAULT_OPTIMIZER, model, 0.0)[0]
     losses = []
     for _ in range(STEPS):
         values = synthetic_images.losses(model, BACKGROUND, SIZE**2)

@@ -110,12 +110,18 @@ def test_the_encoder_of_a_run_finds_the_bodies_and_knows_their_look(
     films: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run = tmp_path / "run"
-    tiny = ["data.batch_size=4", "data.every=10", "data.draw=1", "data.test=[train]", "model.synthetic_images.frames=1"]
+    tiny = [
+        "data.batch_size=4",
+        "data.every=10",
+        "data.draw=1",
+        "data.test=[train]",
+        "model.objective.synthetic_images.frames=1",
+    ]
     tiny += [
         "model.phases.warm_up=1",
         "model.phases.refine=0",
-        "model.pose_refinement.steps=2",
-        "model.pose_refinement.headings=1",
+        "model.vision.pose_refinement.steps=2",
+        "model.vision.pose_refinement.headings=1",
     ]
     tiny += ["trainer.max_epochs=1", "trainer.accelerator=cpu", "wandb=disabled", f"data.folder={films}"]
     config = Path(__file__).parents[2] / "configs" / "supervised" / "push_friction.yaml"

@@ -27,11 +27,11 @@ TINY = [
     "data.batch_size=4",
     "data.every=5",
     "data.draw=1",
-    "model.synthetic_images.frames=1",
+    "model.objective.synthetic_images.frames=1",
     "model.phases.warm_up=1",
     "model.phases.refine=1",
-    "model.pose_refinement.steps=2",
-    "model.pose_refinement.headings=1",
+    "model.vision.pose_refinement.steps=2",
+    "model.vision.pose_refinement.headings=1",
     "trainer.max_epochs=3",
     "trainer.accelerator=cpu",
     "wandb=disabled",
@@ -115,7 +115,7 @@ def test_a_loss_that_is_not_finite_names_the_trajectory_and_leaves_the_last_good
 
 def test_first_velocities_come_from_three_frames_where_nothing_rests(films: Path, tmp_path: Path) -> None:
     config = str(CONFIGS / "supervised" / "push_friction.yaml")
-    fit = ["fit", "--config", config, f"data.folder={films}", *TINY, "model.start={at_rest: false, spacing: 5}"]
+    fit = ["fit", "--config", config, f"data.folder={films}", *TINY, "model.vision.start={at_rest: false, spacing: 5}"]
     assert main([*fit, f"--run-dir={tmp_path / 'run'}", "data.video=[0, 5, 10]"]) == 0
     figures = json.loads((tmp_path / "run" / "metrics.json").read_text())
     assert figures["test/predicted_position_error"] < MISSED
@@ -125,7 +125,7 @@ def test_first_velocities_without_their_frames_are_refused(
     films: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     config = str(CONFIGS / "supervised" / "push_friction.yaml")
-    fit = ["fit", "--config", config, f"data.folder={films}", *TINY, "model.start={at_rest: false, spacing: 5}"]
+    fit = ["fit", "--config", config, f"data.folder={films}", *TINY, "model.vision.start={at_rest: false, spacing: 5}"]
     assert main([*fit, f"--run-dir={tmp_path / 'run'}", "data.video=[0]", "data.draw=0"]) == 2
     assert "name them in data.video" in capsys.readouterr().err
 
@@ -200,9 +200,9 @@ def test_a_run_begins_with_the_encoder_of_another_one_of_its_kind(films: Path, t
     )
     with pytest.raises(ValueError, match=r"last.ckpt: expected an encoder of the same method"):
         take_encoder(SelfSupervisedID(["block.mass"]).attach(scene).model, checkpoint)
-    with pytest.raises(ValueError, match=r"model.encoder: expected a checkpoint .* found none at"):
+    with pytest.raises(ValueError, match=r"model.vision.weights: expected a checkpoint .* found none at"):
         take_encoder(model, tmp_path / "nowhere.ckpt")
-    taking = [f"--run-dir={tmp_path / 'second'}", f"model.encoder={checkpoint}", "model.phases.warm_up=0"]
+    taking = [f"--run-dir={tmp_path / 'second'}", f"model.vision.weights={checkpoint}", "model.phases.warm_up=0"]
     assert main(["fit", "--config", config, f"data.folder={films}", *TINY, *taking]) == 0
 
 
@@ -213,3 +213,41 @@ def test_recordings_without_video_are_refused(tmp_path: Path, capsys: pytest.Cap
     fit = ["fit", "--config", str(CONFIGS / "supervised" / "push_friction.yaml"), f"--run-dir={tmp_path / 'run'}"]
     assert main([*fit, f"data.folder={out}", *TINY]) == 2
     assert "video=true" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("imagined", "compared"), [(0, [0, 1, 2, 3, 4, 5]), (1, [2, 3, 4, 5])])
+def test_the_blur_goes_all_the_way_over_the_epochs_whose_loss_compares_images(
+    imagined: int, compared: list[int], films: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: dict[int, set[int]] = {}
+    compare = SelfSupervisedID._mismatch
+
+    def noted(self: SelfSupervisedID, *what: Any) -> torch.Tensor:
+        seen.setdefault(self.current_epoch, set()).add(self.blur.blur.kernel)
+        return compare(self, *what)
+
+    monkeypatch.setattr(SelfSupervisedID, "_mismatch", noted)
+    config = str(CONFIGS / "self_supervised" / "push_friction.yaml")
+    phases = ["trainer.max_epochs=7", "model.phases.warm_up=2", "model.phases.refine=1"]
+    images = ["model.objective.blur={start: [128, 128]}", f"model.objective.synthetic_images.frames={imagined}"]
+    fit = ["fit", "--config", config, f"--run-dir={tmp_path / 'run'}", f"data.folder={films}", *TINY, *phases, *images]
+    assert main(fit) == 0
+    assert list(seen) == compared
+    kernels = [kernel for epoch in compared for kernel in seen[epoch]]
+    assert len(kernels) == len(compared), "one kernel in each epoch"
+    assert (kernels[0], kernels[-1]) == (128, 5)
+    assert kernels == sorted(kernels, reverse=True)
+
+
+@pytest.mark.parametrize("encoder", ["PoseEncoder", "VariationalPoseEncoder"])
+@pytest.mark.parametrize("method", ["supervised", "self_supervised"])
+def test_either_method_takes_either_encoder_and_a_distribution_has_its_price(
+    method: str, encoder: str, films: Path, tmp_path: Path
+) -> None:
+    run, config = tmp_path / "run", str(CONFIGS / method / "push_friction.yaml")
+    slot = f"model.encoder={{class_path: physid.networks.encoder.{encoder}}}"
+    assert main(["fit", "--config", config, f"--run-dir={run}", f"data.folder={films}", *TINY, slot]) == 0
+    figures = json.loads((run / "metrics.json").read_text())
+    assert (figures.get("train/divergence", 0.0) > 0) == (encoder == "VariationalPoseEncoder")
+    assert figures["test/encoded_position_error"] < MISSED
+    assert figures["params/block.friction/by_gradient_estimate"] != figures["params/block.friction/estimate"]

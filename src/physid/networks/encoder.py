@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import final
+from typing import Literal, final
 
 import torch
 from torch import Tensor, nn
@@ -37,7 +38,7 @@ def as_image(frames: Tensor) -> Tensor:
     return frames.movedim(-1, -3).float() / 255
 
 
-def with_difference(image: Tensor, background: Tensor) -> Tensor:
+def with_difference(image: Tensor, background: Tensor, *, raw: bool = False) -> Tensor:
     """Stack the encoder's four channels: red, green and blue counted from the known background, and their mean size.
 
     Both are scaled by CONTRAST to the order of 1 on an object. Counted from black, the colours of the empty scene,
@@ -46,6 +47,7 @@ def with_difference(image: Tensor, background: Tensor) -> Tensor:
     Args:
         image: Images in [0, 1], shape (B, 3, H, W).
         background: The empty scene in [0, 1], shape (B or 1, 3, H, W).
+        raw: Whether the three colours are counted from black after all, beside the difference.
 
     Returns:
         Shape (B, 4, H, W).
@@ -59,7 +61,7 @@ def with_difference(image: Tensor, background: Tensor) -> Tensor:
             f"{tuple(background.shape)}"
         )
     colour = CONTRAST * (image - background)
-    return torch.cat([colour, colour.abs().mean(-3, keepdim=True)], -3)
+    return torch.cat([image if raw else colour, colour.abs().mean(-3, keepdim=True)], -3)
 
 
 def features(height: int, width: int) -> int:
@@ -76,17 +78,36 @@ def features(height: int, width: int) -> int:
     return math.prod(lengths) * CONVOLUTIONS[-1][1]
 
 
+@dataclass(frozen=True)
+class Layers:
+    """How the layers of an encoder begin and compute.
+
+    Attributes:
+        initial_weights: scaled (see `_Base`), or torch's own.
+        raw_colours: Whether the three colours are counted from black, not from the background.
+        fast: Whether the convolutions compute in bfloat16; None where the device has units for it (`has_bfloat16`).
+    """
+
+    initial_weights: Literal["scaled", "torch"] = "scaled"
+    raw_colours: bool = False
+    fast: bool | None = None
+
+    def __post_init__(self) -> None:
+        if self.initial_weights not in ("scaled", "torch"):
+            raise ValueError(f"layers.initial_weights must be scaled or torch, got {self.initial_weights!r}")
+
+
 @final
 class _Base(nn.Module):
     """The paper's layers (its tables S.1 and S.2), from four channels to the latent numbers, ELU between them.
 
     The convolutions, nearly all of the work, may run in bfloat16; the connected layers do not, since an output in
-    bfloat16 would resolve no more than a quarter of a pixel. Weights start as He et al. (2015) say, so that the signal
-    of a small object does not fade on its way. Half of the first connected units start with equal weights at all
+    bfloat16 would resolve no more than a quarter of a pixel. Scaled weights start as He et al. (2015) say, so that the
+    signal of a small object does not fade on its way, and half of the first connected units with equal weights at all
     places: how a body is turned does not depend on where it is.
     """
 
-    def __init__(self, height: int, width: int, latent: int, fast: bool | None) -> None:
+    def __init__(self, height: int, width: int, latent: int, layers: Layers) -> None:
         super().__init__()
         convolutions: list[nn.Module] = []
         for channels, wider, kernel, stride in CONVOLUTIONS:
@@ -96,16 +117,20 @@ class _Base(nn.Module):
         wide, self.last = features(height, width), nn.Linear(HIDDEN, latent)
         first = nn.Linear(wide, HIDDEN)
         self.connected = nn.Sequential(first, nn.ELU(), nn.Linear(HIDDEN, HIDDEN), nn.ELU())
-        self.fast = fast
+        self.fast = layers.fast
+        if layers.initial_weights == "scaled":
+            self._scale(first)
+        self.convolutions.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+
+    @torch.no_grad()
+    def _scale(self, first: nn.Linear) -> None:
         for module in self.modules():
             if isinstance(module, nn.Conv2d | nn.Linear):
                 nn.init.kaiming_normal_(module.weight)
                 if module.bias is not None:
                     nn.init.zeros_(module.bias)
-        with torch.no_grad():
-            placed = first.weight.view(HIDDEN, CONVOLUTIONS[-1][1], -1)
-            placed[: HIDDEN // 2] = placed[: HIDDEN // 2].mean(-1, keepdim=True)
-        self.convolutions.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        placed = first.weight.view(HIDDEN, CONVOLUTIONS[-1][1], -1)
+        placed[: HIDDEN // 2] = placed[: HIDDEN // 2].mean(-1, keepdim=True)
 
     def forward(self, image: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Turn images (B, 4, H, W) into latent numbers (B, latent); the fourth channel is 0 where all others are.
@@ -155,63 +180,72 @@ class Encoding:
     late: Tensor
 
 
-@final
-class PoseEncoder(nn.Module):
-    """Reads the poses of all bodies from single images, as the paper does with supervision.
+class Encoder(nn.Module, ABC):
+    """Reads the poses of all bodies from single images.
 
     Args:
         chart: What the outputs mean.
         height: Image height [px].
         width: Image width [px].
-        fast: Whether the convolutions compute in bfloat16; None where the device has units for it (`has_bfloat16`).
+        outputs: How many numbers the last of the paper's layers gives.
+        layers: How these begin and compute.
     """
 
-    def __init__(self, chart: PoseChart, height: int = 128, width: int = 128, *, fast: bool | None = None) -> None:
+    variational = False
+
+    def __init__(self, chart: PoseChart, height: int, width: int, outputs: int, layers: Layers) -> None:
         super().__init__()
-        self.chart = chart
-        self.base = _Base(height, width, chart.bodies * chart.numbers, fast)
-        _start_in_the_middle(self.base.last, chart)
+        self.chart, self.raw_colours = chart, layers.raw_colours
+        self.base = _Base(height, width, outputs, layers)
 
     def forward(self, image: Tensor, background: Tensor) -> Encoding:
         """Encode images (B, 3, H, W) in [0, 1], given the empty scene (B or 1, 3, H, W)."""
-        output, early, late = self.base(with_difference(image, background))
-        numbers = output.unflatten(-1, (self.chart.bodies, self.chart.numbers))
-        return Encoding(self.chart.to_pose(numbers), numbers, numbers.new_zeros(len(numbers)), early, late)
+        output, early, late = self.base(with_difference(image, background, raw=self.raw_colours))
+        flat, divergence = self.interpret(output)
+        numbers = flat.unflatten(-1, (self.chart.bodies, self.chart.numbers))
+        return Encoding(self.chart.to_pose(numbers), numbers, divergence, early, late)
+
+    @abstractmethod
+    def interpret(self, output: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the raw numbers (B, N K) that the layers' output (B, outputs) stands for, and its divergence (B,)."""
 
 
 @final
-class VariationalPoseEncoder(nn.Module):
+class PoseEncoder(Encoder):
+    """Reads poses straight from the last layer, as the paper does with supervision; arguments as of `Encoder`."""
+
+    def __init__(self, chart: PoseChart, height: int = 128, width: int = 128, layers: Layers = Layers()) -> None:
+        super().__init__(chart, height, width, chart.bodies * chart.numbers, layers)
+        _start_in_the_middle(self.base.last, chart)
+
+    def interpret(self, output: Tensor) -> tuple[Tensor, Tensor]:
+        """Take the output as it is; it has no distribution."""
+        return output, output.new_zeros(len(output))
+
+
+@final
+class VariationalPoseEncoder(Encoder):
     """Reads a latent distribution from single images and the poses from a sample of it, by a fully connected layer.
 
     In training z = mean + exp(log_variance / 2) noise (the reparameterisation of Kingma & Welling 2014), otherwise
-    z = mean.
-
-    Args:
-        chart: What the outputs mean.
-        height: Image height [px].
-        width: Image width [px].
-        latent: Length of z.
-        fast: Whether the convolutions compute in bfloat16; None where the device has units for it.
+    z = mean. Arguments as of `Encoder`; `latent` is the length of z.
     """
 
+    variational = True
+
     def __init__(
-        self, chart: PoseChart, height: int = 128, width: int = 128, *, latent: int = 16, fast: bool | None = None
+        self, chart: PoseChart, height: int = 128, width: int = 128, layers: Layers = Layers(), *, latent: int = 16
     ) -> None:
-        super().__init__()
-        self.chart = chart
-        self.base = _Base(height, width, 2 * latent, fast)
+        super().__init__(chart, height, width, 2 * latent, layers)
         self.head = nn.Linear(latent, chart.bodies * chart.numbers)
         _start_in_the_middle(self.head, chart)
 
-    def forward(self, image: Tensor, background: Tensor) -> Encoding:
-        """Encode images (B, 3, H, W) in [0, 1], given the empty scene (B or 1, 3, H, W)."""
-        output, early, late = self.base(with_difference(image, background))
+    def interpret(self, output: Tensor) -> tuple[Tensor, Tensor]:
+        """Draw from the distribution, or take its mean."""
         mean, log_variance = output.chunk(2, -1)
         latent = mean + torch.exp(log_variance / 2) * torch.randn_like(mean) if self.training else mean
-        with torch.autocast(image.device.type, enabled=False):
-            numbers = self.head(latent).unflatten(-1, (self.chart.bodies, self.chart.numbers))
-        divergence = gaussian_divergence(mean, log_variance)
-        return Encoding(self.chart.to_pose(numbers), numbers, divergence, early, late)
+        with torch.autocast(output.device.type, enabled=False):
+            return self.head(latent), gaussian_divergence(mean, log_variance)
 
 
 def gaussian_divergence(mean: Tensor, log_variance: Tensor) -> Tensor:

@@ -235,7 +235,7 @@ def _taking(configuration: Configuration, donor: Path) -> list[str]:
     values = configuration.values
     epochs = values["trainer"]["max_epochs"] - values["model"]["init_args"]["phases"]["warm_up"]
     return [
-        f"model.encoder={donor / 'checkpoints' / 'last.ckpt'}",
+        f"model.vision.weights={donor / 'checkpoints' / 'last.ckpt'}",
         f"model.optimizer.init_args.lr={GENTLE_RATE}",
         "model.phases.warm_up=0",
         f"trainer.max_epochs={epochs}",

@@ -77,7 +77,7 @@ QUICK = (*sysid(FEW), *OBSERVE, Tosses(), *FILMED, Withheld())
 REDUCED = (*sysid(FEW), *VIDEO)
 WITHOUT_PHYSICS = Fit(
     "supervised/push_without_physics", ALL["push"], "supervised/push_friction",
-    overrides=("model.alpha=0.0",), minutes=PAPER_MINUTES,
+    overrides=("model.objective.alpha=0.0",), minutes=PAPER_MINUTES,
 )  # fmt: skip
 PAPER = (*sysid(ALL), *OBSERVE, Tosses(), *video(ALL, PAPER_MINUTES), WITHOUT_PHYSICS, Withheld())
 PROFILES: dict[str, tuple[Cell, ...]] = {"quick": QUICK, "reduced": REDUCED, "paper": PAPER}

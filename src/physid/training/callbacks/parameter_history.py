@@ -26,7 +26,8 @@ class ParameterHistory(L.Callback):
     """Log each learned parameter after every epoch; write parameters.csv and parameters.png at the end.
 
     This is the only part of training that reads the truth: it logs params/NAME/true and params/NAME/relative_error
-    beside params/NAME/estimate, and draws a red line.
+    beside params/NAME/estimate, and draws a red line. Where a run descends first and refines its estimate afterwards,
+    by_gradient_estimate and by_gradient_relative_error are those before the refinement.
 
     Attributes:
         rows: One row for each epoch, the first guess first: epoch, evaluations, and the value of each parameter.
@@ -50,6 +51,8 @@ class ParameterHistory(L.Callback):
         """Note and log the estimates."""
         self._note(trainer, pl_module)
         self._log(pl_module)
+        if getattr(pl_module, "by_gradient", False):
+            self._log(pl_module, "by_gradient_")
 
     def on_test_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         """Log the estimates that are tested."""
@@ -86,14 +89,14 @@ class ParameterHistory(L.Callback):
             | PhysicalParameters.of(module).estimates()
         )
 
-    def _log(self, module: L.LightningModule) -> None:
+    def _log(self, module: L.LightningModule, prefix: str = "") -> None:
         true = self._true(module)
         values: dict[str, float] = {}
         for name, value in PhysicalParameters.of(module).estimates().items():
-            values[f"{name}/estimate"] = value
+            values[f"{name}/{prefix}estimate"] = value
             if name in true:
                 values[f"{name}/true"] = true[name]
-                values[f"{name}/relative_error"] = abs(value - true[name]) / true[name]
+                values[f"{name}/{prefix}relative_error"] = abs(value - true[name]) / true[name]
         for name, value in values.items():
             module.log(f"params/{name}", torch.tensor(value, dtype=torch.float64))
 

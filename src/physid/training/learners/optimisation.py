@@ -1,8 +1,8 @@
-"""One step of learning from video: rates by the phase, gradients clipped, nothing that is not finite."""
+"""Steps of learning from video: rates by the phase, gradients clipped, nothing that is not finite."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, cast
@@ -10,7 +10,7 @@ from typing import Any, cast
 import lightning as L
 import torch
 from torch import Tensor
-from torch.optim import AdamW, Optimizer
+from torch.optim import SGD, AdamW, Optimizer
 
 from physid.data.files import read_tensors
 from physid.training.learners.base import NonFiniteLossError, OptimizerFactory
@@ -21,27 +21,27 @@ DEFAULT_OPTIMIZER: OptimizerFactory = partial(AdamW, lr=1e-3, weight_decay=1e-2)
 LARGEST_GRADIENT = 1.0
 
 
-def build_optimizer(factory: OptimizerFactory, model: VideoModel, parameter_rate: float) -> Optimizer:
-    """Build an optimizer of two groups: the encoder, and the logarithms of the physical parameters.
+def build_optimizers(factory: OptimizerFactory, model: VideoModel, parameter_rate: float) -> list[Optimizer]:
+    """Build the optimizer that follows the gradient, of two groups, and the one that takes steps found elsewhere.
 
     Args:
-        factory: Gives the optimizer; its rate of learning is the encoder's highest.
-        model: What is learned.
+        factory: Gives the first; its rate of learning is the encoder's highest.
+        model: What is learned: the encoder, and the logarithms of the physical parameters.
         parameter_rate: The parameters' highest rate of learning, about their relative change in one step of Adam.
+
+    Returns:
+        Both; the second moves each logarithm by minus its gradient.
     """
+    parameters = list(model.physical.parameters())
+    encoder = [*model.encoder.parameters(), *model.supervision.parameters()]
     groups = [
-        {"name": "encoder", "params": [*model.encoder.parameters(), *model.supervision.parameters()]},
-        {
-            "name": "parameters",
-            "params": list(model.physical.parameters()),
-            "lr": parameter_rate,
-            "weight_decay": 0.0,
-        },
+        {"name": "encoder", "params": encoder},
+        {"name": "parameters", "params": parameters, "lr": parameter_rate, "weight_decay": 0.0},
     ]
     optimizer = cast(Callable[[Any], Optimizer], factory)(groups)
     for group in optimizer.param_groups:
         group["highest"] = group["lr"]
-    return optimizer
+    return [optimizer, SGD([{"name": "refinement", "params": parameters}], lr=1.0)]
 
 
 def take_step(module: L.LightningModule, loss: Tensor, phases: Phases, batch_idx: int) -> None:
@@ -52,8 +52,8 @@ def take_step(module: L.LightningModule, loss: Tensor, phases: Phases, batch_idx
     """
     trainer = module.trainer
     done, epochs = epochs_done(trainer, batch_idx), epochs_of(trainer)
-    optimizer = cast(Optimizer, module.optimizers())
-    rates = (phases.encoder_rate(done, epochs), phases.parameter_rate(done, epochs))
+    optimizer = cast(Sequence[Optimizer], module.optimizers())[0]
+    rates = (phases.encoder_share(done, epochs), phases.parameter_share(done, epochs))
     for group, rate in zip(optimizer.param_groups, rates, strict=True):
         group["lr"] = rate * group["highest"]
     optimizer.zero_grad()
@@ -75,7 +75,7 @@ def take_encoder(model: VideoModel, checkpoint: Path) -> None:
         ValueError: If there is no such checkpoint, or its encoder is of another kind.
     """
     if not checkpoint.is_file():
-        raise ValueError(f"model.encoder: expected a checkpoint of a fit from video, found none at {checkpoint}")
+        raise ValueError(f"model.vision.weights: expected a checkpoint of a fit from video, found none at {checkpoint}")
     state = read_tensors(checkpoint, ("state_dict",))["state_dict"]
     for name, part in (("encoder", model.encoder), ("supervision", model.supervision)):
         prefix = f"model.{name}."

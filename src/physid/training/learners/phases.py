@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import Enum
-from typing import final
 
 import lightning as L
 
@@ -18,7 +17,6 @@ class Phase(Enum):
     REFINE = "refine"
 
 
-@final
 @dataclass(frozen=True)
 class Phases:
     """First the encoder warms up, then encoder and parameters learn together, at last the parameters alone.
@@ -32,12 +30,15 @@ class Phases:
         rise: Share of the first two phases over which the encoder's rate of learning rises; it falls again afterwards,
             both along half a cosine (Smith & Topin 2019).
         lowest: Rate at the beginning and at the end, relative to the highest.
+        parameter_rate: The parameters' highest rate of learning, about their relative change in a step; the encoder's
+            is the optimizer's.
     """
 
     warm_up: int = 10
     refine: int = 3
     rise: float = 0.15
     lowest: float = 1e-3
+    parameter_rate: float = 1e-2
 
     def __post_init__(self) -> None:
         if self.warm_up < 0 or self.refine < 0 or not 0 < self.rise < 1:
@@ -64,13 +65,13 @@ class Phases:
             return Phase.WARM_UP
         return Phase.JOINT if epoch < epochs - self.refine else Phase.REFINE
 
-    def encoder_rate(self, done: float, epochs: int) -> float:
+    def encoder_share(self, done: float, epochs: int) -> float:
         """Return the encoder's rate of learning after `done` epochs, relative to its highest."""
         share = min(done / max(epochs - self.refine, 1), 1.0)
         height = share / self.rise if share < self.rise else (1 - share) / (1 - self.rise)
         return self.lowest + (1 - self.lowest) * (1 - math.cos(math.pi * height)) / 2
 
-    def parameter_rate(self, done: float, epochs: int) -> float:
+    def parameter_share(self, done: float, epochs: int) -> float:
         """Return the parameters' rate of learning after `done` epochs, relative to its highest: half a cosine."""
         share = (done - self.warm_up) / max(epochs - self.refine - self.warm_up, 1)
         return 0.0 if share < 0 else (1 + math.cos(math.pi * min(share, 1.0))) / 2

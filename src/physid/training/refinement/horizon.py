@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, final
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -12,7 +12,6 @@ from torch import Tensor
 Batch = Mapping[str, Any]
 
 
-@final
 @dataclass(frozen=True)
 class Horizon:
     """The part of a batch that is rolled out.

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, final
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import cast, final
 
 import torch
 from torch import Tensor, nn
+from torch.optim import Optimizer
 
 from physid.networks.chart import PlanarChart
 from physid.training.learners.base import TrainingModule
@@ -25,10 +28,29 @@ LARGEST_STEP = 0.5
 
 
 @final
+@dataclass(frozen=True)
+class Readings:
+    """What is known of the poses of a batch.
+
+    Attributes:
+        pose: Poses of the frames that the batch shows, shape (B, f, N, 7).
+        goal: The poses that should come out, shape (B, T, N, 7).
+        real: Which of them count, shape (B, T).
+        from_images: Whether they were read from images: all of them share errors of the camera, and where bodies may
+            hover their depth is hardly known.
+    """
+
+    pose: Tensor
+    goal: Tensor
+    real: Tensor
+    from_images: bool
+
+
+@final
 class Refinement(nn.Module):
     """One Gauss-Newton step over all trajectories per epoch, each from an initial state that is fitted.
 
-    Steps that turn back are shortened (see `Calming`).
+    Steps that turn back are shortened (see `KestenStep`).
 
     Args:
         loss: What errors of the rolled-out poses cost.
@@ -39,38 +61,25 @@ class Refinement(nn.Module):
         self._loss, self._calm = loss, KestenStep()
         self._equations: NormalEquations | None = None
 
-    def add(
-        self,
-        module: TrainingModule,
-        model: VideoModel,
-        pose: Tensor,
-        batch: Batch,
-        goal: Tensor,
-        real: Tensor,
-        *,
-        from_images: bool,
-    ) -> None:
+    def add(self, module: TrainingModule, model: VideoModel, batch: Batch, known: Readings) -> None:
         """Add a batch of trajectories, and take the step after the last one of the epoch.
 
         Args:
             module: Logs the loss, and after the step the 90 % interval of each parameter as params/NAME/low and
                 params/NAME/high (see `NormalEquations.covariance`).
             model: Its physics and parameters.
-            pose: Poses of the frames that the batch shows, known or read from images, shape (B, f, N, 7).
             batch: A batch of the data module, or the part of it that is rolled out.
-            goal: The poses that should come out, shape (B, T, N, 7).
-            real: Which of them count, shape (B, T).
-            from_images: Whether poses were read from images: all of them share errors of the camera, and where bodies
-                may hover their depth is hardly known.
+            known: Its poses.
 
         Raises:
             NonFiniteLossError: If the loss of a trajectory is not finite.
         """
         # Poses that are not finite have no loss at all: the physics refuses them without naming the trajectory.
-        module.require_finite({"refined": pose.double().sum((1, 2, 3)) + goal.double().sum((1, 2, 3))}, batch)
+        sums = known.pose.double().sum((1, 2, 3)) + known.goal.double().sum((1, 2, 3))
+        module.require_finite({"refined": sums}, batch)
         if self._equations is None:
             self._equations = NormalEquations()
-        loss = add_to(self._equations, model, self._loss, pose, batch, goal, real, from_images=from_images)
+        loss = add_to(self._equations, model, self._loss, batch, known)
         module.require_finite({"refined": loss}, batch)
         many = module.trainer.num_training_batches > 1
         module.log("train/loss", loss.mean(), on_step=not many, on_epoch=many, prog_bar=True, batch_size=len(loss))
@@ -83,29 +92,19 @@ class Refinement(nn.Module):
         physical = model.physical
         with torch.no_grad():
             step = self._calm(self._equations.step(LARGEST_STEP), self._equations.normal.matrix.sum(0))
-            physical.logarithm.add_(step.to(physical.logarithm))
+        physical.logarithm.grad = -step.to(physical.logarithm)
+        cast(Sequence[Optimizer], module.optimizers())[-1].step()
         ends = intervals(physical.estimates(), self._equations.covariance(), len(self._equations.weights))
         self._equations = None
-        _count_a_step(module.optimizers())
         return logged(ends)
 
 
 @torch.no_grad()
-def add_to(
-    equations: NormalEquations,
-    model: VideoModel,
-    loss: PoseLoss,
-    pose: Tensor,
-    batch: Batch,
-    goal: Tensor,
-    real: Tensor,
-    *,
-    from_images: bool,
-) -> Tensor:
+def add_to(equations: NormalEquations, model: VideoModel, loss: PoseLoss, batch: Batch, known: Readings) -> Tensor:
     """Add a batch of trajectories to normal equations (see `Refinement.add`); returns the loss of each (B,)."""
-    there = model.physics_device
-    state = model.initial_state(pose, batch["shown"], batch["wrench"])
-    goal, real = torch.cat([state.pose[:, None], goal[:, 1:].to(state.pose)], 1), real.to(there)
+    there, from_images = model.physics_device, known.from_images
+    state = model.initial_state(known.pose, batch["shown"], batch["wrench"])
+    goal, real = torch.cat([state.pose[:, None], known.goal[:, 1:].to(state.pose)], 1), known.real.to(there)
     trajectories = Trajectories(
         pose=goal,
         twist=state.twist[:, None].expand(-1, goal.shape[1], -1, -1),
@@ -130,9 +129,3 @@ def _shifted(model: VideoModel, trajectories: Trajectories) -> list[Trajectories
         dataclasses.replace(trajectories, pose=there, origin=torch.cat([here, start.twist], -1))
         for here, there in zip(origins, goals, strict=True)
     ]
-
-
-def _count_a_step(optimizer: Any) -> None:
-    """Let the optimizer step without gradients: Lightning writes a checkpoint only where a step was counted."""
-    optimizer.zero_grad()
-    optimizer.step()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, final
 
@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from physid.data.format import RecordingSet
 from physid.networks.chart import PlanarChart, PoseChart, SpatialChart
-from physid.networks.encoder import Encoding, PoseEncoder, VariationalPoseEncoder, as_image
+from physid.networks.encoder import Encoder, Encoding, as_image
 from physid.physics.layer import PhysicsLayer, Rollout
 from physid.physics.parameters import Parameters
 from physid.physics.state import State
@@ -28,6 +28,8 @@ from physid.training.vision.initial_state import Start
 from physid.training.vision.pose_refinement import PoseRefinement
 
 ChartName = Literal["planar", "hovering", "spatial"]
+EncoderFactory = Callable[[PoseChart, int, int], Encoder]
+"""Builds an encoder for a chart, and images of so many rows and columns."""
 AT_ONCE = 1024
 """Images that are encoded at once where no gradient needs them together."""
 
@@ -48,6 +50,25 @@ def chart_of(scene: Scene, name: ChartName) -> PoseChart:
         return SpatialChart(camera, len(scene.bodies))
     thickness = scene.sizes[:, 2].tolist()
     return PlanarChart(camera, scene.ground.normal, scene.ground.offset, thickness, hovering=name == "hovering")
+
+
+@dataclass(frozen=True)
+class Vision:
+    """How frames are read.
+
+    Attributes:
+        chart: Which poses the encoder can express: planar, hovering or spatial (see `chart_of`).
+        start: How the initial state follows from the encoded poses.
+        pose_refinement: How encoded poses are made better by the decoder where no gradient is needed.
+        weights: Checkpoint of another run with the same kind of encoder, which a fit begins with; None for new weights.
+        physics_device: Where trajectories are rolled out; the fastest implementation runs on a CPU.
+    """
+
+    chart: ChartName = "planar"
+    start: Start = Start()
+    pose_refinement: PoseRefinement = PoseRefinement()
+    weights: str | None = None
+    physics_device: str = "cpu"
 
 
 @dataclass(frozen=True)
@@ -73,29 +94,17 @@ class VideoModel(nn.Module):
         scene: The scene as far as it is known.
         physical: The physical parameters.
         layer: The physics.
-        chart: Which poses the encoder can express.
-        start: How the initial state follows from encoded poses.
-        refine: How encoded poses are made better where no gradient is needed.
-        latent: Length of the latent vector of a variational encoder, the paper's without supervision; None for a plain
-            one.
-        physics_device: Where trajectories are rolled out; the fastest implementation runs on a CPU.
-        fast: Whether the convolutions compute in bfloat16; None where the device has units for it.
+        encoder: Builds the encoder.
+        vision: How frames are read.
     """
-
-    encoder: PoseEncoder | VariationalPoseEncoder
 
     def __init__(
         self,
         scene: Scene,
         physical: PhysicalParameters,
         layer: PhysicsLayer,
-        chart: ChartName,
-        start: Start,
-        *,
-        pose_refinement: PoseRefinement,
-        latent: int | None = None,
-        physics_device: str = "cpu",
-        fast: bool | None = None,
+        encoder: EncoderFactory,
+        vision: Vision,
     ) -> None:
         super().__init__()
         if layer.distorts:
@@ -103,15 +112,13 @@ class VideoModel(nn.Module):
                 "expected no effects of perception, for images are drawn as the camera is believed to see; read the "
                 "poses from the films (physid track), and fit these with SysID"
             )
-        self.physical, self.layer, self.start, self.pose_refinement = physical, layer, start, pose_refinement
-        self.chart, self.decoder, self.calibration = chart_of(scene, chart), Decoder(scene), Calibration()
+        self.physical, self.layer = physical, layer
+        self.start, self.pose_refinement = vision.start, vision.pose_refinement
+        self.chart, self.decoder, self.calibration = chart_of(scene, vision.chart), Decoder(scene), Calibration()
         camera = self.decoder.renderer.camera
-        if latent is None:
-            self.encoder = PoseEncoder(self.chart, camera.height, camera.width, fast=fast)
-        else:
-            self.encoder = VariationalPoseEncoder(self.chart, camera.height, camera.width, latent=latent, fast=fast)
+        self.encoder = encoder(self.chart, camera.height, camera.width)
         self.supervision = DeepSupervision(self.chart)
-        self.physics_device, self.up = torch.device(physics_device), scene.ground.normal
+        self.physics_device, self.up = torch.device(vision.physics_device), scene.ground.normal
 
     def encode(self, image: Tensor, background: Tensor) -> Encoding:
         """Encode f images of each of B trajectories.

@@ -35,7 +35,6 @@ DAMPING = 1e-2
 """Levenberg's, relative to the diagonal; ten times larger after a step that has made the images differ more."""
 
 
-@final
 @dataclass(frozen=True)
 class PoseRefinement:
     """How encoded poses are refined.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import final
 
 import torch
 from torch import Tensor
@@ -22,7 +21,6 @@ FROM_FEATURES = 0.3
 """Weight of a rotation's numbers relative to that of its features, which come first: before, they drown positions."""
 
 
-@final
 @dataclass(frozen=True)
 class SyntheticImages:
     """How bodies are placed in imagined images.
@@ -89,13 +87,16 @@ class SyntheticImages:
         rounded: Tensor = (image * (self.levels - 1)).round() / (self.levels - 1)
         return rounded
 
-    def losses(self, model: VideoModel, background: Tensor, rotation_weight: float) -> dict[str, Tensor]:
+    def losses(
+        self, model: VideoModel, background: Tensor, rotation_weight: float, *, features: bool = True
+    ) -> dict[str, Tensor]:
         """Compute how far the encoder is from the poses of imagined images.
 
         Args:
             model: Encoder and decoder.
             background: The empty scenes in [0, 1], shape (B, 3, H, W).
             rotation_weight: Weight of the rotation's part [m^2].
+            features: Whether early layers learn rotations, too.
 
         Returns:
             The losses of each trajectory, shape (B,) (see `encoding_losses`); nothing without images.
@@ -105,6 +106,8 @@ class SyntheticImages:
         pose = self.draw_poses(model, len(background))
         encoding = model.encode(self.draw_images(model, pose, background), background)
         losses = encoding_losses(model, encoding, pose, rotation_weight)
+        if not features:
+            del losses["features"]
         return {f"imagined_{name}": value.mean(1) for name, value in losses.items()}
 
 
