@@ -103,7 +103,7 @@ def predict(
     out: Path | None = None,
     overwrite: bool = False,
 ) -> None:
-    """Predict recordings with a fitted model, or what would come of other forces.
+    """Predict recordings with a fitted model, or the motion under other forces.
 
     Each trajectory is predicted from its initial state, under the recorded forces or under planned ones. The result is
     a recording set (docs/recordings.md): predicted poses, velocities and forces under the numbers of the trajectories,

@@ -39,7 +39,7 @@ def import_(
         out: Folder of the recording set; data/NAME of the first source by default.
         mapping: YAML file that says what the columns are.
         map: One more key=value of the mapping; may be repeated, and the word --map be left out.
-        guess: Print a mapping that names and values suggest, and what is not sure in it, instead.
+        guess: Print a mapping that names and values suggest, and which parts are uncertain, instead.
     """
     from physid.data.importers.convert import import_logs
     from physid.data.importers.finding import find_logs
@@ -89,7 +89,7 @@ def _sorted(kind: str, sources: list[Path]) -> tuple[str, list[Path]]:
 
 
 def check(recordings: Path, *, limit: int | None = None) -> None:
-    """Tell whether recordings can be trusted, and what to mend.
+    """Check whether recordings can be trusted, and say what to correct.
 
     Says rates, gaps, noise, ranges, contact and forces, and what looks like a mistake: units, axes, the order of
     quaternions, forces of the wrong sign or of another clock, heights, jumps. Exits with 1 where something looks wrong.

@@ -1,4 +1,4 @@
-"""The commands that make recordings, and that say what recordings can tell."""
+"""The commands that make recordings, and that say what recordings identify."""
 
 from __future__ import annotations
 
@@ -59,11 +59,11 @@ def track(
     limit: int | None = None,
     quiet: bool = False,
 ) -> None:
-    """Read poses from films into a recording set, which fit, predict and diagnose use as any other.
+    """Track poses in films and write them as a recording set, which fit, predict and diagnose use as any other.
 
     The bodies are cut out of the first frames by masks and initial poses, or found there by their outlines, and
-    followed from frame to frame by drawing them; nothing is trained. Similar motions are then drawn by PyBullet and
-    read: the set `echo` in the folder, which tells a diagnosis how far the poses can be trusted. An interrupted run
+    tracked from frame to frame by drawing them; nothing is trained. Similar motions are then drawn by PyBullet and
+    tracked, too: the set `echo` in the folder, from which a diagnosis takes the tracking error. An interrupted run
     goes on where it stopped.
 
     Examples:

@@ -1,4 +1,4 @@
-"""What given recordings can tell of the parameters."""
+"""Which parameters given recordings identify."""
 
 from __future__ import annotations
 
