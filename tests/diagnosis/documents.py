@@ -47,6 +47,10 @@ NAMED: dict[str, Any] = {
     },
     "next_experiment": None,
     "minor": [],
+    "detectable": [
+        {"effect": "quadratic_drag", "parameter": "coefficient", "size": 0.05, "typical": 0.3, "unit": "kg/m"},
+        {"effect": "tether", "parameter": "stiffness", "size": None, "typical": 1.0, "unit": "N/m"},
+    ],
     "settings": {"lack_of_fit": {"margin": 1.25}},
 }
 

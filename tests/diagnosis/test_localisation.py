@@ -28,7 +28,7 @@ def found(*sizes: float) -> Attribution:
         STRENGTH * torch.eye(count, dtype=torch.float64), STRENGTH * wanted, *3 * [torch.zeros(0)]
     )
     rows = [
-        Row((name,), STRENGTH * size**2, STRENGTH * size**2, one, 10.0, together([]), together([]), 0.0)
+        Row((name,), STRENGTH * size**2, STRENGTH * size**2, one, 10.0, one, together([]), together([]), 0.0)
         for name, size in zip(NAMES, sizes, strict=True)
     ]
     lack = SimpleNamespace(groups=groups, conditional=conditional, rows=rows)

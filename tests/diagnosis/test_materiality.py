@@ -49,13 +49,7 @@ def test_a_tenth_of_a_millimetre_beside_noise_of_six_is_not_material() -> None:
 def test_what_a_better_model_would_move_counts_although_few_held_out_trajectories_do_not_show_it(
     share: float, material: bool
 ) -> None:
-    sizes = torch.tensor([100, 50])
-    segments = SimpleNamespace(size=sizes)
-    lack: Any = SimpleNamespace(
-        missing=share**2 * 100.0,
-        counted=torch.tensor([True, False]),
-        fit=SimpleNamespace(linear=SimpleNamespace(segments=segments)),
-    )
+    lack: Any = SimpleNamespace(missing=share**2 * 100.0, frames=100.0)
     size = unexplained_size(lack, NOISE)
     assert size == pytest.approx(share * NOISE.position)
     assert (size > Tolerance.of(NOISE, SCENE, MaterialitySettings()).position) is material

@@ -14,6 +14,7 @@ from physid.diagnosis.conclusion.localisation import places, sites
 from physid.diagnosis.conclusion.materiality import Tolerance, excess_of, share_closed, unexplained_size
 from physid.diagnosis.conclusion.next_experiment import NextExperiment, next_experiment
 from physid.diagnosis.conclusion.parametric_bootstrap import bootstrap_spread
+from physid.diagnosis.conclusion.power import detectable_sizes
 from physid.diagnosis.conclusion.verdict import judge
 from physid.diagnosis.document.document import (
     FORMAT,
@@ -33,8 +34,8 @@ from physid.diagnosis.document.document import (
     Shrink,
     Verdict,
     Where,
-    rounded,
 )
+from physid.diagnosis.document.rounding import rounded
 from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.selection.attribution import Attribution
 from physid.diagnosis.selection.comparison import gain
@@ -74,7 +75,7 @@ def draw_conclusion(
         tolerance: How far positions may leave the model before anything is blamed [m]; None for what follows from noise
             and sizes.
     """
-    settings = nominal_fit.settings
+    settings, terms = nominal_fit.settings, found.nominal.experiment.predictor.terms
     judged = _closings(nominal_fit, found.nominal, found.best, generator)
     allowed = Tolerance.of(nominal_fit.noise, nominal_fit.observations.scene, settings.materiality, tolerance)
     parts = [*held_out_parts(nominal_fit.observations).values()]
@@ -122,6 +123,7 @@ def draw_conclusion(
         parameters=_parameters(found.whole_nominal, shown, wide),
         next_experiment=further.sentence if further else None,
         minor=tuple(minor),
+        detectable=tuple(detectable_sizes(found.left or found.lack, terms, nominal_fit.noise, allowed, settings)),
         settings=settings.to_mapping(),
     )
     return Conclusion(rounded(diagnosis), chosen, shown, further)

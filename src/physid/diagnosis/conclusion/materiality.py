@@ -104,8 +104,7 @@ def unexplained_size(lack: LackOfFit, noise: Noise) -> float:
     distance between two predictions in units of the noise. The noise itself is not in it, as it is in the errors of a
     few held-out trajectories: these may lie below their floor where a whole set shows a gap.
     """
-    frames = float(lack.fit.linear.segments.size[lack.counted].sum()) or 1.0
-    return noise.position * math.sqrt(lack.missing / frames)
+    return noise.position * math.sqrt(lack.missing / lack.frames)
 
 
 def share_closed(before: Excess, after: Excess) -> float:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, get_args
@@ -18,7 +16,6 @@ from physid.typed_files import CLOSED, check_as, read_json_as
 FILE = "diagnosis.json"
 FORMAT: Literal["physid-diagnosis"] = "physid-diagnosis"
 VERSION: Literal[2] = 2
-DIGITS = 5  # of numbers in the file
 SUM_TOLERANCE = 0.02  # shares of four sites, each rounded to two digits
 
 Verdict = Literal["none", "named", "group", "partial", "unknown"]
@@ -95,6 +92,26 @@ class Minor:
     effects: tuple[Text, ...]
     p_value: Probability
     closes: Probability
+
+
+@dataclass(frozen=True)
+class Detectable:
+    """The least size of one parameter of an effect that would have been found.
+
+    Attributes:
+        effect: Name of the effect.
+        parameter: Name of its parameter; the others of the effect are null.
+        size: Away from null; None where no size within the effect's range would have been found.
+        typical: A size that is typical in practice, away from null.
+        unit: Of both.
+    """
+
+    __pydantic_config__: ClassVar[Any] = CLOSED
+    effect: Text
+    parameter: Text
+    size: Positive | None
+    typical: Positive
+    unit: Text
 
 
 @dataclass(frozen=True)
@@ -190,6 +207,7 @@ class Diagnosis:
         parameters: The unknown parameters by name.
         next_experiment: What would tell a group apart.
         minor: What was significant and is not blamed.
+        detectable: Which size of each effect, beside those blamed, would have been found.
         settings: What decided: thresholds by section and name; empty where the file does not say.
         seconds: How long it took; None where nobody looked.
     """
@@ -208,6 +226,7 @@ class Diagnosis:
     parameters: dict[str, Refitted]
     next_experiment: Text | None
     minor: tuple[Minor, ...]
+    detectable: tuple[Detectable, ...] = ()
     settings: dict[str, dict[str, Any]] = field(default_factory=dict)
     seconds: Positive | None = field(default=None, compare=False)
 
@@ -254,12 +273,6 @@ def check_diagnosis(content: object) -> Diagnosis:
     return check_as(Diagnosis, content, FILE)
 
 
-def rounded(diagnosis: Diagnosis) -> Diagnosis:
-    """Return a diagnosis with the digits that its file has."""
-    plain = diagnosis.to_mapping()
-    return check_diagnosis(_rounded(plain) | {"settings": diagnosis.settings})
-
-
 def write_diagnosis(folder: Path, diagnosis: Diagnosis) -> Path:
     """Write diagnosis.json into a folder, which is made if it is not there; returns the file."""
     path = folder / FILE
@@ -274,15 +287,6 @@ def read_diagnosis(path: Path) -> Diagnosis:
         ValueError: If the file is no JSON, or no diagnosis; names the file.
     """
     return read_json_as(Diagnosis, path)
-
-
-def _rounded(value: Any) -> Any:
-    """Round the numbers in plain values."""
-    if isinstance(value, Mapping):
-        return {name: _rounded(each) for name, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [_rounded(each) for each in value]
-    return float(f"{value:.{DIGITS}g}") if isinstance(value, float) and math.isfinite(value) else value
 
 
 def _require_order(low: float, value: float, high: float) -> None:

@@ -10,6 +10,7 @@ from physid.diagnosis.document.document import Diagnosis, Estimate, Share, Split
 MOST_LINES = 10
 MOST_PARAMETERS = 3  # of effects, and as many refitted ones, that the terminal shows
 MOST_CELLS = 2
+MOST_HIDDEN = 6
 SPLIT_NAMES: dict[Split, str] = {"same": "same protocol", "transfer": "transfer protocol"}
 PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"))
 MOST_DECIMALS = 6
@@ -60,10 +61,33 @@ def caveat(diagnosis: Diagnosis) -> str:
         ]
         return f"Significant but minor, below the tolerance: {join(named, 'and')}."
     if diagnosis.verdict == "none":
-        return "No gap is not no effect: what refitted parameters absorb under this protocol does not show."
+        return power_sentence(diagnosis)
     if diagnosis.effects and diagnosis.gap.transfer is None:
         return "Predictive only, cause not certified: there is no transfer set."
     return ""
+
+
+def power_sentence(diagnosis: Diagnosis) -> str:
+    """Say which effects would have been found, so that `none` is not read as more than it says."""
+    hidden = undetectable(diagnosis)
+    count = len({one.effect for one in diagnosis.detectable})
+    if not hidden:
+        return f"Each of {count} effects would have been found at its typical size." if count else ""
+    shown = [words(name) for name in hidden[:MOST_HIDDEN]]
+    shown += [f"{len(hidden) - len(shown)} more"] * (len(hidden) > len(shown))
+    return (
+        f"{count - len(hidden)} of {count} effects would have been found at their typical size; these recordings could "
+        f"not show {join(shown, 'or')}."
+    )
+
+
+def undetectable(diagnosis: Diagnosis) -> list[str]:
+    """List the effects that may be of their typical size and would not have been found."""
+    least: dict[str, float] = {}
+    for one in diagnosis.detectable:
+        share = math.inf if one.size is None or one.typical == 0 else one.size / one.typical
+        least[one.effect] = min(share, least.get(one.effect, math.inf))
+    return [name for name, share in least.items() if share > 1]
 
 
 def where_sentence(diagnosis: Diagnosis) -> str:

@@ -59,6 +59,19 @@ class MaterialitySettings(Section):
     )
 
 
+class PowerSettings(Section):
+    """What could have been found."""
+
+    probability: float = setting(
+        0.95,
+        "-",
+        "with which an effect of the reported size would have been found",
+        "by definition",
+        gt=0,
+        lt=1,
+    )
+
+
 class VerdictSettings(Section):
     """When a verdict is partial, and when another protocol contradicts it."""
 

@@ -68,6 +68,7 @@ class Settings(Section):
     parametric_bootstrap: conclusion.BootstrapSettings = conclusion.BootstrapSettings()
     gap: conclusion.GapSettings = conclusion.GapSettings()
     materiality: conclusion.MaterialitySettings = conclusion.MaterialitySettings()
+    power: conclusion.PowerSettings = conclusion.PowerSettings()
     verdict: conclusion.VerdictSettings = conclusion.VerdictSettings()
     localisation: conclusion.SiteSettings = conclusion.SiteSettings()
     next_experiment: conclusion.NextExperimentSettings = conclusion.NextExperimentSettings()

@@ -80,6 +80,11 @@ class LackOfFit:
         return float(self.free[self.counted].sum())
 
     @property
+    def frames(self) -> float:
+        """How many frames of the fitted trajectories a free residual wrench may speak about, at least 1."""
+        return float(self.fit.linear.segments.size[self.counted].sum()) or 1.0
+
+    @property
     def excess(self) -> float:
         """The same beyond what it explains in null simulations."""
         return self.left - float(self.null_free.mean())

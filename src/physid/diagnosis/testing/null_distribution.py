@@ -10,7 +10,7 @@ from torch import Tensor
 from physid.diagnosis.reference.null_simulations import NullSimulations, with_signs
 from physid.diagnosis.settings.settings import Settings
 from physid.diagnosis.testing.null_tails import Tail
-from physid.diagnosis.testing.score_test import Conditional, Group, condition, gains, steady_gains
+from physid.diagnosis.testing.score_test import Conditional, Group, condition, gains, signals, steady_gains
 from physid.estimation.least_squares.experiment import Experiment, Fit
 from physid.estimation.least_squares.normal_equations import Normal
 
@@ -42,6 +42,7 @@ class Gain:
         steady: What is left of it without the impact that says most for it.
         change: Linear estimate of the parameters, shape (k,).
         visible: How many standard deviations its typical size makes, along the best direction.
+        signal: Steady gain that each parameter makes at its typical size, alone and without noise, shape (k,).
     """
 
     names: tuple[str, ...]
@@ -49,6 +50,7 @@ class Gain:
     steady: float
     change: Tensor
     visible: float
+    signal: Tensor
 
 
 @dataclass(frozen=True)
@@ -89,7 +91,8 @@ class ScoreTest:
         for group in self.groups:
             gain, change, visible = gains(given, group, self.settings.score_test)
             steady = float(steady_gains(given, group, impacts, self.settings.score_test))
-            found.append(Gain(group.names, float(gain), steady, change[0], float(visible.max())))
+            signal = signals(given, group, impacts, self.settings.score_test)
+            found.append(Gain(group.names, float(gain), steady, change[0], float(visible.max()), signal))
         return given, found
 
     def respond(self, null_data: NullSimulations) -> Normal:

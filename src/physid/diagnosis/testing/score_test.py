@@ -144,6 +144,32 @@ def steady_gains(conditional: Conditional, group: Group, impacts: Normal, settin
     return _best(rest, left, group, settings.visible)[0].minimum(gain)
 
 
+def signals(conditional: Conditional, group: Group, impacts: Normal, settings: ScoreTestSettings) -> Tensor:
+    """Compute the steady gain that each parameter of a group makes at its typical size, alone and without noise.
+
+    For small sizes a gain is the square of how far an effect moves the recordings, in units of the noise and beside
+    all that a refit absorbs: s times the typical size gains s^2 as much.
+
+    Args:
+        conditional: Normal equations after the nuisances; the data in them do not matter.
+        group: Columns of an effect.
+        impacts: As in `steady_gains`.
+        settings: Whether one impact is left out, and which directions are visible.
+
+    Returns:
+        Shape (k,), for the k parameters of the group.
+    """
+    typical = torch.diag(group.typical)
+    made = replace(
+        conditional,
+        vector=conditional.matrix[:, group.columns] @ typical,
+        solved=conditional.absorbed[:, group.columns] @ typical,
+    )
+    return steady_gains(
+        made, group.unbounded(), replace(impacts, vector=impacts.matrix[..., group.columns] @ typical), settings
+    )
+
+
 def _best(matrix: Tensor, vector: Tensor, group: Group, visible: float) -> tuple[Tensor, Tensor, Tensor]:
     """Return gains (K,), changes (K, k) and visibility for matrices (K or 1, k, k) and vectors (K, k)."""
     typical = group.typical
