@@ -67,48 +67,20 @@ lanes.end:
 done:
   ret void
 }}
+"""
 
-define internal void @copy(ptr %to, ptr %from, i64 %slots) {{
+
+def _slot_by_slot(name: str, arguments: str, lines: str) -> str:
+    """Return a function that treats slot by slot what stands at %q, and at %p where it has a source."""
+    source = "  %p = getelementptr double, ptr %from, i64 %place\n" if "%from" in arguments else ""
+    return f"""
+define internal void @{name}({arguments}, i64 %slots) {{
   br label %next
 next:
   %slot = phi i64 [0, %0], [%slot.next, %next]
   %place = mul i64 %slot, {LANES}
-  %p = getelementptr double, ptr %from, i64 %place
-  %q = getelementptr double, ptr %to, i64 %place
-  %x = load {VECTOR}, ptr %p, align {ALIGNMENT}
-  store {VECTOR} %x, ptr %q, align {ALIGNMENT}
-  %slot.next = add i64 %slot, 1
-  %more = icmp slt i64 %slot.next, %slots
-  br i1 %more, label %next, label %done
-done:
-  ret void
-}}
-
-define internal void @add_to(ptr %to, ptr %from, i64 %slots) {{
-  br label %next
-next:
-  %slot = phi i64 [0, %0], [%slot.next, %next]
-  %place = mul i64 %slot, {LANES}
-  %p = getelementptr double, ptr %from, i64 %place
-  %q = getelementptr double, ptr %to, i64 %place
-  %x = load {VECTOR}, ptr %p, align {ALIGNMENT}
-  %y = load {VECTOR}, ptr %q, align {ALIGNMENT}
-  %z = fadd {VECTOR} %x, %y
-  store {VECTOR} %z, ptr %q, align {ALIGNMENT}
-  %slot.next = add i64 %slot, 1
-  %more = icmp slt i64 %slot.next, %slots
-  br i1 %more, label %next, label %done
-done:
-  ret void
-}}
-
-define internal void @zero(ptr %to, i64 %slots) {{
-  br label %next
-next:
-  %slot = phi i64 [0, %0], [%slot.next, %next]
-  %place = mul i64 %slot, {LANES}
-  %q = getelementptr double, ptr %to, i64 %place
-  store {VECTOR} {constant(0.0)}, ptr %q, align {ALIGNMENT}
+{source}  %q = getelementptr double, ptr %to, i64 %place
+{lines}
   %slot.next = add i64 %slot, 1
   %more = icmp slt i64 %slot.next, %slots
   br i1 %more, label %next, label %done
@@ -116,6 +88,17 @@ done:
   ret void
 }}
 """
+
+
+_LOAD = f"  %x = load {VECTOR}, ptr %p, align {ALIGNMENT}\n"
+MOVES += _slot_by_slot("copy", "ptr %to, ptr %from", f"{_LOAD}  store {VECTOR} %x, ptr %q, align {ALIGNMENT}")
+MOVES += _slot_by_slot(
+    "add_to",
+    "ptr %to, ptr %from",
+    f"{_LOAD}  %y = load {VECTOR}, ptr %q, align {ALIGNMENT}\n  %z = fadd {VECTOR} %x, %y\n"
+    f"  store {VECTOR} %z, ptr %q, align {ALIGNMENT}",
+)
+MOVES += _slot_by_slot("zero", "ptr %to", f"  store {VECTOR} {constant(0.0)}, ptr %q, align {ALIGNMENT}")
 
 
 class Code:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from physid.scenes.camera import Triple
 from physid.scenes.scene import Body, Ground
 from physid.scenes.setup import Setup
 from physid.scenes.setups.collide import COLLIDE
@@ -29,7 +28,7 @@ class OwnScene:
     like: str
     bodies: tuple[Body, ...] | None = None
     ground: Ground | None = None
-    gravity: Triple | None = None
+    gravity: tuple[float, float, float] | None = None
     time_step: float | None = None
 
 

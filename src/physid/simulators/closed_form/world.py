@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physid.scenes.camera import corners
-from physid.scenes.rotations import rotate
+from physid.scenes.rotations import between, rotate
 from physid.scenes.scene import Scene
 from physid.scenes.setup import REST_DEPTH, Excitation
-from physid.scenes.setups.placing import UP
 from physid.simulators.closed_form.flight import fly, spin
 from physid.simulators.closed_form.line import Line
 from physid.simulators.motion import Motion, actuated, check_fit
@@ -177,7 +176,7 @@ def _direction(scene: Scene, pose: Array, vectors: Array, normal: Array) -> Arra
     level = vectors - (vectors @ normal)[:, None] * normal
     sizes = np.linalg.norm(level, axis=1)
     if sizes.max() < ALIKE:
-        return rotate(_between_up(normal), np.array([1.0, 0.0, 0.0]))
+        return rotate(between(np.array([0.0, 0.0, 1.0]), normal), np.array([1.0, 0.0, 0.0]))
     along = level[-1] / sizes[-1] if len(pose) == 2 else level[sizes.argmax()] / sizes.max()
     if np.linalg.norm(level - (level @ along)[:, None] * along, axis=1).max() > ALIKE * max(1.0, sizes.max()):
         raise ValueError(
@@ -185,13 +184,6 @@ def _direction(scene: Scene, pose: Array, vectors: Array, normal: Array) -> Arra
             f"different headings; use a protocol such as straight"
         )
     return np.asarray(along)
-
-
-def _between_up(normal: Array) -> Array:
-    """Return the rotation that turns the world's vertical to the normal of the ground."""
-    from physid.scenes.rotations import between
-
-    return between(UP, normal)
 
 
 def _apart(scene: Scene, pose: Array, sizes: Array, axes: Array, along: Array) -> float:
