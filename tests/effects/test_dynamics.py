@@ -5,7 +5,7 @@ import math
 import torch
 from torch import Tensor
 
-from physid.effects import from_values
+from physid.effects import CATALOGUE, from_values
 from physid.effects.probe import draw_probe
 from physid.physics.effect import StepInputs
 from physid.physics.layer import PhysicsLayer
@@ -84,6 +84,15 @@ def test_an_inertia_scale_leaves_the_mass() -> None:
     after = acted("inertia_scale", {"change": 0.5})
     assert torch.allclose(after.inertia, 1.5 * PROBE.inputs.inertia)
     assert torch.equal(after.mass, PROBE.inputs.mass)
+
+
+def test_no_box_turns_harder_than_with_its_mass_in_its_corners() -> None:
+    size, one = torch.tensor([[[0.3, 0.2, 0.05]]]).double(), torch.ones(1, 1).double()
+    body = Parameters.of_boxes(size=size, mass=0.8 * one, friction=one)
+    corners = torch.cartesian_prod(*[torch.tensor([-0.5, 0.5]).double()] * 3) * size[0, 0]
+    x, y, z = (0.8 / 8 * corners.square().sum(0)).tolist()
+    known = next(kind for kind in CATALOGUE if kind.name == "inertia_scale").quantities()["change"]
+    assert torch.allclose(torch.tensor([y + z, x + z, x + y]).double(), (1 + known.high) * body.inertia[0, 0])
 
 
 def test_a_drifting_mass_grows_in_proportion_to_time() -> None:
