@@ -113,7 +113,7 @@ def test_a_shared_scale_widens_the_interval_by_what_it_does_to_the_parameter() -
         physical = model.physical.logarithm.detach().clone()
         for _ in range(6):
             equations = NormalEquations()
-            equations.add(model, PoseLoss(), there, real, shifted=[shifted])
+            equations.add(model.layer, model.physical, PoseLoss(), there, real, shifted=[shifted])
             with torch.no_grad():
                 model.physical.logarithm.add_(equations.step(0.5))
         found = float(model.physical.logarithm.detach())

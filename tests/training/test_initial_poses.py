@@ -109,9 +109,9 @@ def identified(model: VideoModel, goal: Tensor, wrench: Tensor, *, fitted: bool)
         own: Placing | None = None
         if fitted:
             own = place(model, LOSS, trajectories, real)
-            equations.add(model, LOSS, own.trajectories, real, own)
+            equations.add(model.layer, model.physical, LOSS, own.trajectories, real, own)
         else:
-            equations.add(model, LOSS, trajectories, real)
+            equations.add(model.layer, model.physical, LOSS, trajectories, real)
         with torch.no_grad():
             model.physical.logarithm.add_(equations.step(0.5))
     return model.physical.estimates()
@@ -153,8 +153,8 @@ def test_trajectories_without_usable_slopes_move_no_parameter(monkeypatch: pytes
         return dataclasses.replace(slopes(*arguments), usable=usable)
 
     few, some = NormalEquations(), NormalEquations()
-    few.add(model, LOSS, given(goal, wrench).chosen(usable), real[usable])
+    few.add(model.layer, model.physical, LOSS, given(goal, wrench).chosen(usable), real[usable])
     monkeypatch.setattr(normal_equations, "slopes", judged)
-    some.add(model, LOSS, given(goal, wrench), real)
+    some.add(model.layer, model.physical, LOSS, given(goal, wrench), real)
     assert torch.allclose(some.step(1.0), few.step(1.0))
     assert torch.allclose(some.covariance(), few.covariance())

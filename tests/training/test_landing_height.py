@@ -65,7 +65,7 @@ def test_friction_and_first_heights_are_found_though_images_mistake_the_depth() 
         given = Trajectories(goal, calm, calm, length, index)
         landing = land(model, loss, given, real)
         equations = NormalEquations()
-        equations.add(model, loss, landing.trajectories, real, landing)
+        equations.add(model.layer, model.physical, loss, landing.trajectories, real, landing)
         with torch.no_grad():
             model.physical.logarithm.add_(equations.step(0.5))
     friction = model.physical.estimates()["block.friction"]
@@ -82,7 +82,7 @@ def test_without_the_motion_the_wrong_heights_spoil_the_friction() -> None:
     given = Trajectories(goal, calm, calm, torch.full((4,), FRAMES), torch.arange(4))
     for _ in range(STEPS):
         equations = NormalEquations()
-        equations.add(model, PoseLoss(), given, real)
+        equations.add(model.layer, model.physical, PoseLoss(), given, real)
         with torch.no_grad():
             model.physical.logarithm.add_(equations.step(0.5))
     assert model.physical.estimates()["block.friction"] != pytest.approx(0.15, rel=10 * FOUND)

@@ -32,9 +32,13 @@ class ImageObjective(Objective):
 
     Attributes:
         blur: How the blur goes, over the epochs in which images are compared.
+        relative: Whether squares are divided by those that the empty scene leaves, blurred alike: 1 is then as good as
+            drawing nothing, whatever the blur. Otherwise they fall to a thousandth where kernels grow from 5 to 128,
+            and the divergence outweighs them.
     """
 
     blur: BlurSchedule = BlurSchedule()
+    relative: bool = False
 
 
 @final
@@ -86,7 +90,8 @@ class SelfSupervisedID(VideoID):
         encoding = self.model.encode(image, background)
         self.require_finite({"encoded": encoding.pose.sum((1, 2, 3))}, batch)
         seen, real = self.blur(image), shown < batch["length"][:, None]
-        values["encoded_image"] = mean_over_time(self._mismatch(encoding.pose, seen, background), real)
+        unit = self._unit(seen, background, real) if self.objective.relative else 1.0
+        values["encoded_image"] = mean_over_time(self._mismatch(encoding.pose, seen, background), real) / unit
         values |= self.divergence(encoding, real)
         if self.phase is Phase.JOINT:
             part = self.objective.horizon.cut(batch)
@@ -94,13 +99,19 @@ class SelfSupervisedID(VideoID):
             pose = self.model.roll_out(encoding.pose[:some], part["shown"], part["wrench"])
             ahead = at_frames(pose, part["shown"]).to(image)
             rolled = mean_over_time(self._mismatch(ahead, seen[:some], background[:some]), reached)
-            values["rolled_image"] = self.objective.alpha * spread(rolled, len(shown))
+            values["rolled_image"] = self.objective.alpha * spread(rolled, len(shown)) / unit
         return values
 
     def _mismatch(self, pose: Tensor, seen: Tensor, background: Tensor) -> Tensor:
         """Compare blurred images drawn of poses (B, f, N, 7) with those seen: mean square of the colours, (B, f)."""
         difference: Tensor = self.blur(self.model.decoder(pose, background)) - seen
         return difference.square().mean((-3, -2, -1))
+
+    def _unit(self, seen: Tensor, background: Tensor, real: Tensor) -> Tensor:
+        """Return what the empty scenes leave of blurred images (B, f, 3, H, W), in the mean over the real ones."""
+        nothing = (seen - self.blur(background)[:, None]).square().mean((-3, -2, -1))
+        unit: Tensor = nothing[real].mean()
+        return unit
 
     def readings(self, part: Batch) -> Readings:
         """Return the poses that are read from the frames shown."""

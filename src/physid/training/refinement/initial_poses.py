@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, final
@@ -55,7 +54,7 @@ def place(model: VideoModel, loss: PoseLoss, trajectories: Trajectories, real: T
         trajectories: Initial states, wrenches, and the poses that should come out.
         real: Which frames count, shape (B, T).
     """
-    chart, physical = model.chart, copy.deepcopy(model.physical).to(model.physics_device)
+    chart, physical = model.chart, model.physical_there()
     explaining = Explaining(model.layer, physical, loss, trajectories, counted=real)
     lying = isinstance(chart, PlanarChart) and not chart.hovering
     up = trajectories.pose.new_tensor(model.up)

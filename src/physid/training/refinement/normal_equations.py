@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Protocol, final
+from typing import Protocol, final
 
 import torch
 from torch import Tensor
@@ -12,14 +11,13 @@ from torch import Tensor
 from physid.estimation.least_squares.covariance import covariance_of
 from physid.estimation.least_squares.levenberg_marquardt import solve_shared
 from physid.estimation.least_squares.normal_equations import Normal
+from physid.physics.layer import PhysicsLayer
 from physid.training.parameters.intervals import RIDGE, known, normal_of, ridge_of
+from physid.training.parameters.physical_parameters import PhysicalParameters
 from physid.training.parameters.pose_loss import PoseLoss
 from physid.training.parameters.sensitivity import residuals
 from physid.training.parameters.slopes import slopes
 from physid.training.parameters.trajectories import Trajectories
-
-if TYPE_CHECKING:
-    from physid.training.vision.model import VideoModel
 
 MISFIT = 3.0
 """Root of a trajectory's loss, relative to the median's, from which on it counts half."""
@@ -81,7 +79,8 @@ class NormalEquations:
 
     def add(
         self,
-        model: VideoModel,
+        layer: PhysicsLayer,
+        physical: PhysicalParameters,
         loss: PoseLoss,
         trajectories: Trajectories,
         real: Tensor,
@@ -91,7 +90,8 @@ class NormalEquations:
         """Add a batch of trajectories, but for those whose slopes hold for tiny changes alone (see `slopes`).
 
         Args:
-            model: Gives physics and parameters.
+            layer: The physics.
+            physical: The physical parameters, where the physics computes.
             loss: What errors of predicted poses cost.
             trajectories: Initial states, wrenches, and the poses that should come out; on the device of the physics.
             real: Which frames count, shape (B, T).
@@ -101,18 +101,17 @@ class NormalEquations:
         Returns:
             The loss of each trajectory, shape (B,).
         """
-        physical = copy.deepcopy(model.physical).to(model.physics_device)
         with torch.no_grad():
-            residual = residuals(model.layer, physical, trajectories)
+            residual = residuals(layer, physical, trajectories)
             value = torch.stack(list(loss(residual, real).values())).sum(0)
-        found = slopes(model.layer, physical, trajectories)
+        found = slopes(layer, physical, trajectories)
         answer = found.sensitivity if own is None else own.reduce(found.sensitivity, loss, real)
         usable = found.usable | ~found.usable.any()  # better all than none
         residual, answer = residual[usable], answer[:, usable]
         added = residual.new_zeros(0, *residual.shape)
         if shifted:
             with torch.no_grad():
-                moved = torch.stack([residuals(model.layer, physical, one) for one in shifted])
+                moved = torch.stack([residuals(layer, physical, one) for one in shifted])
             added = moved[:, usable] - residual
         weight = loss.weights(residual, real[usable])
         common = torch.einsum("pbtni,btni,kbtni->bpk", answer, weight, added)

@@ -118,7 +118,7 @@ def add_to(equations: NormalEquations, model: VideoModel, loss: PoseLoss, batch:
     else:
         own = place(model, loss, trajectories, real)
     shifted = _shifted(model, own.trajectories) if from_images else ()
-    return equations.add(model, loss, own.trajectories, real, own, shifted)
+    return equations.add(model.layer, model.physical_there(), loss, own.trajectories, real, own, shifted)
 
 
 def _shifted(model: VideoModel, trajectories: Trajectories) -> list[Trajectories]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -30,7 +31,7 @@ from physid.training.vision.pose_refinement import PoseRefinement
 ChartName = Literal["planar", "hovering", "spatial"]
 EncoderFactory = Callable[[PoseChart, int, int], Encoder]
 """Builds an encoder for a chart, and images of so many rows and columns."""
-AT_ONCE = 1024
+AT_ONCE = 256
 """Images that are encoded at once where no gradient needs them together."""
 
 
@@ -152,6 +153,10 @@ class VideoModel(nn.Module):
         pose, image, background = self.decoder.model(recordings, trajectories)
         found = self.pose_refinement(self.chart, self.decoder, pose, image, background)
         self.calibration.measure(self.decoder.renderer.camera, found[:, 0], pose[:, 0], offset=True)
+
+    def physical_there(self) -> PhysicalParameters:
+        """Return a copy of the learned parameters on the device of the physics."""
+        return copy.deepcopy(self.physical).to(self.physics_device)
 
     def parameters_there(self) -> Parameters:
         """Return the physical parameters on the device of the physics."""
