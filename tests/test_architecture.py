@@ -20,6 +20,7 @@ RANKS = {
     "typed_files": 1,
     "yaml_files": 0,
     "compiler": 0,
+    "pages": 1,
     "physics": 1,
     "effects": 2,
     "scenes": 2,

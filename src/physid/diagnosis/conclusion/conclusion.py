@@ -125,6 +125,8 @@ def draw_conclusion(
         minor=tuple(minor),
         detectable=tuple(detectable_sizes(found.left or found.lack, terms, nominal_fit.noise, allowed, settings)),
         settings=settings.to_mapping(),
+        excess=found.lack.missing,
+        null_simulations=len(found.lack.null_best),
     )
     return Conclusion(rounded(diagnosis), chosen, shown, further)
 

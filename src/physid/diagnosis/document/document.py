@@ -209,7 +209,8 @@ class Diagnosis:
         minor: What was significant and is not blamed.
         detectable: Which size of each effect, beside those blamed, would have been found.
         settings: What decided: thresholds by section and name; empty where the file does not say.
-        seconds: How long it took; None where nobody looked.
+        excess: Size of the gap as scores measure it; None in older files.
+        null_simulations: How many; seconds: how long it took.
     """
 
     __pydantic_config__: ClassVar[Any] = CLOSED
@@ -228,6 +229,8 @@ class Diagnosis:
     minor: tuple[Minor, ...]
     detectable: tuple[Detectable, ...] = ()
     settings: dict[str, dict[str, Any]] = field(default_factory=dict)
+    excess: Positive | None = None
+    null_simulations: int | None = None
     seconds: Positive | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
@@ -258,10 +261,9 @@ class Diagnosis:
         return self.shrink.same if split == "same" else self.shrink.transfer
 
     def to_mapping(self) -> dict[str, Any]:
-        """Return the content of the file as plain values; what is not known of settings and time is left out."""
-        plain = asdict(self)
-        left_out = [name for name in ("settings", "seconds") if not plain[name]]
-        return {name: value for name, value in plain.items() if name not in left_out}
+        """Return the content of the file as plain values; what is optional and not known is left out."""
+        optional = ("settings", "excess", "null_simulations", "seconds")
+        return {name: value for name, value in asdict(self).items() if value or name not in optional}
 
 
 def check_diagnosis(content: object) -> Diagnosis:

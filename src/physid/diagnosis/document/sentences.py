@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
-from physid.diagnosis.document.document import Diagnosis, Estimate, Share, Split
+from physid.diagnosis.document.document import Cell, Diagnosis, Estimate, Share, Split
+from physid.pages.numbers import capital, figure, interval, join, p_value, percent, quantity, words
 
 MOST_LINES = 10
 MOST_PARAMETERS = 3  # of effects, and as many refitted ones, that the terminal shows
 MOST_CELLS = 2
 MOST_HIDDEN = 6
 SPLIT_NAMES: dict[Split, str] = {"same": "same protocol", "transfer": "transfer protocol"}
-PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"))
-MOST_DECIMALS = 6
 MOST_CLOSED = 1.5  # an interval that reaches beyond says that the floor is too near to be subtracted
-SMALLEST_SHOWN = 0.1  # a number below takes the next prefix
 LABEL_WIDTH = 9
 
 
@@ -95,7 +93,9 @@ def where_sentence(diagnosis: Diagnosis) -> str:
     shares = sorted(diagnosis.where.site.items(), key=lambda item: -item[1])
     site = ", ".join(f"{name} {percent(share)}" for name, share in shares[:2] if share >= 0.005)
     cells = sorted(diagnosis.where.cells, key=lambda cell: -cell.evidence)[:MOST_CELLS]
-    strongest = "; ".join(f"{words(cell.phase)}, {cell.body} {cell.dof}" for cell in cells)
+    alone = [f" (explains {share} of the gap)" if (share := cell_share(diagnosis, cell)) else "" for cell in cells]
+    places = [f"{words(cell.phase)}, {cell.body} {cell.dof}" for cell in cells]
+    strongest = "; ".join(f"{place}{share}" for place, share in zip(places, alone, strict=True))
     parts = [site or "no site stands out", f"strongest in {strongest}" if strongest else ""]
     return "; ".join(part for part in parts if part)
 
@@ -126,7 +126,10 @@ def closed(share: Share) -> tuple[str, str]:
     """Say which share of a gap is closed, and its interval; no more than all of it where the floor is not sure."""
     if share.high > MOST_CLOSED:
         return percent(min(share.value, 1.0)), f"at least {percent(min(share.low, 1.0))}"
-    return percent(share.value), f"{percent(share.low)} to {percent(share.high)}"
+    low, high = percent(share.low), percent(share.high)
+    if low == high:
+        low, high = f"{100 * share.low:.1f} %", f"{100 * share.high:.1f} %"
+    return percent(share.value), f"{low} to {high}"
 
 
 def summary_lines(diagnosis: Diagnosis) -> list[str]:
@@ -159,7 +162,7 @@ def _which(diagnosis: Diagnosis) -> list[str]:
     if not diagnosis.ranking:
         return ["no candidate stands out"]
     best = diagnosis.ranking[0]
-    return [f"none; best candidate {' + '.join(best.effects)}, p = {figure(best.p_value, 2)}"]
+    return [f"none; best candidate {' + '.join(best.effects)}, p {p_value(best.p_value, diagnosis.null_simulations)}"]
 
 
 def _refitted(diagnosis: Diagnosis) -> list[str]:
@@ -178,63 +181,16 @@ def _labelled(label: str, lines: Sequence[str]) -> list[str]:
     return [f"{label if index == 0 else '':<{LABEL_WIDTH}} {line}" for index, line in enumerate(lines)]
 
 
-def words(name: str) -> str:
-    """Turn a name into words."""
-    return name.replace("_", " ")
-
-
-def capital(text: str) -> str:
-    """Begin with a capital letter."""
-    return text[:1].upper() + text[1:]
-
-
-def join(texts: Iterable[str], last: str) -> str:
-    """Join texts by commas and a word before the last."""
-    *first, end = list(texts) or [""]
-    return f"{', '.join(first)} {last} {end}" if first else end
-
-
-def figure(value: float, digits: int = 3) -> str:
-    """Write a number with some significant digits, with an exponent only where it is very small or large."""
-    if value == 0 or not 1e-3 <= abs(value) < 1e5:
-        return f"{value:.{digits - 1}e}" if value else "0"
-    decimals = max(0, digits - 1 - math.floor(math.log10(abs(value))))
-    text = f"{value:.{decimals}f}"
-    return text.rstrip("0").rstrip(".") if "." in text else text
-
-
-def percent(share: float) -> str:
-    """Write a share in percent; one that is close to 0 or 1 is not rounded onto it."""
-    value = 100 * share
-    if 0 < value < 0.1 or 99.9 < value < 100:
-        return "< 0.1 %" if value < 1 else "> 99.9 %"
-    return f"{value:.1f} %" if 0 < value < 1 or 99 < value < 100 else f"{value:.0f} %"
-
-
-def quantity(value: float, unit: str) -> str:
-    """Write a length with a prefix that suits it, any other quantity as it is."""
-    if unit != "m" or value == 0:
-        return f"{figure(value)} {unit}".strip()
-    factor, prefix = next((each for each in PREFIXES if abs(value) >= SMALLEST_SHOWN * each[0]), PREFIXES[-1])
-    return f"{figure(value / factor)} {prefix}{unit}"
-
-
 def estimate(value: Estimate) -> str:
     """Write a value with its interval and unit."""
-    middle, low, high = resolved(value)
-    return f"{middle} ({low} to {high}){unit_of(value)}"
+    return interval(value.value, value.low, value.high, value.unit)
 
 
-def resolved(value: Estimate) -> tuple[str, str, str]:
-    """Write value, low and high with two digits of the width of the interval, so that they can be told apart."""
-    width = value.high - value.low
-    decimals = 1 - math.floor(math.log10(width)) if width > 0 else MOST_DECIMALS + 1
-    if not 0 <= decimals <= MOST_DECIMALS:
-        return figure(value.value), figure(value.low), figure(value.high)
-    return f"{value.value:.{decimals}f}", f"{value.low:.{decimals}f}", f"{value.high:.{decimals}f}"
+def explained(said: Diagnosis, score: float) -> str:
+    """Say which part of the gap a candidate explains; its score where the size of the gap is not known."""
+    return figure(score) if not said.excess else percent(min(max(score / said.excess, 0.0), 1.0))
 
 
-def unit_of(value: Estimate) -> str:
-    """Return the unit with a space before it; nothing for a number without a unit."""
-    unit = value.unit
-    return "" if unit in ("", "-", "1") else f" {unit}"
+def cell_share(said: Diagnosis, cell: Cell) -> str:
+    """Say which part of the gap a cell of the map explains alone; empty where the gap's size is not known."""
+    return percent(min(cell.evidence**2 / said.excess, 1.0)) if said.excess else ""

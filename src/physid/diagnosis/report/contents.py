@@ -46,7 +46,7 @@ class Curve:
     @property
     def lines(self) -> dict[str, NDArray[np.float64]]:
         """The lines that there are, by name."""
-        lines = {"before": self.before, "after": self.after, "freeform": self.residual_wrench}
+        lines = {"before": self.before, "after": self.after, "free": self.residual_wrench}
         return {name: values for name, values in lines.items() if values is not None}
 
 

@@ -2,192 +2,171 @@
 
 from __future__ import annotations
 
-from itertools import groupby
 from pathlib import Path
 
 from physid.data.files import write_text
-from physid.diagnosis.document.document import FILE, Diagnosis, Split
+from physid.diagnosis.document.document import DOFS, FILE, PHASES, SITES, SPLITS, Diagnosis, Split
 from physid.diagnosis.document.sentences import (
-    capital,
+    SPLIT_NAMES,
     caveat,
+    cell_share,
     closed,
+    explained,
     how_far_sentence,
-    join,
-    percent,
     verdict_sentence,
     where_sentence,
-    words,
 )
 from physid.diagnosis.report.contents import Curve, Film, ReportData, TimeMap
-from physid.diagnosis.report.curves import error_curves, error_levels, shares
-from physid.diagnosis.report.elements import Content, Markup, badge, element, section
-from physid.diagnosis.report.evidence_map import evidence_map, site_bar, site_name, time_map
-from physid.diagnosis.report.films import film_cards
-from physid.diagnosis.report.style import STYLE
-from physid.diagnosis.report.tables import effects, group, parameters, ranking
+from physid.diagnosis.report.drawings import LINES, closing, error_curves, error_levels, sizes, time_map
+from physid.pages.numbers import capital, figure, join, p_value, percent, words
+from physid.pages.templates import data_uri
+from physid.pages.templates import render as render_page
 
 __all__ = ["Curve", "Film", "ReportData", "TimeMap", "render", "write_report"]
 
 REPORT = "report.html"
+MOST_BYTES = 16_000_000  # of one film; a page beyond this does not open well on a phone
 MOST_LISTED = 2  # further members of a group that the answers name
+MOST_RANKED = 10
 KINDS = {"none": "good", "named": "", "group": "warn", "partial": "warn", "unknown": "bad"}
-POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; media-src data:"
 
 
-def write_report(folder: Path, diagnosis: Diagnosis, pictures: ReportData) -> Path:
+def write_report(folder: Path, diagnosis: Diagnosis, data: ReportData) -> Path:
     """Write the report of a diagnosis.
 
     Args:
         folder: Output folder of the diagnosis; made if it is not there.
         diagnosis: The document.
-        pictures: What is drawn beside it.
+        data: What is drawn beside it.
 
     Returns:
         The page, report.html in the folder.
 
     Raises:
-        ValueError: If the document is not valid, or a film is too large to be carried by a page.
+        ValueError: If a film is too large to be carried by a page.
     """
     path = folder / REPORT
-    write_text(path, render(diagnosis, pictures))
+    write_text(path, render(diagnosis, data))
     return path
 
 
-def render(diagnosis: Diagnosis, pictures: ReportData) -> str:
+def render(said: Diagnosis, data: ReportData) -> str:
     """Return the page as one HTML document."""
-    title = f"Diagnosis of {pictures.title}" if pictures.title else "Diagnosis"
-    head = [
-        element("meta", charset="utf-8"),
-        element("meta", name="viewport", content="width=device-width, initial-scale=1"),
-        element("meta", name="color-scheme", content="light dark"),
-        element("meta", http_equiv="Content-Security-Policy", content=POLICY),
-        element("title", f"{title} · physid"),
-        element("style", Markup(STYLE)),
+    curves, cells = error_curves(data.curves, said), said.where.cells
+    overlay = data.overlay
+    names = [name for name in LINES if any(name in curve.lines for curve in data.curves)]
+    shares = [
+        (SPLIT_NAMES[split], *(closed(share) if (share := said.share(split)) else ("", "")))
+        for split in SPLITS
+        if (error := said.errors(split)) and error.after is not None
     ]
-    body = [
-        _verdict(diagnosis, title),
-        _answers(diagnosis),
-        _where(diagnosis, pictures),
-        _which(diagnosis, pictures),
-        _how_far(diagnosis, pictures),
-        _next(diagnosis, pictures),
-        section("Recording and model", "", *_rows(*film_cards(pictures))),
-        _small_print(pictures),
-    ]
-    page = element("html", element("head", head), element("body", element("main", body)), lang="en")
-    return f"<!doctype html>\n{page}\n"
-
-
-def _verdict(diagnosis: Diagnosis, title: str) -> Markup:
-    """Say the verdict, how sure it is, and what it does not mean."""
-    warning = caveat(diagnosis)
-    confidence = diagnosis.confidence
-    meter = element("span", element("i", style=f"width: {100 * confidence:.1f}%"), class_="meter")
-    return element(
-        "header",
-        element("p", title, class_="soft small"),
-        element("h1", verdict_sentence(diagnosis)),
-        element(
-            "p",
-            badge(diagnosis.verdict, KINDS[diagnosis.verdict]),
-            element("span", "confidence ", element("b", percent(confidence)), class_="number"),
-            meter,
-            class_="sure",
-        ),
-        element("p", warning, class_="note") if warning else None,
-        class_=f"card verdict {KINDS[diagnosis.verdict]}".strip(),
+    return render_page(
+        "report.html",
+        title=f"Diagnosis of {data.title}" if data.title else "Diagnosis",
+        said=said,
+        data=data,
+        file=FILE,
+        kind=KINDS[said.verdict],
+        level=percent(data.interval),
+        sentence=verdict_sentence(said),
+        caveat=caveat(said),
+        answers=_answers(said),
+        maps={
+            body: {(cell.phase, cell.dof): cell.evidence for cell in cells if cell.body == body}
+            for body in dict.fromkeys(cell.body for cell in cells)
+        },
+        phases=[phase for phase in PHASES if any(cell.phase == phase for cell in cells)],
+        dofs=[dof for dof in DOFS if any(cell.dof == dof for cell in cells)],
+        most=max([*(cell.evidence for cell in cells), 1e-12]),
+        strongest=cell_share(said, max(cells, key=lambda cell: cell.evidence)) if cells else "",
+        # Evidence of nothing would fill the map with colours all the same.
+        time_map=None if said.verdict == "none" else time_map(data.time_map),
+        effects=[(effect, data.formulas.get(effect.name), sizes(effect.parameters)) for effect in said.effects],
+        others=[name for name in said.group if name not in said.blamed],
+        ranked=[(each, explained(said, each.score)) for each in said.ranking[:MOST_RANKED]],
+        best=max([*(each.score for each in said.ranking), 1e-12]),
+        ranking_note=_ranking_note(said, data),
+        curves=curves,
+        lines=[(name, LINES[name]) for name in names],
+        levels=error_levels(said, data),
+        unrepeated="repeatability" in data.levels and data.levels["repeatability"] is None,
+        shares=shares,
+        closing=closing(said),
+        with_effect=any(value.with_effect for value in said.parameters.values()),
+        overlay_film=_film(overlay.film) if overlay and overlay.film else None,
+        stills=[(data_uri("image/webp", one.picture), one.caption) for one in overlay.stills] if overlay else [],
+        films=[(film.title, _film(film)) for film in data.films],
     )
 
 
-def _answers(diagnosis: Diagnosis) -> Markup:
+def _answers(said: Diagnosis) -> list[tuple[str, str, str]]:
     """Give the three answers in a few words each."""
-    blamed = [words(effect.name) for effect in diagnosis.effects]
-    others = len(diagnosis.group) - len(blamed) if blamed else 0
-    nobody = "No effect" if diagnosis.verdict == "none" else "No known effect"
+    blamed = [words(name) for name in said.blamed]
+    others = len(said.group) - len(blamed) if blamed else 0
+    nobody = "No effect" if said.verdict == "none" else "No known effect"
     which, more = capital(join(blamed, "and")) or nobody, ""
     if others and len(blamed) == 1 and others <= MOST_LISTED:
-        which, more = capital(join(map(words, diagnosis.group), "or")), "these recordings cannot tell which"
+        which, more = capital(join(map(words, said.group), "or")), "these recordings cannot tell which"
     elif others:
         more = f"cannot be told from {others} other{'s' * (others > 1)}"
-    split: Split = "transfer" if diagnosis.gap.transfer else "same"
-    tiles = (
-        ("Where", site_name(diagnosis), where_sentence(diagnosis)),
-        ("Which", which, more or _best(diagnosis)),
-        ("How far", _far(diagnosis, split), how_far_sentence(diagnosis, split)),
-    )
-    made = [
-        element(
-            "div",
-            element("h3", name, class_="soft"),
-            element("p", large, class_="big"),
-            element("p", capital(small).replace("->", "→"), class_="small soft"),
-            class_="card",
-        )
-        for name, large, small in tiles
+    split: Split = "transfer" if said.gap.transfer else "same"
+    return [
+        ("Where", _site(said), where_sentence(said)),
+        ("Which", which, more or _best(said)),
+        ("How far", _far(said, split), how_far_sentence(said, split)),
     ]
-    return element("div", made, class_="grid answers")
 
 
-def _far(diagnosis: Diagnosis, split: Split) -> str:
+def _site(said: Diagnosis) -> str:
+    """Name the site with the largest share."""
+    best = max(SITES, key=lambda site: said.where.site[site])
+    if said.where.site[best] > 0:
+        return capital(best)
+    return "Nowhere" if said.verdict == "none" else "No site"
+
+
+def _far(said: Diagnosis, split: Split) -> str:
     """Say in two words how far the gap closes."""
-    share = diagnosis.share(split)
+    share, error = said.share(split), said.errors(split)
     if share is not None:
         return f"{closed(share)[0]} closed"
-    error = diagnosis.errors(split)
     if error is not None and error.after is not None:
         return "Near the floor"
-    return "Nothing to close" if diagnosis.verdict == "none" else "Not closed"
+    return "Nothing to close" if said.verdict == "none" else "Not closed"
 
 
-def _best(diagnosis: Diagnosis) -> str:
+def _best(said: Diagnosis) -> str:
     """Say how the effects stand out from what chance brings."""
-    best = diagnosis.ranking[:1]
-    if not best:
+    if not said.ranking:
         return "no candidate stands out"
-    name = "stands out with" if diagnosis.effects else f"best candidate: {' + '.join(map(words, best[0].effects))},"
-    return f"{name} p = {best[0].p_value:.2g}"
+    best = said.ranking[0]
+    name = "stands out with" if said.effects else f"best candidate: {' + '.join(map(words, best.effects))},"
+    return f"{name} p {_with_sign(p_value(best.p_value, said.null_simulations))}"
 
 
-def _where(diagnosis: Diagnosis, pictures: ReportData) -> Markup | None:
-    where = diagnosis.where
-    # Evidence of nothing would fill the map with colours all the same.
-    over_time = None if diagnosis.verdict == "none" else time_map(pictures.time_map)
-    cards = (site_bar(where.site), evidence_map(where.cells), over_time)
-    return section("Where", "In which part of the motion the prediction leaves the recording.", *_rows(*cards))
+def _with_sign(text: str) -> str:
+    return text if text.startswith("<") else f"= {text}"
 
 
-def _which(diagnosis: Diagnosis, pictures: ReportData) -> Markup | None:
-    cards = (*effects(diagnosis, pictures), group(diagnosis), ranking(diagnosis, pictures))
-    return section("Which", "What each candidate explains beyond the refitted nominal model.", *_rows(*cards))
+def _ranking_note(said: Diagnosis, data: ReportData) -> str:
+    """Say what the bars and the p-values are of."""
+    notes = []
+    if said.excess:
+        notes.append("Parts of the gap that a candidate alone explains; candidates overlap.")
+    if data.threshold is not None and said.excess:
+        notes.append(f"Null simulations seldom exceed {percent(min(data.threshold / said.excess, 1.0))}.")
+    elif data.threshold is not None:
+        notes.append(f"Null simulations seldom exceed the score {figure(data.threshold)}.")
+    if said.null_simulations or data.replicates:
+        count = said.null_simulations or data.replicates
+        notes.append(f"p-values come from {count} null simulations, for the best of all candidates.")
+    left = len(said.ranking) - MOST_RANKED
+    return " ".join([*notes, *[f"{left} more candidates are in {FILE}."] * (left > 0)])
 
 
-def _how_far(diagnosis: Diagnosis, pictures: ReportData) -> Markup | None:
-    cards = (
-        error_curves(pictures.curves, diagnosis.gap),
-        error_levels(diagnosis, pictures),
-        shares(diagnosis, pictures),
-        parameters(diagnosis, pictures),
-    )
-    return section("How far", "Errors on trajectories that took no part in the fit.", *_rows(*cards))
-
-
-def _next(diagnosis: Diagnosis, pictures: ReportData) -> Markup | None:
-    if not diagnosis.next_experiment:
-        return None
-    config: Content = None
-    if pictures.next_config:
-        code = element("pre", pictures.next_config)
-        config = element("details", element("summary", "Configuration for physid generate"), code)
-    sentence = element("p", capital(diagnosis.next_experiment))
-    return section("Next experiment", "", element("div", sentence, config, class_="card"))
-
-
-def _small_print(pictures: ReportData) -> Markup:
-    facts = [element("span", f"{name}: ", element("b", value)) for name, value in pictures.facts.items()]
-    return element("footer", facts, element("span", f"Everything here for a machine: {FILE}"))
-
-
-def _rows(*cards: Markup | None) -> list[Markup]:
-    """Set cards side by side, wide ones in a row of their own."""
-    rows = groupby((each for each in cards if each), key=lambda each: each.startswith('<div class="card wide"'))
-    return [made for wide, each in rows for made in (each if wide else [element("div", list(each), class_="grid")])]
+def _film(film: Film) -> str:
+    content = film.path.read_bytes()
+    if len(content) > MOST_BYTES:
+        size = f"{len(content) / 1e6:.0f} MB"
+        raise ValueError(f"{film.path}: expected a film of at most 16 MB, found {size}; make it shorter or smaller")
+    return data_uri("video/mp4", content)
