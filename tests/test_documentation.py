@@ -102,3 +102,9 @@ def test_the_first_steps_of_the_readme_identify_the_friction(tmp_path: Path, mon
     for words in steps:
         assert main([*words, *(["--workers=1", "--quiet"] if words[0] == "generate" else [])]) == 0
     assert (tmp_path / "runs" / "push_friction" / "metrics.json").exists()
+
+
+def test_every_decision_stands_in_the_list_of_decisions() -> None:
+    listed = (ROOT / "docs" / "decisions" / "README.md").read_text()
+    for page in (ROOT / "docs" / "decisions").glob("0*.md"):
+        assert f"]({page.name})" in listed, f"docs/decisions/README.md lacks {page.name}"

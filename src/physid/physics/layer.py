@@ -96,10 +96,6 @@ class PhysicsLayer(nn.Module):
         self.checkpoint_every = checkpoint_every
         self.backend = backend
 
-    def with_effects(self, effects: Sequence[Effect]) -> PhysicsLayer:
-        """Return a layer of the same world with other effects."""
-        return PhysicsLayer(self.world, effects, self.solver, self.checkpoint_every, self.backend)
-
     def forward(self, initial_state: State, wrenches: Tensor, parameters: Parameters) -> Rollout:
         """Do as `rollout` does."""
         return self.rollout(initial_state, wrenches, parameters)
