@@ -2,6 +2,7 @@
 
     python benchmarks/coverage.py                  100 sets per case
     python benchmarks/coverage.py --sets 10 --cases push_friction
+    timeout -s INT 800 python benchmarks/coverage.py ...        as many as there is time for, case by case
     python benchmarks/coverage.py --simulator closed_form --rates 30,60,100,148,240 --jitter 0.2 --missing 0.1
 
 Each set has its own seed, forces, starts and noise (1 mm and 10 mrad on every pose unless --noise says otherwise, no
@@ -14,6 +15,7 @@ change at the rate of --force-rate, another one than that of the poses.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import logging
 import math
 import tempfile
@@ -121,6 +123,7 @@ def main() -> None:
     """Print one line per case, rate and parameter."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sets", type=int, default=100)
+    parser.add_argument("--first", type=int, default=0, help="seed of the first set")
     parser.add_argument("--cases", nargs="+", choices=CASES)
     parser.add_argument("--simulator", default="pybullet")
     parser.add_argument("--rates", default="", help="frames per second, with commas between them")
@@ -141,8 +144,12 @@ def main() -> None:
         for rate in options.rates.split(",") if options.rates else [""]:
             made: dict[str, Any] = {"simulator": options.simulator, "frame_rate": float(rate) if rate else None}
             made |= {"jitter": options.jitter, "missing": options.missing, "force_rate": options.force_rate}
-            bar = tqdm(range(options.sets), desc=f"{name} {rate}")
-            runs = [identify(CASES[name], seed, made, noise) for seed in bar]
+            runs: list[dict[str, tuple[float, float, float, float]]] = []
+            with contextlib.suppress(KeyboardInterrupt):  # what was measured until then counts
+                for seed in tqdm(range(options.first, options.first + options.sets), desc=f"{name} {rate}"):
+                    runs.append(identify(CASES[name], seed, made, noise))
+            if not runs:
+                continue
             for parameter in CASES[name].learn:
                 shown = row([run[parameter] for run in runs], CASES[name].trajectories)
                 print(f"| {name} | {rate or 240} | {parameter} | {shown} |", flush=True)

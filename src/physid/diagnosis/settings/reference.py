@@ -57,14 +57,14 @@ class StepSettings(Section):
     )
     reach: float = setting(0.1, "s", "that a wrong velocity moves a body before the next impact comes", gt=0)
     bias: float = setting(0.25, "standard errors", "that halving all steps may change of an estimate", gt=0)
-    most: int = setting(32, "parts", "most of a step between two frames", ge=1)
+    shortest: float = setting(5e-4, "s", "about the length of the shortest part of a step", gt=0)
     rounds: int = setting(3, "times", "most that the defect is lowered", ge=1)
     finest: bool = setting(True, "", "whether steps are compared with the finest instead of with their halves")
 
     @property
     def choice(self) -> StepChoice:
         """The same for the estimation."""
-        return StepChoice(self.defect, self.reach, self.bias, self.most, self.rounds, self.finest)
+        return StepChoice(self.defect, self.reach, self.bias, self.shortest, self.rounds, self.finest)
 
 
 class DiscrepancySettings(Section):

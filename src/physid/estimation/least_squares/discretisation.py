@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from physid.data.observations.step_grid import StepGrid
 from physid.estimation.least_squares.experiment import Experiment, Fit
 from physid.estimation.measurement.poses import pose_difference
 from physid.estimation.prediction.timeline import Timeline
@@ -23,18 +24,24 @@ class StepChoice:
         reach: How long a wrong velocity moves a body before a segment ends or the next impact comes [s].
         bias: What halving all steps may change of an estimate, in standard errors [-]; where it is more, steps are
             chosen anew with a quarter of `defect`.
-        most: Most parts of a step between two frames.
+        shortest: Parts of a step are at least about as long [s]. It is a length, for what a step misses of a reversal
+            of friction grows with its length, whatever the frame rate.
         rounds: Most times that `defect` is lowered.
-        finest: Whether steps are compared with the finest, `most` parts of all, instead of with their halves. That
-            takes longer, and sees an event that steps and their halves happen to miss by the same.
+        finest: Whether steps are compared with the finest, `shortest` everywhere, instead of with their halves.
+            That takes longer, and sees an event that steps and their halves happen to miss by the same.
     """
 
     defect: float = 0.1
     reach: float = 0.1
     bias: float = 0.25
-    most: int = 32
+    shortest: float = 2.5e-4
     rounds: int = 3
     finest: bool = True
+
+    def most(self, grid: StepGrid) -> Tensor:
+        """Return the most parts of each step, the power of two that makes them about `shortest` long, shape (R, S)."""
+        power = (grid.steps / self.shortest).log2().round().clamp_min(0)
+        return (2**power).long()
 
 
 @dataclass(frozen=True)
@@ -45,9 +52,10 @@ class ChosenSteps:
         timeline: The frames with these steps.
         mean: Steps from frame to frame, on average [-].
         largest: The most of them [-].
-        error: What halving all of them still changes of the poses, root of the mean square over frames, rotation [rad]
-            and position [m].
+        error: What halving all of them, or the finest, still change of the poses, root of the mean square over frames,
+            rotation [rad] and position [m].
         bias: The largest change of an unknown parameter that this makes, in standard errors [-].
+        left: The largest change that even shorter steps would make on top, extrapolated, in standard errors [-].
         parts: Into how many parts each of the longest steps is cut, shape (R, S).
     """
 
@@ -56,6 +64,7 @@ class ChosenSteps:
     largest: int
     error: tuple[float, float]
     bias: float
+    left: float
     parts: Tensor
 
 
@@ -139,9 +148,9 @@ def halve_steps(judgement: Judgement, choice: StepChoice | None = None, first: T
 
 def _cut(judgement: Judgement, parts: Tensor, defect: float, choice: StepChoice) -> Tensor:
     """Return into how many parts (R, S) the steps are cut, so that halving them changes little."""
-    base = judgement.base
+    base, most = judgement.base, choice.most(judgement.base.grid)
     length = base.time.diff(dim=1)[..., None, None]
-    reference = judgement.predict(base.refined(choice.most)) if choice.finest else None
+    reference = judgement.predict(base.refined(most)) if choice.finest else None
     while True:
         pose, twist = judgement.predict(base.refined(parts))
         fine_pose, fine_twist = reference or judgement.predict(base.refined(2 * parts))
@@ -151,21 +160,27 @@ def _cut(judgement: Judgement, parts: Tensor, defect: float, choice: StepChoice)
         within = judgement.followed[..., None, None]
         wrong = torch.where(within, (moved.abs() + gained.abs()) / judgement.noise, 0.0).amax((2, 3)) > defect
         wrong = torch.cat([wrong, torch.zeros_like(wrong[:, :1])], 1)
-        again = wrong.gather(1, base.owner) & (parts < choice.most)
+        again = wrong.gather(1, base.owner) & (parts < most)
         if not bool(again.any()):
             return parts
         parts = torch.where(again, 2 * parts, parts)
 
 
 def judge_steps(judgement: Judgement, parts: Tensor, choice: StepChoice) -> ChosenSteps:
-    """Say what halving all steps, cut into parts (R, S), or the finest steps change of poses and estimates."""
-    fine = torch.full_like(parts, choice.most) if choice.finest else 2 * parts
-    coarse_pose, fine_pose = (judgement.predict(judgement.base.refined(each))[0] for each in (parts, fine))
-    apart = pose_difference(coarse_pose, fine_pose)
+    """Say what halving all steps, cut into parts (R, S), or the finest steps change of poses and estimates.
+
+    What those leave is extrapolated (Richardson 1911): where friction turns around within a step, poses are off in
+    proportion to its length, so that steps of twice the length are off by as much more as the fine ones are at all.
+    """
+    fine = choice.most(judgement.base.grid) if choice.finest else 2 * parts
+    pose, fine_pose, double_pose = (
+        judgement.predict(judgement.base.refined(each))[0] for each in (parts, fine, (fine // 2).clamp_min(1))
+    )
+    apart = pose_difference(pose, fine_pose)
     counted = judgement.counted[..., None].double()
     rotation, position = ((apart * counted).unflatten(-1, (2, 3)).square().sum((0, 1, 2, 4)) / 3).unbind()
     count = counted.sum().clamp_min(1)
-    shift = judgement.respond(apart)
+    shift, beyond = judgement.respond(apart), judgement.respond(pose_difference(double_pose, fine_pose))
     per_frame = parts[judgement.base.grid.real].double()
     return ChosenSteps(
         judgement.base.refined(parts),
@@ -173,6 +188,7 @@ def judge_steps(judgement: Judgement, parts: Tensor, choice: StepChoice) -> Chos
         int(per_frame.max()),
         (float((rotation / count).sqrt()), float((position / count).sqrt())),
         float(shift.abs().max()) if len(shift) else 0.0,
+        float(beyond.abs().max()) if len(beyond) else 0.0,
         parts,
     )
 

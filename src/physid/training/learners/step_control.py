@@ -99,7 +99,8 @@ class StepControl:
                 judged = judge_steps(judgement, parts, CHOICE)
                 self.report = (
                     f"steps of the engine: {judged.mean:.3g} from frame to frame on average, {judged.largest} at most; "
-                    f"{CHOICE.most} everywhere would move the estimates by {judged.bias:.2g} standard errors at most"
+                    f"{1e3 * CHOICE.shortest:g} ms everywhere would move the estimates by {judged.bias:.2g} standard "
+                    f"errors at most, and even shorter ones by {judged.left:.2g} more"
                 )
         return started.refined(parts)
 
@@ -130,7 +131,7 @@ class StepControl:
         with torch.no_grad():
             parts = self._parts_of(started, short=True)
             judged = judge_steps(dataclasses.replace(judgement, respond=respond), parts, CHOICE)
-        return found[0], judged
+        return torch.stack(found).sum(0), judged
 
     def due(self, epoch: int) -> bool:
         """Return whether steps are to be chosen before an epoch of training."""

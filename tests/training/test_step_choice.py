@@ -1,0 +1,122 @@
+"""What a step misses of a reversal of friction, how short steps may become, and what the shortest leave."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import pytest
+import torch
+from torch import Tensor
+
+from physics.worlds import boxes, forces, state
+from physid.data.observations.step_grid import StepGrid
+from physid.estimation.least_squares.discretisation import Judgement, StepChoice, halve_steps, judge_steps
+from physid.estimation.measurement.poses import pose_difference
+from physid.estimation.prediction.timeline import Timeline
+from physid.physics.layer import PhysicsLayer
+from physid.physics.schemes.integration import Midpoint
+from physid.physics.state import State
+from physid.physics.world import World
+
+G, FRICTION, FORCE, MASS = 9.81, 0.2, -4.0, 1.0
+FRAME, FRAMES, COUNT = 1 / 30, 10, 200
+GOLDEN = (5**0.5 - 1) / 2
+
+
+def speeds() -> Tensor:
+    """Return speeds of blocks that turn around at times spread evenly over two frames, at no regular times [m/s]."""
+    share = (GOLDEN * torch.arange(COUNT, dtype=torch.float64)) % 1.0
+    return 0.6 + 2 * FRAME * (FRICTION * G - FORCE / MASS) * share
+
+
+def true_places(time: Tensor) -> Tensor:
+    """Return where blocks that a force stops and sends back are at some times (T,), closed form; shape (B, T)."""
+    before, after = FORCE / MASS - FRICTION * G, FORCE / MASS + FRICTION * G
+    speed = speeds()[:, None]
+    turn = -speed / before
+    early, late = time.minimum(turn), (time - turn).clamp_min(0)
+    return speed * early + 0.5 * before * early**2 + 0.5 * after * late**2
+
+
+def judgement(noise: float) -> Judgement:
+    """Return what steps of these blocks are judged by; the one estimate is the mean shift along the line."""
+    steps = torch.full((COUNT, FRAMES - 1), FRAME, dtype=torch.float64)
+    frames = torch.arange(FRAMES).expand(COUNT, -1)
+    push = forces(FRAMES - 1, [[FORCE, 0, 0]]).expand(COUNT, -1, -1, -1)
+    grid = StepGrid(steps, push, frames, torch.full((COUNT,), FRAMES - 1))
+    one = state([[0, 0, 0.1]])
+    twist = torch.zeros(COUNT, 1, 6, dtype=torch.float64)
+    twist[:, 0, 3] = speeds()
+    begin = State(one.pose.expand(COUNT, -1, -1), twist)
+    layer = PhysicsLayer(World(integration=Midpoint()))
+
+    def predict(timeline: Timeline) -> tuple[Tensor, Tensor]:
+        cut = timeline.grid
+        rollout = layer.rollout(begin, cut.wrench, boxes(mass=MASS, friction=FRICTION), steps=cut.steps)
+        chosen = cut.frame_step[..., None, None]
+        return tuple(
+            values.gather(1, chosen.expand(-1, -1, 1, values.shape[-1])) for values in (rollout.pose, rollout.twist)
+        )  # type: ignore[return-value]
+
+    def respond(apart: Tensor) -> Tensor:
+        return apart[:, -1, 0, 3].mean()[None] / noise
+
+    every = torch.ones(COUNT, FRAMES - 1, dtype=torch.bool)
+    counted = torch.ones(COUNT, FRAMES, 1, dtype=torch.bool)
+    spread = torch.tensor([10 * noise] * 3 + [noise] * 3, dtype=torch.float64)
+    time = FRAME * frames.double()
+    return Judgement(Timeline(time, grid), predict, respond, spread, every, counted)
+
+
+def mean_error(judged: Judgement, parts: int) -> float:
+    """Return by how much uniform steps put the blocks too far at the end, on average [m]."""
+    pose, _ = judged.predict(judged.base.refined(parts))
+    return float((pose[:, -1, 0, 0] - true_places(judged.base.time[0])[:, -1]).mean())
+
+
+def test_a_reversal_is_missed_in_proportion_to_the_step_and_extrapolation_finds_it() -> None:
+    judged = judgement(1e-3)
+    errors = {parts: mean_error(judged, parts) for parts in (8, 16, 32)}
+    assert errors[8] / errors[16] == pytest.approx(2, rel=0.1)
+    assert errors[16] / errors[32] == pytest.approx(2, rel=0.1)
+    assert abs(2 * errors[32] - errors[16]) < 0.1 * errors[32]
+
+
+@pytest.mark.parametrize("rate", [30, 60, 100, 148, 240])
+def test_the_shortest_step_is_a_length_whatever_the_frame_rate(rate: int) -> None:
+    grid = judgement(1e-3).base.grid
+    grid = dataclasses.replace(grid, steps=torch.full_like(grid.steps, 1 / rate))
+    choice = StepChoice()
+    length = float((grid.steps / choice.most(grid)).max())
+    assert choice.shortest / math.sqrt(2) <= length <= choice.shortest * math.sqrt(2)
+    assert int(StepChoice(shortest=1.0).most(grid).max()) == 1
+
+
+def test_what_the_shortest_steps_leave_is_what_the_closed_form_says() -> None:
+    noise = 2e-4
+    judged = judgement(noise)
+    choice = StepChoice(shortest=1e-3)
+    chosen = halve_steps(judged, choice)
+    pose, _ = judged.predict(chosen.timeline)
+    true = float((pose[:, -1, 0, 0] - true_places(judged.base.time[0])[:, -1]).mean()) / noise
+    assert true > 0.3, "the case must miss something"
+    assert chosen.left == pytest.approx(true, rel=0.3, abs=0.1)
+    assert chosen.bias < choice.bias
+    shorter = halve_steps(judged, StepChoice())
+    assert shorter.left < 0.4 * chosen.left
+
+
+def test_steps_are_short_only_where_blocks_turn_around() -> None:
+    judged = judgement(2e-4)
+    chosen = halve_steps(judged, StepChoice())
+    turn = speeds() / (FRICTION * G - FORCE / MASS)
+    own = (turn / FRAME).floor().long()[:, None]
+    frames = torch.arange(FRAMES - 1)
+    assert bool((chosen.parts[(frames - own).abs() > 1] == 1).all())
+    assert float(chosen.parts.gather(1, own).double().median()) >= 32
+    assert chosen.mean < 0.3 * chosen.largest
+    again = judge_steps(judged, chosen.parts, StepChoice())
+    assert again.bias == chosen.bias
+    coarse, fine = (judged.predict(judged.base.refined(parts))[0] for parts in (1, 64))
+    assert float(pose_difference(coarse, fine).abs().max()) > 1e-3
