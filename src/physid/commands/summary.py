@@ -49,7 +49,7 @@ def _estimate(own: Mapping[str, float], unit: str) -> str:
     known = [f"90 %: {own['low']:.6g} to {own['high']:.6g}"] if {"low", "high"} <= own.keys() else []
     if true is not None:
         known.append(f"true {true:.6g}" + (f", off by {abs(estimate / true - 1):.3%}" if true else ""))
-    told = "" if own.get("observable", 1.0) else "  DO NOT RELY ON IT: these recordings cannot tell it by itself"
+    told = "" if own.get("observable", 1.0) else "  DO NOT RELY ON IT: these recordings do not identify it by itself"
     return f"{estimate:.6g}{f' {unit}' * bool(unit)}" + (f" ({'; '.join(known)})" if known else "") + told
 
 

@@ -20,7 +20,7 @@ class Stage(Enum):
     CHOOSING_STEPS = "choosing the steps of the engine", 10
     REPLAYING_NOMINAL = "replaying the fit in the reference simulator", 15
     MEASURING_NUMERICS = "measuring where the numerics disturb", 25
-    FITTING_CONTACT_FREE = "fitting the nominal model where nothing is hit", 30
+    FITTING_CONTACT_FREE = "fitting the nominal model to contact-free segments", 30
     TESTING = "testing all effects at once, against null simulations", 35
     FITTING = "fitting {}", 45
     FINISHING = "fitting {} to the end", 50

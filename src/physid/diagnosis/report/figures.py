@@ -74,7 +74,7 @@ def _judged(found: Attribution, nominal_fit: NominalFit) -> str:
     judged, whole = (
         float(one.predictor.segments.size.sum()) for one in (found.nominal.experiment, nominal_fit.experiment)
     )
-    return f"where nothing is hit, {percent(judged / whole)} of the frames" if judged < whole else "in all frames"
+    return f"contact-free segments, {percent(judged / whole)} of the frames" if judged < whole else "in all frames"
 
 
 def _levels(nominal_fit: NominalFit) -> dict[str, float | None]:

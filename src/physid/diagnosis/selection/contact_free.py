@@ -1,4 +1,4 @@
-"""Where nothing is hit: motion that the model can follow decides alone what it can decide."""
+"""Contact-free segments: motion that the model can follow decides alone what it can decide."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ class CutSettings(Section):
 
 
 class SegmentSettings(Section):
-    """How trajectories are cut for a fit of all frames, and for the search where nothing is hit."""
+    """How trajectories are cut for a fit of all frames, and for the search in contact-free segments."""
 
     impacts: CutSettings = CutSettings()
     contact_free: CutSettings = CutSettings(**vars(CONTACT_FREE))

@@ -6,7 +6,7 @@ from physid.diagnosis.settings.setting import FLIGHTS, HITS, Section, setting
 
 
 class ContactFreeSettings(Section):
-    """Where nothing is hit."""
+    """The search in contact-free segments."""
 
     first: bool = setting(True, "", "whether contact-free segments are searched first, and alone", FLIGHTS)
     late: float = setting(
