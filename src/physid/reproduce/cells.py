@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from physid.configuration import Configuration
 
 PERCENT = 100.0
+DEGREES = (1.0, "deg")
+ENCODED, TURNED = "test/encoded_position_error", "test/encoded_rotation_error"
 GENTLE_RATE = 1e-4
 """Of learning, of an encoder that has been learned."""
 
@@ -84,11 +86,14 @@ class Fit(Cell):
         recordings: What it is fitted to.
         file: METHOD/FILE if the configuration is not configs/METHOD/CELL.yaml.
         parameter: Largest relative error of a parameter [%].
-        position: Largest position error relative to the size of the object [%].
-        rotation: Largest rotation error [degrees].
+        position: Largest position error relative to the size of the object [%]; of films, that of refined poses.
+        rotation: Largest rotation error [degrees]; of films likewise.
+        by_gradient: Largest relative error of a parameter that the gradient of a video's losses alone has found [%].
+        encoder_position: Largest position error of the encoder itself [%].
+        encoder_rotation: Largest rotation error of the encoder itself [degrees].
         evaluations: Most evaluations.
-        paper_position: The paper's position error [%].
-        paper_rotation: The paper's rotation error [degrees].
+        paper_position: The paper's position error [%]; of films, that of its encoder.
+        paper_rotation: The paper's rotation error [degrees]; of films likewise.
         overrides: Further settings, key=value.
         minutes: See `Cell`.
         seeds: How many runs with seeds 0, 1, ... there are; each has a folder of its own if they are several.
@@ -101,6 +106,9 @@ class Fit(Cell):
     parameter: float | None = None
     position: float | None = None
     rotation: float | None = None
+    by_gradient: float | None = None
+    encoder_position: float | None = None
+    encoder_rotation: float | None = None
     evaluations: float | None = None
     paper_position: float | None = None
     paper_rotation: float | None = None
@@ -147,28 +155,38 @@ class Fit(Cell):
             return self.results(fit(configuration.values, folder, resume=True))
 
     def results(self, figures: Mapping[str, float]) -> list[Result]:
-        """Select what is compared from the figures of a run."""
+        """Select what is compared from the figures of a run.
+
+        The paper's errors of films are those of its encoder, and stand beside ours of that; refined poses, where there
+        are any, are a measure of their own.
+        """
         found = self._parameters(figures)
-        for key, metric, scale, unit, paper, target in (
-            ("test/position_error", "position error", PERCENT, "% of size", self.paper_position, self.position),
-            (
-                "test/whole_position_error",
-                "position error, whole trajectory",
-                PERCENT,
-                "% of size",
-                self.paper_position,
-                None,
-            ),
-            ("test/encoded_position_error", "position error, encoder alone", PERCENT, "% of size", None, None),
-            ("test/predicted_position_error", "position error, rolled out", PERCENT, "% of size", None, None),
-            ("test/rotation_error", "rotation error", 1.0, "deg", self.paper_rotation, self.rotation),
-            ("test/encoded_rotation_error", "rotation error, encoder alone", 1.0, "deg", None, None),
-            ("test/predicted_rotation_error", "rotation error, rolled out", 1.0, "deg", None, None),
-            ("test/psnr", "rolled-out video, PSNR", 1.0, "dB", None, None),
-            ("test/ssim", "rolled-out video, SSIM", 1.0, "-", None, None),
-            ("evaluations", "evaluations", 1.0, "", None, self.evaluations),
-            ("seconds", "time", 1.0, "s", None, None),
-        ):
+        filmed = ENCODED in figures
+        refined = filmed and figures[ENCODED] != figures["test/position_error"]
+        percent, whole = (PERCENT, "% of size"), None if filmed else self.paper_position
+        rows: list[tuple[str, str, tuple[float, str], float | None, float | None]] = [
+            (ENCODED, "position error, encoder", percent, self.paper_position, self.encoder_position),
+            (TURNED, "rotation error, encoder", DEGREES, self.paper_rotation, self.encoder_rotation),
+        ]
+        if refined or not filmed:
+            name = ", refined" if filmed else ""
+            paper = None if filmed else self.paper_rotation
+            rows += [
+                ("test/position_error", f"position error{name}", percent, whole, self.position),
+                ("test/rotation_error", f"rotation error{name}", DEGREES, paper, self.rotation),
+            ]
+        rows += [
+            ("test/whole_position_error", "position error, whole trajectory", percent, whole, None),
+            ("test/predicted_position_error", "position error, rolled out", percent, None, None),
+            ("test/predicted_rotation_error", "rotation error, rolled out", DEGREES, None, None),
+            ("test/psnr", "rolled-out video, PSNR", (1.0, "dB"), None, None),
+            ("test/held_psnr", "first frame held, PSNR", (1.0, "dB"), None, None),
+            ("test/background_psnr", "background alone, PSNR", (1.0, "dB"), None, None),
+            ("test/ssim", "rolled-out video, SSIM", (1.0, "-"), None, None),
+            ("evaluations", "evaluations", (1.0, ""), None, self.evaluations),
+            ("seconds", "time", (1.0, "s"), None, None),
+        ]
+        for key, metric, (scale, unit), paper, target in rows:
             if key in figures:
                 found.append(Result(self.name, metric, scale * figures[key], unit, paper, target))
         return found
@@ -188,6 +206,10 @@ class Fit(Cell):
                     found.append(Result(self.name, f"{name}, {metric}", value, unit_of(name) or "-"))
             error = PERCENT * figures[f"params/{name}/relative_error"]
             found.append(Result(self.name, f"{name}, error", error, "%", target=self.parameter))
+            descended = figures.get(f"params/{name}/by_gradient_relative_error")
+            if descended is not None:
+                metric = f"{name}, error by the video's gradient alone"
+                found.append(Result(self.name, metric, PERCENT * descended, "%", target=self.by_gradient))
         return found
 
 

@@ -18,7 +18,7 @@ from physid.reproduce.cells import Cell, Fit, Recordings
 from physid.reproduce.profiles import PROFILES
 from physid.reproduce.results import RESULTS, Result, markdown, read_results, table, write_results
 
-LEARNED = ("supervised/", "self_supervised/")
+LEARNED = ("supervised/", "self_supervised/", "paper_method/")
 """Where an encoder is learned: the outcome depends on the seed."""
 
 

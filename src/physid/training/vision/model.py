@@ -78,7 +78,8 @@ class Prediction:
 
     Attributes:
         encoded: Poses as the encoder reads them from the frames, shape (B, f, N, 7).
-        refined: The same, refined; of bodies that may hover, as far away as the motion over all frames says.
+        refined: The same, refined; of bodies that may hover, as far away as the motion over all frames says. Without
+            refinement they are the encoded ones.
         rolled: Poses rolled out from the first refined one, shape (B, T, N, 7), float64, on the physics' device.
     """
 
@@ -193,7 +194,7 @@ class VideoModel(nn.Module):
         """Encode the frames of a batch of the data module, and roll out its trajectories from the first one."""
         encoded, refined = self.read(as_image(batch["frames"]), as_image(batch["background"]))
         rolled = self.roll_out(refined, batch["shown"], batch["wrench"])
-        if isinstance(self.chart, PlanarChart) and self.chart.hovering:
+        if self.pose_refinement.steps and isinstance(self.chart, PlanarChart) and self.chart.hovering:
             refined = self._landed(refined, batch)
         return Prediction(encoded, refined, rolled)
 

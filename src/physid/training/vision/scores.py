@@ -29,6 +29,8 @@ class VideoScores(nn.Module):
         self.images = nn.ModuleDict(
             {
                 "psnr": PeakSignalNoiseRatio(data_range=1.0, dim=(1, 2, 3), reduction="elementwise_mean"),
+                "background_psnr": PeakSignalNoiseRatio(data_range=1.0, dim=(1, 2, 3), reduction="elementwise_mean"),
+                "held_psnr": PeakSignalNoiseRatio(data_range=1.0, dim=(1, 2, 3), reduction="elementwise_mean"),
                 "ssim": StructuralSimilarityIndexMeasure(data_range=1.0),
             }
         )
@@ -42,15 +44,22 @@ class VideoScores(nn.Module):
         given = {"refined": prediction.refined, "encoded": prediction.encoded, "predicted": predicted}
         for name, pose in given.items():
             self.poses[name].update(pose.double(), recorded, real)  # type: ignore[operator]
-        drawn = model.decoder(predicted, as_image(batch["background"]))[real]
-        for metric in self.images.values():
-            metric.update(drawn, as_image(batch["frames"])[real])  # type: ignore[operator]
+        frames, background = as_image(batch["frames"]), as_image(batch["background"])
+        drawn = model.decoder(predicted, background)
+        first = frames[torch.arange(len(shown), device=shown.device), shown.argmin(1)]
+        others = {
+            "background_psnr": background[:, None].expand_as(frames),
+            "held_psnr": first[:, None].expand_as(frames),
+        }
+        for name, metric in self.images.items():
+            metric.update(others.get(name, drawn)[real], frames[real])  # type: ignore[operator]
 
     def take(self, stage: str) -> dict[str, Tensor]:
         """Return all scores, and begin anew.
 
         Their names are position_error and rotation_error of what is read from the frames, encoded_position_error and so
-        on of the encoder alone, predicted_position_error and so on of the rollout, psnr and ssim.
+        on of the encoder alone, predicted_position_error and so on of the rollout, psnr and ssim of the video drawn
+        from it; held_psnr is that of the first frame held, background_psnr that of the empty scene.
         """
         values: dict[str, Tensor] = {}
         for kind, prefix in (("refined", ""), ("encoded", "encoded_"), ("predicted", "predicted_")):
