@@ -13,7 +13,8 @@ from physid.effects import CATALOGUE
 from physid.effects.laws import batch_equals_loop, null_is_identity
 from physid.physics.effect import Effect
 from physid.scenes.catalogue import SETUPS, find_setup
-from physid.simulators.bullet.world import observed, simulate
+from physid.simulators.bullet.world import simulate
+from physid.simulators.motion import observed
 from physid.simulators.native import Native
 
 STEPS = 160  # by then a toss has bounced

@@ -21,7 +21,8 @@ from physid.physics.effect import Effect, Site, StepInputs, quantity
 from physid.physics.state import State
 from physid.scenes.rotations import from_vector, multiply
 from physid.scenes.setups.push import PUSH
-from physid.simulators.bullet.world import observed, simulate
+from physid.simulators.bullet.world import simulate
+from physid.simulators.motion import observed
 
 NOISE = Noise(position=0.0005, rotation=0.002)
 FRICTION = 0.12

@@ -19,7 +19,8 @@ from physid.scenes.setup import Excitation
 from physid.scenes.setups.placing import on_ground
 from physid.simulators.bullet import engine
 from physid.simulators.bullet.hooks import split_products
-from physid.simulators.bullet.world import AT_ONCE, Motion, observed, simulate, simulate_all
+from physid.simulators.bullet.world import AT_ONCE, simulate, simulate_all
+from physid.simulators.motion import Motion, observed
 
 TOLERANCE = 1e-8  # [m], [m/s]
 H, G, STEPS = 1 / 240, 9.81, 200

@@ -10,7 +10,8 @@ from physid.scenes.rotations import rotate
 from physid.scenes.scene import Body, Ground, Scene
 from physid.scenes.setup import REST_DEPTH, Excitation
 from physid.scenes.setups.placing import on_ground
-from physid.simulators.bullet.world import Motion, simulate
+from physid.simulators.bullet.world import simulate
+from physid.simulators.motion import Motion
 
 TOLERANCE = 1e-8  # [m], [m/s]
 H, G, STEPS = 1 / 240, 9.81, 300

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from typing import TYPE_CHECKING, Protocol
 
 from physid.scenes.scene import Scene
@@ -77,7 +78,7 @@ class _Simulator:
 
     name: str
     longest_step: float
-    load: Callable[[], Callable[..., list[Motion]]]
+    package: str
     scheme: str | None = None
     from_any_state: bool = True
 
@@ -91,7 +92,8 @@ class _Simulator:
     ) -> list[Motion]:
         """Simulate (see `Simulator.simulate`)."""
         count = self.substeps_for(scene.time_step) if substeps is None else substeps
-        return self.load()(scene, excitations, effects, count, clocks)
+        motions: list[Motion] = import_module(self.package).simulate_all(scene, excitations, effects, count, clocks)
+        return motions
 
     def substeps_for(self, time_step: float) -> int:
         """Return the number of steps that makes them at most `longest_step` long."""
@@ -102,28 +104,10 @@ class _Simulator:
         return None if self.scheme is None else {"scheme": self.scheme, "step": step}
 
 
-def _bullet() -> Callable[..., list[Motion]]:
-    from physid.simulators.bullet.world import simulate_all
-
-    return simulate_all
-
-
-def _mujoco() -> Callable[..., list[Motion]]:
-    from physid.simulators.mujoco.world import simulate_all
-
-    return simulate_all
-
-
-def _closed_form() -> Callable[..., list[Motion]]:
-    from physid.simulators.closed_form.world import simulate_all
-
-    return simulate_all
-
-
 SIMULATORS: tuple[Simulator, ...] = (
-    _Simulator("pybullet", BULLET_STEP, _bullet, scheme="semi_implicit_euler"),
-    _Simulator("mujoco", 1e-3, _mujoco),
-    _Simulator("closed_form", math.inf, _closed_form, from_any_state=False),
+    _Simulator("pybullet", BULLET_STEP, "physid.simulators.bullet.world", scheme="semi_implicit_euler"),
+    _Simulator("mujoco", 1e-3, "physid.simulators.mujoco.world"),
+    _Simulator("closed_form", math.inf, "physid.simulators.closed_form.world", from_any_state=False),
 )
 
 

@@ -37,15 +37,7 @@ def simulate_all(
     There are: a block that does not turn, and that slides, falls and bounces along one line; two such blocks on the
     ground, in line; a body that flies, with any spin. Effects of actuation, and viscous drag.
 
-    Args:
-        scene: The scene, with the parameters to simulate.
-        excitations: First states and commanded wrenches, of any lengths.
-        effects: Effects of the catalogue, in this order.
-        substeps: Unused: there are no steps.
-        clocks: Unused: no effect looks at the time.
-
-    Returns:
-        The motion of each.
+    Arguments are as in `physid.simulators.protocol.Simulator.simulate`; steps and clocks have no part in it.
 
     Raises:
         ValueError: If a motion has no closed form here; the message says why.

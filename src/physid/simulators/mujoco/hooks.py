@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 
 class Hooks:
-    """Feeds MuJoCo worlds what a list of effects makes of the inputs of each step.
+    """Feeds MuJoCo worlds what a list of effects makes of the inputs of each step (see `simulators.in_step.Worlds`).
 
     Args:
         scene: The scene, with its nominal parameters.
@@ -39,10 +39,18 @@ class Hooks:
         self._inputs = ChangingInputs(scene, effects, len(pose))
         worlds = self._inputs.build(pose, twist)
         self.engines = [Engine(scene.with_bodies(bodies), step, centres) for bodies, centres in worlds]
+        # Bodies start as far above the ground as they were commanded to, although their sizes differ.
+        for engine, *state in zip(self.engines, self._inputs.start(pose), twist, strict=True):
+            engine.set_state(*state)
 
-    def start(self, pose: Array) -> Array:
-        """Return initial poses (B, N, 7) that keep the distance of each body from the ground although sizes differ."""
-        return self._inputs.start(pose)
+    def states(self) -> list[tuple[Array, Array]]:
+        """Return the present pose and twist of each world."""
+        return [engine.state() for engine in self.engines]
+
+    def advance(self) -> None:
+        """Take one step."""
+        for engine in self.engines:
+            engine.advance()
 
     def keep(self, worlds: int) -> None:
         """Go on with the first so many worlds."""
@@ -59,7 +67,7 @@ class Hooks:
         Raises:
             ValueError: If an effect changes what MuJoCo cannot change.
         """
-        pose, twist = poses_and_twists([engine.state() for engine in self.engines])
+        pose, twist = poses_and_twists(self.states())
         inputs = self._inputs.at(time, pose, twist, wrench)
         self._tell(inputs)
         pull = (inputs.mass[..., None] * (inputs.gravity - self._inputs.nominal.gravity)).numpy()

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from physid.scenes.scene import Scene
 from physid.scenes.setup import Excitation
+from physid.simulators.in_step import longest_first, step_all
 from physid.simulators.motion import Motion, actuated, check_finite, check_fit
 from physid.simulators.mujoco.engine import Engine, poses_and_twists
 
@@ -26,33 +27,21 @@ def simulate_all(
     substeps: int = 1,
     clocks: Sequence[float] | None = None,
 ) -> list[Motion]:
-    """Step a scene through several force sequences, in worlds of their own that go in step.
-
-    Row t of a wrench is held from frame t to frame t+1, the last row is not used. Effects are asked once per step for
-    all worlds; what they do to the observed pose is not part of the motion.
-
-    Args:
-        scene: The scene, with the parameters to simulate.
-        excitations: Initial states and commanded wrenches, of any lengths.
-        effects: Effects of the catalogue, used unchanged, in this order.
-        substeps: Steps of MuJoCo between two frames.
-        clocks: Times that effects see at the first frames [s]; None for 0.
-
-    Returns:
-        The motion of each.
-
-    Raises:
-        ValueError: If an excitation does not fit the scene, an effect cannot be simulated, or a motion is not finite.
-    """
+    """Step a scene through several force sequences (see `physid.simulators.protocol.Simulator.simulate`)."""
     check_fit(scene, excitations)
+    wrenches = [actuated(excitation.wrench, effects, scene.time_step) for excitation in excitations]
+    step = scene.time_step / substeps
     if not any(_acts(effect) for effect in effects):
-        commanded = [actuated(excitation.wrench, effects, scene.time_step) for excitation in excitations]
-        engine = Engine(scene, scene.time_step / substeps)
-        return [_alone(scene, engine, *each, substeps) for each in zip(excitations, commanded, strict=True)]
-    times = [0.0] * len(excitations) if clocks is None else clocks
-    order = sorted(range(len(excitations)), key=lambda world: -len(excitations[world].wrench))
-    together = _Together(scene, [excitations[k] for k in order], effects, substeps, [times[k] for k in order])
-    motions = dict(zip(order, together.motions(), strict=True))
+        engine = Engine(scene, step)
+        return [_alone(scene, engine, *each, substeps) for each in zip(excitations, wrenches, strict=True)]
+    from physid.simulators.mujoco.hooks import Hooks
+
+    order, times = longest_first(excitations), np.zeros(len(excitations)) if clocks is None else np.array(clocks)
+    pose, twist = (np.stack([getattr(excitations[k], name) for k in order]) for name in ("pose", "twist"))
+    seen = step_all(
+        Hooks(scene, effects, pose, twist, step), [wrenches[k] for k in order], times[order], scene.time_step, substeps
+    )
+    motions = dict(zip(order, (_motion(scene, states) for states in seen), strict=True))
     return [motions[world] for world in range(len(excitations))]
 
 
@@ -80,53 +69,3 @@ def _motion(scene: Scene, seen: Sequence[tuple[Array, Array]]) -> Motion:
     pose, twist = poses_and_twists(seen)
     check_finite(scene, pose, "MuJoCo")
     return Motion(pose, twist)
-
-
-class _Together:
-    """Worlds that go in step, the longest first, so that effects are asked once for all.
-
-    Args:
-        scene: See `simulate_all`.
-        excitations: The longest first.
-        effects: See `simulate_all`.
-        substeps: See `simulate_all`.
-        clocks: See `simulate_all`.
-    """
-
-    def __init__(
-        self,
-        scene: Scene,
-        excitations: Sequence[Excitation],
-        effects: Sequence[Effect],
-        substeps: int,
-        clocks: Sequence[float],
-    ) -> None:
-        from physid.simulators.mujoco.hooks import Hooks
-
-        self._scene, self._substeps, self._clock = scene, substeps, np.array(clocks)
-        self._wrench = [actuated(excitation.wrench, effects, scene.time_step) for excitation in excitations]
-        pose = np.stack([excitation.pose for excitation in excitations])
-        twist = np.stack([excitation.twist for excitation in excitations])
-        self._hooks = Hooks(scene, effects, pose, twist, scene.time_step / substeps)
-        for engine, *state in zip(self._hooks.engines, self._hooks.start(pose), twist, strict=True):
-            engine.set_state(*state)
-
-    def motions(self) -> list[Motion]:
-        """Step all worlds to their ends."""
-        engines = self._hooks.engines
-        seen = [[engine.state()] for engine in engines]
-        running = len(engines)
-        for frame in range(len(self._wrench[0]) - 1):
-            still = sum(len(wrench) > frame + 1 for wrench in self._wrench)
-            if still < running:
-                running = still
-                self._hooks.keep(running)
-            held = np.stack([wrench[frame] for wrench in self._wrench[:running]])
-            for part in range(self._substeps):
-                time = self._clock[:running] + self._scene.time_step * (frame + part / self._substeps)
-                self._hooks.act(time, held)
-                for engine in engines[:running]:
-                    engine.advance()
-            for world in range(running):
-                seen[world].append(engines[world].state())
-        return [_motion(self._scene, states) for states in seen]
