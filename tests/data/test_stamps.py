@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from physid.data.observations.stamps import check_clocks, remarks_on, rhythm_of
+from physid.data.observations.remarks import remarks_on
+from physid.data.observations.stamps import check_clocks, rhythm_of
 from physid.data.recording import Recording
 
+SIZES = np.array([[0.3, 0.2, 0.2]])
 RATE = 60.0
 
 
@@ -71,9 +73,9 @@ def test_period_jitter_and_holes_are_found() -> None:
 def test_a_rate_that_changes_is_remarked_with_the_frame() -> None:
     slower = np.append(np.arange(150) / RATE, 150 / RATE + np.arange(100) / 30)
     check_clocks(moving(slower), 1 / RATE)
-    (remark,) = remarks_on(moving(slower), 1 / RATE)
+    (remark,) = remarks_on(moving(slower), 1 / RATE, SIZES)
     assert "changes from 60 to 30 frames per second in frame 150" in remark
-    assert not remarks_on(moving(stamps(300, jitter=0.2, missing=0.1)), 1 / RATE)
+    assert not remarks_on(moving(stamps(300, jitter=0.2, missing=0.1)), 1 / RATE, SIZES)
 
 
 @pytest.mark.parametrize(("shift", "rate"), [(1.7e9, 500.0), (-100.0, 500.0), (6.0, 500.0)])
@@ -90,7 +92,7 @@ def test_a_single_row_of_forces_holds_for_the_whole_trajectory() -> None:
 def test_forces_that_begin_late_or_end_early_are_remarked() -> None:
     rows = np.ones((100, 1, 6))
     late = moving(stamps(300), wrench=rows, wrench_time=1 + np.arange(100) / 100)
-    begin, end = remarks_on(late, 1 / RATE)
+    begin, end = remarks_on(late, 1 / RATE, SIZES)
     assert "forces begin 1 s after the poses" in begin
     assert "forces end 2.99 s before the poses" in end
 

@@ -15,6 +15,7 @@ from physid.data.format import RecordingSet
 from physid.data.reading import read_reading
 from physid.diagnosis.conclusion.conclusion import Conclusion, draw_conclusion
 from physid.diagnosis.conclusion.fitted_model import save_model
+from physid.diagnosis.conclusion.materiality import Tolerance
 from physid.diagnosis.document.document import Diagnosis, write_diagnosis
 from physid.diagnosis.inputs.model_source import read_nominal_model
 from physid.diagnosis.inputs.observations import Observations, load_observations
@@ -77,6 +78,8 @@ def diagnose(
         FolderInUseError: If another process writes into the output folder.
     """
     begun = time.perf_counter()
+    if tolerance is not None:
+        Tolerance(tolerance, tolerance)  # refused before anything is computed
     say(Stage.READING)
     observations = load_observations(
         RecordingSet(recordings), None if transfer is None else RecordingSet(transfer), limit, settings.roles

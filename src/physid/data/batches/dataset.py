@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Sequence
 from typing import Literal
 
@@ -12,12 +11,10 @@ from torch import Tensor
 from torch.utils.data import Dataset
 
 from physid.data.format import RecordingSet
-from physid.data.observations.stamps import remarks_on
+from physid.data.observations.remarks import warn_of
 from physid.data.observations.step_grid import SHORTEST, mean_wrench
 from physid.data.observations.trajectories import from_recordings
 from physid.data.recording import Recording
-
-logger = logging.getLogger("physid")
 
 Item = dict[str, Tensor]
 Video = Literal["none", "all"] | Sequence[int]
@@ -179,9 +176,9 @@ def _numbers_of(recordings: RecordingSet, trajectory: int, unposed: bool, even: 
             f"{reason}; resample the recording for what learns from segments or films (physid fit with SysID takes "
             "whole trajectories as they are: leave data.segment and data.video out)"
         )
+    if posed:
+        warn_of(recordings, trajectory, recording)
     if reason and posed:
-        for remark in remarks_on(recording, time_step):
-            logger.info("%s: %s", recordings.paths[trajectory], remark)
         return _timed(recording, time_step, trajectory)
     pose = recording.pose
     if pose is None:

@@ -10,12 +10,13 @@ from physid.data.format import RecordingSet
 from physid.data.inspection import rules, tracking_rules
 from physid.data.inspection.energy import energy, energy_over_time
 from physid.data.inspection.evidence import Evidence, Finding
-from physid.data.observations.stamps import remarks_on, rhythm_of
+from physid.data.observations.remarks import remarks_on
+from physid.data.observations.stamps import rhythm_of
 from physid.data.recording import Recording
 
 RULES = (
     rules.lengths, rules.falls, rules.lying, rules.orders, rules.heights, rules.forces, tracking_rules.delay, energy,
-    tracking_rules.motion, tracking_rules.rate, tracking_rules.repeats, tracking_rules.jumps, tracking_rules.unseen,
+    tracking_rules.motion, tracking_rules.turns, tracking_rules.repeats, tracking_rules.jumps, tracking_rules.unseen,
     tracking_rules.set_off,
 )  # fmt: skip
 MOST_NAMED = 5
@@ -87,11 +88,15 @@ def inspect(recordings: RecordingSet, limit: int | None = None) -> Report:
         return Report((("set", str(recordings.folder)),), tuple(findings))
     evidence = Evidence(recordings.scene, read, indices)
     findings += [found for rule in RULES if (found := rule(evidence)) is not None]
-    for index, one in zip(indices, read, strict=True):
-        findings += [
-            Finding(f"trajectory {index}: {remark}", "see docs/recordings.md, Time", wrong=False)
-            for remark in remarks_on(one, recordings.scene.time_step)
-        ][:1]
+    scene = recordings.scene
+    said = [
+        f"trajectory {index}: {remark}"
+        for index, one in zip(indices, read, strict=True)
+        for remark in remarks_on(one, scene.time_step, scene.sizes)
+    ]
+    findings += [Finding(remark, "see docs/recordings.md, Time", wrong=False) for remark in said[:MOST_NAMED]]
+    if len(said) > MOST_NAMED:
+        findings.append(Finding(f"{len(said) - MOST_NAMED} more such remarks", "as above", wrong=False))
     if len(read) < FEW:
         findings.append(
             Finding(

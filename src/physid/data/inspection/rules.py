@@ -18,7 +18,6 @@ AXIS = 0.97  # cosine between a fall and gravity below which the axes are others
 SCALES = {1e3: "millimetres", 1e2: "centimetres", 39.37: "inches", 3.281: "feet"}
 LARGE = 10.0  # [m]
 FAST, FAR = 100.0, 100.0  # [m/s], edges: nothing on a table is as fast, or as far away
-TURN = 1.0  # [rad] between frames
 WRONG, OTHER = -0.3, 0.6  # correlation of forces with accelerations: of the wrong sign, of other axes
 RATIO = (0.02, 20.0)  # of mass times acceleration over force
 SHARE = 0.1  # of frames, from which on it is no accident

@@ -1,4 +1,4 @@
-"""What looks like a mistake of the tracker or of its clock: jumps, frames that repeat, too low a rate, late forces."""
+"""What looks like a mistake of the tracker or of its clock: jumps, frames that repeat, wild turns, late forces."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physid.data.inspection.evidence import LEAST_SMOOTH, Evidence, Finding
-from physid.data.inspection.rules import ENOUGH, SHARE, TURN
+from physid.data.inspection.rules import ENOUGH, SHARE
+from physid.data.observations.remarks import TURN
 
 Array = NDArray[np.float64]
 MOVED = 0.005  # [m], and as many [rad] times four: less is no motion
@@ -36,21 +37,17 @@ def motion(seen: Evidence) -> Finding | None:
     )
 
 
-def rate(seen: Evidence) -> Finding | None:
-    """A frame rate that is too low for the motion."""
-    k, edge = seen.kinematics, float(seen.scene.sizes.min())
-    way = np.linalg.norm(k.velocity, axis=1) * seen.scene.time_step
-    fast = (k.turning > TURN) | (way > edge)
-    if not fast.any():
+def turns(seen: Evidence) -> Finding | None:
+    """Bodies that turn far between frames all the time; a rate that is too low now and then is a remark."""
+    turning = seen.kinematics.turning
+    if not len(turning) or np.mean(turning > TURN) <= SHARE:
         return None
-    window = int(np.argmax(np.maximum(k.turning / TURN, way / edge)))
-    many = np.mean(k.turning > TURN) > SHARE
-    reason = "are angles in degrees read as radians?" if many else "record faster"
+    window = int(turning.argmax())
     return Finding(
-        f"in {int(fast.sum())} of {len(fast)} frames bodies turn by more than {TURN:g} rad or go further than an edge "
-        f"until the next ({seen.place(window)}: {k.turning[window]:.2g} rad, {1000 * way[window]:.3g} mm)",
-        f"{reason}; or leave these frames out",
-        wrong=bool(many),
+        f"in {int((turning > TURN).sum())} of {len(turning)} frames bodies turn by more than {TURN:g} rad until the "
+        f"next ({seen.place(window)}: {turning[window]:.2g} rad): are angles in degrees read as radians?",
+        "import with the unit of the log; or record faster",
+        wrong=True,
     )
 
 

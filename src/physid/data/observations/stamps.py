@@ -54,7 +54,7 @@ def rhythm_of(time: Array) -> Rhythm:
     Args:
         time: Increasing stamps [s], shape (T,), at least 2.
     """
-    change, later = _change_in(np.diff(time))
+    change, later = change_in(np.diff(time))
     time = time if change is None else time[: change + 1]
     steps = np.diff(time)
     typical = float(np.median(steps))
@@ -79,7 +79,7 @@ def rhythm_of(time: Array) -> Rhythm:
     return Rhythm(period, jitter / spread, jitter, int(holes), change, later)
 
 
-def _change_in(steps: Array) -> tuple[int | None, float]:
+def change_in(steps: Array) -> tuple[int | None, float]:
     """Return from which step on the rate is another one, and its period; None where it stays."""
     if len(steps) < 2 * WINDOW:
         return None, np.nan
@@ -149,32 +149,3 @@ def _remedy(period: float, time_step: float) -> str:
     if abs(period - 1) < NANO:
         return "these count frames: leave `time` out, or multiply it by time_step"
     return f"if the stamps are right, write time_step: {period:.6g} into recording.yaml"
-
-
-def remarks_on(recording: Recording, time_step: float) -> tuple[str, ...]:
-    """Return what is odd about the clocks of a trajectory, and no contradiction: one sentence each.
-
-    Args:
-        recording: One trajectory, which `check_clocks` lets pass.
-        time_step: Nominal time between frames [s].
-    """
-    remarks = []
-    time = recording.time
-    if time is not None and _change_in(np.diff(time))[0] is not None:
-        rhythm = rhythm_of(time)
-        remarks.append(
-            f"time: the rate changes from {1 / rhythm.period:.4g} to {1 / rhythm.later:.4g} frames per second in frame "
-            f"{rhythm.change}; poses are compared at their stamps, but check that these are true, or cut it there"
-        )
-    if recording.wrench is not None and recording.wrench_time is not None:
-        poses, forces = recording.stamps(time_step), recording.wrench_time
-        held = max(time_step, float(np.median(np.diff(forces))) if len(forces) > 1 else np.inf)
-        if forces[0] > poses[0] + time_step and recording.wrench[0].any():
-            remarks.append(
-                f"wrench_time: forces begin {forces[0] - poses[0]:.3g} s after the poses; until then none is assumed"
-            )
-        if poses[-1] - forces[-1] > 2 * held and recording.wrench[-1].any():
-            remarks.append(
-                f"wrench_time: forces end {poses[-1] - forces[-1]:.3g} s before the poses; the last is held until then"
-            )
-    return tuple(remarks)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from physid.data.format import RecordingSet
-from physid.data.observations.stamps import remarks_on
+from physid.data.observations.remarks import warn_of
 from physid.data.observations.step_grid import SHORTEST, StepGrid, lay_steps, stacked
 from physid.data.recording import UNIT_TOLERANCE, Recording
 from physid.physics.state import check_shape
@@ -40,7 +40,6 @@ class Trajectories:
         first: Frame in the file that frame 0 is (earlier ones, in which no body was seen, are left out).
         twist: Recorded angular [rad/s] and linear [m/s] velocity, shape (R, T, N, 6), zero where not seen; None unless
             every trajectory has it.
-        remarks: What is odd about their clocks, a sentence each, for the user.
 
     Raises:
         ValueError: If shapes disagree, quaternions are not of unit length, or stamps and steps contradict each other.
@@ -56,7 +55,6 @@ class Trajectories:
     protocols: tuple[str | None, ...]
     first: tuple[int, ...]
     twist: Tensor | None = None
-    remarks: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         check_shape("pose", self.pose, (None, None, None, 7))
@@ -140,6 +138,7 @@ def load_trajectories(
         except ValueError as error:
             path = str(recordings.paths[index])
             raise ValueError(str(error) if str(error).startswith(path) else f"{path}: {error}") from None
+        warn_of(recordings, index, recording)
         read.append(recording)
     return from_recordings(read, recordings.scene.time_step, chosen, shortest=shortest)
 
@@ -177,11 +176,6 @@ def from_recordings(
         if one.twist is not None:
             twist.append(np.nan_to_num(one.twist[first:])[last])
     numbers = tuple(range(len(recordings)) if indices is None else indices)
-    said = [
-        (number, remark)
-        for number, one in zip(numbers, recordings, strict=True)
-        for remark in remarks_on(one, time_step)
-    ]
     return Trajectories(
         pose=torch.from_numpy(np.stack(pose)),
         seen=torch.from_numpy(np.stack(seen)),
@@ -193,7 +187,6 @@ def from_recordings(
         protocols=tuple(one.protocol for one in recordings),
         first=tuple(firsts),
         twist=torch.from_numpy(np.stack(twist)) if len(twist) == len(recordings) else None,
-        remarks=tuple(f"trajectory {number}: {remark}" for number, remark in said),
     )
 
 

@@ -1,0 +1,84 @@
+"""What is odd about a trajectory and no contradiction: said to the user, one sentence each, wherever it is read."""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physid.data.format import RecordingSet
+from physid.data.observations.stamps import change_in, rhythm_of
+from physid.data.recording import Recording
+from physid.scenes.rotations import conjugate, multiply, to_vector
+
+Array = NDArray[np.float64]
+logger = logging.getLogger("physid")
+TURN = 1.0  # [rad] between two frames; from pi on nobody knows the sense of a rotation
+NEXT = 1.5  # time steps to the next frame: what lies behind a longer gap says nothing about the rate
+NAMED = 5  # frames that a remark names
+
+
+def pace_of(recording: Recording, time_step: float, sizes: Array) -> Array:
+    """Return how far bodies get from each frame to the next, of what a frame rate can follow, shape (T - 1, N).
+
+    1 is a turn by 1 rad or a way of the smallest edge: what is hit in between, and from which side, cannot be told. 0
+    where a body was not seen or frames are missing.
+
+    Args:
+        recording: One trajectory, with poses.
+        time_step: Nominal time between frames [s].
+        sizes: Full edges of the bodies [m], shape (N, 3).
+    """
+    if recording.pose is None:
+        return np.zeros((0, len(sizes)))
+    before, after = recording.pose[:-1], recording.pose[1:]
+    turn = np.linalg.norm(to_vector(multiply(after[..., 3:], conjugate(before[..., 3:]))), axis=-1)
+    way = np.linalg.norm(after[..., :3] - before[..., :3], axis=-1)
+    pace = np.maximum(turn / TURN, way / sizes.min(-1))
+    near = np.diff(recording.stamps(time_step)) <= NEXT * time_step
+    return np.where(near[:, None] & np.isfinite(pace), pace, 0.0)
+
+
+def warn_of(recordings: RecordingSet, trajectory: int, recording: Recording) -> None:
+    """Tell the user what is odd about a trajectory that was read."""
+    for remark in remarks_on(recording, recordings.scene.time_step, recordings.scene.sizes):
+        logger.warning("%s: %s", recordings.paths[trajectory], remark)
+
+
+def remarks_on(recording: Recording, time_step: float, sizes: Array) -> tuple[str, ...]:
+    """Return what is odd about the clocks of a trajectory, and no contradiction: one sentence each.
+
+    Args:
+        recording: One trajectory, which `check_clocks` lets pass.
+        time_step: Nominal time between frames [s].
+        sizes: Full edges of the bodies [m], shape (N, 3).
+    """
+    remarks = []
+    pace = pace_of(recording, time_step, sizes).max(1, initial=0.0)
+    if len(fast := np.flatnonzero(pace > 1)):
+        named = ", ".join(map(str, fast[:NAMED])) + (f" and {len(fast) - NAMED} more" if len(fast) > NAMED else "")
+        remarks.append(
+            f"pose: the frame rate is too low for the motion: from frame {named} bodies turn by more than {TURN:g} rad "
+            f"or go further than their smallest edge until the next; what they hit in between cannot be told; record "
+            f"{float(pace.max()) / time_step:.3g} frames per second, or leave these frames out"
+        )
+    time = recording.time
+    if time is not None and change_in(np.diff(time))[0] is not None:
+        rhythm = rhythm_of(time)
+        remarks.append(
+            f"time: the rate changes from {1 / rhythm.period:.4g} to {1 / rhythm.later:.4g} frames per second in frame "
+            f"{rhythm.change}; poses are compared at their stamps, but check that these are true, or cut it there"
+        )
+    if recording.wrench is not None and recording.wrench_time is not None:
+        poses, forces = recording.stamps(time_step), recording.wrench_time
+        held = max(time_step, float(np.median(np.diff(forces))) if len(forces) > 1 else np.inf)
+        if forces[0] > poses[0] + time_step and recording.wrench[0].any():
+            remarks.append(
+                f"wrench_time: forces begin {forces[0] - poses[0]:.3g} s after the poses; until then none is assumed"
+            )
+        if poses[-1] - forces[-1] > 2 * held and recording.wrench[-1].any():
+            remarks.append(
+                f"wrench_time: forces end {poses[-1] - forces[-1]:.3g} s before the poses; the last is held until then"
+            )
+    return tuple(remarks)

@@ -1,0 +1,114 @@
+"""A frame rate too low for the motion: one law, said by check, fit and diagnose with trajectory and frames."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from tests.data.sets import SCENE, write_set
+
+from physid.cli import main
+from physid.data.batches.dataset import Segments
+from physid.data.format import RecordingSet
+from physid.data.observations.remarks import NEXT, TURN, pace_of, remarks_on
+from physid.data.observations.trajectories import load_trajectories
+from physid.data.recording import Recording
+from physid.scenes.rotations import from_vector
+
+STEP, EDGE = SCENE.time_step, float(SCENE.sizes.min())
+TOO_LOW = "the frame rate is too low for the motion"
+
+
+def moving(way: float = 0.0, turn: float = 0.0, frames: int = 12, time: NDArray[np.float64] | None = None) -> Recording:
+    """Return a body that goes so far [m] and turns so much [rad] between any two frames."""
+    count = np.arange(frames, dtype=np.float64)
+    place = np.outer(count, [way, 0.0, 0.0])
+    turned = from_vector(np.outer(count, [0.0, 0.0, turn]))
+    return Recording(pose=np.concatenate([place, turned], 1)[:, None], time=time)
+
+
+@pytest.mark.parametrize(
+    ("recording", "named"),
+    [
+        (moving(0.99 * EDGE, 0.99 * TURN), False),
+        (moving(way=1.01 * EDGE), True),
+        (moving(turn=1.01 * TURN), True),
+        (moving(), False),
+    ],
+)
+def test_a_body_that_goes_an_edge_or_turns_a_radian_between_frames_is_too_fast(
+    recording: Recording, named: bool
+) -> None:
+    said = remarks_on(recording, STEP, SCENE.sizes)
+    assert bool(said) == named
+    if named:
+        assert "from frame 0, 1, 2, 3, 4 and 6 more" in said[0]
+        needed = float(pace_of(recording, STEP, SCENE.sizes).max()) / STEP
+        assert f"record {needed:.3g} frames per second" in said[0]
+
+
+def test_lost_frames_and_bodies_that_were_not_seen_say_nothing_of_the_rate() -> None:
+    time = STEP * np.arange(12.0)
+    time[6:] += NEXT * STEP
+    steady = moving(0.9 * EDGE, time=time)
+    assert steady.pose is not None
+    jump = steady.pose.copy()
+    jump[6:, 0, 0] += EDGE
+    jump[3] = np.nan
+    assert not remarks_on(Recording(pose=jump, time=time), STEP, SCENE.sizes)
+
+
+def test_check_fit_and_diagnose_say_it_of_the_same_frames(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, capsys: pytest.CaptureFixture[str]
+) -> None:
+    slow, fast = moving(0.1 * EDGE), moving(0.1 * EDGE)
+    assert fast.pose is not None
+    fast.pose[5:, 0, 0] += 1.5 * EDGE
+    recordings = RecordingSet(write_set(tmp_path, [slow, fast]))
+    main(["check", str(tmp_path)])
+    assert f"trajectory 1: pose: {TOO_LOW}: from frame 4 " in " ".join(capsys.readouterr().out.split())
+    for read in (lambda: load_trajectories(recordings), lambda: [*Segments(recordings, [0, 1])]):
+        caplog.clear()
+        read()
+        (said,) = (one.getMessage() for one in caplog.records)
+        assert said.startswith(f"{recordings.paths[1]}: pose: {TOO_LOW}: from frame 4 ")
+
+
+@pytest.mark.parametrize("tolerance", ["0", "-0.001"])
+def test_a_tolerance_of_nothing_is_refused_before_anything_is_computed(
+    tolerance: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_set(tmp_path / "set", [moving()])
+    assert main(["diagnose", str(tmp_path / "set"), "--tolerance", tolerance]) == 2
+    assert "tolerance must be positive" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("break_clock", "message"),
+    [
+        (lambda time: time[::-1], "sort the rows by time"),
+        (lambda time: 1000 * time, "milliseconds"),
+    ],
+)
+def test_stamps_that_run_back_or_are_of_another_unit_end_every_command_in_one_line(
+    break_clock: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    message: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    import h5py
+
+    folder = write_set(tmp_path / "set", [moving(frames=40, time=STEP * np.arange(40.0))])
+    path = RecordingSet(folder).paths[0]
+    with h5py.File(path, "r+") as file:
+        file["time"][:] = break_clock(file["time"][:])
+    for words in (["check", str(folder)], ["diagnose", str(folder), "--out", str(tmp_path / "out")]):
+        assert main(words) != 0
+        said = capsys.readouterr()
+        line = " ".join((said.out + said.err).split())
+        assert message in line
+        assert path.name in line or "trajectory 0" in line
+        assert "Traceback" not in line
