@@ -13,6 +13,7 @@ from physid.diagnosis.document.sentences import (
     closed,
     explained,
     how_far_sentence,
+    undetectable,
     verdict_sentence,
     where_sentence,
 )
@@ -92,6 +93,8 @@ def render(said: Diagnosis, data: ReportData) -> str:
         unrepeated="repeatability" in data.levels and data.levels["repeatability"] is None,
         shares=shares,
         closing=closing(said),
+        hidden=undetectable(said),
+        probability=percent(said.settings["power"]["probability"]) if "power" in said.settings else "",
         with_effect=any(value.with_effect for value in said.parameters.values()),
         overlay_film=_film(overlay.film) if overlay and overlay.film else None,
         stills=[(data_uri("image/webp", one.picture), one.caption) for one in overlay.stills] if overlay else [],
