@@ -5,10 +5,11 @@ from __future__ import annotations
 import pytest
 
 from diagnosis.documents import diagnosis, said
-from physid.diagnosis.document.document import VERDICTS, Estimate, check_diagnosis
+from physid.diagnosis.document.document import VERDICTS, Estimate, Share, check_diagnosis
 from physid.diagnosis.document.sentences import (
     MOST_LINES,
     caveat,
+    closed,
     effect_lines,
     estimate,
     percent,
@@ -116,3 +117,8 @@ def test_a_length_takes_the_prefix_that_suits_it(value: float, text: str) -> Non
 
 def test_an_interval_without_width_or_unit_is_written_as_it_is() -> None:
     assert estimate(Estimate(0.25, 0.25, 0.25, "-")) == "0.25 (0.25 to 0.25)"
+
+
+def test_too_few_trajectories_have_no_interval_in_words_either() -> None:
+    assert closed(Share(0.98, None, None)) == ("98 %", "too few trajectories for an interval")
+    assert closed(Share(0.98, 0.9, 1.1)) == ("98 %", "90 % to 110 %")

@@ -83,7 +83,7 @@ function howFarCard(diagnosis) {
     ]), gap.floor),
     isNumber(gap.floor) && h("div", { class: "legend" }, h("span", {}, h("i", { style: "border-color: var(--truth)" }), `floor ${show(gap.floor)}`)),
     splits.map(([key, label]) => diagnosis.shrink && diagnosis.shrink[key] && h("p", { class: "small", style: "margin-top: 8px" },
-      `${label}: ${percent(diagnosis.shrink[key].value)} of the gap closed (${percent(diagnosis.shrink[key].low)} to ${percent(diagnosis.shrink[key].high)})`)),
+      `${label}: ${percent(diagnosis.shrink[key].value)} of the gap closed${diagnosis.shrink[key].low === null ? "" : ` (${percent(diagnosis.shrink[key].low)} to ${percent(diagnosis.shrink[key].high)})`}`)),
     !gap.transfer && h("p", { class: "small soft", style: "margin-top: 8px" }, "Predictive only: without a transfer set the cause is not certified."));
 }
 

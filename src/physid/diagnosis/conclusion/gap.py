@@ -19,11 +19,16 @@ from physid.estimation.measurement.sensor_noise import Noise
 
 @dataclass(frozen=True)
 class Interval:
-    """A value with its 90 % interval."""
+    """A value with its 90 % interval; no interval (None) where too few trajectories would have to tell it."""
 
     value: float
-    low: float
-    high: float
+    low: float | None
+    high: float | None
+
+    @property
+    def most(self) -> float:
+        """The upper end of the interval, the value where there is none."""
+        return self.value if self.high is None else self.high
 
 
 @dataclass(frozen=True)
@@ -89,7 +94,11 @@ def residual_wrench_errors(lack: LackOfFit, hypothesis: Hypothesis, noise: Noise
 def closing(
     before: Tensor, after: Tensor, floors: Tensor, chosen: Tensor, settings: GapSettings, generator: torch.Generator
 ) -> Closing | None:
-    """Compare mean square errors (R,) [m^2] of the chosen trajectories; the interval is a bootstrap over them."""
+    """Compare mean square errors (R,) [m^2] of the chosen trajectories; the interval is a bootstrap over them.
+
+    A bootstrap of one trajectory has no width, and that of two hardly any: fewer than `settings.fewest` give no
+    interval.
+    """
     rows = chosen.nonzero()[:, 0]
     if not len(rows):
         return None
@@ -101,11 +110,14 @@ def closing(
     floor = float(floors[rows].mean().sqrt())
     if old < settings.no_gap * floor:
         return Closing(old, new, None, floor)
+    share = (old - new) / (old - floor)
+    if len(rows) < settings.fewest:
+        return Closing(old, new, Interval(share, None, None), floor)
     draws = rows[torch.randint(len(rows), (settings.bootstraps, len(rows)), generator=generator)]
     olds, news = errors(draws)
     shrinks = (olds - news) / (olds - floor).clamp_min(settings.least * floor)
     low, high = (float(shrinks.quantile(q)) for q in settings.interval)
-    return Closing(old, new, Interval((old - new) / (old - floor), low, high), floor)
+    return Closing(old, new, Interval(share, low, high), floor)
 
 
 def held_out_parts(observations: Observations) -> dict[Split, Tensor]:

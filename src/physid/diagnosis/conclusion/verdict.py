@@ -36,7 +36,7 @@ def _carries(transfer: Closing | None, settings: VerdictSettings) -> bool:
     """Return whether another protocol contradicts what was found: a gap is left there, and less than a half closes."""
     if transfer is None or _open(transfer, settings) == 0:
         return True
-    return transfer.shrink is not None and transfer.shrink.high > settings.carries
+    return transfer.shrink is not None and transfer.shrink.most > settings.carries
 
 
 def _open(closing: Closing, settings: VerdictSettings) -> float:

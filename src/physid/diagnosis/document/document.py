@@ -39,15 +39,16 @@ Names = Annotated[tuple[Text, ...], MinLen(1)]
 
 @dataclass(frozen=True)
 class Share:
-    """The part of a gap that closes, with its 90 % interval."""
+    """The part of a gap that closes, with its 90 % interval; None where there are too few trajectories for one."""
 
     __pydantic_config__: ClassVar[Any] = CLOSED
     value: float
-    low: float
-    high: float
+    low: float | None
+    high: float | None
 
     def __post_init__(self) -> None:
-        _require_order(self.low, self.value, self.high)
+        if self.low is not None and self.high is not None:
+            _require_order(self.low, self.value, self.high)
 
 
 @dataclass(frozen=True)
@@ -99,8 +100,7 @@ class Detectable:
     """The least size of one parameter of an effect that would have been found.
 
     Attributes:
-        effect: Name of the effect.
-        parameter: Name of its parameter; the others of the effect are null.
+        effect: Its name; parameter: name of its parameter; the others of the effect are null.
         size: Away from null; None where no size within the effect's range would have been found.
         typical: A size that is typical in practice, away from null.
         unit: Of both.

@@ -124,6 +124,8 @@ def how_far_sentence(diagnosis: Diagnosis, split: Split) -> str:
 
 def closed(share: Share) -> tuple[str, str]:
     """Say which share of a gap is closed, and its interval; no more than all of it where the floor is not sure."""
+    if share.low is None or share.high is None:
+        return percent(share.value), "too few trajectories for an interval"
     if share.high > MOST_CLOSED:
         return percent(min(share.value, 1.0)), f"at least {percent(min(share.low, 1.0))}"
     low, high = percent(share.low), percent(share.high)

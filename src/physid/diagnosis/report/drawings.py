@@ -98,8 +98,9 @@ def closing(said: Diagnosis) -> Markup | None:
         return None
     with drawing(height=0.4 + ROW * len(shares), left=0.36, right=0.96) as (axes, made):
         for row, (_, share) in enumerate(shares):
-            ends = np.clip([share.low, share.high], 0, 1).tolist()
-            axes.plot(ends, [row, row], color=CODES["after"], linewidth=4, alpha=0.4, solid_capstyle="butt")
+            if share.low is not None and share.high is not None:
+                ends = np.clip([share.low, share.high], 0, 1).tolist()
+                axes.plot(ends, [row, row], color=CODES["after"], linewidth=4, alpha=0.4, solid_capstyle="butt")
             axes.plot([min(max(share.value, 0), 1)], [row], "o", color=CODES["after"], markersize=7, clip_on=False)
         axes.set_yticks(range(len(shares)), [name for name, _ in shares])
         axes.set(xlim=(0, 1), ylim=(len(shares) - 0.5, -0.5))

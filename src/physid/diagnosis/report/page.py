@@ -93,6 +93,7 @@ def render(said: Diagnosis, data: ReportData) -> str:
         unrepeated="repeatability" in data.levels and data.levels["repeatability"] is None,
         shares=shares,
         closing=closing(said),
+        beyond=any((share := said.share(split)) and share.value > 1 for split in SPLITS),
         hidden=undetectable(said),
         probability=percent(said.settings["power"]["probability"]) if "power" in said.settings else "",
         with_effect=any(value.with_effect for value in said.parameters.values()),

@@ -44,6 +44,7 @@ class GapSettings(Section):
 
     least: float = setting(1e-3, "floors", "excess that the shrink of a drawn set is divided by at least", gt=0)
     bootstraps: int = setting(1000, "draws", "of trajectories, for the interval of a shrink", ge=10)
+    fewest: int = setting(3, "trajectories", "from which on a shrink has an interval", ge=1)
     interval: tuple[float, float] = setting((0.05, 0.95), "-", "quantiles of that interval", "by definition")
     no_gap: float = setting(
         1.02, "floors", "error below which there is no gap to close", "as in docs/benchmark.md", gt=1
