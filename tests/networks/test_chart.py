@@ -2,10 +2,11 @@ import math
 
 import pytest
 import torch
+from tests.networks.residual import rotation_residual
 
 from physid.networks.camera import PinholeCamera
 from physid.networks.chart import PlanarChart, PoseChart, SpatialChart
-from physid.networks.symmetry import Symmetry, rotation_residual
+from physid.networks.symmetry import Symmetry
 from physid.physics.rotations import exponential, rotate
 
 TOLERANCE = 1e-6

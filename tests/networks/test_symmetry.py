@@ -2,8 +2,9 @@ import math
 
 import pytest
 import torch
+from tests.networks.residual import rotation_residual
 
-from physid.networks.symmetry import Symmetry, nearest, rotation_residual
+from physid.networks.symmetry import Symmetry, nearest
 from physid.physics.rotations import exponential, multiply, to_matrix
 
 TOLERANCE = 1e-9

@@ -9,7 +9,7 @@ from enum import Enum
 import torch
 from torch import Tensor
 
-from physid.physics.rotations import conjugate, logarithm, multiply
+from physid.physics.rotations import multiply
 
 LARGEST_ORDER = 4
 
@@ -59,17 +59,3 @@ def nearest(quaternion: Tensor, reference: Tensor, symmetries: Sequence[Symmetry
     best = cosine.abs().argmax(-1, keepdim=True)
     chosen = candidates.gather(-2, best[..., None].expand(*best.shape, 4)).squeeze(-2)
     return torch.where(cosine.gather(-1, best) < 0, -chosen, chosen)
-
-
-def rotation_residual(quaternion: Tensor, target: Tensor, symmetries: Sequence[Symmetry]) -> Tensor:
-    """Compute ln(target^-1 q), the smallest among the turns of each body: the paper's rotation error.
-
-    Args:
-        quaternion: Unit quaternions, shape (..., N, 4).
-        target: Unit quaternions, shape (..., N, 4).
-        symmetries: One of each body.
-
-    Returns:
-        Rotation vectors in the target's body frame [rad], shape (..., N, 3); the norm is the angle of the error.
-    """
-    return logarithm(multiply(conjugate(target), nearest(quaternion, target, symmetries)))
