@@ -60,7 +60,7 @@ def diagnose(
         allow: Packages of your own whose classes the model's configuration may name; their code is run.
         set: One more key=value of the settings; may be repeated, and the word --set be left out. `physid diagnose
             --settings` lists every number that decides, with its unit and where it was calibrated.
-        limit: At most so many trajectories of each set, the first ones.
+        limit: Use the first LIMIT trajectories of each set only.
         save_model: Where to write the model with what was found, as a configuration of `physid fit`.
         tolerance: How far positions may leave the model, beyond what noise accounts for, before anything is blamed
             [m]; by default 0.15 of the noise, at least 0.0002 of the largest edge.

@@ -99,7 +99,7 @@ def check(recordings: Path, *, limit: int | None = None) -> None:
 
     Args:
         recordings: Folder of the recording set.
-        limit: At most so many trajectories, the first ones.
+        limit: Use the first LIMIT trajectories only.
     """
     from physid.data.format import RecordingSet
     from physid.data.inspection.report import UnsoundError, inspect
@@ -123,7 +123,7 @@ def show(recordings: Path, *, out: Path | None = None, limit: int = 12) -> None:
     Args:
         recordings: Folder of the recording set.
         out: The HTML file to write; runs/show/NAME.html by default.
-        limit: At most so many trajectories, the first ones.
+        limit: Use the first LIMIT trajectories only.
     """
     from physid.data.format import RecordingSet
     from physid.data.inspection.page import write_page

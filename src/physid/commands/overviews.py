@@ -53,7 +53,7 @@ def reproduce(
 ) -> None:
     """Run the experiments of the paper and print what they measure beside its figures.
 
-    Every cell is a shipped configuration with recordings of its own. A second call goes on where the first stopped.
+    Every cell is a shipped configuration with recordings of its own. A second call resumes where the first stopped.
     The table lands in OUT/results.json and OUT/results.md, each run in OUT/CELL.
 
     Examples:

@@ -23,7 +23,7 @@ def generate(
     """Make recordings of a scene with a simulator: PyBullet, MuJoCo or closed forms.
 
     The configuration says which scene, how it is excited, how many trajectories, with video or not. The recordings land
-    in data/NAME, where NAME is that of the configuration file. An interrupted run goes on where it stopped, and the
+    in data/NAME, where NAME is that of the configuration file. An interrupted run resumes where it stopped, and the
     result does not depend on the number of workers.
 
     Examples:
@@ -64,7 +64,7 @@ def track(
     The bodies are cut out of the first frames by masks and initial poses, or found there by their outlines, and
     tracked from frame to frame by drawing them; nothing is trained. Similar motions are then drawn by PyBullet and
     tracked, too: the set `echo` in the folder, from which a diagnosis takes the tracking error. An interrupted run
-    goes on where it stopped.
+    resumes where it stopped.
 
     Examples:
       physid track data/films --out data/read
@@ -76,7 +76,7 @@ def track(
         encoder: Run of a fit from video, whose encoder finds the bodies in the first frames.
         chart: Which poses there are: of bodies that lie on the ground (planar), are parallel to it (hovering) or free
             (spatial); by default what the initial poses say.
-        limit: At most so many trajectories, the first ones.
+        limit: Use the first LIMIT trajectories only.
         quiet: Hide the progress bar.
     """
     from physid.data.reading import read_reading
