@@ -19,7 +19,7 @@ T = TypeVar("T")
 CLOSED: Any = {"extra": "forbid", "strict": True, "allow_inf_nan": False, "frozen": True}
 """Configuration of every model, of plain dataclasses as well (their `__pydantic_config__`): unknown keys, numbers
 written as texts, NaN and infinity are errors."""
-MOST_SHOWN = 12  # faults that a message lists
+MOST_SHOWN = 3  # faults that a message lists
 LONGEST = 60  # letters of a value that is quoted
 EXPECTED = {
     "float_type": "a finite number",
@@ -101,12 +101,10 @@ def _adapter(kind: Any) -> TypeAdapter[Any]:
 
 
 def explain(error: ValidationError, kind: Any, where: str = "") -> str:
-    """Say what pydantic found wrong: in one line, or in one for each fault below the name of the file."""
-    lines = list(_faults(error, kind))
-    if len(lines) == 1:
-        return _after(where, lines[0])
-    more = [f"and {len(lines) - MOST_SHOWN} more"] * (len(lines) > MOST_SHOWN)
-    return "\n  ".join([_after(where, f"{len(lines)} faults"), *lines[:MOST_SHOWN], *more])
+    """Say what pydantic found wrong, in one line: the first faults, and how many there are beside them."""
+    faults = list(_faults(error, kind))
+    more = [f"and {len(faults) - MOST_SHOWN} more"] * (len(faults) > MOST_SHOWN)
+    return _after(where, "; ".join([*faults[:MOST_SHOWN], *more]))
 
 
 def _faults(error: ValidationError, kind: Any) -> Iterator[str]:

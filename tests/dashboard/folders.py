@@ -132,7 +132,7 @@ def write_runs(root: Path) -> Path:
     ):
         (root / name).mkdir()
         (root / name / file).write_text(json.dumps(content))
-    style = "<style>body{background:#fff}@media (prefers-color-scheme: dark){body{background:#000}}</style>"
+    style = "<style>:root { color-scheme: light dark; } body { background: light-dark(#fff, #000); }</style>"
     report = f"{style}<h1>The report</h1>"
     (root / "diagnosis" / "report.html").write_text(report)
     (root / "damaged").mkdir()

@@ -72,6 +72,7 @@ def diagnose(
     from physid.diagnosis.settings.settings import Settings, parse_changes
     from physid.effects import CATALOGUE
     from physid.effects.loading import with_own
+    from physid.record import write_record
 
     settings = Settings().changed(parse_changes(set or []))
     folder = out or Path("runs/diagnosis") / recordings.resolve().name
@@ -84,6 +85,7 @@ def diagnose(
     found = _run(
         recordings, folder, quiet=quiet, save=save_model, seed=seed, tolerance=tolerance, settings=settings, **options
     )
+    write_record(folder, {"recordings": str(recordings), "transfer": str(transfer or "")})
     if wandb:
         _log(folder, wandb, {"recordings": str(recordings), "transfer": str(transfer or ""), "seed": seed}, found)
     print("\n".join(summary_lines(found)))

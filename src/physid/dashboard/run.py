@@ -21,7 +21,7 @@ from physid.dashboard.folders import (
     REPORT,
 )
 from physid.dashboard.media import MOST_BYTES, read_media
-from physid.diagnosis.document.document import check_diagnosis
+from physid.diagnosis.document.document import Diagnosis, check_diagnosis
 from physid.diagnosis.document.sentences import verdict_sentence
 from physid.yaml_files import parse_yaml
 
@@ -31,12 +31,11 @@ SCORE = {"bank": dict, "figures": list, "tables": dict}  # what of a scored bank
 def read_or_damaged(folder: Path, root: Path, *, light: bool = False) -> dict[str, Any]:
     """Read a run; one that is malformed beyond what `read_run` looks for is listed as damaged, and costs no other."""
     try:
-        found = read_run(folder, root, light=light)
-        json.dumps(found, allow_nan=False)  # as the page will, for all runs at once
-        return found
+        return read_run(folder, root, light=light)
     except Exception as error:  # whatever a stranger's files lead to
         reason = (str(error).splitlines() or [""])[0][:200]
-        return _empty(folder, root) | {"notes": [f"the run cannot be read: {type(error).__name__}: {reason}"]}
+        notes = [f"the run cannot be read: {type(error).__name__}: {reason}"]
+        return empty_run(_name(folder, root)) | {"notes": notes}
 
 
 def read_run(folder: Path, root: Path, *, light: bool = False) -> dict[str, Any]:
@@ -57,6 +56,7 @@ def read_run(folder: Path, root: Path, *, light: bool = False) -> dict[str, Any]
     diagnosis = _mapping(folder / DIAGNOSIS, notes)
     identifiability = _mapping(folder / IDENTIFIABILITY, notes)
     record = _mapping(folder / RECORD, notes)
+    said = _diagnosis(diagnosis, notes)
     cells, score = _results(folder / CELLS, notes)
     text, config = _config(folder / CONFIG, notes)
     config = config or identifiability.get("config") or {}
@@ -67,7 +67,7 @@ def read_run(folder: Path, root: Path, *, light: bool = False) -> dict[str, Any]
     figures = {name: value for name, value in figures.items() if isinstance(value, int | float)}
     figures |= {each["name"]: each["value"] for each in score.get("figures", ()) if each.get("value") is not None}
     return {
-        "id": folder.relative_to(root).as_posix() if folder != root else folder.resolve().name,
+        "id": _name(folder, root),
         "kind": kind,
         "state": "finished" if figures or diagnosis or identifiability or cells or score else "unfinished",
         "date": _date(folder),
@@ -77,8 +77,9 @@ def read_run(folder: Path, root: Path, *, light: bool = False) -> dict[str, Any]
         "figures": {name: value for name, value in figures.items() if not name.startswith("params/")},
         "curves": [curve.to_mapping() for curve in curves if curve.group != "parameter"],
         "media": media,
-        "diagnosis": diagnosis or None,
-        "sentence": _sentence(diagnosis),
+        "diagnosis": said,
+        "sentence": verdict_sentence(said) if said else str(diagnosis.get("verdict", "")),
+        "seconds": said.seconds if said else figures.get("seconds"),
         "identifiability": identifiability or None,
         "report": None if light else _report(folder / REPORT, notes),
         "cells": cells,
@@ -90,20 +91,23 @@ def read_run(folder: Path, root: Path, *, light: bool = False) -> dict[str, Any]
     }
 
 
-def _empty(folder: Path, root: Path) -> dict[str, Any]:
+def empty_run(name: str) -> dict[str, Any]:
     """Return what the page shows of a run of which nothing can be read."""
     lists = ("parameters", "curves", "media", "cells", "notes")
-    mappings = ("figures", "settings")
-    absent = ("diagnosis", "identifiability", "report", "score", "record")
+    absent = ("diagnosis", "identifiability", "report", "score", "record", "seconds")
     return {
         **{name: [] for name in lists},
-        **{name: {} for name in mappings},
+        **{name: {} for name in ("figures", "settings")},
         **dict.fromkeys(absent),
         **dict.fromkeys(("date", "method", "data", "sentence", "config"), ""),
-        "id": folder.relative_to(root).as_posix() if folder != root else folder.resolve().name,
+        "id": name,
         "kind": "fit",
         "state": "damaged",
     }
+
+
+def _name(folder: Path, root: Path) -> str:
+    return folder.relative_to(root).as_posix() if folder != root else folder.resolve().name
 
 
 def _kind(diagnosis: bool, identifiability: bool, only_cells: bool) -> str:
@@ -187,12 +191,13 @@ def _results(path: Path, notes: list[str]) -> tuple[list[Any], dict[str, Any]]:
     return value if isinstance(value, list) else [], {}
 
 
-def _sentence(diagnosis: Mapping[str, Any]) -> str:
-    """Say the verdict in a sentence; the verdict itself where parts of the document are missing."""
+def _diagnosis(content: Mapping[str, Any], notes: list[str]) -> Diagnosis | None:
+    """Check a diagnosis; None where there is none, or parts of it are missing."""
     try:
-        return verdict_sentence(check_diagnosis(diagnosis)) if diagnosis else ""
-    except ValueError:
-        return str(diagnosis.get("verdict", "no verdict"))
+        return check_diagnosis(content) if content else None
+    except ValueError as error:
+        notes.append(" ".join(str(error).split()))
+        return None
 
 
 def _curves(path: Path, notes: list[str]) -> list[Curve]:

@@ -101,14 +101,20 @@ def drawing(
         yield axes, made
         file = io.StringIO()
         figure.savefig(file, format="svg", metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
-    made.append(Markup(_themed(file.getvalue(), number)))
+    made.append(Markup(_themed(file.getvalue())))
 
 
-def _themed(text: str, number: int) -> str:
+def code(name: str) -> str:
+    """Return the colour that stands for a variable of the stylesheet; also for those of runs, run0, run1 and so on."""
+    return CODES[name] if name in CODES else f"#fd{int(name.removeprefix('run')):04x}"
+
+
+def _themed(text: str) -> str:
     """Turn matplotlib's file into an element of a page: its colours are variables, its letters the page's."""
     text = text[text.index("<svg") :]
-    for name, code in CODES.items():
-        text = text.replace(code, f"var(--{name})")
+    for name, written in CODES.items():
+        text = text.replace(written, f"var(--{name})")
+    text = re.sub("#fd([0-9a-f]{4})", lambda found: f"var(--run{int(found[1], 16)})", text)
     text = re.sub(r' width="[\d.]+pt" height="[\d.]+pt"| xmlns(:xlink)?="[^"]*"| version="1.1"', "", text, count=5)
     text = re.sub(r"font: ([\d.]+px) [^;\"]*", r"font-size: \1", text)
     text = re.sub(r"font-family: [^;\"]*; ", "", text)
@@ -174,7 +180,7 @@ def line_chart(
     with drawing(named=True) as (axes, made):
         axes.set_yscale("log" if logarithmic else "linear")
         for each in reversed(series):
-            (line,) = axes.plot(each.x, each.y, each.style, color=CODES[each.colour], label=each.label)
+            (line,) = axes.plot(each.x, each.y, each.style, color=code(each.colour), label=each.label)
             if len(each.x) <= 40:
                 line.set(marker="o", markersize=3)
             line.set_gid(f"line-{each.key}")

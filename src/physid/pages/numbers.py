@@ -9,6 +9,7 @@ from collections.abc import Iterable
 PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"))
 SMALLEST_SHOWN = 0.1  # a number below takes the next prefix
 MOST_DECIMALS = 6
+NOTHING = "-"  # stands where there is no value
 NO_UNIT = ("", "-", "1", None)
 
 
@@ -31,7 +32,9 @@ def join(texts: Iterable[str], last: str) -> str:
 def figure(value: float, digits: int = 3) -> str:
     """Write a number with some significant digits, with an exponent only where it is very small or large."""
     if value == 0 or not 1e-3 <= abs(value) < 1e5:
-        return f"{value:.{digits - 1}e}" if value else "0"
+        mantissa, _, exponent = f"{value:.{digits - 1}e}".partition("e")
+        short = mantissa.rstrip("0").rstrip(".") if "." in mantissa else mantissa
+        return f"{short}e{int(exponent)}" if value else "0"
     decimals = max(0, digits - 1 - math.floor(math.log10(abs(value))))
     text = f"{value:.{decimals}f}"
     return text.rstrip("0").rstrip(".") if "." in text else text

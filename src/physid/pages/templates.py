@@ -47,7 +47,12 @@ def render(template: str, *, script: str = "", **values: Any) -> str:
         f"default-src 'none'; style-src 'unsafe-inline';{allowed} img-src data: blob:; media-src data: blob:; "
         "font-src data:"
     )
-    given = {"style": Markup(asset("style.css")), "script": Markup(code), "policy": policy, "icon": Markup(ICON)}
+    given = {
+        "style": Markup(asset("style.css")),
+        "script": Markup(code),
+        "policy": Markup(policy),
+        "icon": Markup(ICON),
+    }
     return _environment().get_template(template).render(**given, **values)
 
 
