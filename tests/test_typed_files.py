@@ -72,7 +72,7 @@ def test_a_fault_is_one_line(change: dict[str, Any], message: str) -> None:
 
 
 def test_of_many_faults_the_first_are_named_and_the_others_counted() -> None:
-    with pytest.raises(ValueError, match="^f: wheels") as caught:
+    with pytest.raises(ValueError, match=r"^f: wheels") as caught:
         check_as(Cart, {"wheels": [{"radius": "1"}] * 20}, "f")
     first, *_, last = str(caught.value).split("; ")
     assert (first, last) == ("f: wheels[0].radius: expected a finite number, found '1'", "and 18 more")

@@ -3,30 +3,22 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from datetime import UTC, datetime
-from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from markupsafe import Markup
-
+from physid.dashboard.body import GROUPS, OBSERVED, with_body
 from physid.dashboard.comparison import charts, tables
 from physid.dashboard.folders import find_runs
 from physid.dashboard.run import empty_run, read_or_damaged
-from physid.dashboard.summary import KINDS, Run, far, grade, judged, keeps, met, numbers, short, text_of, texts
+from physid.dashboard.summary import KINDS, Run, numbers, text_of
 from physid.data.files import write_text
-from physid.diagnosis.document.sentences import caveat, effect_lines, estimate, explained, where_sentence
-from physid.diagnosis.report.drawings import closing
-from physid.pages.figures import Series, line_chart
-from physid.pages.numbers import NOTHING, figure, named, plural, quantity
+from physid.pages.numbers import plural
 from physid.pages.templates import render as render_page
 
-GROUPS = (("loss", "Losses"), ("error", "Errors"), ("schedule", "Schedules"), ("other", "Other curves"))
 COLUMNS = ("Parameter error", "Position error", "Rotation error", "Evaluations", "Time", "Date")
 SORTED_BY = ("id", "result", "error", "position", "rotation", "evaluations", "seconds", "date")
-OBSERVED = {"identified": "good", "combination": "warn"}
-MOST_RANKED = 8
 
 
 def write_dashboard(folder: Path, out: Path, *, light: bool = False) -> list[dict[str, Any]]:
@@ -77,99 +69,8 @@ def render(runs: Sequence[Run], title: str) -> str:
 def _shown(run: Run) -> dict[str, Any]:
     """Return a run with its part of the page; one whose files hold what nobody expects is shown as damaged."""
     try:
-        return _with_body(run)
+        return with_body(run)
     except Exception as error:  # whatever a stranger's files lead to
         reason = (str(error).splitlines() or [""])[0][:200]
         notes = [f"the run cannot be shown: {type(error).__name__}: {reason}"]
-        return _with_body(empty_run(run["id"]) | {"notes": notes})
-
-
-def _with_body(run: Run) -> dict[str, Any]:
-    said, score = run["diagnosis"], run["score"] or {}
-    shown: dict[str, Any] = dict(run)
-    shown["parameters"] = [_parameter(each) for each in run["parameters"]]
-    shown["texts"] = texts(run)
-    shown["judged"] = judged(run)
-    shown["short"] = short(said) if said else ""
-    shown["far"] = far(said) if said else []
-    shown["caveat"] = caveat(said) if said else ""
-    shown["where"] = where_sentence(said) if said else ""
-    body = render_page(
-        "run.html",
-        run=shown,
-        kind_of=KINDS | {"named": ""},
-        observed=OBSERVED,
-        lines=effect_lines(said) if said and said.effects else [],
-        ranked=[(each, explained(said, each.score)) for each in said.ranking[:MOST_RANKED]] if said else [],
-        best=max([1e-12, *(each.score for each in said.ranking)]) if said else 1.0,
-        closing=closing(said) if said else "",
-        parameters=_refitted(said) if said else [],
-        scored=[(each, _scored(each)) for each in score.get("figures", ())],
-        groups=[(name, list(rows)) for name, rows in groupby(map(_result, run["cells"]), lambda row: row["cell"])],
-        curves=_curves(run),
-        figures=[(name, named(name, value)) for name, value in sorted(run["figures"].items())],
-    )
-    text_of(shown), numbers(shown)  # what the table needs must be there as well
-    return shown | {"body": Markup(body)}
-
-
-def _parameter(each: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a parameter with its history as a drawing."""
-    chart: Markup | str = ""
-    if len(each["x"]) > 1:
-        known = each["low"] is not None and each["high"] is not None
-        chart = line_chart(
-            [Series("estimate", "after", each["x"], each["y"])],
-            f"{each['name']} over the fit",
-            each["axis"],
-            unit=each["unit"],
-            band=(each["low"], each["high"]) if known else None,
-            truths=[] if each["true"] is None else [each["true"]],
-            logarithmic=False,
-        )
-    return {**each, "chart": chart, "grade": "" if each["error"] is None else grade(each["error"])}
-
-
-def _refitted(said: Any) -> list[tuple[str, ...]]:
-    """Return the lines of the table of refitted parameters."""
-    return [
-        (name, quantity(one.nominal, "kg" if name.endswith(".mass") else "", 4), _estimated(one.with_effect))
-        for name, one in said.parameters.items()
-    ]
-
-
-def _estimated(value: Any) -> str:
-    return NOTHING if value is None else estimate(value)
-
-
-def _scored(each: Mapping[str, Any]) -> str:
-    """Say whether a figure of a bank is as wanted, good, or missed; nothing where nothing is asked."""
-    if keeps(each["value"], each["wanted"]):
-        return "as wanted"
-    return {True: "good", False: "missed", None: ""}[keeps(each["value"], each["good"])]
-
-
-def _result(cell: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a line of the table of a reproduction: value, paper and target with the unit."""
-
-    def text(value: object) -> str:
-        if isinstance(value, int | float):
-            return quantity(value, cell.get("unit"))
-        return NOTHING if value is None else str(value)
-
-    spread = f" ± {figure(cell['spread'], 2)}" if cell.get("spread") else ""
-    shown = (text(cell["value"]) + spread, text(cell.get("paper")), text(cell.get("target")))
-    return {"cell": cell["cell"], "metric": cell["metric"], "texts": shown, "met": met(cell)}
-
-
-def _curves(run: Run) -> list[tuple[str, list[tuple[str, Markup]]]]:
-    """Draw the curves of a run by group."""
-    drawn = []
-    for group, title in GROUPS:
-        curves = [each for each in run["curves"] if each["group"] == group and len(each["x"]) > 1]
-        lines = [
-            (each["name"], line_chart([Series(each["name"], "s0", each["x"], each["y"])], each["name"], each["axis"]))
-            for each in curves
-        ]
-        drawn += [(title, lines)] * bool(lines)
-    return drawn
+        return with_body(empty_run(run["id"]) | {"notes": notes})
