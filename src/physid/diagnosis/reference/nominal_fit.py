@@ -110,7 +110,7 @@ def fit_nominal_model(
     chosen = None
     for _ in range(own.step_choices if _chooses_steps(model) else 0):
         say(Stage.CHOOSING_STEPS)
-        noise, experiment = _weighed(experiment, fit, present, noise.error)
+        noise, experiment = _weighed(experiment, fit, present, noise.error, own.robust)
         chosen = choose_steps(
             experiment, experiment.linearise(fit.point, NONE), observations.timeline, settings.steps.choice
         )
@@ -168,7 +168,8 @@ def _fit_segments(
         predictor = predictor.over(segments)
         experiment, point = begin(predictor, observations, present, noise, fit.point.nominal, fit.jacobian.base)
         fit = gauss_newton(experiment, point, NONE)
-        fit = gauss_newton(experiment, search(experiment, fit), NONE)
+        if settings.nominal_fit.new_states:
+            fit = gauss_newton(experiment, search(experiment, fit), NONE)
         missed = events_of(fit) & ~segments.spread(segments.contact)
         if not bool(missed.any()):
             break
@@ -191,23 +192,24 @@ def _follow(
     count.
     """
     segments = experiment.predictor.segments
-    noise, experiment = _weighed(experiment, alone, present, error)
-    if experiment.predictor.model.scene.integration is None or not settings.nominal_fit.follows:
+    limits = settings.nominal_fit
+    noise, experiment = _weighed(experiment, alone, present, error, limits.robust)
+    if experiment.predictor.model.scene.integration is None or not limits.follows:
         # Steps are fine, and no simulator is nearer to the recordings than the model itself.
-        own = _own_weight(segments, experiment.misfit(alone.point), segments.contact)
+        own = _own_weight(segments, experiment.misfit(alone.point), segments.contact & limits.own_weights)
         experiment = experiment.replace(scale=experiment.scale * own, follow=torch.zeros_like(experiment.follow))
         return experiment, experiment.linearise(alone.point, NONE), noise
-    own = _own_weight(segments, experiment.misfit(alone.point), segments.contact)
+    own = _own_weight(segments, experiment.misfit(alone.point), segments.contact & limits.own_weights)
     fit = experiment.linearise(alone.point.replace(engine=torch.ones_like(alone.point.engine)), NONE)
     followed, fit = fit_with_reference(experiment.replace(scale=experiment.scale * own), fit, NONE, (), settings, say)
     misfit = experiment.replace(engine=followed.engine).misfit(fit.point)
-    lost = segments.contact & (misfit > settings.nominal_fit.lost * _usual(segments, misfit))
+    lost = segments.contact & (misfit > limits.lost * _usual(segments, misfit))
     point = between(alone.point, fit.point, (~lost).double())
     engine = torch.where(segments.spread(lost)[..., None, None], torch.zeros((), dtype=torch.float64), followed.engine)
     experiment = experiment.replace(follow=~lost, engine=engine)
     fit = experiment.linearise(point, NONE)
-    noise, experiment = _weighed(experiment, fit, present, error)
-    own = _own_weight(segments, experiment.misfit(fit.point), lost)
+    noise, experiment = _weighed(experiment, fit, present, error, limits.robust)
+    own = _own_weight(segments, experiment.misfit(fit.point), lost & limits.own_weights)
     experiment = experiment.replace(scale=experiment.scale * own)
     return experiment, experiment.linearise(point, NONE), noise
 
@@ -225,11 +227,11 @@ def _usual(segments: Segmentation, misfit: Tensor) -> Tensor:
 
 
 def _weighed(
-    experiment: Experiment, fit: Fit, present: Tensor, error: TrackingError | None
+    experiment: Experiment, fit: Fit, present: Tensor, error: TrackingError | None, robust: bool
 ) -> tuple[Noise, Experiment]:
-    """Estimate the noise from the residuals of a fit, and weigh its frames."""
+    """Estimate the noise from the residuals of a fit, and weigh its frames, by how far they stand out if `robust`."""
     noise = estimate_noise(fit.residual, present, error)
-    weight = frame_weights(fit.residual, present, noise)
+    weight = frame_weights(fit.residual, present, noise) if robust else present
     return noise, experiment.replace(scale=weight[..., None].sqrt() / noise.spread())
 
 

@@ -45,7 +45,8 @@ def contact_free(nominal_fit: NominalFit, generator: torch.Generator, say: Progr
     predictor = nominal_fit.experiment.predictor.over(segments.only(chosen), base.state[0])
     quiet, point = begin(predictor, observations, nominal_fit.present, noise, nominal_fit.fit.point.nominal, base)
     fit = gauss_newton(quiet, point.replace(engine=nominal_fit.fit.point.engine), NONE)
-    weight = frame_weights(fit.residual, nominal_fit.present, noise)
+    present, robust = nominal_fit.present, settings.nominal_fit.robust
+    weight = frame_weights(fit.residual, present, noise) if robust else present
     late = round(settings.contact_free.late / observations.scene.time_step)
     weight = weight * _own_frames(predictor.segments, late)[..., None]
     quiet = quiet.replace(scale=weight[..., None].sqrt() / noise.spread())

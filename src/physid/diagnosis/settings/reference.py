@@ -22,6 +22,9 @@ class NominalFitSettings(Section):
     )
     cuts: int = setting(3, "times", "most that trajectories are cut into segments around events", ge=1)
     step_choices: int = setting(2, "times", "that the steps of the engine are chosen; 0 keeps the longest", ge=0)
+    new_states: bool = setting(True, "", "whether badly fitted segments are fitted from new guesses of their states")
+    robust: bool = setting(True, "", "whether frames that stand alone off the motion count less")
+    own_weights: bool = setting(True, "", "whether contact segments count as little as their misfit says")
     follows: bool = setting(True, "", "whether the fit follows a reference simulator whose steps are known")
     lost: float = setting(
         1.5, "usual misfits", "of a contact segment, from which on it does not follow the reference simulator", gt=1
