@@ -1,41 +1,37 @@
 """What each heuristic of a diagnosis is worth: switched off through the settings, one at a time, on the same sets.
 
-    python benchmarks/ablation.py --work /tmp/ablation --sets 12 --workers 2 --minutes 14
+    python benchmarks/ablation.py --work /tmp/ablation --workers 2 --minutes 14
     python benchmarks/ablation.py --work /tmp/ablation --table
 
-Two small banks: one sealed as `physid benchmark diagnosis seal` does (PyBullet, known steps), one of MuJoCo at 60 Hz of
-which recording.yaml does not say who made it, with effects of the catalogue, from outside it, and none. Each set is
-diagnosed with all heuristics and then without each of them; a run that is stopped goes on where it was. Sets that
-have not seen every variant do not count. *Acted*: in how many sets any figure of the diagnosis differs in any digit.
+Two small banks, sealed as `physid benchmark diagnosis seal` does: one of PyBullet, whose steps are known, one of MuJoCo,
+with hidden effects of medium severity and up. Each set is diagnosed with all heuristics, then without each of them; a
+run that is stopped goes on where it was. Sets that have not seen every variant do not count. *Acted*: in how many sets
+any figure of the diagnosis differs in any digit.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import shutil
 import time
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import joblib
 import numpy as np
 import torch
-import yaml
 
 from physid.benchmark.bank import Size
-from physid.benchmark.labels import Label, Part, open_labels
+from physid.benchmark.labels import Label, open_labels
 from physid.benchmark.plan import Plan
 from physid.benchmark.scoring.intervals import wilson
-from physid.benchmark.scoring.judging import MEDIUM, judge
-from physid.benchmark.sealing.outside import OUTSIDE
+from physid.benchmark.scoring.judging import MEDIUM, Judged, judge
 from physid.benchmark.sealing.seal import seal
 from physid.data.format import RecordingSet
-from physid.data.generation.generate import generate
-from physid.data.generation.settings import GenerateConfig
 from physid.diagnosis.conclusion.conclusion import draw_conclusion
+from physid.diagnosis.document.document import Diagnosis
 from physid.diagnosis.inputs.model_source import read_nominal_model
 from physid.diagnosis.inputs.observations import PROBE, load_observations
 from physid.diagnosis.inputs.observations import TRANSFER as TRANSFERRED
@@ -46,21 +42,14 @@ from physid.diagnosis.reference.nominal_fit_cache import DECIDING
 from physid.diagnosis.selection.attribution import Attribution, attribute
 from physid.diagnosis.settings.settings import Settings
 from physid.diagnosis.testing.hypothesis import Hypothesis
-from physid.effects import CATALOGUE, find
-from physid.physics.effect import Effect
+from physid.effects import CATALOGUE
 
-SEEDS = {"pybullet": 40417, "mujoco": 90731}
-"""Of no other bank."""
-SMALL = {"trajectories": 9, "steps": 80}
-FRAMES = {"push": 72, "slide": 60, "toss": 42, "collide": 42}
-"""Frames of a trajectory at 60 Hz."""
-SIZE = 2.0  # times the typical size
-SPLIT = {"fit": 4, "select": 2, "report_same": 2}
-HIDDEN = (
-    "viscous_drag", "friction_gradient", "force_gain", "observation_latency", "camera_yaw", "ground_tilt",
-    "constant_force", "force_delay", "gravity_error",
-)  # fmt: skip
-OF_PUSHES = {"force_gain", "force_delay"}
+PLANS = {
+    "pybullet": Plan("score", 40417, Size(8, trajectories=8, steps=80), least=MEDIUM),
+    "mujoco": Plan("score", 90731, Size(8, trajectories=8, steps=80), ("mujoco",), least=MEDIUM),
+}
+"""Of seeds that no other bank has. PyBullet records every step of its own; MuJoCo 30 to 240 frames a second, some with
+jitter and lost frames, and recording.yaml does not say who made them."""
 
 WITHOUT: Mapping[str, Mapping[str, Any]] = {
     "all heuristics": {},
@@ -120,64 +109,14 @@ CONCLUDING = ("confidence", "parametric_bootstrap", "gap", "materiality", "verdi
 """Sections of the settings that only the conclusion reads."""
 
 
-def foreign(number: int) -> tuple[GenerateConfig, list[Effect], Label]:
-    """Draw a set of MuJoCo: of four, one has no effect, one an effect from outside, two one of the catalogue."""
-    random = np.random.default_rng([SEEDS["mujoco"], number])
-    scene = list(FRAMES)[number % len(FRAMES)]
-    kind = (number // len(FRAMES) + number) % 4
-    config: dict[str, Any] = {
-        "scene": scene, "protocol": "rich", "simulator": "mujoco", "frame_rate": 60.0, "video": False,
-        "trajectories": sum(SPLIT.values()), "steps": FRAMES[scene], "split": SPLIT,
-        "seed": int(random.integers(2**31)), "guess_factor": 1.3,
-        "unknown": ["block.friction"] if scene != "collide" else [],
-        "noise": {"position": 0.0005, "rotation": 0.003},
-    }  # fmt: skip
-    if scene == "collide":
-        config.pop("unknown")
-    free = Label("free", scene, "rich", noise=0.0005)
-    if kind == 0:
-        return GenerateConfig.from_mapping(config), [], free
-    if kind == 1:
-        chosen = OUTSIDE[int(random.integers(len(OUTSIDE)))]
-        sizes = _sizes(chosen)
-        label = Label("outside", scene, "rich", (Part(chosen.name, chosen.site, sizes, 1.0),), (), 1.0, (), 0.0005)
-        one = chosen(**{name: torch.tensor([value], dtype=torch.float64) for name, value in sizes.items()})
-        return GenerateConfig.from_mapping(config), [one], label
-    name = [name for name in HIDDEN if scene == "push" or name not in OF_PUSHES][int(random.integers(7))]
-    sizes = _sizes(find(name))
-    config["effects"] = {name: sizes}
-    label = Label("catalogue", scene, "rich", (Part(name, find(name).site, sizes, 1.0),), ((name,),), 1.0, (), 0.0005)
-    return GenerateConfig.from_mapping(config), [], label
-
-
-def _sizes(kind: type[Effect]) -> dict[str, float]:
-    known = kind.quantities()
-    return {name: SIZE * (each.typical - each.null) + each.null for name, each in known.items()}
-
-
-def make_foreign(work: Path, number: int) -> tuple[Path, Label]:
-    """Make a set of MuJoCo that does not say who made it."""
-    config, effects, label = foreign(number)
-    folder = work / "mujoco" / f"{number:03d}"
-    if not (folder / "SHA256SUMS").is_file():
-        shutil.rmtree(folder, ignore_errors=True)
-        truth = {"truth_file": str(work / "mujoco_truth" / f"{number:03d}.yaml")}
-        generate(GenerateConfig.from_mapping(config.to_mapping() | truth), folder, effects=effects, quiet=True)
-    content = yaml.safe_load((folder / "recording.yaml").read_text())
-    content["source"] = "somewhere"
-    content.pop("integration", None)
-    (folder / "recording.yaml").write_text(yaml.safe_dump(content))
-    return folder, label
-
-
-def all_sets(work: Path, count: int, workers: int) -> Iterator[tuple[str, Path, Label]]:
-    """Make both banks, and list their sets in turn, with their labels."""
-    bank = seal(work / "pybullet", Plan("score", SEEDS["pybullet"], Size(count, **SMALL)), workers, quiet=True)
-    labels = open_labels(bank)
-    for number, name in enumerate(bank.sets):
-        if not labels[name].film:
-            yield f"pybullet/{name}", bank.recordings(name), labels[name]
-        yield (f"mujoco/{number:03d}", *make_foreign(work, number))
+def all_sets(work: Path, workers: int) -> Iterator[tuple[str, Path, Label]]:
+    """Seal both banks, and list their sets in turn, with their labels; films are left out."""
+    banks = {name: seal(work / name, plan, workers, quiet=True) for name, plan in PLANS.items()}
+    labels = {name: open_labels(bank) for name, bank in banks.items()}
+    for sets in zip(*(bank.sets for bank in banks.values()), strict=True):
+        for (name, bank), one in zip(banks.items(), sets, strict=True):
+            if not labels[name][one].film:
+                yield f"{name}/{one}", bank.recordings(one), labels[name][one]
 
 
 class Pipeline:
@@ -193,8 +132,8 @@ class Pipeline:
         self.searches: dict[str, tuple[Attribution, torch.Tensor, float]] = {}
         self.stages: set[Stage] = set()
 
-    def run(self, settings: Settings) -> tuple[Mapping[str, Any], float]:
-        """Return what diagnosis.json would hold, without the settings, and how long a processor works on it [s]."""
+    def run(self, settings: Settings) -> tuple[Diagnosis, float]:
+        """Return the diagnosis, and how long a processor works on it [s]."""
         generator = torch.Generator().manual_seed(0)
         key = repr([getattr(settings, name) for name in ("roles", *DECIDING)])
         if key not in self.fits:
@@ -215,8 +154,7 @@ class Pipeline:
         found, state, searched = self.searches[rest]
         generator.set_state(state)
         begun = time.process_time()
-        said = draw_conclusion(nominal_fit, _with(found, settings), generator).diagnosis.to_mapping()
-        said.pop("settings")
+        said = draw_conclusion(nominal_fit, _with(found, settings), generator).diagnosis
         return said, spent + searched + time.process_time() - begun
 
     def say(self, stage: Stage, what: str = "") -> None:
@@ -274,13 +212,14 @@ def _row(pipeline: Pipeline, place: str, label: Label, variant: str) -> dict[str
     try:
         found, seconds = pipeline.run(Settings().changed({**COMMON, **WITHOUT[variant]}))
     except (ValueError, RuntimeError) as error:
-        found, seconds = {"verdict": "failed", "effects": [], "group": [], "error": str(error)}, float("nan")
-    right = None if found["verdict"] == "failed" else judge(place, found, label)
+        one, said, seconds = Judged(place, label, "failed"), {"error": str(error)}, float("nan")
+    else:
+        one, said = judge(place, found, label), found.to_mapping()
+        said.pop("settings")
     return {
-        "place": place, "label": asdict(label) | {"parameters": {}}, "verdict": found["verdict"],
-        "named": [one["name"] for one in found["effects"]], "group": list(found["group"]),
-        "exact": bool(right and right.exact), "grouped": bool(right and right.grouped),
-        "seconds": seconds, "said": json.loads(json.dumps(found)),
+        "place": place, "hidden": bool(label.effects), "nameable": bool(label.right), "verdict": one.verdict,
+        "named": sorted(one.named), "group": sorted(one.group), "exact": one.exact, "grouped": one.grouped,
+        "seconds": seconds, "said": json.loads(json.dumps(said)),
     }  # fmt: skip
 
 
@@ -300,17 +239,13 @@ def table(work: Path) -> str:
     for number, variant in enumerate(WITHOUT):
         rows = [json.loads((folder / f"{number:02d}.json").read_text()) for folder in whole]
         changed = [_answer(one) != _answer(other) for one, other in zip(rows, full, strict=True)]
-        hidden = [one for one in rows if one["label"]["right"] and one["label"]["severity"] >= MEDIUM]
-        free = [one for one in rows if not one["label"]["effects"]]
-        outside = [
-            one
-            for one in rows
-            if one["label"]["effects"] and not one["label"]["right"] and one["label"]["severity"] >= MEDIUM
-        ]
+        nameable = [one for one in rows if one["nameable"]]
+        free = [one for one in rows if not one["hidden"]]
+        outside = [one for one in rows if one["hidden"] and not one["nameable"]]
         ratio = np.nanmedian([one["seconds"] / other["seconds"] for one, other in zip(rows, full, strict=True)])
         cells = [
             variant, str(sum(one["acted"] for one in rows)), str(sum(changed)),
-            share([one["grouped"] for one in hidden]), share([one["exact"] for one in hidden]),
+            share([one["grouped"] for one in nameable]), share([one["exact"] for one in nameable]),
             share([one["verdict"] != "none" for one in free]), share([one["exact"] for one in outside]), f"{ratio:.2f}",
         ]  # fmt: skip
         lines.append(f"| {' | '.join(cells)} |")
@@ -318,21 +253,20 @@ def table(work: Path) -> str:
 
 
 def _answer(row: Mapping[str, Any]) -> tuple[Any, ...]:
-    return row["verdict"], sorted(row["named"]), sorted(row["group"])
+    return row["verdict"], row["named"], row["group"]
 
 
 def main() -> None:
     """Run what is missing, then print the table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--work", type=Path, required=True, help="folder of sets and results")
-    parser.add_argument("--sets", type=int, default=12, help="of each bank")
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--minutes", type=float, default=60.0, help="no diagnosis begins after so many")
     parser.add_argument("--table", action="store_true", help="print the table of what is there, and run nothing")
     options = parser.parse_args()
     if not options.table:
         deadline = time.time() + 60 * options.minutes
-        sets = list(all_sets(options.work, options.sets, options.workers))
+        sets = list(all_sets(options.work, options.workers))
         jobs = (joblib.delayed(ablate)(options.work, *each, deadline) for each in sets)
         joblib.Parallel(n_jobs=options.workers, batch_size=1)(jobs)
     print(table(options.work))
