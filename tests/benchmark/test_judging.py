@@ -117,10 +117,10 @@ def test_severities_have_names() -> None:
 
 
 @pytest.mark.parametrize(
-    ("impacts", "count", "low", "high"), [(0, 10, 0.0, 0.2775), (5, 10, 0.2366, 0.7634), (8, 10, 0.4902, 0.9433)]
+    ("right", "count", "low", "high"), [(0, 10, 0.0, 0.2775), (5, 10, 0.2366, 0.7634), (8, 10, 0.4902, 0.9433)]
 )
-def test_the_interval_of_wilson_is_the_published_one(impacts: int, count: int, low: float, high: float) -> None:
-    assert wilson(impacts, count) == pytest.approx((low, high), abs=1e-4)
+def test_the_interval_of_wilson_is_the_published_one(right: int, count: int, low: float, high: float) -> None:
+    assert wilson(right, count) == pytest.approx((low, high), abs=1e-4)
 
 
 def test_the_interval_of_wilson_is_symmetric_and_knows_nothing_without_trials() -> None:

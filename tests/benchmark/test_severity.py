@@ -62,7 +62,7 @@ def test_what_an_unknown_restitution_absorbs_does_not_show_in_a_toss(change: flo
 
 
 def test_one_impact_in_another_step_makes_no_severity() -> None:
-    """A force weaker by a few millinewtons moves a block by less than the noise until it impacts the ground."""
+    """A force weaker by a few millinewtons moves a block by less than the noise until it hits the ground."""
     weak = [effect("force_gain", gain=-1e-4)]
     assert severity(config("toss", trajectories=4, steps=240), weak) < 0.1
 

@@ -55,9 +55,9 @@ class Figure:
 HEADER = ("figure", "value", "unit", "95 % interval", "sets", "good", "wanted")
 
 
-def share(name: str, impacts: Iterable[bool], good: str = "", wanted: str = "") -> Figure:
+def share(name: str, outcomes: Iterable[bool], good: str = "", wanted: str = "") -> Figure:
     """Return a share in percent with its Wilson interval."""
-    values = list(impacts)
+    values = list(outcomes)
     if not values:
         return Figure(name, None, PERCENT, 0, None, None, good, wanted)
     low, high = wilson(sum(values), len(values))
@@ -181,7 +181,7 @@ def _table(
     for name in order or sorted(groups):
         members = groups[name]
         shares = ([getattr(one, name) for one in members] for name in ("flagged", "exact", "grouped", "astray"))
-        cells = (f"{100 * sum(impacts) / len(impacts):.0f}" if impacts else "" for impacts in shares)
+        cells = (f"{100 * sum(each) / len(each):.0f}" if each else "" for each in shares)
         rows.append((name, str(len(members)), *cells))
     return rows
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import binomtest
 
 LEVEL = 0.95
 BOOTSTRAPS = 200
@@ -14,26 +14,18 @@ RIDGE = 0.05  # keeps the logistic curve finite where it separates the sets comp
 STEPS = 30
 
 
-def wilson(impacts: int, count: int, level: float = LEVEL) -> tuple[float, float]:
-    """Return the interval of a share (Wilson 1927).
-
-    (p + z^2 / 2n -+ z sqrt(p (1 - p) / n + z^2 / 4n^2)) / (1 + z^2 / n) with p = impacts / n.
+def wilson(right: int, count: int, level: float = LEVEL) -> tuple[float, float]:
+    """Return the interval of a share, `right` of `count` (Wilson 1927); without any it is 0 to 1.
 
     Args:
-        impacts: Successes.
-        count: Trials n; without any the interval is 0 to 1.
+        right: Successes.
+        count: Trials.
         level: Share of such intervals that hold the truth.
     """
     if not count:
         return 0.0, 1.0
-    z, p = NormalDist().inv_cdf(0.5 + level / 2), impacts / count
-    middle = p + z**2 / (2 * count)
-    reach = z * (p * (1 - p) / count + z**2 / (4 * count**2)) ** 0.5
-    scale = 1 + z**2 / count
-    low, high = (middle - reach) / scale, (middle + reach) / scale
-    return (low if impacts else 0.0), (
-        high if impacts < count else 1.0
-    )  # exact in the corners, where rounding would show
+    low, high = binomtest(right, count).proportion_ci(level, "wilson")
+    return float(low), float(high)
 
 
 def half_power(severities: Sequence[float], seen: Sequence[bool]) -> float | None:
