@@ -3,8 +3,8 @@
     python benchmarks/ablation.py --work /tmp/ablation --workers 2 --minutes 14
     python benchmarks/ablation.py --work /tmp/ablation --table
 
-Two small banks, sealed as `physid benchmark diagnosis seal` does: of PyBullet, whose steps are known, and of MuJoCo, with
-hidden effects of medium severity and up. Each set is diagnosed with all heuristics, then without each of them; a
+Two small banks, sealed as `physid benchmark diagnosis seal` does: of PyBullet, whose steps are known, and of MuJoCo,
+with hidden effects of medium severity and up. Each set is diagnosed with all heuristics, then without each of them; a
 run that is stopped goes on where it was. Sets that have not seen every variant do not count. *Acted*: in how many sets
 any figure of the diagnosis differs in any digit.
 """
