@@ -21,6 +21,7 @@ import joblib
 import numpy as np
 import yaml
 
+from physid.data.format import RecordingSet
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig
 from physid.diagnosis.diagnose import diagnose
@@ -73,7 +74,7 @@ def judge(number: int, seed: int) -> dict[str, Any]:
         content["source"] = "somewhere"
         content.pop("integration", None)
         (folder / "recording.yaml").write_text(yaml.safe_dump(content))
-        found = diagnose(folder, Path(work) / "out")
+        found = diagnose(RecordingSet(folder), Path(work) / "out")
     named = list(found.blamed)
     row = {"number": number, "scene": drawn["scene"], "rate": drawn["frame_rate"], "hidden": hidden}
     row |= {"jitter": "jitter" in drawn, "verdict": found.verdict, "named": named, "group": list(found.group)}

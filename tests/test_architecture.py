@@ -48,6 +48,7 @@ ROOMS = {
         "selection",
         "conclusion",
         "report",
+        "results.py",
         "diagnose.py",
     ),
 }

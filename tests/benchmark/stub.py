@@ -6,22 +6,23 @@ from pathlib import Path
 
 from tests.diagnosis.documents import said
 
+from physid.data.format import RecordingSet
 from physid.diagnosis.document.document import Diagnosis, write_diagnosis
 
 
-def ignorant(recordings: Path, out: Path) -> Diagnosis:
+def ignorant(recordings: RecordingSet, out: Path) -> Diagnosis:
     """Say `none` of everything."""
     document = said("none")
     write_diagnosis(out, document)
     return document
 
 
-def failing(recordings: Path, out: Path) -> Diagnosis:
+def failing(recordings: RecordingSet, out: Path) -> Diagnosis:
     """Fail."""
     raise ValueError("nothing moves")
 
 
-def cheating(recordings: Path, out: Path) -> Diagnosis:
+def cheating(recordings: RecordingSet, out: Path) -> Diagnosis:
     """Open the labels."""
-    (recordings.parent.parent / "sealed" / "labels.json").read_text()
+    (recordings.folder.parent.parent / "sealed" / "labels.json").read_text()
     return ignorant(recordings, out)

@@ -106,13 +106,12 @@ def test_films_are_half_as_many_and_half_as_long_but_not_too_short() -> None:
 def test_a_diagnosis_gets_what_was_read_and_is_scored_by_source(films: Bank, tmp_path: Path) -> None:
     looked = []
 
-    def looking(recordings: Path, out: Path) -> Mapping[str, Any]:
+    def looking(read: RecordingSet, out: Path) -> Mapping[str, Any]:
         films_of = RecordingSet(films.recordings(out.name))
-        read = RecordingSet(recordings)
         assert read.splits() == films_of.splits()
         assert all(one.pose is not None for one in read)
-        looked.append(recordings)
-        return ignorant(recordings, out)
+        looked.append(read.folder)
+        return ignorant(read, out)
 
     labels = open_labels(films)
     free, other = sorted(films.sets, key=lambda name: ROLES.index(labels[name].role))

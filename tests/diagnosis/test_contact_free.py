@@ -73,7 +73,7 @@ def test_where_no_impact_is_there_is_no_such_part(tmp_path: Path) -> None:
 def test_a_drag_that_shows_in_flight_is_named_with_its_size_although_blocks_bounce(
     tossed: Path, tmp_path: Path
 ) -> None:
-    found = diagnose(tossed, tmp_path)
+    found = diagnose(RecordingSet(tossed), tmp_path)
     assert found.verdict in ("named", "group")
     assert found.effects[0].name == "viscous_drag"
     assert found.effects[0].parameters["coefficient"].value == pytest.approx(DRAG, rel=TOLERANCE)
@@ -100,7 +100,7 @@ def test_what_cannot_be_simulated_in_all_frames_stays_as_contact_free_segments_s
 def test_what_flights_show_and_what_bodies_on_the_ground_show_are_found_together(tmp_path: Path) -> None:
     height = 0.003
     hidden = {"viscous_drag": {"coefficient": DRAG}, "camera_offset": {"z": height}}
-    found = diagnose(recorded(tmp_path / "tossed", hidden, **TOSS), tmp_path / "out")
+    found = diagnose(RecordingSet(recorded(tmp_path / "tossed", hidden, **TOSS)), tmp_path / "out")
     sizes = {effect.name: effect.parameters for effect in found.effects}
     assert set(sizes) == set(hidden)
     assert sizes["viscous_drag"]["coefficient"].value == pytest.approx(DRAG, rel=0.15)

@@ -14,11 +14,13 @@ import torch
 
 from diagnosis.sets import FRICTION, Vortex, recorded, recorded_with, rewritten, with_wild_poses
 from physid.cli import main
-from physid.diagnosis.diagnose import NEXT, diagnose
+from physid.data.format import RecordingSet
+from physid.diagnosis.diagnose import diagnose
 from physid.diagnosis.document.document import FILE, read_diagnosis
 from physid.diagnosis.document.sentences import MOST_LINES, caveat, summary_lines
 from physid.diagnosis.progress import Stage
 from physid.diagnosis.reference import nominal_fit_cache as resume
+from physid.diagnosis.results import NEXT
 from physid.effects import CATALOGUE
 
 DRAG = 0.8
@@ -39,7 +41,7 @@ def dragged(folder: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def drag(folder: Path, dragged: Path) -> Mapping[str, Any]:
-    return diagnose(dragged, folder / "drag", save=folder / "model.yaml")
+    return diagnose(RecordingSet(dragged), folder / "drag", save=folder / "model.yaml")
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +94,7 @@ def test_the_saved_model_is_what_fit_takes_and_predicts_better(
 
 
 def test_nothing_is_found_where_nothing_is_hidden(folder: Path, free: Path) -> None:
-    found = diagnose(free, folder / "none")
+    found = diagnose(RecordingSet(free), folder / "none")
     assert (found.verdict, found.effects, found.group) == ("none", (), ())
     assert found.parameters["block.friction"].nominal == pytest.approx(FRICTION, rel=FRICTION_TOLERANCE)
 
@@ -102,28 +104,30 @@ def test_outliers_decide_nothing(folder: Path, free: Path, dragged: Path) -> Non
     random = np.random.default_rng(0)
     for source, verdict in ((free, "none"), (dragged, "named")):
         wild = rewritten(source, folder / f"wild_{verdict}", lambda _, one: with_wild_poses(one, random))
-        found = diagnose(wild, folder / f"of_wild_{verdict}")
+        found = diagnose(RecordingSet(wild), folder / f"of_wild_{verdict}")
         assert found.verdict == verdict
         assert names(found) == (["viscous_drag"] if verdict == "named" else [])
 
 
 def test_noise_free_recordings_without_an_effect_show_none(folder: Path) -> None:
     plain = recorded(folder / "plain", protocol="paper", protocol_of_split={}, noise={}, split={"train": 4, "test": 1})
-    assert diagnose(plain, folder / "of_plain").verdict == "none"
+    assert diagnose(RecordingSet(plain), folder / "of_plain").verdict == "none"
 
 
 @pytest.mark.slow
 def test_an_effect_outside_the_catalogue_is_unknown_until_its_law_is_given(folder: Path) -> None:
     strange = recorded_with(folder / "strange", [Vortex(torch.tensor([2.0], dtype=torch.float64))])
-    found = diagnose(strange, folder / "unknown")
+    found = diagnose(RecordingSet(strange), folder / "unknown")
     assert (found.verdict, found.effects) == ("unknown", ())
-    own = diagnose(strange, folder / "own", effects=[Vortex])
+    own = diagnose(RecordingSet(strange), folder / "own", effects=[Vortex])
     assert names(own) == ["vortex"]
 
 
 @pytest.mark.slow
 def test_what_one_mass_does_not_identify_apart_is_a_group(folder: Path) -> None:
-    found = diagnose(recorded(folder / "tilted", {"ground_tilt": {"x": 0.03, "y": 0.02}}), folder / "tilt")
+    found = diagnose(
+        RecordingSet(recorded(folder / "tilted", {"ground_tilt": {"x": 0.03, "y": 0.02}})), folder / "tilt"
+    )
     assert found.verdict == "group"
     assert set(found.group) == {"ground_tilt", "constant_force"}
     assert "another mass" in found.next_experiment
@@ -134,7 +138,7 @@ def test_what_one_mass_does_not_identify_apart_is_a_group(folder: Path) -> None:
 def test_the_next_experiment_tells_apart_what_these_recordings_cannot(folder: Path) -> None:
     drag = {"viscous_drag": {"coefficient": 2.0}}
     slow = recorded(folder / "slow", drag, protocol="paper", protocol_of_split={}, split={"fit": 5, "report_same": 1})
-    found = diagnose(slow, folder / "of_slow")
+    found = diagnose(RecordingSet(slow), folder / "of_slow")
     assert (found.verdict, set(found.group)) == ("group", {"viscous_drag", "quadratic_drag"})
     told = re.search(r"differ by (\d+) standard deviations .* like these differ by ([\d.]+)", found.next_experiment)
     assert told is not None
@@ -144,17 +148,17 @@ def test_the_next_experiment_tells_apart_what_these_recordings_cannot(folder: Pa
     hidden = f"effects.viscous_drag.coefficient={drag['viscous_drag']['coefficient']}"
     words = ["generate", "--config", str(config), f"--out={folder / 'next'}", "--workers=1", "--quiet", *small, hidden]
     assert main(words) == 0
-    after = diagnose(folder / "next", folder / "of_next")
+    after = diagnose(RecordingSet(folder / "next"), folder / "of_next")
     assert (after.verdict, after.group) == ("named", ("viscous_drag",))
 
 
 @pytest.mark.slow
 def test_without_a_transfer_set_a_cause_is_not_certified(folder: Path, dragged: Path) -> None:
     rich = recorded(folder / "rich", {"viscous_drag": {"coefficient": DRAG}}, split={"fit": 3, "report_same": 1})
-    alone = diagnose(rich, folder / "alone")
+    alone = diagnose(RecordingSet(rich), folder / "alone")
     assert alone.gap.transfer is None
     assert "not certified" in caveat(alone)
-    certified = diagnose(rich, folder / "both", transfer=dragged)
+    certified = diagnose(RecordingSet(rich), folder / "both", transfer=RecordingSet(dragged))
     assert certified.gap.transfer.before > 0
     assert names(certified) == names(alone) == ["viscous_drag"]
 
@@ -167,27 +171,40 @@ def test_the_command_prints_verdict_and_answers(folder: Path, free: Path, capsys
     assert (folder / "command" / FILE).exists()
 
 
+def test_the_command_opens_the_set_once(folder: Path, free: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    opened: list[Path] = []
+    first = RecordingSet.__init__
+
+    def count(self: RecordingSet, place: Path | str) -> None:
+        opened.append(Path(place))
+        first(self, place)
+
+    monkeypatch.setattr(RecordingSet, "__init__", count)
+    assert main(["diagnose", str(free), "--out", str(folder / "once"), "--quiet", "--limit", "5"]) == 0
+    assert opened == [free]
+
+
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_diagnosis(folder: Path, free: Path) -> None:
-    first, second = (diagnose(free, folder / f"seed_{k}", seed=3) for k in (0, 1))
+    first, second = (diagnose(RecordingSet(free), folder / f"seed_{k}", seed=3) for k in (0, 1))
     assert first == second
     assert len(CATALOGUE) >= len(first.ranking)
 
 
 @pytest.mark.slow
 def test_an_interrupted_diagnosis_goes_on_to_the_same_result(folder: Path, free: Path) -> None:
-    whole = diagnose(free, folder / "whole")
+    whole = diagnose(RecordingSet(free), folder / "whole")
 
     def interrupt(stage: Stage, what: str = "") -> None:
         if stage is Stage.TESTING:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        diagnose(free, folder / "interrupted", say=interrupt)
+        diagnose(RecordingSet(free), folder / "interrupted", say=interrupt)
     assert (folder / "interrupted" / resume.FILE).exists()
 
     said: list[Stage] = []
-    again = diagnose(free, folder / "interrupted", say=lambda stage, what="": said.append(stage))
+    again = diagnose(RecordingSet(free), folder / "interrupted", say=lambda stage, what="": said.append(stage))
     assert again == whole
     assert Stage.TESTING in said
     assert Stage.FITTING_NOMINAL not in said

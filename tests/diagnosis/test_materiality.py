@@ -57,13 +57,13 @@ def test_what_a_better_model_would_move_counts_although_few_held_out_trajectorie
 
 def test_a_given_tolerance_decides() -> None:
     excess = excess_of(left(6e-4), NOISE, ALL)
-    assert Tolerance.of(NOISE, SCENE, MaterialitySettings(), 5e-4).exceeded(excess)
-    assert not Tolerance.of(NOISE, SCENE, MaterialitySettings(), 2e-3).exceeded(excess)
+    assert Tolerance.of(NOISE, SCENE, MaterialitySettings(tolerance=5e-4)).exceeded(excess)
+    assert not Tolerance.of(NOISE, SCENE, MaterialitySettings(tolerance=2e-3)).exceeded(excess)
 
 
 def test_no_tolerance_at_all_is_refused() -> None:
     with pytest.raises(ValueError, match="tolerance must be positive"):
-        Tolerance.of(NOISE, SCENE, MaterialitySettings(), 0.0)
+        Tolerance.of(NOISE, SCENE, MaterialitySettings(tolerance=0.0))
 
 
 def test_half_the_error_left_closes_three_quarters_of_the_mean_square() -> None:

@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from diagnosis.sets import recorded
+from physid.data.format import RecordingSet
 from physid.diagnosis.conclusion.power import detectable_factors
 from physid.diagnosis.diagnose import diagnose
 from physid.diagnosis.settings.testing import ScoreTestSettings
@@ -59,11 +60,11 @@ def test_what_a_refit_absorbs_is_never_found() -> None:
 
 @pytest.mark.slow
 def test_a_drag_above_the_size_that_is_reported_is_found_and_one_far_below_is_not(tmp_path: Path) -> None:
-    free = diagnose(recorded(tmp_path / "free"), tmp_path / "free_out")
+    free = diagnose(RecordingSet(recorded(tmp_path / "free")), tmp_path / "free_out")
     least = next(one.size for one in free.detectable if one.effect == "viscous_drag")
     assert free.verdict == "none"
     assert least is not None
     for factor, found in ((1.5, True), (0.25, False)):
         drag = {"viscous_drag": {"coefficient": factor * least}}
-        document = diagnose(recorded(tmp_path / f"{factor}", drag), tmp_path / f"{factor}_out")
+        document = diagnose(RecordingSet(recorded(tmp_path / f"{factor}", drag)), tmp_path / f"{factor}_out")
         assert (document.verdict != "none") == found, factor

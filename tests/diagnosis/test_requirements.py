@@ -64,14 +64,14 @@ def test_a_set_that_says_nothing_is_refused(
 ) -> None:
     spoilt = rewritten(sound, tmp_path / "spoilt", change)
     with pytest.raises(ValueError, match=said):
-        diagnose(spoilt, tmp_path / "out")
+        diagnose(RecordingSet(spoilt), tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
 def test_few_trajectories_are_refused(tmp_path: Path) -> None:
     few = recorded(tmp_path / "few", trajectories=2, steps=20)
     with pytest.raises(ValueError, match="at least 3 trajectories"):
-        diagnose(few, tmp_path / "out")
+        diagnose(RecordingSet(few), tmp_path / "out")
 
 
 def test_a_transfer_set_of_another_body_is_refused(sound: Path, tmp_path: Path) -> None:
@@ -79,7 +79,7 @@ def test_a_transfer_set_of_another_body_is_refused(sound: Path, tmp_path: Path) 
     scene = RecordingSet(sound).scene
     write_scene(other, scene.with_bodies([dataclasses.replace(scene.bodies[0], size=(0.1, 0.1, 0.1))]))
     with pytest.raises(ValueError, match="expected the bodies of"):
-        diagnose(sound, tmp_path / "out", transfer=other)
+        diagnose(RecordingSet(sound), tmp_path / "out", transfer=RecordingSet(other))
 
 
 @pytest.mark.parametrize(
@@ -105,4 +105,4 @@ def test_a_model_that_names_another_body_is_refused(sound: Path, tmp_path: Path)
     model = tmp_path / "model.yaml"
     model.write_text("model: {values: {ball.mass: 1.0}}\n")
     with pytest.raises(ValueError, match=r"model.yaml: unknown parameter \"ball.mass\""):
-        diagnose(sound, tmp_path / "out", model=model)
+        diagnose(RecordingSet(sound), tmp_path / "out", model=model)

@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-import yaml
 from pydantic import ValidationError
 
 from physid.cli import main
@@ -122,4 +121,4 @@ def test_the_command_lists_all_settings(capsys: pytest.CaptureFixture[str]) -> N
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 2 * len(Settings().table())
     assert "lack_of_fit.margin=1.25" in lines
-    assert all(yaml.safe_load(line.split("=")[1].split(" ")[0].replace("[", "")) is not None for line in lines[::2])
+    assert "materiality.tolerance=null m" in lines

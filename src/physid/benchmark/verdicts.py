@@ -15,6 +15,7 @@ from typing import Any, ClassVar
 from physid.benchmark.bank import SEALED, Bank
 from physid.benchmark.films import with_poses
 from physid.data.files import write_text
+from physid.data.format import RecordingSet
 from physid.diagnosis.document.document import FILE, Diagnosis
 from physid.typed_files import CLOSED
 
@@ -86,7 +87,7 @@ def diagnose_set(bank: Bank, name: str, diagnose: Diagnose | None = None) -> boo
     begun, used = time.perf_counter(), time.process_time()
     try:
         with closed(bank.folder / SEALED):
-            tested(with_poses(bank.recordings(name), out), out)
+            tested(RecordingSet(with_poses(bank.recordings(name), out)), out)
     except (ValueError, RuntimeError, OSError) as error:
         write_text(out / FAILURE, json.dumps({"error": f"{type(error).__name__}: {error}"}) + "\n")
         return False

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 if TYPE_CHECKING:
     from tqdm import tqdm
 
+    from physid.data.format import RecordingSet
     from physid.diagnosis.document.document import Diagnosis
     from physid.diagnosis.progress import Stage
 
@@ -68,23 +69,28 @@ def diagnose(
         wandb: Log figures, ranking, report and film as a run of wandb, into OUT/wandb or to the server.
         quiet: Hide the progress bar.
     """
+    from tqdm import tqdm
+
+    from physid.commands.terminal import resumable
+    from physid.data.format import RecordingSet
+    from physid.diagnosis.diagnose import diagnose as run
     from physid.diagnosis.document.sentences import summary_lines
     from physid.diagnosis.settings.settings import Settings, parse_changes
     from physid.effects import CATALOGUE
     from physid.effects.loading import with_own
     from physid.record import write_record
 
-    settings = Settings().changed(parse_changes(set or []))
+    changes = parse_changes(set or []) | ({} if tolerance is None else {"materiality.tolerance": tolerance})
+    settings = Settings().changed(changes)
     folder = out or Path("runs/diagnosis") / recordings.resolve().name
-    if from_video or encoder or any(_has_films_alone(each) for each in (recordings, transfer) if each):
-        read = partial(_read, encoder=encoder, limit=limit, quiet=quiet)
-        recordings = read(recordings, folder / "read")
-        transfer = transfer and read(transfer, folder / "read_transfer")
+    sets = {"read": RecordingSet(recordings)} | ({} if transfer is None else {"read_transfer": RecordingSet(transfer)})
+    if from_video or encoder or not all(each.any_poses() for each in sets.values()):
+        sets = {name: _read(each, folder / name, encoder, limit, quiet) for name, each in sets.items()}
     own = with_own([place for place in effects.split(",") if place])[len(CATALOGUE) :]
-    options = {"model": model and _believed(model, allow), "transfer": transfer, "effects": own, "limit": limit}
-    found = _run(
-        recordings, folder, quiet=quiet, save=save_model, seed=seed, tolerance=tolerance, settings=settings, **options
-    )
+    with resumable(), tqdm(total=100, bar_format=BAR, disable=quiet or None) as bar:
+        options: dict[str, Any] = {"transfer": sets.get("read_transfer"), "limit": limit, "seed": seed}
+        options |= {"model": model and _believed(model, allow), "effects": own, "settings": settings}
+        found = run(sets["read"], folder, save=save_model, say=partial(_show, bar), **options)
     write_record(folder, {"recordings": str(recordings), "transfer": str(transfer or "")})
     if wandb:
         _log(folder, wandb, {"recordings": str(recordings), "transfer": str(transfer or ""), "seed": seed}, found)
@@ -107,17 +113,6 @@ def _believed(model: Path, allow: str) -> Path | Mapping[str, Any]:
     return configuration.values if given else model
 
 
-def _run(recordings: Path, folder: Path, *, quiet: bool, **options: Any) -> Diagnosis:
-    """Diagnose behind a progress bar."""
-    from tqdm import tqdm
-
-    from physid.commands.terminal import resumable
-    from physid.diagnosis.diagnose import diagnose
-
-    with resumable(), tqdm(total=100, bar_format=BAR, disable=quiet or None) as bar:
-        return diagnose(recordings, folder, say=lambda stage, what="": _show(bar, stage, what), **options)
-
-
 def _log(folder: Path, wandb: str, config: Mapping[str, Any], found: Diagnosis) -> None:
     """Set a diagnosis to wandb."""
     from physid.diagnosis.conclusion.metrics import figures_of
@@ -130,28 +125,21 @@ def _log(folder: Path, wandb: str, config: Mapping[str, Any], found: Diagnosis) 
     log_result(folder, wandb, config, figures_of(found), tables, [folder / REPORT, folder / FILM])
 
 
-def _has_films_alone(recordings: Path) -> bool:
-    """Return whether a set has no poses, only films."""
-    from physid.data.format import RecordingSet
-
-    known = RecordingSet(recordings)
-    return not any(known.has_poses(index) for index in range(len(known)))
-
-
-def _read(films: Path, into: Path, *, encoder: Path | None, limit: int | None, quiet: bool) -> Path:
+def _read(films: RecordingSet, into: Path, encoder: Path | None, limit: int | None, quiet: bool) -> RecordingSet:
     """Read poses from films, once, and return the set that has them."""
     from physid.commands.terminal import frame_bar, resumable
+    from physid.data.format import RecordingSet
     from physid.one_writer import one_writer
     from physid.training.tracking.track import track
 
     if not quiet:
-        print(f"Poses are read from the films of {films} into {into}", flush=True)
+        print(f"Poses are read from the films of {films.folder} into {into}", flush=True)
     with resumable(), one_writer(into), frame_bar(quiet) as say:
-        track(films, into, encoder=encoder, limit=limit, say=say)
-    return into
+        track(films.folder, into, encoder=encoder, limit=limit, say=say)
+    return RecordingSet(into)
 
 
-def _show(bar: tqdm[Any], stage: Stage, what: str) -> None:
+def _show(bar: tqdm[Any], stage: Stage, what: str = "") -> None:
     """Say what is being done, and about how far it is."""
     bar.n = max(bar.n, stage.share)
     bar.set_description_str(stage.about(what)[:LONGEST].ljust(LONGEST))

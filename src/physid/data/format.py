@@ -76,6 +76,10 @@ class RecordingSet:
         """Return whether trajectory `index` has poses, or a film alone."""
         return has_dataset(self.paths[index], "pose")
 
+    def any_poses(self) -> bool:
+        """Return whether any trajectory has poses, or all are films alone."""
+        return any(self.has_poses(index) for index in range(len(self)))
+
     def has_film(self, index: int) -> bool:
         """Return whether trajectory `index` has a film."""
         return has_dataset(self.paths[index], "frames")

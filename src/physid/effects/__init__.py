@@ -30,6 +30,12 @@ def find(name: str, among: Sequence[type[Effect]] = CATALOGUE) -> type[Effect]:
     return known[name]
 
 
+def candidates_beside(known: Sequence[Effect], own: Sequence[type[Effect]] = ()) -> list[type[Effect]]:
+    """Return the catalogue and effects of one's own, without those that a model knows already."""
+    names = {effect.name for effect in known}
+    return [kind for kind in (*CATALOGUE, *own) if kind.name not in names]
+
+
 def from_values(name: str, values: Mapping[str, float], among: Sequence[type[Effect]] = CATALOGUE) -> Effect:
     """Build an effect from numbers; parameters that are left out keep their null value.
 

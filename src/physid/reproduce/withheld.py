@@ -34,13 +34,14 @@ class Withheld(Cell):
     def run(self, configs: Path, data: Path, folder: Path) -> list[Result]:
         """Generate, diagnose and compare with what was hidden (see `Cell.run`)."""
         from physid.configuration import compose
+        from physid.data.format import RecordingSet
         from physid.data.generation.generate import generate
         from physid.data.generation.settings import GenerateConfig
         from physid.diagnosis.diagnose import diagnose
 
         hidden = GenerateConfig.from_mapping(compose([str(configs / CONFIG)], reads=GenerateConfig).values)
         generate(hidden, folder / "recordings", 1, quiet=True)
-        return self.results(diagnose(folder / "recordings", folder), hidden.effects)
+        return self.results(diagnose(RecordingSet(folder / "recordings"), folder), hidden.effects)
 
     def results(self, found: Diagnosis, hidden: Mapping[str, Mapping[str, float]]) -> list[Result]:
         """Score a diagnosis against the effects that were hidden."""

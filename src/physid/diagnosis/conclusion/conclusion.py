@@ -63,21 +63,17 @@ class Conclusion:
     further: NextExperiment | None = None
 
 
-def draw_conclusion(
-    nominal_fit: NominalFit, found: Attribution, generator: torch.Generator, tolerance: float | None = None
-) -> Conclusion:
+def draw_conclusion(nominal_fit: NominalFit, found: Attribution, generator: torch.Generator) -> Conclusion:
     """Judge what the search found: the verdict, the sizes with their intervals, and how far the gap closes.
 
     Args:
         nominal_fit: The recordings and the fitted nominal model.
         found: What the search found.
         generator: Randomness of the bootstrap.
-        tolerance: How far positions may leave the model before anything is blamed [m]; None for what follows from noise
-            and sizes.
     """
     settings, terms = nominal_fit.settings, found.nominal.experiment.predictor.terms
     judged = _closings(nominal_fit, found.nominal, found.best, generator)
-    allowed = Tolerance.of(nominal_fit.noise, nominal_fit.observations.scene, settings.materiality, tolerance)
+    allowed = Tolerance.of(nominal_fit.noise, nominal_fit.observations.scene, settings.materiality)
     parts = [*held_out_parts(nominal_fit.observations).values()]
     best, covariance = found.best, None
     excess = [excess_of(one, nominal_fit.noise, parts) for one in (found.nominal, best or found.nominal)]

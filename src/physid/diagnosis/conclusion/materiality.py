@@ -36,7 +36,7 @@ class Tolerance:
             )
 
     @classmethod
-    def of(cls, noise: Noise, scene: Scene, settings: MaterialitySettings, position: float | None = None) -> Tolerance:
+    def of(cls, noise: Noise, scene: Scene, settings: MaterialitySettings) -> Tolerance:
         """Return the tolerance of positions that a user gives, or one that follows from noise and sizes.
 
         A rotation may be off by what moves the end of the largest edge by as much. What is blamed has to be significant
@@ -46,10 +46,9 @@ class Tolerance:
         Args:
             noise: Of the poses.
             scene: The sizes.
-            settings: Shares of noise and sizes.
-            position: As given [m].
+            settings: A tolerance, or shares of noise and sizes.
         """
-        size = float(scene.sizes.max())
+        size, position = float(scene.sizes.max()), settings.tolerance
         by_size = settings.share_of_size * size
         if position is not None:
             return cls(position, 2 * position / size)

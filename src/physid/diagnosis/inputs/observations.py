@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import torch
 from torch import Tensor
@@ -43,6 +44,7 @@ class Observations:
         timeline: When poses were recorded, and the commanded wrenches in between.
         roles: fit, select, probe, same or transfer, one for each trajectory; the last two are only reported on.
         indices: Number of each trajectory in the recording set.
+        sources: The set of each trajectory, and its number there; none for observations that were made up.
         error: How far poses that were read from films can be trusted; None for a sensor of poses.
     """
 
@@ -52,7 +54,19 @@ class Observations:
     timeline: Timeline
     roles: tuple[str, ...]
     indices: tuple[int, ...]
+    sources: tuple[tuple[RecordingSet, int], ...] = ()
     error: TrackingError | None = None
+
+    @property
+    def folder(self) -> Path:
+        """Folder of the first set."""
+        return self.sources[0][0].folder
+
+    @property
+    def title(self) -> str:
+        """Name of the first set, or of the films that its poses were read from."""
+        reading = read_reading(self.folder)
+        return Path(reading.films).name if reading else self.folder.name
 
     @property
     def fitted(self) -> Tensor:
@@ -81,14 +95,15 @@ def load_observations(
     Raises:
         ValueError: If a trajectory has no poses, or the second set holds other bodies; see also `require_sound`.
     """
-    read = load_trajectories(recordings, _first(recordings, limit))
-    observations = _observed(recordings.scene, [read], roles)
-    if transfer is not None:
-        require_same_scene(recordings, transfer)
-        more = load_trajectories(transfer, _first(transfer, limit))
-        more = replace(more, splits=("report_transfer",) * len(more))
-        observations = _observed(recordings.scene, [read, more], roles)
-    return replace(observations, error=_tracking_error(observations, recordings, transfer, limit, roles))
+    sets = [recordings] if transfer is None else [recordings, transfer]
+    for other in sets[1:]:
+        require_same_scene(recordings, other)
+    read = [load_trajectories(each, _first(each, limit)) for each in sets]
+    for number, more in enumerate(read[1:], 1):
+        read[number] = replace(more, splits=("report_transfer",) * len(more))
+    observations = _observed(recordings.scene, read, roles)
+    sources = tuple((each, index) for each in sets for index in _first(each, limit))
+    return replace(observations, sources=sources, error=_tracking_error(observations, sets, limit, roles))
 
 
 def _first(recordings: RecordingSet, limit: int | None) -> range:
@@ -128,18 +143,13 @@ def _observed(scene: Scene, sets: Sequence[Trajectories], roles: RoleSettings) -
 
 
 def _tracking_error(
-    observations: Observations,
-    recordings: RecordingSet,
-    transfer: RecordingSet | None,
-    limit: int | None,
-    roles: RoleSettings,
+    observations: Observations, sets: Sequence[RecordingSet], limit: int | None, roles: RoleSettings
 ) -> TrackingError | None:
     """Compare poses that were read from films with what drawing and reading them again gives.
 
     Raises:
         ValueError: If only one of two sets was read from films.
     """
-    sets = [recordings] if transfer is None else [recordings, transfer]
     readings, echoes = [read_reading(each.folder) for each in sets], [echo_of(each) for each in sets]
     if all(each is None for each in readings):
         return None
@@ -151,7 +161,7 @@ def _tracking_error(
             )
     loaded = [load_trajectories(each, _first(each, limit)) for each in echoes if each]
     again = _observed(observations.scene, loaded, roles)
-    camera = recordings.scene.camera
+    camera = observations.scene.camera
     assert camera is not None
     deviation = max(each.stretch_deviation for each in readings if each)
     middle = torch.tensor(camera.target, dtype=torch.float64)

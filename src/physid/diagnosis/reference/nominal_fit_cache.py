@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import torch
@@ -12,7 +12,8 @@ import torch
 from physid.data.files import read_tensors, write_tensors
 from physid.data.observations.step_grid import StepGrid
 from physid.diagnosis.inputs.observations import Observations
-from physid.diagnosis.reference.nominal_fit import NONE, NominalFit
+from physid.diagnosis.progress import Progress, silent
+from physid.diagnosis.reference.nominal_fit import NONE, NominalFit, fit_nominal_model
 from physid.diagnosis.settings.settings import Settings
 from physid.estimation.least_squares.experiment import Experiment
 from physid.estimation.least_squares.jacobian import Directions
@@ -21,6 +22,7 @@ from physid.estimation.prediction.nominal_model import NominalModel
 from physid.estimation.prediction.rollout import Predictor, Variants
 from physid.estimation.prediction.segments import Segmentation
 from physid.physics.effect import Effect
+from physid.physics.layer import SolverError
 
 FILE = "prepared.pt"
 LAYOUT = 2  # of what the file holds; another one is not read
@@ -31,16 +33,16 @@ DECIDING = ("phases", "events", "nominal_fit", "segments", "steps", "discrepancy
 POINT = ("pose", "twist", "nominal", "effects", "engine")
 
 
-def cached_fit(
+def fit_or_resume(
     folder: Path,
     observations: Observations,
     model: NominalModel,
     candidates: Sequence[type[Effect]],
     generator: torch.Generator,
     settings: Settings,
-    make: Callable[[], NominalFit],
+    say: Progress = silent,
 ) -> NominalFit:
-    """Return the fitted nominal model, from an interrupted run with the same inputs if there is one.
+    """Fit the nominal model, or take the fit of an interrupted run with the same inputs if there is one.
 
     Args:
         folder: Output folder of the diagnosis.
@@ -49,7 +51,10 @@ def cached_fit(
         candidates: Effects that may be added.
         generator: Source of randomness; goes on as if nothing had been interrupted.
         settings: What decides.
-        make: Fits the nominal model.
+        say: Told what is being done.
+
+    Raises:
+        ValueError: If the nominal model cannot be simulated where the recordings go.
     """
     key = _key(observations, model, candidates, generator, settings)
     path = folder / FILE
@@ -61,7 +66,12 @@ def cached_fit(
         if state["key"] == key:
             generator.set_state(state["generator"])
             return _restored(state, observations, model, candidates, settings)
-    nominal_fit = make()
+    try:
+        nominal_fit = fit_nominal_model(observations, model, candidates, generator, say, settings)
+    except SolverError as error:
+        raise ValueError(
+            f"the nominal model cannot go where the recordings go: {error}; check sizes, units and forces"
+        ) from error
     experiment, segments = nominal_fit.experiment, nominal_fit.experiment.predictor.segments
     state = {name: getattr(segments, name) for name in WINDOWS}
     state |= {f"grid.{name}": getattr(experiment.predictor.timeline.grid, name) for name in GRID}

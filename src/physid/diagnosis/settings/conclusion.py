@@ -54,6 +54,9 @@ class GapSettings(Section):
 class MaterialitySettings(Section):
     """What a model may leave before anything is blamed for it."""
 
+    tolerance: float | None = setting(
+        None, "m", "that positions may leave the model; null for what follows from noise and sizes"
+    )
     share_of_noise: float = setting(0.15, "share", "of the error that a perfect model leaves of noisy poses", gt=0)
     share_of_size: float = setting(
         2e-4, "share", "of the largest edge: faces that are not flat, edges that are not sharp", gt=0
