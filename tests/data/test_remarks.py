@@ -83,7 +83,7 @@ def test_a_tolerance_of_nothing_is_refused_before_anything_is_computed(
 ) -> None:
     write_set(tmp_path / "set", [moving()])
     assert main(["diagnose", str(tmp_path / "set"), "--tolerance", tolerance]) == 2
-    assert "tolerance must be positive" in capsys.readouterr().err
+    assert "materiality.tolerance: expected greater than 0, got " in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -62,7 +62,7 @@ def test_a_given_tolerance_decides() -> None:
 
 
 def test_no_tolerance_at_all_is_refused() -> None:
-    with pytest.raises(ValueError, match="tolerance must be positive"):
+    with pytest.raises(ValueError, match="greater than 0"):
         Tolerance.of(NOISE, SCENE, MaterialitySettings(tolerance=0.0))
 
 

@@ -28,13 +28,6 @@ class Tolerance:
     position: float
     rotation: float
 
-    def __post_init__(self) -> None:
-        if not (self.position > 0 and self.rotation > 0):
-            raise ValueError(
-                f"tolerance must be positive, got {self.position:g} m and {self.rotation:g} rad: with none, every "
-                "recording leaves every model"
-            )
-
     @classmethod
     def of(cls, noise: Noise, scene: Scene, settings: MaterialitySettings) -> Tolerance:
         """Return the tolerance of positions that a user gives, or one that follows from noise and sizes.

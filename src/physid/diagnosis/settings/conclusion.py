@@ -55,7 +55,10 @@ class MaterialitySettings(Section):
     """What a model may leave before anything is blamed for it."""
 
     tolerance: float | None = setting(
-        None, "m", "that positions may leave the model; null for what follows from noise and sizes"
+        None,
+        "m",
+        "that positions may leave the model; null for what follows from noise and sizes; with 0 all would leave it",
+        gt=0,
     )
     share_of_noise: float = setting(0.15, "share", "of the error that a perfect model leaves of noisy poses", gt=0)
     share_of_size: float = setting(

@@ -100,7 +100,8 @@ class Settings(Section):
             first = error.errors()[0]
             place = ".".join(str(each) for each in first["loc"])
             wanted = first["msg"].lower().replace("input should be", "expected")
-            raise ValueError(f"settings: {place}: {wanted}, got {shown(first['input'])}") from None
+            meaning = next((f" ({row.meaning})" for row in self.table() if row.key == place), "")
+            raise ValueError(f"settings: {place}: {wanted}, got {shown(first['input'])}{meaning}") from None
 
     def to_mapping(self) -> dict[str, Any]:
         """Return the values as nested mappings of numbers, switches and lists, as diagnosis.json holds them."""
