@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 PERCENT = 100.0
 DEGREES = (1.0, "deg")
+LEFT = "fit/position_share"
 ENCODED, TURNED = "test/encoded_position_error", "test/encoded_rotation_error"
 GENTLE_RATE = 1e-4
 """Of learning, of an encoder that has been learned."""
@@ -177,6 +178,7 @@ class Fit(Cell):
             ]
         rows += [
             ("test/whole_position_error", "position error, whole trajectory", percent, whole, None),
+            (LEFT, "lack of fit: left of the motion, beyond noise", (PERCENT, "%"), None, None),
             ("test/predicted_position_error", "position error, rolled out", percent, None, None),
             ("test/predicted_rotation_error", "rotation error, rolled out", DEGREES, None, None),
             ("test/psnr", "rolled-out video, PSNR", (1.0, "dB"), None, None),
@@ -187,7 +189,7 @@ class Fit(Cell):
             ("seconds", "time", (1.0, "s"), None, None),
         ]
         for key, metric, (scale, unit), paper, target in rows:
-            if key in figures:
+            if key in figures and not (key == LEFT and figures["fit/position_explained"]):
                 found.append(Result(self.name, metric, scale * figures[key], unit, paper, target))
         return found
 

@@ -29,7 +29,7 @@ def sysid(sets: dict[str, Recordings]) -> tuple[Cell, ...]:
         Fit("sysid/collide_mass", collide, parameter=1.0, position=1.0, paper_position=1.2),
         Fit("sysid/collide_friction", collide, parameter=1.0, position=1.0),
         Fit("sysid/collide_both", collide, parameter=1.0, position=1.0),
-        Fit("sysid/collide_paper", collide),
+        Fit("sysid/collide_paper", collide, paper_position=1.2),
         Fit("sysid/push_elsewhere", ELSEWHERE, parameter=0.1, position=0.2, minutes=0.3),
     )
 
