@@ -11,7 +11,7 @@ from tests.diagnosis.documents import diagnosis
 from physid.benchmark.labels import Label, Part
 from physid.benchmark.scoring.baselines import bic, likelihood
 from physid.benchmark.scoring.figures import Figure, figures, reliability
-from physid.benchmark.scoring.intervals import bootstrap_calibration_error, half_power, wilson
+from physid.benchmark.scoring.intervals import bootstrap_calibration_error, bootstrap_median, half_power, wilson
 from physid.benchmark.scoring.judging import Judged, bin_of, judge
 from physid.benchmark.verdicts import Spent
 from physid.diagnosis.document.document import Diagnosis, check_diagnosis
@@ -208,3 +208,34 @@ def test_baselines_take_the_best_of_the_ranking_if_it_gains_enough() -> None:
     assert not likelihood(check_diagnosis(document)).flagged
     document["ranking"] = []
     assert not likelihood(check_diagnosis(document)).flagged
+
+
+@pytest.mark.parametrize(("right", "count"), [(0, 1), (1, 1), (3, 7), (29, 30), (150, 150)])
+def test_the_interval_of_a_share_is_wilsons_formula(right: int, count: int) -> None:
+    z, p = 1.959963984540054, right / count
+    middle, reach = p + z**2 / (2 * count), z * (p * (1 - p) / count + z**2 / (4 * count**2)) ** 0.5
+    expected = np.clip(np.array([middle - reach, middle + reach]) / (1 + z**2 / count), 0, 1)
+    assert wilson(right, count) == pytest.approx(expected, abs=1e-12)
+
+
+def test_bootstrap_intervals_are_quantiles_over_sets_drawn_with_replacement() -> None:
+    data = np.random.default_rng(5).gamma(2, size=12)
+    draws = data[np.random.default_rng(0).integers(12, size=(200, 12))]
+    expected = np.quantile(np.median(draws, 1), [0.025, 0.975])
+    assert bootstrap_median(data.tolist()) == pytest.approx(expected, abs=1e-12)
+
+
+def test_half_power_is_where_the_penalised_likelihood_is_largest() -> None:
+    generator = np.random.default_rng(2)
+    severity = generator.gamma(1, size=40) + 0.01
+    seen = severity + generator.normal(0, 0.3, 40) > 0.7
+    x = (np.log(severity) - np.log(severity).mean()) / np.log(severity).std()
+
+    def loss(weights: np.ndarray) -> float:  # type: ignore[type-arg]
+        at = weights[0] + weights[1] * x
+        return float(np.logaddexp(0, at).sum() - at[seen].sum() + 0.05 / 2 * weights @ weights)
+
+    grid = np.stack(np.meshgrid(np.linspace(-3, 3, 241), np.linspace(0, 6, 241)), -1).reshape(-1, 2)
+    best = min(grid, key=loss)
+    expected = np.exp(np.log(severity).mean() - np.log(severity).std() * best[0] / best[1])
+    assert half_power(severity.tolist(), seen.tolist()) == pytest.approx(expected, rel=0.02)

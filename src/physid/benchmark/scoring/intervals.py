@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import warnings
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import binomtest
+from scipy import optimize, stats
 
 LEVEL = 0.95
 BOOTSTRAPS = 200
 RIDGE = 0.05  # keeps the logistic curve finite where it separates the sets completely
-STEPS = 30
 
 
 def wilson(right: int, count: int, level: float = LEVEL) -> tuple[float, float]:
-    """Return the interval of a share, `right` of `count` (Wilson 1927); without any it is 0 to 1.
-
-    Args:
-        right: Successes.
-        count: Trials.
-        level: Share of such intervals that hold the truth.
-    """
+    """Return the interval of a share of so many (Wilson 1927); without any the interval is 0 to 1."""
     if not count:
         return 0.0, 1.0
-    low, high = binomtest(right, count).proportion_ci(level, "wilson")
+    low, high = stats.binomtest(right, count).proportion_ci(level, "wilson")
     return float(low), float(high)
 
 
@@ -39,23 +34,27 @@ def half_power(severities: Sequence[float], seen: Sequence[bool]) -> float | Non
         return None
     middle, spread = x.mean(), x.std() + 1e-9
     design = np.stack([np.ones(len(x)), (x - middle) / spread], 1)
-    weights = np.zeros(2)
-    for _ in range(STEPS):
-        p = 1 / (1 + np.exp(-np.clip(design @ weights, -30, 30)))
-        slope = design.T @ (y - p) - RIDGE * weights
-        curve = (design.T * (p * (1 - p))) @ design + RIDGE * np.eye(2)
-        weights = weights + np.linalg.solve(curve, slope)
-    if weights[1] <= 0:
-        return None
-    return float(np.exp(middle - spread * weights[0] / weights[1]))
+
+    def loss(weights: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+        at = design @ weights
+        slope = design.T @ (1 / (1 + np.exp(-at)) - y) + RIDGE * weights
+        return float(np.logaddexp(0, at).sum() - y @ at + RIDGE * weights @ weights / 2), slope
+
+    weights = optimize.minimize(loss, np.zeros(2), jac=True, options={"gtol": 1e-9}).x
+    return float(np.exp(middle - spread * weights[0] / weights[1])) if weights[1] > 0 else None
 
 
 def bootstrap_half_power(severities: Sequence[float], seen: Sequence[bool]) -> tuple[float, float] | None:
     """Return the 95 % bootstrap interval of `half_power`, within what was tried; None where most draws have none."""
-    generator = np.random.default_rng(0)
-    draws = (generator.integers(len(seen), size=len(seen)) for _ in range(BOOTSTRAPS))
-    found = [half_power([severities[i] for i in draw], [seen[i] for i in draw]) for draw in draws]
-    values = [value for value in found if value is not None]
+
+    def one(severity: NDArray[np.float64], found: NDArray[np.bool_]) -> float:
+        value = half_power(severity.tolist(), found.tolist())
+        return np.nan if value is None else value
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", stats.DegenerateDataWarning)  # draws without a half are left out below
+        drawn = _bootstrap(one, np.asarray(severities, dtype=float), np.asarray(seen)).bootstrap_distribution
+    values = drawn[np.isfinite(drawn)]
     if 2 * len(values) < BOOTSTRAPS:
         return None
     low, high = np.clip(np.quantile(values, [0.025, 0.975]), min(severities), max(severities))
@@ -64,10 +63,10 @@ def bootstrap_half_power(severities: Sequence[float], seen: Sequence[bool]) -> t
 
 def bootstrap_median(values: Sequence[float]) -> tuple[float, float]:
     """Return the 95 % bootstrap interval of a median."""
-    generator, data = np.random.default_rng(0), np.asarray(values)
-    draws = data[generator.integers(len(data), size=(BOOTSTRAPS, len(data)))]
-    low, high = np.quantile(np.median(draws, 1), [0.025, 0.975])
-    return float(low), float(high)
+    data = np.asarray(values, dtype=float)
+    if len(data) == 1:
+        return float(data[0]), float(data[0])
+    return _ends(_bootstrap(np.median, data))
 
 
 def calibration_error(confidence: NDArray[np.float64], right: NDArray[np.float64]) -> float:
@@ -79,7 +78,25 @@ def calibration_error(confidence: NDArray[np.float64], right: NDArray[np.float64
 
 def bootstrap_calibration_error(confidence: NDArray[np.float64], right: NDArray[np.float64]) -> tuple[float, float]:
     """Return the 95 % bootstrap interval of `calibration_error`; with few answers chance alone makes an error."""
-    generator, count = np.random.default_rng(0), len(right)
-    draws = generator.integers(count, size=(BOOTSTRAPS, count))
-    low, high = np.quantile([calibration_error(confidence[draw], right[draw]) for draw in draws], [0.025, 0.975])
+    if len(right) == 1:
+        return (calibration_error(confidence, right),) * 2
+    return _ends(_bootstrap(calibration_error, confidence, right))
+
+
+def _bootstrap(statistic: Callable[..., Any], *data: NDArray[Any]) -> Any:
+    """Draw sets with replacement, the same ones in every call (Efron 1979)."""
+    return stats.bootstrap(
+        data,
+        statistic,
+        n_resamples=BOOTSTRAPS,
+        paired=True,
+        vectorized=False,
+        confidence_level=LEVEL,
+        method="percentile",
+        rng=np.random.default_rng(0),
+    )
+
+
+def _ends(drawn: Any) -> tuple[float, float]:
+    low, high = drawn.confidence_interval
     return float(low), float(high)
