@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import html
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -31,6 +29,7 @@ from physid.benchmark.verdicts import FAILURE, TIME, Spent, is_open
 from physid.data.files import write_text
 from physid.data.format import RecordingSet
 from physid.diagnosis.document.document import FILE, read_diagnosis
+from physid.pages.templates import data_uri, render
 from physid.record import checksum
 from physid.typed_files import read_json_as
 
@@ -135,7 +134,9 @@ def _write(bank: Bank, result: Score, out: Path) -> None:
     title = f"physid benchmark diagnosis: {len(bank.sets)} sets ({bank.purpose})"
     markdown = "\n\n".join(f"## {name}\n\n{_markdown(table)}" for name, table in tables.items())
     write_text(out / "results.md", f"# {title}\n\nLabels: SHA-256 {bank.seal}\n\n{markdown}\n")
-    write_text(out / "results.html", _page(title, bank.seal, tables, pictures))
+    drawn = [(name.capitalize(), data_uri("image/png", data)) for name, data in pictures.items()]
+    page = render("score.html", title=title, seal=bank.seal, tables=tables, pictures=drawn)
+    write_text(out / "results.html", page)
 
 
 def _columns(table: Sequence[tuple[str, ...]]) -> str:
@@ -147,26 +148,3 @@ def _columns(table: Sequence[tuple[str, ...]]) -> str:
 def _markdown(table: Sequence[tuple[str, ...]]) -> str:
     lines = ["| " + " | ".join(row) + " |" for row in table]
     return "\n".join([lines[0], "|" + "---|" * len(table[0]), *lines[1:]])
-
-
-def _page(title: str, seal: str, tables: dict[str, Table], pictures: dict[str, bytes]) -> str:
-    """Return a page that needs no other file."""
-    style = (
-        "body{font:15px/1.5 system-ui,sans-serif;max-width:70rem;margin:2rem auto;padding:0 1rem;color:#1f2933}"
-        "table{border-collapse:collapse;font-size:13px;margin:.5rem 0 2rem}td,th{padding:.25rem .7rem;text-align:left;"
-        "border-bottom:1px solid #d9dee3}img{max-width:100%}code{font-size:12px;word-break:break-all}"
-    )
-    parts = [f"<h1>{html.escape(title)}</h1><p>Labels: <code>{html.escape(seal)}</code></p>"]
-    for name, table in tables.items():
-        head = "".join(f"<th>{html.escape(cell)}</th>" for cell in table[0])
-        body = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in table[1:])
-        parts.append(f"<h2>{html.escape(name)}</h2><table><tr>{head}</tr>{body}</table>")
-    for name, data in pictures.items():
-        coded = base64.b64encode(data).decode()
-        parts.append(f'<h2>{name.capitalize()}</h2><img alt="{name}" src="data:image/png;base64,{coded}">')
-    policy = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
-    head = (
-        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{html.escape(title)}</title>'
-        f'<meta http-equiv="Content-Security-Policy" content="{policy}">'
-    )
-    return f"{head}<style>{style}</style><body>{''.join(parts)}</body></html>\n"

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +12,7 @@ from physid.data.files import write_text
 from physid.data.format import RecordingSet
 from physid.data.observations.step_grid import lay_steps
 from physid.data.recording import Recording
+from physid.pages.templates import render
 from physid.scenes.camera import corners
 
 MOST_FRAMES = 600  # of a trajectory that are drawn
@@ -53,8 +52,7 @@ def write_page(recordings: RecordingSet, indices: Sequence[int], path: Path) -> 
         "strongest": strongest or 1.0,
         "trajectories": [part | {"force": None if part["force"] is None else part["force"].tolist()} for part in parts],
     }
-    text = json.dumps(data, allow_nan=False).replace("<", "\\u003c")  # no text may end the script that it stands in
-    write_text(path, files("physid.data.inspection").joinpath("page.html").read_text("utf-8").replace("__DATA__", text))
+    write_text(path, render("recordings.html", script="recordings.js", title=data["name"], data=data))
     return len(shown)
 
 

@@ -1,44 +1,11 @@
-<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta http-equiv="Content-Security-Policy" content="default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>Recordings</title>
-<style>
-  :root { color-scheme: light dark; --ink: #1d2430; --paper: #fbfbf9; --faint: #8a93a3; --line: #d9dde3; --force: #d9480f; }
-  @media (prefers-color-scheme: dark) { :root { --ink: #e6e9ef; --paper: #14171c; --faint: #7d8796; --line: #2f3640; --force: #ff922b; } }
-  html, body { margin: 0; height: 100%; background: var(--paper); color: var(--ink); font: 14px/1.4 system-ui, sans-serif; }
-  body { display: flex; flex-direction: column; }
-  header, footer { padding: 8px 14px; display: flex; gap: 14px; align-items: center; flex-wrap: wrap; }
-  canvas { flex: 1; min-height: 0; width: 100%; touch-action: none; cursor: grab; }
-  input[type=range] { flex: 1; min-width: 160px; }
-  h1 { font-size: 15px; margin: 0; font-weight: 600; }
-  .faint { color: var(--faint); }
-  output { font-variant-numeric: tabular-nums; min-width: 21em; }
-</style>
-</head>
-<body>
-<header>
-  <h1 id="name"></h1>
-  <label>trajectory <select id="which"></select></label>
-  <span class="faint">drag to turn, wheel to zoom; red x, green y, blue z is up; the arrow is the force</span>
-</header>
-<canvas id="view"></canvas>
-<footer>
-  <button id="play" type="button">play</button>
-  <label>speed <select id="speed"><option>0.1</option><option>0.25</option><option selected>1</option></select></label>
-  <input id="frame" type="range" min="0" value="0" aria-label="frame">
-  <output id="said"></output>
-</footer>
-<script type="application/json" id="data">__DATA__</script>
-<script>
 "use strict";
 const data = JSON.parse(document.getElementById("data").textContent);
 const get = id => document.getElementById(id), canvas = get("view"), pen = canvas.getContext("2d");
-const colours = ["#4263eb", "#2b8a3e", "#9c36b5", "#e67700"];
+const colour = n => css(`--s${[0, 2, 3, 1][n % 4]}`);
 let angle = [0.9, 0.45], zoom = 1, which = 0, frame = 0, playing = false, last = 0, clock = 0;
-const css = name => getComputedStyle(document.documentElement).getPropertyValue(name);
+// Colours of the stylesheet as a canvas can use them: light-dark() is resolved on an element alone.
+const probe = document.getElementById("probe");
+const css = name => { probe.style.color = `var(${name})`; return getComputedStyle(probe).color; };
 const add = (a, b) => a.map((v, k) => v + b[k]), times = (a, s) => a.map(v => v * s);
 const dot = (a, b) => a.reduce((sum, v, k) => sum + v * b[k], 0);
 const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
@@ -99,7 +66,7 @@ function boxes(see, one) {
   faces.sort((a, b) => a.depth - b.depth);
   for (const { p, n, f } of faces) {
     pen.beginPath(); p.forEach((v, k) => k ? pen.lineTo(v[0], v[1]) : pen.moveTo(v[0], v[1])); pen.closePath();
-    pen.globalAlpha = 0.55 + 0.07 * (f >> 1); pen.fillStyle = colours[n % colours.length]; pen.fill();
+    pen.globalAlpha = 0.55 + 0.07 * (f >> 1); pen.fillStyle = colour(n); pen.fill();
     pen.globalAlpha = 1; pen.strokeStyle = css("--ink"); pen.lineWidth = devicePixelRatio; pen.stroke();
   }
 }
@@ -117,14 +84,14 @@ function draw() {
   const see = camera(), one = data.trajectories[which], long = data.extent * 0.15;
   pen.clearRect(0, 0, canvas.width, canvas.height);
   ground(see);
-  [["x", "#e03131"], ["y", "#2f9e44"], ["z", "#1971c2"]].forEach(([name, colour], k) => {
+  [["x", css("--bad")], ["y", css("--good")], ["z", css("--accent")]].forEach(([name, colour], k) => {
     const to = add(data.origin, [0, 1, 2].map(j => j === k ? long : 0));
     arrow(see, data.origin, to, colour);
     const [x, y] = see(add(to, times(add(to, times(data.origin, -1)), 0.15)));
     pen.fillStyle = colour; pen.font = `${14 * devicePixelRatio}px system-ui`; pen.fillText(name, x, y);
   });
   data.bodies.forEach((body, n) => {
-    line(see, one.pose.map(p => p[n] && p[n].slice(0, 3)), colours[n % colours.length], 1, [3, 3]);
+    line(see, one.pose.map(p => p[n] && p[n].slice(0, 3)), colour(n), 1, [3, 3]);
   });
   boxes(see, one);
   let strongest = 0;
@@ -133,7 +100,7 @@ function draw() {
     if (!pose || !force) return;
     strongest = Math.max(strongest, Math.hypot(...force));
     const from = pose.slice(0, 3);
-    arrow(see, from, add(from, times(force, data.extent * 0.3 / data.strongest)), css("--force"));
+    arrow(see, from, add(from, times(force, data.extent * 0.3 / data.strongest)), css("--before"));
   });
   const lost = data.bodies.filter((body, n) => !one.pose[frame][n]).map(body => body.name);
   get("said").textContent = `frame ${one.frames[frame]}, ${one.time[frame].toFixed(3)} s` +
@@ -154,7 +121,6 @@ function tick(now) {
   while (frame + 1 < one.time.length && one.time[frame + 1] <= clock) frame++;
   draw(); requestAnimationFrame(tick);
 }
-get("name").textContent = data.name;
 data.trajectories.forEach((one, index) => get("which").add(new Option(one.label, index)));
 get("which").onchange = event => choose(Number(event.target.value));
 get("frame").oninput = event => { frame = Number(event.target.value); clock = data.trajectories[which].time[frame]; draw(); };
@@ -169,7 +135,5 @@ canvas.onpointermove = event => {
 };
 canvas.onwheel = event => { event.preventDefault(); zoom *= Math.exp(-event.deltaY / 500); draw(); };
 window.onresize = draw;
+matchMedia("(prefers-color-scheme: dark)").onchange = draw;
 choose(0);
-</script>
-</body>
-</html>
