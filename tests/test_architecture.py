@@ -63,7 +63,6 @@ LISTS = {
     "physics/fused/sections.py",
 }
 IMPORTING_MORE = {
-    "benchmark/scoring/scoring.py": 16,
     "benchmark/sealing/invent.py": 14,
     "benchmark/sealing/replay.py": 12,
     "benchmark/sealing/seal.py": 12,

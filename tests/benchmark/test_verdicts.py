@@ -15,7 +15,8 @@ from physid.benchmark.bank import Bank
 from physid.benchmark.labels import Label
 from physid.benchmark.scoring.calibrate import as_settings, calibrate, count
 from physid.benchmark.scoring.judging import MEDIUM, Judged
-from physid.benchmark.scoring.scoring import report, score
+from physid.benchmark.scoring.results import report
+from physid.benchmark.scoring.scoring import score
 from physid.benchmark.verdicts import closed, diagnose_bank, diagnose_set
 from physid.cli import main
 from physid.diagnosis.settings.settings import Settings, parse_changes

@@ -112,7 +112,8 @@ def _diagnose(place: Path, workers: int, again: bool, quiet: bool) -> None:
 def _judge(step: str, place: Path, target: Path) -> None:
     from physid.benchmark.bank import read_bank
     from physid.benchmark.scoring.calibrate import as_settings, calibrate
-    from physid.benchmark.scoring.scoring import report, score
+    from physid.benchmark.scoring.results import report
+    from physid.benchmark.scoring.scoring import score
 
     if step in ("all", "score"):
         print(f"{report(score(read_bank(place), target))}\n\n{target / 'results.html'}")

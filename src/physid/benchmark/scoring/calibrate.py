@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 
 from physid.benchmark.bank import Bank
 from physid.benchmark.scoring.judging import MEDIUM, Judged
-from physid.benchmark.scoring.scoring import open_judged
+from physid.benchmark.scoring.opening import open_judged
 from physid.diagnosis.document.document import VERDICTS
 from physid.diagnosis.settings.conclusion import ConfidenceSettings
 

@@ -4,11 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from physid.benchmark.scoring.baselines import METHODS, Answer
+from physid.benchmark.bank import Bank
+from physid.benchmark.films import seen_poses
+from physid.benchmark.labels import Label
+from physid.benchmark.scoring.baselines import METHODS, Answer, answers
 from physid.benchmark.scoring.figures import Figure, middle, share
 from physid.benchmark.scoring.judging import MEDIUM, STRONG, Judged
+from physid.data.format import RecordingSet
+from physid.diagnosis.document.document import FILE, read_diagnosis
 
 HEADER = ("method", "false alarms %", "flagged %", "exact %", "unknown %", "closed, same", "closed, transfer")
+
+
+def beside_baselines(bank: Bank, judged: Sequence[Judged], labels: Mapping[str, Label]) -> list[tuple[str, ...]]:
+    """Ask the baselines about every set that was diagnosed, and return `baseline_figures`."""
+    said = {}
+    for one in judged:
+        if one.verdict != "failed":
+            document = read_diagnosis(bank.verdict(one.name) / FILE)
+            seen = RecordingSet(seen_poses(bank.recordings(one.name), bank.verdict(one.name)))
+            said[one.name] = answers(seen, document, labels[one.name].noise)
+    return baseline_figures([one for one in judged if one.name in said], said)
 
 
 def baseline_figures(judged: Sequence[Judged], said: Mapping[str, Mapping[str, Answer]]) -> list[tuple[str, ...]]:
