@@ -17,12 +17,13 @@ CPU_WHEELS := https://download.pytorch.org/whl/cpu
 export OMP_NUM_THREADS ?= 1
 export WANDB_MODE ?= offline
 
-.PHONY: help install reproduce test test-all lint types format docs picture architecture clean
+.PHONY: help install reproduce test test-all lint audit types format docs picture architecture clean
 
 help:
 	@echo 'make reproduce   identify the parameters of every scene and print them beside the truth'
 	@echo 'make test        run the tests (make test-all: the slow ones too)'
 	@echo 'make lint types  check style and types; make format mends the style'
+	@echo 'make audit       look the pinned packages up among known faults'
 	@echo 'make docs        write the reference of the Python interface into site/'
 	@echo 'make picture     draw the picture of README.md from two runs (make architecture: of the packages)'
 	@echo 'make install     only create .venv; make clean removes it'
@@ -39,6 +40,13 @@ test-all: $(STAMP)
 lint: $(STAMP)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/bandit --quiet --recursive -c pyproject.toml src
+
+# Known faults of the pinned packages; needs the net, and pip-audit, which is installed beside physid for the moment.
+audit: $(STAMP)
+	$(BIN)/python -m venv $(VENV)/audit
+	$(VENV)/audit/bin/pip install --quiet pip-audit
+	$(VENV)/audit/bin/pip-audit --requirement constraints-cpu.txt --no-deps --disable-pip
 
 types: $(STAMP)
 	$(BIN)/mypy

@@ -127,7 +127,8 @@ grep -q friction "$work/effects.txt" && echo "docker/reproduce.sh: runs another 
 
 mkdir -m 777 "$work/container" "$work/container/runs" "$work/container/data"
 started=$SECONDS
-"$client" run --rm --network none --read-only --tmpfs /tmp:exec --volume "$work/container/runs:/app/runs" "$IMAGE" \
+"$client" run --rm --network none --read-only --tmpfs /tmp:exec --cap-drop ALL --security-opt no-new-privileges \
+    --volume "$work/container/runs:/app/runs" "$IMAGE" \
     reproduce --profile quick "${cells[@]}" --workers 1 --out runs/reproduce
 echo "container: ran as user $(stat -c %u "$work/container/runs/reproduce") in $((SECONDS - started)) s"
 composed

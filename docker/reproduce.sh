@@ -13,7 +13,14 @@ if ! "$DOCKER" image inspect "$IMAGE" >/dev/null 2>&1; then
     commit=$(git rev-parse HEAD 2>/dev/null || echo unknown)
     DOCKER_BUILDKIT=1 "$DOCKER" build -f docker/cpu.Dockerfile -t "$IMAGE" --build-arg COMMIT="$commit" .
 fi
+# Never as root: where root calls, the image's own user runs, and the two folders become its own.
+user=$(id -u):$(id -g)
+if [ "$user" = 0:0 ]; then
+    user=1000:1000
+    install --directory --owner 1000 --group 1000 data runs
+fi
 mkdir -p data runs
 if [ $# -eq 0 ]; then set -- reproduce --profile quick; fi
-exec "$DOCKER" run --rm --network none --read-only --tmpfs /tmp:exec --user "$(id -u):$(id -g)" \
+exec "$DOCKER" run --rm --network none --read-only --tmpfs /tmp:exec --user "$user" \
+    --cap-drop ALL --security-opt no-new-privileges --pids-limit 512 \
     --volume "$PWD/data:/app/data" --volume "$PWD/runs:/app/runs" "$IMAGE" "$@"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import shutil
 import subprocess
 import sys
@@ -34,14 +35,32 @@ def test_a_script_is_executable_and_can_be_parsed(script: Path) -> None:
     assert subprocess.run(["bash", "-n", str(script)], check=False).returncode == 0
 
 
-def test_every_service_runs_a_command_of_physid_without_network_on_a_read_only_root() -> None:
+def test_every_service_runs_a_command_of_physid_without_network_rights_or_a_root_to_write_on() -> None:
     services = yaml.safe_load((ROOT / "compose.yaml").read_text())["services"]
     known = {"--help", *(command.name for command in COMMANDS)}
     for name, service in services.items():
         assert service["command"][0] in known, name
         assert service["network_mode"] == "none"
         assert service["read_only"] is True
+        assert service["cap_drop"] == ["ALL"]
+        assert service["security_opt"] == ["no-new-privileges:true"]
+        assert service["user"] == "${UID:-1000}:${GID:-1000}"
         assert (ROOT / service["build"]["dockerfile"]).is_file()
+
+
+def test_the_image_and_its_script_never_run_as_root(tmp_path: Path) -> None:
+    lines = (ROOT / "docker" / "cpu.Dockerfile").read_text().splitlines()
+    assert [line for line in lines if line.startswith("USER")] == ["USER 1000:1000"]
+    (tmp_path / "docker").mkdir()
+    shutil.copy(ROOT / "docker" / "reproduce.sh", tmp_path / "docker")
+    client = tmp_path / "client"
+    client.write_text("#!/bin/sh\necho \"$@\"\n")
+    client.chmod(0o755)
+    words = [str(tmp_path / "docker" / "reproduce.sh"), "effects"]
+    said = subprocess.run(words, capture_output=True, text=True, check=True, env={**os.environ, "DOCKER": str(client)})
+    assert " --user 0:" not in said.stdout
+    for option in ("--network none", "--read-only", "--cap-drop ALL", "--security-opt no-new-privileges"):
+        assert option in said.stdout
 
 
 def test_what_is_generated_or_secret_does_not_reach_the_build() -> None:

@@ -195,6 +195,7 @@ class PhysicsLayer(nn.Module):
             outcome = roll_in_steps(state, inputs, wrenches, effects, self.world, self.solver, grid, lengths)
         pose, twist, impulse, residual, steps = outcome
         failed = ~(residual <= self.solver.residual(pose.dtype) / self.solver.tau(pose.dtype))
+        failed[:, -1] |= ~_finite(pose[:, -1])  # any earlier one would have failed the step after it
         if bool(failed.any()):
             t = int(failed.any(0).nonzero()[0])
             after = State(pose[:, t + 1], twist[:, t + 1])
@@ -255,9 +256,9 @@ def require_converged(step: Step, frame: int, settings: SolverSettings) -> None:
     Raises:
         SolverError: Says how many samples, at which step, with what residual, and what to change.
     """
-    if bool(step.converged.all()):
+    failed = ~(step.converged & _finite(step.state.pose))
+    if not bool(failed.any()):
         return
-    failed = ~step.converged
     worst = float(step.residual[failed].max())
     raise SolverError(
         f"{int(failed.sum())} of {failed.numel()} contact problems were not solved at step {frame}: worst residual "
@@ -266,6 +267,11 @@ def require_converged(step: Step, frame: int, settings: SolverSettings) -> None:
         "substeps), or raise solver.max_steps",
         failed.nonzero()[:, 0].tolist(),
     )
+
+
+def _finite(pose: Tensor) -> Tensor:
+    """Return which worlds have poses (B, N, 7) that are numbers, shape (B,)."""
+    return pose.isfinite().flatten(1).all(1)
 
 
 def _stack(initial: State, frames: list[Step]) -> Rollout:

@@ -18,6 +18,7 @@ from physid.physics.compiled import compile_or_not
 from physid.physics.contact_problem.bordered import bordered_factor
 from physid.physics.contact_problem.cones import arrow, cone_length, jordan
 from physid.physics.contact_problem.friction import NORMAL, SLIP, Cone, FrictionLaw
+from physid.physics.contact_problem.rounding import allowance, largest_error
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,7 @@ class SolverSettings:
 
     Attributes:
         smoothing: tau, the product z o w at which the solution is taken [-]; float32 uses 1e-4 if that is larger.
-        tolerance: Largest accepted residual of all equations, in units of tau.
+        tolerance: Largest accepted residual of all equations, in units of tau; more where rounding is (see `rounding`).
         max_steps: Newton steps before giving up.
         compliance: Normal compliance [-]; where a solve jams it is repeated with the next one. Rigid bodies with much
             friction can have several velocities, or none (Painleve's paradox); compliance makes it one.
@@ -37,7 +38,7 @@ class SolverSettings:
     smoothing: float = 1e-8
     tolerance: float = 1e-3
     max_steps: int = 120
-    compliance: tuple[float, ...] = (1e-6, 1e-3, 1e-2, 1e-1, 1.0)
+    compliance: tuple[float, ...] = (1e-6, 1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0, 1000.0)
     compiled: bool | None = None
 
     def tau(self, dtype: torch.dtype) -> float:
@@ -99,7 +100,7 @@ class ContactSolution:
         joint_impulse: lambda_e, shape (B, E).
         response: W = -d impulse / d u, shape (B, C, 3, 3).
         friction_response: d impulse / d mu, shape (B, C, 3).
-        residual: Largest violated equation, in units of tau, shape (B,).
+        residual: Largest violated equation, in units of tau or, where that is more, of rounding, shape (B,).
         steps: Newton steps taken, shape (B,).
         converged: Whether the residual is within the tolerance, shape (B,).
     """
@@ -115,12 +116,8 @@ class ContactSolution:
 
     def merge(self, worlds: Tensor, other: ContactSolution) -> ContactSolution:
         """Return this solution with the worlds that a mask (B,) names taken from `other`."""
-        merged = {}
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name).clone()
-            value[worlds] = getattr(other, field.name)
-            merged[field.name] = value
-        return ContactSolution(**merged)
+        names = [field.name for field in dataclasses.fields(self)]
+        return ContactSolution(**{n: getattr(self, n).index_put((worlds,), getattr(other, n)) for n in names})
 
 
 def solve_contacts(
@@ -161,7 +158,7 @@ def _follow_path(
     compliance: float,
     advance: Callable[[_Path, Tensor], None],
 ) -> ContactSolution:
-    path = _Path(problem, law, compliance, settings.tau(problem.mass.dtype))
+    path = _Path(problem, law, compliance, settings)
     accepted = settings.residual(problem.mass.dtype)
     done = torch.zeros_like(problem.momentum[:, 0], dtype=torch.bool)
     steps = torch.zeros_like(done, dtype=torch.long)
@@ -190,16 +187,17 @@ def _follow_path(
 class _Path:
     """The iterate (v, z, w) of a batch on its way along the central path."""
 
-    def __init__(self, problem: ContactProblem, law: FrictionLaw, compliance: float, tau: float) -> None:
-        self.problem, self.tau, self.linear = problem, tau, law.linear
+    def __init__(self, problem: ContactProblem, law: FrictionLaw, compliance: float, settings: SolverSettings) -> None:
+        self.problem, self.tau, self.linear = problem, settings.tau(problem.mass.dtype), law.linear
         self.g, h, self.p = law.matrices(problem.mass)
         self.h = h.expand(*problem.offset.shape, *h.shape).clone()
         self.h[..., NORMAL, NORMAL] = compliance + problem.compliance
         self.h[..., SLIP, NORMAL] = problem.friction
         self.v = torch.linalg.solve(problem.mass, problem.momentum)
+        self.allowed = allowance(problem.jacobian, problem.offset, self.v, settings.residual(self.v.dtype))
         self.joint = torch.zeros_like(problem.joint_velocity)
         self.z, self.w = law.start(self._at(self.v), problem.offset, problem.friction)
-        self.target = torch.full_like(self.z, tau)
+        self.target = torch.full_like(self.z, self.tau)
         self.target[..., law.linear + 1 :] = 0
         self.pairs = problem.offset.shape[1] * (law.linear + (law.size > law.linear))
         self._evaluate()
@@ -229,9 +227,9 @@ class _Path:
         self.joint_error = torch.einsum("ben,bn->be", problem.joint_jacobian, self.v) - problem.joint_velocity
 
     def residual(self) -> Tensor:
-        """Return the largest violated equation of each world, shape (B,)."""
-        parts = (self.slack_error, self.product - self.target, self.force_error, self.joint_error)
-        return torch.cat([part.flatten(1).abs() for part in parts], 1).amax(1)
+        """Return the largest violated equation of each world, less where rounding allows for more, shape (B,)."""
+        sums = (self.slack_error, self.force_error, self.joint_error)
+        return largest_error(sums, self.product - self.target, self.allowed)
 
     def _gap(self, product: Tensor) -> Tensor:
         """Return the mean product of a pair, shape (B,)."""

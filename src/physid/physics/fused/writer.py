@@ -153,7 +153,9 @@ class Writer:
         """Write the solver: Newton steps until every world is done."""
         code, lane = self.code, f"lane{problem}"
         self.call("begin", lane, "constants")
-        self.each_patch("recall", f"patch*{problem}", f"contact*{problem}")
+        self.each_body("gauge", f"body#{problem}", lane)
+        self.each_patch("recall", f"patch*{problem}", f"contact*{problem}", lane)
+        self.call("allow", lane, "constants")
         self.restart(problem)
         with code.repeat() as loop:
             self.call("check", lane, "constants")

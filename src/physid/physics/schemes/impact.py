@@ -155,6 +155,9 @@ def demand(
 def late(mass: Tensor, jacobian: Tensor, impulse: Tensor, share: Tensor, bodies: int) -> Tensor:
     """Return how far impacts move bodies beyond the mean velocity, (W - 1/2) M^-1 J^T lambda in units of g h^2.
 
+    Where impulses balance, as on a body between two others, those of different W must not part it from them: it moves
+    at most by the largest |W - 1/2| that there is times the change of its velocity, in the metric of its inertia.
+
     Args:
         mass: M, shape (B, n, n).
         jacobian: J, shape (B, C, 3, n).
@@ -166,9 +169,13 @@ def late(mass: Tensor, jacobian: Tensor, impulse: Tensor, share: Tensor, bodies:
         Shape (B, N, 6).
     """
     n = 6 * bodies
-    force = torch.einsum("bckn,bck->bn", jacobian[..., :n], (share - 0.5)[..., None] * impulse)
-    motion: Tensor = torch.linalg.solve(mass[:, :n, :n], force)
-    return motion.reshape(-1, bodies, 6)
+    forces = [torch.einsum("bckn,bck->bn", jacobian[..., :n], w * impulse) for w in ((share - 0.5)[..., None], 1.0)]
+    motions = torch.linalg.solve(mass[:, :n, :n], torch.stack(forces, -1)).unbind(-1)
+    moved, change = ((f * v).unflatten(1, (bodies, 6)).sum(-1) for f, v in zip(forces, motions, strict=True))
+    far = moved > (LARGEST - 0.5) ** 2 * change
+    shorter = (LARGEST - 0.5) * (torch.where(far, change, 1.0) / torch.where(far, moved, 1.0)).clamp_min(0).sqrt()
+    motion: Tensor = motions[0].unflatten(1, (bodies, 6)) * torch.where(far, shorter, 1.0)[..., None]
+    return motion
 
 
 def _slip(velocity: Tensor, bend: Tensor, hit: Tensor, step: Tensor) -> Tensor:

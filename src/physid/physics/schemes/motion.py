@@ -12,6 +12,9 @@ from physid.physics.state import State
 NEWTON_STEPS = (1, 2)
 """Of the mean angular velocity of a step, with the derivative at the first guess and at what came of it."""
 
+DIVERGED = 2.0
+"""Newton's method has failed where W.I W exceeds so many times w.I w, which bounds it: turns of some radians [-]."""
+
 TANGENT = ((10395.0, -1260.0, 21.0, 0.0), (10395.0, -4725.0, 210.0, -1.0))
 """tan(x) / x as a ratio of polynomials in x^2, to 1e-13 for x < 0.3 and 1e-9 for x < 1 (Pade)."""
 
@@ -76,6 +79,9 @@ def _mean_spin(spin: Tensor, inertia: Tensor, time: Tensor) -> Tensor:
     momentum and energy are kept, whatever t. With x = t |W| / 2 the condition reads
 
         I W - (t / 2) tan(x) / x (I W) x W = I w.
+
+    Both ends have the same energy, so that W.I W <= w.I w. Where Newton's method leaves that, as it may in turns of
+    some radians, W is w: momentum is kept still, energy no longer.
     """
     mean = spin
     for steps in NEWTON_STEPS:
@@ -83,7 +89,8 @@ def _mean_spin(spin: Tensor, inertia: Tensor, time: Tensor) -> Tensor:
         inverse = torch.linalg.inv(_slope(mean, inertia, time[..., 0] / 2).detach())
         for _ in range(steps):
             mean = mean - (inverse @ _error(mean, spin, inertia, time)[..., None])[..., 0]
-    return mean
+    energy, most = (inertia * mean.square()).sum(-1), DIVERGED * (inertia * spin.square()).sum(-1)
+    return torch.where((energy > most)[..., None], spin, mean)
 
 
 def _error(mean: Tensor, spin: Tensor, inertia: Tensor, time: Tensor) -> Tensor:

@@ -8,7 +8,7 @@ from physid.compiler.graph import Value, least, root, total
 
 Vector = list[Value]
 Matrix = list[list[Value]]
-DOUBLINGS = 4
+DOUBLINGS = 6
 
 
 def add(a: Sequence[Value], b: Sequence[Value]) -> Vector:

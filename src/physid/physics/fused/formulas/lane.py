@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from physid.compiler.graph import Value, least, most, total, where
+from physid.compiler.graph import Value, least, most, size, total, where
 from physid.compiler.section import Record
+from physid.physics.contact_problem.rounding import ROUNDING
 from physid.physics.schemes.impact import FINE, STANDARD_GRAVITY
 
 WARM_STEPS = 8.0
@@ -11,6 +12,9 @@ WARM_STEPS = 8.0
 
 POLISHED = 1e-2
 """A solution is improved by one more Newton step unless its error is this much below what is accepted."""
+
+EPSILON = 2.0**-52
+"""Of the numbers of the kernels, which are doubles."""
 
 SHORT = 0.05
 """A step shorter than this tells that the previous solution misleads."""
@@ -32,7 +36,8 @@ def set_unit(constants: Record, *, midpoint: bool) -> None:
 
 
 def begin(lane: Record, constants: Record) -> None:
-    """Begin with the previous solution if there is one."""
+    """Begin with the previous solution if there is one; what is at hand is not known yet."""
+    lane["speed"], lane["distance"] = [0.0], [0.0]
     known = lane.one("known") > 0.0
     rung = where(known, -1.0, 0.0)
     lane["rung"], lane["count"], lane["restart"] = [rung], [0.0], [where(known, 0.0, 1.0)]
@@ -46,11 +51,27 @@ def clear(lane: Record) -> None:
     lane["worst"], lane["gap"] = [0.0], [0.0]
 
 
+def gauge(body: Record, lane: Record) -> None:
+    """Note the fastest motion of a point of a body, in units of g h."""
+    turning, moving = (total([size(value) for value in body["free"][first : first + 3]]) for first in (0, 3))
+    lane["speed"] = [most(lane.one("speed"), moving + 0.5 * turning * total(body["size"]))]
+
+
+def allow(lane: Record, constants: Record) -> None:
+    """Allow for the rounding of what is at hand: in sums, and in products on top of that."""
+    speed, accepted = lane.one("speed"), constants.one("accepted")
+    share = ROUNDING * EPSILON / accepted
+    sums = 1.0 + share * (speed + lane.one("distance"))
+    lane["allowed"], lane["allowed_products"] = [1.0 / sums], [sums / most(1.0 + share * (speed * speed), sums)]
+
+
 def check(lane: Record, constants: Record) -> None:
     """Decide who is done, who goes on, and who starts again with the next compliance."""
     rung, count = lane.one("rung"), lane.one("count")
-    solved = lane.one("worst") <= constants.one("accepted")
-    going = ~(lane.one("worst") <= POLISHED * constants.one("accepted")) & ~(solved & (lane.one("solved") > 0.5))
+    worst = lane.one("worst") * lane.one("allowed")
+    solved = worst <= constants.one("accepted")
+    going = ~(worst <= POLISHED * constants.one("accepted")) & ~(solved & (lane.one("solved") > 0.5))
+    lane["worst"] = [worst]
     lane["solved"] = [where(solved, 1.0, 0.0)]
     misled = (count >= WARM_STEPS) | (lane.one("lost") > 0.5) | ((count > 0.0) & (lane.one("length") < SHORT))
     warm = rung < 0.0

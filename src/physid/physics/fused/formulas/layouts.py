@@ -71,5 +71,7 @@ LANE = Layout(
     numerator=1, denominator=1,  # of the longest step
     slope=1, curve=1,  # of the gap along a step
     restart=1, predicts=1, lost=1, solved=1,
+    speed=1, distance=1,  # the largest that are at hand before the solution, in units of g h: what rounding goes by
+    allowed=1, allowed_products=1,  # what errors are multiplied with before they are judged, those of products by both
     known=1,  # unit of velocities of the previous solution [m/s]; 0 if there is none
 )  # fmt: skip

@@ -31,6 +31,7 @@ def lift_patch(patch: Record, constants: Record, lifted: Record) -> None:
 def lift_body(body: Record, lifted: Record) -> None:
     """Write the body of the second problem: at rest."""
     lifted["world_inertia"], lifted["share"] = body["world_inertia"], body["share"]
+    lifted["size"] = body["size"]
     lifted["momentum"], lifted["free"] = [0.0] * 6, [0.0] * 6
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from physid.compiler.graph import Value, size, total, where
+from physid.compiler.graph import Value, most, size, total, where
 from physid.compiler.section import Record
 from physid.physics.fused.formulas.algebra import Vector, add, apply, scale, subtract
 from physid.physics.fused.formulas.body import symmetric
@@ -12,8 +12,12 @@ from physid.physics.fused.formulas.contact_problem.cone import begin, impulse_of
 from physid.physics.fused.formulas.contacts.patch import STIFFNESS, Patch, accumulate, padded
 
 
-def recall(patch: Record, contact: Record) -> None:
+def recall(patch: Record, contact: Record, lane: Record) -> None:
     """Sort the previous solution to the contacts that it belongs to; mark those that are new, begin or cease."""
+    distance = lane.one("distance")
+    for offset in patch["offset"]:
+        distance = most(distance, size(offset))
+    lane["distance"] = [distance]
     labels = [label + 1000.0 * exists for label, exists in zip(patch["label"], patch["exists"], strict=True)]
     fresh: Vector = []
     kept: dict[str, Vector] = {"z": [], "w": []}
@@ -90,6 +94,7 @@ def evaluate(
 
     Worlds that start from the previous solution first have the friction of sliding contacts solved (see `slide`).
     """
+    allowed = lane.one("allowed_products")
     tau, lost, warm = constants.one("tau"), lane.one("lost"), lane.one("rung") < 0.0
     modes = patch.contact["modes"][: patch.bodies]
     kept: dict[str, Vector] = {"z": [], "w": [], "r": [], "slides": []}
@@ -104,7 +109,7 @@ def evaluate(
         lost = where((patch.contact["slides"][c] > 0.5) & ~sliding, 1.0, lost)
         contact = patch.with_solution(c, z, w)
         slack_error, (pairs, zeros) = contact.slack_error(u, patch.patch["offset"][c]), contact.products()
-        errors += [*slack_error, *[pair - tau for pair in pairs], *zeros]
+        errors += [*slack_error, *scale(allowed, [*[pair - tau for pair in pairs], *zeros])]
         gaps += pairs
         impulses.append(impulse_of(z))
         for field, values in (("z", z), ("w", w), ("r", slack_error), ("slides", [where(sliding, 1.0, 0.0)])):

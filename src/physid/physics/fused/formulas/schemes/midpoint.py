@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from physid.compiler.graph import Value, most, stop, total, where
+from physid.compiler.graph import Value, most, root, stop, total, where
 from physid.compiler.section import Record
 from physid.physics.fused.formulas.algebra import (
     Vector,
@@ -23,12 +23,14 @@ from physid.physics.fused.formulas.algebra import (
     transpose,
     unit,
 )  # fmt: skip
+from physid.physics.fused.formulas.body import symmetric
 from physid.physics.fused.formulas.contact_problem.cone import impulse_of
 from physid.physics.fused.formulas.contacts.patch import Patch, accumulate
-from physid.physics.schemes.motion import NEWTON_STEPS, TANGENT
+from physid.physics.schemes.impact import LARGEST
+from physid.physics.schemes.motion import DIVERGED, NEWTON_STEPS, TANGENT
 
-HALF_TURN = 2
-"""Doublings of the angle by which a body turns in half a step (see `exponential`): exact below 4 rad."""
+HALF_TURN = 4
+"""Doublings of the angle by which a body turns in half a step (see `exponential`): exact below 16 rad."""
 
 
 def drift(
@@ -63,7 +65,8 @@ def _mean_spin(spin: Vector, moments: Sequence[Value], time: Value) -> Vector:
             turned = [a * ratio * (y * z), b * ratio * (z * x), c * ratio * (x * y)]
             error = [m * (w - v) - t for m, w, v, t in zip(moments, mean, spin, turned, strict=True)]
             mean = subtract(mean, apply(inverse, error))
-    return mean
+    energy, most_ = (total([m * w * w for m, w in zip(moments, each, strict=True)]) for each in (mean, spin))
+    return [where(energy > DIVERGED * most_, old, new) for old, new in zip(spin, mean, strict=True)]
 
 
 def to_midpoint(body: Record, constants: Record) -> None:
@@ -84,10 +87,16 @@ def to_end(body: Record, shared: Record, constants: Record) -> None:
     h, velocity_unit = constants.one("step"), constants.one("unit")
     quaternion, late = body["pose"][3:], body["late"]
     axes = to_matrix(quaternion)
-    turned = [x / m for x, m in zip(apply(transpose(axes), late[:3]), body["inertia"], strict=True)]
-    moved = scale(
-        velocity_unit * h * shared.one("mean_mass"), [*apply(axes, turned), *scale(1.0 / body.one("mass"), late[3:])]
+    pushed = apply(transpose(axes), late[:3])
+    turned = [x / m for x, m in zip(pushed, body["inertia"], strict=True)]
+    mean = shared.one("mean_mass")
+    reach = (
+        velocity_unit
+        * h
+        * mean
+        * _shortened(body, mean * (dot(pushed, turned) + dot(late[3:], late[3:]) / body.one("mass")))
     )
+    moved = scale(reach, [*apply(axes, turned), *scale(1.0 / body.one("mass"), late[3:])])
     after = scale(velocity_unit, body["v"])
     arm = apply(axes, body["centre_of_mass"])
     centre = add(add(body["pose"][:3], arm), add(moved[3:], scale(0.5 * h, after[3:])))
@@ -96,6 +105,15 @@ def to_end(body: Record, shared: Record, constants: Record) -> None:
     arm = rotate(quaternion, body["centre_of_mass"])
     body["next_pose"] = [*subtract(centre, arm), *quaternion]
     body["next_twist"] = [*spin, *subtract(after[3:], cross(spin, arm))]
+
+
+def _shortened(body: Record, moved: Value) -> Value:
+    """Return by how much what impacts move at once is shortened (see `physid.physics.schemes.impact.late`)."""
+    change, most_share = subtract(body["v"], body["free"]), LARGEST - 0.5
+    turning = dot(change[:3], apply(symmetric(body["world_inertia"]), change[:3]))
+    allowed = most_share * most_share * (turning + body.one("share") * dot(change[3:], change[3:]))
+    far = moved > allowed
+    return where(far, root(where(far, allowed, 1.0) / where(far, moved, 1.0)), 1.0)
 
 
 def note_impact(patch: Record, lane: Record) -> None:
