@@ -1,12 +1,13 @@
 """Kill, interrupt and starve commands at random points: nothing may be lost but the step in flight.
 
     python benchmarks/faults.py                            5 faults of each kind for each task
-    python benchmarks/faults.py --count 10 --seed 1 --tasks generate,fit
+    python benchmarks/faults.py --count 10 --seed 1 --tasks "generate;fit"
 
 Each task is run once undisturbed. Then it is run again and again in folders of its own: SIGKILL, SIGTERM or SIGINT
 comes once to three times, each at a random point of the run; or files may not grow beyond a random size; or the disk is
-full (a small tmpfs, where one can be mounted), or nothing can be written at all. Then the same command is run to its
-end. Every file must have the same bytes as the undisturbed run's (but for times), every message must be one line
+full (a small tmpfs, where one can be mounted), or nothing can be written at all; or one of the
+workers of a command is killed. Then the same command is run to its end. Every file must have the same bytes as the
+undisturbed run's (but for times), every message must be one line
 without a traceback, and the exit code must say what happened. Everything runs on one thread.
 """
 
@@ -36,6 +37,7 @@ CONFIGS = ROOT / "configs"
 COMMAND = [sys.executable, "-m", "physid.cli"]
 SIGNALS = {"SIGKILL": signal.SIGKILL, "SIGTERM": signal.SIGTERM, "SIGINT": signal.SIGINT}
 STARVED = ("file size", "full disk", "read-only")
+LOST = "lost worker"
 CODES = {"SIGKILL": {-9}, "SIGTERM": {143, -15, -2}, "SIGINT": {130, -2}}
 """What a killed command may end with. Before Python listens to signals, the kernel says it; and Python says -SIGINT
 of every process in which an interrupt has passed through what a library's C part runs, say while torch is imported."""
@@ -57,10 +59,12 @@ class Task:
     Attributes:
         name: What it is called.
         words: The command's words for a folder.
+        workers: Whether it has processes of its own, of which one may be lost.
     """
 
     name: str
     words: Callable[[Path], list[str]]
+    workers: bool = False
 
     def start(self, folder: Path, limit: int | None = None) -> subprocess.Popen[str]:
         """Start the command with its result in a folder; `limit` [bytes] for each file that it writes."""
@@ -90,6 +94,14 @@ def tasks(data: Path) -> list[Task]:
     fitting = ["fit", "--config", fit, f"data.folder={push}", "data.limit=4", "trainer.max_epochs=5", "--resume"]
     return [
         Task("generate", lambda place: [*generating, f"--out={place}", "trajectories=40", "steps=60", "video=false"]),
+        Task(
+            "generate, 2 workers",
+            lambda place: [
+                *("generate", "--config", str(CONFIGS / "generate" / "push.yaml"), "--quiet", "--workers=2"),
+                *(f"--out={place}", "trajectories=24", "steps=60", "video=false"),
+            ],
+            workers=True,
+        ),
         Task("generate film", lambda place: [*generating, f"--out={place}", "trajectories=3", "steps=20"]),
         Task("import", lambda place: ["import", "cube-tosses", str(data / "tosses"), f"--out={place}"]),
         Task("fit", lambda place: [*fitting, f"--run-dir={place}"]),
@@ -105,6 +117,14 @@ def tasks(data: Path) -> list[Task]:
             ],
         ),
         Task("diagnose", lambda place: ["diagnose", str(data / "rich"), f"--out={place}", "--quiet"]),
+        Task("track", lambda place: ["track", str(data / "films"), f"--out={place}", "--limit=2", "--quiet"]),
+        Task(
+            "benchmark",
+            lambda place: [
+                *("benchmark", "diagnosis", "seal", f"--out={place}", "--sets=3", "--trajectories=2", "--steps=20"),
+                *("--roles=free,catalogue", "--seed=3"),
+            ],
+        ),
         Task("dashboard", lambda place: ["dashboard", str(data), f"--out={place / 'page.html'}"]),
     ]
 
@@ -119,6 +139,9 @@ def prepare(data: Path) -> None:
         out = f"--out={data / name.replace('push_rich', 'rich')}"
         small = [out, "trajectories=8", "steps=60", "video=false", *more]
         subprocess.run([*COMMAND, *words, *small], **quiet)  # type: ignore[call-overload]
+    films = ["generate", "--config", str(CONFIGS / "generate" / "push.yaml"), "--workers=1", "--quiet"]
+    films += [f"--out={data / 'films'}", "trajectories=2", "steps=12"]
+    subprocess.run([*COMMAND, *films], **quiet)  # type: ignore[call-overload]
     words = ["fit", "--config", str(CONFIGS / "sysid" / "push_friction.yaml"), f"data.folder={data / 'push'}"]
     subprocess.run([*COMMAND, *words, f"--run-dir={data / 'run'}"], **quiet)  # type: ignore[call-overload]
     (data / "tosses").mkdir()
@@ -205,6 +228,26 @@ def kill(task: Task, folder: Path, name: str, whole: float, draw: random.Random)
     return found
 
 
+def children(process: int) -> list[int]:
+    """Return the processes that a process has started, and theirs."""
+    listing = Path(f"/proc/{process}/task/{process}/children")
+    direct = [int(each) for each in listing.read_text().split()] if listing.exists() else []
+    return [*direct, *(other for each in direct for other in children(each))]
+
+
+def lose(task: Task, folder: Path, whole: float, draw: random.Random) -> list[str]:
+    """Kill one of the processes that a command has started, at a random point; the command goes on or says so."""
+    process = task.start(folder)
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        process.wait(draw.uniform(0.3 * whole, whole))
+    workers = children(process.pid)
+    if workers:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(draw.choice(workers), signal.SIGKILL)
+    said = end(process, 600)
+    return complaints(said, process.returncode, {0, 2})
+
+
 def starve(task: Task, folder: Path, name: str, most: int, draw: random.Random) -> list[str] | None:
     """Run with files that may not grow, on a full disk, or where nothing can be written; None if that cannot be."""
     limit = draw.randrange(0, max(most, 1)) if name == "file size" else None
@@ -230,9 +273,14 @@ def starve(task: Task, folder: Path, name: str, most: int, draw: random.Random) 
 
 def attack(task: Task, name: str, work: Path, truth: dict[str, str], whole: float, draw: random.Random) -> list[str]:
     """Disturb a task, let it run to its end, and return what is wrong."""
-    folder = work / f"{task.name}_{draw.randrange(10**9)}".replace(" ", "_")
+    folder = work / f"{task.name}_{draw.randrange(10**9)}".replace(" ", "_").replace(",", "")
     most = max((path.stat().st_size for path in (work / "undisturbed").rglob("*") if path.is_file()), default=1)
-    found = kill(task, folder, name, whole, draw) if name in SIGNALS else starve(task, folder, name, most, draw)
+    if name in SIGNALS:
+        found: list[str] | None = kill(task, folder, name, whole, draw)
+    elif name == LOST:
+        found = lose(task, folder, whole, draw) if task.workers else None
+    else:
+        found = starve(task, folder, name, most, draw)
     if found is None:
         return ["not tried"]
     process = task.start(folder)
@@ -255,18 +303,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=5, help="faults of each kind for each task")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--tasks", default="", help="only these, separated by commas")
+    parser.add_argument("--tasks", default="", help="only these, separated by semicolons")
     parser.add_argument("--faults", default="", help="only these, separated by commas")
     chosen = parser.parse_args()
-    wanted = [each for each in chosen.tasks.split(",") if each]
-    kinds = [each for each in chosen.faults.split(",") if each] or [*SIGNALS, *STARVED]
+    wanted = [each for each in chosen.tasks.split(";") if each]
+    kinds = [each for each in chosen.faults.split(",") if each] or [*SIGNALS, *STARVED, LOST]
     tried: Counter[str] = Counter()
     wrong = 0
     with tempfile.TemporaryDirectory() as place:
         data = Path(place) / "data"
         data.mkdir()
         prepare(data)
-        print(f"{'task':<14} {'seconds':>8}  fault       tried  wrong")
+        print(f"{'task':<20} {'seconds':>8}  fault       tried  wrong")
         for task in [task for task in tasks(data) if not wanted or task.name in wanted]:
             work = Path(place) / "work"
             work.mkdir()
@@ -283,7 +331,7 @@ def main() -> None:
                 made = sum(each != ["not tried"] for each in found)
                 tried[kind] += made
                 wrong += len(bad)
-                print(f"{task.name:<14} {whole:>8.1f}  {kind:<11} {made:>5}  {len(bad):>5}", flush=True)
+                print(f"{task.name:<20} {whole:>8.1f}  {kind:<11} {made:>5}  {len(bad):>5}", flush=True)
                 for each in bad:
                     print("    " + "; ".join(each), flush=True)
             shutil.rmtree(work)
