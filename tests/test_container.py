@@ -54,7 +54,7 @@ def test_the_image_and_its_script_never_run_as_root(tmp_path: Path) -> None:
     (tmp_path / "docker").mkdir()
     shutil.copy(ROOT / "docker" / "reproduce.sh", tmp_path / "docker")
     client = tmp_path / "client"
-    client.write_text("#!/bin/sh\necho \"$@\"\n")
+    client.write_text('#!/bin/sh\necho "$@"\n')
     client.chmod(0o755)
     words = [str(tmp_path / "docker" / "reproduce.sh"), "effects"]
     said = subprocess.run(words, capture_output=True, text=True, check=True, env={**os.environ, "DOCKER": str(client)})
