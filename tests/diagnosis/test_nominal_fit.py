@@ -11,10 +11,9 @@ from physid.diagnosis.inputs.model_source import read_nominal_model
 from physid.diagnosis.inputs.observations import load_observations
 from physid.diagnosis.reference.nominal_fit import NominalFit, fit_nominal_model
 from physid.effects import find
-from physid.estimation.least_squares import levenberg_marquardt as fitting
 from physid.estimation.least_squares.experiment import Experiment, Fit
 from physid.estimation.least_squares.levenberg_marquardt import CONVERGED, gauss_newton, solve_shared
-from physid.estimation.least_squares.line_search import best_step
+from physid.estimation.least_squares.line_search import Limits, best_step
 from physid.estimation.least_squares.prior import prior
 from physid.estimation.prediction.rollout import Predictor
 
@@ -44,14 +43,13 @@ def counted(monkeypatch: pytest.MonkeyPatch, nominal_fit: NominalFit, chords: in
         return linearise(*arguments)  # type: ignore[arg-type]
 
     with monkeypatch.context() as patch:
-        patch.setattr(fitting, "CHORDS", chords)
         patch.setattr(Experiment, "linearise", count)
         far = nominal_fit.fit.point.replace(nominal=nominal_fit.fit.point.nominal + FAR)
-        return gauss_newton(nominal_fit.experiment, far, torch.tensor([0])), made
+        return gauss_newton(nominal_fit.experiment, far, torch.tensor([0]), limits=Limits(chords=chords)), made
 
 
 def test_an_older_jacobian_leads_to_the_same_minimum(monkeypatch: pytest.MonkeyPatch, nominal_fit: NominalFit) -> None:
-    (one, many), (other, few) = (counted(monkeypatch, nominal_fit, chords) for chords in (0, fitting.CHORDS))
+    (one, many), (other, few) = (counted(monkeypatch, nominal_fit, chords) for chords in (0, Limits().chords))
     tolerance = CONVERGED * (1 + float(one.loss.sum())) ** 0.5
     assert float(other.loss.sum()) < float(nominal_fit.fit.loss.sum()) - 100 * tolerance
     assert abs(float((one.loss - other.loss).sum())) < 2 * tolerance

@@ -20,7 +20,8 @@ from physid.physics.rotations import angle_between, exponential, multiply
 from physid.scenes.catalogue import find_setup
 from physid.scenes.lying import lay_down
 from physid.training.identifiability.identifiability import SensorNoise
-from physid.training.initial_states.fitted import Starts
+from physid.training.initial_states.explaining import started
+from physid.training.initial_states.fitted import fit_states
 from physid.training.learners.sysid import SysID
 from physid.training.parameters.pose_loss import PoseLoss
 from physid.training.parameters.trajectories import Trajectories
@@ -64,9 +65,9 @@ def test_initial_states_are_recovered_from_poses_alone(
         module.layer, module.physical()
     )  # the layer's own motion, so that nothing but the state is unknown
     own = type(poses)(rollout.pose, poses.twist, known.wrench, known.length, known.index)
-    starts, _ = module._explaining(own).fit(Starts.guess(own, data.scene))
-    assert torch.allclose(starts.pose[..., :3], known.pose[:, 0, :, :3], atol=1e-5)
-    assert torch.allclose(starts.twist, known.twist[:, 0], atol=1e-3)
+    _, fit = fit_states(module._explaining(own))
+    assert torch.allclose(fit.point.pose[0, ..., :3], known.pose[:, 0, :, :3], atol=1e-5)
+    assert torch.allclose(fit.point.twist[0], known.twist[:, 0], atol=1e-3)
 
 
 def test_the_gradient_is_that_of_the_least_loss_over_the_initial_states() -> None:
@@ -79,9 +80,10 @@ def test_the_gradient_is_that_of_the_least_loss_over_the_initial_states() -> Non
     def least(move: float) -> float:
         moved = SysID(values={"block.friction": 1.2 * TRUE_FRICTION * math.exp(move)}, loss=PoseLoss()).attach(SCENE)
         explaining = moved._explaining(moved.trajectories(batch))
-        starts, _ = explaining.fit(Starts.guess(explaining.trajectories, SCENE))
+        point, cut = fit_states(explaining)[1].point, explaining.trajectories
         with torch.no_grad():
-            return float(explaining.cost(explaining.residual(starts)).mean())
+            residual = started(cut, point.pose[0], point.twist[0]).residual(moved.layer, moved.physical())
+            return float(torch.stack(list(PoseLoss()(residual, cut.real).values())).sum(0).mean())
 
     for _ in range(4):  # each call improves the initial states a little more
         loss = torch.stack([value.mean() for value in module.losses(batch).values()]).sum()

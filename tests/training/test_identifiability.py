@@ -21,9 +21,8 @@ from physid.training.identifiability.planned_experiment import (
     analyse,
     predict,
 )
+from physid.training.initial_states.slopes import slopes
 from physid.training.learners.engine import Engine
-from physid.training.parameters.sensitivity import residuals, sensitivity
-from physid.training.parameters.slopes import slopes
 
 CONFIGS = Path(__file__).parents[2] / "configs" / "identifiability"
 BOTH = ("block.mass", "block.friction")
@@ -148,18 +147,17 @@ def profile(config: IdentifiabilityConfig, fixed: int, offset: float) -> float:
     scale = torch.tensor([1 / config.noise.rotation] * 3 + [1 / config.noise.position] * 3, dtype=torch.float64)
     physical.logarithm[fixed] += offset
     for _ in range(4):
-        misfit = (residuals(layer, physical, recorded) * scale).flatten()
-        slope = (sensitivity(layer, physical, recorded)[1 - fixed] * scale).flatten()
+        misfit = (recorded.residual(layer, physical()) * scale).flatten()
+        slope = (slopes(layer, physical, recorded)[0][1 - fixed] * scale).flatten()
         physical.logarithm[1 - fixed] -= slope @ misfit / (slope @ slope)
-    return float((residuals(layer, physical, recorded) * scale).square().sum())
+    return float((recorded.residual(layer, physical()) * scale).square().sum())
 
 
 def test_trajectories_whose_slope_depends_on_the_step_are_left_out() -> None:
     config = IdentifiabilityConfig("toss", ("block.friction", "block.restitution"), trajectories=4, steps=240)
     physical, layer = config.build_parameters(), Engine().layer(config.build_scene())
-    whole = slopes(layer, physical, predict(layer, physical, config.draw()))
-    assert 0 < whole.bent <= 4
-    assert whole.bent == 4 - int(whole.usable.sum())
+    _, usable = slopes(layer, physical, predict(layer, physical, config.draw()))
+    assert 0 < int((~usable).sum()) <= 4
     assert "left out" in analyse(config).table()
 
 

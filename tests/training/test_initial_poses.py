@@ -16,10 +16,10 @@ from physid.physics.rotations import exponential, multiply
 from physid.physics.state import State
 from physid.scenes.catalogue import find_setup
 from physid.scenes.scene import Integration
+from physid.training.initial_states.slopes import slopes
 from physid.training.learners.supervised import SupervisedID
 from physid.training.learners.video import Objective
 from physid.training.parameters.pose_loss import PoseLoss
-from physid.training.parameters.slopes import Slopes, slopes
 from physid.training.parameters.trajectories import Trajectories
 from physid.training.refinement import normal_equations
 from physid.training.refinement.initial_poses import Placing, place
@@ -136,9 +136,7 @@ def test_what_another_first_pose_does_as_well_is_left_to_it() -> None:
     true, wrench = hit(model)
     real = torch.ones(true.shape[:2], dtype=torch.bool)
     placing = place(model, LOSS, given(true, wrench), real)
-    starts = placing._starts
-    residual = placing._explaining.residual(starts)
-    moves = placing._explaining.slopes(starts, residual)
+    moves = placing._fit.jacobian.state
     kept = placing.reduce(moves[:1].repeat(2, 1, 1, 1, 1), LOSS, real)
     assert kept.abs().max() < 1e-3 * moves[:1].abs().max()
 
@@ -149,8 +147,8 @@ def test_trajectories_without_usable_slopes_move_no_parameter(monkeypatch: pytes
     real, goal = torch.ones(true.shape[:2], dtype=torch.bool), astray(true)
     usable = torch.arange(MANY) % 2 == 0
 
-    def judged(*arguments: Any) -> Slopes:
-        return dataclasses.replace(slopes(*arguments), usable=usable)
+    def judged(*arguments: Any) -> tuple[Tensor, Tensor]:
+        return slopes(*arguments)[0], usable
 
     few, some = NormalEquations(), NormalEquations()
     few.add(model.layer, model.physical, LOSS, given(goal, wrench).chosen(usable), real[usable])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 from collections.abc import Callable
@@ -15,8 +16,13 @@ from torch import Tensor
 from physid.cli import main
 from physid.commands.summary import summarize
 from physid.estimation.least_squares.covariance import covariance_of
-from physid.estimation.least_squares.normal_equations import Normal
+from physid.estimation.least_squares.experiment import Fit
+from physid.estimation.least_squares.levenberg_marquardt import NONE
+from physid.estimation.least_squares.normal_equations import Normal, linearise
 from physid.estimation.measurement.sensor_noise import Noise
+from physid.scenes.catalogue import find_setup
+from physid.training.initial_states.explaining import Explaining
+from physid.training.learners.sysid import SysID
 from physid.training.parameters.intervals import Response, intervals, normal_of, ridge_of
 from physid.training.parameters.pose_loss import PoseLoss
 from physid.training.parameters.trajectories import Trajectories
@@ -48,13 +54,22 @@ def test_the_deviation_of_a_mean_is_that_of_the_groups_means() -> None:
 
 def test_white_noise_that_agrees_by_chance_is_not_taken_for_knowledge() -> None:
     groups, frames, noise = 3, 50, Noise(rotation=1e-2, position=1e-3)
-    slopes, _ = slopes_of_a_mean(groups, frames)
     pose = torch.zeros(groups, frames, 1, 7, dtype=torch.float64)
     pose[..., 6] = 1.0
     still = torch.zeros(groups, frames, 1, 6, dtype=torch.float64)
     cut = Trajectories(pose, still, still, torch.full((groups,), frames), torch.arange(groups))
-    variance = Response.of(PoseLoss(), still, slopes, cut, noise).covariance()
-    assert float(variance) == pytest.approx(noise.rotation**2 / (groups * frames), rel=EXACT)
+    module = SysID(["block.friction"]).attach(find_setup("push").scene)
+    experiment, point = Explaining(module.layer, module.physical, PoseLoss(), cut, fitted=False).begin()
+    fit = experiment.linearise(point, NONE)
+    # A prediction that is the parameter itself, along x, and recordings that agree exactly with it.
+    shared = torch.zeros_like(fit.jacobian.shared)
+    shared[0, ..., 3] = 1.0
+    jacobian = dataclasses.replace(fit.jacobian, shared=shared)
+    experiment = experiment.replace(scale=torch.full_like(experiment.scale, 1 / noise.position))
+    linear = linearise(still, experiment.scale, jacobian, experiment.directions, experiment.predictor.segments)
+    exact = Fit.of(point, NONE, jacobian, still, linear)
+    variance = Response.of(experiment, exact, cut.index, noise).covariance()
+    assert float(variance) == pytest.approx(noise.position**2 / (groups * frames), rel=EXACT)
 
 
 def test_segments_of_one_trajectory_count_as_one() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -17,11 +17,9 @@ from physid.diagnosis.reference.null_simulations import floors
 from physid.diagnosis.settings.settings import Settings
 from physid.estimation.least_squares.discretisation import ChosenSteps, choose_steps
 from physid.estimation.least_squares.experiment import Experiment, Fit
-from physid.estimation.least_squares.initial_states import guess_initial_states
-from physid.estimation.least_squares.jacobian import Directions
 from physid.estimation.least_squares.levenberg_marquardt import gauss_newton
 from physid.estimation.least_squares.line_search import try_losses
-from physid.estimation.least_squares.multi_start import search
+from physid.estimation.least_squares.multi_start import best_guess, lay_out, search
 from physid.estimation.measurement.sensor_noise import Noise, estimate_noise, frame_weights, outlier_poses
 from physid.estimation.measurement.tracking_error import TrackingError
 from physid.estimation.prediction.nominal_model import NominalModel
@@ -243,37 +241,10 @@ def begin(
     nominal: Tensor | None = None,
     before: Prediction | None = None,
 ) -> tuple[Experiment, Variants]:
-    """Return the experiment and a first point, with the best guess of each segment's initial state.
-
-    Where a prediction `before` is known, say of shorter segments, its states are guesses as well: the speed that some
-    noisy frames suggest may let bodies hit each other that have passed, and no step leads back from there.
-    """
-    model, segments = predictor.model, predictor.segments
-    initial = guess_initial_states(observations.pose, present, predictor.timeline.time, segments, model.scene)
-    if before is not None:
-        pose, twist = (value[:, segments.trajectory, segments.start] for value in (before.state, before.twist))
-        initial = replace(initial, pose=torch.cat([initial.pose, pose]), twist=torch.cat([initial.twist, twist]))
-    normal = torch.tensor(model.scene.ground.normal, dtype=torch.float64)
-    experiment = Experiment(
-        predictor,
-        observations.pose,
-        present[..., None].sqrt() / noise.spread(),
-        observations.fitted,
-        Directions.of(normal, initial.resting),
-        torch.zeros(*observations.pose.shape[:-1], 6, dtype=torch.float64),
-        torch.ones(len(segments), dtype=torch.bool),
-    )
-    one = Variants(
-        initial.pose[:1],
-        initial.twist[:1],
-        model.guess[None] if nominal is None else nominal,
-        predictor.null[None],
-        torch.zeros(1, 1, dtype=torch.float64),
-    )
-    many = one.repeat(len(initial.pose)).replace(pose=initial.pose, twist=initial.twist)
-    best = try_losses(experiment, many).argmin(0)
-    pick = torch.arange(len(best))
-    return experiment, one.replace(pose=initial.pose[best, pick][None], twist=initial.twist[best, pick][None])
+    """Return the experiment and a first point, see `best_guess`."""
+    scale = present[..., None].sqrt() / noise.spread()
+    experiment, initial = lay_out(predictor, observations.pose, scale, observations.fitted)
+    return experiment, best_guess(experiment, initial, nominal, before)
 
 
 def _scan(experiment: Experiment, point: Variants, factors: Sequence[float]) -> Variants:

@@ -93,6 +93,14 @@ class Experiment:
         predictor = self.predictor.over(self.predictor.segments.only(chosen), elsewhere)
         return replace(self, predictor=predictor, directions=directions, follow=self.follow[chosen])
 
+    def with_known_states(self) -> Experiment:
+        """Return the experiment in which initial states stay as they are."""
+        return replace(self, directions=replace(self.directions, free=torch.zeros_like(self.directions.free)))
+
+    def with_known_parameters(self) -> Experiment:
+        """Return the experiment in which no trajectory has a say in the shared parameters, which stay as they are."""
+        return replace(self, fitted=torch.zeros_like(self.fitted))
+
     def replace(self, **changes: object) -> Experiment:
         """Return a copy with some fields changed."""
         return replace(self, **changes)  # type: ignore[arg-type]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -13,7 +13,11 @@ from physid.physics.rotations import exponential, multiply
 
 TURN, SHIFT, SPIN, SPEED = 1e-5, 1e-5, 1e-4, 1e-4  # steps: [rad], [m], [rad/s], [m/s]
 NOMINAL = 1e-4  # step of an unknown parameter, in the coordinates of the fit
+SHIFTS = 6  # turns and shifts come before spins and speeds
 STEEP = 0.9  # a ground whose normal has more than this along x takes its first tangent from y
+SLOPES = (1e-3, 2.5e-4)  # two of them, far apart: where trajectories bend in between, a slope says nothing ...
+BEND = 0.1  # ... that is where a trajectory's derivative changes by more than this share
+FAINT = 1e-5  # [m, rad] derivatives below this say nothing, whether they change or not
 EFFECT = 1e-3  # step of a parameter of an effect, as a share of its typical size
 
 
@@ -38,6 +42,15 @@ class Directions:
         frame = torch.stack([first, torch.linalg.cross(normal, first), normal])
         planar = torch.tensor([0, 0, 1, 1, 1, 0] * 2, dtype=torch.bool)
         return cls(frame, torch.where(resting[..., None], planar, torch.ones_like(planar)))
+
+    def without_speed(self) -> Directions:
+        """Leave poses free, as they are, and no velocity: bodies are known to be at rest."""
+        return Directions(self.frame, self.free & (torch.arange(12) < SHIFTS))
+
+    @property
+    def lying(self) -> Tensor:
+        """Segments in which some body moves in the ground's plane alone, shape (K,)."""
+        return (self.free[..., 2] & ~self.free[..., 0]).any(1)
 
     @property
     def used(self) -> list[tuple[int, int]]:
@@ -92,6 +105,7 @@ def differentiate(
     directions: Directions,
     effects: Tensor,
     forces: Tensor | None = None,
+    nominal: float = NOMINAL,
 ) -> Jacobian:
     """Take forward differences of the predicted poses.
 
@@ -101,6 +115,7 @@ def differentiate(
         directions: Free changes of the initial states.
         effects: Which parameters of effects are columns (indices into the predictor's terms), shape (E,).
         forces: Wrenches whose amplitudes are further columns, shape (F, R, T, N, 6) [N m, N].
+        nominal: Step of an unknown parameter, in the coordinates of the fit.
 
     Returns:
         The prediction and its Jacobian; shared columns are ordered unknown parameters, effects, forces.
@@ -113,18 +128,44 @@ def differentiate(
     change[torch.arange(d), :, torch.arange(d)] = steps[:, None]
     many.pose[1 : 1 + d], many.twist[1 : 1 + d] = directions.move(point.pose, point.twist, change)
     columns = torch.arange(p)
-    many.nominal[1 + d + columns, columns] += NOMINAL
+    many.nominal[1 + d + columns, columns] += nominal
     sizes = effect_steps(predictor, point.effects[0])[effects]
     many.effects[1 + d + p + torch.arange(e), effects] += sizes
     predicted = predictor.predict(many)
     base = Prediction(*(getattr(predicted, name)[:1] for name in Prediction.__annotations__))
-    scale = torch.cat([steps, torch.full((p,), NOMINAL, dtype=torch.float64), sizes])
+    scale = torch.cat([steps, torch.full((p,), nominal, dtype=torch.float64), sizes])
     slope = pose_difference(predicted.pose[1:], base.pose) / scale[:, None, None, None, None]
     shared = slope[d:]
     if forces is not None and f:
         pushed = predictor.predict(point.repeat(f).replace(force=FORCE * forces))
         shared = torch.cat([shared, pose_difference(pushed.pose, base.pose) / FORCE])
     return Jacobian(base, slope[:d], shared)
+
+
+def usable_slopes(predictor: Predictor, point: Variants, directions: Directions, seen: Tensor) -> tuple[Tensor, Tensor]:
+    """Differentiate by the unknown parameters with two step sizes, and find segments where they disagree.
+
+    A derivative that holds for tiny changes alone promises more than any fit can find: after a collision or a bounce a
+    tiny change of a parameter may decide what comes next.
+
+    Args:
+        predictor: The experiment.
+        point: Where, a single variant.
+        directions: Of the initial states; they stay where they are.
+        seen: Frames that count, shape (R, T).
+
+    Returns:
+        Changes by the unknown parameters (P, R, T, N, 6), and which segments can be relied on (K,).
+    """
+    fixed, none = replace(directions, free=torch.zeros_like(directions.free)), torch.zeros(0, dtype=torch.int64)
+    coarse, fine = (differentiate(predictor, point, fixed, none, None, step).shared for step in SLOPES)
+
+    def size(value: Tensor) -> Tensor:
+        square = (value.square().sum((3, 4)) * seen).sum(0, keepdim=True)
+        return predictor.segments.sum_frames(square)[0].sqrt()
+
+    change = size(coarse - fine)
+    return fine, (change <= BEND * size(fine)) | (change <= FAINT)
 
 
 FORCE = 1e-3  # share of the wrenches given that is applied

@@ -6,18 +6,15 @@ import torch
 from torch import Tensor
 
 from physid.estimation.least_squares.experiment import Experiment, Fit
-from physid.estimation.least_squares.line_search import best_step
+from physid.estimation.least_squares.line_search import LIMITS, Limits, best_step
 from physid.estimation.least_squares.normal_equations import Normal
 from physid.estimation.least_squares.prior import prior
 from physid.estimation.prediction.rollout import Variants
 
 FIRST_DAMPING = 1e-3
-WHOLE, PARTS = (
-    (1.0,),
-    (0.5, 0.2, 0.0),
-)  # parts of the step of the shared parameters: the first, and those tried if it fails
+NONE = torch.zeros(0, dtype=torch.int64)  # no effect is fitted
+WHOLE = (1.0,)  # part of the step of the shared parameters that is tried first
 HARDLY = 0.1  # [rad/s], [m/s] initial velocity of a body that may as well be at rest
-CHORDS = 2  # most steps with a Jacobian of an earlier point
 CONVERGED = 1e-2  # a step that gains less than this share of a standard deviation of the loss is the last
 
 
@@ -28,7 +25,15 @@ def solve_shared(normal: Normal, fitted: Tensor, ridge: Tensor) -> Tensor:
     return change
 
 
-def gauss_newton(experiment: Experiment, start: Variants | Fit, effects: Tensor, steps: int = 10) -> Fit:
+def gauss_newton(
+    experiment: Experiment,
+    start: Variants | Fit,
+    effects: Tensor,
+    steps: int = 10,
+    limits: Limits = LIMITS,
+    *,
+    exact: bool = True,
+) -> Fit:
     """Minimise the squared residuals over initial states, unknown parameters and some parameters of effects.
 
     Every segment has a damping of its own, for its initial state; the shared parameters take the whole step or, if that
@@ -41,6 +46,8 @@ def gauss_newton(experiment: Experiment, start: Variants | Fit, effects: Tensor,
         start: First point; or a fit nearby, whose Jacobian serves for the first steps.
         effects: Indices of the free parameters of effects, shape (E,).
         steps: Most Jacobians before the last one; 0 for that of `start` alone.
+        limits: Which steps of the shared parameters are tried.
+        exact: Whether to linearise where the last of them has led, if that is not where it was taken.
 
     Returns:
         The best point found, linearised there, or so near that nothing was left to gain.
@@ -54,8 +61,8 @@ def gauss_newton(experiment: Experiment, start: Variants | Fit, effects: Tensor,
     counts = experiment.fitted[experiment.predictor.segments.trajectory]
     while True:
         change = solve_shared(fit.normal(), experiment.fitted, ridge)
-        for shares in (WHOLE, PARTS) if age == 0 else (WHOLE,):
-            step = best_step(experiment, fit, effects, change, damping, shares)
+        for shares in (WHOLE, limits.parts) if age == 0 else (WHOLE,):
+            step = best_step(experiment, fit, effects, change, damping, shares, limits)
             gain = float((fit.loss - step.loss)[counts].sum())
             if float((fit.loss - step.loss).sum()) > 0:
                 break
@@ -71,9 +78,9 @@ def gauss_newton(experiment: Experiment, start: Variants | Fit, effects: Tensor,
             return fit
         else:
             little = True
-        if little or age > CHORDS:
+        if little or age > limits.chords:
             if made == steps:
-                return experiment.linearise(fit.point, effects) if steps else fit
+                return experiment.linearise(fit.point, effects) if steps and exact else fit
             fit, age, made = experiment.linearise(fit.point, effects), 0, made + 1
 
 
@@ -82,8 +89,7 @@ def at_rest(experiment: Experiment, point: Variants) -> Variants:
 
     A initial velocity that friction stops at once leaves no slope, so that no step leads back from a wrong one.
     """
-    lying = ~experiment.directions.free[..., 0].any(1)
-    slow = lying & (point.twist[0].abs().amax((1, 2)) < HARDLY)
+    slow = experiment.directions.lying & (point.twist[0].abs().amax((1, 2)) < HARDLY)
     if not bool(slow.any()):
         return point
     still = point.replace(twist=torch.where(slow[:, None, None], torch.zeros_like(point.twist), point.twist))

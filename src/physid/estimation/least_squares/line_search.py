@@ -13,8 +13,26 @@ from physid.estimation.least_squares.prior import clamp_effects
 from physid.estimation.prediction.rollout import Prediction, Predictor, Variants
 from physid.physics.layer import SolverError
 
-DAMPINGS = (0.1, 10.0)  # times the damping of a segment: its initial state tries both
-LARGEST = 1.0  # change of an unknown parameter in one step, in the coordinates of the fit
+
+@dataclass(frozen=True)
+class Limits:
+    """Which steps are tried.
+
+    Attributes:
+        dampings: Times the damping of a segment, which its initial state tries, the smallest first.
+        parts: Parts of a step of the shared parameters that are tried if the whole one fails; 0, for the initial states
+            alone, comes last.
+        largest: Change of an unknown parameter in one step, in the coordinates of the fit.
+        chords: Most steps with a Jacobian of an earlier point, which saves more the more columns there are.
+    """
+
+    dampings: tuple[float, ...] = (0.1, 10.0)
+    parts: tuple[float, ...] = (0.5, 0.2, 0.0)
+    largest: float = 1.0
+    chords: int = 2
+
+
+LIMITS = Limits()
 
 
 @dataclass(frozen=True)
@@ -35,7 +53,13 @@ class Step:
 
 
 def best_step(
-    experiment: Experiment, fit: Fit, effects: Tensor, change: Tensor, damping: Tensor, shares: Sequence[float]
+    experiment: Experiment,
+    fit: Fit,
+    effects: Tensor,
+    change: Tensor,
+    damping: Tensor,
+    shares: Sequence[float],
+    limits: Limits = LIMITS,
 ) -> Step:
     """Try parts of a step, each with all dampings of the initial states and with states left alone.
 
@@ -48,19 +72,21 @@ def best_step(
         change: Step of unknown parameters, engine and these effects, shape (P + 1 + E,).
         damping: Of each segment, shape (K,).
         shares: Parts of the step that are tried; 0 last.
+        limits: Dampings that are tried, and the most that an unknown parameter changes.
 
     Returns:
         What is best.
     """
     shared, moves = [], []
+    dampings = limits.dampings if experiment.directions.used else ()
     for share in shares:
         part = share * change
-        shared += [part] * (1 + len(DAMPINGS))
+        shared += [part] * (1 + len(dampings))
         full = _among_columns(fit, effects, part)
-        moves += [fit.linear.state_change(full, factor * damping) for factor in DAMPINGS]
-        moves.append(torch.zeros_like(moves[-1]))
-    trials = _moved(experiment, fit, effects, torch.stack(shared), torch.stack(moves))
-    each = 1 + len(DAMPINGS)
+        moves += [fit.linear.state_change(full, factor * damping) for factor in dampings]
+        moves.append(full.new_zeros(len(damping), len(experiment.directions.used)))
+    trials = _moved(experiment, fit, effects, torch.stack(shared), torch.stack(moves), limits.largest)
+    each = 1 + len(dampings)
     found, predicted = attempt(experiment, trials)
     losses = found.unflatten(0, (len(shares), each))
     least, which = losses.min(1)
@@ -70,7 +96,7 @@ def best_step(
     rows, pick = share * each + chosen, torch.arange(len(chosen))
     first = slice(share * each, share * each + 1)
     better = trials[first].replace(pose=trials.pose[rows, pick][None], twist=trials.twist[rows, pick][None])
-    factor = torch.tensor([*DAMPINGS, DAMPINGS[-1]], dtype=damping.dtype)[chosen]
+    factor = torch.tensor([*dampings, limits.dampings[-1]], dtype=damping.dtype)[chosen]
     known = predicted and _picked(experiment.predictor, predicted, rows, better.effects)
     return Step(better, least[share], (damping * factor).clamp(1e-9, 1e3), known)
 
@@ -96,7 +122,9 @@ def _among_columns(fit: Fit, effects: Tensor, change: Tensor) -> Tensor:
     return full
 
 
-def _moved(experiment: Experiment, fit: Fit, effects: Tensor, shared: Tensor, moves: Tensor) -> Variants:
+def _moved(
+    experiment: Experiment, fit: Fit, effects: Tensor, shared: Tensor, moves: Tensor, largest: float
+) -> Variants:
     """Return the points that steps of shared parameters (C, P + 1 + E) and of initial states (C, K, D) lead to."""
     unknown = fit.point.nominal.shape[1]
     many = fit.point.repeat(len(shared))
@@ -106,7 +134,7 @@ def _moved(experiment: Experiment, fit: Fit, effects: Tensor, shared: Tensor, mo
     return Variants(
         pose,
         twist,
-        many.nominal + shared[:, :unknown].clamp(-LARGEST, LARGEST),
+        many.nominal + shared[:, :unknown].clamp(-largest, largest),
         clamp_effects(experiment.predictor, values),
         many.engine + shared[:, unknown : unknown + 1],
     )

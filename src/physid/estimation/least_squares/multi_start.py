@@ -6,17 +6,64 @@ import torch
 from torch import Tensor
 
 from physid.estimation.least_squares.experiment import Experiment, Fit
-from physid.estimation.least_squares.initial_states import guess_initial_states
+from physid.estimation.least_squares.initial_states import InitialStates, guess_initial_states
+from physid.estimation.least_squares.jacobian import Directions
 from physid.estimation.least_squares.levenberg_marquardt import gauss_newton
 from physid.estimation.least_squares.line_search import try_losses
 from physid.estimation.measurement.poses import pose_difference
-from physid.estimation.prediction.rollout import Variants
+from physid.estimation.prediction.rollout import Prediction, Predictor, Variants
 from physid.physics.rotations import exponential, multiply
 
 DOUBTFUL = 1.4  # mean squared residual, in units of the noise, of a segment whose initial state may be wrong
 MOST = 0.5  # share of the segments that may be such
 ROUNDS = 4  # Gauss-Newton steps from each guess
 UNDO = 8  # rounds in which what a camera changes is undone
+
+
+def lay_out(predictor: Predictor, pose: Tensor, scale: Tensor, fitted: Tensor) -> tuple[Experiment, InitialStates]:
+    """Return the experiment, with guesses of the initial states; nothing is simulated.
+
+    Args:
+        predictor: The model.
+        pose: Observed poses, shape (R, T, N, 7).
+        scale: One over the standard deviation of the noise times the root of the weight, shape (R, T, N, 6).
+        fitted: Trajectories that determine shared parameters, (R,).
+    """
+    scene, segments = predictor.model.scene, predictor.segments
+    initial = guess_initial_states(pose, _seen(scale), predictor.timeline.time, segments, scene)
+    directions = Directions.of(torch.tensor(scene.ground.normal, dtype=torch.float64), initial.resting)
+    engine, follow = torch.zeros_like(pose[..., :6]), torch.ones(len(segments), dtype=torch.bool)
+    return Experiment(predictor, pose, scale, fitted, directions, engine, follow), initial
+
+
+def best_guess(
+    experiment: Experiment, initial: InitialStates, nominal: Tensor | None = None, before: Prediction | None = None
+) -> Variants:
+    """Return a first point, with the guess of each segment's initial state that explains it best.
+
+    Where a prediction `before` is known, say of shorter segments, its states are guesses as well: the speed that some
+    noisy frames suggest may let bodies hit each other that have passed, and no step leads back from there.
+
+    Args:
+        experiment: What to explain.
+        initial: Guesses.
+        nominal: Unknown parameters in the coordinates of the fit, (1, P); None for the model's guess.
+        before: What was predicted before.
+    """
+    predictor, segments = experiment.predictor, experiment.predictor.segments
+    pose, twist = initial.pose, initial.twist
+    if before is not None:
+        more = (value[:, segments.trajectory, segments.start] for value in (before.state, before.twist))
+        pose, twist = (torch.cat(pair) for pair in zip((pose, twist), more, strict=True))
+    nominal = predictor.model.guess[None] if nominal is None else nominal
+    one = Variants.of_states(pose[:1], twist[:1], nominal, predictor.null[None])
+    many = one.repeat(len(pose)).replace(pose=pose, twist=twist)
+    return _picked(many, try_losses(experiment, many).argmin(0))
+
+
+def _seen(scale: Tensor) -> Tensor:
+    """Return the weights (R, T, N) of frames in a guess, 0 for those to ignore."""
+    return (scale[..., 0] > 0).double()
 
 
 def guesses(experiment: Experiment, point: Variants) -> Variants:
@@ -28,7 +75,7 @@ def guesses(experiment: Experiment, point: Variants) -> Variants:
     """
     predicted = experiment.predictor.predict(point)
     pose = _shifted(experiment.pose, pose_difference(predicted.state, predicted.pose)[0])
-    return _guessed(experiment, point, pose, (experiment.scale[..., 0] > 0).double())
+    return _guessed(experiment, point, pose, _seen(experiment.scale))
 
 
 def carried(experiment: Experiment, fit: Fit, point: Variants) -> Variants:
@@ -82,7 +129,7 @@ def search(experiment: Experiment, fit: Fit) -> Variants:
     if not 0 < float(doubtful.double().mean()) <= MOST:
         return fit.point
     chosen = doubtful.nonzero()[:, 0]
-    alone = experiment.replace(fitted=torch.zeros_like(experiment.fitted)).only(chosen, fit.jacobian.base.state[0])
+    alone = experiment.with_known_parameters().only(chosen, fit.jacobian.base.state[0])
     many = guesses(experiment, fit.point)
     found, losses = [fit.point], [fit.loss]
     for k in range(1, len(many)):

@@ -150,6 +150,18 @@ class Linearised:
             squares.append((data * part.profiled(data)).sum(1))
         return Normal(*(torch.cat(each)[order] for each in (matrices, vectors, squares)))
 
+    def profile(self, columns: Tensor) -> Tensor:
+        """Return weighed columns (C, R, T, N, 6) without what a change of the initial states explains."""
+        clean = torch.zeros_like(columns)
+        for part in self.parts:
+            own = part.profiled(part.batch.columns(columns)).movedim(-1, 0)
+            part.batch.put(own.unflatten(2, (part.batch.frame.shape[1], *columns.shape[3:])), clean)
+        return clean
+
+    def response(self) -> Tensor:
+        """Return how the best initial states follow the shared parameters, to first order, (K, D, P)."""
+        return self.gather(lambda part: -torch.cholesky_solve(part.state.mT @ part.shared, part.factor))
+
     def state_change(self, change: Tensor, damping: Tensor) -> Tensor:
         """Return the best change of the initial states (K, D) when the shared parameters change by (P,).
 

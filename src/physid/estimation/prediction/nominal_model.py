@@ -30,12 +30,16 @@ class NominalModel:
         effects: Effects that are known already, with their values.
         substeps: Steps of the engine per frame; None for those of the maker of the recordings, or as many as it takes.
         contact: When bodies touch, in steps of a simulator that is known; None for Bullet's `Split`.
+        rules: Rules of the physics, where they are given; None for those that follow from the scene.
+        logarithmic: Whether a restitution is fitted as a logarithm too, and therefore never zero.
     """
 
     scene: Scene
     effects: tuple[Effect, ...] = ()
     substeps: int | None = None
     contact: ContactRule | None = None
+    rules: World | None = None
+    logarithmic: bool = False
 
     @property
     def unknown(self) -> tuple[str, ...]:
@@ -45,6 +49,8 @@ class NominalModel:
     @property
     def world(self) -> World:
         """The static description that the PhysicsLayer takes."""
+        if self.rules is not None:
+            return self.rules
         ground = Plane(self.scene.ground.normal, self.scene.ground.offset)
         known = self.scene.integration is not None
         return World(
@@ -63,7 +69,7 @@ class NominalModel:
         return self.to_coordinates(torch.tensor(values, dtype=torch.float64))
 
     def to_coordinates(self, values: Tensor) -> Tensor:
-        """Return logarithms of masses and friction coefficients; restitution stays as it is. Shape (..., P)."""
+        """Return logarithms of masses and friction coefficients; see `logarithmic` for restitution. Shape (..., P)."""
         return torch.where(self._linear, values, values.clamp_min(SMALLEST).log())
 
     def to_values(self, coordinates: Tensor) -> Tensor:
@@ -100,4 +106,5 @@ class NominalModel:
 
     @cached_property
     def _linear(self) -> Tensor:
-        return torch.tensor([name.endswith(".restitution") for name in self.unknown], dtype=torch.bool)
+        linear = [name.endswith(".restitution") and not self.logarithmic for name in self.unknown]
+        return torch.tensor(linear, dtype=torch.bool)

@@ -11,6 +11,7 @@ from itertools import accumulate
 import torch
 from torch import Tensor
 
+from physid.data.observations.step_grid import StepGrid
 from physid.estimation.prediction.effect_parameters import EffectParameter
 from physid.estimation.prediction.nominal_model import NominalModel
 from physid.estimation.prediction.segments import Batch, Segmentation
@@ -47,6 +48,11 @@ class Variants:
 
     def __getitem__(self, chosen: slice) -> Variants:
         return self._each(lambda value: value[chosen])
+
+    @classmethod
+    def of_states(cls, pose: Tensor, twist: Tensor, nominal: Tensor, effects: Tensor) -> Variants:
+        """Return variants (C, ...) that do not follow a reference simulator."""
+        return cls(pose, twist, nominal, effects, torch.zeros(len(pose), 1, dtype=torch.float64))
 
     @classmethod
     def join(cls, parts: Sequence[Variants]) -> Variants:
@@ -95,6 +101,9 @@ class Predictor:
         candidates: Effects whose parameters are the columns Q of `Variants.effects`, in this order.
         most: World-steps that are simulated in one go, which bounds the memory.
         elsewhere: States of frames that are in no segment, shape (R, T, N, 7); None if there are none.
+
+    Attributes:
+        simulated: How many variants were simulated, in a list of one number that is shared with what `over` returns.
     """
 
     def __init__(
@@ -112,17 +121,24 @@ class Predictor:
         self.candidates = tuple(candidates)
         self.terms = tuple(EffectParameter(effect, name) for effect in candidates for name in effect.quantities())
         self.null = torch.tensor([term.quantity.null for term in self.terms], dtype=torch.float64)
-        self._most, self._elsewhere = most, elsewhere
+        self._most, self._elsewhere, self.simulated = most, elsewhere, [0]
         ends = list(accumulate(len(kind.quantities()) for kind in self.candidates))
         initial = [0, *ends][:-1]
         self._columns = [(kind, slice(*ends)) for kind, *ends in zip(self.candidates, initial, ends, strict=True)]
+
+    @classmethod
+    def of_whole(cls, model: NominalModel, time: Tensor, grid: StepGrid, length: Tensor) -> Predictor:
+        """Return one of whole trajectories with times (R, T), steps in between, and frames (R,) that are real."""
+        return cls(model, Timeline(time, grid), Segmentation.whole(length, time.shape[1]))
 
     def over(self, segments: Segmentation, elsewhere: Tensor | None = None) -> Predictor:
         """Return the same with other segments, and states (R, T, N, 7) of the frames that are in none of them.
 
         A camera that is late reports what was before a segment.
         """
-        return Predictor(self.model, self.timeline, segments, self.candidates, self._most, elsewhere)
+        predictor = Predictor(self.model, self.timeline, segments, self.candidates, self._most, elsewhere)
+        predictor.simulated = self.simulated
+        return predictor
 
     def at_times(self, timeline: Timeline) -> Predictor:
         """Return the same with other times, or other steps between the same frames."""
@@ -134,6 +150,7 @@ class Predictor:
         Raises:
             SolverError: If a contact problem cannot be solved.
         """
+        self.simulated[0] += len(variants)
         per = sum(self.timeline.cost(batch) for batch in self.segments.batches)
         chunk = max(1, self._most // per)
         parts = [self._predict(variants[start : start + chunk]) for start in range(0, len(variants), chunk)]

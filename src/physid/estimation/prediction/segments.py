@@ -117,6 +117,13 @@ class Segmentation:
         return cls._of([[(a, b - a, False) for a, b in pairwise(edges)]] * trajectories, frames)
 
     @classmethod
+    def whole(cls, length: Tensor, frames: int) -> Segmentation:
+        """Leave trajectories of the lengths (R,) whole, of T frames with the padding."""
+        count = len(length)
+        zero = torch.zeros(count, dtype=torch.int64)
+        return cls(count, frames, torch.arange(count), zero, length.long(), zero.bool())
+
+    @classmethod
     def around(cls, events: Tensor, cutting: CutRule, time_step: float = 1 / 240) -> Segmentation:
         """Cut so that stretches with events become short segments, and contact-free ones stay whole.
 

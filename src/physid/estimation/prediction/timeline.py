@@ -17,7 +17,7 @@ class Timeline:
     """Frames and steps of R trajectories.
 
     Attributes:
-        time: Times of the T frames since the first [s], shape (R, T).
+        time: Times of the T frames on the clock that effects see [s], shape (R, T).
         grid: Steps of the engine, and the forces that act in them.
     """
 
@@ -46,7 +46,7 @@ class Timeline:
     @cached_property
     def step_time(self) -> Tensor:
         """Time at which each step begins [s], shape (R, S)."""
-        return self.grid.times[:, :-1]
+        return self.grid.times[:, :-1] + self.time[:, :1]
 
     @cached_property
     def owner(self) -> Tensor:

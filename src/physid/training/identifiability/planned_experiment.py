@@ -22,10 +22,9 @@ from physid.scenes.setup import Excitation
 from physid.strict import check_keys, nearest, number, whole
 from physid.training.identifiability.identifiability import ACCEPT, Identifiability, SensorNoise, percent
 from physid.training.identifiability.plot import draw
-from physid.training.initial_states.projection import project_out_initial_states
+from physid.training.initial_states.slopes import slopes, without_initial_states
 from physid.training.learners.engine import Engine
 from physid.training.parameters.physical_parameters import PhysicalParameters
-from physid.training.parameters.slopes import slopes
 from physid.training.parameters.trajectories import Trajectories
 
 Range = tuple[float, float]
@@ -184,13 +183,11 @@ def analyse(config: IdentifiabilityConfig, engine: Engine | None = None) -> Iden
     """
     physical, layer = config.build_parameters(), (engine or Engine()).layer(config.build_scene())
     planned = predict(layer, physical, config.draw()).segments(config.segment)
-    found = slopes(layer, physical, planned)
-    answer = found.sensitivity
+    (answer, keep), spread = slopes(layer, physical, planned), config.noise.spread()
     if config.start == "estimated":
-        answer = project_out_initial_states(layer, physical, planned, answer, 1 / config.noise.spread())
-    keep, spread = found.usable, config.noise.spread()
+        answer = without_initial_states(layer, physical, planned, answer, spread)
     result = Identifiability.of(physical.names, answer[:, keep], planned.real[keep], spread, config.accept)
-    return IdentifiabilityResult(config, result, len(planned), found.bent)
+    return IdentifiabilityResult(config, result, len(planned), int((~keep).sum()))
 
 
 @torch.no_grad()

@@ -1,81 +1,118 @@
-"""The initial states of the training segments, from one evaluation of the loss to the next."""
+"""The fit of the training segments, from one step of the optimizer to the next."""
 
 from __future__ import annotations
 
-import dataclasses
 from typing import final
 
 import torch
 from torch import Tensor
 
+from physid.estimation.least_squares.experiment import Experiment, Fit
+from physid.estimation.least_squares.levenberg_marquardt import NONE, gauss_newton
+from physid.estimation.least_squares.line_search import Limits
+from physid.estimation.least_squares.multi_start import search
 from physid.physics.layer import SolverError
-from physid.scenes.scene import Scene
-from physid.training.initial_states.fitted import Explaining, Starts, TrackedFit
-from physid.training.parameters.sensitivity import sensitivity
+from physid.training.initial_states.explaining import Explaining, States, started
+from physid.training.parameters.gauss_newton import LIMITS
+from physid.training.parameters.trajectories import Trajectories
 
-IMPROVE = 2
-"""Steps of the initial states for each step of the parameters."""
+IMPROVE = 1
+"""Jacobians of the initial states for each step of the parameters."""
 
 
 @final
-class TrackedInitialStates:
-    """Fits initial states a little at every evaluation, beginning where they were and following the parameters.
+class TrackedFit:
+    """Fits initial states, and parameters with them, a little at a time, beginning where they were."""
 
-    Args:
-        scene: What the first guess needs.
-    """
-
-    def __init__(self, scene: Scene) -> None:
-        self._scene = scene
-        self._last: TrackedFit | None = None
-        self._index = self._point = torch.empty(0)
+    def __init__(self) -> None:
+        self._last: tuple[Experiment, Fit] | None = None
+        self._index = torch.empty(0)
         self._resumed: dict[str, Tensor] | None = None
 
-    def improve(self, explaining: Explaining, *, afresh: bool) -> tuple[TrackedFit, int]:
-        """Improve the initial states for the present parameters.
+    @torch.no_grad()
+    def improve(
+        self, explaining: Explaining, *, joint: bool = False, afresh: bool = False, limits: Limits | None = None
+    ) -> tuple[Fit, int]:
+        """Improve the fit from the present parameters.
 
         Args:
             explaining: Trajectories, model and loss.
-            afresh: Whether to fit from the first guess as well, to leave a local minimum.
+            joint: Whether parameters move too; else the initial states alone.
+            afresh: Whether badly fitted trajectories are fitted from new guesses as well, to leave a local minimum.
+            limits: Which steps of the parameters are tried.
 
         Returns:
-            The initial states and how they follow the parameters, and how many rollouts of all trajectories that took.
+            The fit, linearised there unless parameters move, and how many rollouts of all trajectories that took.
         """
-        cut, physical = explaining.trajectories, explaining.physical
+        experiment, fit = self._improved(explaining, joint, afresh, limits or LIMITS)
+        self._last, self._index = (experiment, fit), explaining.trajectories.index
+        return fit, experiment.predictor.simulated[0]
+
+    def _improved(self, explaining: Explaining, joint: bool, afresh: bool, limits: Limits) -> tuple[Experiment, Fit]:
+        states = self.states(explaining)
+        experiment, point = explaining.begin(states=states)
+        working = experiment if joint else experiment.with_known_parameters()
         try:
-            starts, spent = explaining.fit(self.starts(explaining), IMPROVE)
-        except SolverError:  # moved along with a step of the parameters that was too long
-            starts, spent = explaining.fit(Starts.guess(cut, self._scene), IMPROVE)
-        if afresh:
-            starts, more = explaining.better(starts, Starts.guess(cut, self._scene))
-            spent += more
-        answer = sensitivity(explaining.layer, physical, starts.of(cut))
-        self._last = explaining.follow(starts, answer)
-        self._index, self._point = cut.index, physical.logarithm.detach().clone()
-        return self._last, spent + 2 * len(answer) + self._last.rollouts
+            if afresh and explaining.fitted:
+                point = search(working, working.linearise(point, NONE))
+            return experiment, gauss_newton(working, point, NONE, IMPROVE, limits, exact=not joint)
+        except SolverError:
+            if states is None:
+                raise
+        # The states were moved along with a step of the parameters that was too long.
+        experiment, point = explaining.begin()
+        working = experiment if joint else experiment.with_known_parameters()
+        return experiment, gauss_newton(working, point, NONE, IMPROVE, limits, exact=not joint)
 
-    def last(self, explaining: Explaining, *, fitted: bool) -> TrackedFit | None:
-        """Return what was found last; where nothing was, improve. None if initial states are not fitted."""
-        if not fitted:
-            return None
-        return self.improve(explaining, afresh=False)[0] if self._last is None else self._last
+    @torch.no_grad()
+    def linearised(self, explaining: Explaining) -> tuple[Fit, Experiment]:
+        """Return the experiment, linearised at the present parameters and the best initial states."""
+        if explaining.fitted:
+            self.improve(explaining)
+            assert self._last is not None
+            return self._last[1], self._last[0]
+        experiment, point = explaining.begin()
+        return experiment.linearise(point, NONE), experiment
 
-    def starts(self, explaining: Explaining) -> Starts:
-        """Return the initial states to begin with: the last ones, moved along with the parameters; else a guess."""
+    @torch.no_grad()
+    def states(self, explaining: Explaining) -> States | None:
+        """Return the initial states to begin with: the last ones, moved along with the parameters; None for a guess."""
         cut = explaining.trajectories
+        if not explaining.fitted:
+            return None
         if self._last is not None and torch.equal(self._index, cut.index):
-            return self._last.at(explaining.physical.logarithm.detach() - self._point)
-        starts = Starts.guess(cut, self._scene)
+            pose, twist = self.follow(explaining.physical.logarithm.detach())
+            return pose, twist
         if self._resumed is not None and torch.equal(self._resumed["index"], cut.index):
-            starts = dataclasses.replace(starts, pose=self._resumed["pose"], twist=self._resumed["twist"])
-        return starts
+            return self._resumed["pose"], self._resumed["twist"]
+        return None
+
+    def follow(self, logarithm: Tensor) -> States:
+        """Return the last initial states, moved along with the logarithms (P,), differentiable by them."""
+        assert self._last is not None
+        experiment, fit = self._last
+        change = logarithm.cpu() - fit.point.nominal[0]
+        response = fit.linear.response()[..., : len(change)]
+        pose, twist = experiment.directions.move(fit.point.pose[0], fit.point.twist[0], response @ change)
+        return pose, twist
+
+    def started(self, explaining: Explaining) -> Trajectories:
+        """Return trajectories that are predicted from where the fit stands, at the present parameters."""
+        if not explaining.fitted:
+            return explaining.trajectories
+        states = self.states(explaining)
+        if states is None:
+            _, point = explaining.begin()
+            states = point.pose[0], point.twist[0]
+            self._resumed = {"index": explaining.trajectories.index, "pose": states[0], "twist": states[1]}
+        return started(explaining.trajectories, *states)
 
     def state_dict(self, logarithm: Tensor) -> dict[str, Tensor]:
         """Return what a checkpoint needs, the states moved along with the parameters; empty if there is nothing."""
         if self._last is None:
             return {}
-        starts = self._last.at(logarithm.detach() - self._point)
-        return {"index": self._index, "pose": starts.pose, "twist": starts.twist}
+        pose, twist = self.follow(logarithm.detach())
+        return {"index": self._index, "pose": pose, "twist": twist}
 
     def load_state_dict(self, state: dict[str, Tensor]) -> None:
         """Take the initial states of the run that is resumed."""

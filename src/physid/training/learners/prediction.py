@@ -8,12 +8,12 @@ from typing import Any, Literal, Self
 
 import lightning as L
 import torch
-from torch import Tensor
 
 from physid.physics.layer import PhysicsLayer
 from physid.scenes.scene import Scene
-from physid.training.initial_states.fitted import Explaining, Starts
-from physid.training.initial_states.tracked import TrackedInitialStates
+from physid.training.initial_states.explaining import Explaining, started
+from physid.training.initial_states.fitted import fit_states
+from physid.training.initial_states.tracked import TrackedFit
 from physid.training.learners.engine import Engine
 from physid.training.learners.metrics import PoseErrors
 from physid.training.learners.step_control import StepControl
@@ -43,7 +43,7 @@ class PredictingModule(L.LightningModule):
         physical: The physical parameters, once the scene is known.
         scene: The scene as far as it is known, once it is known.
         layer: The physics, once the scene is known.
-        starts: The initial states of the training segments.
+        tracked: The fit of the training segments.
         steps: The steps of the engine.
     """
 
@@ -59,7 +59,7 @@ class PredictingModule(L.LightningModule):
     physical: PhysicalParameters
     scene: Scene
     layer: PhysicsLayer
-    starts: TrackedInitialStates
+    tracked: TrackedFit
     steps: StepControl
     _weighs: bool
     _known: tuple[Batch, Trajectories] | None = None  # the last batch, asked for again and again
@@ -72,7 +72,7 @@ class PredictingModule(L.LightningModule):
     def attach(self, scene: Scene) -> Self:
         """Build physics, parameters and metrics for a scene; returns itself."""
         self.scene, self.layer = scene, self.engine.layer(scene)
-        self.physical, self.starts = PhysicalParameters(scene, self.learn, self.values), TrackedInitialStates(scene)
+        self.physical, self.tracked = PhysicalParameters(scene, self.learn, self.values), TrackedFit()
         self.steps = StepControl(self.engine.chooses(scene), scene.time_step)
         self.errors = torch.nn.ModuleDict({name: PoseErrors(scene) for name in ("fitted", "segments", "whole")})
         return self
@@ -137,8 +137,8 @@ class PredictingModule(L.LightningModule):
         if not self.fits_starts(batch):
             return cut
         self._weigh(batch)
-        seen = cut.beginnings(self.seen)
-        return self._explaining(seen).fit(Starts.guess(seen, self.scene))[0].of(cut)
+        point = fit_states(self._explaining(cut.beginnings(self.seen)))[1].point
+        return started(cut, point.pose[0], point.twist[0])
 
     def _weigh(self, batch: Batch) -> None:
         """Weigh rotations by the noise of the poses, if no loss is given and the warm-up is over."""
@@ -150,8 +150,8 @@ class PredictingModule(L.LightningModule):
         """How many epochs of training came after the warm-up; negative before its end, 1 outside of training."""
         return self.current_epoch - self.warm_up if self._trainer is not None and self._trainer.training else 1
 
-    def _explaining(self, cut: Trajectories, logarithm: Tensor | None = None) -> Explaining:
-        return Explaining(self.layer, self.physical, self.loss, cut, logarithm)
+    def _explaining(self, cut: Trajectories, *, fitted: bool = True) -> Explaining:
+        return Explaining(self.layer, self.physical, self.loss, cut, fitted)
 
     def _log_tested(self, stage: str) -> None:
         for name in self._lengths():

@@ -12,14 +12,16 @@ import lightning as L
 import torch
 from torch import Tensor
 
+from physid.estimation.least_squares.line_search import Limits
 from physid.estimation.measurement.poses import pose_difference
 from physid.training.callbacks.identifiability_warning import IdentifiabilityWarning
 from physid.training.callbacks.intervals import Intervals
 from physid.training.callbacks.parameter_history import ParameterHistory
 from physid.training.callbacks.unexplained import Unexplained
 from physid.training.identifiability.identifiability import Identifiability, SensorNoise
-from physid.training.initial_states.fitted import TrackedFit
-from physid.training.initial_states.projection import project_out_initial_states
+from physid.training.initial_states.explaining import started
+from physid.training.initial_states.fitted import fit_states
+from physid.training.initial_states.slopes import slopes, without_initial_states
 from physid.training.learners.base import OptimizerFactory, TrainingModule
 from physid.training.learners.engine import Engine
 from physid.training.learners.prediction import PredictingModule
@@ -27,8 +29,6 @@ from physid.training.parameters.gauss_newton import GaussNewton
 from physid.training.parameters.intervals import Response
 from physid.training.parameters.pattern_search import PatternSearch
 from physid.training.parameters.pose_loss import PoseLoss
-from physid.training.parameters.sensitivity import residuals, sensitivity
-from physid.training.parameters.slopes import slopes
 from physid.training.parameters.trajectories import Trajectories
 
 Batch = Mapping[str, Any]
@@ -98,35 +98,42 @@ class SysID(TrainingModule, PredictingModule):
         cut = self.trajectories(batch, self.segment)
         if self.fits_starts(batch):
             self._weigh(batch)
-            afresh = self._epochs_after > 0 and self._epochs_after % AFRESH == AFRESH - 1
-            follow, rollouts = self.starts.improve(self._explaining(cut), afresh=afresh)
-            self.count_evaluations(rollouts)
-            cut = follow.at(self.physical.logarithm - self.physical.logarithm.detach()).of(cut)
+            cut = self._follow(cut)
         predicted = cut.rolled(self.layer, self.physical()).pose
         self._evaluated = predicted.detach(), cut
         return self.loss(pose_difference(predicted, cut.pose), cut.real)
 
+    def _follow(self, cut: Trajectories) -> Trajectories:
+        """Return training segments from fitted states; GaussNewton moves these itself, others find them moved."""
+        explaining = self._explaining(cut)
+        if isinstance(self._kind, GaussNewton):
+            return self.tracked.started(explaining)
+        _, rollouts = self.tracked.improve(explaining, afresh=self._afresh)
+        self.count_evaluations(rollouts)
+        return started(cut, *self.tracked.follow(self.physical.logarithm))
+
+    @torch.no_grad()
+    def advance(self, batch: Batch, limits: Limits) -> Tensor:
+        """Take a step of Levenberg and Marquardt's; returns better parameters, shape (P,)."""
+        explaining = self._explaining(self.trajectories(batch, self.segment), fitted=self.fits_starts(batch))
+        if not explaining.fitted:
+            limits = dataclasses.replace(limits, chords=0)  # so few columns cost hardly more than a step
+        fit, rollouts = self.tracked.improve(explaining, joint=True, afresh=self._afresh, limits=limits)
+        self.count_evaluations(rollouts)
+        return fit.point.nominal[0].to(self.physical.logarithm)
+
+    @property
+    def _afresh(self) -> bool:
+        return self._epochs_after > 0 and self._epochs_after % AFRESH == AFRESH - 1
+
+    @property
+    def _kind(self) -> Any:
+        """The optimizer; None outside of training."""
+        return None if self._trainer is None else self.optimizers(use_pl_optimizer=False)
+
     def indices(self, batch: Batch) -> Tensor:
         """Return the trajectory of each training segment."""
         return self.trajectories(batch, self.segment).index
-
-    @torch.no_grad()
-    def curvature(self, batch: Batch) -> Tensor:
-        """Approximate the second derivative of the loss where it was computed last, (P, P); costs 2 P evaluations."""
-        explaining = self._explaining(self.trajectories(batch, self.segment))
-        follow = self.starts.last(explaining, fitted=self.fits_starts(batch))
-        if follow is None:
-            self.count_evaluations(2 * len(self.physical.names))
-        cut, slopes = self.answer(batch, follow)
-        weighing = residuals(self.layer, self.physical, cut) if self.loss.robust else cut.pose[..., :6]
-        return self.loss.curvature(weighing, slopes, cut.real)
-
-    @torch.no_grad()
-    def answer(self, batch: Batch, follow: TrackedFit | None) -> tuple[Trajectories, Tensor]:
-        """Return the training segments from their initial states, and their answer to ln(parameter) (P, B, T, N, 6)."""
-        cut = self.trajectories(batch, self.segment)
-        found = None if follow is None else (follow.starts.of(cut), follow.slopes)
-        return found or (cut, sensitivity(self.layer, self.physical, cut))
 
     @torch.no_grad()
     def values_at(self, batch: Batch, points: Tensor) -> Tensor:
@@ -139,15 +146,16 @@ class SysID(TrainingModule, PredictingModule):
     def losses_at(self, batch: Batch, points: Tensor) -> tuple[Tensor, int]:
         """Compute the loss of each segment at K points ln(parameter) (K, P), shape (K, B), and count the rollouts."""
         cut = self.trajectories(batch, self.segment)
-        many, every = cut.repeated(len(points)), points.repeat_interleave(len(cut), 0)
-        rollouts = 0
+        many, every, rollouts = cut.repeated(len(points)), points.repeat_interleave(len(cut), 0), len(points)
         if self.fits_starts(batch):
-            begin = self.starts.starts(self._explaining(cut)).repeated(len(points))
-            starts, rollouts = self._explaining(many, every).fit(begin)
-            many = starts.of(many)
-        losses = self.loss(residuals(self.layer, self.physical, many, every), many.real)
-        total = torch.stack(list(losses.values())).sum(0).unflatten(0, (len(points), -1))
-        return total, len(points) * (rollouts + 1)
+            explaining = self._explaining(cut)
+            states = self.tracked.states(explaining)
+            fits = [fit_states(explaining, logarithm=point, states=states) for point in points]
+            rollouts += sum(experiment.predictor.simulated[0] for experiment, _ in fits)
+            pose, twist = (torch.cat([getattr(fit.point, name)[0] for _, fit in fits]) for name in ("pose", "twist"))
+            many = started(many, pose, twist)
+        losses = self.loss(many.residual(self.layer, self.physical(every)), many.real)
+        return torch.stack(list(losses.values())).sum(0).unflatten(0, (len(points), -1)), rollouts
 
     def fitted(self) -> tuple[Tensor, Trajectories]:
         """Return the poses that were predicted last in training (B, T, N, 7), and the segments fitted."""
@@ -156,26 +164,24 @@ class SysID(TrainingModule, PredictingModule):
     def identifiability(self, noise: SensorNoise | None = None) -> Identifiability:
         """Judge what some trajectories of the last training batch tell, under their own noise if none is given."""
         cut = self.trajectories(self._batch, self.segment)
-        spread = (noise or cut.noise).spread()
-        if self.fits_starts(self._batch):
-            cut = self.starts.starts(self._explaining(cut)).of(cut)
+        spread, fits = (noise or cut.noise).spread(), self.fits_starts(self._batch)
+        cut = self.tracked.started(self._explaining(cut, fitted=fits)).to("cpu")
         cut = cut.chosen((cut.index[:, None] == cut.index.unique()[:JUDGED]).any(1))
-        found = slopes(self.layer, self.physical, cut)
-        usable = found.usable | ~found.usable.any()  # better all than none
-        cut, answer = cut.chosen(usable), found.sensitivity[:, usable]
-        if self.fits_starts(self._batch):
-            answer = project_out_initial_states(self.layer, self.physical, cut, answer, 1 / spread)
+        answer, usable = slopes(self.layer, self.physical, cut)
+        usable = usable | ~usable.any()  # better all than none
+        cut, answer = cut.chosen(usable), answer[:, usable]
+        if fits:
+            answer = without_initial_states(self.layer, self.physical, cut, answer, spread)
         return Identifiability.of(self.physical.names, answer, cut.real, spread)
 
     @torch.no_grad()
     def response(self) -> Response:
         """Compute how the estimates respond to the trajectories of the last training batch."""
         batch, index = self._batch, self.indices(self._batch)
-        if isinstance(self.optimizers(use_pl_optimizer=False), PatternSearch):
+        if isinstance(self._kind, PatternSearch):
             here = self.physical.logarithm.detach()
             return Response.coarse(lambda points: self.losses_at(batch, points)[0], here, index)
-        cut, slopes, residual = self._followed(batch)
-        response = Response.of(self.loss, residual, slopes, cut, cut.noise)
+        cut, response = self._responding(batch)
         if not self.steps.chooses:
             return response
         shift, chosen = self.steps.remaining(self.layer, self.physical, self._coarse_from(cut), cut.noise, response)
@@ -183,15 +189,15 @@ class SysID(TrainingModule, PredictingModule):
             self.log(f"steps/{name}", float(value))
         return dataclasses.replace(response, shift=shift)
 
-    def _followed(self, batch: Batch) -> tuple[Trajectories, Tensor, Tensor]:
-        """Return training segments from states fitted for the present parameters, their answer and residuals."""
-        follow = None
-        if self.fits_starts(batch):
-            # Not the states themselves: a run that goes on must not depend on where it was looked at.
-            explaining = self._explaining(self.trajectories(batch, self.segment))
-            follow, _ = copy.copy(self.starts).improve(explaining, afresh=False)
-        cut, slopes = self.answer(batch, follow)
-        return cut, slopes, residuals(self.layer, self.physical, cut)
+    def _responding(self, batch: Batch) -> tuple[Trajectories, Response]:
+        """Return training segments from states fitted for the present parameters, and how estimates respond there."""
+        cut = self.trajectories(batch, self.segment)
+        explaining = self._explaining(cut, fitted=self.fits_starts(batch))
+        # Not the fit that is tracked: a run that goes on must not depend on where it was looked at.
+        fit, experiment = copy.copy(self.tracked).linearised(explaining)
+        if explaining.fitted:
+            cut = started(cut, fit.point.pose[0], fit.point.twist[0])
+        return cut, Response.of(experiment, fit, cut.index, cut.noise)
 
     def _coarse_from(self, cut: Trajectories) -> Trajectories:
         """Return training segments with the longest steps, from the initial states of others."""
@@ -200,25 +206,26 @@ class SysID(TrainingModule, PredictingModule):
     @torch.no_grad()
     def _choose_steps(self) -> None:
         """Choose the steps of the training segments; the loss is another one then, and the optimizer begins anew."""
-        cut = self.trajectories(self._batch, self.segment)
-        kind: Any = self.optimizers(use_pl_optimizer=False)
-        noise, response = cut.noise, Response.unknown(len(self.physical.names))
-        if not isinstance(kind, PatternSearch):
-            cut, slopes, residual = self._followed(self._batch)
-            response = Response.of(self.loss, residual, slopes, cut, noise)
-        self.steps.choose(self.layer, self.physical, self._coarse_from(cut), noise, response)
-        kind.state.clear()
+        cut, response = self.trajectories(self._batch, self.segment), Response.unknown(len(self.physical.names))
+        if not isinstance(self._kind, PatternSearch):
+            cut, response = self._responding(self._batch)
+        self.steps.choose(self.layer, self.physical, self._coarse_from(cut), cut.noise, response)
+        self._kind.state.clear()
         self.print(self.steps.report)
 
     def settled(self) -> bool:
-        """Return whether the steps of the engine were chosen near the present parameters; if not, they will be."""
-        return self.steps.settled(self.physical.logarithm)
+        """Return whether the loss is the final one, and the steps of the engine were chosen near the parameters.
+
+        Steps that were not will be chosen before the next epoch.
+        """
+        final = not (self._weighs and self.fits_starts(self._batch)) or self._epochs_after >= 0
+        return final and self.steps.settled(self.physical.logarithm)
 
     def optimizer_step(self, epoch: int, batch_idx: int, optimizer: Any, optimizer_closure: Any = None) -> None:
-        """Give GaussNewton the curvature, PatternSearch the losses of other points; others step as ever."""
+        """Give GaussNewton a step of the shared loop, PatternSearch the losses of other points; others step as ever."""
         kind = getattr(optimizer, "optimizer", optimizer)
         if isinstance(kind, GaussNewton):
-            optimizer.step(closure=optimizer_closure, curvature=partial(self.curvature, self._batch))
+            optimizer.step(closure=optimizer_closure, advance=partial(self.advance, self._batch))
         elif isinstance(kind, PatternSearch):
             optimizer.step(closure=optimizer_closure, values=partial(self.values_at, self._batch))
         else:
@@ -244,10 +251,10 @@ class SysID(TrainingModule, PredictingModule):
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Keep the initial states too: a resumed run begins from them."""
         super().on_save_checkpoint(checkpoint)
-        checkpoint["starts"] = self.starts.state_dict(self.physical.logarithm)
+        checkpoint["starts"] = self.tracked.state_dict(self.physical.logarithm)
         checkpoint["steps"] = self.steps.state_dict()
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Take the initial states of the run that is resumed."""
-        self.starts.load_state_dict(checkpoint.get("starts", {}))
+        self.tracked.load_state_dict(checkpoint.get("starts", {}))
         self.steps.load_state_dict(checkpoint.get("steps", {}))

@@ -11,10 +11,10 @@ import torch
 from torch import Tensor
 
 from physid.estimation.least_squares.covariance import covariance_of, reach_of
+from physid.estimation.least_squares.experiment import Experiment, Fit
 from physid.estimation.least_squares.normal_equations import Normal
 from physid.estimation.measurement.sensor_noise import Noise
 from physid.training.parameters.pose_loss import PoseLoss
-from physid.training.parameters.trajectories import Trajectories
 
 COARSE = 0.1
 """Step of ln(parameter) where the slope of the loss says nothing."""
@@ -22,6 +22,8 @@ ROUNDING = 1e-10
 """Root of the mean square of derivatives [m] that are nothing but rounding."""
 WIDEST = 10.0
 """Standard deviation of a logarithm beyond which nothing is known."""
+FAINT = 1e-6
+"""The same in units of the noise."""
 RIDGE = 1e-12
 """Least curvature, relative to the largest: a parameter without influence gets a huge variance, not an error."""
 
@@ -37,22 +39,28 @@ class Response:
         gain: H^-1 J^T W, by which estimates follow predicted poses, d = -gain r, shape (P, B, T, N, 6); None where
             derivatives mean nothing.
         shift: What the steps of the engine may still change of the estimates, shape (P,); None for nothing.
+        faint: J^T W J, summed, of a parameter of which nothing is known.
     """
 
     normal: Normal
     least: Tensor
     gain: Tensor | None = None
     shift: Tensor | None = None
+    faint: float = 0.0
 
     @classmethod
-    def of(cls, loss: PoseLoss, residual: Tensor, slopes: Tensor, cut: Trajectories, noise: Noise) -> Response:
-        """Compute it from residuals (B, T, N, 6), their derivatives J (P, B, T, N, 6) and the noise of the poses."""
-        normal = normal_of(loss, residual, slopes, cut.real)
-        weighted = slopes * loss.weights(residual, cut.real)
+    def of(cls, experiment: Experiment, fit: Fit, index: Tensor, noise: Noise) -> Response:
+        """Compute it from a fit of B segments, each of the trajectory that `index` (B,) names.
+
+        What a change of the initial states explains as well is taken out, if these are free.
+        """
+        count, scale = fit.point.nominal.shape[1], experiment.scale
+        normal = fit.normal().select(torch.arange(count))
         total = normal.matrix.sum(0)
-        gain = torch.einsum("pq,qbtni->pbtni", torch.linalg.inv(total + torch.diag(ridge_of(total))), weighted)
-        least = (gain * noise.spread().to(gain)).square().sum((1, 2, 3, 4))
-        return cls(normal.grouped(cut.index), least, gain)
+        weighed = fit.linear.profile(fit.jacobian.shared[:count] * scale) * scale
+        gain = torch.einsum("pq,qbtni->pbtni", torch.linalg.inv(total + torch.diag(ridge_of(total))), weighed)
+        least = (gain * noise.spread()).square().sum((1, 2, 3, 4))
+        return cls(normal.grouped(index.cpu()), least, gain, faint=FAINT**2 * float((scale > 0).sum()))
 
     @classmethod
     def unknown(cls, count: int) -> Response:
@@ -79,7 +87,7 @@ class Response:
         matrix = (along - across).mean(-1) / (8 * step**2)
         size = value.shape[1]
         normal = Normal(matrix.expand(size, count, count), ((minus - plus) / (4 * step)).T, value[0])
-        return cls(normal.grouped(index), torch.zeros_like(here))
+        return cls(normal.grouped(index.cpu()), torch.zeros_like(here), faint=ROUNDING**2 * len(index))
 
     def covariance(self) -> Tensor:
         """Estimate the covariance of the estimates (see `covariance_of`), and what the steps may change, squared."""
@@ -88,7 +96,7 @@ class Response:
         spread = covariance_of(self.normal.solved(ridge), ridge, self.least)
         if self.shift is not None:
             spread = spread + torch.outer(self.shift, self.shift)
-        return known(spread, total, len(self.normal.square))
+        return known(spread, total, self.faint)
 
     def deviation(self) -> Tensor:
         """Return standard errors of ln(parameter), huge where nothing is known, shape (P,)."""
@@ -98,7 +106,7 @@ class Response:
         """Return the change of ln(parameter) (P,) by a change of predicted poses (B, T, N, 6)."""
         if self.gain is None:
             return torch.zeros_like(self.least)
-        return -torch.einsum("pbtni,btni->p", self.gain, apart)
+        return -torch.einsum("pbtni,btni->p", self.gain, apart.to(self.gain))
 
 
 def normal_of(loss: PoseLoss, residual: Tensor, slopes: Tensor, real: Tensor) -> Normal:
@@ -114,12 +122,12 @@ def ridge_of(matrix: Tensor) -> Tensor:
     return (RIDGE * matrix.diagonal().max() + torch.finfo(matrix.dtype).tiny).expand(len(matrix))
 
 
-def known(covariance: Tensor, matrix: Tensor, trajectories: int) -> Tensor:
+def known(covariance: Tensor, matrix: Tensor, faint: float) -> Tensor:
     """Return a covariance (P, P) that is infinite for parameters whose J^T W J, summed, is nothing but rounding.
 
     The quotient of two rounding errors may be anything, zero included.
     """
-    unseen = matrix.diagonal() <= ROUNDING**2 * trajectories
+    unseen = matrix.diagonal() <= faint
     return torch.where(torch.diag(unseen), math.inf, covariance)
 
 

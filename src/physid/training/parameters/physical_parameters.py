@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable, Mapping
 from typing import final
 
 import torch
 from torch import Tensor, nn
 
+from physid.estimation.prediction.nominal_model import NominalModel
+from physid.physics.layer import PhysicsLayer
 from physid.physics.parameters import Parameters
 from physid.scenes.parameters import bodies_of, with_parameters
 from physid.scenes.scene import Scene
@@ -28,6 +31,7 @@ class PhysicalParameters(nn.Module):
 
     Attributes:
         names: The learned parameters.
+        scene: The scene, in which they are unknown.
         logarithm: Natural logarithms of their values, shape (P,), float64.
 
     Raises:
@@ -49,6 +53,7 @@ class PhysicalParameters(nn.Module):
         self.names = tuple(scene.unknown if learn is None else learn)
         self._places = tuple((bodies_of(scene, name), scene.locate(name)[1]) for name in self.names)
         self._check(scene)
+        self.scene = dataclasses.replace(scene, unknown=self.names)
         self._hold("size", scene.sizes)
         self._hold("inertia", [body.moments() for body in scene.bodies])
         for field in FIELDS:
@@ -95,6 +100,10 @@ class PhysicalParameters(nn.Module):
             fields[field] = torch.where(mine, value[:, column : column + 1], fields[field])
         inertia = self.inertia * (fields["mass"] / self.mass)[..., None]
         return Parameters(size=self.size, inertia=inertia, **fields)
+
+    def model(self, layer: PhysicsLayer) -> NominalModel:
+        """Return the same for `physid.estimation`, whose coordinates are then the logarithms."""
+        return NominalModel(self.scene, layer.effects, rules=layer.world, logarithmic=True)
 
     @staticmethod
     def of(module: nn.Module) -> PhysicalParameters:

@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from physid.data.observations.step_grid import StepGrid
+from physid.estimation.measurement.poses import pose_difference
 from physid.estimation.measurement.sensor_noise import Noise, noise_of_poses
 from physid.estimation.prediction.timeline import Timeline
 from physid.physics.layer import PhysicsLayer, Rollout, SolverError
@@ -118,6 +119,14 @@ class Trajectories:
         steps = line.grid.steps.to(self.pose)
         grid = StepGrid(steps, line.grid.wrench, frame_step, count)
         return dataclasses.replace(self, time=line.time.to(self.pose).expand(len(self), -1), grid=grid)
+
+    def to(self, device: torch.device | str) -> Trajectories:
+        """Return the same on another device."""
+        return self._map(lambda value: value.to(device))
+
+    def residual(self, layer: PhysicsLayer, parameters: Parameters) -> Tensor:
+        """Predict from the initial states and compare with what was recorded, (B, T, N, 6); see `pose_difference`."""
+        return pose_difference(self.rolled(layer, parameters).pose, self.pose)
 
     def refined(self, factors: int | Tensor) -> Trajectories:
         """Return the same with steps cut into equal parts (see `StepGrid.refine`); nothing where there are none."""

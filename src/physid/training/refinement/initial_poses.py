@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, final
 
 import torch
 from torch import Tensor
 
+from physid.estimation.least_squares.experiment import Experiment, Fit
+from physid.estimation.least_squares.jacobian import Directions
 from physid.networks.chart import PlanarChart
-from physid.training.initial_states.fitted import Explaining, Starts
+from physid.training.initial_states.explaining import Explaining, started
+from physid.training.initial_states.fitted import fit_states
 from physid.training.parameters.pose_loss import PoseLoss
 from physid.training.parameters.trajectories import Trajectories
 
@@ -36,12 +38,14 @@ class Placing:
     """
 
     trajectories: Trajectories
-    _explaining: Explaining
-    _starts: Starts
+    _experiment: Experiment
+    _fit: Fit
 
     def reduce(self, answer: Tensor, loss: PoseLoss, real: Tensor) -> Tensor:
         """Take out of the derivatives J (P, B, T, N, 6) what other initial poses would do as well; the same shape."""
-        return self._explaining.follow(self._starts, answer).slopes
+        scale = self._experiment.scale
+        rest = self._fit.linear.profile(answer.cpu() * scale) / torch.where(scale > 0, scale, 1.0)
+        return rest.to(answer)
 
 
 @torch.no_grad()
@@ -54,11 +58,11 @@ def place(model: VideoModel, loss: PoseLoss, trajectories: Trajectories, real: T
         trajectories: Initial states, wrenches, and the poses that should come out.
         real: Which frames count, shape (B, T).
     """
-    chart, physical = model.chart, model.physical_there()
-    explaining = Explaining(model.layer, physical, loss, trajectories, counted=real)
+    chart, start = model.chart, trajectories.start
+    explaining = Explaining(model.layer, model.physical, loss, trajectories, counted=real)
     lying = isinstance(chart, PlanarChart) and not chart.hovering
-    up = trajectories.pose.new_tensor(model.up)
-    begin = Starts.near(trajectories.start, up, lying=lying, at_rest=model.start.at_rest)
-    starts, _ = explaining.fit(begin, MOST)
-    origin = torch.cat([starts.pose, starts.twist], -1)
-    return Placing(dataclasses.replace(trajectories, origin=origin), explaining, starts)
+    up = torch.tensor(model.up, dtype=torch.float64)
+    free = Directions.of(up, torch.full(start.pose.shape[:2], lying))
+    free = free.without_speed() if model.start.at_rest else free
+    experiment, fit = fit_states(explaining, MOST, states=(start.pose.cpu(), start.twist.cpu()), directions=free)
+    return Placing(started(trajectories, fit.point.pose[0], fit.point.twist[0]), experiment, fit)

@@ -12,11 +12,10 @@ from physid.estimation.least_squares.covariance import covariance_of
 from physid.estimation.least_squares.levenberg_marquardt import solve_shared
 from physid.estimation.least_squares.normal_equations import Normal
 from physid.physics.layer import PhysicsLayer
-from physid.training.parameters.intervals import RIDGE, known, normal_of, ridge_of
+from physid.training.initial_states.slopes import slopes
+from physid.training.parameters.intervals import RIDGE, ROUNDING, known, normal_of, ridge_of
 from physid.training.parameters.physical_parameters import PhysicalParameters
 from physid.training.parameters.pose_loss import PoseLoss
-from physid.training.parameters.sensitivity import residuals
-from physid.training.parameters.slopes import slopes
 from physid.training.parameters.trajectories import Trajectories
 
 MISFIT = 3.0
@@ -102,16 +101,16 @@ class NormalEquations:
             The loss of each trajectory, shape (B,).
         """
         with torch.no_grad():
-            residual = residuals(layer, physical, trajectories)
+            residual = trajectories.residual(layer, physical())
             value = torch.stack(list(loss(residual, real).values())).sum(0)
-        found = slopes(layer, physical, trajectories)
-        answer = found.sensitivity if own is None else own.reduce(found.sensitivity, loss, real)
-        usable = found.usable | ~found.usable.any()  # better all than none
+        answer, usable = (each.to(residual.device) for each in slopes(layer, physical, trajectories))
+        answer = answer if own is None else own.reduce(answer, loss, real)
+        usable = usable | ~usable.any()  # better all than none
         residual, answer = residual[usable], answer[:, usable]
         added = residual.new_zeros(0, *residual.shape)
         if shifted:
             with torch.no_grad():
-                moved = torch.stack([residuals(layer, physical, one) for one in shifted])
+                moved = torch.stack([one.residual(layer, physical()) for one in shifted])
             added = moved[:, usable] - residual
         weight = loss.weights(residual, real[usable])
         common = torch.einsum("pbtni,btni,kbtni->bpk", answer, weight, added)
@@ -135,4 +134,4 @@ class NormalEquations:
         ridge = ridge_of(total)
         spread = covariance_of(normal.solved(ridge), ridge, torch.full_like(ridge, LEAST**2))
         shared = torch.linalg.solve(total + torch.diag(ridge), self.common)
-        return known(spread + shared @ shared.T, total, len(normal.square))
+        return known(spread + shared @ shared.T, total, ROUNDING**2 * len(normal.square))
