@@ -29,6 +29,7 @@ import lightning as L
 from scipy.stats import t as student
 from tqdm import tqdm
 
+from physid.benchmark.scoring.intervals import wilson
 from physid.data.batches.datamodule import RecordingsDataModule
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig, Noise
@@ -96,14 +97,6 @@ def identify(case: Case, seed: int, made: dict[str, Any], noise: Noise) -> dict[
         low, high = (float(trainer.callback_metrics.get(f"params/{name}/{end}", math.nan)) for end in ("low", "high"))
         found[name] = (true[name], value, low, high)
     return found
-
-
-def wilson(impacts: int, count: int, quantile: float = 1.96) -> tuple[float, float]:
-    """Return Wilson's 95 % interval of a share (1927)."""
-    share, square = impacts / count, quantile**2 / count
-    middle = (share + square / 2) / (1 + square)
-    half = quantile * math.sqrt(share * (1 - share) / count + square / (4 * count)) / (1 + square)
-    return middle - half, middle + half
 
 
 def row(runs: list[tuple[float, float, float, float]], trajectories: int) -> str:
