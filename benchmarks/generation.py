@@ -16,7 +16,8 @@ from pathlib import Path
 
 import pybullet
 
-from physid.data.generation.generate import draw, generate
+from physid.data.generation.draw import draw
+from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig
 from physid.scenes.scene import Scene
 from physid.scenes.setup import Excitation

@@ -70,7 +70,6 @@ IMPORTING_MORE = {
     "commands/diagnoses.py": 20,
     "commands/imports.py": 12,
     "commands/recordings.py": 14,
-    "data/generation/generate.py": 13,
     "data/generation/settings.py": 11,
     "data/importers/convert.py": 11,
     "diagnosis/conclusion/conclusion.py": 15,

@@ -22,7 +22,8 @@ from physid.benchmark.sealing.native import NATIVE
 from physid.benchmark.sealing.outside import OUTSIDE
 from physid.benchmark.sealing.seal import make, seal, seal_all
 from physid.data.format import RecordingSet
-from physid.data.generation.generate import draw, generate
+from physid.data.generation.draw import draw
+from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig
 from physid.effects import CATALOGUE, find
 from physid.physics.effect import Effect

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from physid.data.format import RecordingSet
-from physid.data.generation.generate import draw, generate
+from physid.data.generation.draw import draw
+from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig, Noise
 from physid.data.truth import read_truth
 from physid.scenes.camera import Camera

@@ -15,7 +15,7 @@ from physid.benchmark.plan import Plan, Recorded, Task
 from physid.benchmark.sealing.acting import acting_phases
 from physid.benchmark.sealing.hidden import ROLES, Hidden, Role, build, candidates, cells, scaled
 from physid.benchmark.sealing.severity import severity
-from physid.data.generation.generate import draw
+from physid.data.generation.draw import draw
 from physid.data.generation.settings import GenerateConfig, Noise
 from physid.physics.effect import Effect
 from physid.scenes.catalogue import find_setup

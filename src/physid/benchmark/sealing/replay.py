@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from physid.data.generation.generate import draw
+from physid.data.generation.draw import draw
 from physid.data.generation.settings import GenerateConfig
 from physid.physics.effect import Effect
 from physid.scenes.catalogue import find_setup

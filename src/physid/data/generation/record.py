@@ -1,0 +1,48 @@
+"""Record a trajectory: draw it, film it, add the noise of a sensor, write it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from physid.data.format import trajectory_path
+from physid.data.generation.draw import MOST_REDRAWS, add_noise, draw
+from physid.data.generation.settings import GenerateConfig
+from physid.data.recording import Recording
+from physid.data.trajectory import write_trajectory
+from physid.simulators.filming import film
+from physid.simulators.motion import observed
+
+if TYPE_CHECKING:
+    from physid.physics.effect import Effect
+
+
+def record(config: GenerateConfig, folder: Path, index: int, split: str, extra: tuple[Effect, ...]) -> int:
+    """Write trajectory `index` and return how many draws were thrown away."""
+    effects = (*config.build_effects(), *extra)
+    protocol = config.protocol_for(split)
+    excitation, motion, redrawn = draw(config, index, protocol, effects)
+    scene, sampling = config.true_scene(), config.sampling()
+    seen = observed(motion.pose, effects, sampling.stamps(np.arange(len(motion.pose))))
+    frames = sampling.draw_frames(np.random.default_rng([config.seed, index, MOST_REDRAWS + 1]), config.missing)
+    pose = seen[frames]
+    images = {}
+    if scene.camera is not None:
+        images = film(scene, pose)
+    disturbed = bool(config.noise) or seen is not motion.pose
+    uneven = bool(config.jitter or config.missing or config.force_rate)
+    recording = Recording(
+        pose=add_noise(pose, config.noise, np.random.default_rng([config.seed, index, MOST_REDRAWS])),
+        # Velocities come from the simulator, not from the sensor: a disturbed set must not carry them.
+        twist=None if disturbed else motion.twist[frames],
+        split=split,
+        protocol=protocol,
+        wrench=excitation.wrench[sampling.forces],
+        time=sampling.stamps(frames) if uneven else None,
+        wrench_time=sampling.stamps(sampling.forces) if uneven else None,
+        **images,
+    )
+    write_trajectory(trajectory_path(folder, index), recording)
+    return redrawn
