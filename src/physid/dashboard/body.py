@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from itertools import groupby
 from typing import Any
 
@@ -12,7 +13,7 @@ from physid.dashboard.summary import KINDS, Run, far, grade, judged, keeps, met,
 from physid.diagnosis.document.sentences import caveat, effect_lines, estimate, explained, where_sentence
 from physid.diagnosis.report.drawings import closing
 from physid.pages.figures import Series, line_chart
-from physid.pages.numbers import NOTHING, figure, named, quantity
+from physid.pages.numbers import NOTHING, figure, in_unit, named, quantity
 from physid.pages.templates import render
 
 GROUPS = (("loss", "Losses"), ("error", "Errors"), ("schedule", "Schedules"), ("other", "Other curves"))
@@ -59,7 +60,7 @@ def _parameter(each: Mapping[str, Any]) -> dict[str, Any]:
             [Series("estimate", "after", each["x"], each["y"])],
             f"{each['name']} over the fit",
             each["axis"],
-            unit=each["unit"],
+            show=in_unit(each["unit"]),
             band=(each["low"], each["high"]) if known else None,
             truths=[] if each["true"] is None else [each["true"]],
             logarithmic=False,
@@ -104,9 +105,11 @@ def _curves(run: Run) -> list[tuple[str, list[tuple[str, Markup]]]]:
     drawn = []
     for group, title in GROUPS:
         curves = [each for each in run["curves"] if each["group"] == group and len(each["x"]) > 1]
-        lines = [
-            (each["name"], line_chart([Series(each["name"], "s0", each["x"], each["y"])], each["name"], each["axis"]))
-            for each in curves
-        ]
+        lines = [(each["name"], _curve(each)) for each in curves]
         drawn += [(title, lines)] * bool(lines)
     return drawn
+
+
+def _curve(each: Mapping[str, Any]) -> Markup:
+    series = Series(each["name"], "s0", each["x"], each["y"])
+    return line_chart([series], each["name"], each["axis"], show=partial(named, each["name"]))

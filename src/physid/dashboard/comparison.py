@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import chain
 
 from markupsafe import Markup
@@ -146,13 +147,15 @@ def charts(runs: Sequence[Run], groups: Sequence[tuple[str, str]]) -> list[tuple
                 axes.setdefault(each["name"], each["axis"])
             if title == "Parameters" and each["true"] is not None:
                 truths.setdefault(each["name"], set()).add(each["true"])
+
+    def drawn(name: str, lines: list[Series]) -> Markup:
+        return line_chart(lines, name, axes[name], truths=sorted(truths.get(name, ())), show=partial(named, name))
+
+    several = {
+        title: {name: one for name, one in sorted(known.items()) if len(one) > 1} for title, known in found.items()
+    }
     return [
-        (
-            title,
-            [(name, line_chart(lines, name, axes[name], truths=sorted(truths.get(name, ())))) for name, lines in each],
-        )
-        for title, known in found.items()
-        if (each := [(name, lines) for name, lines in sorted(known.items()) if len(lines) > 1])
+        (title, [(name, drawn(name, one)) for name, one in each.items()]) for title, each in several.items() if each
     ]
 
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 import io
 import itertools
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 from markupsafe import Markup
 
-from physid.pages.numbers import quantity
+from physid.pages.numbers import figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -94,13 +94,13 @@ def drawing(
     }
     made: list[Markup] = []
     with matplotlib.rc_context(settings):
-        figure = Figure(figsize=(width, height))
-        axes = figure.subplots()
+        canvas = Figure(figsize=(width, height))
+        axes = canvas.subplots()
         axes.patch.set_visible(False)
-        figure.patch.set_visible(False)
+        canvas.patch.set_visible(False)
         yield axes, made
         file = io.StringIO()
-        figure.savefig(file, format="svg", metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
+        canvas.savefig(file, format="svg", metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
     made.append(Markup(_themed(file.getvalue())))
 
 
@@ -126,8 +126,8 @@ def _themed(text: str) -> str:
     return re.sub(r"\n\s*", "\n", re.sub(r' id="line-([^"]*)"', r' class="line \1"', text))
 
 
-def lengths(axes: Axes, which: Literal["x", "y"], unit: str | None, most: int = 5) -> None:
-    """Let an axis, x or y, write at most about so many ticks, with the unit."""
+def ticks(axes: Axes, which: Literal["x", "y"], show: Callable[[float], str], most: int = 5) -> None:
+    """Let an axis, x or y, write at most about so many ticks, each as `show` writes it."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     axis = axes.xaxis if which == "x" else axes.yaxis
@@ -142,7 +142,7 @@ def lengths(axes: Axes, which: Literal["x", "y"], unit: str | None, most: int = 
         axis.set_minor_formatter(NullFormatter())
     else:
         axes.locator_params(axis=which, nbins=most)
-    axis.set_major_formatter(FuncFormatter(lambda value, _: quantity(value, unit) if value else "0"))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: show(value) if value else "0"))
 
 
 def line_chart(
@@ -150,7 +150,7 @@ def line_chart(
     title: str,
     axis: str,
     *,
-    unit: str | None = "",
+    show: Callable[[float], str] = figure,
     band: tuple[float, float] | None = None,
     truths: Sequence[float] = (),
     floor: float | None = None,
@@ -163,7 +163,7 @@ def line_chart(
         series: The lines.
         title: What the drawing shows, for who cannot see it.
         axis: Name of the horizontal axis, with its unit.
-        unit: Of the values.
+        show: Writes a value with its unit.
         band: An interval, drawn behind.
         truths: Values that are known, drawn as dashed lines.
         floor: A value below which nothing can be, drawn as a dashed line.
@@ -198,7 +198,7 @@ def line_chart(
             axes.set_ylim(top=top)
         axes.set_xlabel(axis)
         axes.margins(x=0.01)
-        lengths(axes, "y", unit)
+        ticks(axes, "y", show)
     return titled(made[0], title)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"))
 SMALLEST_SHOWN = 0.1  # a number below takes the next prefix
@@ -64,6 +64,11 @@ def quantity(value: float, unit: str | None, digits: int = 3) -> str:
     return f"{figure(value / factor, digits)} {prefix}{unit}"
 
 
+def in_unit(unit: str | None) -> Callable[[float], str]:
+    """Return what writes a value with a unit."""
+    return lambda value: quantity(value, unit)
+
+
 def unit_of(unit: str | None) -> str:
     """Return a unit with a space before it; nothing for a number without a unit."""
     return "" if unit in NO_UNIT else f" {unit}"
@@ -105,10 +110,12 @@ def p_value(value: float, simulations: int | None = None, *, brief: bool = False
 
 def named(name: str, value: float) -> str:
     """Write a figure with the unit that its name implies; errors of positions are relative to the object's size."""
-    if re.search("position_error|relative_error", name):
+    if re.search("position_error|relative_error|_share$", name):
         return error(value)
-    if "rotation_error" in name:
+    if re.search("rotation_error", name):
         return f"{figure(value)}°"
+    if re.search("(position|rotation)_(noise|unexplained)$", name):
+        return quantity(value, "m") if "position" in name else f"{figure(math.degrees(value))}°"
     if name.endswith("seconds"):
         return duration(value)
     return f"{figure(value, 4)} dB" if "psnr" in name else figure(value, 4)

@@ -11,8 +11,8 @@ from markupsafe import Markup
 from physid.diagnosis.document.document import SPLITS, Diagnosis, Estimate, Share
 from physid.diagnosis.document.sentences import SPLIT_NAMES
 from physid.diagnosis.report.contents import LEVELS, Curve, ReportData, TimeMap
-from physid.pages.figures import CODES, SMALL, Series, drawing, lengths, line_chart, titled
-from physid.pages.numbers import capital, percent, quantity, words
+from physid.pages.figures import CODES, SMALL, Series, drawing, line_chart, ticks, titled
+from physid.pages.numbers import capital, in_unit, percent, quantity, words
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,7 +39,12 @@ def error_curves(curves: Sequence[Curve], said: Diagnosis) -> list[tuple[str, Ma
             for name, values in curve.lines.items()
         ]
         title = f"{capital(SPLIT_NAMES[curve.split])}: error over time"
-        scale: Any = {"unit": gap.unit, "floor": gap.floor or None, "logarithmic": logarithmic, "top": 1.2 * highest}
+        scale: Any = {
+            "show": in_unit(gap.unit),
+            "floor": gap.floor or None,
+            "logarithmic": logarithmic,
+            "top": 1.2 * highest,
+        }
         drawn.append((SPLIT_NAMES[curve.split], line_chart(series, title, "time [s]", **scale)))
     return drawn
 
@@ -64,7 +69,7 @@ def error_levels(said: Diagnosis, data: ReportData) -> Markup | None:
         if gap.floor > 0:
             axes.axvline(gap.floor, color=CODES["floor"], linewidth=1, linestyle=(0, (4, 3)))
         axes.margins(x=0.08)
-        lengths(axes, "x", gap.unit, most=3)
+        ticks(axes, "x", in_unit(gap.unit), most=3)
     return titled(made[0], "Levels of error")
 
 
@@ -83,7 +88,7 @@ def _span(name: str, value: float, low: float, high: float, unit: str) -> Markup
         axes.axvline(0, color=CODES["floor"], linewidth=1, linestyle=(0, (4, 3)))
         axes.set_yticks([])
         axes.margins(x=0.08)
-        lengths(axes, "x", unit)
+        ticks(axes, "x", in_unit(unit))
     return made[0]
 
 

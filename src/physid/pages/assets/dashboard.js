@@ -65,6 +65,7 @@ function compare(runs) {
     }
     part.hidden = all("tbody tr:not([hidden])", part).length === 0;
   }
+  for (const part of all("#compare .films")) part.hidden = all("[data-run]:not([hidden])", part).length === 0;
   for (const part of all("#compare .overlaid")) {
     for (const figure of all("figure", part)) {
       const lines = all(".line", figure);
