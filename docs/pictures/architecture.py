@@ -29,6 +29,7 @@ ABOUT = {
     "training": "SysID and learning from video",
     "diagnosis": "where, which and how far a model is off",
     "estimation": "least squares, initial states profiled out",
+    "pages": "templates, stylesheet and figures of all pages",
     "data": "recordings on disk, importers, checks",
     "simulators": "PyBullet, MuJoCo, closed forms",
     "effects": "what a nominal model may lack, one file each",
@@ -150,7 +151,7 @@ text { font-family: system-ui, "DejaVu Sans", sans-serif; fill: #1f2933; }
 .name { font-size: 15px; font-weight: 600; } .line { font-size: 12px; fill: #52606d; }
 .room { font: 11px ui-monospace, "DejaVu Sans Mono", monospace; fill: #7a5c00; }
 .box { fill: #f5f7fa; stroke: #9aa5b1; } .arrow { fill: none; stroke: #7b8794; stroke-width: 1.2; }
-.head { fill: #7b8794; } .paper { fill: #ffffff; }
+.far { stroke-dasharray: 2 4; } .head { fill: #7b8794; } .paper { fill: #ffffff; }
 @media (prefers-color-scheme: dark) {
   text { fill: #e4e7eb; } .line { fill: #b3bdc9; } .room { fill: #e0c060; } .box { fill: #1c232c; stroke: #52606d; }
   .arrow { stroke: #8896a5; } .head { fill: #8896a5; } .paper { fill: #0d1117; }
@@ -191,9 +192,10 @@ def _arrow(start: Box, end: Box) -> str:
     a = min(max(middle[1], start.x + 16), start.x + start.width - 16) * 0.5 + middle[0] * 0.5
     b = min(max(middle[0], end.x + 16), end.x + end.width - 16) * 0.5 + middle[1] * 0.5
     top, bottom = start.y + start.height, end.y
+    kind = "arrow far" if bottom - top > ROW_GAP else "arrow"
     bend = min(60.0, (bottom - top) * 0.6)
     return (
-        f'<path class="arrow" marker-end="url(#head)" d="M{a:.0f} {top:.0f}C{a:.0f} {top + bend:.0f} '
+        f'<path class="{kind}" marker-end="url(#head)" d="M{a:.0f} {top:.0f}C{a:.0f} {top + bend:.0f} '
         f'{b:.0f} {bottom - bend:.0f} {b:.0f} {bottom:.0f}"/>'
     )
 
