@@ -11,7 +11,7 @@ from physid.effects.probe import TIME_STEP, draw_probe
 from physid.effects.resampling import at_times
 from physid.physics.rotations import angle_between, exponential
 
-TOLERANCE = 1e-12
+TOLERANCE, G = 1e-12, 9.81
 PROBE = draw_probe()
 
 
@@ -72,6 +72,33 @@ def test_poses_at_uneven_times_are_those_of_a_steady_motion() -> None:
     wanted = steady(FRAMES + 0.5)
     assert torch.allclose(between[..., :3], wanted[..., :3], atol=TOLERANCE)
     assert angle_between(between[..., 3:], wanted[..., 3:]).max() < 1e-7
+
+
+def falling(time: Tensor, bounce: float = torch.inf) -> Tensor:
+    """Return a body that falls, turns faster and faster about one axis, and bounces at a time; shape (1, T, 1, 7)."""
+    late = (time - bounce).clamp_min(0)
+    place = torch.stack([0.3 * time, 0 * time, 2.0 - 0.5 * G * time**2 + late * 2.0 * G * min(bounce, 1e3)], -1)
+    turn = torch.stack([0 * time, 0.2 * time + 0.01 * time**2 - 0.4 * late, 0 * time], -1)
+    return torch.cat([place, exponential(turn)], -1)[None, :, None]
+
+
+def test_a_free_fall_with_a_changing_spin_is_exact_between_uneven_frames() -> None:
+    uneven = FRAMES + 0.3 * torch.rand(12, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
+    wanted = torch.linspace(float(uneven[0]), float(uneven[-1]), 60, dtype=torch.float64)
+    between, true = at_times(falling(uneven), uneven[None], wanted[None]), falling(wanted)
+    assert torch.allclose(between[..., :3], true[..., :3], atol=TOLERANCE)
+    assert angle_between(between[..., 3:], true[..., 3:]).max() < 1e-7
+
+
+def test_a_bounce_bends_no_frame_but_those_that_it_lies_between() -> None:
+    bounce = 5.3
+    wanted = torch.linspace(0.0, 11.0, 111, dtype=torch.float64)
+    between, true = at_times(falling(FRAMES, bounce), FRAMES[None], wanted[None]), falling(wanted, bounce)
+    elsewhere = (wanted <= 5) | (wanted >= 6)
+    off = (between - true)[0, :, 0, :3].norm(dim=-1)
+    assert float(off[elsewhere].max()) < TOLERANCE
+    assert angle_between(between[:, elsewhere, :, 3:], true[:, elsewhere, :, 3:]).max() < 1e-7
+    assert float(off.max()) > 0.1
 
 
 def test_frames_that_fill_up_a_shorter_trajectory_make_nothing_of_nothing() -> None:

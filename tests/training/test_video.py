@@ -15,6 +15,7 @@ from physid.cli import main
 from physid.data.format import RecordingSet, write_scene
 from physid.data.recording import Recording
 from physid.data.trajectory import write_trajectory
+from physid.training.learners.engine import Engine
 from physid.training.learners.optimisation import take_encoder
 from physid.training.learners.self_supervised import SelfSupervisedID
 from physid.training.learners.supervised import SupervisedID
@@ -45,6 +46,20 @@ def films(tmp_path_factory: pytest.TempPathFactory) -> Path:
     tiny = ["trajectories=10", "steps=21", "--workers=1", "--quiet", f"--out={out}"]
     assert main(["generate", "--config", config, *tiny]) == 0
     return out
+
+
+def test_films_whose_maker_is_not_known_are_predicted_with_one_step_per_frame_and_that_is_said(
+    films: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    known = RecordingSet(films).scene
+    SupervisedID(["block.mass"]).attach(known)
+    unknown = dataclasses.replace(known, integration=None, time_step=1 / 30)
+    SupervisedID(["block.mass"], engine=Engine(substeps=4)).attach(unknown)
+    assert not caplog.records
+    SelfSupervisedID(["block.mass"]).attach(unknown)
+    (said,) = (one.getMessage() for one in caplog.records)
+    assert "one from frame to frame (33.3 ms)" in said
+    assert "model.engine.substeps=16" in said
 
 
 @pytest.mark.parametrize("method", ["supervised", "self_supervised"])

@@ -12,9 +12,9 @@ from physid.physics.effect import Effect, Site, quantity
 @final
 @dataclass(frozen=True)
 class ObservationLatency(Effect):
-    """P'(t) = P(t - d) for the pose P, between frames at constant velocity (see `at_times`).
+    """P'(t) = P(t - d) for the pose P, between frames at constant acceleration (see `at_times`).
 
-    At d = 0 the derivative is minus the change of pose over the last step, divided by its length.
+    At d = 0 the derivative is minus the velocity at the end of the last step.
 
     Attributes:
         latency: d [s].

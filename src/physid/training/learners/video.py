@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -29,6 +30,9 @@ from physid.training.refinement.refinement import Readings, Refinement
 from physid.training.vision.model import EncoderFactory, VideoModel, Vision
 from physid.training.vision.scores import VideoScores
 from physid.training.vision.synthetic_images import SyntheticImages
+
+logger = logging.getLogger("physid")
+SHORT = 1 / 480  # [s] steps that miss little of a stop, and cost a film little beside its images
 
 
 @dataclass(frozen=True)
@@ -122,6 +126,14 @@ class VideoID(TrainingModule):
     def attach(self, scene: Scene) -> Self:
         """Build encoder, physics, parameters and metrics for a scene; returns itself."""
         physical, layer = PhysicalParameters(scene, self.learn, self.values), self.engine.layer(scene)
+        if self.engine.chooses(scene):
+            logger.warning(
+                "what learns from films, or predicts by it, chooses no steps of the engine: it takes one from frame "
+                "to frame (%.3g ms), and misses when within it a block stops, turns around or hits; "
+                "model.engine.substeps=%d takes steps of about 2 ms",
+                1e3 * scene.time_step,
+                max(1, round(scene.time_step / SHORT)),
+            )
         self.model = VideoModel(scene, physical, layer, self._encoder, self.vision)
         self.scores = VideoScores(scene)
         return self
