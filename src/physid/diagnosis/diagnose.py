@@ -14,9 +14,7 @@ from physid.data.format import RecordingSet
 from physid.diagnosis.conclusion.conclusion import draw_conclusion
 from physid.diagnosis.conclusion.fitted_model import save_model
 from physid.diagnosis.document.document import Diagnosis
-from physid.diagnosis.inputs.model_source import read_nominal_model
-from physid.diagnosis.inputs.observations import load_observations
-from physid.diagnosis.inputs.requirements import require_usable
+from physid.diagnosis.inputs import load_observations, read_nominal_model, require_usable
 from physid.diagnosis.progress import Progress, Stage, silent
 from physid.diagnosis.reference.nominal_fit_cache import clear_cache, fit_or_resume
 from physid.diagnosis.results import write_results

@@ -40,7 +40,7 @@ from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.selection.attribution import Attribution
 from physid.diagnosis.selection.comparison import gain
 from physid.diagnosis.selection.evidence import improves_held_out
-from physid.diagnosis.testing.hypothesis import Hypothesis
+from physid.diagnosis.testing import Hypothesis
 
 BLAMING: tuple[Verdict, ...] = ("named", "group", "partial")
 """Verdicts that name effects."""

@@ -11,7 +11,7 @@ import yaml
 from physid.data.files import write_text
 from physid.diagnosis.conclusion.conclusion import Conclusion
 from physid.effects import CATALOGUE
-from physid.estimation.prediction.nominal_model import NominalModel
+from physid.estimation.prediction import NominalModel
 
 DIGITS = 6
 

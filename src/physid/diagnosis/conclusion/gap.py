@@ -8,13 +8,11 @@ import torch
 from torch import Tensor
 
 from physid.diagnosis.document.document import Split
-from physid.diagnosis.inputs.observations import SAME, SELECT, TRANSFER, Observations
+from physid.diagnosis.inputs import SAME, SELECT, TRANSFER, Observations
 from physid.diagnosis.settings.conclusion import GapSettings
-from physid.diagnosis.testing.hypothesis import Hypothesis
-from physid.diagnosis.testing.lack_of_fit import LackOfFit
-from physid.diagnosis.testing.residual_wrench import freed
-from physid.estimation.least_squares.experiment import Experiment
-from physid.estimation.measurement.sensor_noise import Noise
+from physid.diagnosis.testing import Hypothesis, LackOfFit, freed
+from physid.estimation.least_squares import Experiment
+from physid.estimation.measurement import Noise
 
 
 @dataclass(frozen=True)

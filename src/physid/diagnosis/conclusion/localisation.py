@@ -10,8 +10,7 @@ from torch import Tensor
 
 from physid.diagnosis.document.document import SITES, Dof, Phase
 from physid.diagnosis.selection.attribution import Attribution
-from physid.diagnosis.testing.lack_of_fit import LackOfFit
-from physid.diagnosis.testing.score_test import gains, joined
+from physid.diagnosis.testing import LackOfFit, gains, joined
 from physid.physics.effect import Site
 
 

@@ -10,9 +10,8 @@ import torch
 from torch import Tensor
 
 from physid.diagnosis.settings.conclusion import MaterialitySettings
-from physid.diagnosis.testing.hypothesis import Hypothesis
-from physid.diagnosis.testing.lack_of_fit import LackOfFit
-from physid.estimation.measurement.sensor_noise import Noise
+from physid.diagnosis.testing import Hypothesis, LackOfFit
+from physid.estimation.measurement import Noise
 from physid.scenes.scene import Scene
 
 

@@ -9,15 +9,12 @@ import numpy as np
 import torch
 import yaml
 
-from physid.diagnosis.inputs.observations import FIT, Observations
+from physid.diagnosis.inputs import FIT, Observations
 from physid.diagnosis.reference.nominal_fit import NominalFit, begin
 from physid.diagnosis.selection.attribution import Attribution
-from physid.diagnosis.testing.hypothesis import Hypothesis
-from physid.estimation.least_squares.experiment import Experiment
-from physid.estimation.least_squares.levenberg_marquardt import gauss_newton
-from physid.estimation.prediction.rollout import Predictor, Variants
-from physid.estimation.prediction.segments import Segmentation
-from physid.estimation.prediction.timeline import Timeline
+from physid.diagnosis.testing import Hypothesis
+from physid.estimation.least_squares import Experiment, gauss_newton
+from physid.estimation.prediction import Predictor, Segmentation, Timeline, Variants
 from physid.physics.layer import SolverError
 from physid.scenes.catalogue import SETUPS
 from physid.scenes.parameters import with_parameters

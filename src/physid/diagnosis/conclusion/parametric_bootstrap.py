@@ -7,8 +7,8 @@ from torch import Tensor
 
 from physid.diagnosis.reference.null_simulations import jitter
 from physid.diagnosis.reference.replay import replay
-from physid.diagnosis.testing.hypothesis import Hypothesis
-from physid.estimation.least_squares.prior import prior
+from physid.diagnosis.testing import Hypothesis
+from physid.estimation.least_squares import prior
 
 
 def bootstrap_spread(hypothesis: Hypothesis, generator: torch.Generator) -> Tensor:

@@ -11,10 +11,9 @@ from torch import Tensor
 from physid.diagnosis.conclusion.materiality import Tolerance
 from physid.diagnosis.document.document import Detectable
 from physid.diagnosis.settings.settings import Settings
-from physid.diagnosis.testing.lack_of_fit import LackOfFit
-from physid.diagnosis.testing.null_tails import Tail
-from physid.estimation.measurement.sensor_noise import Noise
-from physid.estimation.prediction.effect_parameters import EffectParameter
+from physid.diagnosis.testing import LackOfFit, Tail
+from physid.estimation.measurement import Noise
+from physid.estimation.prediction import EffectParameter
 
 
 def detectable_sizes(

@@ -1,1 +1,21 @@
 """What a diagnosis starts from: recordings, the nominal model, requirements on the data, phases of motion, events."""
+
+from physid.diagnosis.inputs.events import find_events
+from physid.diagnosis.inputs.model_source import read_nominal_model
+from physid.diagnosis.inputs.motion_phases import PHASES, phases_of
+from physid.diagnosis.inputs.observations import FIT, SAME, SELECT, TRANSFER, Observations, load_observations
+from physid.diagnosis.inputs.requirements import require_usable
+
+__all__ = [
+    "FIT",
+    "PHASES",
+    "SAME",
+    "SELECT",
+    "TRANSFER",
+    "Observations",
+    "find_events",
+    "load_observations",
+    "phases_of",
+    "read_nominal_model",
+    "require_usable",
+]

@@ -7,8 +7,7 @@ from torch import Tensor
 
 from physid.diagnosis.inputs.motion_phases import PHASES
 from physid.diagnosis.settings.inputs import EventSettings
-from physid.estimation.measurement.poses import pose_difference
-from physid.estimation.measurement.sensor_noise import Noise
+from physid.estimation.measurement import Noise, pose_difference
 from physid.physics.rotations import to_matrix
 from physid.scenes.scene import Scene
 

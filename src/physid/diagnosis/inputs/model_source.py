@@ -9,7 +9,7 @@ from typing import Any
 
 from physid.data.files import read_tensors
 from physid.effects import from_values
-from physid.estimation.prediction.nominal_model import NominalModel
+from physid.estimation.prediction import NominalModel
 from physid.scenes.parameters import with_parameters
 from physid.scenes.scene import Scene
 from physid.strict import number, shown, whole

@@ -6,8 +6,7 @@ import torch
 from torch import Tensor
 
 from physid.diagnosis.settings.inputs import PhaseSettings
-from physid.estimation.prediction.rollout import Prediction
-from physid.estimation.prediction.timeline import Timeline
+from physid.estimation.prediction import Prediction, Timeline
 from physid.physics.contact import PATCH
 from physid.scenes.scene import Scene
 

@@ -15,8 +15,8 @@ from physid.data.observations.step_grid import StepGrid
 from physid.data.observations.trajectories import Trajectories, load_trajectories
 from physid.data.reading import ECHO, echo_of, read_reading
 from physid.diagnosis.settings.inputs import RoleSettings
-from physid.estimation.measurement.tracking_error import TrackingError
-from physid.estimation.prediction.timeline import Timeline
+from physid.estimation.measurement import TrackingError
+from physid.estimation.prediction import Timeline
 from physid.scenes.scene import Scene
 
 FIT, SELECT, SAME, PROBE, TRANSFER = "fit", "select", "same", "probe", "transfer"

@@ -6,7 +6,7 @@ import torch
 
 from physid.diagnosis.inputs.observations import Observations
 from physid.diagnosis.settings.inputs import RequirementSettings
-from physid.estimation.measurement.sensor_noise import outlier_poses
+from physid.estimation.measurement import outlier_poses
 
 
 def require_usable(observations: Observations, settings: RequirementSettings) -> None:

@@ -11,12 +11,9 @@ from physid.diagnosis.progress import Progress, Stage, silent
 from physid.diagnosis.reference.replay import replay
 from physid.diagnosis.settings.reference import DiscrepancySettings
 from physid.diagnosis.settings.settings import Settings
-from physid.estimation.least_squares.experiment import Experiment, Fit
-from physid.estimation.least_squares.levenberg_marquardt import gauss_newton
-from physid.estimation.least_squares.prior import clamp_effects
-from physid.estimation.measurement.poses import pose_difference
-from physid.estimation.prediction.rollout import Predictor, Variants
-from physid.estimation.prediction.segments import Segmentation
+from physid.estimation.least_squares import Experiment, Fit, clamp_effects, gauss_newton
+from physid.estimation.measurement import pose_difference
+from physid.estimation.prediction import Predictor, Segmentation, Variants
 from physid.physics.effect import Effect
 
 

@@ -8,24 +8,24 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from physid.diagnosis.inputs.events import find_events
-from physid.diagnosis.inputs.motion_phases import phases_of
-from physid.diagnosis.inputs.observations import Observations
+from physid.diagnosis.inputs import Observations, find_events, phases_of
 from physid.diagnosis.progress import Progress, Stage, silent
 from physid.diagnosis.reference.discrepancy import between, fit_with_reference
 from physid.diagnosis.reference.null_simulations import floors
 from physid.diagnosis.settings.settings import Settings
-from physid.estimation.least_squares.discretisation import ChosenSteps, choose_steps
-from physid.estimation.least_squares.experiment import Experiment, Fit
-from physid.estimation.least_squares.levenberg_marquardt import gauss_newton
-from physid.estimation.least_squares.line_search import try_losses
-from physid.estimation.least_squares.multi_start import best_guess, lay_out, search
-from physid.estimation.measurement.sensor_noise import Noise, estimate_noise, frame_weights, outlier_poses
-from physid.estimation.measurement.tracking_error import TrackingError
-from physid.estimation.prediction.nominal_model import NominalModel
-from physid.estimation.prediction.rollout import Prediction, Predictor, Variants
-from physid.estimation.prediction.segments import Segmentation
-from physid.estimation.prediction.timeline import Timeline
+from physid.estimation.least_squares import (
+    ChosenSteps,
+    Experiment,
+    Fit,
+    best_guess,
+    choose_steps,
+    gauss_newton,
+    lay_out,
+    search,
+    try_losses,
+)
+from physid.estimation.measurement import Noise, TrackingError, estimate_noise, frame_weights, outlier_poses
+from physid.estimation.prediction import NominalModel, Prediction, Predictor, Segmentation, Timeline, Variants
 from physid.physics.effect import Effect
 
 DEFAULT = Settings()

@@ -11,16 +11,13 @@ import torch
 
 from physid.data.files import read_tensors, write_tensors
 from physid.data.observations.step_grid import StepGrid
-from physid.diagnosis.inputs.observations import Observations
+from physid.diagnosis.inputs import Observations
 from physid.diagnosis.progress import Progress, silent
 from physid.diagnosis.reference.nominal_fit import NONE, NominalFit, fit_nominal_model
 from physid.diagnosis.settings.settings import Settings
-from physid.estimation.least_squares.experiment import Experiment
-from physid.estimation.least_squares.jacobian import Directions
-from physid.estimation.measurement.sensor_noise import Noise
-from physid.estimation.prediction.nominal_model import NominalModel
-from physid.estimation.prediction.rollout import Predictor, Variants
-from physid.estimation.prediction.segments import Segmentation
+from physid.estimation.least_squares import Directions, Experiment
+from physid.estimation.measurement import Noise
+from physid.estimation.prediction import NominalModel, Predictor, Segmentation, Variants
 from physid.physics.effect import Effect
 from physid.physics.layer import SolverError
 

@@ -10,13 +10,9 @@ from torch import Tensor
 from physid.diagnosis.reference.replay import Reference, references_of, replay
 from physid.diagnosis.settings.reference import NullSimulationSettings
 from physid.diagnosis.settings.settings import Settings
-from physid.estimation.least_squares.experiment import Experiment, Fit
-from physid.estimation.least_squares.initial_states import SPANS
-from physid.estimation.least_squares.line_search import try_losses
-from physid.estimation.least_squares.normal_equations import Part
-from physid.estimation.least_squares.prior import prior
-from physid.estimation.measurement.sensor_noise import Noise
-from physid.estimation.prediction.rollout import Variants
+from physid.estimation.least_squares import SPANS, Experiment, Fit, Part, prior, try_losses
+from physid.estimation.measurement import Noise
+from physid.estimation.prediction import Variants
 from physid.physics.effect import Effect
 
 

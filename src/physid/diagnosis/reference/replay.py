@@ -14,11 +14,7 @@ from torch.nn.functional import pad
 
 from physid.diagnosis.settings.reference import ReplaySettings
 from physid.effects.resampling import at_times
-from physid.estimation.prediction.nominal_model import NominalModel
-from physid.estimation.prediction.rollout import Variants, restarts
-from physid.estimation.prediction.segments import Segmentation
-from physid.estimation.prediction.step_effects import AtStep, has
-from physid.estimation.prediction.timeline import Timeline
+from physid.estimation.prediction import AtStep, NominalModel, Segmentation, Timeline, Variants, has, restarts
 from physid.physics.effect import Effect
 from physid.physics.rotations import exponential, multiply
 from physid.scenes.parameters import with_parameters

@@ -13,9 +13,7 @@ from physid.diagnosis.conclusion.localisation import over_time
 from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.report.contents import Curve, ReportData, TimeMap
 from physid.diagnosis.selection.attribution import Attribution
-from physid.diagnosis.testing.hypothesis import Hypothesis
-from physid.diagnosis.testing.lack_of_fit import LackOfFit
-from physid.diagnosis.testing.residual_wrench import piece_frames
+from physid.diagnosis.testing import Hypothesis, LackOfFit, piece_frames
 from physid.pages.numbers import percent
 
 SMOOTH = 9  # frames over which curves are averaged

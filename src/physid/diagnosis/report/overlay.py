@@ -17,10 +17,10 @@ from physid.data.format import DESCRIPTION, RecordingSet
 from physid.data.reading import read_reading
 from physid.diagnosis.conclusion.conclusion import Conclusion
 from physid.diagnosis.conclusion.gap import held_out_parts, position_errors
-from physid.diagnosis.inputs.observations import Observations
+from physid.diagnosis.inputs import Observations
 from physid.diagnosis.report.contents import Film, Overlay, Still
 from physid.diagnosis.report.outlines import Pixels, Points, draw_panel, to_webp, view_of
-from physid.diagnosis.testing.hypothesis import Hypothesis
+from physid.diagnosis.testing import Hypothesis
 from physid.pages.numbers import quantity, words
 from physid.physics.rotations import exponential, multiply
 from physid.scenes.camera import corners

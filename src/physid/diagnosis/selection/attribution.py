@@ -20,9 +20,15 @@ from physid.diagnosis.selection.evidence import (
     explained,
     sound,
 )
-from physid.diagnosis.testing.equivalence import alike
-from physid.diagnosis.testing.hypothesis import Hypothesis, begin_from_finite_sizes, begin_hypothesis, conclude
-from physid.diagnosis.testing.lack_of_fit import LackOfFit, find_lack_of_fit
+from physid.diagnosis.testing import (
+    Hypothesis,
+    LackOfFit,
+    alike,
+    begin_from_finite_sizes,
+    begin_hypothesis,
+    conclude,
+    find_lack_of_fit,
+)
 from physid.physics.layer import SolverError
 
 

@@ -7,9 +7,7 @@ from itertools import combinations
 from physid.diagnosis.selection.comparison import Names
 from physid.diagnosis.settings.selection import CandidateSettings
 from physid.diagnosis.settings.testing import ScoreTestSettings
-from physid.diagnosis.testing.hypothesis import Hypothesis
-from physid.diagnosis.testing.lack_of_fit import LackOfFit
-from physid.diagnosis.testing.score_test import gains, joined
+from physid.diagnosis.testing import Hypothesis, LackOfFit, gains, joined
 
 
 def survivors(lack: LackOfFit, settings: CandidateSettings) -> list[Names]:

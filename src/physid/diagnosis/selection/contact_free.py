@@ -11,11 +11,10 @@ from physid.diagnosis.progress import Progress, Stage, silent
 from physid.diagnosis.reference.discrepancy import fit_with_reference
 from physid.diagnosis.reference.nominal_fit import NONE, NominalFit, begin
 from physid.diagnosis.reference.null_simulations import floors
-from physid.diagnosis.testing.hypothesis import Hypothesis, conclude
-from physid.estimation.least_squares.levenberg_marquardt import gauss_newton
-from physid.estimation.least_squares.multi_start import try_new_states
-from physid.estimation.measurement.sensor_noise import frame_weights
-from physid.estimation.prediction.segments import Segmentation
+from physid.diagnosis.testing import Hypothesis, conclude
+from physid.estimation.least_squares import gauss_newton, try_new_states
+from physid.estimation.measurement import frame_weights
+from physid.estimation.prediction import Segmentation
 
 
 def contact_free(nominal_fit: NominalFit, generator: torch.Generator, say: Progress = silent) -> NominalFit | None:

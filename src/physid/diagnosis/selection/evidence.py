@@ -5,8 +5,7 @@ from __future__ import annotations
 from torch import Tensor
 
 from physid.diagnosis.selection.comparison import gain
-from physid.diagnosis.testing.hypothesis import Hypothesis
-from physid.diagnosis.testing.lack_of_fit import LackOfFit
+from physid.diagnosis.testing import Hypothesis, LackOfFit
 
 
 def sound(nominal: Hypothesis, one: Hypothesis, lack: LackOfFit) -> bool:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from physid.diagnosis.settings.setting import HITS, Section, setting
-from physid.estimation.least_squares.discretisation import StepChoice
-from physid.estimation.prediction.segments import CONTACT_FREE, IMPACTS, CutRule
+from physid.estimation.least_squares import StepChoice
+from physid.estimation.prediction import CONTACT_FREE, IMPACTS, CutRule
 
 CUTS = "decisions 0011 and 0012, calibration bank 607"
 

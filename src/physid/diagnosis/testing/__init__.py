@@ -1,1 +1,32 @@
 """Tests of a hypothesis: score tests and null distributions, lack of fit, residual wrenches, equivalence."""
+
+from physid.diagnosis.testing.equivalence import alike
+from physid.diagnosis.testing.hypothesis import (
+    Hypothesis,
+    begin_from_finite_sizes,
+    begin_hypothesis,
+    conclude,
+    finish_hypothesis,
+    refitted_from_new_states,
+)
+from physid.diagnosis.testing.lack_of_fit import LackOfFit, find_lack_of_fit
+from physid.diagnosis.testing.null_tails import Tail
+from physid.diagnosis.testing.residual_wrench import freed, piece_frames
+from physid.diagnosis.testing.score_test import gains, joined
+
+__all__ = [
+    "Hypothesis",
+    "LackOfFit",
+    "Tail",
+    "alike",
+    "begin_from_finite_sizes",
+    "begin_hypothesis",
+    "conclude",
+    "find_lack_of_fit",
+    "finish_hypothesis",
+    "freed",
+    "gains",
+    "joined",
+    "piece_frames",
+    "refitted_from_new_states",
+]

@@ -8,7 +8,7 @@ from torch import Tensor
 from physid.diagnosis.testing.hypothesis import Hypothesis
 from physid.diagnosis.testing.lack_of_fit import LackOfFit
 from physid.diagnosis.testing.score_test import Conditional, Group, condition
-from physid.estimation.least_squares.prior import prior
+from physid.estimation.least_squares import prior
 
 
 def alike(lack: LackOfFit, best: Hypothesis) -> tuple[str, ...]:

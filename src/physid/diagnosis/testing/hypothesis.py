@@ -12,15 +12,25 @@ from torch import Tensor
 from physid.diagnosis.reference.discrepancy import working_effects
 from physid.diagnosis.settings.settings import Settings
 from physid.diagnosis.settings.testing import HypothesisSettings
-from physid.estimation.least_squares.covariance import covariance_of, left_out, reach_of
-from physid.estimation.least_squares.experiment import Experiment, Fit
-from physid.estimation.least_squares.levenberg_marquardt import FIRST_DAMPING, gauss_newton, solve_shared
-from physid.estimation.least_squares.line_search import Step, best_step
-from physid.estimation.least_squares.multi_start import carried, search, try_new_states
-from physid.estimation.least_squares.normal_equations import Normal
-from physid.estimation.least_squares.prior import clamp_effects, prior
-from physid.estimation.prediction.rollout import Predictor, Variants
-from physid.estimation.prediction.step_effects import has
+from physid.estimation.least_squares import (
+    FIRST_DAMPING,
+    Experiment,
+    Fit,
+    Normal,
+    Step,
+    best_step,
+    carried,
+    clamp_effects,
+    covariance_of,
+    gauss_newton,
+    left_out,
+    prior,
+    reach_of,
+    search,
+    solve_shared,
+    try_new_states,
+)
+from physid.estimation.prediction import Predictor, Variants, has
 from physid.physics.effect import Effect
 
 

@@ -15,8 +15,7 @@ from physid.diagnosis.testing.null_distribution import Gain, ScoreTest
 from physid.diagnosis.testing.null_tails import Tail, together
 from physid.diagnosis.testing.residual_wrench import Cell, gain_alone, local_gain, residual_wrenches
 from physid.diagnosis.testing.score_test import Conditional, Group, groups_of
-from physid.estimation.least_squares.experiment import Experiment, Fit
-from physid.estimation.least_squares.prior import prior
+from physid.estimation.least_squares import Experiment, Fit, prior
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,7 @@ from physid.diagnosis.reference.null_simulations import NullSimulations, with_si
 from physid.diagnosis.settings.settings import Settings
 from physid.diagnosis.testing.null_tails import Tail
 from physid.diagnosis.testing.score_test import Conditional, Group, condition, gains, signals, steady_gains
-from physid.estimation.least_squares.experiment import Experiment, Fit
-from physid.estimation.least_squares.normal_equations import Normal
+from physid.estimation.least_squares import Experiment, Fit, Normal
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from physid.diagnosis.inputs.motion_phases import PHASES
+from physid.diagnosis.inputs import PHASES
 from physid.diagnosis.settings.testing import ResidualWrenchSettings
-from physid.estimation.least_squares.experiment import Fit
-from physid.estimation.least_squares.normal_equations import Linearised, Part
-from physid.estimation.prediction.segments import Segmentation
+from physid.estimation.least_squares import Fit, Linearised, Part
+from physid.estimation.prediction import Segmentation
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ import torch
 from torch import Tensor
 
 from physid.diagnosis.settings.testing import ScoreTestSettings
-from physid.estimation.least_squares.normal_equations import Normal
-from physid.estimation.prediction.effect_parameters import EffectParameter
+from physid.estimation.least_squares import Normal
+from physid.estimation.prediction import EffectParameter
 
 
 @dataclass(frozen=True)

@@ -1,1 +1,41 @@
 """Weighted nonlinear least squares with initial states profiled out (variable projection), by Levenberg-Marquardt."""
+
+from physid.estimation.least_squares.covariance import covariance_of, left_out, reach_of
+from physid.estimation.least_squares.discretisation import ChosenSteps, StepChoice, choose_steps
+from physid.estimation.least_squares.experiment import Experiment, Fit
+from physid.estimation.least_squares.initial_states import SPANS
+from physid.estimation.least_squares.jacobian import Directions
+from physid.estimation.least_squares.levenberg_marquardt import FIRST_DAMPING, gauss_newton, solve_shared
+from physid.estimation.least_squares.line_search import Step, best_step, try_losses
+from physid.estimation.least_squares.multi_start import best_guess, carried, lay_out, search, try_new_states
+from physid.estimation.least_squares.normal_equations import Linearised, Normal, Part
+from physid.estimation.least_squares.prior import clamp_effects, prior
+
+__all__ = [
+    "FIRST_DAMPING",
+    "SPANS",
+    "ChosenSteps",
+    "Directions",
+    "Experiment",
+    "Fit",
+    "Linearised",
+    "Normal",
+    "Part",
+    "Step",
+    "StepChoice",
+    "best_guess",
+    "best_step",
+    "carried",
+    "choose_steps",
+    "clamp_effects",
+    "covariance_of",
+    "gauss_newton",
+    "lay_out",
+    "left_out",
+    "prior",
+    "reach_of",
+    "search",
+    "solve_shared",
+    "try_losses",
+    "try_new_states",
+]

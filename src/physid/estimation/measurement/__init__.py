@@ -1,1 +1,14 @@
 """What a sensor adds: the noise of recorded poses, and the error of poses that were tracked in films."""
+
+from physid.estimation.measurement.poses import pose_difference
+from physid.estimation.measurement.sensor_noise import Noise, estimate_noise, frame_weights, outlier_poses
+from physid.estimation.measurement.tracking_error import TrackingError
+
+__all__ = [
+    "Noise",
+    "TrackingError",
+    "estimate_noise",
+    "frame_weights",
+    "outlier_poses",
+    "pose_difference",
+]

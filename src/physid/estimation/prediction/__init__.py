@@ -1,1 +1,24 @@
 """What the model predicts: the nominal model, candidate effects, segments, rollouts of variants."""
+
+from physid.estimation.prediction.effect_parameters import EffectParameter
+from physid.estimation.prediction.nominal_model import NominalModel
+from physid.estimation.prediction.rollout import Prediction, Predictor, Variants, restarts
+from physid.estimation.prediction.segments import CONTACT_FREE, IMPACTS, CutRule, Segmentation
+from physid.estimation.prediction.step_effects import AtStep, has
+from physid.estimation.prediction.timeline import Timeline
+
+__all__ = [
+    "CONTACT_FREE",
+    "IMPACTS",
+    "AtStep",
+    "CutRule",
+    "EffectParameter",
+    "NominalModel",
+    "Prediction",
+    "Predictor",
+    "Segmentation",
+    "Timeline",
+    "Variants",
+    "has",
+    "restarts",
+]
