@@ -103,6 +103,7 @@ TOP = 7  # modules beside the packages: the command line and what it needs
 HOMES = {
     "pybullet": ("simulators/bullet/",),
     "mujoco": ("simulators/mujoco/",),
+    "cv2": ("data/importers/video/",),
     "h5py": ("data/",),
     "lightning": ("data/batches/datamodule.py", "training/"),
     "wandb": ("training/",),

@@ -30,6 +30,7 @@ PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").r
 # What keeps a command short; it stands behind what the page says, so it wins. A new command needs a line here.
 TINY = {
     "generate": ["trajectories=10", "steps=16", "video=false", "--workers=1", "--quiet"],
+    "calibrate": [],
     "import": [],
     "check": [],
     "show": [],

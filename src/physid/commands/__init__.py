@@ -2,18 +2,19 @@
 
 from physid.commands.benchmark import benchmark
 from physid.commands.command import Command
-from physid.commands.completion import completion
+from physid.commands.completion import completion, configs
 from physid.commands.diagnoses import diagnose
+from physid.commands.films import calibrate, track
 from physid.commands.fits import fit, predict, test, validate
 from physid.commands.imports import check, import_, show
 from physid.commands.overviews import dashboard, reproduce
-from physid.commands.recordings import effects, generate, identifiability, track
-from physid.commands.shipped import configs
+from physid.commands.recordings import effects, generate, identifiability
 
 __all__ = ["COMMANDS", "Command"]
 
 COMMANDS: tuple[Command, ...] = (
     Command(generate, reads="physid.data.generation.settings.GenerateConfig"),
+    Command(calibrate),
     Command(import_, laid="map"),
     Command(check),
     Command(show),

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-KINDS = ("csv", "npz", "cube-tosses")
+if TYPE_CHECKING:
+    from physid.data.importers.sets import Imported
+
+KINDS = ("csv", "npz", "mp4", "cube-tosses")
 
 
 def import_(
-    kind: Literal["csv", "npz", "cube-tosses"] | str,
+    kind: Literal["csv", "npz", "mp4", "cube-tosses"] | str,
     sources: list[Path] | None = None,
     *,
     out: Path | None = None,
@@ -17,24 +20,27 @@ def import_(
     map: list[str] | None = None,
     guess: bool = False,
 ) -> None:
-    """Convert logs of poses and forces to a recording set.
+    """Convert logs of poses and forces, or films, to a recording set.
 
     A mapping says which columns are what: a YAML file, or key=value on the command line, or both. It names positions,
     orientations, forces, their units and axes, the clock, and the body with its size (docs/importing.md has all keys).
     Nothing is estimated, smoothed or resampled. Each log becomes a trajectory of the set.
 
-    csv: text with one row per frame; npz: NumPy arrays with time as first axis; cube-tosses: the real tosses that were
-    published with ContactNets (a folder with files N.pt, 148 Hz).
+    csv: text with one row per frame; npz: NumPy arrays with time as first axis; mp4: films or folders of images, with a
+    camera file, from which physid track reads poses; cube-tosses: the real tosses that were published with ContactNets
+    (a folder with files N.pt, 148 Hz).
 
     Examples:
       physid import csv log.csv --guess > mapping.yaml
       physid import csv logs/run_*.csv --mapping mapping.yaml --out data/mine
       physid import csv log.csv time=t position=[x,y,z] quaternion=[qw,qx,qy,qz] units.position=mm axes=y-up
         size=[0.1,0.1,0.05] mass=0.4 force=[fx,fy,fz] forces.file=forces.csv forces.time=t
+      physid import mp4 films camera=camera.yaml size=[0.12,0.08,0.06] mass=0.5 force=[fx,fy,fz]
+        forces.file={stem}_forces.csv forces.time=t --out data/films
       physid import cube-tosses FOLDER --out data/cube
 
     Args:
-        kind: csv, npz or cube-tosses; may be left out before a file that ends in .csv or .npz.
+        kind: csv, npz, mp4 or cube-tosses; may be left out before a file whose ending tells.
         sources: Files, folders or patterns.
         out: Folder of the recording set; data/NAME of the first source by default.
         mapping: YAML file that says what the columns are.
@@ -47,7 +53,12 @@ def import_(
     from physid.data.importers.mapping_files import read_mapping
 
     kind, places = _sorted(kind, sources or [])
-    target = out or Path("data") / (kind if kind == "cube-tosses" else places[0].resolve().stem.strip("*?[]_ "))
+    if kind == "mp4":
+        from physid.commands.films import import_films
+
+        _say(import_films(places, read_mapping(mapping, map or []), out or Path("data") / _name(places)))
+        return
+    target = out or Path("data") / (kind if kind == "cube-tosses" else _name(places))
     if kind == "cube-tosses":
         from physid.data.importers.cube_tosses import import_cube_tosses
         from physid.one_writer import one_writer
@@ -63,10 +74,18 @@ def import_(
     if guess:
         print(guess_mapping(files[0]), end="")
         return
-    done = import_logs(files, values, target)
-    for note in done.notes:
-        print(note)
-    print(f"{target}: {done.trajectories} trajector{'y' if done.trajectories == 1 else 'ies'}")
+    _say(import_logs(files, values, target))
+
+
+def _name(places: list[Path]) -> str:
+    """Return what a set is called after the first of its sources."""
+    return places[0].resolve().stem.strip("*?[]_ ")
+
+
+def _say(done: Imported) -> None:
+    """Say what was imported, and what was taken for granted."""
+    many = f"{done.trajectories} trajector{'y' if done.trajectories == 1 else 'ies'}"
+    print("\n".join([*done.notes, f"{done.folder}: {many}"]))
 
 
 def _sorted(kind: str, sources: list[Path]) -> tuple[str, list[Path]]:

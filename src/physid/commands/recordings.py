@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from physid.commands.terminal import frame_bar, resumable
+from physid.commands.terminal import resumable
 
 if TYPE_CHECKING:
     from physid.configuration import Configuration
@@ -48,48 +48,6 @@ def generate(
     with resumable(), one_writer(folder), running_on(backend, scheduler) as whole_path:
         done = run(config, whole_path(folder), workers, quiet=quiet)
     print(f"{done.folder}: {done.written} trajectories written, {done.kept} kept, {done.redrawn} draws left the view")
-
-
-def track(
-    films: Path,
-    *,
-    out: Path | None = None,
-    encoder: Path | None = None,
-    chart: Literal["planar", "hovering", "spatial"] | None = None,
-    limit: int | None = None,
-    quiet: bool = False,
-) -> None:
-    """Track poses in films and write them as a recording set, which fit, predict and diagnose use as any other.
-
-    The bodies are cut out of the first frames by masks and initial poses, or found there by their outlines, and
-    tracked from frame to frame by drawing them; nothing is trained. Similar motions are then drawn by PyBullet and
-    tracked, too: the set `echo` in the folder, from which a diagnosis takes the tracking error. An interrupted run
-    resumes where it stopped.
-
-    Examples:
-      physid track data/films --out data/read
-      physid diagnose data/read
-
-    Args:
-        films: Folder of a recording set with films.
-        out: Folder of the set to write; data/NAME_read by default.
-        encoder: Run of a fit from video, whose encoder finds the bodies in the first frames.
-        chart: Which poses there are: of bodies that lie on the ground (planar), are parallel to it (hovering) or free
-            (spatial); by default what the initial poses say.
-        limit: Use the first LIMIT trajectories only.
-        quiet: Hide the progress bar.
-    """
-    from physid.data.reading import read_reading
-    from physid.one_writer import one_writer
-    from physid.training.tracking.track import track as run
-
-    folder = out or Path("data") / f"{films.resolve().name}_read"
-    with resumable(), one_writer(folder), frame_bar(quiet) as say:
-        found = run(films, folder, encoder=encoder, chart=chart, limit=limit, say=say)
-    reading = read_reading(folder)
-    assert reading is not None
-    print(f"{folder}: {len(found)} trajectories, {reading.chart}, scale moved by {reading.stretch:.2%} "
-          f"+- {reading.stretch_deviation:.2%}")  # fmt: skip
 
 
 def identifiability(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from physid.data.hdf5 import FormatError, declared, names_in, opened, read_datas
 from physid.data.recording import LAYOUT, Recording, check_arrays, check_shapes
 from physid.strict import nearest
 
-GZIP = 4
+GZIP, FAST = 4, 1
 
 
 def write_trajectory(path: Path, recording: Recording) -> None:
@@ -30,20 +31,67 @@ def write_trajectory(path: Path, recording: Recording) -> None:
         # In memory first: HDF5 cannot close a file that the disk has no room for, and crashes when Python ends.
         with h5py.File(part, "w", libver=("v110", "v110"), driver="core", backing_store=False) as file:
             for name, array in recording.arrays().items():
-                options: dict[str, Any] = {"track_times": False, "fletcher32": True, "chunks": array.shape}
-                if name == "frames":
-                    options["chunks"] = (1, *array.shape[1:])
-                if array.dtype != np.float64:
-                    options |= {"compression": "gzip", "compression_opts": GZIP}
-                file.create_dataset(name, data=array, **options)
+                chunks = (1, *array.shape[1:]) if name == "frames" else array.shape
+                file.create_dataset(name, data=array, chunks=chunks, **_options(array.dtype))
                 file.flush()  # else the order of the chunks in the file depends on when Python frees the dataset
-            for name in ("split", "protocol"):
-                if getattr(recording, name) is not None:
-                    file.attrs[name] = getattr(recording, name)
+            _label(file, recording)
             file.flush()
             part.write_bytes(file.id.get_file_image())
 
     write_whole(path, write)
+
+
+def write_film(path: Path, recording: Recording, images: Iterable[NDArray[np.uint8]]) -> None:
+    """Write a trajectory whose images come one by one: no more than one of them is in memory.
+
+    Args:
+        path: The file, trajectories/NNNNNN.h5.
+        recording: What to write; of its frames only the shape (T, H, W, 3) is looked at.
+        images: The frames, T images (H, W, 3).
+
+    Raises:
+        OSError: If the disk has no room for them.
+        ValueError: If there are more or fewer.
+    """
+    assert recording.frames is not None
+    shape = recording.frames.shape
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if shutil.disk_usage(path.parent).free < recording.frames.size:
+        raise OSError(
+            f"{path}: expected room for {recording.frames.size / 1e9:.3g} GB of frames on the disk, found less; choose "
+            "another --out, or cut the film"
+        )
+
+    def write(part: Path) -> None:
+        with h5py.File(part, "w", libver=("v110", "v110")) as file:
+            for name, array in recording.arrays().items():
+                if name != "frames":
+                    file.create_dataset(name, data=array, chunks=array.shape, **_options(array.dtype))
+            film = file.create_dataset(
+                "frames", shape, np.uint8, chunks=(1, *shape[1:]), **_options(np.dtype(np.uint8), FAST)
+            )
+            count = 0
+            for count, image in enumerate(images, 1):
+                if count <= len(film):
+                    film[count - 1] = image
+            if count != len(film):
+                raise ValueError(f"expected {len(film)} frames as before, found {count}: the film was changed")
+            _label(file, recording)
+
+    write_whole(path, write)
+
+
+def _options(kind: np.dtype[Any], compression: int = GZIP) -> dict[str, Any]:
+    """Return how a dataset is stored: with checksums; numbers of images and masks compressed."""
+    packed = {} if kind == np.float64 else {"compression": "gzip", "compression_opts": compression}
+    return {"track_times": False, "fletcher32": True, **packed}
+
+
+def _label(file: h5py.File, recording: Recording) -> None:
+    """Write what a trajectory is for, and how it was excited."""
+    for name in ("split", "protocol"):
+        if getattr(recording, name) is not None:
+            file.attrs[name] = getattr(recording, name)
 
 
 def read_trajectory(path: Path, *, bodies: int | None = None, skip: Iterable[str] = ()) -> Recording:

@@ -2,46 +2,28 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from physid.data.batches.splits import assign_splits
-from physid.data.files import write_text
 from physid.data.format import trajectory_path, write_scene, write_sums
 from physid.data.importers.finding import force_logs
 from physid.data.importers.mapping import GUESSED_FRICTION, LogMap
 from physid.data.importers.reading_logs import Forces, Poses, read_forces, read_poses
+from physid.data.importers.sets import Imported, new_set
 from physid.data.importers.tables import read_table
 from physid.data.observations.stamps import check_clocks, rhythm_of
 from physid.data.recording import Recording
 from physid.data.trajectory import read_trajectory, write_trajectory
 from physid.scenes.scene import Scene
 
-MAPPING = "import.yaml"  # the mapping as it was used, beside what it gave
 ROUND, NEAR = 3, 5e-3  # digits of a nominal rate, and how near to the stamps' own such a round one must be
 FRICTION_NOTE = f"{GUESSED_FRICTION:g} is a first guess, and it is unknown, for the mapping does not say it"
 LEAST = 2  # frames of a trajectory
-
-
-@dataclass(frozen=True)
-class Imported:
-    """What an import did.
-
-    Attributes:
-        folder: The recording set.
-        trajectories: How many there are.
-        notes: What was taken for granted, a line each.
-    """
-
-    folder: Path
-    trajectories: int
-    notes: tuple[str, ...]
 
 
 def import_logs(files: Sequence[Path], values: dict[str, Any], out: Path) -> Imported:
@@ -61,21 +43,10 @@ def import_logs(files: Sequence[Path], values: dict[str, Any], out: Path) -> Imp
         raise FileNotFoundError(
             "expected logs to import, found none; name .csv or .npz files, or a folder that holds some"
         )
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise FileExistsError(f"{out}: expected a new or an empty folder, found something there; choose another --out")
     log = LogMap.from_mapping(values)
     notes = [f"{name}: {FRICTION_NOTE}" for name in log.unsaid]
-    part = out.with_name(out.name + ".part")
-    shutil.rmtree(part, ignore_errors=True)
-    try:
+    with new_set(out, values) as part:
         count = _write(files, log, part, notes)
-        write_text(part / MAPPING, yaml.safe_dump(values, sort_keys=False, default_flow_style=None, width=120))
-        if out.is_dir():
-            out.rmdir()
-        part.replace(out)
-    except BaseException:
-        shutil.rmtree(part, ignore_errors=True)
-        raise
     return Imported(out, count, tuple(notes))
 
 

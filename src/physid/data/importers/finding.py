@@ -6,7 +6,11 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-SUFFIXES = {"csv": (".csv", ".tsv", ".txt"), "npz": (".npz",)}
+SUFFIXES = {
+    "csv": (".csv", ".tsv", ".txt"),
+    "npz": (".npz",),
+    "mp4": (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v"),
+}
 MAGIC = "*?["
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from physid.data.importers.columns import expanded, line_of, read_columns, read_stamps, require_increasing, signed
 from physid.data.importers.mapping import BodyMap, LogMap, Reference
 from physid.data.importers.rotations import ROUNDED, from_euler, from_matrices, from_quaternions, from_vectors, turned
-from physid.data.importers.tables import Table
+from physid.data.importers.tables import Table, read_table
 from physid.data.importers.units import split_header
 from physid.scenes.rotations import rotate
 
@@ -74,6 +75,11 @@ def read_poses(table: Table, log: LogMap) -> Poses:
         for one in range(group.max() + 1):
             require_increasing(table, time[group == one], np.flatnonzero(group == one))
     return Poses(time, pose, group)
+
+
+def read_force_log(path: Path, log: LogMap) -> Forces | None:
+    """Read a log of forces that stands by itself (see `read_forces`)."""
+    return read_forces(read_table(path, header=log.forces.header), log, own=True)
 
 
 def read_forces(table: Table, log: LogMap, *, own: bool) -> Forces | None:

@@ -30,6 +30,7 @@ class Filmed:
         first: Poses in the first frame, shape (N, 7); None where none is known.
         wrench: Commanded wrenches (T, N, 6), or None.
         time: Of each frame, or None.
+        wrench_time: Of each row of the wrenches, or None.
         split: What it is for.
         protocol: How it was excited.
     """
@@ -38,6 +39,7 @@ class Filmed:
     first: NDArray[np.float64] | None
     wrench: NDArray[np.float64] | None
     time: NDArray[np.float64] | None
+    wrench_time: NDArray[np.float64] | None
     split: str | None
     protocol: str | None
 
@@ -46,11 +48,13 @@ class Filmed:
         """Read trajectory `index` of a set, its poses beyond the first frame left aside."""
         one = recordings.read(index, video=not recordings.has_poses(index))
         first = None if one.pose is None else one.pose[0]
-        return cls(one.length, first, one.wrench, one.time, one.split, one.protocol)
+        return cls(one.length, first, one.wrench, one.time, one.wrench_time, one.split, one.protocol)
 
     def with_poses(self, pose: NDArray[np.float64]) -> Recording:
         """Return the trajectory with poses (T, N, 7)."""
-        return Recording(pose, self.wrench, self.time, split=self.split, protocol=self.protocol)
+        return Recording(
+            pose, self.wrench, self.time, split=self.split, protocol=self.protocol, wrench_time=self.wrench_time
+        )
 
 
 class Footage(ABC):

@@ -19,6 +19,7 @@ from physid.scenes.scene import Scene
 from physid.training.runs.run import CHECKPOINT, restore
 from physid.training.tracking.films import Drawn, Filmed, Footage, Recorded
 from physid.training.tracking.first_frames import first_frames_of
+from physid.training.tracking.light import SteadyLight
 from physid.training.tracking.tracker import Reader
 from physid.training.tracking.tracking_error import TrackingStudy, colour_noise, hard_edged
 from physid.training.vision.model import ChartName
@@ -64,7 +65,7 @@ def track(
         return RecordingSet(out)
     check_video(recordings, range(count))
     scene = dataclasses.replace(recordings.scene, source=f"read by physid from the films of {films.name}")
-    known, filmed = [Filmed.of(recordings, index) for index in range(count)], Recorded(recordings)
+    known, filmed = [Filmed.of(recordings, index) for index in range(count)], SteadyLight(Recorded(recordings))
     reader, first = first_frames_of(scene, filmed, known, chart, encoder and restore(encoder, films))
     stretch, deviation = (float(one) for one in (reader.calibration.stretch, reader.calibration.deviation))
     write_reading(out, Reading(str(films.resolve()), str(encoder or ""), reader.name, stretch, deviation, key))

@@ -26,7 +26,8 @@ SETTLING = PoseRefinement(steps=8)
 BLOCK = 32
 """Frames of each film that are in memory at once."""
 LOST = 0.5
-"""Share of all colour that differs from the background, in a film or as drawn, in which film and drawing disagree."""
+"""Share of the differences between film and drawing in those between film, drawing and background, where bodies are
+drawn: beyond this the film looks more like the empty scene than like the bodies."""
 CALIBRATED = 256
 """First frames, at most, that the scale is measured in."""
 
@@ -139,13 +140,14 @@ class Reader:
     ) -> None:
         """Refuse poses (B, N, 7) whose drawings do not look like the images (B, 3, H, W)."""
         drawn = self.decoder(pose[:, None], background)[:, 0]
-        here, there = ((one - background).abs().sum((1, 2, 3)) for one in (drawn, image))
-        share = (drawn - image).abs().sum((1, 2, 3)) / (here + there).clamp_min(1e-9)
+        covered = (drawn != background).any(1, keepdim=True)
+        here, there = (((one - image).abs() * covered).sum((1, 2, 3)) for one in (drawn, background))
+        share = torch.where(covered.any((1, 2, 3)), here / (here + there).clamp_min(1e-9), 1.0)
         lost = (share > LOST) & real
         if bool(lost.any()):
             row = int(lost.nonzero()[0, 0])
             raise ValueError(
                 f"trajectory {indices[row]}: expected the bodies near where they were last, lost sight of them in "
-                f"frame {frame}: {float(share[row]):.0%} of what moves in front of the background is not drawn alike "
+                f"frame {frame}: {float(share[row]):.0%} of what should be bodies looks like the background instead "
                 "(0 % would be perfect); cut the film there, or record at a higher rate"
             )

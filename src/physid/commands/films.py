@@ -1,0 +1,100 @@
+"""The commands that lead from films to poses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from physid.commands.terminal import frame_bar, resumable
+
+if TYPE_CHECKING:
+    from physid.data.importers.sets import Imported
+
+
+def import_films(places: list[Path], values: dict[str, Any], out: Path) -> Imported:
+    """Convert films, or folders of images (see `physid import mp4`)."""
+    from physid.data.importers.video.convert import import_films as run
+    from physid.data.importers.video.films import find_films
+
+    return run(find_films(places), values, out)
+
+
+def calibrate(
+    film: Path, *, corners: str = "9x6", square: float = 0.025, ground: str = "", out: Path = Path("camera.yaml")
+) -> None:
+    """Measure a camera's lens from a film of a checkerboard, and write its camera file.
+
+    The board is turned about in front of the camera, which has the focus and zoom of the recordings. Where the camera
+    is follows from four or more points of the ground, given here or written into the file later: column, row, x, y.
+    Needs OpenCV: pip install 'physid[camera]'.
+
+    Examples:
+      physid calibrate board.mp4 --corners 9x6 --square 0.025
+      physid calibrate board.mp4 --ground "[[102,80,0,0],[530,86,0.6,0],[560,400,0.6,0.4],[75,395,0,0.4]]"
+
+    Args:
+        film: Film, or folder of images.
+        corners: Inner corners of the board along its sides; 9x6 for one of ten by seven squares.
+        square: Side of a square [m].
+        ground: Points of the ground, rows of column, row [px], x, y (and z) [m].
+        out: The camera file to write; camera.yaml by default.
+    """
+    import re
+
+    from physid.data.importers.video.calibrate import calibrate as run
+
+    sides = re.fullmatch(r"(\d+)[xX*,](\d+)", corners)
+    if sides is None or min(map(int, sides.groups())) < 3:
+        raise ValueError(f"calibrate: corners: expected two numbers of at least 3 such as 9x6, got {corners!r}")
+    if not square > 0:
+        raise ValueError(f"calibrate: square: expected a length above zero [m], got {square:g}")
+    found = run(film, (int(sides[1]), int(sides[2])), square, ground)
+    found.write(out)
+    middle = found.matrix[:2, 2] + 0.5 - [found.width / 2, found.height / 2]
+    print(f"focal length {found.matrix[0, 0]:.1f} and {found.matrix[1, 1]:.1f} px")
+    print(f"principal point {middle[0]:+.1f} and {middle[1]:+.1f} px off the middle of the image")
+    print(f"distortion {', '.join(f'{one:.4g}' for one in found.distortion)}")
+    print(f"corners within {found.error:.2g} px (rms) in {found.boards} views")
+    print(f"{out}" + ("" if ground else ": add points of the ground, or the place of the camera (docs/films.md)"))
+
+
+def track(
+    films: Path,
+    *,
+    out: Path | None = None,
+    encoder: Path | None = None,
+    chart: Literal["planar", "hovering", "spatial"] | None = None,
+    limit: int | None = None,
+    quiet: bool = False,
+) -> None:
+    """Track poses in films and write them as a recording set, which fit, predict and diagnose use as any other.
+
+    The bodies are cut out of the first frames by masks and initial poses, or found there by their outlines, and
+    tracked from frame to frame by drawing them; nothing is trained. Similar motions are then drawn by PyBullet and
+    tracked, too: the set `echo` in the folder, from which a diagnosis takes the tracking error. An interrupted run
+    resumes where it stopped.
+
+    Examples:
+      physid track data/films --out data/read
+      physid diagnose data/read
+
+    Args:
+        films: Folder of a recording set with films.
+        out: Folder of the set to write; data/NAME_read by default.
+        encoder: Run of a fit from video, whose encoder finds the bodies in the first frames.
+        chart: Which poses there are: of bodies that lie on the ground (planar), are parallel to it (hovering) or free
+            (spatial); by default what the initial poses say.
+        limit: Use the first LIMIT trajectories only.
+        quiet: Hide the progress bar.
+    """
+    from physid.data.reading import read_reading
+    from physid.one_writer import one_writer
+    from physid.training.tracking.track import track as run
+
+    folder = out or Path("data") / f"{films.resolve().name}_read"
+    with resumable(), one_writer(folder), frame_bar(quiet) as say:
+        found = run(films, folder, encoder=encoder, chart=chart, limit=limit, say=say)
+    reading = read_reading(folder)
+    assert reading is not None
+    print(f"{folder}: {len(found)} trajectories, {reading.chart}, scale moved by {reading.stretch:.2%} "
+          f"+- {reading.stretch_deviation:.2%}")  # fmt: skip

@@ -1,0 +1,1 @@
+"""Films to recording sets: frames are streamed, and turned into those of an ideal pinhole camera."""

@@ -1,0 +1,114 @@
+"""The lens of a camera, from a film of a checkerboard, by OpenCV (Zhang 2000)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physid.data.files import write_text
+from physid.data.importers.video.cameras import solve_place
+from physid.data.importers.video.films import open_film
+from physid.yaml_files import parse_yaml
+
+MOST_BOARDS, LOOKED_AT = 40, 200
+FEWEST_BOARDS = 8
+LEAST_TILT = 0.2
+"""Ratio of singular values of the boards' normals: boards that are all parallel tell no focal length."""
+WORST = 1.0  # [px] of a calibration that can be used
+
+
+@final
+@dataclass(frozen=True)
+class Calibrated:
+    """A lens as it was measured.
+
+    Attributes:
+        width: Columns [px].
+        height: Rows [px].
+        matrix: OpenCV's camera matrix, shape (3, 3).
+        distortion: k1, k2, p1, p2, k3.
+        error: Root mean square distance of corners from where they should be [px].
+        boards: How many boards it was measured from.
+        ground: Points of the ground, rows of column, row [px], x, y, z [m]; none where none is known.
+    """
+
+    width: int
+    height: int
+    matrix: NDArray[np.float64]
+    distortion: NDArray[np.float64]
+    error: float
+    boards: int
+    ground: list[list[float]]
+
+    def write(self, path: Path) -> None:
+        """Write a camera file."""
+        lines = [f"image_width: {self.width}", f"image_height: {self.height}", "distortion_model: plumb_bob",
+                 f"camera_matrix: {{rows: 3, cols: 3, data: {_plain(self.matrix)}}}",
+                 f"distortion_coefficients: {{rows: 1, cols: {len(self.distortion)}, data: {_plain(self.distortion)}}}",
+                 f"reprojection_error: {self.error:.4g}"]  # fmt: skip
+        if self.ground:
+            lines += ["points:  # column, row [px], x, y, z [m]", *(f"  - {list(row)}" for row in self.ground)]
+        write_text(path, "\n".join(lines) + "\n")
+
+
+def calibrate(film: Path, corners: tuple[int, int], square: float, ground: str = "") -> Calibrated:
+    """Measure a lens from a film, or a folder of images, of a checkerboard that is turned about in front of it.
+
+    Args:
+        film: The film, or a folder of images.
+        corners: Inner corners of the board along its sides.
+        square: Side of a square [m].
+        ground: Points of the ground for the camera file, in YAML; they are checked against the lens.
+
+    Raises:
+        ValueError: If too few boards are found, they are not tilted, or the fit is bad.
+    """
+    from physid.data.importers.video.opencv import cv2
+
+    grid = np.zeros((corners[0] * corners[1], 3), np.float32)
+    grid[:, :2] = square * np.mgrid[: corners[0], : corners[1]].T.reshape(-1, 2)
+    found: list[NDArray[np.float32]] = []
+    shape, looked, every = (0, 0), 0, 1
+    for position, (_, image) in enumerate(open_film(film).frames()):
+        shape = image.shape[:2]
+        if position % every:
+            continue
+        looked += 1
+        if looked % LOOKED_AT == 0:  # of a long film, fewer and fewer frames
+            every *= 2
+        grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+        seen, place = cv2.findChessboardCornersSB(grey, corners, flags=cv2.CALIB_CB_ACCURACY)
+        if seen:
+            found.append(np.asarray(place, dtype=np.float32).reshape(-1, 1, 2))
+    boards = found[:: max(1, -(-len(found) // MOST_BOARDS))]
+    if len(boards) < FEWEST_BOARDS:
+        raise ValueError(
+            f"{film}: expected {FEWEST_BOARDS} views of a board of {corners[0]} x {corners[1]} inner corners, found "
+            f"{len(boards)} in {looked} frames; count inner corners, not squares; film the whole board, sharp and lit"
+        )
+    size = (shape[1], shape[0])
+    error, matrix, distortion, turns, _ = cv2.calibrateCamera([grid] * len(boards), boards, size, None, None)
+    normals = np.stack([cv2.Rodrigues(turn)[0][:, 2] for turn in turns])
+    spread = np.linalg.svd(normals, compute_uv=False)
+    if spread[1] < LEAST_TILT * spread[0]:
+        raise ValueError(
+            f"{film}: expected a board that is tilted this way and that, found one that is always parallel"
+        )
+    if error > WORST:
+        raise ValueError(
+            f"{film}: expected corners within {WORST:g} px of a camera's, found {error:.2g} px; is the board flat?"
+        )
+    lens = np.asarray(matrix, dtype=float), np.asarray(distortion, dtype=float).ravel()
+    points = parse_yaml(ground, "--ground") if ground else []
+    if points:
+        solve_place(points, *lens, "--ground")
+    return Calibrated(*size, *lens, float(error), len(boards), points)
+
+
+def _plain(values: NDArray[np.float64]) -> list[float]:
+    """Return numbers as YAML writes them."""
+    return [float(f"{one:.10g}") for one in values.ravel()]

@@ -1,0 +1,240 @@
+"""Camera files of OpenCV, ROS and physid: lens and place, and the ideal pinhole camera that stands for them."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physid.scenes.camera import Camera
+from physid.strict import nearest
+from physid.typed_files import check_as
+from physid.yaml_files import YamlError, parse_yaml
+
+Array = NDArray[np.float64]
+PINHOLE = ("width", "height", "position", "target", "up", "fov_y")
+MATRIX, DISTORTION = ("camera_matrix", "K", "cameraMatrix", "M"), ("distortion_coefficients", "D", "distCoeffs", "dist")
+SIZES = (("image_width", "image_height"), ("width", "height"))
+MODELS = ("plumb_bob", "rational_polynomial", "")
+PLACE = ("rvec", "tvec", "points", "position", "target", "up")
+OTHERS = (
+    "distortion_model", "camera_name", "rectification_matrix", "projection_matrix", "R", "P", "reprojection_error",
+    "calibration_time", "nframes", "board_width", "board_height", "square_size", "flags", "avg_reprojection_error",
+    "header", "binning_x", "binning_y", "roi",
+)  # fmt: skip
+FEWEST_POINTS = 4
+
+
+@final
+@dataclass(frozen=True)
+class Lens:
+    """A real camera.
+
+    Attributes:
+        width: Columns [px].
+        height: Rows [px].
+        matrix: OpenCV's camera matrix, shape (3, 3); pixel centres are whole numbers.
+        distortion: OpenCV's coefficients k1, k2, p1, p2, k3, ...; none for a pinhole.
+        rotation: From the world's axes to the camera's (x right, y down, z forward), shape (3, 3).
+        translation: Of the world's origin in the camera's axes [m], shape (3,).
+    """
+
+    width: int
+    height: int
+    matrix: Array
+    distortion: Array
+    rotation: Array
+    translation: Array
+
+    @property
+    def ideal(self) -> bool:
+        """Whether it is a pinhole with square pixels, its principal point in the middle."""
+        middle = np.array([self.width / 2 - 0.5, self.height / 2 - 0.5])
+        square = abs(self.matrix[0, 0] / self.matrix[1, 1] - 1) < 1e-9 and abs(self.matrix[0, 1]) < 1e-9
+        return not self.distortion.any() and square and bool(np.allclose(self.matrix[:2, 2], middle, atol=1e-6))
+
+    def pinhole(self) -> Camera:
+        """Return the ideal camera at the same place, whose focal length is the mean one."""
+        focal = (self.matrix[0, 0] + self.matrix[1, 1]) / 2
+        position = -self.rotation.T @ self.translation
+        forward, up = self.rotation[2], -self.rotation[1]
+        # The target is where the optical axis meets the height zero, or a metre away.
+        away = -position[2] / forward[2] if forward[2] * position[2] < 0 else 1.0
+        fov = float(np.degrees(2 * np.arctan(self.height / 2 / focal)))
+        target = position + away * forward
+        return Camera(self.width, self.height, _triple(position), _triple(target), _triple(up), fov)
+
+    def maps(self) -> tuple[NDArray[np.float32], NDArray[np.float32]] | None:
+        """Return where pixels of the ideal image lie in the real one, columns and rows (H, W); None if there."""
+        if self.ideal:
+            return None
+        from physid.data.importers.video.opencv import cv2
+
+        focal = (self.matrix[0, 0] + self.matrix[1, 1]) / 2
+        wanted = np.array([[focal, 0, self.width / 2 - 0.5], [0, focal, self.height / 2 - 0.5], [0, 0, 1]])
+        size = (self.width, self.height)
+        found = cv2.initUndistortRectifyMap(self.matrix, self.distortion, None, wanted, size, cv2.CV_32FC1)
+        return np.asarray(found[0], dtype=np.float32), np.asarray(found[1], dtype=np.float32)
+
+
+def read_camera(path: Path) -> Lens:
+    """Read a camera file.
+
+    physid's own has the keys of `Camera`. OpenCV's and ROS's have a camera matrix, distortion coefficients and a size;
+    the place of the camera is then `rvec` and `tvec` (from the world to the camera, as OpenCV's solvePnP gives them),
+    `position`, `target` and `up`, or `points`: at least four of [column, row, x, y] or [column, row, x, y, z], image
+    points beside points of the world [m], z = 0 where none is given.
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+        ValueError: If something is missing or contradicts itself.
+    """
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: expected a camera file, found no such file; physid calibrate makes one")
+    try:
+        values = parse_yaml(_plain(path.read_text(encoding="utf-8")), str(path))
+    except (YamlError, UnicodeDecodeError) as error:
+        raise ValueError(str(error) if isinstance(error, YamlError) else f"{path}: expected text, found none") from None
+    if not isinstance(values, dict):
+        raise ValueError(f"{path}: expected the keys of a camera file, found {type(values).__name__}")
+    known = {str(key): value for key, value in values.items()}
+    if set(known) <= set(PINHOLE) and "fov_y" in known:
+        return _of_pinhole(check_as(Camera, known, str(path)))
+    allowed = (*MATRIX, *DISTORTION, *(name for pair in SIZES for name in pair), *PLACE, *OTHERS)
+    for name in known:
+        if name not in allowed:
+            raise ValueError(f'{path}: unknown key "{name}"{nearest(name, allowed)}')
+    if str(known.get("distortion_model", "")) not in MODELS:
+        raise ValueError(
+            f"{path}: distortion_model: expected plumb_bob or rational_polynomial, got {known['distortion_model']!r}; "
+            "calibrate with OpenCV's usual model"
+        )
+    matrix = _numbers(path, known, MATRIX, (9,)).reshape(3, 3)
+    distortion = _numbers(path, known, DISTORTION, (0, 4, 5, 8, 12, 14), optional=True)
+    size = next((pair for pair in SIZES if set(pair) <= set(known)), None)
+    if size is None:
+        raise ValueError(f"{path}: expected image_width and image_height, found neither")
+    width, height = (int(known[name]) for name in size)
+    if not (0 < matrix[0, 2] < width and 0 < matrix[1, 2] < height and matrix[0, 0] > 0 and matrix[1, 1] > 0):
+        raise ValueError(
+            f"{path}: camera_matrix: expected a principal point within {width} x {height}, got {matrix.tolist()}"
+        )
+    rotation, translation = _place(path, known, matrix, distortion)
+    return Lens(width, height, matrix, distortion, rotation, translation)
+
+
+def _plain(text: str) -> str:
+    """Return YAML for what OpenCV calls so: a directive that is none, and tags of its own."""
+    return re.sub(r"\A%YAML[: ]\S*\s*\n", "", text).replace("!!opencv-matrix", "")
+
+
+def _numbers(
+    path: Path, known: dict[str, Any], names: tuple[str, ...], counts: tuple[int, ...], optional: bool = False
+) -> Array:
+    """Return a matrix as plain numbers, however it is written: a list, rows of lists, or {rows, cols, data}."""
+    name = next((one for one in names if known.get(one) is not None), None)
+    if name is None:
+        if optional:
+            return np.zeros(0)
+        raise ValueError(f"{path}: expected {names[0]} (nine numbers, row by row), found none")
+    value = known[name]
+    value = value.get("data") if isinstance(value, dict) else value
+    try:
+        found = np.asarray(value, dtype=float).ravel()
+    except (TypeError, ValueError):
+        raise ValueError(f"{path}: {name}: expected numbers, got {str(value)[:60]}") from None
+    if len(found) not in counts or not np.isfinite(found).all():
+        raise ValueError(f"{path}: {name}: expected {' or '.join(map(str, counts))} finite numbers, got {len(found)}")
+    return found
+
+
+def _place(path: Path, known: dict[str, Any], matrix: Array, distortion: Array) -> tuple[Array, Array]:
+    """Return rotation and translation from the world to the camera."""
+    if "rvec" in known and "tvec" in known:
+        from physid.data.importers.video.opencv import cv2
+
+        turn, shift = (_numbers(path, known, (name,), (3,)) for name in ("rvec", "tvec"))
+        return np.asarray(cv2.Rodrigues(turn)[0], dtype=float), shift
+    if "points" in known:
+        return solve_place(known["points"], matrix, distortion, str(path))
+    if {"position", "target", "up"} <= set(known):
+        camera = check_as(
+            Camera,
+            {name: known[name] for name in ("position", "target", "up")} | {"width": 1, "height": 1, "fov_y": 1.0},
+            str(path),
+        )
+        return _axes(camera)
+    raise ValueError(
+        f"{path}: expected the place of the camera, found none: rvec and tvec, or position, target and up, or points: "
+        "four or more of [column, row, x, y], image points beside points of the plane [m]"
+    )
+
+
+def solve_place(points: Any, matrix: Array, distortion: Array, where: str) -> tuple[Array, Array]:
+    """Return rotation and translation of a camera that sees points of the world at points of the image.
+
+    Args:
+        points: Rows of column, row [px], x, y and, where it is not zero, z [m].
+        matrix: Camera matrix.
+        distortion: Coefficients.
+        where: Names the points in messages.
+
+    Raises:
+        ValueError: If there are too few, they lie in a line, or no place explains them.
+    """
+    from physid.data.importers.video.opencv import cv2
+
+    try:
+        rows = np.array([[*row, 0.0][:5] for row in points], dtype=float)
+        sound = rows.ndim == 2 and rows.shape[1] == 5 and bool(np.isfinite(rows).all())
+    except (TypeError, ValueError):
+        sound = False
+    if not sound or len(rows) < FEWEST_POINTS:
+        raise ValueError(
+            f"{where}: points: expected {FEWEST_POINTS} or more rows [column, row, x, y] or with z, got {points!r}"[
+                :300
+            ]
+        )
+    spread = np.linalg.svd(rows[:, 2:] - rows[:, 2:].mean(0), compute_uv=False)
+    if spread[1] < 1e-3 * spread[0]:
+        raise ValueError(f"{where}: points: expected points that span a plane, got some on a line")
+    solved, turn, shift = cv2.solvePnP(
+        rows[:, 2:].copy(),
+        rows[:, :2].copy(),
+        matrix,
+        distortion,
+        flags=cv2.SOLVEPNP_IPPE if np.ptp(rows[:, 4]) == 0 else cv2.SOLVEPNP_SQPNP,
+    )
+    again = cv2.projectPoints(rows[:, 2:].copy(), turn, shift, matrix, distortion)[0].reshape(-1, 2)
+    error = float(np.abs(again - rows[:, :2]).max())
+    if not solved or error > 0.02 * float(np.ptp(rows[:, :2])):
+        raise ValueError(
+            f"{where}: points: expected points that a camera can see so, got some that are {error:.1f} px off; check "
+            "their order and units"
+        )
+    turn, shift = cv2.solvePnPRefineLM(rows[:, 2:].copy(), rows[:, :2].copy(), matrix, distortion, turn, shift)
+    return np.asarray(cv2.Rodrigues(turn)[0], dtype=float), np.asarray(shift, dtype=float).ravel()
+
+
+def _triple(vector: Array) -> tuple[float, float, float]:
+    """Return a vector as plain numbers."""
+    x, y, z = (float(f"{one:.12g}") for one in vector)
+    return x, y, z
+
+
+def _axes(camera: Camera) -> tuple[Array, Array]:
+    """Return rotation and translation of a camera that is given by position, target and up."""
+    right, upward, backward = camera.axes()
+    rotation = np.stack([right, -upward, -backward])
+    return rotation, -rotation @ np.array(camera.position)
+
+
+def _of_pinhole(camera: Camera) -> Lens:
+    """Return an ideal camera as a lens."""
+    focal = camera.height / 2 / np.tan(np.radians(camera.fov_y) / 2)
+    matrix = np.array([[focal, 0, camera.width / 2 - 0.5], [0, focal, camera.height / 2 - 0.5], [0, 0, 1.0]])
+    return Lens(camera.width, camera.height, matrix, np.zeros(0), *_axes(camera))

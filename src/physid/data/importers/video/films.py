@@ -1,0 +1,152 @@
+"""A film, or a folder of images, frame by frame: never more than a few frames in memory."""
+
+from __future__ import annotations
+
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image as Picture
+from PIL import UnidentifiedImageError
+
+from physid.data.importers.finding import SUFFIXES, natural
+
+Image = NDArray[np.uint8]
+FILMS = SUFFIXES["mp4"]
+IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
+MISSING = 0.02
+"""Share of the frames that a header promises which may be missing: counts in headers are estimates."""
+
+
+class Film(ABC):
+    """Frames in order.
+
+    Attributes:
+        path: File or folder.
+        rate: Frames per second that its header says; None where it says none.
+    """
+
+    path: Path
+    rate: float | None
+
+    @abstractmethod
+    def frames(self) -> Iterator[tuple[float | None, Image]]:
+        """Yield the stamp [s], where there is one, and the image (H, W, 3) of each frame.
+
+        Raises:
+            ValueError: If a frame cannot be read; the message names it.
+        """
+
+
+@final
+class FilmFile(Film):
+    """A film that OpenCV decodes.
+
+    Raises:
+        ValueError: If it is none.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        capture = self._open()
+        rate = float(capture.get(self._cv2.CAP_PROP_FPS))
+        self.promised = max(int(capture.get(self._cv2.CAP_PROP_FRAME_COUNT)), 0)
+        self.rate = rate if 0 < rate < 1e5 else None
+        capture.release()
+
+    def frames(self) -> Iterator[tuple[float | None, Image]]:
+        """Decode frame by frame (see `Film.frames`)."""
+        capture, count = self._open(), 0
+        try:
+            while True:
+                good, image = capture.read()
+                if not good:
+                    break
+                stamp = float(capture.get(self._cv2.CAP_PROP_POS_MSEC)) / 1e3
+                count += 1
+                yield stamp, np.ascontiguousarray(image[..., ::-1])
+        finally:
+            capture.release()
+        if count < (1 - MISSING) * self.promised - 1:
+            raise ValueError(
+                f"{self.path}: expected {self.promised} frames as its header says, found {count}: the film is cut off "
+                "or damaged; copy it again, or save the part that can be played as a film of its own"
+            )
+
+    def _open(self) -> Any:
+        # FFmpeg would print what it thinks of damaged files; the message below says it once.
+        os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+        os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
+        from physid.data.importers.video.opencv import cv2
+
+        self._cv2 = cv2
+        with self.path.open("rb"):
+            pass  # what the system refuses is told in its own words
+        capture = cv2.VideoCapture(str(self.path), cv2.CAP_FFMPEG)
+        if not capture.isOpened():
+            raise ValueError(
+                f"{self.path}: expected a film, found a file that cannot be decoded; an mp4 whose end is missing lacks "
+                "its index: copy it again, or convert it (ffmpeg -i IN OUT.mp4)"
+            )
+        return capture
+
+
+@final
+class ImageFolder(Film):
+    """Images of one size, in the natural order of their names."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.rate = path, None
+        self._files = sorted((each for each in path.iterdir() if each.suffix.lower() in IMAGES), key=natural)
+        if not self._files:
+            raise FileNotFoundError(f"{path}: expected images ({', '.join(IMAGES)}), found none")
+
+    def frames(self) -> Iterator[tuple[float | None, Image]]:
+        """Read image by image (see `Film.frames`)."""
+        shape: tuple[int, ...] | None = None
+        for file in self._files:
+            try:
+                with Picture.open(file) as picture:
+                    image = np.asarray(picture.convert("RGB"))
+            except (UnidentifiedImageError, OSError) as error:
+                raise ValueError(f"{file}: expected an image, found one that cannot be read: {error}") from None
+            if shape not in (None, image.shape):
+                raise ValueError(f"{file}: expected an image of {shape} as the others, found {image.shape}")
+            shape = image.shape
+            yield None, image
+
+
+def find_films(places: list[Path]) -> list[Path]:
+    """Return films and folders of images: files as named; of a folder, its films, its folders of images, or itself.
+
+    Raises:
+        FileNotFoundError: If there are none.
+    """
+    found: list[Path] = []
+    for place in places:
+        if not place.is_dir():
+            if not place.exists():
+                raise FileNotFoundError(f"{place}: expected a film or a folder, found nothing there")
+            found.append(place)
+            continue
+        inside = sorted(place.iterdir(), key=natural)
+        films = [each for each in inside if each.suffix.lower() in FILMS]
+        folders = [
+            each for each in inside if each.is_dir() and any(one.suffix.lower() in IMAGES for one in each.iterdir())
+        ]
+        images = any(each.suffix.lower() in IMAGES for each in inside)
+        found += films or folders or ([place] if images else [])
+    if not found:
+        raise FileNotFoundError(
+            f"{', '.join(map(str, places))}: expected films ({', '.join(FILMS)}) or images, found none"
+        )
+    return found
+
+
+def open_film(path: Path) -> Film:
+    """Open a film, or a folder of images."""
+    return ImageFolder(path) if path.is_dir() else FilmFile(path)

@@ -1,0 +1,70 @@
+"""What a film means: the keys of a log's mapping that are no columns of poses, and those of the camera."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, final
+
+from physid.data.importers.convert import FRICTION_NOTE
+from physid.data.importers.mapping import OF_BODY, OF_SET, LogMap
+from physid.data.importers.video.cameras import Lens, read_camera
+from physid.scenes.scene import Scene
+from physid.strict import check_keys, number
+
+OF_FILM = ("camera", "background", "rate")
+OF_POSES = ("time", "time_step", "header", "trajectory", "lost", "axes", "position", "quaternion", "euler", "matrix",
+            "rotation_vector", "orientation", "order", "euler_order", "visible", "tracked_point")  # fmt: skip
+
+
+@final
+@dataclass(frozen=True)
+class FilmMap:
+    """What films mean.
+
+    Attributes:
+        log: What there is beside poses: bodies, forces, ground, what is unknown.
+        lens: The camera.
+        rate: Frames per second, where the films do not say them right; else None.
+        background: Image of the empty scene; None for the median of the films.
+    """
+
+    log: LogMap
+    lens: Lens
+    rate: float | None
+    background: Path | None
+
+    @classmethod
+    def from_mapping(cls, values: dict[str, Any]) -> FilmMap:
+        """Build it from plain values.
+
+        Raises:
+            FileNotFoundError: If the camera file is missing.
+            ValueError: If a key is unknown or missing, or a value is off.
+        """
+        allowed = [name for name in (*OF_SET, *OF_BODY) if name not in OF_POSES]
+        known = dict(check_keys(values, "mapping", (), (*allowed, *OF_FILM)))
+        if known.get("camera") is None:
+            raise ValueError("mapping: missing camera: a camera file; physid calibrate makes one (docs/films.md)")
+        lens, rate, given = (
+            read_camera(Path(str(known.pop("camera")))),
+            known.pop("rate", None),
+            known.pop("background", None),
+        )
+        poses = {"position": [0, 0, 0], "orientation": "none"}
+        bodies = {"bodies": [{**one, **poses} for one in known["bodies"]]} if known.get("bodies") else poses
+        rate = None if rate is None else number(rate, "rate", low=0.0, strict=True)
+        log = LogMap.from_mapping({**known, **bodies, "rate": 1.0})
+        return cls(log, lens, rate, None if given is None else Path(str(given)))
+
+    @property
+    def notes(self) -> list[str]:
+        """What is taken for granted, a line each."""
+        return [f"{name}: {FRICTION_NOTE}" for name in self.log.unsaid]
+
+    def scene(self, step: float, source: str) -> Scene:
+        """Return the scene of films with so much time between frames [s]."""
+        log, bodies = self.log, tuple(each.body for each in self.log.bodies)
+        return Scene(
+            log.scene, step, log.ground, bodies, log.unknown, self.lens.pinhole(), log.gravity, log.source or source
+        )

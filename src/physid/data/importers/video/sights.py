@@ -1,0 +1,149 @@
+"""What a film shows before anything is tracked: its background, its noise, and which pixels of a frame are bodies."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from physid.data.importers.video.films import Image
+
+MEDIAN = 1.4826  # deviation of a normal variable over its median magnitude
+CLEAR = 6.0
+"""Standard deviations of the noise, after smoothing, that make a pixel differ from the background."""
+LEAST_CLEAR = 6.0
+"""Grey levels that it has to differ by in any case: compression leaves patterns that no noise level knows."""
+SMOOTHING, FINE, REACH = 1.5, 0.7, 4  # [px]: for telling bodies from noise, for their edges, and how far these reach
+SHADE, GREYER = (0.25, 0.97), 0.08
+"""A shadow leaves such a share of the light, alike in all colours: their shares differ by so much at most."""
+LEAST_AREA = 30  # pixels of a body
+AGAIN, AROUND = 2, 20
+"""How often the background is found anew without the bodies, and the pixels around them that are left out, for their
+shadows."""
+
+
+def background_of(images: list[Image], count: int) -> Image:
+    """Return the empty scene: the median of images that show it behind bodies which move.
+
+    A body that stays in one region for most of the time shines through the median. So the bodies are found in each
+    image by what differs from it, and the median is taken again over what is not a body.
+
+    Args:
+        images: Of one size, their exposure may drift.
+        count: Number of bodies.
+    """
+    reference = images[0].astype(np.float32)
+    even = [np.asarray(image / gain_of(image, reference), dtype=np.float32) for image in images]
+    background = _median(even, [np.zeros(reference.shape[:2], dtype=bool)] * len(even))
+    for _ in range(AGAIN):
+        hidden = [_covered(image, background, count) for image in images]
+        free = _median(even, hidden)
+        background = np.where(np.isfinite(free), free, background)
+    return np.asarray(background.round().clip(0, 255), dtype=np.uint8)
+
+
+def _covered(image: Image, background: NDArray[np.float32], count: int) -> NDArray[np.bool_]:
+    """Return which pixels bodies and their surroundings take, (H, W); all where the bodies cannot be found."""
+    try:
+        bodies = find_bodies(image, background, count).any(0)
+    except ValueError:
+        return np.ones(image.shape[:2], dtype=bool)
+    return np.asarray(ndimage.binary_dilation(np.asarray(bodies), iterations=AROUND))
+
+
+def _median(images: list[NDArray[np.float32]], hidden: list[NDArray[np.bool_]]) -> NDArray[np.float32]:
+    """Return the median over images (H, W, 3) of what is not hidden (H, W), some rows at a time; NaN where all is."""
+    rows = max(1, 2**26 // (len(images) * images[0][0].size * 4))
+    parts = []
+    for top in range(0, len(images[0]), rows):
+        stack = np.stack([np.where(mask[top : top + rows, :, None], np.nan, image[top : top + rows])
+                          for image, mask in zip(images, hidden, strict=True)])  # fmt: skip
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "All-NaN slice", RuntimeWarning)
+            parts.append(np.nanmedian(stack, 0).astype(np.float32))
+    return np.concatenate(parts)
+
+
+def gain_of(image: NDArray[np.generic], background: NDArray[np.generic]) -> float:
+    """Return how much brighter an image is than the background: the median ratio, which bodies do not move."""
+    behind = np.asarray(background, dtype=np.float32).max(-1)
+    bright = behind > max(float(np.median(behind)) / 2, 1.0)
+    return float(np.median(np.asarray(image, dtype=np.float32).max(-1)[bright] / behind[bright])) or 1.0
+
+
+def noise_of(image: Image, background: NDArray[np.generic]) -> float:
+    """Return the standard deviation of a colour [grey levels] where the image shows the background."""
+    apart = image / gain_of(image, background) - np.asarray(background, dtype=np.float32)
+    return MEDIAN * float(np.median(np.abs(apart)))
+
+
+def smoothed(image: NDArray[np.generic], width: float = SMOOTHING) -> NDArray[np.float32]:
+    """Blur an image (H, W, 3) by so much that noise and patterns of compression are small beside shadows and bodies."""
+    return np.asarray(ndimage.gaussian_filter(np.asarray(image, dtype=np.float32), (width, width, 0)))
+
+
+def shaded(seen: NDArray[np.float32], behind: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Find shadows, (H, W): the background with less light, alike in all colours.
+
+    Args:
+        seen: The frame, its gain taken out, smoothed.
+        behind: The background, smoothed.
+    """
+    share = (seen + 1) / (behind + 1)
+    return np.asarray((share.min(-1) > SHADE[0]) & (share.max(-1) < SHADE[1]) & (np.ptp(share, -1) < GREYER))
+
+
+def find_bodies(image: Image, background: NDArray[np.generic], count: int) -> NDArray[np.bool_]:
+    """Find the bodies of an image by their difference from the background; shadows are left out.
+
+    The silhouette of a box is convex, so that a part which looks like the background is filled in.
+
+    Args:
+        image: The frame, shape (H, W, 3).
+        background: The empty scene, shape (H, W, 3).
+        count: How many bodies there are.
+
+    Returns:
+        Masks (N, H, W), the largest body first.
+
+    Raises:
+        ValueError: If fewer are found.
+    """
+    seen, behind = smoothed(image / gain_of(image, background)), smoothed(background)
+    # White noise that is smoothed so keeps this share of its deviation.
+    noise = noise_of(image, background) / (2 * np.sqrt(np.pi) * SMOOTHING)
+    apart = np.abs(seen - behind).max(-1) > max(CLEAR * noise, LEAST_CLEAR)
+    body = ndimage.binary_opening(apart & ~shaded(seen, behind), iterations=2)
+    labels, found = ndimage.label(ndimage.binary_closing(body, iterations=3))
+    areas = ndimage.sum_labels(np.ones_like(labels), labels, np.arange(1, found + 1)) if found else np.zeros(0)
+    order = np.argsort(-np.asarray(areas))[:count]
+    if len(order) < count or areas[order[-1]] < LEAST_AREA:
+        raise ValueError(
+            f"expected {count} bod{'y' if count == 1 else 'ies'} that differ from the background, found "
+            f"{int((np.asarray(areas) >= LEAST_AREA).sum())}; begin the film with every body in view and apart, and "
+            "name an image of the empty scene (background=empty.png) where a body rests for most of the film"
+        )
+    edged = _edged(image, background)
+    return np.stack([_hull((labels == label + 1) & edged) for label in order])
+
+
+def _edged(image: Image, background: NDArray[np.generic]) -> NDArray[np.bool_]:
+    """Return which pixels differ by more than half of what their neighbours do, (H, W): edges are where they are.
+
+    A fixed threshold of blurred differences would make bodies of high contrast two pixels wider than they are.
+    """
+    seen, behind = smoothed(image / gain_of(image, background), FINE), smoothed(background, FINE)
+    apart = np.where(shaded(seen, behind), 0, np.abs(seen - behind).max(-1))
+    return np.asarray(apart > ndimage.maximum_filter(apart, 2 * REACH + 1) / 2)
+
+
+def _hull(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Fill the convex hull of a mask (H, W)."""
+    from physid.data.importers.video.opencv import cv2
+
+    points = np.argwhere(mask)[:, ::-1].astype(np.int32)
+    filled = np.zeros(mask.shape, np.uint8)
+    cv2.fillConvexPoly(filled, cv2.convexHull(points), 1)
+    return filled.astype(bool)

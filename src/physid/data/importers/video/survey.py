@@ -1,0 +1,123 @@
+"""A first look at films: how many frames, how far apart, and some of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image as Picture
+
+from physid.data.importers.video.cameras import Lens
+from physid.data.importers.video.films import Film, Image, open_film
+from physid.data.observations.stamps import rhythm_of
+
+EVEN = 0.02
+"""Share of a frame's time by which stamps may stray and still count as even."""
+RATE_DIFFERS = 0.02
+"""Share by which rates may differ that mean the same."""
+FEWEST_FRAMES = 4
+
+
+@final
+@dataclass(frozen=True)
+class Survey:
+    """What a first look at a film shows.
+
+    Attributes:
+        film: The film.
+        count: Frames.
+        step: Time between frames [s].
+        time: Stamps [s] where they are not even, else None.
+        kept: Some frames, as the ideal camera sees them.
+        notes: What was taken for granted.
+    """
+
+    film: Film
+    count: int
+    step: float
+    time: NDArray[np.float64] | None
+    kept: list[Image]
+    notes: tuple[str, ...]
+
+
+def survey(path: Path, lens: Lens, straighten: Callable[[Image], Image], rate: float | None, most: int) -> Survey:
+    """Look at a film once: how many frames, how far apart; keep at most so many of them, evenly."""
+    film = open_film(path)
+    stamps: list[float | None] = []
+    kept: list[Image] = []
+    every = 1
+    for position, (stamp, image) in enumerate(film.frames()):
+        if image.shape[:2] != (lens.height, lens.width):
+            raise ValueError(
+                f"{film.path}: expected images of {lens.width} x {lens.height} as the camera file says, found "
+                f"{image.shape[1]} x {image.shape[0]}; calibrate at the size of the film"
+            )
+        stamps.append(stamp)
+        if most and position % every == 0:
+            if len(kept) == most:
+                kept, every = kept[::2], 2 * every
+            if position % every == 0:
+                kept.append(straighten(image))
+    if len(stamps) < FEWEST_FRAMES:
+        raise ValueError(f"{film.path}: expected a film of {FEWEST_FRAMES} frames or more, found {len(stamps)}")
+    step, time, notes = _clock(film, stamps, rate)
+    return Survey(film, len(stamps), step, time, kept, tuple(notes))
+
+
+def _clock(
+    film: Film, stamps: list[float | None], rate: float | None
+) -> tuple[float, NDArray[np.float64] | None, list[str]]:
+    """Return the time between frames, stamps where they are not even, and notes."""
+    known = None if stamps[0] is None else np.array(stamps, dtype=float)
+    says = f"the header of {film.path.name} says {film.rate or 0:g}"
+    if rate is not None:
+        differs = film.rate is not None and abs(film.rate / rate - 1) > RATE_DIFFERS
+        return 1 / rate, None, [f"rate: {rate:g} frames per second, as the mapping says; {says}"] * differs
+    if known is None or not (np.diff(known) > 0).all():
+        if film.rate is None or known is None:
+            raise ValueError(
+                f"{film.path}: expected the time between images, found none; give rate (frames per second)"
+            )
+        return 1 / film.rate, None, []
+    known = known - known[0]
+    step, notes = rhythm_of(known).period, []
+    if film.rate is not None and abs(film.rate * step - 1) > RATE_DIFFERS:
+        notes = [f"rate: {1 / step:.4g} frames per second, as the stamps show; {says}"]
+    elif film.rate is not None:
+        step = 1 / film.rate
+    even = bool((np.abs(known - step * np.arange(len(known))) < EVEN * step + 1e-3).all())
+    return step, None if even else known, notes
+
+
+def straightener(lens: Lens) -> Callable[[Image], Image]:
+    """Return what turns an image of the real camera into one of the ideal camera."""
+    maps = lens.maps()
+    if maps is None:
+        return lambda image: image
+    from physid.data.importers.video.opencv import cv2
+
+    def straighten(image: Image) -> Image:
+        return np.asarray(cv2.remap(image, *maps, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE))
+
+    return straighten
+
+
+def empty_scene(path: Path, lens: Lens, straighten: Callable[[Image], Image]) -> Image:
+    """Read an image of the empty scene.
+
+    Raises:
+        FileNotFoundError: If there is none.
+        ValueError: If it has another size than the films.
+    """
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: expected an image of the empty scene (background), found no such file")
+    image = np.asarray(Picture.open(path).convert("RGB"))
+    if image.shape[:2] != (lens.height, lens.width):
+        raise ValueError(
+            f"{path}: expected an image of {lens.width} x {lens.height}, found {image.shape[1]} x {image.shape[0]}"
+        )
+    return straighten(image)

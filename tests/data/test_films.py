@@ -1,0 +1,311 @@
+"""Films become recording sets: frames of an ideal camera, a background without bodies, masks; one image in memory."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+from tests.data import filmed
+
+from physid.cli import main
+from physid.data.format import RecordingSet
+from physid.data.importers.video.cameras import Lens, read_camera
+from physid.data.importers.video.convert import import_films
+from physid.data.importers.video.films import FilmFile, ImageFolder
+from physid.data.importers.video.sights import find_bodies, gain_of
+
+cv2 = pytest.importorskip("cv2")
+MATRIX = np.array([[260.0, 0, 99.0], [0, 255.0, 68.0], [0, 0, 1]])
+DISTORTION = np.array([-0.21, 0.06, 0.002, -0.001, 0.0])
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    filmed.write_camera(tmp_path / "camera.yaml")
+    filmed.write_film(tmp_path / "a.mp4", filmed.images(drift=0.1))
+    filmed.write_forces(tmp_path / "a_forces.csv", 1.0)
+    return tmp_path
+
+
+def silhouette(number: int) -> NDArray[np.bool_]:
+    empty = np.zeros((filmed.CAMERA.height, filmed.CAMERA.width, 3))
+    return np.asarray(filmed.draw(filmed.path_of(24)[number], 0.4, empty).max(-1) > 5)
+
+
+def test_a_film_and_a_log_of_forces_become_a_set(place: Path) -> None:
+    done = import_films([place / "a.mp4"], dict(filmed.MAPPING), place / "set")
+    made = RecordingSet(done.folder)
+    made.verify()
+    one = made.read(0, video=True)
+    assert one.frames is not None
+    assert one.mask is not None
+    assert one.wrench is not None
+    assert one.wrench_time is not None
+    assert one.frames.shape == (24, 144, 192, 3)
+    assert made.scene.time_step == pytest.approx(1 / 30)
+    assert made.scene.camera is not None
+    points = np.array([[0.1, 0.0, 0.0], [-0.1, 0.1, 0.05]])
+    assert np.allclose(made.scene.camera.project(points), filmed.CAMERA.project(points))
+    assert made.scene.unknown == ("block.friction",)
+    assert one.wrench_time[1] == pytest.approx(0.01)
+    true = silhouette(0)
+    assert (one.mask[0] & true).sum() / (one.mask[0] | true).sum() > 0.85
+    assert np.abs(one.frames[3].astype(float) - filmed.images(drift=0.1)[3]).mean() < 3
+
+
+def test_the_background_is_free_of_a_body_that_lingers_and_of_drifting_exposure(place: Path) -> None:
+    frames = filmed.images(drift=0.1)
+    filmed.write_film(place / "b.mp4", frames[:10] + frames[10:11] * 6 + frames[11:])
+    made = RecordingSet(
+        import_films([place / "b.mp4"], dict(filmed.MAPPING, forces={}, force=None), place / "set").folder
+    )
+    background = made.read(0, video=True).background
+    assert background is not None
+    apart = background / gain_of(background, filmed.table()) - filmed.table()
+    assert np.abs(apart).max() < 25
+    assert np.abs(apart).mean() < 3
+
+
+def test_a_shadow_is_no_body() -> None:
+    behind = filmed.table()
+    dark = np.ones(behind.shape[:2])
+    dark[60:110, 20:90] = 0.55
+    image = filmed.draw(np.array([0.05, 0.0]), 0.4, behind * dark[..., None])
+    found = find_bodies(image.round().astype(np.uint8), behind.round().astype(np.uint8), 1)[0]
+    true = filmed.draw(np.array([0.05, 0.0]), 0.4, np.zeros_like(behind)).max(-1) > 5
+    assert (found & true).sum() / (found | true).sum() > 0.85
+
+
+def test_images_in_a_folder_are_a_film_in_natural_order(place: Path) -> None:
+    (place / "shots").mkdir()
+    for number, image in enumerate(filmed.images(12)):
+        Image.fromarray(image).save(place / "shots" / f"shot_{number}.png")
+    drawn = [image for _, image in ImageFolder(place / "shots").frames()]
+    assert all(np.array_equal(one, two) for one, two in zip(drawn, filmed.images(12), strict=True))
+    words = ["import", "mp4", "shots", "camera=camera.yaml", f"size={filmed.EDGES.tolist()}", "mass=1", "rate=60"]
+    assert main([*words, "--out=set"]) == 0
+    assert RecordingSet(place / "set").scene.time_step == pytest.approx(1 / 60)
+
+
+def write_opencv(path: Path) -> Path:
+    data = ", ".join(map(str, MATRIX.ravel()))
+    path.write_text(
+        "%YAML:1.0\n---\nimage_width: 192\nimage_height: 144\ncamera_matrix: !!opencv-matrix\n   rows: 3\n   cols: 3\n"
+        f"   dt: d\n   data: [ {data} ]\ndistortion_coefficients: !!opencv-matrix\n   rows: 1\n   cols: 5\n   dt: d\n"
+        f"   data: [ {', '.join(map(str, DISTORTION))} ]\nrvec: [2.3, 0.1, -0.05]\ntvec: [0.0, 0.1, 0.9]\n"
+    )
+    return path
+
+
+def write_ros(path: Path, points: Any) -> Path:
+    path.write_text(
+        "image_width: 192\nimage_height: 144\ncamera_name: narrow\ndistortion_model: plumb_bob\n"
+        f"camera_matrix: {{rows: 3, cols: 3, data: {MATRIX.ravel().tolist()}}}\n"
+        f"distortion_coefficients: {{rows: 1, cols: 5, data: {DISTORTION.tolist()}}}\n"
+        f"rectification_matrix: {{rows: 3, cols: 3, data: [1, 0, 0, 0, 1, 0, 0, 0, 1]}}\npoints: {points}\n"
+    )
+    return path
+
+
+def seen_at(lens: Lens, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    turn = cv2.Rodrigues(lens.rotation)[0]
+    return np.asarray(cv2.projectPoints(points, turn, lens.translation, lens.matrix, lens.distortion)[0].reshape(-1, 2))
+
+
+def test_camera_files_of_opencv_and_ros_say_the_same(tmp_path: Path) -> None:
+    lens = read_camera(write_opencv(tmp_path / "opencv.yaml"))
+    assert np.array_equal(lens.matrix, MATRIX)
+    ground = np.array([[-0.1, -0.1, 0], [0.15, -0.1, 0], [0.15, 0.1, 0], [-0.1, 0.12, 0], [0.0, 0.05, 0]])
+    rows = np.concatenate([seen_at(lens, ground), ground[:, :2]], 1).tolist()
+    again = read_camera(write_ros(tmp_path / "ros.yaml", rows))
+    assert np.allclose(again.rotation, lens.rotation, atol=1e-4)
+    assert np.allclose(again.translation, lens.translation, atol=1e-4)
+
+
+def test_the_ideal_camera_sees_points_where_the_straightened_image_has_them(tmp_path: Path) -> None:
+    lens = read_camera(write_opencv(tmp_path / "opencv.yaml"))
+    camera, maps = lens.pinhole(), lens.maps()
+    assert maps is not None
+    points = np.array([[0.0, 0.0, 0.0], [0.12, 0.05, 0.02], [-0.15, -0.1, 0.0], [0.1, -0.12, 0.05]])
+    wanted = camera.project(points)[:, :2] - 0.5  # OpenCV counts pixel centres
+    at = [wanted[:, k].astype(np.float32).reshape(-1, 1) for k in (0, 1)]
+    straight = np.stack([cv2.remap(one, *at, cv2.INTER_LINEAR) for one in maps], -1).reshape(-1, 2)
+    assert np.allclose(straight, seen_at(lens, points), atol=0.05)
+
+
+@pytest.mark.slow
+def test_a_film_of_a_checkerboard_tells_the_lens(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    matrix = np.array([[520.0, 0, 331.0], [0, 515.0, 228.0], [0, 0, 1]])
+    squares, side, generator, shots = (8, 6), 0.03, np.random.default_rng(0), []
+    for _ in range(16):
+        turn = generator.uniform(-0.5, 0.5, 3)
+        shift = np.array([*generator.uniform(-0.06, 0.06, 2), generator.uniform(0.35, 0.5)]) - [0.12, 0.09, 0]
+        image = np.full((480, 640), 200, np.uint8)
+        for x in range(squares[0]):
+            for y in range(squares[1]):
+                if (x + y) % 2:
+                    continue
+                edge, zero, one = np.linspace(0, 1, 9), np.zeros(9), np.ones(9)
+                sides = ((edge, zero), (one, edge), (1 - edge, one), (zero, 1 - edge))
+                outline = np.concatenate([np.stack(pair, -1) for pair in sides]) + np.array([x, y])
+                corners = np.concatenate([side * outline, np.zeros((len(outline), 1))], 1)
+                pixels = cv2.projectPoints(corners, turn, shift, matrix, DISTORTION)[0].reshape(-1, 2)
+                cv2.fillPoly(image, [(64 * pixels).round().astype(np.int32)], 20, shift=6, lineType=cv2.LINE_AA)
+        shots.append(np.repeat(cv2.GaussianBlur(image, (0, 0), 0.7)[..., None], 3, -1))
+    filmed.write_film(tmp_path / "board.mp4", shots)
+    assert main(["calibrate", "board.mp4", "--corners=7x5", "--square=0.03"]) == 0
+    assert "focal length" in capsys.readouterr().out
+    with (tmp_path / "camera.yaml").open("a") as file:
+        file.write("position: [0, 0, 1]\ntarget: [0, 0, 0]\nup: [0, 1, 0]\n")
+    lens = read_camera(tmp_path / "camera.yaml")
+    assert lens.matrix[0, 0] == pytest.approx(520, rel=0.01)
+    assert lens.matrix[:2, 2] == pytest.approx(matrix[:2, 2], abs=4)
+    assert lens.distortion[0] == pytest.approx(DISTORTION[0], abs=0.04)
+    assert main(["calibrate", "board.mp4", "--corners=9x6"]) == 2
+    assert "count inner corners" in capsys.readouterr().err
+
+
+def cut(place: Path) -> None:
+    whole = (place / "a.mp4").read_bytes()
+    (place / "a.mp4").write_bytes(whole[: len(whole) // 2])
+
+
+def cut_stream(place: Path) -> None:
+    """Keep the index of the film and lose its end, as a download that broke off."""
+    import subprocess
+
+    exe = filmed.imageio_ffmpeg.get_ffmpeg_exe()
+    subprocess.run(
+        [exe, "-loglevel", "error", "-i", "a.mp4", "-c", "copy", "-movflags", "faststart", "b.mp4"], check=True
+    )
+    whole = (place / "b.mp4").read_bytes()
+    (place / "a.mp4").write_bytes(whole[: int(0.6 * len(whole))])
+
+
+def still(place: Path) -> None:
+    filmed.write_film(place / "a.mp4", filmed.images()[:1] * 20)
+
+
+def short(place: Path) -> None:
+    filmed.write_film(place / "a.mp4", filmed.images()[:2])
+
+
+def other_size(place: Path) -> None:
+    text = (place / "camera.yaml").read_text().replace("width: 192", "width: 1920")
+    (place / "camera.yaml").write_text(text)
+
+
+def late_forces(place: Path) -> None:
+    text = (place / "a_forces.csv").read_text().splitlines()
+    rows = [",".join([str(float(row.split(",")[0]) + 50), *row.split(",")[1:]]) for row in text[1:]]
+    (place / "a_forces.csv").write_text("\n".join([text[0], *rows]))
+
+
+def camera_without_place(place: Path) -> None:
+    (place / "camera.yaml").write_text(
+        "image_width: 192\nimage_height: 144\ncamera_matrix: [260, 0, 96, 0, 260, 72, 0, 0, 1]\n"
+    )
+
+
+def camera_points_on_a_line(place: Path) -> None:
+    camera_without_place(place)
+    with (place / "camera.yaml").open("a") as file:
+        file.write("points: [[10, 10, 0, 0], [20, 20, 0.1, 0.1], [30, 30, 0.2, 0.2], [40, 40, 0.3, 0.3]]\n")
+
+
+def fisheye(place: Path) -> None:
+    camera_without_place(place)
+    with (place / "camera.yaml").open("a") as file:
+        file.write("distortion_model: equidistant\n")
+
+
+def mistyped_camera_key(place: Path) -> None:
+    camera_without_place(place)
+    with (place / "camera.yaml").open("a") as file:
+        file.write("distorsion_coefficients: [0, 0, 0, 0, 0]\n")
+
+
+def no_permission(place: Path) -> None:
+    (place / "a.mp4").chmod(0)
+
+
+def no_film(place: Path) -> None:
+    (place / "a.mp4").write_text("this is no film")
+
+
+def empty_folder(place: Path) -> None:
+    (place / "a.mp4").unlink()
+    (place / "a.mp4").mkdir()
+
+
+def mixed_images(place: Path) -> None:
+    empty_folder(place)
+    for number, size in enumerate([(192, 144)] * 4 + [(96, 72)]):
+        Image.new("RGB", size).save(place / "a.mp4" / f"{number}.png")
+
+
+def images_without_rate(place: Path) -> None:
+    empty_folder(place)
+    for number, image in enumerate(filmed.images(6)):
+        Image.fromarray(image).save(place / "a.mp4" / f"{number}.png")
+
+
+@pytest.mark.parametrize(
+    ("spoil", "changes", "message"),
+    [
+        (cut, {}, "a.mp4: expected a film, found a file that cannot be decoded; an mp4 whose end is missing"),
+        (cut_stream, {}, "the film is cut off or damaged"),
+        (no_film, {}, "a.mp4: expected a film, found a file that cannot be decoded"),
+        (still, {}, "expected 1 body that differ from the background, found 0; begin the film"),
+        (short, {}, "expected a film of 4 frames or more, found 2"),
+        (other_size, {}, "expected images of 1920 x 144 as the camera file says, found 192 x 144"),
+        (late_forces, {}, "wrench_time"),
+        (camera_without_place, {}, "expected the place of the camera, found none: rvec and tvec"),
+        (camera_points_on_a_line, {}, "expected points that span a plane, got some on a line"),
+        (fisheye, {}, "distortion_model: expected plumb_bob or rational_polynomial, got 'equidistant'"),
+        (mistyped_camera_key, {}, 'unknown key "distorsion_coefficients"; did you mean "distortion_coefficients"?'),
+        (no_permission, {}, "Permission denied"),
+        (empty_folder, {}, "expected images (.png, .jpg"),
+        (mixed_images, {"rate": 30}, "expected an image of (144, 192, 3) as the others, found (72, 96, 3)"),
+        (images_without_rate, {}, "expected the time between images, found none; give rate (frames per second)"),
+        (None, {"camera": None}, "missing camera: a camera file; physid calibrate makes one"),
+        (None, {"camera": "none.yaml"}, "none.yaml: expected a camera file, found no such file"),
+        (None, {"position": ["x", "y", "z"]}, 'unknown key "position"'),
+        (None, {"background": "empty.png"}, "empty.png: expected an image of the empty scene"),
+        (None, {"size": None}, "missing size: its edges"),
+        (None, {"forces": {"file": "x.csv", "time": "t"}}, "expected a log of forces (forces.file)"),
+    ],
+)  # fmt: skip
+def test_a_mistake_is_answered_and_leaves_nothing(
+    spoil: Any, changes: dict[str, Any], message: str, place: Path
+) -> None:
+    if spoil is no_permission and os.geteuid() == 0:
+        pytest.skip("root may read everything")
+    if spoil is not None:
+        spoil(place)
+    values = {key: value for key, value in {**filmed.MAPPING, **changes}.items() if value is not None}
+    with pytest.raises((ValueError, OSError)) as caught:
+        import_films([place / "a.mp4"], values, place / "set")
+    assert message in str(caught.value)
+    assert not (place / "set").exists()
+    assert not (place / "set.part").exists()
+
+
+def test_a_rate_that_the_header_has_wrong_is_given_and_remarked(place: Path) -> None:
+    done = import_films([place / "a.mp4"], {**filmed.MAPPING, "rate": 240, "forces": {}, "force": None}, place / "set")
+    assert any("240 frames per second, as the mapping says; the header of a.mp4 says 30" in note for note in done.notes)
+    assert RecordingSet(place / "set").scene.time_step == pytest.approx(1 / 240)
+
+
+def test_a_film_is_read_frame_by_frame_with_its_stamps(place: Path) -> None:
+    stamps = [stamp for stamp, _ in FilmFile(place / "a.mp4").frames()]
+    assert np.allclose(stamps, np.arange(24) / 30, atol=2e-3)
