@@ -29,8 +29,9 @@ class VideoScores(nn.Module):
         self.images = nn.ModuleDict(
             {
                 "psnr": PeakSignalNoiseRatio(data_range=1.0, dim=(1, 2, 3), reduction="elementwise_mean"),
-                "background_psnr": PeakSignalNoiseRatio(data_range=1.0, dim=(1, 2, 3), reduction="elementwise_mean"),
-                "held_psnr": PeakSignalNoiseRatio(data_range=1.0, dim=(1, 2, 3), reduction="elementwise_mean"),
+                # Of the mean square over all frames: one frame in which nothing has moved yet has no finite ratio.
+                "background_psnr": PeakSignalNoiseRatio(data_range=1.0),
+                "held_psnr": PeakSignalNoiseRatio(data_range=1.0),
                 "ssim": StructuralSimilarityIndexMeasure(data_range=1.0),
             }
         )
