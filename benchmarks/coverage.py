@@ -138,7 +138,7 @@ def main() -> None:
             made: dict[str, Any] = {"simulator": options.simulator, "frame_rate": float(rate) if rate else None}
             made |= {"jitter": options.jitter, "missing": options.missing, "force_rate": options.force_rate}
             runs: list[dict[str, tuple[float, float, float, float]]] = []
-            with contextlib.suppress(KeyboardInterrupt):  # what was measured until then counts
+            with contextlib.suppress(KeyboardInterrupt, SystemExit):  # as Lightning ends; what was measured counts
                 for seed in tqdm(range(options.first, options.first + options.sets), desc=f"{name} {rate}"):
                     runs.append(identify(CASES[name], seed, made, noise))
             if not runs:
