@@ -266,7 +266,8 @@ def run(folder: Path) -> dict[str, float]:
     }
 
 
-if __name__ == "__main__":
+def main() -> None:
+    """Make films, find out what is filmed, and print it beside the truth."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--out", type=Path, default=Path("runs/films"))
     parser.add_argument("--films", type=int, default=3)
@@ -274,3 +275,7 @@ if __name__ == "__main__":
     given = parser.parse_args()
     make(given.out, given.films, Look(), given.seconds)
     print(json.dumps(run(given.out), indent=2), f"\ntrue friction {FRICTION}")
+
+
+if __name__ == "__main__":
+    main()
