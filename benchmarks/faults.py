@@ -121,7 +121,7 @@ def tasks(data: Path) -> list[Task]:
         Task(
             "benchmark",
             lambda place: [
-                *("benchmark", "diagnosis", "seal", f"--out={place}", "--sets=3", "--trajectories=2", "--steps=20"),
+                *("benchmark", "diagnosis", "seal", f"--out={place}", "--sets=3", "--trajectories=6", "--steps=20"),
                 *("--roles=free,catalogue", "--seed=3"),
             ],
         ),

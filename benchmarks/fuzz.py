@@ -11,6 +11,7 @@ beyond what Python and its libraries hold. Faults are printed, one of each kind,
 from __future__ import annotations
 
 import argparse
+import atexit
 import contextlib
 import io
 import os
@@ -254,6 +255,102 @@ def feed_words(draw: random.Random, place: Path) -> object:
     return code
 
 
+LOG = "t,x,y,z,qx,qy,qz,qw,fx,fy,fz\n" + "".join(f"{k / 60},{0.01 * k},0,0.025,0,0,0,1,{k},0,-1\n" for k in range(8))
+MAPPING: dict[str, Any] = {
+    "time": "t",
+    "position": ["x", "y", "z"],
+    "quaternion": ["qx", "qy", "qz", "qw"],
+    "force": ["fx", "fy", "fz"],
+    "units": {"position": "m", "time": "s"},
+    "size": [0.1, 0.1, 0.05],
+    "mass": 0.4,
+    "friction": 0.3,
+}
+
+
+def feed_log(draw: random.Random, place: Path) -> object:
+    """Convert a log, guess its mapping, and read the set that came of it."""
+    from physid.data.format import RecordingSet
+    from physid.data.importers.convert import import_logs
+    from physid.data.importers.guess import guess_mapping
+
+    log = place / draw.choice(("log.csv", "log.csv", "log.npz"))
+    log.write_bytes(change_bytes(LOG.encode() if log.suffix == ".csv" else _arrays(), draw))
+    if draw.random() < 0.3:
+        return guess_mapping(log)
+    import_logs([log], MAPPING, place / "out")
+    return RecordingSet(place / "out").read(0)
+
+
+@cache
+def _arrays() -> bytes:
+    import numpy as np
+
+    table = np.loadtxt(LOG.splitlines()[1:], delimiter=",")
+    buffer = io.BytesIO()
+    np.savez(buffer, **dict(zip(LOG.splitlines()[0].split(","), table.T, strict=True)))
+    return buffer.getvalue()
+
+
+def feed_mapping(draw: random.Random, place: Path) -> object:
+    """Read a mapping file, and convert a sound log by it."""
+    from physid.data.importers.convert import import_logs
+    from physid.data.importers.mapping_files import read_mapping
+
+    (place / "log.csv").write_text(LOG)
+    (place / "map.yaml").write_bytes(changed_yaml(yaml.safe_dump(MAPPING, sort_keys=False), draw))
+    words = [f"{draw.choice(list(MAPPING))}={draw.choice(NASTY)}"][: draw.randrange(2)]
+    return import_logs([place / "log.csv"], read_mapping(place / "map.yaml", words), place / "out")
+
+
+def feed_recordings(draw: random.Random, place: Path) -> object:
+    """Read a recording set, its description or an HDF5 file changed."""
+    from physid.data.format import RecordingSet
+
+    shutil.copytree(_set(), place / "set")
+    files = [path for path in sorted((place / "set").rglob("*")) if path.is_file()]
+    path = draw.choice(files)
+    content = path.read_bytes()
+    path.write_bytes(changed_yaml(content.decode(), draw) if path.suffix == ".yaml" else change_bytes(content, draw))
+    opened = RecordingSet(place / "set")
+    return [opened.read(number) for number in range(len(opened))]
+
+
+@cache
+def _set() -> Path:
+    from physid.data.importers.convert import import_logs
+
+    folder = Path(tempfile.mkdtemp(prefix="physid_fuzz_"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    (folder / "log.csv").write_text(LOG)
+    import_logs([folder / "log.csv"], MAPPING, folder / "set")
+    return folder / "set"
+
+
+def feed_classes(draw: random.Random, place: Path) -> object:
+    """Check a configuration of `physid fit` with a logger and classes of its own."""
+    from physid.configuration import compose
+    from physid.schema.check import check_fit
+
+    classes = ("os.system", "physid.cli.main", "lightning.pytorch.loggers.CSVLogger", "torch.load", "subprocess.Popen")
+    named = {"class_path": draw.choice(classes), "init_args": draw.choice(({}, {"args": "true"}, 3, None, []))}
+    values = yaml.safe_load((CONFIGS / "sysid" / "push_friction.yaml").read_text())
+    place_of = draw.choice(("trainer.logger", "model", "data", "trainer.callbacks", "trainer.strategy", "optimizer"))
+    room, _, key = place_of.partition(".")
+    if key:
+        values.setdefault(room, {})[key] = draw.choice((named, [named]))
+    else:
+        values[room] = named
+    path = place / "changed.yaml"
+    path.write_bytes(yaml.safe_dump(change_values(values, draw) if draw.random() < 0.5 else values).encode())
+    for name in ("base.yaml", "push.yaml"):
+        if (CONFIGS / "sysid" / name).is_file():
+            shutil.copy(CONFIGS / "sysid" / name, place / name)
+    configuration = compose([path])
+    check_fit(configuration)
+    return configuration
+
+
 TARGETS = (
     Target("generation", feed_generate),
     Target("configuration", feed_fit),
@@ -264,6 +361,10 @@ TARGETS = (
     Target("history", feed_history),
     Target("bank", feed_bank),
     Target("words", feed_words),
+    Target("log", feed_log),
+    Target("mapping", feed_mapping),
+    Target("recordings", feed_recordings),
+    Target("classes", feed_classes),
 )
 
 

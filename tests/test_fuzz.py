@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from physid.yaml_files import YamlError, parse_yaml
 
 PATH = Path(__file__).parents[1] / "benchmarks" / "fuzz.py"
-INPUTS = 110
-"""For each of nine targets."""
+INPUTS = 80
+"""For each of thirteen targets."""
 
 
 def load() -> ModuleType:

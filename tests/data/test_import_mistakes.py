@@ -287,3 +287,9 @@ def test_names_of_many_kinds_are_guessed(tmp_path: Path, names: list[str], scale
     assert line in said
     assert "orientation: none" in said
     assert "lines are not sure" in said
+
+
+def test_a_mapping_is_guessed_from_a_log_of_a_single_row(tmp_path: Path) -> None:
+    log = tmp_path / "log.csv"
+    log.write_text("t,x,y,z,qx,qy,qz,qw\n0,1,2,3,0,0,0,1\n")
+    assert "FILL_IN" in guess_mapping(log)

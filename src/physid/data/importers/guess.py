@@ -142,7 +142,8 @@ def _guess_time(table: Table, units: dict[str, str], said: _Guess) -> None:
         return
     said.say(f"time: {_quoted(found)}", "" if found in named else "it is the first column that rises")
     unit = table.units.get(found)
-    step = float(np.median(np.diff(table.columns[found])))
+    stamps = table.columns[found]
+    step = float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0
     fitting = [
         one
         for one, factor in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9))
