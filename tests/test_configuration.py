@@ -259,3 +259,10 @@ def test_no_module_is_imported_before_it_is_trusted(tmp_path: Path, monkeypatch:
     assert not (tmp_path / "hit").exists()
     check_keys(compose([written["one"]], allowed=["surely_hostile"]), {"model": None})
     assert (tmp_path / "hit").exists()
+
+
+def test_a_base_as_long_as_a_book_is_refused_in_few_words(tmp_path: Path) -> None:
+    (tmp_path / "a.yaml").write_text(f"base: {'x' * 100_000}\n")
+    with pytest.raises(ConfigurationError, match="got 100000 letters") as said:
+        compose([tmp_path / "a.yaml"])
+    assert len(str(said.value)) < 500

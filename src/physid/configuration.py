@@ -25,6 +25,9 @@ CLASS_KEYS = ("class_path", "init_args", "dict_kwargs")
 Layer = tuple[str, dict[str, Any], tuple[str, ...]]
 """Where values come from, the values, and the path to what an override gives (none for a file)."""
 
+LONGEST_PATH = 1000
+"""[letters] of the name of a file; systems take some thousand."""
+
 
 class ConfigurationError(ValueError):
     """A mistake in a configuration, said in one or two lines: the key or file, what was expected, the nearest match."""
@@ -136,6 +139,9 @@ def _read(file: Path, above: tuple[Path, ...]) -> list[tuple[str, dict[str, Any]
     below = [bases] if isinstance(bases, str) else bases
     if not isinstance(below, list) or not all(isinstance(base, str) for base in below):
         raise ConfigurationError(f"{file}: base: expected a file or a list of files, got {bases!r}")
+    longest = max(below, key=len, default="")
+    if len(longest) > LONGEST_PATH:
+        raise ConfigurationError(f"{file}: base: expected the path of a file, got {len(longest)} letters")
     lower = [find_configuration(Path(base), file.parent) for base in below]
     return [each for base in lower for each in _read(base, (*above, file.resolve()))] + [(str(file), named)]
 
