@@ -10,7 +10,6 @@ from tests.training.pushed import SCENE, TRUE_FRICTION, push_batch
 from torch import Tensor, nn
 
 from physid.estimation.least_squares.levenberg_marquardt import NONE, gauss_newton
-from physid.estimation.least_squares.line_search import Limits
 from physid.estimation.prediction.rollout import Prediction, Predictor, Variants
 from physid.physics.layer import SolverError
 from physid.training.initial_states.explaining import Explaining
@@ -37,17 +36,60 @@ def pushed(friction: float) -> Explaining:
     return module._explaining(module.trajectories(push_batch(frames=60)), fitted=False)
 
 
-def test_gauss_newton_takes_the_step_of_the_shared_loop_within_its_limits() -> None:
-    x = nn.Parameter(torch.zeros(1, dtype=torch.float64))
-    optimizer, asked = GaussNewton([x], max_step=0.3), []
-    loss = closure_of(optimizer, lambda: (x - 2).square().sum())
+def test_gauss_newton_solves_a_linear_problem_in_one_step() -> None:
+    matrix = torch.tensor([[2.0, 0.5], [0.0, 1.0], [1.0, 1.0]], dtype=torch.float64)
+    wanted = torch.tensor([0.3, -0.2], dtype=torch.float64)
+    x = nn.Parameter(torch.zeros(2, dtype=torch.float64))
+    optimizer = GaussNewton([x], damping=1e-9)
+    loss = closure_of(optimizer, lambda: (matrix @ (x - wanted)).square().sum())
+    optimizer.step(loss, lambda: 2 * matrix.T @ matrix)
+    assert (x - wanted).abs().max() < CLOSE
 
-    def advance(limits: Limits) -> Tensor:
-        asked.append(limits.largest)
-        return x.detach() + limits.largest
 
-    assert float(optimizer.step(loss, advance).detach()) == 4
-    assert (float(x.detach()), asked) == (0.3, [0.3])
+def test_a_step_that_made_the_loss_worse_is_taken_back() -> None:
+    x = nn.Parameter(torch.tensor([1.0], dtype=torch.float64))
+    optimizer = GaussNewton([x], max_step=10.0)
+    loss = closure_of(optimizer, lambda: x.square().sum())
+    optimizer.step(loss, lambda: torch.tensor([[0.4]]).double())  # five times too small: jumps to -4
+    assert float(x.detach()) == pytest.approx(-4, abs=0.01)
+    for _ in range(40):
+        optimizer.step(loss, lambda: torch.tensor([[2.0]]).double())
+    assert abs(float(x.detach())) < CLOSE
+
+
+def test_a_step_to_where_the_physics_has_no_solution_is_shortened() -> None:
+    x = nn.Parameter(torch.tensor([1.0], dtype=torch.float64))
+    optimizer = GaussNewton([x], max_step=10.0)
+
+    def loss() -> Tensor:
+        if float(x.detach()) < -2:
+            raise SolverError("no solution")
+        return x.square().sum()
+
+    optimizer.step(closure_of(optimizer, loss), lambda: torch.tensor([[0.4]]).double())  # jumps to -4
+    for _ in range(40):
+        optimizer.step(closure_of(optimizer, loss), lambda: torch.tensor([[2.0]]).double())
+    assert abs(float(x.detach())) < CLOSE
+
+
+def test_a_first_point_without_a_solution_is_an_error() -> None:
+    x = nn.Parameter(torch.tensor([1.0], dtype=torch.float64))
+
+    def nothing() -> Tensor:
+        raise SolverError("no solution")
+
+    with pytest.raises(SolverError):
+        GaussNewton([x]).step(nothing, lambda: torch.eye(1).double())
+
+
+def test_a_parameter_without_influence_stays_and_hinders_no_other() -> None:
+    x = nn.Parameter(torch.tensor([1.0, 1.0], dtype=torch.float64))
+    optimizer = GaussNewton([x])
+    loss = closure_of(optimizer, lambda: x[0].square() + 1e-13 * x[1])
+    for _ in range(5):
+        optimizer.step(loss, lambda: torch.tensor([[2.0, 0.0], [0.0, 1e-18]]).double())
+    assert abs(float(x.detach()[0])) < CLOSE
+    assert abs(float(x.detach()[1]) - 1) < 1e-3
 
 
 @pytest.mark.parametrize("factor", [0.5, 2.0])
@@ -57,7 +99,7 @@ def test_the_friction_is_found_from_either_side_with_known_initial_states(factor
     assert float(found.exp()) == pytest.approx(TRUE_FRICTION, rel=1e-4)
 
 
-def test_a_step_to_where_the_physics_has_no_solution_is_shortened(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_step_of_the_shared_loop_to_where_there_is_no_solution_is_shortened(monkeypatch: pytest.MonkeyPatch) -> None:
     experiment, point = pushed(2 * TRUE_FRICTION).begin()
     predict = Predictor.predict
 

@@ -68,11 +68,19 @@ class Explaining:
             point = Variants.of_states(states[0][None], states[1][None], nominal, predictor.null[None])
         return self._weighed(experiment, point, cut), point
 
+    def unit(self) -> float:
+        """Return the loss, summed over trajectories, of a squared residual in units of the noise."""
+        cut = self.trajectories.to("cpu")
+        return cut.noise.position**2 / self._frames(cut)
+
+    def _frames(self, cut: Trajectories) -> float:
+        return float((cut.real if self.counted is None else self.counted.cpu()).sum(1).double().mean())
+
     def _scale(self, cut: Trajectories, residual: Tensor | None = None) -> Tensor:
         """Return one over the standard deviation of the noise times the root of the weight, shape (B, T, N, 6)."""
         real = cut.real if self.counted is None else self.counted.cpu()
         weights = self.loss.weights(torch.zeros_like(cut.pose[..., :6]) if residual is None else residual, real)
-        return (weights * real.sum(1).double().mean()).sqrt() / cut.noise.position
+        return (weights * self._frames(cut)).sqrt() / cut.noise.position
 
     def _weighed(self, experiment: Experiment, point: Variants, cut: Trajectories) -> Experiment:
         if self.loss.robust is None:

@@ -9,7 +9,6 @@ from torch import Tensor
 
 from physid.estimation.least_squares.experiment import Experiment, Fit
 from physid.estimation.least_squares.levenberg_marquardt import NONE, gauss_newton
-from physid.estimation.least_squares.line_search import Limits
 from physid.estimation.least_squares.multi_start import search
 from physid.physics.layer import SolverError
 from physid.training.initial_states.explaining import Explaining, States, started
@@ -22,47 +21,40 @@ IMPROVE = 1
 
 @final
 class TrackedFit:
-    """Fits initial states, and parameters with them, a little at a time, beginning where they were."""
+    """Fits initial states a little at a time, beginning where they were and following the parameters."""
 
     def __init__(self) -> None:
         self._last: tuple[Experiment, Fit] | None = None
         self._index = torch.empty(0)
         self._resumed: dict[str, Tensor] | None = None
 
+    @property
+    def last(self) -> Fit | None:
+        """The last fit; None before the first."""
+        return None if self._last is None else self._last[1]
+
     @torch.no_grad()
-    def improve(
-        self, explaining: Explaining, *, joint: bool = False, afresh: bool = False, limits: Limits | None = None
-    ) -> tuple[Fit, int]:
-        """Improve the fit from the present parameters.
+    def improve(self, explaining: Explaining, *, afresh: bool = False) -> tuple[Fit, int]:
+        """Improve the initial states for the present parameters.
 
         Args:
             explaining: Trajectories, model and loss.
-            joint: Whether parameters move too; else the initial states alone.
             afresh: Whether badly fitted trajectories are fitted from new guesses as well, to leave a local minimum.
-            limits: Which steps of the parameters are tried.
 
         Returns:
-            The fit, linearised there unless parameters move, and how many rollouts of all trajectories that took.
+            The fit, linearised there, and how many rollouts of all trajectories that took.
         """
-        experiment, fit = self._improved(explaining, joint, afresh, limits or LIMITS)
-        self._last, self._index = (experiment, fit), explaining.trajectories.index
-        return fit, experiment.predictor.simulated[0]
-
-    def _improved(self, explaining: Explaining, joint: bool, afresh: bool, limits: Limits) -> tuple[Experiment, Fit]:
         states = self.states(explaining)
-        experiment, point = explaining.begin(states=states)
-        working = experiment if joint else experiment.with_known_parameters()
         try:
-            if afresh and explaining.fitted:
-                point = search(working, working.linearise(point, NONE))
-            return experiment, gauss_newton(working, point, NONE, IMPROVE, limits, exact=not joint)
+            self._last = _improved(explaining, states, afresh=afresh)
         except SolverError:
             if states is None:
                 raise
-        # The states were moved along with a step of the parameters that was too long.
-        experiment, point = explaining.begin()
-        working = experiment if joint else experiment.with_known_parameters()
-        return experiment, gauss_newton(working, point, NONE, IMPROVE, limits, exact=not joint)
+            # The states were moved along with a step of the parameters that was too long.
+            self._last = _improved(explaining, None, afresh=False)
+        self._index = explaining.trajectories.index
+        experiment, fit = self._last
+        return fit, experiment.predictor.simulated[0]
 
     @torch.no_grad()
     def linearised(self, explaining: Explaining) -> tuple[Fit, Experiment]:
@@ -117,3 +109,11 @@ class TrackedFit:
     def load_state_dict(self, state: dict[str, Tensor]) -> None:
         """Take the initial states of the run that is resumed."""
         self._resumed = state or None
+
+
+def _improved(explaining: Explaining, states: States | None, *, afresh: bool) -> tuple[Experiment, Fit]:
+    experiment, point = explaining.begin(states=states)
+    held = experiment.with_known_parameters()
+    if afresh:
+        point = search(held, held.linearise(point, NONE))
+    return experiment, gauss_newton(held, point, NONE, IMPROVE, LIMITS)

@@ -12,7 +12,6 @@ import lightning as L
 import torch
 from torch import Tensor
 
-from physid.estimation.least_squares.line_search import Limits
 from physid.estimation.measurement.poses import pose_difference
 from physid.training.callbacks.identifiability_warning import IdentifiabilityWarning
 from physid.training.callbacks.intervals import Intervals
@@ -104,23 +103,23 @@ class SysID(TrainingModule, PredictingModule):
         return self.loss(pose_difference(predicted, cut.pose), cut.real)
 
     def _follow(self, cut: Trajectories) -> Trajectories:
-        """Return training segments from fitted states; GaussNewton moves these itself, others find them moved."""
+        """Return training segments from fitted states, which follow the parameters."""
         explaining = self._explaining(cut)
-        if isinstance(self._kind, GaussNewton):
-            return self.tracked.started(explaining)
         _, rollouts = self.tracked.improve(explaining, afresh=self._afresh)
         self.count_evaluations(rollouts)
         return started(cut, *self.tracked.follow(self.physical.logarithm))
 
     @torch.no_grad()
-    def advance(self, batch: Batch, limits: Limits) -> Tensor:
-        """Take a step of Levenberg and Marquardt's; returns better parameters, shape (P,)."""
-        explaining = self._explaining(self.trajectories(batch, self.segment), fitted=self.fits_starts(batch))
-        if not explaining.fitted:
-            limits = dataclasses.replace(limits, chords=0)  # so few columns cost hardly more than a step
-        fit, rollouts = self.tracked.improve(explaining, joint=True, afresh=self._afresh, limits=limits)
-        self.count_evaluations(rollouts)
-        return fit.point.nominal[0].to(self.physical.logarithm)
+    def curvature(self, batch: Batch) -> Tensor:
+        """Approximate the second derivative of the loss where it was computed last, 2 J^T W J / B, shape (P, P)."""
+        cut, fits = self.trajectories(batch, self.segment), self.fits_starts(batch)
+        explaining = self._explaining(cut, fitted=fits)
+        fit = self.tracked.last
+        if fit is None or not fits:
+            self.count_evaluations(1 + len(self.physical.names))
+            fit, _ = self.tracked.linearised(explaining)
+        matrix = fit.normal().matrix.sum(0)[: len(self.physical.names), : len(self.physical.names)]
+        return (2 * explaining.unit() / len(cut) * matrix).to(self.physical.logarithm)
 
     @property
     def _afresh(self) -> bool:
@@ -222,10 +221,10 @@ class SysID(TrainingModule, PredictingModule):
         return final and self.steps.settled(self.physical.logarithm)
 
     def optimizer_step(self, epoch: int, batch_idx: int, optimizer: Any, optimizer_closure: Any = None) -> None:
-        """Give GaussNewton a step of the shared loop, PatternSearch the losses of other points; others step as ever."""
+        """Give GaussNewton the curvature, PatternSearch the losses of other points; others step as ever."""
         kind = getattr(optimizer, "optimizer", optimizer)
         if isinstance(kind, GaussNewton):
-            optimizer.step(closure=optimizer_closure, advance=partial(self.advance, self._batch))
+            optimizer.step(closure=optimizer_closure, curvature=partial(self.curvature, self._batch))
         elif isinstance(kind, PatternSearch):
             optimizer.step(closure=optimizer_closure, values=partial(self.values_at, self._batch))
         else:

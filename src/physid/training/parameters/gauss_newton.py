@@ -1,8 +1,7 @@
-"""Gauss-Newton for the handful of physical parameters, as an optimizer that configurations name."""
+"""Gauss-Newton with Levenberg's damping, for the handful of physical parameters."""
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Iterable
 from typing import Any, final
 
@@ -11,49 +10,96 @@ from torch import Tensor, nn
 from torch.optim import Optimizer
 
 from physid.estimation.least_squares.line_search import Limits
+from physid.physics.layer import SolverError
 
-LIMITS = Limits(dampings=(1e-3, 10.0, 1e3, 1e5), parts=(0.5, 0.2, 0.05, 0.01, 0.0))
-"""Steps that are tried: first guesses may be far off, and a run tries few of them at a time."""
+Closure = Callable[[], Any]
+LIMITS = Limits(dampings=(1e-3, 10.0, 1e3, 1e5))
+"""Steps that initial states try: a run takes few of them at a time."""
+TRIES = 8
+"""How often a step to where the physics has no solution is shortened."""
 
 
 @final
 class GaussNewton(Optimizer):
-    """Minimise a sum of squares over parameters and unknown initial states (see `gauss_newton`), a step at a time.
+    """Minimise a sum of squares: x <- x - (H + damping diag H)^-1 g, one try per step.
+
+    g is the exact gradient, from the closure; H = 2 J^T J only shapes the step, so J may come from cheap differences. A
+    step that has made the loss worse is taken back, and tried again from there with ten times the damping (Marquardt
+    1963); one that has not makes it ten times smaller. A point at which the physics has no solution counts as worse.
 
     Args:
         params: One tensor of parameters.
+        damping: First damping, relative to the diagonal of H.
         max_step: Largest change of one parameter in a step, in its own unit.
 
     Raises:
         ValueError: If there is more than one tensor, or a setting is not positive.
     """
 
-    def __init__(self, params: Iterable[nn.Parameter], max_step: float = 1.0) -> None:
-        if not max_step > 0:
-            raise ValueError(f"max_step must be positive, got {max_step}")
-        super().__init__(params, {"max_step": max_step})
+    def __init__(self, params: Iterable[nn.Parameter], damping: float = 1e-3, max_step: float = 1.0) -> None:
+        if not (damping > 0 and max_step > 0):
+            raise ValueError(f"damping and max_step must be positive, got {damping} and {max_step}")
+        super().__init__(params, {"damping": damping, "max_step": max_step})
         if [len(group["params"]) for group in self.param_groups] != [1]:
             raise ValueError("GaussNewton takes one tensor, the physical parameters; use Adam for networks")
 
-    def step(self, closure: Callable[[], Any] | None = None, advance: Callable[[Limits], Tensor] | None = None) -> Any:
-        """Take a step.
+    def step(self, closure: Closure | None = None, curvature: Callable[[], Tensor] | None = None) -> Any:
+        """Judge the last step, and take the next.
 
         Args:
-            closure: Computes the loss.
-            advance: Returns better parameters than those at which the loss was computed, of the same shape.
+            closure: Computes the loss and its gradient.
+            curvature: Computes H at the point where the closure was just evaluated, shape (P, P).
 
         Returns:
             The loss before the step.
 
         Raises:
-            ValueError: If closure or advance is missing.
+            ValueError: If closure or curvature is missing.
         """
-        if closure is None or advance is None:
-            raise ValueError("GaussNewton needs a closure and what takes a step; SysID gives both")
-        with torch.enable_grad():
-            loss = closure()
+        if closure is None or curvature is None:
+            raise ValueError("GaussNewton needs a closure and the curvature; SysID gives both")
         group = self.param_groups[0]
+        parameter = group["params"][0]
+        state = self.state[parameter]
+        with torch.enable_grad():
+            loss = self._evaluate(closure, parameter)
+        now = torch.as_tensor(loss).detach().double()
+        if state and not now <= state["loss"]:
+            state["damping"] = state["damping"] * 10
+        else:
+            damping = max(state["damping"] / 10, 1e-9) if state else group["damping"]
+            state.update(
+                point=parameter.detach().clone(),
+                loss=now,
+                gradient=parameter.grad.detach().clone(),
+                curvature=curvature(),
+                damping=damping,
+            )
         with torch.no_grad():
-            parameter = group["params"][0]
-            parameter.copy_(advance(dataclasses.replace(LIMITS, largest=group["max_step"])))
+            parameter.copy_(state["point"] + _damped_step(state, group["max_step"]))
         return loss
+
+    def _evaluate(self, closure: Closure, parameter: Tensor) -> Any:
+        """Return the loss; where the physics has no solution, after a step too long, that of a shorter one."""
+        state, longest = self.state[parameter], self.param_groups[0]["max_step"]
+        for _ in range(TRIES):
+            try:
+                return closure()
+            except SolverError:
+                if not state:
+                    raise
+                state["damping"] = state["damping"] * 10
+                with torch.no_grad():
+                    parameter.copy_(state["point"] + _damped_step(state, longest))
+        return closure()
+
+
+def _damped_step(state: dict[str, Any], max_step: float) -> Tensor:
+    """Solve (H + damping diag H) x = -g, and shorten x so that no component exceeds `max_step`."""
+    curvature, gradient = state["curvature"], state["gradient"]
+    diagonal = curvature.diagonal()
+    # A parameter without any influence has a zero row: it stays where it is.
+    floor = torch.finfo(curvature.dtype).tiny + 1e-9 * diagonal.max()
+    damped = curvature + torch.diag(state["damping"] * diagonal + floor)
+    step: Tensor = torch.linalg.solve(damped, -gradient.reshape(-1)).reshape(gradient.shape)
+    return step * min(1.0, max_step / max(float(step.abs().max()), 1e-300))
