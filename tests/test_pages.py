@@ -65,6 +65,7 @@ TUTORIALS = ("tutorial_csv.md",)  # tests/test_tutorials.py runs them as they st
 LONG = ("--quick",)  # left out, since it would win over what keeps a command short
 # Several processes: tests/test_workers.py and tests/test_processes.py run these.
 SPREAD = ("--backend", "--scheduler", "trainer.strategy=")
+ELSEWHERE = ("configs/paper_method/",)  # tests/training/test_paper_method.py fits these
 ONLINE = ("--wandb",)  # tests/dashboard/test_workspace.py builds what this publishes
 
 
@@ -179,7 +180,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 def run(words: list[str], recordings: Callable[[str], Path]) -> int:
     """Run a command of physid as a page shows it, with a tiny budget; returns its status, 0 where it is left out."""
-    if any(word.startswith(SPREAD + ONLINE) for word in words):
+    if any(word.startswith(SPREAD + ONLINE + ELSEWHERE) for word in words):
         return 0
     words = [word for word in words if word not in LONG]
     assert words[0] in TINY, f"`physid {words[0]}` is new: say in TINY what keeps it short"
@@ -194,7 +195,7 @@ def run(words: list[str], recordings: Callable[[str], Path]) -> int:
             shutil.copytree(recordings(wanted.name), wanted)
     asked = words[0] in ("diagnose", "fit", "identifiability") and not words[1].startswith("-")
     if asked and not Path(words[1]).exists():
-        shutil.copytree(recordings("push"), words[1])
+        shutil.copytree(recordings("push_rich"), words[1])
     if words[0] == "dashboard" and not Path(words[1]).exists():
         write_fit(Path(words[1]) / "push_friction", estimate=0.1201, seconds=3.0)
     filmed = [] if "video=true" not in words else ["video=false"]  # a page that says so wants its films
@@ -217,6 +218,8 @@ def test_what_a_page_shows_runs_from_top_to_bottom(page: Path, place: Path, reco
             names.setdefault("__name__", "page")
             sys.modules["page"] = module  # dataclasses look their module up
             exec(compile(block.code, f"{name}:{block.line}", "exec"), names)
+        elif named := re.match(r"# (\w+\.yaml)\b", block.code):  # a file that the page writes
+            Path(named.group(1)).write_text(block.code)
         elif block.kind == "shell":
             for words in commands(block.code):
                 if words[0] == "physid" and words[1] != "COMMAND":

@@ -189,7 +189,7 @@ def test_an_earlier_run_is_neither_overwritten_nor_mixed_unless_asked(
 
 def test_test_and_validate_measure_the_checkpoint_of_a_run(config: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["fit", "--config", config]) == 0
-    expected = f"{figures(Path('runs/noisy'))['test/position_error']:.6g}"
+    expected = f"{100 * figures(Path('runs/noisy'))['test/position_error']:.2f} % of the size"
     for stage in ("test", "validate"):
         capsys.readouterr()
         assert main([stage, "--run-dir", "runs/noisy"]) == 0

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from diagnosis.documents import said
 from physid.benchmark.scoring.accelerations import samples
 from physid.benchmark.scoring.baselines import FITTED, SPLITS, answers, free_residual, sparse_regression
 from physid.benchmark.sealing.invent import SPLIT
@@ -74,6 +76,6 @@ def test_where_nothing_moves_there_is_nothing_to_regress(tmp_path: Path) -> None
     generate(config, tmp_path / "still", quiet=True)
     recordings = RecordingSet(tmp_path / "still")
     assert len(samples(recordings, FITTED).time) == 0
-    said = answers(recordings, {"ranking": []}, NOISE)
-    assert not said["sparse regression"].flagged
-    assert not said["free residual"].flagged
+    found = answers(recordings, replace(said("none"), ranking=()), NOISE)
+    assert not found["sparse regression"].flagged
+    assert not found["free residual"].flagged

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from physid.physics.parameters import box_inertia
+from physid.physics.shapes.table import BOX
 from physid.scenes.catalogue import find_setup
 from physid.training.parameters.physical_parameters import PhysicalParameters
 
@@ -23,7 +23,7 @@ def test_the_inertia_follows_the_mass_of_its_body_alone() -> None:
     with torch.no_grad():
         physical.logarithm += 1.0
         known = physical()
-    expected = box_inertia(known.mass, known.size)
+    expected = BOX.inertia(known.mass, known.size)
     assert torch.allclose(known.inertia, expected, atol=EXACT)
     assert known.mass[0, 1] == COLLIDE.bodies[1].mass
 

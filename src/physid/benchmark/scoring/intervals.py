@@ -46,6 +46,8 @@ def half_power(severities: Sequence[float], seen: Sequence[bool]) -> float | Non
 
 def bootstrap_half_power(severities: Sequence[float], seen: Sequence[bool]) -> tuple[float, float] | None:
     """Return the 95 % bootstrap interval of `half_power`, within what was tried; None where most draws have none."""
+    if len(severities) < 2:  # every draw is the same one
+        return None
 
     def one(severity: NDArray[np.float64], found: NDArray[np.bool_]) -> float:
         value = half_power(severity.tolist(), found.tolist())

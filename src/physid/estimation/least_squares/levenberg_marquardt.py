@@ -68,7 +68,7 @@ def gauss_newton(
                 break
         helps = gain > 0 or bool((step.loss < fit.loss).any())
         followed = float((fit.loss - step.loss)[~counts].sum())
-        little = max(gain, followed) < CONVERGED * (1 + float(step.loss.sum())) ** 0.5
+        little = hardly_gains(max(gain, followed), float(step.loss.sum()))
         if helps and (age == 0 or gain + followed > 0):
             damping, age = step.damping, age + 1
             fit = experiment.moved(step.point, fit, step.predicted)
@@ -82,6 +82,14 @@ def gauss_newton(
             if made == steps:
                 return experiment.linearise(fit.point, effects) if steps and exact else fit
             fit, age, made = experiment.linearise(fit.point, effects), 0, made + 1
+
+
+def hardly_gains(gain: float, loss: float, share: float = CONVERGED) -> bool:
+    """Return whether a gain of squared residual is less than a share of a standard deviation of the loss.
+
+    The sum of n squared residuals in units of the noise has a deviation of sqrt(2 n), about the root of the loss.
+    """
+    return gain < share * (1 + loss) ** 0.5
 
 
 def at_rest(experiment: Experiment, point: Variants) -> Variants:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from typing import final
 
 import torch
 from torch import Tensor
 
 from physid.estimation.least_squares.experiment import Experiment, Fit
-from physid.estimation.least_squares.levenberg_marquardt import NONE, gauss_newton
+from physid.estimation.least_squares.levenberg_marquardt import NONE, gauss_newton, hardly_gains
 from physid.estimation.least_squares.multi_start import search
 from physid.physics.layer import SolverError
 from physid.training.initial_states.explaining import Explaining, States, started
@@ -17,6 +18,8 @@ from physid.training.parameters.trajectories import Trajectories
 
 IMPROVE = 1
 """Jacobians of the initial states for each step of the parameters."""
+SETTLED = 0.1
+"""Share of a standard deviation of the loss; where dry friction bends them, states crawl for a smaller gain."""
 
 
 @final
@@ -27,6 +30,12 @@ class TrackedFit:
         self._last: tuple[Experiment, Fit] | None = None
         self._index = torch.empty(0)
         self._resumed: dict[str, Tensor] | None = None
+        self._gained = math.inf
+
+    @property
+    def converged(self) -> bool:
+        """Whether the last step of the initial states gained little enough not to move the parameters."""
+        return self._last is None or hardly_gains(self._gained, float(self._last[1].loss.sum()), SETTLED)
 
     @property
     def last(self) -> Fit | None:
@@ -44,7 +53,7 @@ class TrackedFit:
         Returns:
             The fit, linearised there, and how many rollouts of all trajectories that took.
         """
-        states = self.states(explaining)
+        states, before = self.states(explaining), self.last
         try:
             self._last = _improved(explaining, states, afresh=afresh)
         except SolverError:
@@ -54,6 +63,7 @@ class TrackedFit:
             self._last = _improved(explaining, None, afresh=False)
         self._index = explaining.trajectories.index
         experiment, fit = self._last
+        self._gained = math.inf if before is None else float(before.loss.sum() - fit.loss.sum())
         return fit, experiment.predictor.simulated[0]
 
     @torch.no_grad()

@@ -213,11 +213,13 @@ class SysID(TrainingModule, PredictingModule):
         self.print(self.steps.report)
 
     def settled(self) -> bool:
-        """Return whether the loss is the final one, and the steps of the engine were chosen near the parameters.
+        """Return whether loss and initial states are final, and the engine's steps were chosen near the parameters.
 
-        Steps that were not will be chosen before the next epoch.
+        Initial states take a step in each epoch, and may need more of them than the parameters. Steps of the engine
+        that were not chosen near will be chosen before the next epoch.
         """
-        final = not (self._weighs and self.fits_starts(self._batch)) or self._epochs_after >= 0
+        fits = self.fits_starts(self._batch)
+        final = not fits or ((not self._weighs or self._epochs_after >= 0) and self.tracked.converged)
         return final and self.steps.settled(self.physical.logarithm)
 
     def optimizer_step(self, epoch: int, batch_idx: int, optimizer: Any, optimizer_closure: Any = None) -> None:
