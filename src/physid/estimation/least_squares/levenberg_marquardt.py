@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import torch
 from torch import Tensor
 
@@ -89,7 +91,7 @@ def hardly_gains(gain: float, loss: float, share: float = CONVERGED) -> bool:
 
     The sum of n squared residuals in units of the noise has a deviation of sqrt(2 n), about the root of the loss.
     """
-    return gain < share * (1 + loss) ** 0.5
+    return gain < share * math.sqrt(1 + loss)
 
 
 def at_rest(experiment: Experiment, point: Variants) -> Variants:
