@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from physid.data.files import write_text
+from physid.data.format import RecordingSet
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig
 from physid.diagnosis.diagnose import diagnose
@@ -52,7 +53,7 @@ def judged(simulator: str, seed: int, effects: Mapping[str, Mapping[str, float]]
     config = GenerateConfig(**setup, simulator=simulator, seed=seed, effects=effects)
     with tempfile.TemporaryDirectory() as folder:
         generate(config, Path(folder) / "set", 1, quiet=True)
-        document = diagnose(Path(folder) / "set", Path(folder) / "out")
+        document = diagnose(RecordingSet(Path(folder) / "set"), Path(folder) / "out")
     sizes = {one.effect: one.size for one in document.detectable if EFFECTS.get(one.effect) == one.parameter}
     return {"verdict": document.verdict, "group": list(document.group), "sizes": sizes}
 

@@ -7,6 +7,7 @@ Run it: python examples/diagnose_hidden_drag.py
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from physid.data.format import RecordingSet
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig, Noise
 from physid.diagnosis.diagnose import diagnose
@@ -33,7 +34,7 @@ def main() -> None:
     )
     with TemporaryDirectory() as folder:
         generate(hidden, Path(folder, "recordings"), workers=1, quiet=True)
-        found = diagnose(Path(folder, "recordings"), Path(folder, "diagnosis"))
+        found = diagnose(RecordingSet(Path(folder, "recordings")), Path(folder, "diagnosis"))
     print("\n".join(summary_lines(found)))
     named = {effect.name: effect.parameters for effect in found.effects}
     if list(named) != ["viscous_drag"]:
