@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from physid.diagnosis.settings.setting import Section, setting
+from physid.estimation.measurement.misfit import SHARE_OF_NOISE, SHARE_OF_SIZE
 
 BANK = "calibration bank 1616, 60 sets (docs/benchmark.md)"
 COUNTS = "right verdicts, of how many"
@@ -60,9 +61,11 @@ class MaterialitySettings(Section):
         "that positions may leave the model; null for what follows from noise and sizes; with 0 all would leave it",
         gt=0,
     )
-    share_of_noise: float = setting(0.15, "share", "of the error that a perfect model leaves of noisy poses", gt=0)
+    share_of_noise: float = setting(
+        SHARE_OF_NOISE, "share", "of the error that a perfect model leaves of noisy poses", gt=0
+    )
     share_of_size: float = setting(
-        2e-4, "share", "of the largest edge: faces that are not flat, edges that are not sharp", gt=0
+        SHARE_OF_SIZE, "share", "of the largest edge: faces that are not flat, edges that are not sharp", gt=0
     )
 
 

@@ -8,6 +8,9 @@ from typing import final
 
 from torch import Tensor
 
+SHARE_OF_NOISE, SHARE_OF_SIZE = 0.15, 2e-4
+"""What a model may leave by default before it matters, to a fit and to a diagnosis alike: of the noise, and of the
+largest edge of a body, whose faces are not flat and whose edges are not sharp."""
 SQUARES = (1.0, 9.0, 9.0, 1.0)  # of the coefficients of a third difference
 DEVIATION = 2 * (15**2 + 6**2 + 1) / 20**2 * 2
 """Variance of mean(r^2) - mean((D^3 r)^2) / 20 for n differences of white noise, in sigma^4 / n: twice the squares of

@@ -9,15 +9,13 @@ import lightning as L
 import torch
 from torch import Tensor
 
-from physid.estimation.measurement.misfit import Misfit
+from physid.estimation.measurement.misfit import SHARE_OF_NOISE, SHARE_OF_SIZE, Misfit
 from physid.estimation.measurement.poses import pose_difference
 from physid.scenes.scene import Scene
 from physid.training.parameters.trajectories import Trajectories
 
 SIGNIFICANT = 3.09
 """Standard normal: noise alone goes beyond it once in a thousand fits."""
-SHARE_OF_NOISE, SHARE_OF_SIZE = 0.15, 2e-4
-"""What a diagnosis tolerates by default: of the noise, and of the largest edge of a body."""
 
 
 class Fitted(Protocol):
