@@ -98,7 +98,7 @@ IMPORTING_MORE = {
     "training/tracking/track.py": 12,
     "training/vision/model.py": 16,
 }
-"""Modules that still import more, and how many: a list that may only shrink. The test below holds it to the real counts."""
+"""Modules that still import more, and how many: a list that may only shrink, held to the real counts below."""
 TOP = 7  # modules beside the packages: the command line and what it needs
 HOMES = {
     "pybullet": ("simulators/bullet/",),
