@@ -86,7 +86,7 @@ IMPORTING_MORE = {
     "physics/fused/stepping.py": 11,
     "physics/layer.py": 12,
     "physics/step.py": 11,
-    "training/identifiability/planned_experiment.py": 14,
+    "training/identifiability/planned_experiment.py": 11,
     "training/learners/prediction.py": 11,
     "training/learners/self_supervised.py": 12,
     "training/learners/supervised.py": 9,

@@ -69,7 +69,7 @@ def test_the_help_of_a_command_teaches_it(command: Command, capsys: pytest.Captu
         (["generate", "--config"], "--config: no such option, or its value is missing"),
         (["generate", "--config", PUSH.replace("push", "psuh")], "psuh.yaml does not exist; did you mean"),
         (["generate", "--config", PUSH, "stpes=3"], 'unknown key "stpes"; did you mean "steps"?'),
-        (["generate", "--config", PUSH, "steps=many"], "steps must be a whole number"),
+        (["generate", "--config", PUSH, "steps=many"], "steps: expected a whole number, found 'many'"),
         (["generate", "--config", PUSH, "scene=pusk"], 'unknown scene "pusk"; did you mean "push"?'),
         (["generate", "--config", PUSH, "--worker", "2"], 'no option --worker; did you mean "--workers"?'),
         (["generate", "--config", PUSH, "--workers=two"], "generate: workers: expected int, got two"),

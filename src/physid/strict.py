@@ -1,11 +1,10 @@
-"""Closed mappings: a key that nobody knows is an error that names the nearest key."""
+"""Values as messages quote them, the nearest known name, and numbers that check themselves."""
 
 from __future__ import annotations
 
 import difflib
 import math
 from collections.abc import Iterable, Mapping
-from typing import Any
 
 MOST_SHOWN = 100
 """Letters of a value that a message quotes."""
@@ -28,35 +27,6 @@ def quoted(value: object, most: int = MOST_SHOWN) -> str:
     """Return a name in double quotes, cut where it is long."""
     text = " ".join(str(value).split())
     return f'"{text}"' if len(text) <= most else f'"{text[:most]}..."'
-
-
-def check_keys(values: object, where: str, required: Iterable[str], optional: Iterable[str] = ()) -> Mapping[str, Any]:
-    """Check that `values` is a mapping with all required keys and no unknown one.
-
-    Args:
-        values: What was read from a file or a configuration.
-        where: Name of the mapping, for the message.
-        required: Keys that must be there.
-        optional: Keys that may be there.
-
-    Returns:
-        The mapping itself.
-
-    Raises:
-        ValueError: If it is no mapping, a key is missing, or a key is unknown.
-    """
-    required, optional = tuple(required), tuple(optional)
-    if not isinstance(values, Mapping):
-        raise ValueError(
-            f"{where} must be a mapping with the keys {', '.join(required + optional)}, got {shown(values)}"
-        )
-    for key in values:
-        if key not in required + optional:
-            raise ValueError(f"{where}: unknown key {quoted(key)}{nearest(key, required + optional)}")
-    missing = [key for key in required if key not in values]
-    if missing:
-        raise ValueError(f"{where}: missing key {', '.join(missing)}")
-    return values
 
 
 def number(value: object, where: str, *, low: float = -math.inf, strict: bool = False) -> float:

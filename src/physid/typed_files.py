@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_type_hints
@@ -72,6 +72,11 @@ def check_as(kind: type[T], content: object, where: str = "") -> T:
         raise ValueError(explain(error, kind, where)) from None
 
 
+def without_nulls(content: object) -> object:
+    """Return a mapping without its empty keys, which then have their defaults; anything else as it is."""
+    return {key: one for key, one in content.items() if one is not None} if isinstance(content, Mapping) else content
+
+
 def read_yaml_as(kind: type[T], path: Path) -> T:
     """Read a YAML file as a model (see `read_yaml` and `check_as` for the errors, which name the file)."""
     return check_as(kind, read_yaml(path), str(path))
@@ -129,6 +134,8 @@ def _faults(error: ValidationError, kind: Any) -> Iterator[str]:
             expected = EXPECTED.get(what, fault["msg"]).format(**context)
             if what in ("model_type", "dataclass_type"):
                 expected = f"a mapping with the keys {', '.join(_keys(_kind_at(kind, place)))}"
+            elif expected == "a list" and isinstance(found, str):
+                expected = f"a list such as [{found if len(found) <= LONGEST else 'a, b'}]"
             yield _after(_dotted(place), f"expected {expected}, found {shown(found, LONGEST)}")
     for place, keys in missing.items():
         if isinstance(keys[-1], int):

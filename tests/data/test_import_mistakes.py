@@ -64,7 +64,7 @@ MISTAKES: list[tuple[str, dict[str, Any], dict[str, Any], str]] = [
         {"quaternion": list("abcd")},
         "expected order: xyzw or wxyz",
     ),
-    ("an order that is none", {}, {"order": "wxzy"}, "order: expected xyzw or wxyz"),
+    ("an order that is none", {}, {"order": "wxzy"}, "order: expected 'xyzw' or 'wxyz', found 'wxzy'"),
     (
         "angles for a quaternion",
         {"qx": np.full(FRAMES, 30.0)},
@@ -140,7 +140,12 @@ MISTAKES: list[tuple[str, dict[str, Any], dict[str, Any], str]] = [
         'unknown parameter "box.friction"; did you mean "block.friction"',
     ),
     ("a size of zero", {}, {"size": [0.1, 0.1, 0.0]}, "block.size must be positive edge lengths"),
-    ("a mapping that is not filled in", {}, {"mass": "FILL_IN"}, "mass must be a finite number, got 'FILL_IN'"),
+    (
+        "a mapping that is not filled in",
+        {},
+        {"mass": "FILL_IN"},
+        "mass: expected a finite number, found 'FILL_IN'",
+    ),
     ("a split that is none", {}, {"split": {"training": 1}}, 'unknown split "training"; did you mean "train"'),
     (
         "a body beside bodies",
@@ -149,7 +154,17 @@ MISTAKES: list[tuple[str, dict[str, Any], dict[str, Any], str]] = [
         "expected what is of a body under bodies, found .*position",
     ),
     ("a ground that is not of length one", {}, {"ground": {"normal": [0, 0, 2]}}, "ground.normal must have length 1"),
-    ("a key of lost that is none", {}, {"lost": "-1"}, "lost: expected nan or zeros"),
+    ("a key of lost that is none", {}, {"lost": "-1"}, "lost: expected 'nan' or 'zeros', found '-1'"),
+    ("a line before the first", {}, {"header": 0}, "mapping: header: expected a number of at least 1, found 0"),
+    ("a rate of zero", {}, {"time": None, "rate": 0}, "mapping: rate: expected a number above 0, found 0"),
+    ("an unknown key of forces", {}, {"forces": {"ofset": 1}}, 'forces: unknown key "ofset"; did you mean "offset"'),
+    ("a unit that is a number", {}, {"units": {"time": 3}}, "units.time: expected a text, found 3"),
+    (
+        "bodies that are no list",
+        {},
+        {**dict.fromkeys(GOOD), "bodies": 3, "time": "t"},
+        "bodies: expected a list, found",
+    ),
     ("constants only", {}, {"position": [0.0, 0.0, 0.0]}, "expected a column among .* found constants only"),
 ]
 
@@ -268,7 +283,7 @@ def test_a_guess_with_its_blanks_filled_in_is_the_motion(tmp_path: Path) -> None
     (tmp_path / "map.yaml").write_text(said)
     words = ["size=[0.1, 0.1, 0.05]", "mass=0.4", "axes=z-up"]
     assert import_logs([log], read_mapping(tmp_path / "map.yaml", words), tmp_path / "out").trajectories == 1
-    with pytest.raises(ValueError, match="must be a finite number, got 'FILL_IN'"):
+    with pytest.raises(ValueError, match="expected a finite number, found 'FILL_IN'"):
         import_logs([log], read_mapping(tmp_path / "map.yaml"), tmp_path / "again")
 
 

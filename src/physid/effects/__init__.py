@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from difflib import get_close_matches
 
 import torch
 
 from physid.effects import actuation, contact, dynamics, perception
 from physid.effects.table import Row, rows_of
 from physid.physics.effect import Effect, Quantity
+from physid.strict import nearest
 
 CATALOGUE: tuple[type[Effect], ...] = (*actuation.EFFECTS, *dynamics.EFFECTS, *contact.EFFECTS, *perception.EFFECTS)
 """Every effect that ships with physid, by site: actuation, dynamics, contact, perception."""
@@ -26,7 +26,7 @@ def find(name: str, among: Sequence[type[Effect]] = CATALOGUE) -> type[Effect]:
     """
     known = {effect.name: effect for effect in among}
     if name not in known:
-        raise ValueError(f'unknown effect "{name}"{_nearest(name, list(known))}; `physid effects` lists all')
+        raise ValueError(f'unknown effect "{name}"{nearest(name, list(known))}; `physid effects` lists all')
     return known[name]
 
 
@@ -51,7 +51,7 @@ def from_values(name: str, values: Mapping[str, float], among: Sequence[type[Eff
     quantities = effect.quantities()
     for key, value in values.items():
         if key not in quantities:
-            raise ValueError(f'effect {name} has no parameter "{key}"{_nearest(key, list(quantities))}')
+            raise ValueError(f'effect {name} has no parameter "{key}"{nearest(key, list(quantities))}')
         _check(f"{name}.{key}", value, quantities[key])
     return effect(**{key: torch.tensor([float(value)], dtype=torch.float64) for key, value in values.items()})
 
@@ -69,8 +69,3 @@ def _check(name: str, value: float, quantity: Quantity) -> None:
             f"{name} must lie between {quantity.low:g} and {quantity.high:g} [{quantity.unit}], got {value:g}; "
             "check its unit"
         )
-
-
-def _nearest(word: str, known: list[str]) -> str:
-    close = get_close_matches(word, known, n=1)
-    return f'; did you mean "{close[0]}"?' if close else f"; known: {', '.join(known)}"

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from physid.data.batches.splits import assign_splits
 from physid.data.recording import SPLITS
@@ -15,8 +15,8 @@ from physid.scenes.parameters import bodies_of, with_parameters
 from physid.scenes.scene import Integration, Scene
 from physid.simulators.protocol import find_simulator
 from physid.simulators.sampling import MOST_JITTER, Sampling, sample
-from physid.strict import check_keys, nearest, number, quoted, shown, whole
-from physid.typed_files import check_as
+from physid.strict import nearest, number, quoted, whole
+from physid.typed_files import CLOSED, check_as, without_nulls
 
 if TYPE_CHECKING:
     from physid.physics.effect import Effect
@@ -33,6 +33,7 @@ class Noise:
         rotation: Standard deviation of each component of a rotation vector [rad].
     """
 
+    __pydantic_config__: ClassVar[Any] = CLOSED
     position: float = 0.0
     rotation: float = 0.0
 
@@ -76,6 +77,7 @@ class GenerateConfig:
         ValueError: If a value is of the wrong kind or names something that does not exist.
     """
 
+    __pydantic_config__: ClassVar[Any] = CLOSED
     scene: str
     simulator: str = "pybullet"
     frame_rate: float | None = None
@@ -99,8 +101,6 @@ class GenerateConfig:
 
     def __post_init__(self) -> None:
         setup = find_setup(self.scene)
-        if not isinstance(self.simulator, str):
-            raise ValueError(f"simulator must be a name, got {shown(self.simulator)}")
         find_simulator(self.simulator)
         if self.frame_rate is not None:
             number(self.frame_rate, "frame_rate", low=0.0, strict=True)
@@ -115,16 +115,14 @@ class GenerateConfig:
         whole(self.steps, "steps", low=2)
         whole(self.seed, "seed", low=0)
         number(self.guess_factor, "guess_factor", low=0.0, strict=True)
-        if not isinstance(self.video, bool):
-            raise ValueError(f"video must be true or false, got {self.video!r}")
         for name, share in self.split.items():
             number(share, f"split.{name}", low=0.0, strict=True)
         for split in (*self.split, *self.protocol_of_split):
             if split not in SPLITS:
                 raise ValueError(f'unknown split "{split}"{nearest(split, SPLITS)}')
         for protocol in (self.protocol, *self.protocol_of_split.values()):
-            if not isinstance(protocol, str) or protocol not in setup.protocols:
-                there = nearest(str(protocol), setup.protocols)
+            if protocol not in setup.protocols:
+                there = nearest(protocol, setup.protocols)
                 raise ValueError(f"scene {self.scene} has no protocol {quoted(protocol)}{there}")
         self.known_scene()
 
@@ -135,18 +133,7 @@ class GenerateConfig:
         Raises:
             ValueError: If a key is unknown or a value is off; the message names the nearest key.
         """
-        names = [each.name for each in dataclasses.fields(cls)]
-        known = dict(check_keys(values, "generate", ("scene",), names))
-        noise = check_keys(known.get("noise") or {}, "noise", (), ("position", "rotation"))
-        for name in ("protocol_of_split", "split", "true_values", "effects"):
-            if known.get(name) is None:
-                known.pop(name, None)
-            elif not isinstance(known[name], Mapping):
-                raise ValueError(f"{name} must be a mapping, got {known[name]!r}")
-        unknown = known.pop("unknown", None) or ()
-        if not isinstance(unknown, list | tuple):
-            raise ValueError(f"unknown must be a list of parameters, got {unknown!r}")
-        return cls(**known | {"noise": Noise(**noise), "unknown": tuple(unknown)})
+        return check_as(cls, without_nulls(values), "generate")
 
     def to_mapping(self) -> dict[str, Any]:
         """Return the configuration as plain values; `from_mapping` reads them back."""
@@ -214,19 +201,6 @@ class GenerateConfig:
         """
         if not self.effects:
             return ()
-        import torch
+        from physid.effects import from_values
 
-        from physid.effects import CATALOGUE
-
-        kinds = {kind.name: kind for kind in CATALOGUE}
-        built: list[Effect] = []
-        for name, values in self.effects.items():
-            if name not in kinds:
-                raise ValueError(f'unknown effect "{name}"{nearest(name, kinds)}')
-            known = check_keys(values, f"effects.{name}", (), kinds[name].quantities())
-            tensors = {
-                key: torch.tensor([number(value, f"effects.{name}.{key}")], dtype=torch.float64)
-                for key, value in known.items()
-            }
-            built.append(kinds[name](**tensors))
-        return tuple(built)
+        return tuple(from_values(name, values) for name, values in self.effects.items())

@@ -2,32 +2,29 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
+from annotated_types import Ge, Gt
 from numpy.typing import NDArray
 
 from physid.data.importers.rotations import axes_of, check_sequence
 from physid.data.importers.units import UNITS, factor_of
 from physid.data.recording import SPLITS
+from physid.scenes.camera import Triple
 from physid.scenes.scene import GRAVITY, Body, Ground
-from physid.strict import check_keys, nearest, number, triple, whole
-from physid.typed_files import check_as
+from physid.strict import nearest, quoted
+from physid.typed_files import CLOSED, check_as, without_nulls
 
 Array = NDArray[np.float64]
 Reference = str | float | int  # a column, "-" and a column, or a constant
-ORDERS = ("xyzw", "wxyz")
-ORIENTATIONS = ("quaternion", "euler", "matrix", "rotation_vector", "orientation")
-OF_BODY = (
-    "name", "size", "mass", "friction", "restitution", "inertia", "material", "position", *ORIENTATIONS, "order",
-    "euler_order", "force", "torque", "visible", "tracked_point",
-)  # fmt: skip
-OF_SET = (
-    "scene", "time", "rate", "time_step", "units", "axes", "header", "trajectory", "split", "protocol", "gravity",
-    "ground", "unknown", "source", "lost", "forces", "bodies",
-)  # fmt: skip
+Line = Annotated[int, Ge(1)]
+Positive = Annotated[float, Gt(0)]
+ORIENTATIONS = {"quaternion": (4,), "euler": (1, 2, 3), "matrix": (9,), "rotation_vector": (3,), "orientation": ()}
+"""How orientations may be written, and in how many columns; "orientation: none" for a body that does not turn."""
 GUESSED_FRICTION = 0.3  # where nothing is said: then it is unknown
 
 
@@ -70,11 +67,83 @@ class ForceLog:
         header: Line that names the columns.
     """
 
+    __pydantic_config__: ClassVar[Any] = CLOSED
     file: str | None = None
-    time: Reference | None = None
-    rate: float | None = None
+    time: Any = None
+    rate: Positive | None = None
     offset: float = 0.0
-    header: int | None = None
+    header: Line | None = None
+
+
+@dataclass(frozen=True)
+class BodyKeys:
+    """What a mapping may say of a body; `BodyMap` says what it means. References to columns are checked there."""
+
+    __pydantic_config__: ClassVar[Any] = CLOSED
+    name: str | None = None
+    size: Triple | None = None
+    mass: float | None = None
+    friction: float | None = None
+    restitution: float = 0.0
+    inertia: Triple | None = None
+    material: str | None = None
+    position: Any = None
+    quaternion: Any = None
+    euler: Any = None
+    matrix: Any = None
+    rotation_vector: Any = None
+    orientation: Any = None
+    order: Literal["xyzw", "wxyz"] | None = None
+    euler_order: str | None = None
+    force: Any = None
+    torque: Any = None
+    visible: Any = None
+    tracked_point: Triple = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class MappingKeys(BodyKeys):
+    """What a mapping may say; with one body, the body's keys may stand beside the others."""
+
+    scene: str = "imported"
+    time: Any = None
+    rate: Positive | None = None
+    time_step: Positive | None = None
+    units: dict[str, str] = field(default_factory=dict)
+    axes: Any = "z-up"
+    header: Line | None = None
+    trajectory: Any = None
+    split: dict[str, Positive] = field(default_factory=dict)
+    protocol: str | None = None
+    gravity: Triple = GRAVITY
+    ground: Ground = field(default_factory=Ground)
+    unknown: tuple[str, ...] = ()
+    source: str = ""
+    lost: Literal["nan", "zeros"] = "nan"
+    forces: ForceLog = field(default_factory=ForceLog)
+    bodies: tuple[BodyKeys, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name, unit in self.units.items():
+            if name not in QUANTITIES:
+                raise ValueError(f"units: unknown key {quoted(name)}{nearest(name, QUANTITIES)}")
+            factor_of("time" if name == "forces_time" else name, unit, f"units.{name}")
+        for name in self.split:
+            if name not in SPLITS:
+                raise ValueError(f"unknown split {quoted(name)}{nearest(name, SPLITS)}")
+        if self.rate is not None and self.time_step is not None:
+            raise ValueError(f"expected rate or time_step, found both: {self.rate:g} and {self.time_step:g}")
+        if self.rate is None and self.time_step is None and self.time is None:
+            raise ValueError(
+                "missing time, the column of stamps; where frames come evenly and have none, give rate "
+                "(frames per second) instead"
+            )
+
+
+OF_BODY = tuple(each.name for each in dataclasses.fields(BodyKeys))
+OF_SET = tuple(each.name for each in dataclasses.fields(MappingKeys) if each.name not in OF_BODY)
+QUANTITIES = (*UNITS, "forces_time")
+"""That have units; the stamps of forces may have another one than those of poses."""
 
 
 @dataclass(frozen=True)
@@ -126,99 +195,95 @@ class LogMap:
         Raises:
             ValueError: If a key is unknown or missing, or values contradict each other.
         """
-        known = dict(check_keys(values, "mapping", (), (*OF_SET, *OF_BODY)))
-        own = {name: known.pop(name) for name in OF_BODY if name in known}
-        if known.get("bodies") is not None and own:
-            raise ValueError(f"mapping: expected what is of a body under bodies, found {', '.join(own)} beside them")
-        listed = known.get("bodies") or [own]
-        if not isinstance(listed, list):
-            raise ValueError(f"bodies: expected a list, got {listed!r}")
-        units = _units(known.get("units") or {})
-        bodies = tuple(_body(one, units, index, len(listed)) for index, one in enumerate(listed))
-        header, lost = known.get("header"), str(known.get("lost", "nan"))
-        if lost not in ("nan", "zeros"):
-            raise ValueError(f"lost: expected nan or zeros, got {lost!r}")
-        named, unsaid = known.get("unknown") or (), _unsaid(listed, bodies)
-        unknown = tuple(map(str, named if isinstance(named, list | tuple) else [named]))
+        given = without_nulls(values)
+        if isinstance(given, Mapping):
+            own = [name for name in OF_BODY if name in given]
+            if given.get("bodies") and own:
+                raise ValueError(
+                    f"mapping: expected what is of a body under bodies, found {', '.join(own)} beside them"
+                )
+            if isinstance(given.get("unknown"), str):
+                given = {**given, "unknown": [given["unknown"]]}
+        known = check_as(MappingKeys, given, "mapping")
+        listed = known.bodies or (known,)
+        bodies = tuple(_body(one, known.units, index, len(listed)) for index, one in enumerate(listed))
+        both = zip(bodies, listed, strict=True)
+        unsaid = tuple(f"{one.body.name}.friction" for one, keys in both if keys.friction is None)
         return cls(
-            scene=str(known.get("scene") or "imported"),
+            scene=known.scene,
             bodies=bodies,
-            time=known.get("time"),
-            time_step=_step(known),
-            units=units,
-            axes=axes_of(known.get("axes") or "z-up"),
-            forces=_forces(known.get("forces") or {}),
-            header=None if header is None else whole(header, "header", low=1),
-            trajectory=known.get("trajectory"),
-            split=_shares(known.get("split") or {}),
-            protocol=None if known.get("protocol") is None else str(known["protocol"]),
-            gravity=triple(known.get("gravity", GRAVITY), "gravity"),
-            ground=check_as(Ground, _plain(known.get("ground"), "ground"), "ground"),
-            unknown=unknown + tuple(name for name in unsaid if name not in unknown),
+            time=known.time,
+            time_step=known.time_step if known.rate is None else 1 / known.rate,
+            units=known.units,
+            axes=axes_of(known.axes),
+            forces=known.forces,
+            header=known.header,
+            trajectory=known.trajectory,
+            split=known.split,
+            protocol=known.protocol,
+            gravity=known.gravity,
+            ground=known.ground,
+            unknown=known.unknown + tuple(name for name in unsaid if name not in known.unknown),
             unsaid=unsaid,
-            source=str(known.get("source") or ""),
-            lost=lost,
+            source=known.source,
+            lost=known.lost,
         )
 
 
-def _body(values: object, units: Mapping[str, str], index: int, count: int) -> BodyMap:
+def _body(known: BodyKeys, units: Mapping[str, str], index: int, count: int) -> BodyMap:
     """Build the map of one body."""
     where = f"bodies[{index}]." if count > 1 else ""
-    known = check_keys(values, f"bodies[{index}]", (), OF_BODY)
     for name, why in (
         ("position", "the columns of its centre, say [x, y, z]"),
         ("size", "its edges, say [0.1, 0.1, 0.05]"),
         ("mass", "in kg; a first guess where it is unknown"),
     ):
-        if known.get(name) is None:
+        if getattr(known, name) is None:
             raise ValueError(f"mapping: missing {where}{name}: {why}")
+    assert known.size is not None
+    assert known.mass is not None
     length = factor_of("size", units.get("size", "m"), "units.size")
-    size = triple(known["size"], f"{where}size")
-    inertia = known.get("inertia")
     kind, columns = _orientation(known, where)
-    order = known.get("euler_order") if kind == "euler" else known.get("order")
     if kind == "euler":
-        check_sequence(str(order or ""), columns)
-    elif order is not None and (kind != "quaternion" or order not in ORDERS):
-        raise ValueError(f"{where}order: expected xyzw or wxyz of a quaternion, got {order!r}")
-    point = triple(known.get("tracked_point", (0.0, 0.0, 0.0)), f"{where}tracked_point")
+        check_sequence(known.euler_order or "", columns)
+    elif known.order is not None and kind != "quaternion":
+        raise ValueError(f"{where}order: expected xyzw or wxyz of a quaternion, found it beside {kind}")
+    (width, depth, height), (x, y, z) = known.size, known.tracked_point
     return BodyMap(
         body=Body(
-            name=str(known.get("name") or ("block" if count == 1 else f"body{index}")),
-            size=(size[0] * length, size[1] * length, size[2] * length),
-            mass=number(known["mass"], f"{where}mass") * factor_of("mass", units.get("mass", "kg"), "units.mass"),
-            friction=number(known.get("friction", GUESSED_FRICTION), f"{where}friction"),
-            restitution=number(known.get("restitution", 0.0), f"{where}restitution"),
-            inertia=None if inertia is None else triple(inertia, f"{where}inertia"),
-            material=known.get("material"),
+            name=known.name or ("block" if count == 1 else f"body{index}"),
+            size=(width * length, depth * length, height * length),
+            mass=known.mass * factor_of("mass", units.get("mass", "kg"), "units.mass"),
+            friction=GUESSED_FRICTION if known.friction is None else known.friction,
+            restitution=known.restitution,
+            inertia=known.inertia,
+            material=known.material,
         ),
-        position=_references(known["position"], f"{where}position", 3),
+        position=_references(known.position, f"{where}position", 3),
         orientation=kind,
         columns=columns,
-        order=None if order is None else str(order),
-        force=_references(known.get("force"), f"{where}force", 3),
-        torque=_references(known.get("torque"), f"{where}torque", 3),
-        visible=known.get("visible"),
-        tracked_point=(point[0] * length, point[1] * length, point[2] * length),
+        order=known.euler_order if kind == "euler" else known.order,
+        force=_references(known.force, f"{where}force", 3),
+        torque=_references(known.torque, f"{where}torque", 3),
+        visible=known.visible,
+        tracked_point=(x * length, y * length, z * length),
     )
 
 
-def _orientation(known: Mapping[str, Any], where: str) -> tuple[str, tuple[Reference, ...]]:
+def _orientation(known: BodyKeys, where: str) -> tuple[str, tuple[Reference, ...]]:
     """Return how orientations are written, and their columns."""
-    given = [name for name in ORIENTATIONS if known.get(name) is not None]
+    given = [name for name in ORIENTATIONS if getattr(known, name) is not None]
     if len(given) != 1:
         raise ValueError(
             f"mapping: expected one of {', '.join(f'{where}{name}' for name in ORIENTATIONS)}, found "
             f"{' and '.join(given) or 'none'}; where a body does not turn: orientation: none"
         )
+    value = getattr(known, given[0])
     if given[0] == "orientation":
-        if str(known["orientation"]).lower() != "none":
-            raise ValueError(
-                f"{where}orientation: expected none, for a body that does not turn, got {known['orientation']!r}"
-            )
+        if str(value).lower() != "none":
+            raise ValueError(f"{where}orientation: expected none, for a body that does not turn, got {value!r}")
         return "orientation", ()
-    lengths = {"quaternion": (4,), "matrix": (9,), "rotation_vector": (3,), "euler": (1, 2, 3)}[given[0]]
-    return given[0], _references(known[given[0]], f"{where}{given[0]}", *lengths)
+    return given[0], _references(value, f"{where}{given[0]}", *ORIENTATIONS[given[0]])
 
 
 def _references(value: object, where: str, *lengths: int) -> tuple[Reference, ...]:
@@ -231,67 +296,3 @@ def _references(value: object, where: str, *lengths: int) -> tuple[Reference, ..
     if len(listed) not in (1, *lengths):
         raise ValueError(f"{where}: expected {' or '.join(map(str, lengths))} columns, got {len(listed)}: {listed}")
     return tuple(listed)
-
-
-def _forces(values: object) -> ForceLog:
-    """Build where forces are."""
-    known = check_keys(values, "forces", (), ("file", "time", "rate", "offset", "header"))
-    rate, header = known.get("rate"), known.get("header")
-    return ForceLog(
-        file=None if known.get("file") is None else str(known["file"]),
-        time=known.get("time"),
-        rate=None if rate is None else number(rate, "forces.rate", low=0.0, strict=True),
-        offset=number(known.get("offset", 0.0), "forces.offset"),
-        header=None if header is None else whole(header, "forces.header", low=1),
-    )
-
-
-def _units(values: object) -> dict[str, str]:
-    """Check units by quantity; `forces.time` may differ from `time`."""
-    quantities = (*UNITS, "forces_time")
-    known = check_keys(values, "units", (), quantities)
-    for name, unit in known.items():
-        factor_of("time" if name == "forces_time" else name, unit, f"units.{name}")
-    return {name: str(unit) for name, unit in known.items()}
-
-
-def _step(known: Mapping[str, Any]) -> float | None:
-    """Return the nominal time between frames, from `time_step` or `rate`."""
-    rate, step = known.get("rate"), known.get("time_step")
-    if rate is not None and step is not None:
-        raise ValueError(f"mapping: expected rate or time_step, found both: {rate} and {step}")
-    if rate is None and step is None:
-        if known.get("time") is None:
-            raise ValueError(
-                "mapping: missing time, the column of stamps; where frames come evenly and have none, give rate "
-                "(frames per second) instead"
-            )
-        return None
-    return (
-        number(step, "time_step", low=0.0, strict=True)
-        if rate is None
-        else 1 / number(rate, "rate", low=0.0, strict=True)
-    )
-
-
-def _shares(values: object) -> dict[str, float]:
-    """Check shares of splits."""
-    shares = dict(_plain(values, "split"))
-    for name, share in shares.items():
-        if name not in SPLITS:
-            raise ValueError(f'unknown split "{name}"{nearest(str(name), SPLITS)}')
-        number(share, f"split.{name}", low=0.0, strict=True)
-    return shares
-
-
-def _plain(values: object, where: str) -> Mapping[str, Any]:
-    """Return a mapping; nothing is an empty one."""
-    if values is not None and not isinstance(values, Mapping):
-        raise ValueError(f"{where}: expected a mapping, got {values!r}")
-    return values or {}
-
-
-def _unsaid(listed: list[Any], bodies: tuple[BodyMap, ...]) -> tuple[str, ...]:
-    """Return the frictions that nothing is said of: they are unknown."""
-    both = zip(bodies, listed, strict=True)
-    return tuple(f"{one.body.name}.friction" for one, values in both if "friction" not in values)

@@ -5,13 +5,14 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
-from typing import Any, Literal, final
+from typing import Any, ClassVar, Literal, final
 
 import torch
 from torch import Tensor
 
 from physid.estimation.measurement.sensor_noise import Noise
 from physid.strict import number
+from physid.typed_files import CLOSED
 
 Kind = Literal["identified", "combination", "unobservable"]
 ACCEPT = 0.05
@@ -39,6 +40,7 @@ class SensorNoise:
         ValueError: If one is not positive.
     """
 
+    __pydantic_config__: ClassVar[Any] = CLOSED
     position: float = 1e-3
     rotation: float = 1e-2
 

@@ -10,7 +10,7 @@ from physid.data.importers.convert import FRICTION_NOTE
 from physid.data.importers.mapping import OF_BODY, OF_SET, LogMap
 from physid.data.importers.video.cameras import Lens, read_camera
 from physid.scenes.scene import Scene
-from physid.strict import check_keys, number
+from physid.strict import nearest, number, quoted
 
 OF_FILM = ("camera", "background", "rate")
 OF_POSES = ("time", "time_step", "header", "trajectory", "lost", "axes", "position", "quaternion", "euler", "matrix",
@@ -43,7 +43,10 @@ class FilmMap:
             ValueError: If a key is unknown or missing, or a value is off.
         """
         allowed = [name for name in (*OF_SET, *OF_BODY) if name not in OF_POSES]
-        known = dict(check_keys(values, "mapping", (), (*allowed, *OF_FILM)))
+        known = dict(values)
+        for name in known:
+            if name not in (*allowed, *OF_FILM):
+                raise ValueError(f"mapping: unknown key {quoted(name)}{nearest(name, (*allowed, *OF_FILM))}")
         if known.get("camera") is None:
             raise ValueError("mapping: missing camera: a camera file; physid calibrate makes one (docs/films.md)")
         lens, rate, given = (
