@@ -7,6 +7,7 @@ import torch
 
 from physid.physics.shapes.table import BOX
 from physid.scenes.catalogue import find_setup
+from physid.training.parameters.intervals import intervals
 from physid.training.parameters.physical_parameters import PhysicalParameters
 
 EXACT = 1e-14
@@ -34,6 +35,21 @@ def test_a_batch_of_candidates_has_one_row_for_each() -> None:
     known = physical(candidates)
     assert torch.allclose(known.mass[:, 0], candidates[:, 0].exp())
     assert torch.allclose(known.friction, candidates[:, 1:].exp().expand(2, 2))
+
+
+def test_a_step_leaves_no_body_that_makes_energy_when_it_bounces() -> None:
+    physical = PhysicalParameters(find_setup("toss").scene, ["block.mass", "block.restitution"])
+    with torch.no_grad():
+        physical.logarithm += 5.0
+    mass = physical.estimates()["block.mass"]
+    physical.confine()
+    assert physical.estimates() == {"block.mass": mass, "block.restitution": 1.0}
+
+
+def test_an_interval_ends_where_the_physical_range_does() -> None:
+    found = intervals({"block.mass": 0.9, "block.restitution": 0.9}, 0.04 * torch.eye(2, dtype=torch.float64), 10)
+    assert found["block.restitution"][1] == 1.0 < found["block.mass"][1]
+    assert found["block.restitution"][0] == found["block.mass"][0]
 
 
 @pytest.mark.parametrize(

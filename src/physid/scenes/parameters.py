@@ -3,9 +3,22 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 
-from physid.scenes.scene import Body, Scene
+from physid.scenes.scene import HIGHEST_RESTITUTION, Body, Scene
+
+
+def highest_value(name: str) -> float:
+    """Return the largest value that "body.field" may have: a body that bounces higher than it fell would gain energy.
+
+    Args:
+        name: A parameter of a scene.
+
+    Returns:
+        1 for a coefficient of restitution, infinity for a mass or a coefficient of friction.
+    """
+    return HIGHEST_RESTITUTION if name.endswith(".restitution") else math.inf
 
 
 def bodies_of(scene: Scene, parameter: str) -> tuple[int, ...]:

@@ -16,6 +16,7 @@ from physid.strict import nearest, number, quoted, triple
 from physid.typed_files import CLOSED
 
 PARAMETERS = ("mass", "friction", "restitution")
+HIGHEST_RESTITUTION = 1.0  # with more, every bounce makes energy
 SEMI_IMPLICIT_EULER = "semi_implicit_euler"
 SCHEMES = (SEMI_IMPLICIT_EULER,)
 GRAVITY: Triple = (0.0, 0.0, -9.81)
@@ -54,7 +55,11 @@ class Body:
             raise ValueError(f"{self.name}.size must be positive edge lengths, got {self.size}")
         number(self.mass, f"{self.name}.mass", low=0.0, strict=True)
         number(self.friction, f"{self.name}.friction", low=0.0)
-        number(self.restitution, f"{self.name}.restitution", low=0.0)
+        if number(self.restitution, f"{self.name}.restitution", low=0.0) > HIGHEST_RESTITUTION:
+            raise ValueError(
+                f"{self.name}.restitution must be at most {HIGHEST_RESTITUTION:g}: a bounce makes no energy, "
+                f"got {self.restitution:g}"
+            )
         if self.material is not None and (not isinstance(self.material, str) or not self.material):
             raise ValueError(f"{self.name}.material must be a word or null, got {self.material!r}")
         if self.inertia is not None and min(triple(self.inertia, f"{self.name}.inertia")) <= 0:

@@ -15,10 +15,9 @@ from physid.physics.schemes.integration import Midpoint, SemiImplicit
 from physid.physics.shapes.box import Box
 from physid.physics.world import Plane, World
 from physid.scenes.parameters import bodies_of
-from physid.scenes.scene import Scene
+from physid.scenes.scene import HIGHEST_RESTITUTION, Scene
 
 SMALLEST = 1e-6
-HIGHEST_RESTITUTION = 1.0
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from torch.optim import SGD, AdamW, Optimizer
 from physid.data.files import read_tensors
 from physid.training.learners.base import NonFiniteLossError, OptimizerFactory
 from physid.training.learners.phases import Phases, epochs_done, epochs_of
+from physid.training.parameters.physical_parameters import PhysicalParameters
 from physid.training.vision.model import VideoModel
 
 DEFAULT_OPTIMIZER: OptimizerFactory = partial(AdamW, lr=1e-3, weight_decay=1e-2)
@@ -66,6 +67,7 @@ def take_step(module: L.LightningModule, loss: Tensor, phases: Phases, batch_idx
                 "horizon; checkpoints/last.ckpt holds the last good state"
             )
     optimizer.step()
+    PhysicalParameters.of(module).confine()
 
 
 def take_encoder(model: VideoModel, checkpoint: Path) -> None:

@@ -231,6 +231,7 @@ class SysID(TrainingModule, PredictingModule):
             optimizer.step(closure=optimizer_closure, values=partial(self.values_at, self._batch))
         else:
             optimizer.step(closure=optimizer_closure)
+        self.physical.confine()
 
     def on_train_batch_start(self, batch: Batch, batch_idx: int) -> None:
         """Keep the batch for the optimizer, and choose the steps of the engine where that is due."""

@@ -14,6 +14,7 @@ from physid.estimation.least_squares.covariance import covariance_of, reach_of
 from physid.estimation.least_squares.experiment import Experiment, Fit
 from physid.estimation.least_squares.normal_equations import Normal
 from physid.estimation.measurement.sensor_noise import Noise
+from physid.scenes.parameters import highest_value
 from physid.training.parameters.pose_loss import PoseLoss
 
 COARSE = 0.1
@@ -140,13 +141,13 @@ def intervals(estimates: Mapping[str, float], covariance: Tensor, trajectories: 
         trajectories: From how many independent trajectories it was estimated.
 
     Returns:
-        Lower and upper end by name, of those of which something is known.
+        Lower and upper end by name, of those of which something is known; within the physical range.
     """
     found: dict[str, tuple[float, float]] = {}
     reaches = reach_of(covariance, trajectories).tolist()
     for (name, value), reach, variance in zip(estimates.items(), reaches, covariance.diagonal().tolist(), strict=True):
         if 0 <= variance < WIDEST**2:
-            found[name] = (value * math.exp(-reach), value * math.exp(reach))
+            found[name] = (value * math.exp(-reach), min(value * math.exp(reach), highest_value(name)))
     return found
 
 

@@ -12,7 +12,7 @@ from torch import Tensor, nn
 from physid.estimation.prediction.nominal_model import NominalModel
 from physid.physics.layer import PhysicsLayer
 from physid.physics.parameters import Parameters
-from physid.scenes.parameters import bodies_of, with_parameters
+from physid.scenes.parameters import bodies_of, highest_value, with_parameters
 from physid.scenes.scene import Scene
 
 FIELDS = ("mass", "friction", "restitution")
@@ -44,6 +44,7 @@ class PhysicalParameters(nn.Module):
     inertia: Tensor
     friction: Tensor
     restitution: Tensor
+    _highest: Tensor
 
     def __init__(
         self, scene: Scene, learn: Iterable[str] | None = None, values: Mapping[str, float] | None = None
@@ -60,6 +61,8 @@ class PhysicalParameters(nn.Module):
             self._hold(field, [getattr(body, field) for body in scene.bodies])
         guess = torch.tensor([scene.value(name) for name in self.names], dtype=torch.float64)
         self.logarithm = nn.Parameter(guess.log())
+        highest = torch.tensor([highest_value(name) for name in self.names], dtype=torch.float64)
+        self.register_buffer("_highest", highest.log(), persistent=False)
 
     def _hold(self, name: str, value: object) -> None:
         """Keep a known value (1, N, ...); it is rebuilt from the scene, hence not part of a checkpoint."""
@@ -100,6 +103,14 @@ class PhysicalParameters(nn.Module):
             fields[field] = torch.where(mine, value[:, column : column + 1], fields[field])
         inertia = self.inertia * (fields["mass"] / self.mass)[..., None]
         return Parameters(size=self.size, inertia=inertia, **fields)
+
+    @torch.no_grad()
+    def confine(self) -> None:
+        """Bring what a step of an optimizer led out of its physical range back to the end of it.
+
+        With a restitution above 1 every bounce makes energy, until no contact can be solved any more.
+        """
+        self.logarithm.clamp_(max=self._highest.to(self.logarithm))
 
     def model(self, layer: PhysicsLayer) -> NominalModel:
         """Return the same for `physid.estimation`, whose coordinates are then the logarithms."""

@@ -94,6 +94,7 @@ class Refinement(nn.Module):
             step = self._calm(self._equations.step(LARGEST_STEP), self._equations.normal.matrix.sum(0))
         physical.logarithm.grad = -step.to(physical.logarithm)
         cast(Sequence[Optimizer], module.optimizers())[-1].step()
+        physical.confine()
         ends = intervals(physical.estimates(), self._equations.covariance(), len(self._equations.weights))
         self._equations = None
         return logged(ends)
