@@ -18,6 +18,7 @@ from physid.physics.rotations import conjugate, rotate
 from physid.physics.schemes.impact import LARGEST, late
 from physid.physics.schemes.integration import Midpoint, SemiImplicit
 from physid.physics.schemes.motion import drift
+from physid.physics.state import State
 from physid.physics.world import World
 
 SCRIPT = Path(__file__).parents[2] / "benchmarks" / "stress.py"
@@ -134,3 +135,49 @@ def test_resting_stacks_stay_where_they_are(stress: ModuleType) -> None:
         stacks, moving, _, way, turn = stress.rest(2, World(integration=scheme), 500, 8)
         assert (stacks, moving) == (8, 0)
         assert max(way, turn) < 1e-5
+
+
+UPPER = pytest.mark.parametrize("upper", [(0.1, 0.1, 0.05), (0.2, 0.04, 0.03)], ids=["square", "long"])
+
+
+def turned_stacks(upper: tuple[float, float, float], yaw: torch.Tensor, turn: torch.Tensor) -> tuple[State, Parameters]:
+    """Put a box in the middle of a slab that is turned by `turn`, itself turned by `yaw` beyond that."""
+    worlds = len(yaw)
+    size = torch.tensor([[(0.6, 0.3, 0.05), upper]], dtype=DTYPE).expand(worlds, 2, 3)
+    one = torch.ones(worlds, 2, dtype=DTYPE)
+    angle = torch.stack([turn, turn + yaw], 1) / 2
+    pose = torch.zeros(worlds, 2, 7, dtype=DTYPE)
+    pose[:, 0, 2], pose[:, 1, 2] = 0.025, 0.05 + upper[2] / 2
+    pose[..., 5], pose[..., 6] = angle.sin(), angle.cos()
+    return State(pose, torch.zeros(worlds, 2, 6, dtype=DTYPE)), Parameters.of_boxes(size, one, 0.5 * one)
+
+
+@UPPER
+@pytest.mark.parametrize("backend", ["fused", "reference"])
+def test_a_box_on_a_slab_rests_at_any_yaw(backend: str, upper: tuple[float, float, float]) -> None:
+    # tan(yaw) from 1/2 to 2: two corners of a long box are each the furthest towards two corners of this 2 : 1 slab.
+    yaw = torch.linspace(0, torch.pi, 73, dtype=DTYPE)[:: 1 if backend == "fused" else 9]
+    start, parameters = turned_stacks(upper, yaw, torch.zeros_like(yaw))
+    steps = 10_000 if backend == "fused" else 100
+    layer = PhysicsLayer(World(), backend=backend)  # type: ignore[arg-type]
+    with torch.no_grad():
+        pose = layer.rollout(start, torch.zeros(len(yaw), steps, 2, 6, dtype=DTYPE), parameters).pose
+    torch.testing.assert_close(pose[:, -1], start.pose, rtol=0, atol=1e-7)
+
+
+@UPPER
+def test_where_two_boxes_touch_does_not_depend_on_how_both_are_turned(upper: tuple[float, float, float]) -> None:
+    # A push on the upper box: it slides, and all that it does turns with the whole.
+    yaw = torch.linspace(0.01, 3.1, 12, dtype=DTYPE)
+    turn = torch.linspace(-3, 3, 12, dtype=DTYPE)
+    ways = []
+    for turned in (torch.zeros_like(turn), turn):
+        start, parameters = turned_stacks(upper, yaw, turned)
+        wrench = torch.zeros(12, 50, 2, 6, dtype=DTYPE)
+        wrench[:, :, 1, 3], wrench[:, :, 1, 4] = 8 * turned.cos()[:, None], 8 * turned.sin()[:, None]
+        with torch.no_grad():
+            pose = PhysicsLayer(World()).rollout(start, wrench, parameters).pose
+        x, y = pose[:, -1, 1, 0], pose[:, -1, 1, 1]
+        ways.append(torch.stack([x * turned.cos() + y * turned.sin(), y * turned.cos() - x * turned.sin()], 1))
+    assert float(ways[0].norm(dim=1).min()) > 0.01
+    torch.testing.assert_close(ways[1], ways[0], rtol=1e-5, atol=1e-7)

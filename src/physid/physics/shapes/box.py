@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import final
 
@@ -14,6 +15,8 @@ from physid.physics.shapes.shape import Finder, Placed, Shape, frame_of
 
 _SIGNS = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
 _OUTSIDE = 1e6
+DISTINCT = 1e-5
+"""How far a contact that takes the place of a repeated one lies from the others, of the half edges of the face [-]."""
 
 
 @final
@@ -166,17 +169,34 @@ def _clip(middle: Tensor, spans: Tensor, reach: Tensor) -> tuple[Tensor, Tensor]
 
 
 def _spread(points: Tensor, valid: Tensor, reach: Tensor) -> tuple[Tensor, Tensor]:
-    """Choose four of the candidates: the furthest towards each corner of the face, the lower the better."""
+    """Choose four of the candidates that span the touching area.
+
+    Each is the furthest towards a corner of the face, the lower the better. Boxes turned by some 45 degrees may have
+    the same one furthest towards two corners; then the second is the candidate that is furthest from those before it.
+    """
     with torch.no_grad():
-        towards = points.new_tensor(_SIGNS) / reach[:, None, 1:]
-        score = points[..., 1:] @ towards.mT - 4 * points[..., :1] / reach.amax(1)[:, None, None]
-        best = torch.where(valid[..., None], score, -_OUTSIDE).argmax(1)
-    chosen = points.gather(1, best[..., None].expand(-1, -1, 3))
-    with torch.no_grad():
-        apart = (chosen[:, :, None] - chosen[:, None]).abs().amax(-1) < 1e-6 * reach.amax(1)[:, None, None]
-        repeated = torch.tril(apart, diagonal=-1).any(-1)
-        active = valid.gather(1, best) & ~repeated
-    return chosen, active
+        flat, low = points[..., 1:] / reach[:, None, 1:], -4 * points[..., 0] / reach.amax(1, keepdim=True)
+        score = flat @ points.new_tensor(_SIGNS).T + low[..., None]
+        chosen: list[Tensor] = []
+        real: list[Tensor] = []
+        apart = torch.full_like(low, math.inf)
+        for towards in score.unbind(-1):
+            furthest = torch.where(valid, towards, -_OUTSIDE).argmax(1, keepdim=True)
+            other = torch.where(valid, apart, -_OUTSIDE).argmax(1, keepdim=True)
+            repeated = _repeated(points, furthest, chosen, reach)
+            index = torch.where(repeated, other, furthest)
+            chosen.append(index)
+            real.append(valid.gather(1, index) & (~repeated | (apart.gather(1, index) > DISTINCT)))
+            away = (flat - flat.gather(1, index[..., None].expand(-1, -1, 2))).abs().sum(-1)
+            apart = torch.minimum(apart, away + low - low.gather(1, index))
+        best = torch.cat(chosen, 1)
+    return points.gather(1, best[..., None].expand(-1, -1, 3)), torch.cat(real, 1)
+
+
+def _repeated(points: Tensor, index: Tensor, chosen: list[Tensor], reach: Tensor) -> Tensor:
+    """Return whether a candidate lies where one of those chosen before it does, shape (B, 1)."""
+    before = points.gather(1, torch.cat([index, *chosen], 1)[..., None].expand(-1, -1, 3))
+    return ((before[:, :1] - before[:, 1:]).abs().amax(-1) < 1e-6 * reach.amax(1, keepdim=True)).any(1, keepdim=True)
 
 
 def _edge_contact(

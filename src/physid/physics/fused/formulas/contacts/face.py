@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from physid.compiler.graph import Value, most, size, where
+from physid.compiler.graph import Value, least, most, size, where
 from physid.compiler.section import Record
 from physid.physics.fused.formulas.algebra import Vector, add, apply, dot, scale, subtract
 from physid.physics.fused.formulas.contacts.axis import axes_of, half_of, pick
+from physid.physics.shapes.box import DISTINCT
 
 SIGNS = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
 NEXT = SIGNS[1:] + SIGNS[:1]
@@ -94,7 +95,7 @@ def _turned(masks: Sequence[Value], axes: Sequence[Vector], half: Sequence[Value
 
 
 def choose_points(first: Record, second: Record, patch: Record) -> None:
-    """Write four of the 24 candidates for a face contact: the furthest towards each corner, the lower the better.
+    """Write four of the 24 candidates for a face contact, which span the touching area (see `box._spread`).
 
     A code is: kind (0 corner of the facing face, 1 over a corner of this, 2 crossing of a side in x, 3 in y), signs of
     the corner, signs of the next, sign of the side, and whether it is active.
@@ -103,13 +104,25 @@ def choose_points(first: Record, second: Record, patch: Record) -> None:
     codes: list[Value | float] = []
     points: list[Vector] = []
     candidates = _candidates(face)
+    apart: list[Value] = []
     for signs in SIGNS:
-        point, real, code = _furthest(face, candidates, signs)
-        for other in points:
-            near = [size(a - b) < 1e-6 * face.widest for a, b in zip(point, other, strict=True)]
-            real = real & ~(near[0] & near[1] & near[2])
+        score = [_towards(face, point, signs) for point, _, _ in candidates]
+        chosen, _ = _best(candidates, score)
+        point, real, code = chosen
+        if points:
+            other, distance = _best(candidates, apart)
+            repeated = None
+            for before in points:
+                near = [size(a - b) < 1e-6 * face.widest for a, b in zip(point, before, strict=True)]
+                same = near[0] & near[1] & near[2]
+                repeated = same if repeated is None else repeated | same
+            assert repeated is not None
+            point, real, code = _choose(repeated, other, chosen)
+            real = real & (~repeated | (distance > DISTINCT))
         points.append(point)
         codes += [*code, where(real, 1.0, 0.0)]
+        away = [_apart(face, candidate, point) for candidate, _, _ in candidates]
+        apart = [least(a, b) for a, b in zip(apart, away, strict=True)] if apart else away
     patch["choice"] = [patch["choice"][0], *codes]
 
 
@@ -142,22 +155,32 @@ def _candidates(face: Face) -> list[Candidate]:
     return found
 
 
-def _furthest(face: Face, candidates: Sequence[Candidate], signs: tuple[float, float]) -> Candidate:
-    """Return the candidate that is furthest towards a corner of the face, the lower the better."""
-    best: Value | None = None
-    chosen = candidates[0]
-    for candidate in candidates:
-        point, real, code = candidate
-        score = point[1] * (signs[0] / face.reach[1]) + point[2] * (signs[1] / face.reach[2])
-        score = where(real, score - point[0] * (4.0 / face.widest), -1e6)
-        if best is None:
-            best = score
-            continue
-        better = best < score
-        best = where(better, score, best)
-        chosen = (
-            [where(better, new, old) for new, old in zip(point, chosen[0], strict=True)],
-            where(better, real, chosen[1]),
-            [where(better, new, old) for new, old in zip(code, chosen[2], strict=True)],
-        )
-    return chosen
+def _towards(face: Face, point: Vector, signs: tuple[float, float]) -> Value:
+    """Return how far a point lies towards a corner of the face, the lower the further."""
+    score = point[1] * (signs[0] / face.reach[1]) + point[2] * (signs[1] / face.reach[2])
+    return score - point[0] * (4.0 / face.widest)
+
+
+def _apart(face: Face, point: Vector, other: Vector) -> Value:
+    """Return how far a point lies from another, the lower the further."""
+    away = subtract(point, other)
+    return size(away[1]) / face.reach[1] + size(away[2]) / face.reach[2] - away[0] * (4.0 / face.widest)
+
+
+def _choose(mask: Value, yes: Candidate, no: Candidate) -> Candidate:
+    """Return one of two candidates."""
+    return (
+        [where(mask, a, b) for a, b in zip(yes[0], no[0], strict=True)],
+        (mask & yes[1]) | (~mask & no[1]),
+        [where(mask, a, b) for a, b in zip(yes[2], no[2], strict=True)],
+    )
+
+
+def _best(candidates: Sequence[Candidate], score: Sequence[Value]) -> tuple[Candidate, Value]:
+    """Return the first of the real candidates with the highest score, and the score."""
+    chosen, best = candidates[0], where(candidates[0][1], score[0], -1e6)
+    for candidate, value in zip(candidates[1:], score[1:], strict=True):
+        value = where(candidate[1], value, -1e6)
+        better = best < value
+        best, chosen = where(better, value, best), _choose(better, candidate, chosen)
+    return chosen, best
