@@ -188,3 +188,31 @@ def test_a_tilted_ground_is_no_mistake(tmp_path: Path) -> None:
     scene, recordings = recorded("slide")
     assert scene.ground != Ground()
     assert not said(tmp_path, scene, list(recordings))
+
+
+@pytest.mark.parametrize("late", [0, 3])
+def test_friction_at_a_camera_s_rate_is_no_late_clock_and_a_late_clock_is_found(tmp_path: Path, late: int) -> None:
+    """Dry friction turns round after the force has: at 30 frames a second that is no reason to suspect the clock."""
+    scene, rate, fine, friction = recorded("push")[0], 30, 3000, 0.21
+    body = scene.bodies[0]
+    assert body.mass > 0
+    found = []
+    for index in range(SOME):
+        generator = np.random.default_rng(index)
+        size = 2 * friction * 9.81 * generator.uniform(0.3, 1.0, 12)
+        direction = np.array([[1, 0.3], [-1, 0.2], [-0.4, -1], [0.8, 0.7]])[np.arange(12) // 2 % 4]
+        push = np.repeat(size[:, None] * direction, fine // 4, 0)
+        place, speed, path = np.zeros(2), np.zeros(2), []
+        for acceleration in push:
+            path.append(place)
+            free = speed + acceleration / fine
+            speed = free * max(0.0, 1 - friction * 9.81 / fine / max(float(np.hypot(*free)), 1e-12))
+            place = place + speed / fine
+        pose = np.zeros((90, 1, 7))
+        pose[:, 0, :2], pose[:, 0, 2], pose[:, 0, 6] = path[:: fine // rate], body.size[2] / 2, 1.0
+        wrench = np.zeros((90, 1, 6))
+        wrench[:, 0, 3:5] = body.mass * push[:: fine // rate]
+        found.append(Recording(pose=pose, wrench=np.roll(wrench, -late, 0)))
+    clocks = [one for one in said(tmp_path, dataclasses.replace(scene, time_step=1 / rate), found) if "clocks" in one]
+    assert len(clocks) == bool(late)
+    assert all("forces.offset=0.1" in one for one in clocks)

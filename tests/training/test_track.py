@@ -84,6 +84,26 @@ def test_read_poses_are_a_tenth_of_a_pixel_off(films: Path, read: Path) -> None:
     assert size(turn) < TURNED
 
 
+def test_poses_settle_where_a_motion_changes_between_two_frames(films: Path, tmp_path: Path) -> None:
+    """Poses of a body that is suddenly elsewhere than it was headed for are as exact as any others."""
+    recordings = RecordingSet(films)
+    write_scene(tmp_path / "films", recordings.scene)
+    for index in range(2):
+        one = recordings.read(index, video=True)
+        assert one.frames is not None
+        assert one.pose is not None
+        back = np.r_[0:20, 0:20, 19:-1:-1]  # starts over, and turns round
+        known = dataclasses.replace(
+            one, frames=one.frames[back], pose=one.pose[back], wrench=None, twist=None, time=None, wrench_time=None
+        )
+        write_trajectory(trajectory_path(tmp_path / "films", index), known)
+    write_sums(tmp_path / "films")
+    track(tmp_path / "films", tmp_path / "read")
+    place, turn = errors(tmp_path / "read", tmp_path / "films")
+    assert float(place.abs().max()) < 4 * EXACT
+    assert size(turn) < TURNED
+
+
 def test_reading_drawn_films_tells_how_far_off_read_poses_are(films: Path, read: Path) -> None:
     for own, again in zip(errors(read, films), errors(read / ECHO, read), strict=True):
         assert 1 / ALIKE < size(again) / size(own) < ALIKE

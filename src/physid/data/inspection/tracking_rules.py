@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from physid.data.inspection.evidence import LEAST_SMOOTH, Evidence, Finding
+from physid.data.inspection.evidence import LEAST_SMOOTH, STILL, Evidence, Finding
 from physid.data.inspection.rules import ENOUGH, SHARE
 from physid.data.observations.remarks import TURN
 
@@ -97,35 +97,49 @@ def jumps(seen: Evidence) -> Finding | None:
 
 
 def delay(seen: Evidence) -> Finding | None:
-    """Forces that act before or after their accelerations: two clocks with an offset."""
+    """Forces that act before or after their accelerations: two clocks with an offset.
+
+    Where a body slides, a = f(t - lag) / m - c v / |v|: without the second part, dry friction, which turns round later
+    than the force does, looks like a shift. So what follows the direction of the motion is taken out of both (partial
+    correlation, Yule 1907), and frames without motion, in which friction cancels the force, are left out.
+    """
     k = seen.kinematics
     normal = np.array(seen.scene.ground.normal)
     along = np.eye(3) - np.outer(normal, normal)
     if np.count_nonzero(~seen.unforced) < ENOUGH:
         return None
-    sums = np.zeros((2 * LAG + 1, 3))
+    moments = np.zeros((2 * LAG + 1, 3, 3))
     for trajectory in np.unique(k.trajectory):
         for body in np.unique(k.body):
             here = (k.trajectory == trajectory) & (k.body == body)
             if np.count_nonzero(here) < 3 * LAG:
                 continue
-            push, pull = k.force[here] @ along, k.acceleration[here] @ along
-            push = push - push.mean(0)
+            push, pull, speed = k.force[here] @ along, k.acceleration[here] @ along, k.velocity[here] @ along
+            way = speed / np.maximum(np.linalg.norm(speed, axis=1, keepdims=True), STILL)
+            push, moving = push - push.mean(0), ~seen.still[here]
             for index, lag in enumerate(range(-LAG, LAG + 1)):
-                first, second = (push[: len(push) - lag], pull[lag:]) if lag >= 0 else (push[-lag:], pull[:lag])
-                sums[index] += (first * second).sum(), np.square(first).sum(), np.square(second).sum()
-    if not sums[LAG, 1] or not sums[LAG, 2]:
-        return None
-    match = sums[:, 0] / np.sqrt(np.maximum(sums[:, 1] * sums[:, 2], 1e-300))
+                early, late = slice(max(0, -lag), len(push) - max(0, lag)), slice(max(0, lag), len(push) + min(0, lag))
+                pairs = np.stack([push[early], pull[late], way[late]])[:, moving[late]]
+                moments[index] += np.einsum("ant,bnt->ab", pairs, pairs)
+    match = _partial_correlation(moments)
     best = int(match.argmax()) - LAG
     if abs(best) < 2 or match[best + LAG] < match[LAG] + BETTER or match[best + LAG] < 2 * BETTER:
         return None
-    late = best * seen.scene.time_step
+    late_by = best * seen.scene.time_step
     return Finding(
-        f"accelerations come {abs(late):.3g} s {'after' if late > 0 else 'before'} the forces (correlation "
+        f"accelerations come {abs(late_by):.3g} s {'after' if late_by > 0 else 'before'} the forces (correlation "
         f"{match[best + LAG]:.2f}, without a shift {match[LAG]:.2f}): the two clocks seem to differ",
-        f"import with forces.offset={late:.3g}, if nothing in the plant delays them",
+        f"import with forces.offset={late_by:.3g}, if nothing in the plant delays them",
     )
+
+
+def _partial_correlation(moments: Array) -> Array:
+    """Correlate the first two of three variables, the third taken out, by their second moments (n, 3, 3); 0 if none."""
+    kept = moments[:, :2, :2] - (
+        moments[:, :2, 2:] * moments[:, 2:, :2] / np.maximum(moments[:, 2:, 2:], np.finfo(float).tiny)
+    )
+    size = np.sqrt(np.maximum(kept[:, 0, 0] * kept[:, 1, 1], 0.0))
+    return np.asarray(np.divide(kept[:, 0, 1], size, out=np.zeros(len(kept)), where=size > 0))
 
 
 def unseen(seen: Evidence) -> Finding | None:

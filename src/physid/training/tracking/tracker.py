@@ -19,8 +19,9 @@ from physid.training.vision.decoder import MODELS, Decoder
 from physid.training.vision.model import ChartName, VideoModel, chart_of
 from physid.training.vision.pose_refinement import PoseRefinement
 
-FOLLOWING = PoseRefinement(steps=2, wider=1.0)
-"""From the place where the last two frames put a body, two Gauss-Newton steps reach what the images tell."""
+FOLLOWING = PoseRefinement(steps=12, wider=1.0)
+"""From the place where the last two frames put a body; most images are done after two steps, but where a force sets in
+or a body stops, two leave up to a pixel, behind the motion, which looks like a late clock and like a wrong model."""
 SETTLING = PoseRefinement(steps=8)
 """In first frames, whose poses may be a little off."""
 BLOCK = 32
