@@ -11,12 +11,10 @@ from torch import Tensor
 
 from physid.physics.contact import PATCH, Patch
 from physid.physics.rotations import to_matrix
-from physid.physics.shapes.shape import Finder, Placed, Shape, frame_of
+from physid.physics.shapes.shape import DISTINCT, Finder, Placed, Shape, frame_of
 
 _SIGNS = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
 _OUTSIDE = 1e6
-DISTINCT = 1e-5
-"""How far a contact that takes the place of a repeated one lies from the others, of the half edges of the face [-]."""
 
 
 @final

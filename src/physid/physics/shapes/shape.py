@@ -11,6 +11,9 @@ from torch import Tensor
 
 from physid.physics.contact import Patch
 
+DISTINCT = 1e-5
+"""How far a contact that takes the place of a repeated one lies from the others, of the half edges of the face [-]."""
+
 
 @dataclass(frozen=True)
 class Placed:

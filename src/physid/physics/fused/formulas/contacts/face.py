@@ -8,7 +8,7 @@ from physid.compiler.graph import Value, least, most, size, where
 from physid.compiler.section import Record
 from physid.physics.fused.formulas.algebra import Vector, add, apply, dot, scale, subtract
 from physid.physics.fused.formulas.contacts.axis import axes_of, half_of, pick
-from physid.physics.shapes.box import DISTINCT
+from physid.physics.shapes.shape import DISTINCT
 
 SIGNS = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
 NEXT = SIGNS[1:] + SIGNS[:1]
