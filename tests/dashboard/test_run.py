@@ -190,3 +190,16 @@ def test_only_the_pages_own_script_may_run(tmp_path: Path) -> None:
     digest = base64.b64encode(hashlib.sha256(scripts[-1].encode()).digest()).decode()
     assert policy[1] == f"sha256-{digest}"
     assert len(scripts) == 1
+
+
+@pytest.mark.parametrize("explained", [0.0, 1.0])
+def test_a_run_whose_model_leaves_more_than_noise_says_so_beside_its_intervals(root: Path, explained: float) -> None:
+    path = root / "push_good" / "metrics.json"
+    kinds = {"position": explained, "rotation": 1.0}
+    left = {"noise": 1e-4, "unexplained": 3e-3, "share": 0.0068}
+    figures = {f"fit/{kind}_{word}": value for kind in kinds for word, value in left.items()}
+    figures |= {f"fit/{kind}_explained": value for kind, value in kinds.items()}
+    path.write_text(json.dumps(json.loads(path.read_text()) | figures))
+    notes = " ".join(read_run(root / "push_good", root)["notes"])
+    assert ("0.68 % of the motion, 3 mm (noise 0.1 mm): run physid diagnose" in notes) == (explained == 0)
+    assert ("The intervals of the parameters hold for a model" in notes) == (explained == 0)

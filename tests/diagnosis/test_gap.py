@@ -28,3 +28,10 @@ def test_a_share_has_an_interval_where_there_are_enough_trajectories(count: int)
     else:
         assert found.shrink.low is not None
         assert found.shrink.low <= found.shrink.value <= found.shrink.most
+
+
+def test_trajectories_of_which_no_frame_counts_have_no_gap() -> None:
+    nothing, chosen = torch.zeros(4, dtype=torch.float64), torch.ones(4, dtype=torch.bool)
+    found = closing(nothing, nothing, nothing, chosen, SETTINGS, torch.Generator())
+    assert found is not None
+    assert found.shrink is None

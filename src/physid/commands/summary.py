@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from physid.estimation.measurement.unexplained import lack_of_fit_sentence
 from physid.scenes.parameters import unit_of
 
 if TYPE_CHECKING:
     from physid.configuration import Configuration
-
-SHOWN = {"position": (1e3, "mm"), "rotation": (180 / math.pi, "deg")}
-"""In which units people read what is logged in SI."""
 
 
 def recordings_of(configuration: Configuration) -> str:
@@ -40,7 +37,8 @@ def summarize(figures: Mapping[str, float], folder: Path, recordings: str = "REC
         lines.append(f"  {name:<{width}}  {_estimate(own, unit_of(name))}")
     lines += [f"  {key:<{width}}  {_measured(key, figures)}" for key in measured]
     lines += [f"  {key:<{width}}  {figures[key]:.6g}" for key in effort]
-    return "\n".join([*lines, *_left(figures, recordings)])
+    left = lack_of_fit_sentence(figures, recordings)
+    return "\n".join([*lines, *([] if left is None else [f"  {left}"])])
 
 
 def _estimate(own: Mapping[str, float], unit: str) -> str:
@@ -58,19 +56,3 @@ def _measured(key: str, figures: Mapping[str, float]) -> str:
     scale, unit = (100.0, "% of the size") if "position_error" in key else (1.0, "deg" * ("rotation_error" in key))
     spread = figures.get(f"{key}_deviation")
     return f"{scale * figures[key]:.4g}{'' if spread is None else f' +- {scale * spread:.2g}'} {unit}".rstrip()
-
-
-def _left(figures: Mapping[str, float], recordings: str) -> list[str]:
-    """Say whether the fit leaves more than noise, and what to do then."""
-    if not all(f"fit/{kind}_explained" in figures for kind in SHOWN):
-        return []
-    noise = {kind: f"{scale * figures[f'fit/{kind}_noise']:.2g} {unit}" for kind, (scale, unit) in SHOWN.items()}
-    parts = []
-    for kind, (scale, unit) in SHOWN.items():
-        if not figures[f"fit/{kind}_explained"]:
-            share = figures.get(f"fit/{kind}_share")
-            of_all = f"{100 * share:.2g} % of the {'motion' if kind == 'position' else 'turning'}, " if share else ""
-            parts.append(f"{of_all}{scale * figures[f'fit/{kind}_unexplained']:.2g} {unit} (noise {noise[kind]})")
-    if not parts:
-        return [f"  the fit leaves nothing beyond the noise of the poses ({' and '.join(noise.values())})"]
-    return [f"  the model leaves {' and '.join(parts)}: run physid diagnose {recordings}"]

@@ -23,6 +23,7 @@ from physid.dashboard.folders import (
 from physid.dashboard.media import MOST_BYTES, read_media
 from physid.diagnosis.document.document import Diagnosis, check_diagnosis
 from physid.diagnosis.document.sentences import verdict_sentence
+from physid.estimation.measurement.unexplained import lack_of_fit_sentence, unexplained_kinds
 from physid.yaml_files import parse_yaml
 
 SCORE = {"bank": dict, "figures": list, "tables": dict}  # what of a scored bank is shown
@@ -66,6 +67,9 @@ def read_run(folder: Path, root: Path, *, light: bool = False) -> dict[str, Any]
     kind = _kind(bool(diagnosis), bool(identifiability), bool(cells or score) and not curves)
     figures = {name: value for name, value in figures.items() if isinstance(value, int | float)}
     figures |= {each["name"]: each["value"] for each in score.get("figures", ()) if each.get("value") is not None}
+    if unexplained_kinds(figures):
+        doubt = "The intervals of the parameters hold for a model that explains the recordings; "
+        notes.append(doubt + str(lack_of_fit_sentence(figures, _data(config) or "RECORDINGS")))
     return {
         "id": _name(folder, root),
         "kind": kind,

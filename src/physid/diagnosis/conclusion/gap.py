@@ -106,7 +106,7 @@ def closing(
 
     old, new = (float(value) for value in errors(rows))
     floor = float(floors[rows].mean().sqrt())
-    if old < settings.no_gap * floor:
+    if old <= settings.no_gap * floor:  # both are zero where no frame of these trajectories counts
         return Closing(old, new, None, floor)
     share = (old - new) / (old - floor)
     if len(rows) < settings.fewest:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast, final
 
@@ -15,6 +15,7 @@ from torch import Tensor
 
 from physid.data.files import write_text
 from physid.data.truth import Truth, read_truth
+from physid.estimation.measurement.unexplained import unexplained_kinds
 from physid.training.callbacks.run_state import RunState
 from physid.training.parameters.physical_parameters import PhysicalParameters
 
@@ -72,7 +73,9 @@ class ParameterHistory(L.Callback):
         callbacks: list[L.Callback] = trainer.callbacks  # type: ignore[attr-defined]
         kept = next((each.figures for each in callbacks if isinstance(each, RunState)), {})
         figures = {**kept, **{name: float(value) for name, value in trainer.callback_metrics.items()}}
-        draw(self.rows, self._true(pl_module), folder / "parameters.png", _intervals(figures))
+        draw(
+            self.rows, self._true(pl_module), folder / "parameters.png", _intervals(figures), unexplained_kinds(figures)
+        )
 
     def state_dict(self) -> dict[str, Any]:
         """Return the rows, so that a resumed run continues the curve."""
@@ -118,6 +121,7 @@ def draw(
     true: dict[str, float],
     path: Path,
     intervals: Mapping[str, tuple[float, float]] | None = None,
+    unexplained: Sequence[str] = (),
 ) -> None:
     """Draw each parameter over the epochs in blue, its final interval, and the truth in red.
 
@@ -126,6 +130,7 @@ def draw(
         true: True values by name, as far as they are known.
         path: The image to write.
         intervals: 90 % intervals by name, as far as they are known.
+        unexplained: Of which kinds the model leaves more than noise (position, rotation): intervals say nothing of that.
     """
     from matplotlib.figure import Figure
 
@@ -142,4 +147,9 @@ def draw(
             axes.axhline(true[name], color=RED, label="truth")
         axes.set(xlabel="epoch", ylabel=name)
         axes.legend()
+    if unexplained:
+        doubt = (
+            f"the model leaves more of {' and '.join(unexplained)} than noise:\nthe truth may lie outside the intervals"
+        )
+        figure.suptitle(doubt, color=RED, fontsize="small")
     figure.savefig(path, dpi=120)

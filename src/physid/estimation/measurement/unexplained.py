@@ -1,0 +1,39 @@
+"""What a fit leaves beyond noise, in a sentence: wherever an interval is shown, it is shown as well."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+KINDS = {"position": (1e3, "mm", "motion"), "rotation": (180 / math.pi, "deg", "turning")}
+"""In which units people read what is logged in SI, and what it is a share of."""
+
+
+def unexplained_kinds(figures: Mapping[str, float]) -> tuple[str, ...]:
+    """Return of which kinds a fit leaves more than the noise of the poses: the intervals hold for a right model alone.
+
+    Args:
+        figures: What a fit has logged, by name (fit/position_explained, ...).
+    """
+    return tuple(kind for kind in KINDS if figures.get(f"fit/{kind}_explained", 1.0) == 0)
+
+
+def lack_of_fit_sentence(figures: Mapping[str, float], recordings: str = "RECORDINGS") -> str | None:
+    """Say whether a fit leaves more than noise, and what to do then; None where a fit has not looked.
+
+    Args:
+        figures: What was logged, by name.
+        recordings: The set that was fitted, to name in advice.
+    """
+    if not all(f"fit/{kind}_explained" in figures for kind in KINDS):
+        return None
+    noise = {kind: f"{scale * figures[f'fit/{kind}_noise']:.2g} {unit}" for kind, (scale, unit, _) in KINDS.items()}
+    parts = []
+    for kind in unexplained_kinds(figures):
+        scale, unit, whole = KINDS[kind]
+        share = figures.get(f"fit/{kind}_share")
+        of_all = f"{100 * share:.2g} % of the {whole}, " if share else ""
+        parts.append(f"{of_all}{scale * figures[f'fit/{kind}_unexplained']:.2g} {unit} (noise {noise[kind]})")
+    if not parts:
+        return f"the fit leaves nothing beyond the noise of the poses ({' and '.join(noise.values())})"
+    return f"the model leaves {' and '.join(parts)}: run physid diagnose {recordings}"
