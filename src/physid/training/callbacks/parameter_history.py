@@ -130,7 +130,7 @@ def draw(
         true: True values by name, as far as they are known.
         path: The image to write.
         intervals: 90 % intervals by name, as far as they are known.
-        unexplained: Of which kinds the model leaves more than noise (position, rotation): intervals say nothing of that.
+        unexplained: Of which kinds (position, rotation) the model leaves more than noise, for which no interval allows.
     """
     from matplotlib.figure import Figure
 
@@ -149,7 +149,7 @@ def draw(
         axes.legend()
     if unexplained:
         doubt = (
-            f"the model leaves more of {' and '.join(unexplained)} than noise:\nthe truth may lie outside the intervals"
+            f"the model leaves more than noise ({' and '.join(unexplained)}):\nthe truth may lie outside the intervals"
         )
         figure.suptitle(doubt, color=RED, fontsize="small")
     figure.savefig(path, dpi=120)
