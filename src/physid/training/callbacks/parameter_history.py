@@ -148,8 +148,7 @@ def draw(
         axes.set(xlabel="epoch", ylabel=name)
         axes.legend()
     if unexplained:
-        doubt = (
-            f"the model leaves more than noise ({' and '.join(unexplained)}):\nthe truth may lie outside the intervals"
-        )
+        what = " and ".join(unexplained)
+        doubt = f"the model leaves more than noise ({what}):\nthe truth may lie outside the intervals"
         figure.suptitle(doubt, color=RED, fontsize="small")
     figure.savefig(path, dpi=120)
