@@ -32,6 +32,7 @@ def benchmark(
     backend: Literal["loky", "dask"] = "loky",
     scheduler: str | None = None,
     again: bool = False,
+    so_far: bool = False,
     quiet: bool = False,
 ) -> None:
     """Check the diagnosis on recordings with hidden effects.
@@ -69,6 +70,8 @@ def benchmark(
         backend: loky for processes of this machine, dask for a cluster (docs/scaling.md).
         scheduler: Address of Dask's scheduler, tcp://HOST:8786.
         again: Diagnose again what failed before.
+        so_far: Score the sets that have a verdict already. The labels are open from then on: what is diagnosed later
+            was not sealed any more.
         quiet: Hide the progress bars.
     """
     from physid.benchmark.bank import QUICK, Size
@@ -84,7 +87,7 @@ def benchmark(
             _seal(whole_path(place), plan, workers, quiet)
         if step in ("all", "diagnose"):
             _diagnose(whole_path(place), workers, again, quiet)
-    _judge(step, place, (out if step == "score" else None) or place / "score")
+    _judge(step, place, (out if step == "score" else None) or place / "score", so_far)
 
 
 def _writing(place: Path, step: str) -> AbstractContextManager[None]:
@@ -109,13 +112,15 @@ def _diagnose(place: Path, workers: int, again: bool, quiet: bool) -> None:
     print(f"{place}: {done} diagnosed now, {failed} of them failed")
 
 
-def _judge(step: str, place: Path, target: Path) -> None:
+def _judge(step: str, place: Path, target: Path, so_far: bool) -> None:
     from physid.benchmark.bank import read_bank
     from physid.benchmark.scoring.calibrate import as_settings, calibrate
+    from physid.benchmark.scoring.opening import diagnosed
     from physid.benchmark.scoring.results import report
     from physid.benchmark.scoring.scoring import score
 
     if step in ("all", "score"):
-        print(f"{report(score(read_bank(place), target))}\n\n{target / 'results.html'}")
+        bank = read_bank(place)
+        print(f"{report(score(diagnosed(bank) if so_far else bank, target))}\n\n{target / 'results.html'}")
     if step == "calibrate":
         print(as_settings(calibrate(read_bank(place))))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from physid.benchmark.bank import Bank
 from physid.benchmark.labels import Label, open_labels
 from physid.benchmark.scoring.judging import Judged, judge
@@ -9,6 +11,21 @@ from physid.benchmark.verdicts import FAILURE, TIME, Spent, is_open
 from physid.diagnosis.document.document import FILE, read_diagnosis
 from physid.record import checksum
 from physid.typed_files import read_json_as
+
+
+def diagnosed(bank: Bank) -> Bank:
+    """Return the bank as far as it has verdicts, for a score before the end.
+
+    Raises:
+        ValueError: If it has none.
+    """
+    there = {name: mark for name, mark in bank.sets.items() if not is_open(bank, name)}
+    if not there:
+        raise ValueError(
+            f"{bank.folder}: expected a verdict on one set at least, found none; "
+            f"first: physid benchmark diagnosis diagnose --bank {bank.folder}"
+        )
+    return replace(bank, sets=there)
 
 
 def open_judged(bank: Bank) -> tuple[list[Judged], dict[str, Label]]:
