@@ -15,7 +15,6 @@ from physid.benchmark.bank import Bank
 from physid.benchmark.labels import Label
 from physid.benchmark.scoring.calibrate import as_settings, calibrate, count
 from physid.benchmark.scoring.judging import MEDIUM, Judged
-from physid.benchmark.scoring.opening import diagnosed
 from physid.benchmark.scoring.results import report
 from physid.benchmark.scoring.scoring import score
 from physid.benchmark.verdicts import closed, diagnose_bank, diagnose_set
@@ -69,10 +68,10 @@ def test_the_labels_stay_closed_until_every_set_has_its_verdict(own: Bank, tmp_p
 
 def test_what_has_a_verdict_can_be_scored_before_the_end(own: Bank, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="expected a verdict on one set at least, found none"):
-        diagnosed(own)
+        score(own, tmp_path / "score", so_far=True)
     for name in ("001", "004"):
         diagnose_set(own, name, ignorant)
-    result = score(diagnosed(own), tmp_path / "score")
+    result = score(own, tmp_path / "score", so_far=True)
     assert [one.name for one in result.judged] == ["001", "004"]
     assert "2 sets" in (tmp_path / "score" / "results.md").read_text()
 

@@ -15,6 +15,7 @@ from physid.estimation.measurement.sensor_noise import (
     frame_weights,
     noise_of_poses,
     outlier_poses,
+    stray_poses,
 )
 from physid.physics.rotations import exponential
 
@@ -50,6 +51,25 @@ def test_exactly_the_poses_that_were_moved_are_outliers() -> None:
     moved[0, 0], moved[2, 50], moved[5, FRAMES - 1] = True, True, True
     pose[..., 1] += 0.2 * moved
     assert torch.equal(outlier_poses(pose, torch.ones(pose.shape[:-1])), moved)
+
+
+def test_a_bounce_at_a_slow_rate_is_no_stray_pose_and_one_that_was_moved_is() -> None:
+    pose = moving(1.0, trajectories=16)
+    time = torch.arange(FRAMES, dtype=torch.float64) / 30
+    period = 0.4 + 0.02 * torch.arange(16, dtype=torch.float64)[:, None]  # elastic bounces, mostly between frames
+    flight = torch.remainder(time, period)
+    pose[..., 0, 2] = 9.81 / 2 * flight * (period - flight)
+    turn = torch.zeros(16, FRAMES, 3, dtype=torch.float64)
+    turn[..., 1] = 3.0 * (flight - period / 2).abs()  # the spin turns round at each of them, and half way
+    pose[..., 0, 3:] = exponential(turn)
+    pose[..., :3] += noise(16, FRAMES, 1)[..., 3:]
+    there = torch.ones(pose.shape[:-1])
+    assert outlier_poses(pose, there).double().mean() > 0.1  # beside an impact poses are far from the middle
+    assert not stray_poses(pose, there).any()
+    moved = torch.zeros(16, FRAMES, 1, dtype=torch.bool)
+    moved[1, 20], moved[3, 60], moved[9, 90] = True, True, True
+    pose[..., 1] += 0.5 * moved
+    assert torch.equal(stray_poses(pose, there) & moved, moved)
 
 
 def test_the_noise_is_estimated_whatever_smooth_error_the_model_makes() -> None:

@@ -115,12 +115,10 @@ def _diagnose(place: Path, workers: int, again: bool, quiet: bool) -> None:
 def _judge(step: str, place: Path, target: Path, so_far: bool) -> None:
     from physid.benchmark.bank import read_bank
     from physid.benchmark.scoring.calibrate import as_settings, calibrate
-    from physid.benchmark.scoring.opening import diagnosed
     from physid.benchmark.scoring.results import report
     from physid.benchmark.scoring.scoring import score
 
     if step in ("all", "score"):
-        bank = read_bank(place)
-        print(f"{report(score(diagnosed(bank) if so_far else bank, target))}\n\n{target / 'results.html'}")
+        print(f"{report(score(read_bank(place), target, so_far=so_far))}\n\n{target / 'results.html'}")
     if step == "calibrate":
         print(as_settings(calibrate(read_bank(place))))

@@ -7,23 +7,26 @@ from pathlib import Path
 from physid.benchmark.bank import Bank
 from physid.benchmark.scoring.compare import beside_baselines
 from physid.benchmark.scoring.figures import by_effect, by_recording, by_role, by_scene, by_severity, by_source, figures
-from physid.benchmark.scoring.opening import open_judged
+from physid.benchmark.scoring.opening import diagnosed, open_judged
 from physid.benchmark.scoring.results import Score, write_score
 
 
-def score(bank: Bank, out: Path) -> Score:
+def score(bank: Bank, out: Path, *, so_far: bool = False) -> Score:
     """Score the verdicts on a bank, and write results.json, results.md, results.html and the pictures.
 
     Args:
         bank: The bank.
         out: Folder of the results.
+        so_far: Whether sets that have no verdict yet are left out.
 
     Returns:
         The score.
 
     Raises:
-        ValueError: If a set has no verdict yet, a recording or the labels were changed after sealing.
+        ValueError: If a set (with `so_far`, every set) has no verdict yet, a recording or the labels were changed after
+            sealing.
     """
+    bank = diagnosed(bank) if so_far else bank
     judged, labels = open_judged(bank)
     tables = {
         "By role": by_role(judged),

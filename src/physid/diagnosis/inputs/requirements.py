@@ -6,7 +6,7 @@ import torch
 
 from physid.diagnosis.inputs.observations import Observations
 from physid.diagnosis.settings.inputs import RequirementSettings
-from physid.estimation.measurement import outlier_poses
+from physid.estimation.measurement import stray_poses
 
 
 def require_usable(observations: Observations, settings: RequirementSettings) -> None:
@@ -35,7 +35,7 @@ def require_usable(observations: Observations, settings: RequirementSettings) ->
 
 def _require_order(observations: Observations, settings: RequirementSettings) -> None:
     """Refuse poses that jump about."""
-    wild = float(outlier_poses(observations.pose, observations.present).double().mean())
+    wild = float(stray_poses(observations.pose, observations.present).double().mean())
     position = observations.pose[..., :3]
     bent = (position[:, 1:-1] - (position[:, :-2] + position[:, 2:]) / 2).norm(dim=-1)
     spread = (position - position.mean(1, keepdim=True)).norm(dim=-1).median()

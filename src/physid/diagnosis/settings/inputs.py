@@ -25,7 +25,7 @@ class RequirementSettings(Section):
     still_position: float = setting(0.005, "m", "way below which nothing moves", ge=0)
     fastest: float = setting(100.0, "m/s", "median speed beyond which it is the unit that is wrong", gt=0)
     farthest: float = setting(100.0, "largest edges", "median height beyond which it is the unit that is wrong", gt=0)
-    most_outliers: float = setting(0.1, "share", "of outlier poses that no robust fit survives", ge=0, le=1)
+    most_outliers: float = setting(0.1, "share", "of stray poses that no robust fit survives", ge=0, le=1)
     rough: float = setting(0.2, "share", "of the whole motion by which poses may leave the middle of neighbours", gt=0)
     first_frames: int = setting(10, "frames", "at the beginning, in which a body lies still that is pushed later", ge=1)
     set_off: float = setting(0.02, "m", "way of a body from rest that takes a force", gt=0)

@@ -1,7 +1,7 @@
 """What a sensor adds: the noise of recorded poses, and the error of poses that were tracked in films."""
 
 from physid.estimation.measurement.poses import pose_difference
-from physid.estimation.measurement.sensor_noise import Noise, estimate_noise, frame_weights, outlier_poses
+from physid.estimation.measurement.sensor_noise import Noise, estimate_noise, frame_weights, outlier_poses, stray_poses
 from physid.estimation.measurement.tracking_error import TrackingError
 
 __all__ = [
@@ -11,4 +11,5 @@ __all__ = [
     "frame_weights",
     "outlier_poses",
     "pose_difference",
+    "stray_poses",
 ]
