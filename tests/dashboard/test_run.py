@@ -201,5 +201,5 @@ def test_a_run_whose_model_leaves_more_than_noise_says_so_beside_its_intervals(r
     figures |= {f"fit/{kind}_explained": value for kind, value in kinds.items()}
     path.write_text(json.dumps(json.loads(path.read_text()) | figures))
     notes = " ".join(read_run(root / "push_good", root)["notes"])
-    assert ("0.68 % of the motion, 3 mm (noise 0.1 mm): run physid diagnose" in notes) == (explained == 0)
+    assert ("0.68 % of the motion, 3 mm (noise 0.1 mm): run physid diagnose data/push" in notes) == (explained == 0)
     assert ("The intervals of the parameters hold for a model" in notes) == (explained == 0)

@@ -70,14 +70,16 @@ def benchmark(
         backend: loky for processes of this machine, dask for a cluster (docs/scaling.md).
         scheduler: Address of Dask's scheduler, tcp://HOST:8786.
         again: Diagnose again what failed before.
-        so_far: Score the sets that have a verdict already. The labels are open from then on: what is diagnosed later
-            was not sealed any more.
+        so_far: With score: of the sets that have a verdict already. The labels are open from then on: what is diagnosed
+            later was not sealed any more.
         quiet: Hide the progress bars.
     """
     from physid.benchmark.bank import QUICK, Size
     from physid.benchmark.plan import Plan, roles_of, simulators_of
     from physid.workers import running_on
 
+    if so_far and step != "score":
+        raise ValueError(f"--so-far belongs to score, got it with {step}: it would open the labels before their time")
     place = (out if step in ("all", "seal") else None) or bank or Path(f"runs/benchmark/{subject}")
     size = QUICK if quick else Size(sets, trajectories, steps)
     with resumable(), _writing(place, step), running_on(backend, scheduler) as whole_path:

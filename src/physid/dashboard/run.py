@@ -69,7 +69,7 @@ def read_run(folder: Path, root: Path, *, light: bool = False) -> dict[str, Any]
     figures |= {each["name"]: each["value"] for each in score.get("figures", ()) if each.get("value") is not None}
     if unexplained_kinds(figures):
         doubt = "The intervals of the parameters hold for a model that explains the recordings; "
-        notes.append(doubt + str(lack_of_fit_sentence(figures, _data(config) or "RECORDINGS")))
+        notes.append(doubt + str(lack_of_fit_sentence(figures, _folder(config) or "RECORDINGS")))
     return {
         "id": _name(folder, root),
         "kind": kind,
@@ -254,10 +254,14 @@ def _last_word(model: Any) -> str:
     return str(path).rpartition(".")[2]
 
 
-def _data(config: Mapping[str, Any]) -> str:
-    """Return the name of the recording set that a configuration reads."""
+def _folder(config: Mapping[str, Any]) -> str:
+    """Return the recording set that the configuration of a fit reads, as it is written there."""
     data = config.get("data")
     arguments = data.get("init_args", {}) if isinstance(data, dict) else {}
-    folder = arguments.get("folder") if isinstance(arguments, dict) else None
-    folder = folder or config.get("recordings") or config.get("scene")
+    return str((arguments.get("folder") if isinstance(arguments, dict) else None) or "")
+
+
+def _data(config: Mapping[str, Any]) -> str:
+    """Return the name of the recording set that a configuration reads."""
+    folder = _folder(config) or config.get("recordings") or config.get("scene")
     return Path(str(folder)).name if folder else ""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, final
 
+from physid.estimation.measurement.unexplained import unexplained_kinds
 from physid.reproduce.results import RESULTS, Result, over_seeds, read_results, write_results
 from physid.scenes.parameters import unit_of
 
@@ -189,7 +190,7 @@ class Fit(Cell):
             ("seconds", "time", (1.0, "s"), None, None),
         ]
         for key, metric, (scale, unit), paper, target in rows:
-            if key in figures and not (key == LEFT and figures["fit/position_explained"]):
+            if key in figures and not (key == LEFT and "position" not in unexplained_kinds(figures)):
                 found.append(Result(self.name, metric, scale * figures[key], unit, paper, target))
         return found
 

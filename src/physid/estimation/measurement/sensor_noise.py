@@ -69,8 +69,8 @@ def outlier_poses(pose: Tensor, present: Tensor) -> Tensor:
     Returns:
         Shape (R, T, N).
     """
-    odd = _from_the_middle(pose)
-    wild: Tensor = (odd > _jump(odd, present)).any(-1) & present.bool()
+    odd, limit = _from_the_middle(pose, present)
+    wild: Tensor = (odd > limit).any(-1) & present.bool()
     return wild
 
 
@@ -88,15 +88,21 @@ def stray_poses(pose: Tensor, present: Tensor) -> Tensor:
     Returns:
         Shape (R, T, N).
     """
+    odd, limit = _from_the_middle(pose, present)
     bent = pose_difference(pose[:, 1:-1], pose[:, :-2]) - pose_difference(pose[:, 2:], pose[:, 1:-1])
     # p_t - 2 p_(t-1) + p_(t-2): how far a pose is from the straight line through two others, seen from either end.
-    far = (bent.unflatten(-1, (2, 3)).norm(dim=-1) > _jump(_from_the_middle(pose), present)).any(-1)
+    far = (bent.unflatten(-1, (2, 3)).norm(dim=-1) > limit).any(-1)
     unknown = torch.zeros_like(far[:, :1]).expand(-1, 2, -1)
-    return outlier_poses(pose, present) & torch.cat([far, unknown], 1) & torch.cat([unknown, far], 1)
+    stray: Tensor = (odd > limit).any(-1) & present.bool()
+    return stray & torch.cat([far, unknown], 1) & torch.cat([unknown, far], 1)
 
 
-def _from_the_middle(pose: Tensor) -> Tensor:
-    """Return how far each pose is turned and shifted from the middle of its neighbours, shape (R, T, N, 2)."""
+def _from_the_middle(pose: Tensor, present: Tensor) -> tuple[Tensor, Tensor]:
+    """Return how far poses are turned and shifted from the middle of their neighbours, and from where on they jump.
+
+    Returns:
+        Deviations [rad, m], shape (R, T, N, 2), and their limits, shape (2,).
+    """
     frames = pose.shape[1]
     index = torch.arange(frames)
     deviations = []
@@ -107,14 +113,9 @@ def _from_the_middle(pose: Tensor) -> Tensor:
         far = torch.where(low, index + 2 * k, torch.where(high, index - 2 * k, index + k)).clamp(0, frames - 1)
         one, other = pose_difference(pose[:, near], pose), pose_difference(pose[:, far], pose)
         deviations.append(torch.where((low | high)[:, None, None], 2 * one - other, (one + other) / 2))
-    odd: Tensor = torch.stack(deviations).median(0).values.unflatten(-1, (2, 3)).norm(dim=-1)
-    return odd
-
-
-def _jump(odd: Tensor, present: Tensor) -> Tensor:
-    """Return the deviations of turns and positions from which on poses have jumped, from those (R, T, N, 2) of all."""
+    odd = torch.stack(deviations).median(0).values.unflatten(-1, (2, 3)).norm(dim=-1)
     scale = NORMAL_MAD * odd[present.bool()].median(0).values
-    return torch.maximum(JUMP_SIGMAS * scale, torch.tensor(JUMP, dtype=odd.dtype))
+    return odd, torch.maximum(JUMP_SIGMAS * scale, torch.tensor(JUMP, dtype=pose.dtype))
 
 
 def estimate_noise(residual: Tensor, weight: Tensor, error: TrackingError | None = None) -> Noise:
