@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import math
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -181,3 +182,16 @@ def test_where_two_boxes_touch_does_not_depend_on_how_both_are_turned(upper: tup
         ways.append(torch.stack([x * turned.cos() + y * turned.sin(), y * turned.cos() - x * turned.sin()], 1))
     assert float(ways[0].norm(dim=1).min()) > 0.01
     torch.testing.assert_close(ways[1], ways[0], rtol=1e-5, atol=1e-7)
+
+
+@UPPER
+def test_rounding_does_not_decide_which_corners_carry_a_box_that_stands_evenly(
+    stress: ModuleType, upper: tuple[float, float, float]
+) -> None:
+    start, parameters = turned_stacks(upper, torch.full((64,), math.pi / 4, dtype=DTYPE), torch.zeros(64, dtype=DTYPE))
+    generator = torch.Generator().manual_seed(0)
+    nudged = start.pose.clone()
+    nudged[1:, :, :3] += 1e-14 * torch.randn(63, 2, 3, generator=generator, dtype=DTYPE)
+    (patch,) = stress.find_patches((), nudged, parameters.size, None)
+    assert torch.equal(patch.active[1:], patch.active[:1].expand(63, -1))
+    torch.testing.assert_close(patch.point[1:], patch.point[:1].expand(63, -1, -1), rtol=0, atol=1e-9)

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from physid.physics.contact import PATCH, Patch
 from physid.physics.rotations import to_matrix
-from physid.physics.shapes.shape import DISTINCT, Finder, Placed, Shape, frame_of
+from physid.physics.shapes.shape import DISTINCT, FIRST, Finder, Placed, Shape, frame_of
 
 _SIGNS = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
 _OUTSIDE = 1e6
@@ -177,10 +177,10 @@ def _spread(points: Tensor, valid: Tensor, reach: Tensor) -> tuple[Tensor, Tenso
         score = flat @ points.new_tensor(_SIGNS).T + low[..., None]
         chosen: list[Tensor] = []
         real: list[Tensor] = []
-        apart = torch.full_like(low, math.inf)
+        apart, later = torch.full_like(low, math.inf), FIRST * torch.arange(low.shape[1]).to(low)
         for towards in score.unbind(-1):
             furthest = torch.where(valid, towards, -_OUTSIDE).argmax(1, keepdim=True)
-            other = torch.where(valid, apart, -_OUTSIDE).argmax(1, keepdim=True)
+            other = torch.where(valid, apart - later, -_OUTSIDE).argmax(1, keepdim=True)
             repeated = _repeated(points, furthest, chosen, reach)
             index = torch.where(repeated, other, furthest)
             chosen.append(index)

@@ -13,6 +13,9 @@ from physid.physics.contact import Patch
 
 DISTINCT = 1e-5
 """How far a contact that takes the place of a repeated one lies from the others, of the half edges of the face [-]."""
+FIRST = 1e-8
+"""How much further a candidate must lie than one before it to be taken instead [-]: boxes that are placed evenly have
+several that lie equally far, and rounding, which differs between the backends, must not decide."""
 
 
 @dataclass(frozen=True)

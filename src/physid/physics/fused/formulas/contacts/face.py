@@ -8,7 +8,7 @@ from physid.compiler.graph import Value, least, most, size, where
 from physid.compiler.section import Record
 from physid.physics.fused.formulas.algebra import Vector, add, apply, dot, scale, subtract
 from physid.physics.fused.formulas.contacts.axis import axes_of, half_of, pick
-from physid.physics.shapes.shape import DISTINCT
+from physid.physics.shapes.shape import DISTINCT, FIRST
 
 SIGNS = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
 NEXT = SIGNS[1:] + SIGNS[:1]
@@ -110,7 +110,7 @@ def choose_points(first: Record, second: Record, patch: Record) -> None:
         chosen, _ = _best(candidates, score)
         point, real, code = chosen
         if points:
-            other, distance = _best(candidates, apart)
+            other, distance = _best(candidates, [value - FIRST * k for k, value in enumerate(apart)])
             repeated = None
             for before in points:
                 near = [size(a - b) < 1e-6 * face.widest for a, b in zip(point, before, strict=True)]
