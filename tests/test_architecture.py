@@ -28,6 +28,7 @@ RANKS = {
     "simulators": 3,
     "data": 4,
     "estimation": 5,
+    "inspection": 6,
     "training": 6,
     "diagnosis": 6,
     "benchmark": 7,
@@ -65,7 +66,7 @@ LISTS = {
 }
 IMPORTING_MORE = {
     "benchmark/sealing/invent.py": 12,
-    "benchmark/sealing/replay.py": 10,
+    "benchmark/sealing/replay.py": 11,
     "benchmark/sealing/seal.py": 10,
     "commands/benchmark.py": 10,
     "commands/diagnoses.py": 19,

@@ -121,7 +121,7 @@ def check(recordings: Path, *, limit: int | None = None) -> None:
         limit: Use the first LIMIT trajectories only.
     """
     from physid.data.format import RecordingSet
-    from physid.data.inspection.report import UnsoundError, inspect
+    from physid.inspection.report import UnsoundError, inspect
 
     found = inspect(RecordingSet(recordings), limit)
     print(found.text())
@@ -145,7 +145,7 @@ def show(recordings: Path, *, out: Path | None = None, limit: int = 12) -> None:
         limit: Use the first LIMIT trajectories only.
     """
     from physid.data.format import RecordingSet
-    from physid.data.inspection.page import write_page
+    from physid.inspection.page import write_page
 
     known = RecordingSet(recordings)
     target = out or Path("runs/show") / f"{recordings.resolve().name}.html"

@@ -7,13 +7,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from physid.data.generation.draw import draw
 from physid.data.generation.settings import GenerateConfig
+from physid.estimation.measurement import pose_difference
 from physid.physics.effect import Effect
 from physid.scenes.catalogue import find_setup
-from physid.scenes.rotations import conjugate, from_vector, multiply, to_vector
+from physid.scenes.rotations import from_vector, multiply
 from physid.scenes.scene import Scene
 from physid.scenes.setup import Excitation
 from physid.scenes.setups.placing import span
@@ -122,7 +124,7 @@ def axes_of(scene: Scene) -> Array:
 
 def difference(pose: Array, other: Array, scene: Scene) -> Array:
     """Return positions and rotation vectors by which poses differ, in the axes of the ground, shape (T, N, 6)."""
+    apart = pose_difference(torch.from_numpy(pose), torch.from_numpy(other)).numpy()
+    turn, shift = apart[..., :3], apart[..., 3:]
     axes = axes_of(scene)
-    shift = pose[..., :3] - other[..., :3]
-    turn = to_vector(multiply(pose[..., 3:], conjugate(other[..., 3:])))
     return np.concatenate([shift @ axes.T, turn @ axes.T], -1)

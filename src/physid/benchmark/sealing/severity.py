@@ -7,12 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from physid.benchmark.sealing.replay import SPAN, Look, axes_of, difference, length_of, look_at, steady
+from physid.benchmark.sealing.replay import SPAN, Look, difference, length_of, look_at, steady
 from physid.data.generation.settings import GenerateConfig
 from physid.physics.effect import Effect
 from physid.scenes.catalogue import find_setup
 from physid.scenes.parameters import with_parameters
-from physid.scenes.rotations import conjugate, multiply, to_vector
 from physid.scenes.scene import Scene
 from physid.simulators.motion import observed
 
@@ -178,11 +177,10 @@ def _followed(scene: Scene, look: Look, seen: Array, states: Array, spread: Arra
 
 def _seen_starts(scene: Scene, look: Look, seen: Array, initial: Sequence[int]) -> Array:
     """Return by how much initial states that the camera sees differ from the true ones (see `replay`), (W, 2, N, 6)."""
-    axes, true = axes_of(scene), look.motion.pose
+    true = look.motion.pose
 
     def rates(pose: Array) -> Array:
-        turn = to_vector(multiply(pose[1:, :, 3:], conjugate(pose[:-1, :, 3:])))
-        return np.concatenate([np.diff(pose[..., :3], axis=0) @ axes.T, turn @ axes.T], -1) / scene.time_step
+        return difference(pose[1:], pose[:-1], scene) / scene.time_step
 
     apart = difference(seen, true, scene), SPAN * (rates(seen) - rates(true))
     change = np.stack([value[list(initial)] for value in apart], 1) * _free(scene)

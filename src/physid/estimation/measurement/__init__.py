@@ -1,14 +1,24 @@
 """What a sensor adds: the noise of recorded poses, and the error of poses that were tracked in films."""
 
 from physid.estimation.measurement.poses import pose_difference
-from physid.estimation.measurement.sensor_noise import Noise, estimate_noise, frame_weights, outlier_poses, stray_poses
+from physid.estimation.measurement.sensor_noise import (
+    UNSEEN,
+    Noise,
+    estimate_noise,
+    frame_weights,
+    noise_of_poses,
+    outlier_poses,
+    stray_poses,
+)
 from physid.estimation.measurement.tracking_error import TrackingError
 
 __all__ = [
+    "UNSEEN",
     "Noise",
     "TrackingError",
     "estimate_noise",
     "frame_weights",
+    "noise_of_poses",
     "outlier_poses",
     "pose_difference",
     "stray_poses",

@@ -134,7 +134,7 @@ def estimate_noise(residual: Tensor, weight: Tensor, error: TrackingError | None
     return _of_differences(bent[good] / 1.5**0.5)
 
 
-def noise_of_poses(pose: Tensor, real: Tensor, time: Tensor | None = None) -> Noise:
+def noise_of_poses(pose: Tensor, real: Tensor, time: Tensor | None = None, least: tuple[float, float] = FLOOR) -> Noise:
     """Estimate white noise from poses alone, before any model is fitted.
 
     Third divided differences of a smooth motion vanish with the third power of the time step; what remains is noise.
@@ -145,9 +145,10 @@ def noise_of_poses(pose: Tensor, real: Tensor, time: Tensor | None = None) -> No
         pose: Recorded poses, at least four frames of each trajectory, shape (B, T, N, 7).
         real: Frames that count, shape (B, T).
         time: Times of the frames [s], shape (B, T); None for even ones.
+        least: Least noise of rotations [rad] and of positions [m].
 
     Returns:
-        The noise, at least `FLOOR`; `UNSEEN` where trajectories are too short to tell.
+        The noise, at least `least`; `UNSEEN` where trajectories are too short to tell.
     """
     if pose.shape[1] < WINDOW:
         return UNSEEN
@@ -158,15 +159,15 @@ def noise_of_poses(pose: Tensor, real: Tensor, time: Tensor | None = None) -> No
     weight = 1 / torch.where(inside[..., None], apart.prod(-1), 1.0)
     weight = weight / weight.norm(dim=-1, keepdim=True)
     motion = pose_difference(windows, windows[:, :, :1].expand_as(windows))
-    return _of_differences(torch.einsum("btw,btwni->btni", weight, motion)[inside].flatten(0, 1))
+    return _of_differences(torch.einsum("btw,btwni->btni", weight, motion)[inside].flatten(0, 1), least)
 
 
-def _of_differences(values: Tensor) -> Noise:
+def _of_differences(values: Tensor, least: tuple[float, float] = FLOOR) -> Noise:
     """Estimate noise from differences (n, 6) that have its size; axes in which nothing moves say nothing."""
     if not len(values):
         return UNSEEN
     found = []
-    for kind, floor in zip(values.abs().split(3, -1), FLOOR, strict=True):
+    for kind, floor in zip(values.abs().split(3, -1), least, strict=True):
         rough = kind.median(0).values
         found.append(max(_spread(kind[:, rough >= STILL * rough.max()].flatten()), floor))
     return Noise(found[0], found[1])

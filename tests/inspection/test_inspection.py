@@ -14,8 +14,9 @@ from tests.data.sets import write_set
 
 from physid.cli import main
 from physid.data.format import RecordingSet
-from physid.data.inspection.report import inspect
 from physid.data.recording import Recording
+from physid.inspection.kinematics import noise_of
+from physid.inspection.report import inspect
 from physid.scenes.catalogue import find_setup
 from physid.scenes.scene import Ground, Scene
 from physid.simulators.bullet.world import simulate
@@ -216,3 +217,20 @@ def test_friction_at_a_camera_s_rate_is_no_late_clock_and_a_late_clock_is_found(
     clocks = [one for one in said(tmp_path, dataclasses.replace(scene, time_step=1 / rate), found) if "clocks" in one]
     assert len(clocks) == bool(late)
     assert all("forces.offset=0.1" in one for one in clocks)
+
+
+def test_the_noise_is_told_whatever_frames_are_lost_or_wild(tmp_path: Path) -> None:
+    scene, recordings = recorded("push")
+    disturbed, short = list[Recording](), list[Recording]()
+    for number, one in enumerate(recordings):
+        assert one.pose is not None
+        assert one.wrench is not None
+        pose = one.pose.copy()
+        pose[np.random.default_rng(number).random(len(pose)) < 0.05] = np.nan
+        pose[20::30, :, 0] += 0.3
+        disturbed.append(dataclasses.replace(one, pose=pose))
+        short.append(dataclasses.replace(one, pose=one.pose[:3], wrench=one.wrench[:3]))
+    noise = noise_of(disturbed, scene.time_step)
+    assert noise.position == pytest.approx(NOISE, rel=0.05)
+    assert noise.rotation == pytest.approx(2 * NOISE, rel=0.05)
+    assert "too little to tell" in inspect(RecordingSet(write_set(tmp_path, short, scene))).text()

@@ -5,17 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from physid.data.recording import Recording
+from physid.estimation.measurement import Noise, noise_of_poses, outlier_poses, pose_difference
 from physid.scenes.camera import corners
-from physid.scenes.rotations import conjugate, multiply, to_vector
 from physid.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 WINDOW, LONGEST, LASTING = 7, 41, 0.15  # frames of a local parabola: at least, at most; [s] at most
 GAP = 2.0  # time steps per frame beyond which a window has too large a hole
-MEDIAN = 0.6745  # of |x| for a standard normal x
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ def _windows(one: Recording, scene: Scene, index: int, body: int, window: int) -
     design = np.stack([np.ones_like(since), since, since**2 / 2], -1)
     fit = np.linalg.pinv(design) @ (pose[place, :3] - pose[middle][:, None, :3]) if len(place) else np.zeros((0, 3, 3))
     off = pose[place, :3] - pose[middle][:, None, :3] - design @ fit
-    turn = to_vector(multiply(pose[1:, 3:], conjugate(pose[:-1, 3:]))) if len(pose) > 1 else np.zeros((0, 3))
+    turn = pose_difference(torch.from_numpy(pose[1:]), torch.from_numpy(pose[:-1]))[:, :3].numpy()
     lowest = lowest_corner(pose, scene, body)
     number = np.full(len(place), index), np.full(len(place), body)
     return {
@@ -135,32 +135,21 @@ def _mean_force(one: Recording, scene: Scene, body: int, time: Array, place: NDA
     return np.asarray(given / (last - first)[:, None])
 
 
-def noise_of(recordings: list[Recording], time_step: float) -> tuple[float, float]:
-    """Return standard deviations of positions [m] and of rotation vectors [rad] that no smooth motion explains.
-
-    From third divided differences of four frames in a row: a parabola has none, and white noise of s has s |c|, where c
-    are the weights of the difference. The median does not see impacts.
+def noise_of(recordings: list[Recording], time_step: float) -> Noise:
+    """Return the noise that no smooth motion of a body explains (see `noise_of_poses`), outliers left out.
 
     Args:
         recordings: With poses.
         time_step: Nominal time between frames [s].
     """
-    places, turns = list[Array](), list[Array]()
+    frames = np.arange(max(len(one.seen) for one in recordings))
+    poses, times, real = list[Array](), list[Array](), list[NDArray[np.bool_]]()
     for one in recordings:
         assert one.pose is not None
-        time = one.stamps(time_step)
-        for body in range(one.pose.shape[1]):
-            frame = np.flatnonzero(one.seen[:, body])
-            if len(frame) < 4:
-                continue
-            four = np.arange(len(frame) - 3)[:, None] + np.arange(4)
-            stamps, pose = time[frame][four], one.pose[frame, body][four]
-            apart = stamps[:, :, None] - stamps[:, None, :] + np.eye(4)
-            weight = 1 / apart.prod(2)
-            weight /= np.linalg.norm(weight, axis=1, keepdims=True)
-            turn = to_vector(multiply(pose[..., 3:], conjugate(pose[:, :1, 3:])))
-            places.append((weight[..., None] * pose[..., :3]).sum(1).ravel())
-            turns.append((weight[..., None] * turn).sum(1).ravel())
-    if not places:
-        return 0.0, 0.0
-    return tuple(float(np.median(np.abs(np.concatenate(one))) / MEDIAN) for one in (places, turns))  # type: ignore[return-value]
+        for body, seen in enumerate(one.seen.T):
+            rows = np.flatnonzero(seen)[np.minimum(frames, seen.sum() - 1)]
+            poses.append(one.pose[rows, body, None])
+            times.append(one.stamps(time_step)[rows])
+            real.append(frames < seen.sum())
+    pose, time, there = (torch.from_numpy(np.stack(each)) for each in (poses, times, real))
+    return noise_of_poses(pose, there & ~outlier_poses(pose, there[..., None])[..., 0], time, least=(0.0, 0.0))

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from physid.data.inspection.evidence import LEAST_SMOOTH, STILL, Evidence, Finding
-from physid.data.inspection.rules import ENOUGH, SHARE
 from physid.data.observations.remarks import TURN
+from physid.inspection.evidence import LEAST_SMOOTH, STILL, Evidence, Finding
+from physid.inspection.rules import ENOUGH, SHARE
 
 Array = NDArray[np.float64]
 MOVED = 0.005  # [m], and as many [rad] times four: less is no motion
@@ -84,7 +84,7 @@ def jumps(seen: Evidence) -> Finding | None:
                 continue
             step = np.linalg.norm(np.diff(place, axis=0), axis=1)
             around = np.linalg.norm(place[2:] - place[:-2], axis=1)
-            wild = np.minimum(step[:-1], step[1:]) > JUMP * (around + seen.noise[0]) + LEAST_SMOOTH
+            wild = np.minimum(step[:-1], step[1:]) > JUMP * (around + seen.noise.position) + LEAST_SMOOTH
             found += [(index, int(frame[at + 1])) for at in np.flatnonzero(wild)]
     if not found:
         return None

@@ -8,8 +8,8 @@ from itertools import permutations, product
 import numpy as np
 from numpy.typing import NDArray
 
-from physid.data.inspection.evidence import Evidence, Finding
-from physid.data.inspection.kinematics import lowest_corner
+from physid.inspection.evidence import Evidence, Finding
+from physid.inspection.kinematics import lowest_corner
 
 Array = NDArray[np.float64]
 ENOUGH = 20  # windows: fewer say nothing
@@ -120,7 +120,7 @@ def orders(seen: Evidence) -> Finding | None:
         return float(np.quantile(np.concatenate(worst), 0.9))
 
     now = depth(lambda q: q)
-    if now < DEEP * edge + 3 * seen.noise[0]:
+    if now < DEEP * edge + 3 * seen.noise.position:
         return None
     found = {name: depth(change) for name, change in ORDERS.items()}
     best = min(found, key=lambda name: found[name])
@@ -142,7 +142,7 @@ def heights(seen: Evidence) -> Finding | None:
     if len(lying) < ENOUGH:
         return None
     height = float(np.median(lying))
-    if abs(height) < FLOAT * edge + seen.noise[0]:
+    if abs(height) < FLOAT * edge + seen.noise.position:
         return None
     where = "above" if height > 0 else "below"
     return Finding(

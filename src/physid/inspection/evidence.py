@@ -8,8 +8,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from physid.data.inspection.kinematics import Kinematics, kinematics_of, noise_of, window_for
 from physid.data.recording import Recording
+from physid.estimation.measurement import UNSEEN, Noise
+from physid.inspection.kinematics import Kinematics, kinematics_of, noise_of, window_for
 from physid.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -54,12 +55,17 @@ class Evidence:
     def kinematics(self) -> Kinematics:
         """Local parabolas through the positions."""
         step, wanted = self.scene.time_step, EXACT * float(np.linalg.norm(self.weight))
-        return kinematics_of(self.recordings, self.scene, window_for(self.noise[0], step, wanted))
+        return kinematics_of(self.recordings, self.scene, window_for(self.noise.position, step, wanted))
 
     @cached_property
-    def noise(self) -> tuple[float, float]:
-        """Standard deviations of positions [m] and rotations [rad]."""
+    def noise(self) -> Noise:
+        """Noise of the poses."""
         return noise_of(self.recordings, self.scene.time_step)
+
+    def describe_noise(self) -> str:
+        """Say how noisy the poses are."""
+        size = f"{1000 * self.noise.position:.2g} mm and {np.rad2deg(self.noise.rotation):.2g} deg"
+        return f"{size} {'assumed, too little to tell' if self.noise is UNSEEN else 'beyond any smooth motion'}"
 
     @property
     def weight(self) -> Array:
@@ -76,7 +82,9 @@ class Evidence:
         """Windows that a parabola fits: no impact lies in them."""
         # Relative to the motion itself, too: what is in millimetres has a thousand times the residual.
         way = np.linalg.norm(self.kinematics.velocity, axis=1) * self.scene.time_step
-        return np.asarray(self.kinematics.residual < np.maximum(SMOOTH * self.noise[0], LEAST_SMOOTH) + 0.01 * way)
+        return np.asarray(
+            self.kinematics.residual < np.maximum(SMOOTH * self.noise.position, LEAST_SMOOTH) + 0.01 * way
+        )
 
     @cached_property
     def unforced(self) -> NDArray[np.bool_]:
@@ -87,9 +95,9 @@ class Evidence:
     @cached_property
     def still(self) -> NDArray[np.bool_]:
         """Windows in which a body lies still."""
-        limit = max(STILL, 2 * self.noise[0] / self.scene.time_step / 5)
+        limit = max(STILL, 2 * self.noise.position / self.scene.time_step / 5)
         speed = np.linalg.norm(self.kinematics.velocity, axis=1)
-        return np.asarray((speed < limit) & (self.kinematics.turning < max(TURNED, 4 * self.noise[1])))
+        return np.asarray((speed < limit) & (self.kinematics.turning < max(TURNED, 4 * self.noise.rotation)))
 
     def place(self, window: int) -> str:
         """Name trajectory and frame of a window."""

@@ -14,8 +14,8 @@ from tests.data.sets import SCENE, recording, write_set
 
 from physid.cli import main
 from physid.data.format import RecordingSet
-from physid.data.inspection.page import MOST_FRAMES, write_page
 from physid.data.recording import Recording
+from physid.inspection.page import MOST_FRAMES, write_page
 from physid.pages.templates import ICON
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from physid.data.format import RecordingSet
-from physid.data.inspection import rules, tracking_rules
-from physid.data.inspection.energy import energy, energy_over_time
-from physid.data.inspection.evidence import Evidence, Finding
 from physid.data.observations.remarks import remarks_on
 from physid.data.observations.stamps import rhythm_of
 from physid.data.recording import Recording
+from physid.inspection import rules, tracking_rules
+from physid.inspection.energy import energy, energy_over_time
+from physid.inspection.evidence import Evidence, Finding
 
 RULES = (
     rules.lengths, rules.falls, rules.lying, rules.orders, rules.heights, rules.forces, tracking_rules.delay, energy,
@@ -133,11 +133,11 @@ def _facts(recordings: RecordingSet, seen: Evidence) -> list[tuple[str, str]]:
             "range",
             " x ".join(f"{low:.3g} to {high:.3g}" for low, high in zip(place.min(0), place.max(0), strict=True)) + " m",
         ),
-        ("noise", f"{1000 * seen.noise[0]:.2g} mm and {np.rad2deg(seen.noise[1]):.2g} deg beyond any smooth motion"),
+        ("noise", seen.describe_noise()),
     ]
     if len(k.frame):
         speed = np.linalg.norm(k.velocity, axis=1)
-        touching = np.abs(k.height) < TOUCHING + 3 * seen.noise[0]
+        touching = np.abs(k.height) < TOUCHING + 3 * seen.noise.position
         facts += [
             ("speed", f"up to {speed.max():.3g} m/s, at rest in {100 * seen.still.mean():.0f} % of the frames"),
             ("energy", energy_over_time(seen)),
