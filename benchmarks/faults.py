@@ -2,6 +2,7 @@
 
     python benchmarks/faults.py                            5 faults of each kind for each task
     python benchmarks/faults.py --count 10 --seed 1 --tasks "generate;fit"
+    python benchmarks/faults.py --minutes 60 --kept runs/faults.jsonl     an hour more of them, added to those in a file
 
 Each task is run once undisturbed. Then it is run again and again in folders of its own: SIGKILL, SIGTERM or SIGINT
 comes once to three times, each at a random point of the run; or files may not grow beyond a random size; or the disk is
@@ -16,6 +17,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import hashlib
+import itertools
 import json
 import os
 import random
@@ -27,10 +29,10 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIGS = ROOT / "configs"
@@ -47,6 +49,7 @@ ENDING = 1.0
 """[s] that a command needs to leave when all is written."""
 STARTING = 0.5
 """[s] from the start in which Python itself, not physid, answers Ctrl-C, with a traceback."""
+UNENDED, LEFT = f"did not end within {PATIENCE:g} s", "left processes behind"
 TIMED = {"seconds", "started", "time", "cpu_seconds"}
 SKIPPED = ("wandb", "record.json", "report.html", ".lock", "SHA256SUMS.part")
 THREADS = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
@@ -186,24 +189,25 @@ def _timeless(value: object) -> object:
 
 
 def end(process: subprocess.Popen[str], timeout: float) -> str:
-    """Wait for a command, and for whatever it has started; returns what it has said."""
+    """Wait for a command and whatever it has started, which hold its stderr; returns what they have said."""
     try:
         _, said = process.communicate(timeout=timeout)
     except subprocess.TimeoutExpired:
-        said = "did not end"
-        process.kill()
-        process.communicate()
+        said = UNENDED if process.poll() is None else LEFT
     with contextlib.suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGKILL)
+    process.communicate()
     return said
 
 
 def complaints(said: str, code: int, wanted: set[int], early: bool = False) -> list[str]:
     """Say what is wrong with how a disturbed command ended; `early` while Python itself was starting."""
     found = [] if code in wanted else [f"exit code {code}"]
+    # Python's tracker of what processes share outlives a kill and says what it cleans up, in two lines each.
+    said = re.sub(r".*resource_tracker\.py:\d+: UserWarning:.*\n.*\n?", "", said)
     lines = [line for line in said.strip().splitlines() if line.strip()]
-    if said == "did not end":
-        found.append(f"did not end within {PATIENCE:g} s")
+    if said in (UNENDED, LEFT):
+        found.append(said)
     elif "Traceback" in said and not early:
         found.append("traceback: " + lines[-1])
     elif len(lines) > 1 and not early:
@@ -211,21 +215,22 @@ def complaints(said: str, code: int, wanted: set[int], early: bool = False) -> l
     return found
 
 
-def kill(task: Task, folder: Path, name: str, whole: float, draw: random.Random) -> list[str]:
-    """Send a signal once to three times, each at a random point."""
-    found = []
+def kill(task: Task, folder: Path, name: str, whole: float, draw: random.Random) -> tuple[int, list[str]]:
+    """Send a signal once to three times, each at a random point; returns how often, and what is wrong."""
+    found, times = [], 0
     for _ in range(draw.randint(1, 3)):
         process, delay = task.start(folder), draw.uniform(0.05, whole)
         try:
             process.wait(delay)
         except subprocess.TimeoutExpired:
             process.send_signal(SIGNALS[name])
+            times += 1
         sent = time.perf_counter()
         said = end(process, PATIENCE)
         # The command may have ended by itself meanwhile: the resumed run shows whether all was there.
         done = {0} if time.perf_counter() - sent < ENDING else set()
         found += complaints(said, process.returncode, CODES[name] | done, name == "SIGINT" and delay < STARTING)
-    return found
+    return times, found
 
 
 def children(process: int) -> list[int]:
@@ -271,31 +276,53 @@ def starve(task: Task, folder: Path, name: str, most: int, draw: random.Random) 
     return complaints(said, process.returncode, wanted)
 
 
-def attack(task: Task, name: str, work: Path, truth: dict[str, str], whole: float, draw: random.Random) -> list[str]:
-    """Disturb a task, let it run to its end, and return what is wrong."""
+@dataclass(frozen=True)
+class Undisturbed:
+    """What a task does when nothing disturbs it: the digest of each file, the longest file [bytes], the time [s]."""
+
+    digests: dict[str, str]
+    longest: int
+    seconds: float
+
+
+def run(task: Task, work: Path) -> Undisturbed:
+    """Run a task without disturbance."""
+    folder, start = work / task.name.replace(" ", "_").replace(",", ""), time.perf_counter()
+    process = task.start(folder)
+    said = end(process, 600)
+    seconds = time.perf_counter() - start
+    assert process.returncode == 0, f"{task.name}: {said}"
+    sizes = [path.stat().st_size for path in folder.rglob("*") if path.is_file()]
+    found = Undisturbed(snapshot(folder), max(sizes, default=1), seconds)
+    shutil.rmtree(folder)
+    return found
+
+
+def attack(task: Task, name: str, work: Path, truth: Undisturbed, draw: random.Random) -> tuple[int, list[str]]:
+    """Disturb a task and let it run to its end; returns how often it was disturbed, and what is wrong."""
     folder = work / f"{task.name}_{draw.randrange(10**9)}".replace(" ", "_").replace(",", "")
-    most = max((path.stat().st_size for path in (work / "undisturbed").rglob("*") if path.is_file()), default=1)
+    times, found = 1, None
     if name in SIGNALS:
-        found: list[str] | None = kill(task, folder, name, whole, draw)
+        times, found = kill(task, folder, name, truth.seconds, draw)
     elif name == LOST:
-        found = lose(task, folder, whole, draw) if task.workers else None
+        found = lose(task, folder, truth.seconds, draw) if task.workers else None
     else:
-        found = starve(task, folder, name, most, draw)
+        found = starve(task, folder, name, truth.longest, draw)
     if found is None:
-        return ["not tried"]
+        return 0, []
     process = task.start(folder)
     said = end(process, 600)
     if process.returncode:
         found.append(f"does not go on: {said.strip().splitlines()[-1:]}")
     else:
-        now = snapshot(folder)
-        other = sorted(key for key in truth.keys() | now.keys() if truth.get(key) != now.get(key))
+        then, now = truth.digests, snapshot(folder)
+        other = sorted(key for key in then.keys() | now.keys() if then.get(key) != now.get(key))
         if other:
             found.append(f"other bytes: {', '.join(other)[:200]}")
             if os.environ.get("KEEP"):
-                return found
+                return times, found
     shutil.rmtree(folder, ignore_errors=True)
-    return found
+    return times, found
 
 
 def main() -> None:
@@ -305,38 +332,49 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--tasks", default="", help="only these, separated by semicolons")
     parser.add_argument("--faults", default="", help="only these, separated by commas")
+    parser.add_argument("--minutes", type=float, default=float("inf"), help="begin no further fault after this time")
+    parser.add_argument("--kept", type=Path, help="file of what was tried, to which this call adds")
     chosen = parser.parse_args()
-    wanted = [each for each in chosen.tasks.split(";") if each]
+    wanted, begun = [each for each in chosen.tasks.split(";") if each], time.monotonic()
     kinds = [each for each in chosen.faults.split(",") if each] or [*SIGNALS, *STARVED, LOST]
-    tried: Counter[str] = Counter()
-    wrong = 0
+    tried: list[dict[str, Any]] = []
+    if chosen.kept and chosen.kept.is_file():
+        tried = [json.loads(line) for line in chosen.kept.read_text().splitlines()]
+    known = {(row["seed"], row["task"], row["fault"], row["number"]) for row in tried}
     with tempfile.TemporaryDirectory() as place:
-        data = Path(place) / "data"
+        data, work = Path(place) / "data", Path(place) / "work"
         data.mkdir()
+        work.mkdir()
         prepare(data)
-        print(f"{'task':<20} {'seconds':>8}  fault       tried  wrong")
-        for task in [task for task in tasks(data) if not wanted or task.name in wanted]:
-            work = Path(place) / "work"
-            work.mkdir()
-            start = time.perf_counter()
-            first = task.start(work / "undisturbed")
-            said = end(first, 600)
-            whole = time.perf_counter() - start
-            assert first.returncode == 0, said
-            truth = snapshot(work / "undisturbed")
-            for kind in kinds:
-                draw = random.Random(f"{chosen.seed} {task.name} {kind}")
-                found = [attack(task, kind, work, truth, whole, draw) for _ in range(chosen.count)]
-                bad = [each for each in found if each and each != ["not tried"]]
-                made = sum(each != ["not tried"] for each in found)
-                tried[kind] += made
-                wrong += len(bad)
-                print(f"{task.name:<20} {whole:>8.1f}  {kind:<11} {made:>5}  {len(bad):>5}", flush=True)
-                for each in bad:
-                    print("    " + "; ".join(each), flush=True)
-            shutil.rmtree(work)
-    print(f"{sum(tried.values())} faults ({', '.join(f'{n} {kind}' for kind, n in tried.items())}), {wrong} wrong")
-    sys.exit(wrong > 0)
+        truths: dict[str, Undisturbed] = {}
+        order = itertools.product(range(chosen.count), tasks(data), kinds)  # so that a short time tries all a little
+        for number, task, kind in order:
+            name = (chosen.seed, task.name, kind, number)
+            if name in known or (wanted and task.name not in wanted) or time.monotonic() - begun > 60 * chosen.minutes:
+                continue
+            truths[task.name] = truths.get(task.name) or run(task, work)
+            times, found = attack(task, kind, work, truths[task.name], random.Random(" ".join(map(str, name))))
+            row = {"seed": chosen.seed, "task": task.name, "fault": kind, "number": number}
+            tried.append({**row, "times": times, "wrong": found})
+            if chosen.kept:
+                with chosen.kept.open("a") as file:
+                    file.write(json.dumps(tried[-1]) + "\n")
+            if found:
+                print(f"    {task.name}, {kind} {number}: {'; '.join(found)}", flush=True)
+    report(tried)
+    sys.exit(any(row["wrong"] for row in tried))
+
+
+def report(tried: list[dict[str, Any]]) -> None:
+    """Print a row for each task and a column for each fault: how often it struck, and how many runs were wrong."""
+    kinds = [kind for kind in (*SIGNALS, *STARVED, LOST) if any(row["fault"] == kind for row in tried)]
+    print(f"| task | {' | '.join(kinds)} | runs | wrong |")
+    print("|---" * (len(kinds) + 3) + "|")
+    for task in (*dict.fromkeys(row["task"] for row in tried), ""):
+        rows = [row for row in tried if row["task"] == task or not task]
+        counts = [sum(row["times"] for row in rows if row["fault"] == kind) for kind in kinds]
+        runs, wrong = sum(row["times"] > 0 for row in rows), sum(bool(row["wrong"]) for row in rows)
+        print(f"| {task or 'all'} | {' | '.join(map(str, counts))} | {runs} | {wrong} |")
 
 
 if __name__ == "__main__":

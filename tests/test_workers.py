@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 import signal
@@ -133,6 +134,37 @@ def test_a_bank_is_diagnosed_by_the_workers_as_by_one_process_though_one_of_them
     ]
     assert found[0] == found[1]
     assert len(found[0]) == 3
+
+
+def test_workers_end_soon_after_their_parent_is_killed() -> None:
+    """They would wait for tasks that nobody sends, and hold the pipes of whoever reads what the command says."""
+    job = "(joblib.delayed(time.sleep)(0.05) for _ in range(4000))"
+    lines = (
+        *("import joblib, time", "from physid.workers import running_on", "with running_on():"),
+        f"    for _ in joblib.Parallel(n_jobs=2, return_as='generator_unordered')({job}): print(1, flush=True)",
+    )
+    parent = subprocess.Popen([sys.executable, "-c", "\n".join(lines)], stdout=subprocess.PIPE)
+    assert parent.stdout is not None
+    with parent.stdout as said:
+        said.readline()
+        started = Path(f"/proc/{parent.pid}/task").glob("*/children")
+        workers = [int(each) for path in started for each in path.read_text().split()]
+        assert len(workers) >= 2
+        parent.kill()
+        parent.wait()
+        end = time.monotonic() + 10.0
+        while (left := [each for each in workers if running(each)]) and time.monotonic() < end:
+            time.sleep(0.02)
+    for each in left:
+        os.kill(each, signal.SIGKILL)
+    assert not left
+
+
+def running(process: int) -> bool:
+    """Tell whether a process is there and has not ended: nobody may collect an orphan in a container."""
+    with contextlib.suppress(FileNotFoundError, ProcessLookupError):
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    return False
 
 
 def test_a_cluster_without_an_address_is_refused_with_the_remedy(capsys: pytest.CaptureFixture[str]) -> None:

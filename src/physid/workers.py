@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,6 +14,7 @@ from physid.record import Source, source
 
 Backend = Literal["loky", "dask"]
 ANSWER = 10.0  # [s] for a scheduler to answer
+WATCH = 0.2  # [s] from one look of a worker at its parent to the next
 
 
 class ClusterError(ValueError):
@@ -22,7 +26,8 @@ def running_on(backend: Backend = "loky", scheduler: str | None = None) -> Itera
     """Let every `joblib.Parallel` in the block run there: trajectories, cells of a reproduction, banks of diagnoses.
 
     Tasks are independent, write whole files or none, and draw their randomness from their own number, so that neither
-    the number of workers nor one that dies changes a result: Dask gives what a dead worker held to another.
+    the number of workers nor one that dies changes a result: Dask gives what a dead worker held to another. A process
+    of this machine ends when the one that started it has died.
 
     Args:
         backend: loky for processes of this machine, dask for the workers of a cluster.
@@ -37,7 +42,7 @@ def running_on(backend: Backend = "loky", scheduler: str | None = None) -> Itera
     import joblib
 
     if backend == "loky":
-        with joblib.parallel_config(backend="loky"):
+        with joblib.parallel_config(backend="loky", initializer=_end_with, initargs=(os.getpid(),)):
             yield lambda path: path
         return
     client = _connect(scheduler)
@@ -47,6 +52,21 @@ def running_on(backend: Backend = "loky", scheduler: str | None = None) -> Itera
             yield Path.absolute
     finally:
         client.close()
+
+
+def _end_with(parent: int) -> None:
+    """Let this worker end once its parent has died: loky's would wait for the next task for 300 s.
+
+    Nothing is lost that a killed parent would not lose: files are written whole or not at all. A thread looks for the
+    parent, since prctl(PR_SET_PDEATHSIG) is Linux's alone and watches the thread, not the process, of the parent.
+    """
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(WATCH)
+        os._exit(1)
+
+    threading.Thread(target=watch, name="watch the parent", daemon=True).start()
 
 
 def _connect(scheduler: str | None) -> Any:
