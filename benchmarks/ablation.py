@@ -105,7 +105,7 @@ FITTED = {
     "equivalent signatures", "scatter of replays", "hollow effects dropped",
 }  # fmt: skip
 """Act only where candidates are fitted, which takes a gap that is significant."""
-CONCLUDING = ("confidence", "parametric_bootstrap", "gap", "materiality", "verdict", "localisation", "next_experiment")
+CONCLUDING = ("posterior", "parametric_bootstrap", "gap", "materiality", "verdict", "localisation", "next_experiment")
 """Sections of the settings that only the conclusion reads."""
 
 

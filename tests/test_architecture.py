@@ -47,6 +47,7 @@ ROOMS = {
         "reference",
         "testing",
         "selection",
+        "posterior",
         "conclusion",
         "report",
         "results.py",

@@ -12,14 +12,14 @@ import pytest
 from tests.benchmark.stub import cheating, failing, ignorant
 
 from physid.benchmark.bank import Bank
-from physid.benchmark.labels import Label
-from physid.benchmark.scoring.calibrate import as_settings, calibrate, count
-from physid.benchmark.scoring.judging import MEDIUM, Judged
+from physid.benchmark.scoring.calibrate import calibrate
 from physid.benchmark.scoring.results import report
 from physid.benchmark.scoring.scoring import score
+from physid.benchmark.scoring.training import read_table, train
 from physid.benchmark.verdicts import closed, diagnose_bank, diagnose_set
 from physid.cli import main
-from physid.diagnosis.settings.settings import Settings, parse_changes
+from physid.diagnosis.posterior.posterior import Posterior
+from physid.typed_files import read_yaml_as
 
 
 @pytest.fixture
@@ -101,49 +101,25 @@ def test_a_diagnosis_that_always_says_none_raises_no_false_alarm_and_finds_nothi
     assert "false alarms" in report(result)
 
 
-def test_confidences_come_from_calibration_banks_alone(own: Bank) -> None:
+def test_probabilities_come_from_calibration_banks_alone(own: Bank, tmp_path: Path) -> None:
     diagnose_bank(own, diagnose=ignorant, quiet=True)
     with pytest.raises(ValueError, match="expected a calibration bank"):
-        calibrate(own)
-    counts = calibrate(replace(own, purpose="calibration"))
-    right, among = counts["none"]
-    assert 0 < right < among
-    assert counts["named"] == (0, 0)
+        calibrate([own], tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+    table = calibrate([replace(own, purpose="calibration")], tmp_path / "out")
+    cases = read_table(tmp_path / "out" / "training.yaml")
+    assert {case.evidence.said for case in cases} == {("none",)}
+    assert any(case.right for case in cases)
+    assert not all(case.right for case in cases)
+    trained = read_yaml_as(Posterior, tmp_path / "out" / "coefficients.yaml")
+    assert trained == train(cases)
+    rows = {row[0].strip(): row for row in table}
+    assert rows["none"][1] == str(len(cases)), "all verdicts are `none`"
 
 
-def test_a_calibration_bank_without_all_verdicts_is_not_counted(own: Bank) -> None:
+def test_a_calibration_bank_without_all_verdicts_is_not_counted(own: Bank, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"found none on 8 \(000, 001, 002, \.\.\.\)"):
-        calibrate(replace(own, purpose="calibration"))
-
-
-def test_counts_of_right_verdicts_are_those_by_hand_and_stand_as_in_the_diagnosis() -> None:
-    free = Label("free", "push", "rich")
-    clear, faint = (
-        Label("catalogue", "push", "rich", (), (("tether",),), severity) for severity in (MEDIUM, 0.99 * MEDIUM)
-    )
-    known = Settings().confidence
-    (right, all_of), (after, all_after) = known.none, known.none_after_impacts
-    plain, hit = (right + 1) / (all_of + 2), (after + 1) / (all_after + 2)
-    said = (
-        [(free, "none", plain, True)] * 3
-        + [(clear, "none", round(plain, 5), False)]
-        + [(free, "none", hit, True), (clear, "none", hit, False), (clear, "none", round(hit, 5), False)]
-        + [(faint, "none", plain, False), (faint, "named", 0.5, True)]  # too faint to be asked
-        + [(clear, "named", 0.5, True)] * 5 + [(free, "named", 0.5, False), (clear, "group", 0.5, False)]
-        + [(clear, "unknown", 0.5, False), (clear, "failed", 0.0, False)]
-    )  # fmt: skip
-    judged = [Judged("0", label, kind, confidence=sure, grouped=good) for label, kind, sure, good in said]
-    words = as_settings(count(judged)).splitlines()
-    assert words == [
-        "confidence.none=[3, 4]",
-        "confidence.named=[5, 7]",
-        "confidence.group=[5, 7]",
-        "confidence.partial=[0, 0]",
-        "confidence.unknown=[0, 1]",
-        "confidence.none_after_impacts=[1, 3]",
-    ]
-    changed = Settings().changed(parse_changes(words)).confidence
-    assert (changed.named, changed.none_after_impacts) == ((5, 7), (1, 3)), "what is printed can be given"
+        calibrate([replace(own, purpose="calibration")], tmp_path)
 
 
 def test_the_command_seals_and_refuses_what_is_out_of_order(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -100,10 +100,12 @@ def test_the_page_lies_beside_the_document_and_asks_for_nothing_from_outside(tmp
 
 
 def test_everything_that_was_found_is_on_the_page() -> None:
-    document = check_diagnosis(diagnosis("group") | {"excess": 450.0, "null_simulations": 199})
+    causes = {"viscous_drag": 0.62, "quadratic_drag": 0.33, "other": 0.03, "none": 0.02}
+    document = check_diagnosis(diagnosis("group") | {"excess": 450.0, "null_simulations": 199, "causes": causes})
     text = text_of(render(document, pictures()))
     for expected in (
         "confidence 97 %",
+        "viscous drag 62 %", "quadratic drag 33 %", "2 others share the rest",
         "11", "coast", "slide fast",
         "0.210 N s/m", "0.190 to 0.230 N s/m",
         "F = -c v at the centre of each body.",

@@ -39,8 +39,7 @@ def benchmark(
 
     `seal` makes recording sets with hidden effects and publishes the salted hash of their labels; `diagnose` sees the
     recordings only; `score` opens the labels once every set has its verdict. Without a step, all three; each goes on
-    where it stopped. `calibrate` counts right verdicts on a calibration bank, whose seeds are never scored, and prints
-    them as physid/diagnosis/conclusion/confidence.py holds them.
+    where it stopped. `calibrate` trains the probabilities of causes on calibration banks, whose seeds are never scored.
 
     Examples:
       physid benchmark diagnosis --quick
@@ -48,12 +47,13 @@ def benchmark(
       physid benchmark diagnosis diagnose --bank banks/1
       physid benchmark diagnosis score --bank banks/1
       physid benchmark diagnosis --simulator mujoco --roles free,catalogue --out banks/2
+      physid benchmark diagnosis calibrate --bank banks/3,banks/4 --out calibration
 
     Args:
         subject: What to check.
         step: all, seal, diagnose, score or calibrate.
-        out: What is written: the bank by seal, the results by score; BANK/score by default.
-        bank: The bank; runs/benchmark/diagnosis by default.
+        out: What is written: the bank by seal, results by score (BANK/score), a model by calibrate (BANK/calibration).
+        bank: The bank; runs/benchmark/diagnosis by default. For calibrate several, with commas between them.
         sets: Recording sets in a new bank.
         trajectories: Trajectories of each set.
         steps: Frames of each trajectory.
@@ -89,7 +89,10 @@ def benchmark(
             _seal(whole_path(place), plan, workers, quiet)
         if step in ("all", "diagnose"):
             _diagnose(whole_path(place), workers, again, quiet)
-    _judge(step, place, (out if step == "score" else None) or place / "score", so_far)
+    if step in ("all", "score"):
+        _score(place, (out if step == "score" else None) or place / "score", so_far)
+    if step == "calibrate":
+        _calibrate([Path(each) for each in str(place).split(",")], out)
 
 
 def _writing(place: Path, step: str) -> AbstractContextManager[None]:
@@ -114,13 +117,18 @@ def _diagnose(place: Path, workers: int, again: bool, quiet: bool) -> None:
     print(f"{place}: {done} diagnosed now, {failed} of them failed")
 
 
-def _judge(step: str, place: Path, target: Path, so_far: bool) -> None:
+def _score(place: Path, target: Path, so_far: bool) -> None:
     from physid.benchmark.bank import read_bank
-    from physid.benchmark.scoring.calibrate import as_settings, calibrate
     from physid.benchmark.scoring.results import report
     from physid.benchmark.scoring.scoring import score
 
-    if step in ("all", "score"):
-        print(f"{report(score(read_bank(place), target, so_far=so_far))}\n\n{target / 'results.html'}")
-    if step == "calibrate":
-        print(as_settings(calibrate(read_bank(place))))
+    print(f"{report(score(read_bank(place), target, so_far=so_far))}\n\n{target / 'results.html'}")
+
+
+def _calibrate(banks: list[Path], out: Path | None) -> None:
+    from physid.benchmark.bank import read_bank
+    from physid.benchmark.scoring.calibrate import calibrate
+    from physid.benchmark.scoring.results import columns
+
+    target = out or banks[0] / "calibration"
+    print(f"{columns(calibrate([read_bank(each) for each in banks], target))}\n\n{target}")

@@ -69,6 +69,16 @@ def bic(document: Diagnosis, numbers: int) -> Answer:
     return _best(document, lambda gain, k: gain - k * math.log(numbers))
 
 
+def bic_weights(document: Diagnosis, numbers: int) -> dict[str, float]:
+    """Return exp(-BIC / 2) of no effect and of each single effect of the ranking, with sum 1 (Raftery 1995)."""
+    size = {kind.name: len(kind.quantities()) for kind in CATALOGUE}
+    single = {row.effects[0]: row.score for row in document.ranking if len(row.effects) == 1 and row.effects[0] in size}
+    half = {name: (gain - size[name] * math.log(numbers)) / 2 for name, gain in single.items()} | {"none": 0.0}
+    best = max(half.values())
+    raised = {name: math.exp(value - best) for name, value in half.items()}
+    return {name: value / sum(raised.values()) for name, value in raised.items()}
+
+
 def likelihood(document: Diagnosis) -> Answer:
     """Take the effect that gains most, if by more than 5 nats."""
     return _best(document, lambda gain, _: gain / 2 - NATS)

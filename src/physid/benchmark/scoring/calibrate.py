@@ -1,62 +1,62 @@
-"""How often verdicts of each kind are right: what a confidence may be set to."""
+"""Collect evidence and truth on calibration banks, for the probabilities of causes."""
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Sequence
+from pathlib import Path
 
 from physid.benchmark.bank import Bank
+from physid.benchmark.films import seen_poses
+from physid.benchmark.scoring.baselines import bic_weights
 from physid.benchmark.scoring.judging import MEDIUM, Judged
 from physid.benchmark.scoring.opening import open_judged
-from physid.diagnosis.document.document import VERDICTS
-from physid.diagnosis.settings.conclusion import ConfidenceSettings
-
-Counts = Mapping[str, tuple[int, int]]
-AFTER_HITS = "none after hits"
-TOGETHER = ("named", "group")  # counted together: whether rivals remain depends on the protocol
+from physid.benchmark.scoring.training import Case, quality, write_training
+from physid.diagnosis.document.evidence import NONE, OTHER, UNKNOWN, Evidence, hypothesis
+from physid.diagnosis.posterior.evidence import read_evidence
 
 
-def calibrate(bank: Bank) -> Counts:
-    """Count right verdicts on a calibration bank.
-
-    Args:
-        bank: A calibration bank with all its verdicts.
+def calibrate(banks: Sequence[Bank], out: Path) -> list[tuple[str, ...]]:
+    """Collect the evidence on calibration banks with all their verdicts, train on it, and write table and coefficients.
 
     Returns:
-        What `count` returns.
+        How good the probabilities are on sets that were left out, see `quality`.
 
     Raises:
-        ValueError: If the bank is one to score by: what is tuned to it says nothing any more.
+        ValueError: If a bank is one to score by (what is tuned to it says nothing any more), if a verdict is missing,
+            or if no set is free of effects or of medium severity.
     """
-    if bank.purpose != "calibration":
-        raise ValueError(
-            f"{bank.folder} is a bank to {bank.purpose} by: expected a calibration bank; "
-            "make one: physid benchmark diagnosis seal --calibration"
-        )
-    return count(open_judged(bank)[0])
+    cases: list[Case] = []
+    for bank in banks:
+        if bank.purpose != "calibration":
+            raise ValueError(
+                f"{bank.folder} is a bank to {bank.purpose} by: expected a calibration bank; "
+                "make one: physid benchmark diagnosis seal --calibration"
+            )
+        cases += collect(bank, open_judged(bank)[0])
+    if not cases:
+        raise ValueError("calibrate: expected a verdict on a set that is free or of medium severity, found none")
+    return quality(write_training(out, cases))
 
 
-def count(judged: Iterable[Judged]) -> Counts:
-    """Count, for each kind of verdict, how many were right, of how many: of sets that are free, or medium and up."""
-    clear = [one for one in judged if one.label.role == "free" or one.label.severity >= MEDIUM]
-    right, all_of = Counter(_kind(one) for one in clear if one.grouped), Counter(_kind(one) for one in clear)
+def collect(bank: Bank, judged: Iterable[Judged]) -> list[Case]:
+    """Collect the evidence on the sets of a bank that are free, or of medium severity and up, and have a verdict."""
+    cases = []
+    for one in judged:
+        if one.verdict == "failed" or (one.label.role != "free" and one.label.severity < MEDIUM):
+            continue
+        folder = bank.verdict(one.name)
+        document, evidence = read_evidence(folder, seen_poses(bank.recordings(one.name), folder))
+        truth, weights = _truth(one, evidence), bic_weights(document, 6 * evidence.poses)
+        right = {*map(hypothesis, one.label.right), *truth}
+        bic = max(weights.values()), sum(weights.get(cause, 0.0) for cause in right)
+        where = one.label.simulator, one.label.frame_rate, one.label.scene
+        cases.append(Case(f"{bank.folder.name}/{one.name}", *where, truth, evidence, bic))
+    return cases
 
-    def of(*kinds: str) -> tuple[int, int]:
-        return sum(right[kind] for kind in kinds), sum(all_of[kind] for kind in kinds)
 
-    return {kind: of(*(TOGETHER if kind in TOGETHER else (kind,))) for kind in (*VERDICTS, AFTER_HITS)}
-
-
-def as_settings(counts: Counts) -> str:
-    """Spell counts as settings of a diagnosis, which then become the defaults of `ConfidenceSettings`."""
-    names = {verdict: verdict for verdict in VERDICTS} | {AFTER_HITS: "none_after_impacts"}
-    return "\n".join(f"confidence.{name}=[{', '.join(map(str, counts[kind]))}]" for kind, name in names.items())
-
-
-def _kind(one: Judged) -> str:
-    """Return the kind of a verdict; whether a `none` came after impacts shows in how sure it was."""
-    if one.verdict != "none":
-        return one.verdict
-    known = ConfidenceSettings()
-    plain, after = ((right + 1) / (all_of + 2) for right, all_of in (known.none, known.none_after_impacts))
-    return AFTER_HITS if abs(one.confidence - after) < abs(one.confidence - plain) else "none"
+def _truth(one: Judged, evidence: Evidence) -> tuple[str, ...]:
+    """Return which of the causes that are listed are right answers."""
+    if not one.label.right:
+        return (UNKNOWN if one.label.effects else NONE,)
+    right = [hypothesis(names) for names in one.label.right]
+    return tuple(name for name in evidence.behind if name in right) or (OTHER,)

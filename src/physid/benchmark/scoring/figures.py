@@ -187,9 +187,12 @@ def _table(
 
 
 def reliability(judged: Sequence[Judged]) -> list[tuple[float, bool]]:
-    """Return confidence and whether the verdict was right, of all sets that are free, or medium and up."""
+    """Return confidence and whether the verdict was right, of all sets that are free, or medium and up.
+
+    A pair is right if both of its effects are there.
+    """
     clear = (one for one in judged if one.label.role == "free" or one.label.severity >= MEDIUM)
-    return [(one.confidence, one.grouped) for one in clear if one.verdict != "failed"]
+    return [(one.confidence, one.grouped and not one.astray) for one in clear if one.verdict != "failed"]
 
 
 def _calibration(judged: Sequence[Judged]) -> Figure:

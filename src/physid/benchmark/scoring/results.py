@@ -34,8 +34,8 @@ class Score:
 
 def report(result: Score) -> str:
     """Lay the figures and tables out for a terminal."""
-    parts = [_columns([HEADER, *(figure.row() for figure in result.figures)])]
-    parts += [f"{title}\n{_columns(table)}" for title, table in result.tables.items() if len(table) > 1]
+    parts = [columns([HEADER, *(figure.row() for figure in result.figures)])]
+    parts += [f"{title}\n{columns(table)}" for title, table in result.tables.items() if len(table) > 1]
     return "\n\n".join(parts)
 
 
@@ -62,7 +62,8 @@ def write_score(bank: Bank, result: Score, out: Path) -> None:
     write_text(out / "results.html", page)
 
 
-def _columns(table: Sequence[tuple[str, ...]]) -> str:
+def columns(table: Sequence[tuple[str, ...]]) -> str:
+    """Lay a table out for a terminal."""
     widths = [max(len(row[k]) for row in table) for k in range(len(table[0]))]
     lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in table]
     return "\n".join([lines[0], "  ".join("-" * width for width in widths), *lines[1:]])

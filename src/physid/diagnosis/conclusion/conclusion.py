@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from physid.diagnosis.conclusion.confidence import confidence
 from physid.diagnosis.conclusion.gap import Closing, closing, floor_of, held_out_parts, position_errors, position_floors
 from physid.diagnosis.conclusion.localisation import places, sites
 from physid.diagnosis.conclusion.materiality import Tolerance, excess_of, share_closed, unexplained_size
@@ -36,6 +35,7 @@ from physid.diagnosis.document.document import (
     Where,
 )
 from physid.diagnosis.document.rounding import rounded
+from physid.diagnosis.posterior.evidence import with_probabilities
 from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.selection.attribution import Attribution
 from physid.diagnosis.selection.comparison import gain
@@ -108,7 +108,7 @@ def draw_conclusion(nominal_fit: NominalFit, found: Attribution, generator: torc
         verdict=verdict,
         effects=() if chosen is None or covariance is None else _effects(chosen, covariance),
         group=() if chosen is None else _group(found, chosen),
-        confidence=confidence(verdict, found),
+        confidence=0.0,
         ranking=_ranking(found)[: settings.verdict.most_ranks],
         where=Where(
             dict.fromkeys(SITES, 0.0) if verdict == "none" else sites(found, chosen is not None),
@@ -124,7 +124,9 @@ def draw_conclusion(nominal_fit: NominalFit, found: Attribution, generator: torc
         excess=found.lack.missing,
         null_simulations=len(found.lack.null_best),
     )
-    return Conclusion(rounded(diagnosis), chosen, shown, further)
+    return Conclusion(
+        rounded(with_probabilities(diagnosis, nominal_fit.observations, settings)), chosen, shown, further
+    )
 
 
 def _closings(

@@ -10,6 +10,7 @@ from typing import Annotated, Any, ClassVar, Literal, get_args
 from annotated_types import Ge, Le, MinLen
 
 from physid.data.files import write_text
+from physid.diagnosis.document.evidence import Evidence
 from physid.physics.effect import Site
 from physid.typed_files import CLOSED, check_as, read_json_as
 
@@ -194,21 +195,18 @@ class Diagnosis:
     """What a diagnosis says: the content of diagnosis.json.
 
     Attributes:
-        format: Name of the format.
-        version: Its version.
+        format: Name of the format; version: its version.
         verdict: What is said of the gap.
-        effects: What is blamed; none for the verdicts none and unknown.
-        group: Effects that the recordings cannot tell apart, the blamed ones included.
-        confidence: Calibrated probability that the verdict is right.
+        effects: What is blamed; group: effects that cannot be told apart, the blamed ones included.
+        confidence: Calibrated probability that the verdict is right: that of the causes that it allows, together.
         ranking: The candidates, best first.
         where: Where the gap lies.
-        gap: Errors before and after.
-        shrink: The share of the gap that closes.
-        parameters: The unknown parameters by name.
-        next_experiment: What would tell a group apart.
+        gap: Errors before and after; shrink: the share of the gap that closes.
+        parameters: The unknown parameters by name; next_experiment: what would tell a group apart.
         minor: What was significant and is not blamed.
         detectable: Which size of each effect, beside those blamed, would have been found.
         settings: What decided: thresholds by section and name; empty where the file does not say.
+        causes: Probability of each cause (see `Evidence`), the most probable first; evidence: what they follow from.
         excess: Size of the gap as scores measure it; None in older files.
         null_simulations: How many; seconds: how long it took.
     """
@@ -229,6 +227,8 @@ class Diagnosis:
     minor: tuple[Minor, ...]
     detectable: tuple[Detectable, ...] = ()
     settings: dict[str, dict[str, Any]] = field(default_factory=dict)
+    causes: dict[Text, Probability] = field(default_factory=dict)
+    evidence: Evidence | None = None
     excess: Positive | None = None
     null_simulations: int | None = None
     seconds: Positive | None = field(default=None, compare=False)
@@ -262,7 +262,7 @@ class Diagnosis:
 
     def to_mapping(self) -> dict[str, Any]:
         """Return the content of the file as plain values; what is optional and not known is left out."""
-        optional = ("settings", "excess", "null_simulations", "seconds")
+        optional = ("settings", "causes", "evidence", "excess", "null_simulations", "seconds")
         return {name: value for name, value in asdict(self).items() if value or name not in optional}
 
 

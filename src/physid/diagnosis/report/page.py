@@ -29,6 +29,12 @@ REPORT = "report.html"
 MOST_BYTES = 16_000_000  # of one film; a page beyond this does not open well on a phone
 MOST_LISTED = 2  # further members of a group that the answers name
 MOST_RANKED = 10
+MASS = 0.9  # probability of the causes that are listed
+CAUSES = {
+    "none": "no effect",
+    "other": "another effect of the catalogue",
+    "unknown": "an effect that is in no catalogue",
+}
 KINDS = {"none": "good", "named": "", "group": "warn", "partial": "warn", "unknown": "bad"}
 
 
@@ -86,6 +92,7 @@ def render(said: Diagnosis, data: ReportData) -> str:
         others=[name for name in said.group if name not in said.blamed],
         ranked=[(each, explained(said, each.score)) for each in said.ranking[:MOST_RANKED]],
         best=max([*(each.score for each in said.ranking), 1e-12]),
+        causes=_causes(said),
         ranking_note=_ranking_note(said, data),
         curves=curves,
         lines=[(name, LINES[name]) for name in names],
@@ -119,6 +126,16 @@ def _answers(said: Diagnosis) -> list[tuple[str, str, str]]:
         ("Which", which, more or _best(said)),
         ("How far", _far(said, split), how_far_sentence(said, split)),
     ]
+
+
+def _causes(said: Diagnosis) -> list[tuple[str, float, bool]]:
+    """List the fewest causes with 90 % of the probability: name, probability, whether the verdict allows it."""
+    listed: list[tuple[str, float, bool]] = []
+    for name, probability in said.causes.items():
+        if sum(each for _, each, _ in listed) < MASS:
+            allowed = said.evidence is not None and name in said.evidence.said
+            listed.append((CAUSES.get(name) or words(name), probability, allowed))
+    return listed
 
 
 def _site(said: Diagnosis) -> str:

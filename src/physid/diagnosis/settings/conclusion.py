@@ -1,37 +1,15 @@
-"""Settings of the conclusion: verdict, confidence, gap, materiality, and the next experiment."""
+"""Settings of the conclusion: verdict, probabilities, gap, materiality, and the next experiment."""
 
 from __future__ import annotations
 
 from physid.diagnosis.settings.setting import Section, setting
 from physid.estimation.measurement.misfit import SHARE_OF_NOISE, SHARE_OF_SIZE
 
-BANK = "calibration bank 1616, 60 sets (docs/benchmark.md)"
-COUNTS = "right verdicts, of how many"
 
+class PosteriorSettings(Section):
+    """How probable each cause is; the coefficients are in physid/diagnosis/posterior/coefficients.yaml."""
 
-class ConfidenceSettings(Section):
-    """How often verdicts of a kind were right.
-
-    Counted on the 51 sets of the bank that are free, or of medium severity and up. Sets in which a camera is wrong were
-    diagnosed once more after initial states were made to follow it along a curve. `physid benchmark diagnosis
-    calibrate` prints such counts. Named and group are counted together.
-    """
-
-    none: tuple[int, int] = setting((9, 10), "sets", COUNTS, BANK)
-    none_after_impacts: tuple[int, int] = setting(
-        (3, 6), "sets", f"{COUNTS}, where many impacts are beyond a fit", BANK
-    )
-    named: tuple[int, int] = setting((19, 23), "sets", COUNTS, BANK)
-    group: tuple[int, int] = setting((19, 23), "sets", COUNTS, BANK)
-    partial: tuple[int, int] = setting((2, 6), "sets", COUNTS, BANK)
-    unknown: tuple[int, int] = setting((5, 6), "sets", COUNTS, BANK)
-    faint: float = setting(0.5, "-", "root of the weight of a segment below which it is beyond any fit", gt=0, le=1)
-    most_lost: float = setting(0.1, "share", "of contact segments beyond any fit, from which on they are many", ge=0)
-
-    def counts(self, kind: str) -> tuple[int, int]:
-        """Return how many verdicts of a kind were right, of how many."""
-        found: tuple[int, int] = getattr(self, kind)
-        return found
+    listed: int = setting(8, "hypotheses", "first ones of the ranking that have a probability of their own", ge=1)
 
 
 class BootstrapSettings(Section):

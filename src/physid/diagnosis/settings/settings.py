@@ -64,7 +64,7 @@ class Settings(Section):
     comparison: selection.ComparisonSettings = selection.ComparisonSettings()
     attribution: selection.AttributionSettings = selection.AttributionSettings()
     evidence: selection.EvidenceSettings = selection.EvidenceSettings()
-    confidence: conclusion.ConfidenceSettings = conclusion.ConfidenceSettings()
+    posterior: conclusion.PosteriorSettings = conclusion.PosteriorSettings()
     parametric_bootstrap: conclusion.BootstrapSettings = conclusion.BootstrapSettings()
     gap: conclusion.GapSettings = conclusion.GapSettings()
     materiality: conclusion.MaterialitySettings = conclusion.MaterialitySettings()
