@@ -9,10 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from scipy.ndimage import gaussian_filter1d
 from torch import Tensor
 
 from physid.cli import main
 from physid.estimation.measurement.misfit import Misfit
+from physid.estimation.measurement.tracking_error import TrackingError, without_line
 from physid.training.callbacks.unexplained import SIGNIFICANT
 
 SHAPE = (6, 80, 1, 3)
@@ -68,3 +70,58 @@ def test_a_fit_says_whether_the_model_explains_what_another_engine_recorded(
     assert ("nothing beyond the noise of the poses (0." in printed) is explained
     figures = json.loads((tmp_path / "runs" / "mine" / "metrics.json").read_text())
     assert figures["fit/position_noise"] == pytest.approx(6e-4, rel=0.15)
+
+
+def tracked(seed: int, size: float = 1e-4) -> Tensor:
+    """Errors (R, T, N, 6) as smooth from frame to frame as a reader's."""
+    white = np.random.default_rng(seed).standard_normal((*SHAPE[:3], 6))
+    smooth = gaussian_filter1d(white, 5.0, axis=1)
+    return torch.from_numpy(size * smooth / smooth.std())
+
+
+def judged(residual: Tensor, error: TrackingError, real: Tensor) -> Misfit:
+    mean, unsure = error.sized(residual, real[..., None].double()).left_by_fit(real.double())
+    left = without_line(residual, real.double())[..., 3:]
+    return Misfit.of(left, real, (float(mean[1]), float(unsure[1])))
+
+
+def test_errors_of_a_reader_are_no_misfit_of_the_model_and_a_gap_beside_them_is() -> None:
+    wave = 6e-4 * torch.sin(torch.arange(SHAPE[1]) / 20.0)[None, :, None, None].expand(*SHAPE[:3], 6)
+    within, beyond = [], []
+    for seed in range(0, 60, 2):
+        error = TrackingError(tracked(seed), torch.zeros(*SHAPE[:3], 6, dtype=torch.float64), 0.0)
+        read = tracked(seed + 1)
+        assert Misfit.of(read[..., 3:], seen()).score > SIGNIFICANT, "as white noise they would be accused"
+        within.append(judged(read, error, seen()))
+        beyond.append(judged(read + wave, error, seen()))
+    assert max(one.score for one in within) < SIGNIFICANT < min(one.score for one in beyond)
+    missing = float(without_line(wave, seen().double())[..., 3:].square().sum(-1).mean().sqrt())
+    assert np.median([one.size for one in beyond]) == pytest.approx(missing, rel=0.15)
+
+
+def test_what_initial_states_take_up_and_frames_that_do_not_count_leave_nothing() -> None:
+    time = torch.arange(SHAPE[1], dtype=torch.float64)[None, :, None, None]
+    line = (2.0 - 0.3 * time).expand(*SHAPE[:3], 6).clone()
+    real = seen(0.2)
+    line[~real] = 7.0
+    error = TrackingError(line, torch.zeros_like(line), 0.0)
+    mean, _ = error.left_by_fit(real.double())
+    assert float(mean.max()) < 1e-20
+    scaled = TrackingError(torch.zeros_like(line), tracked(3, 1.0), 0.01)
+    assert torch.allclose(scaled.left_by_fit(real.double())[0], TrackingError(
+        0.01 * tracked(3, 1.0), torch.zeros_like(line), 0.0).left_by_fit(real.double())[0])  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("gain", "explained"), [(0.0, True), (0.8, False)])
+def test_a_fit_of_films_allows_for_the_error_of_the_tracker_and_for_nothing_more(
+    gain: float, explained: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = ["trajectories=4", "steps=60", "split={train: 4}", f"effects.force_gain.gain={gain}"]
+    assert main(["generate", "--config", "generate/push_rich", "--out", "films", "--quiet", "--workers=1", *words]) == 0
+    assert main(["track", "films", "--out", "read", "--quiet"]) == 0
+    assert main(["fit", "read"]) == 0
+    printed = capsys.readouterr().out
+    assert ("run physid diagnose read" in printed) is not explained
+    assert ("nothing beyond the noise of the poses" in printed) is explained

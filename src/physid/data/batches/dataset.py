@@ -14,6 +14,7 @@ from physid.data.format import RecordingSet
 from physid.data.observations.remarks import warn_of
 from physid.data.observations.step_grid import SHORTEST, mean_wrench
 from physid.data.observations.trajectories import from_recordings
+from physid.data.reading import echo_of
 from physid.data.recording import Recording
 
 Item = dict[str, Tensor]
@@ -21,7 +22,8 @@ Video = Literal["none", "all"] | Sequence[int]
 JITTER = 0.02
 """Share of the time step by which the steps of an even log may differ, for what learns from segments or films; where
 steps follow the stamps it is that of the shortest step."""
-OVER_TIME = ("pose", "twist", "wrench", "frames", "shown", "time", "seen", "steps", "step_wrench", "frame_step")
+OVER_TIME = ("pose", "again", "twist", "wrench", "frames", "shown", "time", "seen", "steps", "step_wrench",
+             "frame_step")  # fmt: skip
 """Filled up along time where lengths differ."""
 OF_STEPS = ("steps", "step_wrench", "count", "time_step")
 """Not one for each frame, and of whole trajectories only."""
@@ -34,6 +36,7 @@ class Segments(Dataset[Item]):
 
     * `pose` (n, N, 7), `wrench` (n, N, 6) and, where the set has it, `twist` (n, N, 6), float64; an absent wrench is
       zero, and its last row is not used
+    * of poses that were read from films: `again` (n, N, 7), these poses drawn and read a second time
     * `length`: frames that are real, for in a batch shorter trajectories are filled up with their last frame
     * `index` and `start`: which trajectory of the set it is, and its first frame there
     * of a whole trajectory that is no even log (stamps that jitter, frames or bodies missing, forces with a clock of
@@ -83,6 +86,7 @@ class Segments(Dataset[Item]):
         self._video = video
         self._draw, self._every, self._decode, self._unposed = draw, every, decode, unposed
         self._numbers: dict[int, Item] = {}
+        self._echo = echo_of(recordings)
         self._places = self._find_places(trajectories, length, stride)
 
     def _find_places(
@@ -127,7 +131,10 @@ class Segments(Dataset[Item]):
         """Return poses, twists and wrenches of a trajectory, read once."""
         if trajectory not in self._numbers:
             even = self._length is not None or self._video != "none"
-            self._numbers[trajectory] = _numbers_of(self._recordings, trajectory, self._unposed, even)
+            numbers = _numbers_of(self._recordings, trajectory, self._unposed, even)
+            if self._echo is not None:
+                numbers["again"] = torch.from_numpy(self._echo.read(trajectory).pose)
+            self._numbers[trajectory] = numbers
         return self._numbers[trajectory]
 
     def _choose(self, start: int, frames: int) -> list[int]:

@@ -11,6 +11,7 @@ from torch import Tensor
 SHARE_OF_NOISE, SHARE_OF_SIZE = 0.15, 2e-4
 """What a model may leave by default before it matters, to a fit and to a diagnosis alike: of the noise, and of the
 largest edge of a body, whose faces are not flat and whose edges are not sharp."""
+TINY = 1e-300
 SQUARES = (1.0, 9.0, 9.0, 1.0)  # of the coefficients of a third difference
 DEVIATION = 2 * (15**2 + 6**2 + 1) / 20**2 * 2
 """Variance of mean(r^2) - mean((D^3 r)^2) / 20 for n differences of white noise, in sigma^4 / n: twice the squares of
@@ -25,7 +26,8 @@ class Misfit:
     Attributes:
         size: Root mean square of the distance, or angle, without the noise [m or rad]; zero where there is none.
         noise: Standard deviation of the noise along each axis [m or rad], the largest of the axes.
-        score: Excess of the mean square over its own deviation if there were noise alone; standard normal then.
+        score: Excess of the mean square, or of its logarithm over that of a tracking error, over its own deviation if
+            there were noise alone; standard normal then.
     """
 
     size: float
@@ -33,7 +35,7 @@ class Misfit:
     score: float
 
     @classmethod
-    def of(cls, residual: Tensor, real: Tensor) -> Misfit:
+    def of(cls, residual: Tensor, real: Tensor, tracked: tuple[float, float] | None = None) -> Misfit:
         """Compare residuals with their own third differences (von Neumann 1941, with differences of third order).
 
         White noise has the variance that its differences have, at any stamps; a motion that the model does not follow
@@ -43,6 +45,8 @@ class Misfit:
         Args:
             residual: Predicted less recorded positions or rotation vectors of N bodies, shape (B, T, N, 3).
             real: Which frames count, shape (B, T).
+            tracked: Where poses were read from films, whose errors are as smooth as a motion: the mean square that
+                these leave, and the standard deviation of its logarithm (see `TrackingError.left_by_fit`).
 
         Returns:
             The misfit; zero where no four frames follow each other.
@@ -53,6 +57,10 @@ class Misfit:
         # Frames count as often as the differences hold them, so that no single square is left in the excess.
         weights = residual.new_tensor(SQUARES) / sum(SQUARES)
         square = (residual.square().unfold(1, 4, 1) @ weights)[inside].mean(0)
+        if tracked is not None:
+            found, (expected, unsure) = float(square.sum(-1).mean()), tracked
+            score = math.log(max(found, TINY) / max(expected, TINY)) / unsure
+            return cls(math.sqrt(max(found - expected, 0.0)), math.sqrt(expected / residual.shape[-1]), score)
         noise = residual.diff(n=3, dim=1)[inside].square().mean(0) / sum(SQUARES)
         excess = float((square - noise).sum(-1).mean())
         deviation = math.sqrt(DEVIATION * float(noise.square().sum()) / float(inside.sum())) / len(noise)

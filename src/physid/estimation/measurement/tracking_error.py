@@ -68,10 +68,29 @@ class TrackingError:
     @cached_property
     def floor(self) -> float:
         """Root mean square error of a position [m], without what a first place and velocity take up."""
-        time = torch.linspace(-1, 1, self.track.shape[1], dtype=self.track.dtype)[:, None, None]
-        place = self._varying[..., KINDS[1]]
-        left = place - time * (time * place).sum(1, keepdim=True) / time.square().sum()
+        left = without_line(self.track[..., KINDS[1]], torch.ones_like(self.track[..., 0, 0]))
         return self.factors[1] * float(left.square().sum(-1).mean().sqrt())
+
+    def left_by_fit(self, weight: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the mean square that errors leave of a perfect model, and how well that is known.
+
+        Args:
+            weight: 1 for frames that count, 0 for others, shape (R, T).
+
+        Returns:
+            For rotations [rad^2] and positions [m^2]: the mean square without what initial poses and velocities take
+            up, and the standard deviation of its logarithm, by the spread over trajectories and of the errors' size.
+        """
+        count = weight.sum(1, keepdim=True).clamp_min(1)
+        own, scale = (
+            torch.stack([(part[..., kind].square().sum(-1).mean(-1) * weight).sum(1) for kind in KINDS], -1) / count
+            for part in (without_line(value, weight) for value in (self._scaled, self.deviation * self.stretch))
+        )
+        mean = own.mean(0)
+        # What a fit leaves, and what reading again has left, are both means over few trajectories.
+        few = 2 * own.var(0, correction=min(1, len(own) - 1)) / len(own)
+        among = few / mean.square().clamp_min(torch.finfo(mean.dtype).tiny)
+        return mean + scale.mean(0), (among + (2 * SURE) ** 2).sqrt()
 
     def draw(self, count: int, generator: torch.Generator) -> Tensor:
         """Draw errors of data sets, shape (count, R, T, N, 6).
@@ -110,6 +129,22 @@ class TrackingError:
             least = second if float(second) > UNREAD * float(first) else first
             found.append(factor * power.diagonal().maximum(least).clamp_min(0).sqrt())
         return torch.cat(found)
+
+
+def without_line(value: Tensor, weight: Tensor) -> Tensor:
+    """Take out of each trajectory what a first pose and velocity take up: a line over the frames, by least squares.
+
+    Args:
+        value: Of N bodies, shape (R, T, N, 3 or 6).
+        weight: 1 for frames that count, 0 for others, shape (R, T).
+    """
+    weight = weight[..., None, None] / weight.sum(1).clamp_min(1)[:, None, None, None]
+    value = value - (weight * value).sum(1, keepdim=True)
+    time = torch.linspace(-1, 1, value.shape[1], dtype=value.dtype)[:, None, None]
+    time = time - (weight * time).sum(1, keepdim=True)
+    square = (weight * time.square()).sum(1, keepdim=True).clamp_min(torch.finfo(value.dtype).tiny)
+    line: Tensor = value - time * (weight * time * value).sum(1, keepdim=True) / square
+    return line
 
 
 def _roughness(value: Tensor, good: Tensor) -> tuple[float, float]:

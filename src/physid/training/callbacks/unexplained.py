@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Protocol, final
 
 import lightning as L
 import torch
 from torch import Tensor
 
+from physid.data.reading import read_reading
 from physid.estimation.measurement.misfit import SHARE_OF_NOISE, SHARE_OF_SIZE, Misfit
 from physid.estimation.measurement.poses import pose_difference
+from physid.estimation.measurement.tracking_error import TrackingError
 from physid.scenes.scene import Scene
 from physid.training.parameters.trajectories import Trajectories
 
@@ -42,11 +46,16 @@ class Unexplained(L.Callback):
             return
         module: Fitted = pl_module  # type: ignore[assignment]
         predicted, cut = module.fitted()
+        tracked: Sequence[tuple[float, float] | None] = (None, None)
+        if cut.again is not None:
+            folder = trainer.datamodule.recordings.folder  # type: ignore[attr-defined]
+            tracked = left_by_tracking(module.scene, folder, predicted, cut)
         size = float(module.scene.sizes.max())
         apart, moved = pose_difference(predicted, cut.pose), pose_difference(cut.pose, cut.pose[:, :1])
         figures: dict[str, float] = {}
-        for kind, first, tolerated in (("rotation", 0, 2 * SHARE_OF_SIZE), ("position", 3, SHARE_OF_SIZE * size)):
-            misfit = Misfit.of(apart[..., first : first + 3], cut.real)
+        kinds = (("rotation", 0, 2 * SHARE_OF_SIZE), ("position", 3, SHARE_OF_SIZE * size))
+        for (kind, first, tolerated), left in zip(kinds, tracked, strict=True):
+            misfit = Misfit.of(apart[..., first : first + 3], cut.real, left)
             motion = math.sqrt(float(moved[..., first : first + 3][cut.real].square().sum(-1).mean()))
             explained = misfit.score < SIGNIFICANT or misfit.size < max(SHARE_OF_NOISE * misfit.noise, tolerated)
             figures |= {f"{kind}_noise": misfit.noise, f"{kind}_unexplained": misfit.size}
@@ -55,3 +64,21 @@ class Unexplained(L.Callback):
                 figures[f"{kind}_share"] = misfit.size / motion
         for name, value in figures.items():
             pl_module.log(f"fit/{name}", torch.tensor(value, dtype=torch.float64))
+
+
+def left_by_tracking(scene: Scene, folder: Path, predicted: Tensor, cut: Trajectories) -> list[tuple[float, float]]:
+    """Return what the error of poses that were read from films leaves of a perfect model (see `Misfit.of`).
+
+    Args:
+        scene: Its camera tells where the view is fixed.
+        folder: Of the recording set, which says how well the scale of the poses is known.
+        predicted: Poses that a fit predicts, shape (B, T, N, 7).
+        cut: What they are fitted to, read once and read again.
+    """
+    reading, camera = read_reading(folder), scene.camera
+    assert reading is not None and camera is not None and cut.again is not None
+    real = cut.real.to(cut.pose)
+    error = TrackingError.between(cut.pose, cut.again, cut.pose.new_tensor(camera.target), reading.stretch_deviation)
+    error = error.sized(pose_difference(cut.pose, predicted), real[..., None].expand(cut.pose.shape[:3]))
+    mean, unsure = error.left_by_fit(real)
+    return list(zip(mean.tolist(), unsure.tolist(), strict=True))

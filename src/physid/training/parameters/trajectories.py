@@ -19,7 +19,7 @@ from physid.physics.parameters import Parameters
 from physid.physics.state import State, check_shape
 from physid.training.initial_states.twist import twist_from_poses
 
-OVER_TIME = ("pose", "twist", "wrench", "time", "seen")
+OVER_TIME = ("pose", "twist", "wrench", "time", "seen", "again")
 
 
 @dataclass(frozen=True)
@@ -37,6 +37,8 @@ class Trajectories:
         seen: Frames in which all bodies were seen, shape (B, T); None for all that are real.
         grid: Steps of the engine, and the forces that act in them, instead of `wrench`, which is then their mean from
             frame to frame; None for one step per frame.
+        again: Poses that were read from films, drawn and read a second time, shape (B, T, N, 7); None for a sensor of
+            poses.
 
     Raises:
         ValueError: If a shape is off, or there are steps without times.
@@ -51,6 +53,7 @@ class Trajectories:
     time: Tensor | None = None
     seen: Tensor | None = None
     grid: StepGrid | None = None
+    again: Tensor | None = None
 
     def __post_init__(self) -> None:
         check_shape("pose", self.pose, (None, None, None, 7))
@@ -86,7 +89,8 @@ class Trajectories:
             twist = batch["twist"].double()
         else:
             twist = twist_from_poses(pose, length, time_step, time=time, seen=seen, arrival=arrival)
-        return cls(pose, twist, batch["wrench"].double(), length, batch["index"], None, time, seen, grid)
+        again = batch["again"].double() if "again" in batch else None
+        return cls(pose, twist, batch["wrench"].double(), length, batch["index"], None, time, seen, grid, again)
 
     def __len__(self) -> int:
         return len(self.pose)
