@@ -206,3 +206,18 @@ def test_an_interrupted_generation_exits_with_130_and_goes_on(tmp_path: Path) ->
     assert error.strip() == "interrupted: the same command goes on where it stopped"
     count = len(list(tmp_path.glob("set/trajectories/*.h5")))
     assert main([*words, f"trajectories={count + 1}", "steps=20"]) == 0
+
+
+def test_ctrl_c_while_a_command_that_has_done_its_work_ends_says_nothing() -> None:
+    tidy = "def tidy():\n    print('ending', flush=True)\n    time.sleep(0.5)\n"
+    ending = f"import atexit, time\n{tidy}atexit.register(tidy)\nfrom physid.cli import program\nprogram()"
+    running = subprocess.Popen(
+        [sys.executable, "-c", ending, "effects"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    with running:
+        assert running.stdout is not None
+        assert "ending\n" in iter(running.stdout.readline, "")
+        running.send_signal(signal.SIGINT)
+        _, error = running.communicate(timeout=30)
+    assert running.returncode == 0
+    assert not error

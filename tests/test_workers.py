@@ -19,7 +19,7 @@ import pytest
 from physid.cli import main
 from physid.data.format import SUMS
 from physid.diagnosis.document.document import read_diagnosis
-from physid.workers import ClusterError, running_on
+from physid.workers import ClusterError, WorkerLostError, running_on
 
 GENERATE = ["generate", "--config", str(Path(__file__).parent.parent / "configs" / "generate" / "push.yaml"), "--quiet"]
 SET = ["trajectories=24", "steps=40"]  # with video, so that a trajectory takes long enough to be interrupted
@@ -158,6 +158,13 @@ def test_workers_end_soon_after_their_parent_is_killed() -> None:
     for each in left:
         os.kill(each, signal.SIGKILL)
     assert not left
+
+
+def test_a_worker_of_this_machine_that_is_killed_is_named_with_the_remedy() -> None:
+    import joblib
+
+    with pytest.raises(WorkerLostError, match="the same command goes on"), running_on():
+        joblib.Parallel(n_jobs=2)(joblib.delayed(signal.raise_signal)(signal.SIGKILL) for _ in range(2))
 
 
 def running(process: int) -> bool:

@@ -97,6 +97,14 @@ def main(words: Sequence[str] | None = None) -> int:
         return _explain(error, FAILED)
 
 
+def program() -> None:
+    """Run the command of this process and end it."""
+    code = main()
+    # Python only tidies up now, and a Ctrl-C would print a traceback: the first is ignored, the second ends it at once.
+    signal.signal(signal.SIGINT, lambda *_: signal.signal(signal.SIGINT, signal.SIG_DFL))
+    sys.exit(code)
+
+
 def overview() -> str:
     """Return the help of `physid` itself."""
     lines = [f"  {styled(f'{command.name:<16}', 'bold', sys.stdout)}{command.summary}\n" for command in COMMANDS]
@@ -288,4 +296,4 @@ def _explain(error: Exception, code: int) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    program()

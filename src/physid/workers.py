@@ -6,6 +6,7 @@ import os
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
@@ -15,6 +16,10 @@ from physid.record import Source, source
 Backend = Literal["loky", "dask"]
 ANSWER = 10.0  # [s] for a scheduler to answer
 WATCH = 0.2  # [s] from one look of a worker at its parent to the next
+
+
+class WorkerLostError(RuntimeError):
+    """A process of this machine that ended in the middle of a task."""
 
 
 class ClusterError(ValueError):
@@ -38,12 +43,19 @@ def running_on(backend: Backend = "loky", scheduler: str | None = None) -> Itera
 
     Raises:
         ClusterError: If there is no scheduler, no worker, or one of them runs another physid.
+        WorkerLostError: If a process of this machine was killed.
     """
     import joblib
 
     if backend == "loky":
-        with joblib.parallel_config(backend="loky", initializer=_end_with, initargs=(os.getpid(),)):
-            yield lambda path: path
+        try:
+            with joblib.parallel_config(backend="loky", initializer=_end_with, initargs=(os.getpid(),)):
+                yield lambda path: path
+        except BrokenProcessPool:
+            raise WorkerLostError(
+                "a worker process was killed, as the system does where memory is short; the same command goes on where "
+                "it stopped, with fewer --workers where that was so"
+            ) from None
         return
     client = _connect(scheduler)
     try:
