@@ -92,7 +92,7 @@ IMPORTING_MORE = {
     "training/learners/prediction.py": 11,
     "training/learners/self_supervised.py": 12,
     "training/learners/supervised.py": 9,
-    "training/learners/sysid.py": 17,
+    "training/learners/sysid.py": 18,
     "training/learners/video.py": 16,
     "training/refinement/normal_equations.py": 9,
     "training/refinement/refinement.py": 11,

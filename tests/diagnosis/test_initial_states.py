@@ -8,7 +8,9 @@ import pytest
 import torch
 
 from physid.estimation.least_squares.initial_states import SPANS, guess_initial_states
+from physid.estimation.least_squares.jacobian import Directions
 from physid.estimation.prediction.segments import Segmentation
+from physid.physics.rotations import exponential, multiply
 from physid.scenes.setups.push import SCENE
 
 SPEED = 0.8  # [m/s]
@@ -66,3 +68,25 @@ def test_a_body_that_soon_falls_does_not_lie_there_although_a_late_camera_shows_
     for seen, rests in ((pose, False), (lying, True)):
         initial = guess_initial_states(seen, torch.ones(1, 60, 1), EVEN, Segmentation.equal(1, 60, 60), SCENE)
         assert bool(initial.resting.all()) is rests
+
+
+@pytest.mark.parametrize(("lean", "level"), [(0.0, True), (0.002, True), (0.006, False), (0.3, False)])
+def test_a_flying_body_is_level_while_it_leans_no_further_than_by_noise(lean: float, level: bool) -> None:
+    noise, normal = 0.002, torch.tensor(SCENE.ground.normal, dtype=torch.float64)
+    generator = torch.Generator().manual_seed(0)
+    pose = torch.zeros(1, 60, 1, 7, dtype=torch.float64)
+    pose[0, :, 0, 2] = 1 - 9.81 * EVEN[0] ** 2 / 2
+    turn = noise * torch.randn(1, 60, 1, 3, generator=generator, dtype=torch.float64)
+    turn[..., 0] += lean
+    heading = exponential(torch.tensor([0.0, 0.0, 0.7], dtype=torch.float64))
+    pose[..., 3:] = multiply(exponential(turn), heading.expand(1, 60, 1, 4))
+    initial = guess_initial_states(pose, torch.ones(1, 60, 1), EVEN, Segmentation.equal(1, 60, 60), SCENE, noise)
+    assert bool(initial.level.all()) is level
+    free = Directions.of(normal, initial.resting, initial.level)
+    assert not bool(free.lying.any()), "it flies"
+    flat, twist = free.level(initial.pose, initial.twist)
+    moved = not torch.equal(flat, initial.pose)
+    assert moved is level
+    if level:
+        assert torch.allclose(twist[..., :2], torch.zeros_like(twist[..., :2]), atol=1e-12)
+        assert torch.allclose(flat[..., 3:5], torch.zeros_like(flat[..., 3:5]), atol=1e-9), "turned about z alone"

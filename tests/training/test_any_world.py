@@ -162,3 +162,38 @@ def test_friction_and_mass_are_found_from_closed_forms_with_jitter_and_gaps(rate
     assert laid is not None
     assert kept is not None
     assert torch.equal(laid.steps, kept.steps)
+
+
+@quiet
+@pytest.mark.slow
+@pytest.mark.parametrize("far", [0.25, 3.0])
+def test_bounces_are_explained_from_first_guesses_that_are_far_off(far: float, tmp_path: Path) -> None:
+    true = {"block.friction": 0.2, "block.restitution": 0.3}
+    config = GenerateConfig(
+        "toss", "closed_form", frame_rate=60.0, protocol="straight", trajectories=8, steps=50, seed=3, video=False,
+        split={"train": 1}, unknown=tuple(true), noise=Noise(2e-4, 2e-3), jitter=0.2, missing=0.1,
+    )  # fmt: skip
+    generate(config, tmp_path, quiet=True)
+    trainer = L.Trainer(
+        max_epochs=30, accelerator="cpu", default_root_dir=tmp_path, enable_checkpointing=False, logger=False,
+        enable_progress_bar=False, enable_model_summary=False, callbacks=[Converged()],
+    )  # fmt: skip
+    module = SysID(values={name: far * value for name, value in true.items()})
+    trainer.fit(module, RecordingsDataModule(tmp_path, shuffle=False))
+    figures = {name: float(value) for name, value in trainer.callback_metrics.items()}
+    for name, value in module.physical.estimates().items():
+        half = (figures[f"params/{name}/high"] - figures[f"params/{name}/low"]) / 2
+        assert abs(value - true[name]) < LARGE * half
+        assert half < 0.02 * true[name]
+
+
+@quiet
+def test_a_fit_of_no_epoch_ends_well_and_leaves_no_history(tmp_path: Path) -> None:
+    config = GenerateConfig("push", trajectories=2, steps=20, video=False, split={"train": 1})
+    generate(config, tmp_path / "set", quiet=True)
+    trainer = L.Trainer(
+        max_epochs=0, accelerator="cpu", default_root_dir=tmp_path, enable_checkpointing=False, logger=False,
+        enable_progress_bar=False, enable_model_summary=False,
+    )  # fmt: skip
+    trainer.fit(SysID(), RecordingsDataModule(tmp_path / "set", shuffle=False))
+    assert not (tmp_path / "parameters.csv").exists()

@@ -16,13 +16,13 @@ from physid.diagnosis.settings.settings import Settings
 from physid.estimation.least_squares import (
     ChosenSteps,
     Experiment,
+    FirstGuess,
     Fit,
     best_guess,
     choose_steps,
     gauss_newton,
     lay_out,
     search,
-    try_losses,
 )
 from physid.estimation.measurement import Noise, TrackingError, estimate_noise, frame_weights, outlier_poses
 from physid.estimation.prediction import NominalModel, Prediction, Predictor, Segmentation, Timeline, Variants
@@ -93,15 +93,15 @@ def fit_nominal_model(
     present = inliers(observations)
     say(Stage.FITTING_SHORT_SEGMENTS)
     own = settings.nominal_fit
-    length = max(round(own.first_segments / observations.scene.time_step), own.first_frames)
+    guess = FirstGuess(own.first_segments, own.first_frames, own.guess_factors, own.first_steps)
+    length = guess.length(observations.scene.time_step)
     short = Segmentation.equal(trajectories, frames, min(length, frames))
     timeline = _first_steps(observations, model)
     predictor = Predictor(model, timeline, short, candidates)
     experiment, point = begin(
         predictor, observations, present, Noise(own.first_rotation_noise, own.first_position_noise)
     )
-    point = _scan(experiment, point, own.guess_factors)
-    first = gauss_newton(experiment, point, NONE, steps=own.first_steps)
+    first = guess.fit(experiment, point)
     noise = estimate_noise(first.residual, present, observations.error)
     say(Stage.FITTING_NOMINAL)
     experiment, fit, events = _fit_segments(observations, predictor, present, noise, first, settings)
@@ -243,20 +243,5 @@ def begin(
 ) -> tuple[Experiment, Variants]:
     """Return the experiment and a first point, see `best_guess`."""
     scale = present[..., None].sqrt() / noise.spread()
-    experiment, initial = lay_out(predictor, observations.pose, scale, observations.fitted)
+    experiment, initial = lay_out(predictor, observations.pose, scale, observations.fitted, noise.rotation)
     return experiment, best_guess(experiment, initial, nominal, before)
-
-
-def _scan(experiment: Experiment, point: Variants, factors: Sequence[float]) -> Variants:
-    """Try multiples of the first guesses, one unknown parameter after the other; a bad guess may leave no slope."""
-    model = experiment.predictor.model
-    counts = experiment.fitted[experiment.predictor.segments.trajectory]
-    for column in range(len(model.unknown)):
-        many = point.repeat(len(factors))
-        values = model.to_values(many.nominal)
-        values[:, column] *= torch.tensor(factors, dtype=torch.float64)
-        many = many.replace(nominal=model.to_coordinates(values))
-        losses = try_losses(experiment, many)[:, counts].clamp_max(1e12).sum(1)
-        best = int(losses.argmin())
-        point = many[best : best + 1]
-    return point

@@ -3,6 +3,7 @@
 from physid.estimation.least_squares.covariance import covariance_of, left_out, reach_of
 from physid.estimation.least_squares.discretisation import ChosenSteps, StepChoice, choose_steps
 from physid.estimation.least_squares.experiment import Experiment, Fit
+from physid.estimation.least_squares.first_guess import FirstGuess
 from physid.estimation.least_squares.initial_states import SPANS
 from physid.estimation.least_squares.jacobian import Directions
 from physid.estimation.least_squares.levenberg_marquardt import FIRST_DAMPING, gauss_newton, solve_shared
@@ -17,6 +18,7 @@ __all__ = [
     "ChosenSteps",
     "Directions",
     "Experiment",
+    "FirstGuess",
     "Fit",
     "Linearised",
     "Normal",

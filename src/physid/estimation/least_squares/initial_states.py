@@ -10,7 +10,7 @@ from torch import Tensor
 from physid.estimation.prediction.segments import Segmentation
 from physid.physics.rotations import conjugate, exponential, logarithm, multiply
 from physid.physics.shapes.table import reach
-from physid.scenes.lying import lay_down
+from physid.scenes.lying import lay_down, turn_flat
 from physid.scenes.scene import Scene
 
 SPANS = (0.06, 0.035, 0.02)  # [s] first frames that may give the initial velocity; short ones end before an impact
@@ -19,6 +19,7 @@ FLAT = 0.03  # [rad] a face that leans more than this does not lie on the ground
 NEAR = 0.25  # a body lies on the ground if the gap is below this share of its height (a camera may see it too high) ...
 STEADY = 0.5  # ... and it falls by less than this share of a free fall ...
 SINKS, SOON = 0.04, 0.25  # ... and does not sink by this share of its height soon after [s]: a late camera shows it
+LEVEL = 1.5  # a body is level while its lean, in the root mean square over a segment, is no more than this noise
 MEDIAN = 5  # frames whose median height counts: one outlier is no fall
 
 
@@ -30,15 +31,17 @@ class InitialStates:
         pose: Guesses, shape (G, K, N, 7).
         twist: Shape (G, K, N, 6).
         resting: Bodies that lie flat on the ground and stay there at first, shape (K, N).
+        level: Bodies with a face parallel to the ground in all frames, as far as noise tells, shape (K, N).
     """
 
     pose: Tensor
     twist: Tensor
     resting: Tensor
+    level: Tensor
 
 
 def guess_initial_states(
-    pose: Tensor, seen: Tensor, time: Tensor, segments: Segmentation, scene: Scene
+    pose: Tensor, seen: Tensor, time: Tensor, segments: Segmentation, scene: Scene, lean: float = 0.0
 ) -> InitialStates:
     """Guess initial states from the first frames of each segment.
 
@@ -52,11 +55,13 @@ def guess_initial_states(
         time: Times of the frames [s], shape (R, T).
         segments: How trajectories are cut.
         scene: Sizes, ground, time step.
+        lean: Noise of each component of a rotation [rad], to judge by what is level.
     """
     bodies = pose.shape[2]
     initial = InitialStates(
         pose.new_zeros(GUESSES, len(segments), bodies, 7),
         pose.new_zeros(GUESSES, len(segments), bodies, 6),
+        torch.zeros(len(segments), bodies, dtype=torch.bool),
         torch.zeros(len(segments), bodies, dtype=torch.bool),
     )
     for batch in segments.batches:
@@ -66,8 +71,19 @@ def guess_initial_states(
         for name in ("pose", "twist"):
             getattr(initial, name)[:, batch.segments] = getattr(guessed, name)
         initial.resting[batch.segments] = guessed.resting
+        initial.level[batch.segments] = _is_level(cut, weight, scene, lean)
     initial.resting[_sinks(pose, seen, scene)[segments.trajectory, segments.start]] = False
     return initial
+
+
+def _is_level(cut: Tensor, weight: Tensor, scene: Scene, lean: float) -> Tensor:
+    """Return which bodies never lean further than by noise, from poses (K, L, N, 7) and weights (K, L, N).
+
+    A lean of two components has a mean square of 2 sigma^2.
+    """
+    _, angle = turn_flat(cut[..., 3:], cut.new_tensor(scene.ground.normal))
+    mean = (weight * angle**2).sum(1) / weight.sum(1).clamp_min(1)
+    return mean <= 2 * (LEVEL * lean) ** 2
 
 
 def _sinks(pose: Tensor, seen: Tensor, scene: Scene) -> Tensor:
@@ -101,7 +117,7 @@ def _guess(cut: Tensor, weight: Tensor, time: Tensor, scene: Scene) -> InitialSt
         twists.append(torch.where(resting[..., None], twist, slope))
     poses.append(torch.where(resting[..., None], still[0], poses[-1]))
     twists.append(torch.where(resting[..., None], 0 * still[1], twists[-1]))
-    return InitialStates(torch.stack(poses), torch.stack(twists), resting)
+    return InitialStates(torch.stack(poses), torch.stack(twists), resting, resting)
 
 
 def _lying(

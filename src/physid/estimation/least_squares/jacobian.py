@@ -10,6 +10,7 @@ from torch import Tensor
 from physid.estimation.measurement.poses import pose_difference
 from physid.estimation.prediction.rollout import Prediction, Predictor, Variants
 from physid.physics.rotations import exponential, multiply
+from physid.scenes.lying import turn_flat
 
 TURN, SHIFT, SPIN, SPEED = 1e-5, 1e-5, 1e-4, 1e-4  # steps: [rad], [m], [rad/s], [m/s]
 NOMINAL = 1e-4  # step of an unknown parameter, in the coordinates of the fit
@@ -34,14 +35,27 @@ class Directions:
     free: Tensor
 
     @classmethod
-    def of(cls, normal: Tensor, resting: Tensor) -> Directions:
-        """Leave resting bodies their motion in the ground's plane, all others everything; `resting` is (K, N)."""
+    def of(cls, normal: Tensor, resting: Tensor, level: Tensor | None = None) -> Directions:
+        """Leave resting bodies their motion in the ground's plane, level ones that along its normal too, others all.
+
+        A face that lands flat hits with all its corners at once, and one that leans by however little with one of them
+        first, after which it tumbles: no slope leads from there to the flat landing that was seen.
+
+        Args:
+            normal: Of the ground, shape (3,).
+            resting: Bodies that lie on the ground, shape (K, N).
+            level: Bodies with a face parallel to the ground, shape (K, N); None for none.
+        """
         axis = torch.eye(3, dtype=normal.dtype)[0 if abs(float(normal[0])) < STEEP else 1]
         first = axis - (axis @ normal) * normal
         first = first / first.norm()
         frame = torch.stack([first, torch.linalg.cross(normal, first), normal])
         planar = torch.tensor([0, 0, 1, 1, 1, 0] * 2, dtype=torch.bool)
-        return cls(frame, torch.where(resting[..., None], planar, torch.ones_like(planar)))
+        upright = torch.tensor([0, 0, 1, 1, 1, 1] * 2, dtype=torch.bool)
+        others = torch.ones_like(planar).expand(*resting.shape, 12)
+        if level is not None:
+            others = torch.where(level[..., None], upright, others)
+        return cls(frame, torch.where(resting[..., None], planar, others))
 
     def without_speed(self) -> Directions:
         """Leave poses free, as they are, and no velocity: bodies are known to be at rest."""
@@ -50,7 +64,25 @@ class Directions:
     @property
     def lying(self) -> Tensor:
         """Segments in which some body moves in the ground's plane alone, shape (K,)."""
-        return (self.free[..., 2] & ~self.free[..., 0]).any(1)
+        return (self.free[..., 2] & ~self.free[..., 5]).any(1)
+
+    def level(self, pose: Tensor, twist: Tensor) -> tuple[Tensor, Tensor]:
+        """Turn bodies that may not lean until a face is parallel to the ground, and take their tumbling off.
+
+        Args:
+            pose: Shape (..., K, N, 7).
+            twist: Shape (..., K, N, 6).
+
+        Returns:
+            New poses and twists.
+        """
+        held = (self.free[..., 2] & ~self.free[..., 0])[..., None]
+        flat, _ = turn_flat(pose[..., 3:], self.frame[2])
+        about = (twist[..., :3] @ self.frame[2])[..., None] * self.frame[2]
+        return (
+            torch.cat([pose[..., :3], torch.where(held, flat, pose[..., 3:])], -1),
+            torch.cat([torch.where(held, about, twist[..., :3]), twist[..., 3:]], -1),
+        )
 
     @property
     def used(self) -> list[tuple[int, int]]:

@@ -20,7 +20,9 @@ ROUNDS = 4  # Gauss-Newton steps from each guess
 UNDO = 8  # rounds in which what a camera changes is undone
 
 
-def lay_out(predictor: Predictor, pose: Tensor, scale: Tensor, fitted: Tensor) -> tuple[Experiment, InitialStates]:
+def lay_out(
+    predictor: Predictor, pose: Tensor, scale: Tensor, fitted: Tensor, lean: float
+) -> tuple[Experiment, InitialStates]:
     """Return the experiment, with guesses of the initial states; nothing is simulated.
 
     Args:
@@ -28,10 +30,11 @@ def lay_out(predictor: Predictor, pose: Tensor, scale: Tensor, fitted: Tensor) -
         pose: Observed poses, shape (R, T, N, 7).
         scale: One over the standard deviation of the noise times the root of the weight, shape (R, T, N, 6).
         fitted: Trajectories that determine shared parameters, (R,).
+        lean: Noise of each component of a rotation [rad]; bodies that lean no further stay level.
     """
     scene, segments = predictor.model.scene, predictor.segments
-    initial = guess_initial_states(pose, _seen(scale), predictor.timeline.time, segments, scene)
-    directions = Directions.of(torch.tensor(scene.ground.normal, dtype=torch.float64), initial.resting)
+    initial = guess_initial_states(pose, _seen(scale), predictor.timeline.time, segments, scene, lean)
+    directions = Directions.of(torch.tensor(scene.ground.normal, dtype=torch.float64), initial.resting, initial.level)
     engine, follow = torch.zeros_like(pose[..., :6]), torch.ones(len(segments), dtype=torch.bool)
     return Experiment(predictor, pose, scale, fitted, directions, engine, follow), initial
 
@@ -55,6 +58,7 @@ def best_guess(
     if before is not None:
         more = (value[:, segments.trajectory, segments.start] for value in (before.state, before.twist))
         pose, twist = (torch.cat(pair) for pair in zip((pose, twist), more, strict=True))
+    pose, twist = experiment.directions.level(pose, twist)
     nominal = predictor.model.guess[None] if nominal is None else nominal
     one = Variants.of_states(pose[:1], twist[:1], nominal, predictor.null[None])
     many = one.repeat(len(pose)).replace(pose=pose, twist=twist)
@@ -105,8 +109,9 @@ def _guessed(experiment: Experiment, point: Variants, pose: Tensor, weight: Tens
     """Return the point itself, and with initial states guessed from poses (R, T, N, 7)."""
     predictor = experiment.predictor
     initial = guess_initial_states(pose, weight, predictor.timeline.time, predictor.segments, predictor.model.scene)
+    guessed = experiment.directions.level(initial.pose, initial.twist)
     return point.repeat(1 + len(initial.pose)).replace(
-        pose=torch.cat([point.pose, initial.pose]), twist=torch.cat([point.twist, initial.twist])
+        pose=torch.cat([point.pose, guessed[0]]), twist=torch.cat([point.twist, guessed[1]])
     )
 
 

@@ -14,8 +14,8 @@ from physid.physics.parameters import Parameters
 from physid.physics.schemes.integration import Midpoint, SemiImplicit
 from physid.physics.shapes.box import Box
 from physid.physics.world import Plane, World
-from physid.scenes.parameters import bodies_of
-from physid.scenes.scene import HIGHEST_RESTITUTION, Scene
+from physid.scenes.parameters import bodies_of, highest_value
+from physid.scenes.scene import Scene
 
 SMALLEST = 1e-6
 
@@ -73,7 +73,8 @@ class NominalModel:
 
     def to_values(self, coordinates: Tensor) -> Tensor:
         """Invert `to_coordinates`; a restitution is cut at 0 and 1."""
-        return torch.where(self._linear, coordinates.clamp(0, HIGHEST_RESTITUTION), coordinates.clamp(-14, 14).exp())
+        values = torch.where(self._linear, coordinates.clamp_min(0), coordinates.clamp(-14, 14).exp())
+        return values.minimum(self._highest)
 
     def slopes(self, coordinates: Tensor) -> Tensor:
         """Return d value / d coordinate, shape (..., P)."""
@@ -102,6 +103,10 @@ class NominalModel:
                 given = torch.tensor(body.inertia, dtype=torch.float64)
                 inertia[:, index] = given * (fields["mass"][:, index, None] / body.mass)
         return Parameters.of_boxes(size, fields["mass"], fields["friction"], fields["restitution"], inertia)
+
+    @cached_property
+    def _highest(self) -> Tensor:
+        return torch.tensor([highest_value(name) for name in self.unknown], dtype=torch.float64)
 
     @cached_property
     def _linear(self) -> Tensor:

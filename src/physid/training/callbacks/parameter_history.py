@@ -61,7 +61,7 @@ class ParameterHistory(L.Callback):
 
     def on_fit_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         """Write the history and draw it."""
-        if not trainer.is_global_zero:
+        if not trainer.is_global_zero or not self.rows:  # a fit of no epoch has no history
             return
         folder = Path(trainer.default_root_dir)
         table = io.StringIO()

@@ -58,7 +58,7 @@ class Explaining:
         nominal = (physical.logarithm.detach() if logarithm is None else logarithm.cpu())[None]
         predictor = Predictor.of_whole(physical.model(self.layer), cut.time, cut.grid, cut.length)
         every = torch.ones(len(cut), dtype=torch.bool)
-        experiment, initial = lay_out(predictor, cut.pose, self._scale(cut), every)
+        experiment, initial = lay_out(predictor, cut.pose, self._scale(cut), every, cut.noise.rotation)
         if not self.fitted:
             experiment = experiment.with_known_states()
             states = cut.start.pose, cut.start.twist

@@ -12,6 +12,7 @@ import lightning as L
 import torch
 from torch import Tensor
 
+from physid.estimation.least_squares.first_guess import FirstGuess
 from physid.estimation.measurement.poses import pose_difference
 from physid.training.callbacks.identifiability_warning import IdentifiabilityWarning
 from physid.training.callbacks.intervals import Intervals
@@ -19,7 +20,7 @@ from physid.training.callbacks.parameter_history import ParameterHistory
 from physid.training.callbacks.unexplained import Unexplained
 from physid.training.identifiability.identifiability import Identifiability, SensorNoise
 from physid.training.initial_states.explaining import started
-from physid.training.initial_states.fitted import fit_states
+from physid.training.initial_states.fitted import fit_states, guess_parameters
 from physid.training.initial_states.slopes import slopes, without_initial_states
 from physid.training.learners.base import OptimizerFactory, TrainingModule
 from physid.training.learners.engine import Engine
@@ -34,6 +35,8 @@ Batch = Mapping[str, Any]
 JUDGED = 8  # trajectories that suffice to judge what is identifiable
 AFRESH = 3
 """Every so many epochs initial states are also fitted from the first guess again, to leave a local minimum."""
+
+FIRST_GUESS = FirstGuess()
 
 
 @final
@@ -56,6 +59,8 @@ class SysID(TrainingModule, PredictingModule):
         start: Whether initial states are as recorded or fitted; None for fitted without twists, or if cameras distort.
         seen: Frames (at most half of them) to which initial states are fitted in tests and predictions.
         loss: What an error of the poses costs; None for the paper's loss.
+        guess: How first values are found over short segments where initial states are fitted, so that a first guess
+            may be far off; None to begin with the guess itself.
         warm_up: Where no loss is given and initial states are fitted: epochs with the paper's loss, before its
             rotations are weighed by the noise of the poses. They hold the spin, which would else hide that the friction
             is far off.
@@ -72,6 +77,7 @@ class SysID(TrainingModule, PredictingModule):
         twist: Literal["recorded", "estimated"] = "recorded",
         start: Literal["recorded", "fitted"] | None = None,
         seen: int = 60,
+        guess: FirstGuess | None = FIRST_GUESS,
         loss: PoseLoss | None = None,
         warm_up: int = 4,
         engine: Engine | None = None,
@@ -84,6 +90,7 @@ class SysID(TrainingModule, PredictingModule):
         self.learn, self.values = learn, values
         self.segment, self.test_segment, self.twist = segment, test_segment, twist
         self.start, self.seen, self.warm_up = start, seen, warm_up
+        self.guess = guess
         self.loss, self.engine = loss or PoseLoss(), engine or Engine()
         self._weighs = loss is None
         self._known: tuple[Batch, Trajectories] | None = None  # the last batch, asked for again and again
@@ -236,6 +243,9 @@ class SysID(TrainingModule, PredictingModule):
     def on_train_batch_start(self, batch: Batch, batch_idx: int) -> None:
         """Keep the batch for the optimizer, and choose the steps of the engine where that is due."""
         self._batch = batch
+        if self.guess is not None and self.current_epoch == batch_idx == 0 and self.fits_starts(batch):
+            short = self.trajectories(batch, self.guess.length(self.scene.time_step) - 1)
+            self.count_evaluations(guess_parameters(self.layer, self.physical, short, self.guess))
         if self.steps.due(self.current_epoch):
             self._choose_steps()
             if batch_idx + 1 == self.trainer.num_training_batches:
