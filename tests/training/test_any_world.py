@@ -189,7 +189,7 @@ def test_bounces_are_explained_from_first_guesses_that_are_far_off(far: float, t
 
 @quiet
 def test_a_fit_of_no_epoch_ends_well_and_leaves_no_history(tmp_path: Path) -> None:
-    config = GenerateConfig("push", trajectories=2, steps=20, video=False, split={"train": 1})
+    config = GenerateConfig("push", trajectories=2, steps=20, video=False, split={"train": 1}, unknown=("block.mass",))
     generate(config, tmp_path / "set", quiet=True)
     trainer = L.Trainer(
         max_epochs=0, accelerator="cpu", default_root_dir=tmp_path, enable_checkpointing=False, logger=False,

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+import dataclasses
+
 import torch
 from torch import Tensor
 
@@ -9,15 +12,15 @@ from physid.estimation.least_squares.experiment import Experiment, Fit
 from physid.estimation.least_squares.first_guess import FirstGuess
 from physid.estimation.least_squares.jacobian import Directions
 from physid.estimation.least_squares.levenberg_marquardt import NONE, gauss_newton
-from physid.physics.layer import PhysicsLayer, SolverError
+from physid.physics.layer import SolverError
 from physid.training.initial_states.explaining import Explaining, States
 from physid.training.parameters.gauss_newton import LIMITS
-from physid.training.parameters.physical_parameters import PhysicalParameters
-from physid.training.parameters.pose_loss import PoseLoss
 from physid.training.parameters.trajectories import Trajectories
 
 MOST = 10
 """Jacobians of one fit."""
+COMPARE = 3
+"""Jacobians of the fits by which first values are compared."""
 
 
 @torch.no_grad()
@@ -44,24 +47,32 @@ def fit_states(
 
 
 @torch.no_grad()
-def guess_parameters(layer: PhysicsLayer, physical: PhysicalParameters, cut: Trajectories, guess: FirstGuess) -> int:
-    """Replace the user's first guess by the fit to short segments; leave it where that has no solution.
+def guess_parameters(explaining: Explaining, short: Trajectories, guess: FirstGuess) -> tuple[States | None, int]:
+    """Replace the user's first guess by the fit to short segments where that explains the trajectories better.
 
     Args:
-        layer: The physics.
-        physical: The physical parameters, which are moved.
-        cut: Short segments of the trajectories.
+        explaining: Trajectories, model and loss; its parameters are moved.
+        short: The same trajectories, cut into short segments.
         guess: How values are found.
 
     Returns:
-        How many rollouts of all trajectories that took.
+        Initial states that were fitted for the better one, None where the physics has no solution for either; and how
+        many rollouts of all trajectories that took.
     """
-    explaining = Explaining(layer, physical, PoseLoss.weighed_by(cut.noise), cut)
-    experiment, point = explaining.begin()
-    try:
-        fit = guess.fit(experiment, point)
-    except SolverError:
-        return experiment.predictor.simulated[0]
-    physical.logarithm.copy_(fit.point.nominal[0].to(physical.logarithm))
+    experiment, point = dataclasses.replace(explaining, trajectories=short).begin()
+    physical, tried = explaining.physical, []
+    values = [physical.logarithm.detach().clone()]
+    with contextlib.suppress(SolverError):
+        values.append(guess.fit(experiment, point).point.nominal[0].to(physical.logarithm))
+    rollouts = experiment.predictor.simulated[0]
+    for logarithm in values:
+        with contextlib.suppress(SolverError):
+            other, fit = fit_states(explaining, COMPARE, logarithm)
+            rollouts += other.predictor.simulated[0]
+            tried.append((float(fit.loss.sum()), logarithm, fit))
+    if not tried:
+        return None, rollouts
+    _, logarithm, fit = min(tried, key=lambda one: one[0])
+    physical.logarithm.copy_(logarithm)
     physical.confine()
-    return experiment.predictor.simulated[0]
+    return (fit.point.pose[0], fit.point.twist[0]), rollouts

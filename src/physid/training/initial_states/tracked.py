@@ -106,7 +106,7 @@ class TrackedFit:
         if states is None:
             _, point = explaining.begin()
             states = point.pose[0], point.twist[0]
-            self._resumed = {"index": explaining.trajectories.index, "pose": states[0], "twist": states[1]}
+            self.begin(explaining, states)
         return started(explaining.trajectories, *states)
 
     def state_dict(self, logarithm: Tensor) -> dict[str, Tensor]:
@@ -115,6 +115,11 @@ class TrackedFit:
             return {}
         pose, twist = self.follow(logarithm.detach())
         return {"index": self._index, "pose": pose, "twist": twist}
+
+    def begin(self, explaining: Explaining, states: States | None) -> None:
+        """Take initial states that were fitted for the present parameters; None to guess them."""
+        if states is not None:
+            self._resumed = {"index": explaining.trajectories.index, "pose": states[0], "twist": states[1]}
 
     def load_state_dict(self, state: dict[str, Tensor]) -> None:
         """Take the initial states of the run that is resumed."""

@@ -37,7 +37,6 @@ class PredictingModule(L.LightningModule):
         twist: Where initial velocities come from.
         start: Whether initial states are as recorded or fitted.
         seen: Frames (at most half of them) to which initial states are fitted.
-        warm_up: Epochs of training before rotations are weighed by the noise of the poses.
         loss: What an error of the poses costs.
         engine: Rules of the physics.
         physical: The physical parameters, once the scene is known.
@@ -53,7 +52,6 @@ class PredictingModule(L.LightningModule):
     twist: Literal["recorded", "estimated"]
     start: Literal["recorded", "fitted"] | None
     seen: int
-    warm_up: int
     loss: PoseLoss
     engine: Engine
     physical: PhysicalParameters
@@ -141,14 +139,9 @@ class PredictingModule(L.LightningModule):
         return started(cut, point.pose[0], point.twist[0])
 
     def _weigh(self, batch: Batch) -> None:
-        """Weigh rotations by the noise of the poses, if no loss is given and the warm-up is over."""
-        if self._weighs and self._epochs_after >= 0:
+        """Weigh rotations by the noise of the poses, if no loss is given."""
+        if self._weighs:
             self.loss = PoseLoss.weighed_by(self.trajectories(batch).noise)
-
-    @property
-    def _epochs_after(self) -> int:
-        """How many epochs of training came after the warm-up; negative before its end, 1 outside of training."""
-        return self.current_epoch - self.warm_up if self._trainer is not None and self._trainer.training else 1
 
     def _explaining(self, cut: Trajectories, *, fitted: bool = True) -> Explaining:
         return Explaining(self.layer, self.physical, self.loss, cut, fitted)

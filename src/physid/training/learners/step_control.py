@@ -26,8 +26,8 @@ CHOICE = StepChoice(bias=0.1)
 FIRST = 1 / 480
 """Longest steps before they are chosen [s]. Until parameters and initial states are near, bodies stop and turn at other
 times than those recorded; steps that are short only where the model has events would hold it there."""
-REVIEWS = (6, 10)
-"""Epochs before which steps are chosen: when the loss is the final one, and parameters have come near."""
+REVIEWS = (2, 6)
+"""Epochs before which steps are chosen: when parameters have come near."""
 NEAR = 0.25
 """Standard errors by which parameters may differ from those at which steps were chosen last."""
 MOST_REVIEWS = 8

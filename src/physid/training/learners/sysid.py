@@ -61,9 +61,6 @@ class SysID(TrainingModule, PredictingModule):
         loss: What an error of the poses costs; None for the paper's loss.
         guess: How first values are found over short segments where initial states are fitted, so that a first guess
             may be far off; None to begin with the guess itself.
-        warm_up: Where no loss is given and initial states are fitted: epochs with the paper's loss, before its
-            rotations are weighed by the noise of the poses. They hold the spin, which would else hide that the friction
-            is far off.
         engine: Rules of the physics; None for the layer's own.
         optimizer: Adam, LBFGS, GaussNewton or PatternSearch; None for GaussNewton.
     """
@@ -79,7 +76,6 @@ class SysID(TrainingModule, PredictingModule):
         seen: int = 60,
         guess: FirstGuess | None = FIRST_GUESS,
         loss: PoseLoss | None = None,
-        warm_up: int = 4,
         engine: Engine | None = None,
         optimizer: OptimizerFactory | None = None,
     ) -> None:
@@ -89,7 +85,7 @@ class SysID(TrainingModule, PredictingModule):
         super().__init__(optimizer or GaussNewton)
         self.learn, self.values = learn, values
         self.segment, self.test_segment, self.twist = segment, test_segment, twist
-        self.start, self.seen, self.warm_up = start, seen, warm_up
+        self.start, self.seen = start, seen
         self.guess = guess
         self.loss, self.engine = loss or PoseLoss(), engine or Engine()
         self._weighs = loss is None
@@ -130,7 +126,7 @@ class SysID(TrainingModule, PredictingModule):
 
     @property
     def _afresh(self) -> bool:
-        return self._epochs_after > 0 and self._epochs_after % AFRESH == AFRESH - 1
+        return self.current_epoch % AFRESH == AFRESH - 1
 
     @property
     def _kind(self) -> Any:
@@ -226,8 +222,7 @@ class SysID(TrainingModule, PredictingModule):
         that were not chosen near will be chosen before the next epoch.
         """
         fits = self.fits_starts(self._batch)
-        final = not fits or ((not self._weighs or self._epochs_after >= 0) and self.tracked.converged)
-        return final and self.steps.settled(self.physical.logarithm)
+        return (not fits or self.tracked.converged) and self.steps.settled(self.physical.logarithm)
 
     def optimizer_step(self, epoch: int, batch_idx: int, optimizer: Any, optimizer_closure: Any = None) -> None:
         """Give GaussNewton the curvature, PatternSearch the losses of other points; others step as ever."""
@@ -244,12 +239,20 @@ class SysID(TrainingModule, PredictingModule):
         """Keep the batch for the optimizer, and choose the steps of the engine where that is due."""
         self._batch = batch
         if self.guess is not None and self.current_epoch == batch_idx == 0 and self.fits_starts(batch):
-            short = self.trajectories(batch, self.guess.length(self.scene.time_step) - 1)
-            self.count_evaluations(guess_parameters(self.layer, self.physical, short, self.guess))
+            self._guess(batch, self.guess)
         if self.steps.due(self.current_epoch):
             self._choose_steps()
             if batch_idx + 1 == self.trainer.num_training_batches:
                 self.steps.reviewed()
+
+    def _guess(self, batch: Batch, guess: FirstGuess) -> None:
+        """Find first values of the parameters, and initial states that go with them."""
+        self._weigh(batch)
+        short = self.trajectories(batch, guess.length(self.scene.time_step) - 1)
+        explaining = self._explaining(self.trajectories(batch, self.segment))
+        states, rollouts = guess_parameters(explaining, short, guess)
+        self.tracked.begin(explaining, states)
+        self.count_evaluations(rollouts)
 
     def on_train_batch_end(self, outputs: Any, batch: Batch, batch_idx: int) -> None:
         """Add the errors of the last evaluation."""
