@@ -140,7 +140,7 @@ class Pipeline:
             begun = time.process_time()
             observations = load_observations(RecordingSet(self.folder), None, None, settings.roles)
             model = read_nominal_model(observations.scene, None)
-            require_usable(observations, settings.requirements)
+            require_usable(observations, settings.requirements, settings.noise)
             made = fit_nominal_model(observations, model, CATALOGUE, generator, self.say, settings)
             self.fits[key] = made, generator.get_state(), time.process_time() - begun
         made, state, spent = self.fits[key]

@@ -18,6 +18,7 @@ RANKS = {
     "one_writer": 0,
     "strict": 0,
     "typed_files": 1,
+    "setting": 1,
     "yaml_files": 0,
     "compiler": 0,
     "pages": 1,
@@ -40,8 +41,8 @@ RANKS = {
 ROOMS = {
     "estimation": ("measurement", "prediction", "least_squares"),
     "diagnosis": (
-        "document",
         "settings",
+        "document",
         "progress.py",
         "inputs",
         "reference",
@@ -60,6 +61,7 @@ MOST_IMPORTS = 8
 """Modules of physid that a module imports. `LISTS` are those of which each import is an entry."""
 LISTS = {
     "commands/__init__.py",
+    "diagnosis/settings/settings.py",
     "effects/contact/__init__.py",
     "effects/dynamics/__init__.py",
     "estimation/least_squares/__init__.py",

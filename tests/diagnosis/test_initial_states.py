@@ -7,8 +7,9 @@ import dataclasses
 import pytest
 import torch
 
-from physid.estimation.least_squares.initial_states import SPANS, guess_initial_states
+from physid.estimation.least_squares.initial_states import guess_initial_states
 from physid.estimation.least_squares.jacobian import Directions
+from physid.estimation.least_squares.settings import GuessSettings
 from physid.estimation.prediction.segments import Segmentation
 from physid.physics.rotations import exponential, multiply
 from physid.scenes.setups.push import SCENE
@@ -41,7 +42,7 @@ def test_a_falling_body_has_the_speed_of_its_fall_however_long_one_looks() -> No
     initial = guess_initial_states(pose, torch.ones(1, 60, 1), EVEN, Segmentation.equal(1, 60, 60), scene)
     assert not bool(initial.resting.any())
     assert torch.allclose(initial.twist, torch.zeros_like(initial.twist), atol=1e-6)
-    assert len(initial.pose) > len(SPANS)
+    assert len(initial.pose) > len(GuessSettings().spans)
 
 
 def test_lost_frames_do_not_make_a_body_faster() -> None:
@@ -51,7 +52,9 @@ def test_lost_frames_do_not_make_a_body_faster() -> None:
     pose[0, :, 0, 0] = SPEED * time[0]
     pose[..., 2], pose[..., 6] = SCENE.bodies[0].size[2] / 2, 1.0
     initial = guess_initial_states(pose, torch.ones(1, 60, 1), time, Segmentation.equal(1, 60, 60), SCENE)
-    assert torch.allclose(initial.twist[:-1, 0, 0, 3], torch.full((len(SPANS),), SPEED, dtype=torch.float64), atol=1e-6)
+    assert torch.allclose(
+        initial.twist[:-1, 0, 0, 3], torch.full((len(GuessSettings().spans),), SPEED, dtype=torch.float64), atol=1e-6
+    )
 
 
 @pytest.mark.parametrize(("late", "wild"), [(0, False), (5, False), (5, True)])

@@ -11,7 +11,8 @@ from physid.diagnosis.inputs.model_source import read_nominal_model
 from physid.diagnosis.inputs.observations import load_observations
 from physid.diagnosis.reference.nominal_fit import NONE, NominalFit, fit_nominal_model
 from physid.effects import find
-from physid.estimation.least_squares.multi_start import DOUBTFUL, carried, guesses, search, try_new_states
+from physid.estimation.least_squares.multi_start import carried, guesses, search, try_new_states
+from physid.estimation.least_squares.settings import MultiStartSettings
 
 NEAR = 1.1  # times the loss at the best initial state
 
@@ -36,17 +37,17 @@ def test_a_wrong_initial_state_is_found_again_and_the_others_stay(nominal_fit: N
     twist[0, 1, :, 2] = 4.0
     wrong = experiment.linearise(right.point.replace(twist=twist), NONE)
     count = experiment.predictor.segments.size * 6
-    assert wrong.loss[1] > 10 * DOUBTFUL * count[1]
+    assert wrong.loss[1] > 10 * MultiStartSettings().doubtful * count[1]
     found = search(experiment, wrong)
     assert experiment.losses(found)[0, 1] < NEAR * right.loss[1]
-    well = wrong.loss < DOUBTFUL * count
+    well = wrong.loss < MultiStartSettings().doubtful * count
     assert well.any()
     assert torch.equal(found.twist[0, well], wrong.point.twist[0, well])
 
 
 def test_where_all_fits_nothing_is_searched(nominal_fit: NominalFit) -> None:
     count = nominal_fit.experiment.predictor.segments.size * 6
-    assert (nominal_fit.fit.loss < DOUBTFUL * count).all()
+    assert (nominal_fit.fit.loss < MultiStartSettings().doubtful * count).all()
     assert search(nominal_fit.experiment, nominal_fit.fit) is nominal_fit.fit.point
 
 

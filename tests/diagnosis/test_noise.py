@@ -9,8 +9,8 @@ from torch import Tensor
 from physid.diagnosis.inputs.events import find_jolts
 from physid.diagnosis.settings.inputs import EventSettings
 from physid.estimation.measurement.sensor_noise import (
-    FLOOR,
     Noise,
+    NoiseSettings,
     estimate_noise,
     frame_weights,
     noise_of_poses,
@@ -82,7 +82,7 @@ def test_the_noise_is_estimated_whatever_smooth_error_the_model_makes() -> None:
 
 def test_recordings_without_noise_are_given_what_integrators_differ_by() -> None:
     found = estimate_noise(torch.zeros(2, FRAMES, 1, 6, dtype=torch.float64), torch.ones(2, FRAMES, 1))
-    assert (found.rotation, found.position) == FLOOR
+    assert (found.rotation, found.position) == NoiseSettings().least
 
 
 @pytest.mark.parametrize("jitter", [0.0, 0.4])

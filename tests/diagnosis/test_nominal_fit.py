@@ -9,12 +9,14 @@ from diagnosis.sets import recorded
 from physid.data.format import RecordingSet
 from physid.diagnosis.inputs.model_source import read_nominal_model
 from physid.diagnosis.inputs.observations import load_observations
-from physid.diagnosis.reference.nominal_fit import NominalFit, fit_nominal_model
+from physid.diagnosis.reference.nominal_fit import NominalFit, fit_nominal_model, inliers
+from physid.diagnosis.settings.settings import Settings
 from physid.effects import find
 from physid.estimation.least_squares.experiment import Experiment, Fit
-from physid.estimation.least_squares.levenberg_marquardt import CONVERGED, gauss_newton, solve_shared
-from physid.estimation.least_squares.line_search import Limits, best_step
+from physid.estimation.least_squares.levenberg_marquardt import gauss_newton, solve_shared
+from physid.estimation.least_squares.line_search import best_step
 from physid.estimation.least_squares.prior import prior
+from physid.estimation.least_squares.settings import LeastSquaresSettings, LineSearchSettings
 from physid.estimation.prediction.rollout import Predictor
 
 DRAG = 0.8
@@ -45,12 +47,14 @@ def counted(monkeypatch: pytest.MonkeyPatch, nominal_fit: NominalFit, chords: in
     with monkeypatch.context() as patch:
         patch.setattr(Experiment, "linearise", count)
         far = nominal_fit.fit.point.replace(nominal=nominal_fit.fit.point.nominal + FAR)
-        return gauss_newton(nominal_fit.experiment, far, torch.tensor([0]), limits=Limits(chords=chords)), made
+        searched = nominal_fit.experiment.replace(settings=LeastSquaresSettings(line_search={"chords": chords}))
+        return gauss_newton(searched, far, torch.tensor([0])), made
 
 
 def test_an_older_jacobian_leads_to_the_same_minimum(monkeypatch: pytest.MonkeyPatch, nominal_fit: NominalFit) -> None:
-    (one, many), (other, few) = (counted(monkeypatch, nominal_fit, chords) for chords in (0, Limits().chords))
-    tolerance = CONVERGED * (1 + float(one.loss.sum())) ** 0.5
+    own = LineSearchSettings()
+    (one, many), (other, few) = (counted(monkeypatch, nominal_fit, chords) for chords in (0, own.chords))
+    tolerance = own.converged * (1 + float(one.loss.sum())) ** 0.5
     assert float(other.loss.sum()) < float(nominal_fit.fit.loss.sum()) - 100 * tolerance
     assert abs(float((one.loss - other.loss).sum())) < 2 * tolerance
     assert float(other.point.effects[0, 0]) == pytest.approx(float(one.point.effects[0, 0]), rel=1e-2)
@@ -86,7 +90,7 @@ def test_what_a_step_predicts_need_not_be_predicted_again(
     values = torch.tensor([[0.0, *(value for each in effects.values() for value in each.values())]])
     point = nominal_fit.fit.point.replace(nominal=nominal_fit.fit.point.nominal + FAR, effects=values.double())
     fit = experiment.linearise(point, drag)
-    change = solve_shared(fit.normal(), experiment.fitted, prior(experiment.predictor, drag))
+    change = solve_shared(fit.normal(), experiment.fitted, prior(experiment, drag))
     step = best_step(experiment, fit, drag, change, torch.full_like(fit.loss, 1e-3), (1.0, 0.5, 0.0))
     assert step.predicted is not None
     assert len(step.damping.unique()) > 1  # segments have kept different trials
@@ -97,3 +101,16 @@ def test_what_a_step_predicts_need_not_be_predicted_again(
     kept, anew = experiment.moved(step.point, fit, step.predicted), experiment.at(step.point, fit)
     assert torch.allclose(kept.loss, anew.loss, rtol=1e-6)
     assert torch.allclose(kept.normal().vector, anew.normal().vector, rtol=1e-6, atol=1e-6)
+
+
+def test_settings_of_the_estimator_reach_the_fit(nominal_fit: NominalFit) -> None:
+    changes = {"noise.least": [0.1, 0.01], "least_squares.prior.effect": 5.0, "steps.rounds": 1}
+    settings = Settings().changed(changes)
+    observations = nominal_fit.observations
+    found = fit_nominal_model(
+        observations, nominal_fit.experiment.predictor.model, (), torch.Generator(), settings=settings
+    )
+    assert (found.noise.rotation, found.noise.position) == (0.1, 0.01)
+    assert found.experiment.settings.prior.effect == 5.0
+    still = Settings().changed({"noise.jump": [1e-9, 1e-9], "noise.usual": 1e-3})
+    assert inliers(observations, still.noise).sum() < inliers(observations, settings.noise).sum()

@@ -12,14 +12,14 @@ from physid.diagnosis.inputs.model_source import read_nominal_model
 from physid.diagnosis.inputs.observations import load_observations
 from physid.effects import find
 from physid.estimation.prediction.rollout import Predictor, Variants
-from physid.estimation.prediction.segments import IMPACTS, Segmentation
+from physid.estimation.prediction.segments import CutRule, Segmentation
 
 
 def test_threads_do_not_change_a_prediction(tmp_path: Path) -> None:
     observations = load_observations(RecordingSet(recorded(tmp_path / "set", trajectories=6, split={"fit": 1})))
     events = torch.zeros(observations.pose.shape[:2], dtype=torch.bool)
     events[:, 40], events[0, 70] = True, True
-    segments, model = Segmentation.around(events, IMPACTS), read_nominal_model(observations.scene, None)
+    segments, model = Segmentation.around(events, CutRule()), read_nominal_model(observations.scene, None)
     predictor = Predictor(model, observations.timeline, segments, [find("viscous_drag")])
     pose = observations.pose[segments.trajectory, segments.start][None]
     null = Variants(

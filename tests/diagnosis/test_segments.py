@@ -5,7 +5,9 @@ from __future__ import annotations
 import pytest
 import torch
 
-from physid.estimation.prediction.segments import FEWEST, IMPACTS, Segmentation
+from physid.estimation.prediction.segments import CutRule, Segmentation
+
+IMPACTS = CutRule()
 
 
 def around(*impacts: int, frames: int = 150) -> Segmentation:
@@ -62,7 +64,7 @@ def test_cuts_last_as_long_at_any_rate_but_hold_frames_enough_to_see_velocities(
     lasting = (IMPACTS.lead, IMPACTS.trail, IMPACTS.longest, IMPACTS.least)
     assert all(
         count == fewest or abs(count / rate - time) <= 0.51 / rate
-        for count, time, fewest in zip(frames, lasting, FEWEST, strict=True)
+        for count, time, fewest in zip(frames, lasting, IMPACTS.fewest, strict=True)
     )
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from diagnosis.documents import diagnosis, said
-from physid.diagnosis.document.document import VERDICTS, Estimate, Share, check_diagnosis
+from physid.diagnosis.document.document import VERDICTS, Estimate, Share, Shrink, check_diagnosis
 from physid.diagnosis.document.sentences import (
     MOST_LINES,
     caveat,
@@ -120,5 +122,12 @@ def test_an_interval_without_width_or_unit_is_written_as_it_is() -> None:
 
 
 def test_too_few_trajectories_have_no_interval_in_words_either() -> None:
-    assert closed(Share(0.98, None, None)) == ("98 %", "too few trajectories for an interval")
-    assert closed(Share(0.98, 0.9, 1.1)) == ("98 %", "90 % to 110 %")
+    whole = said("named")
+
+    def words(*share: float | None, **settings: object) -> tuple[str, str] | None:
+        return closed(replace(whole, shrink=Shrink(Share(*share), None), settings={"gap": settings}), "same")
+
+    assert words(0.98, None, None) == ("98 %", "too few trajectories for an interval")
+    assert words(0.98, 0.9, 1.1) == ("98 %", "90 % to 110 %")
+    assert words(0.98, 0.9, 1.6) == ("98 %", "at least 90 %")
+    assert words(0.98, 0.9, 1.6, most_closed=2.0) == ("98 %", "90 % to 160 %")

@@ -14,30 +14,71 @@ from physid.cli import main
 from physid.diagnosis import diagnose as pipeline
 from physid.diagnosis.settings.settings import Settings, parse_changes
 
-ROOT = Path(pipeline.__file__).parent
-ROOMS = ("inputs", "reference", "testing", "selection", "posterior", "conclusion")
+ROOT = Path(pipeline.__file__).parent.parent
+ROOMS = (
+    "estimation/measurement", "estimation/prediction", "estimation/least_squares", "diagnosis/inputs",
+    "diagnosis/reference", "diagnosis/testing", "diagnosis/selection", "diagnosis/posterior",
+    "diagnosis/conclusion",
+)  # fmt: skip
 """Where a diagnosis decides; `document` and `report` only present it."""
-FILES = [ROOT / "diagnose.py", *(path for room in ROOMS for path in sorted((ROOT / room).glob("*.py")))]
+FILES = [ROOT / "diagnosis/diagnose.py", *(path for room in ROOMS for path in sorted((ROOT / room).glob("*.py")))]
 NAMES = [path.relative_to(ROOT).as_posix() for path in FILES]
 TRIVIAL = {0, 1, 2, 3, 6, 7, 0.5}
 """Neutral values, halves, doubles, the three axes, the six coordinates of a pose difference and the seven of a pose."""
 TINY, HUGE = 1e-6, 1e9
 """What is at most so small or at least so large keeps a division or a comparison finite, and decides nothing."""
 LISTED = {
-    "inputs/events.py": {24},  # variance of a slope, 24 sigma^2 / (n^3 - n)
-    "reference/null_simulations.py": {12},  # the same of one line, 12 sigma^2 / n^3
-    "testing/null_tails.py": {9},  # Wilson and Hilferty 1931
-    "conclusion/localisation.py": {4},  # digits
-    "conclusion/fitted_model.py": {6, 12, 120},  # epochs of a configuration that is written
+    "diagnosis/inputs/events.py": {24},  # variance of a slope, 24 sigma^2 / (n^3 - n)
+    "diagnosis/reference/null_simulations.py": {12},  # the same of one line, 12 sigma^2 / n^3
+    "diagnosis/testing/null_tails.py": {9},  # Wilson and Hilferty 1931
+    "diagnosis/conclusion/localisation.py": {4},  # digits
+    "diagnosis/conclusion/fitted_model.py": {6, 12, 120},  # epochs of a configuration that is written
+    "estimation/least_squares/covariance.py": {0.9},  # CONFIDENCE
+    "estimation/least_squares/discretisation.py": {4},  # an axis, and the quarter that the settings describe
+    "estimation/least_squares/experiment.py": {4},  # an axis
+    "estimation/least_squares/jacobian.py": {4, 12, 0.9, 1e-3, 2.5e-4, 0.1, 1e-5},  # directions of a state; see below
+    "estimation/least_squares/line_search.py": {1e3},  # largest damping: a state that stays where it is
+    "estimation/measurement/misfit.py": {4, 9, 15, 20, 0.15, 2e-4},  # third differences; SHARE_OF_...
+    "estimation/measurement/sensor_noise.py": {4, 1.4826, 0.98661, 1.5},  # of a normal distribution, of differences
+    "estimation/measurement/tracking_error.py": {4, 8, 16, 32},  # SPANS
+    "estimation/measurement/unexplained.py": {1e3, 180},  # units
+    "estimation/prediction/nominal_model.py": {14},  # exp(14), where a logarithm ends
+    "estimation/prediction/rollout.py": {400_000},  # memory
+    "estimation/prediction/segments.py": {16, 32, 64, 128, 240},  # CLASSES; the usual frame rate
 }
 CONSTANTS = {
-    "reference/nominal_fit_cache.py": {"LAYOUT"},  # version of a file
-    "conclusion/fitted_model.py": {"DIGITS"},  # of what is written
-}
+    "diagnosis/reference/nominal_fit_cache.py": {"LAYOUT"},  # version of a file
+    "diagnosis/conclusion/fitted_model.py": {"DIGITS"},  # of what is written
+    "estimation/least_squares/covariance.py": {"CONFIDENCE"},  # what intervals mean by default
+    "estimation/least_squares/jacobian.py": {
+        "SHIFTS",  # columns
+        "STEEP",  # which tangent of the ground comes first
+        "SLOPES", "BEND", "FAINT",  # no part of a diagnosis: identifiability alone looks at two step sizes
+    },
+    "estimation/least_squares/levenberg_marquardt.py": {"WHOLE"},  # the whole step
+    "estimation/measurement/misfit.py": {
+        "SHARE_OF_NOISE, SHARE_OF_SIZE",  # of a fit, and the defaults of `materiality`
+        "SQUARES", "DEVIATION",  # coefficients of a third difference
+    },
+    "estimation/measurement/sensor_noise.py": {
+        "NORMAL_MAD", "TRIM, TRIMMED",  # of a normal distribution, and the cut that they belong to
+        "WINDOW",  # frames of a third difference
+    },
+    "estimation/measurement/tracking_error.py": {
+        "SPANS",  # all that a trajectory holds
+        "UNREAD",  # rounding
+        "KINDS",  # columns of a pose
+    },
+    "estimation/measurement/unexplained.py": {"KINDS"},  # units
+    "estimation/prediction/nominal_model.py": {"SMALLEST"},  # keeps a logarithm finite
+    "estimation/prediction/segments.py": {"CLASSES"},  # how many are simulated together, for speed
+}  # fmt: skip
 
 
 def literals(tree: ast.AST) -> Iterator[ast.Constant]:
-    """List the numbers below a node, but for indices and for what is written into texts."""
+    """List the numbers below a node, but for indices, settings, and what is written into texts."""
+    if isinstance(tree, ast.Call) and ast.unparse(tree.func) == "setting":
+        return
     for child in ast.iter_child_nodes(tree):
         if isinstance(child, ast.Constant) and type(child.value) in (int, float):
             yield child
@@ -64,7 +105,8 @@ def test_no_module_has_a_number_of_its_own(name: str) -> None:
 
 
 def test_every_setting_is_read_and_says_its_unit_meaning_and_origin() -> None:
-    source = "".join(path.read_text() for path in (*FILES, *ROOT.glob("report/*.py"), *ROOT.glob("settings/*.py")))
+    shown = (path for room in ("document", "report", "settings") for path in (ROOT / "diagnosis" / room).glob("*.py"))
+    source = "".join(path.read_text() for path in (*FILES, *shown))
     read = {node.attr for node in ast.walk(ast.parse(source.replace("from __future__ import annotations", "")))
             if isinstance(node, ast.Attribute)}  # fmt: skip
     for row in Settings().table():
@@ -83,7 +125,7 @@ def test_a_table_read_back_is_the_settings() -> None:
 
 def test_a_change_reaches_what_is_used_and_leaves_the_rest() -> None:
     changed = Settings().changed({"segments.impacts.lead": 0.1, "lack_of_fit.margin": 2})
-    assert changed.segments.impacts.rule.lead == 0.1
+    assert changed.segments.impacts.lead == 0.1
     assert changed.lack_of_fit.margin == 2.0
     assert changed.evidence == Settings().evidence
     with pytest.raises(ValidationError, match="frozen"):

@@ -81,7 +81,7 @@ def _diagnoses(runs: Sequence[Run]) -> Iterable[Row]:
     for split in SPLITS:
         lines[f"Error, {SPLIT_NAMES[split]}"] = lambda said, split=split: _error(said, split)  # type: ignore[misc]
         lines[f"Closed, {SPLIT_NAMES[split]}"] = lambda said, split=split: (  # type: ignore[misc]
-            " (".join(closed(said.share(split))) + ")" if said.share(split) else ""
+            " (".join(part) + ")" if (part := closed(said, split)) else ""
         )
     if any(run["diagnosis"] for run in runs):
         for name, say in lines.items():

@@ -57,10 +57,10 @@ def far(said: Diagnosis) -> list[str]:
     """Give the errors of each split, and the share of the gap that closes."""
     lines = []
     for split in SPLITS:
-        errors, share = said.errors(split), said.share(split)
+        errors, share = said.errors(split), closed(said, split)
         if errors is not None:
             after = "" if errors.after is None else f" → {quantity(errors.after, said.gap.unit)}"
-            part = "" if share is None else f", {closed(share)[0]} closed"
+            part = "" if share is None else f", {share[0]} closed"
             lines.append(f"{SPLIT_NAMES[split]}: {quantity(errors.before, said.gap.unit)}{after}{part}")
     return lines
 

@@ -67,7 +67,7 @@ def diagnose(
     say(Stage.READING)
     observations = load_observations(recordings, transfer, limit, settings.roles)
     believed = read_nominal_model(observations.scene, model)
-    require_usable(observations, settings.requirements)
+    require_usable(observations, settings.requirements, settings.noise)
     candidates = candidates_beside(believed.effects, effects)
     with one_writer(out):
         nominal_fit = fit_or_resume(out, observations, believed, candidates, generator, settings, say)

@@ -65,7 +65,8 @@ class Evidence:
     def describe_noise(self) -> str:
         """Say how noisy the poses are."""
         size = f"{1000 * self.noise.position:.2g} mm and {np.rad2deg(self.noise.rotation):.2g} deg"
-        return f"{size} {'assumed, too little to tell' if self.noise is UNSEEN else 'beyond any smooth motion'}"
+        unseen = self.noise.position == UNSEEN.position
+        return f"{size} {'assumed, too little to tell' if unseen else 'beyond any smooth motion'}"
 
     @property
     def weight(self) -> Array:

@@ -9,12 +9,13 @@ import torch
 from numpy.typing import NDArray
 
 from physid.data.recording import Recording
-from physid.estimation.measurement import Noise, noise_of_poses, outlier_poses, pose_difference
+from physid.estimation.measurement import Noise, NoiseSettings, noise_of_poses, outlier_poses, pose_difference
 from physid.scenes.camera import corners
 from physid.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 WINDOW, LONGEST, LASTING = 7, 41, 0.15  # frames of a local parabola: at least, at most; [s] at most
+UNBOUNDED = NoiseSettings(least=(0.0, 0.0))
 GAP = 2.0  # time steps per frame beyond which a window has too large a hole
 
 
@@ -152,4 +153,4 @@ def noise_of(recordings: list[Recording], time_step: float) -> Noise:
             times.append(one.stamps(time_step)[rows])
             real.append(frames < seen.sum())
     pose, time, there = (torch.from_numpy(np.stack(each)) for each in (poses, times, real))
-    return noise_of_poses(pose, there & ~outlier_poses(pose, there[..., None])[..., 0], time, least=(0.0, 0.0))
+    return noise_of_poses(pose, there & ~outlier_poses(pose, there[..., None])[..., 0], time, UNBOUNDED)

@@ -131,7 +131,9 @@ def _planned(drawn: Sequence[Excitation], one: Hypothesis, other: Hypothesis, no
     present = torch.ones(wrench.shape[:3], dtype=torch.float64)
     seen = predictor.predict(rival).pose[0]
     observed = Observations(scene, seen, present, timeline, (FIT,) * rows, tuple(range(rows)))
-    experiment, guess = begin(predictor, observed, present, nominal_fit.noise, one.fit.point.nominal)
+    experiment, guess = begin(
+        predictor, observed, present, nominal_fit.noise, nominal_fit.settings, one.fit.point.nominal
+    )
     same = guess.replace(pose=rival.pose, twist=rival.twist)
     points = [each.replace(effects=one.fit.point.effects) for each in (guess, same)]
     return _told(one, experiment, points)

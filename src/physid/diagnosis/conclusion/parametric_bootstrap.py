@@ -44,7 +44,7 @@ def bootstrap_spread(hypothesis: Hypothesis, generator: torch.Generator) -> Tens
         )
         residual = experiment.replace(pose=made).residual(fit.jacobian.base.pose, fit.point)
         normal = fit.linear.respond(residual, experiment.scale).of(experiment.fitted)
-        matrix = normal.matrix.sum(0) + torch.diag(prior(experiment.predictor, hypothesis.columns))
+        matrix = normal.matrix.sum(0) + torch.diag(prior(experiment, hypothesis.columns))
         error = torch.linalg.solve(matrix, normal.vector.sum(0))[:, 0]
         unknown = fit.point.nominal.shape[1]
         error[:unknown] -= (point.nominal - fit.point.nominal)[0]

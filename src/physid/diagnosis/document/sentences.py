@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from physid.diagnosis.document.document import Cell, Diagnosis, Estimate, Share, Split
+from physid.diagnosis.document.document import Cell, Diagnosis, Estimate, Split
+from physid.diagnosis.settings.conclusion import GapSettings
 from physid.pages.numbers import capital, figure, interval, join, p_value, percent, quantity, words
 
 MOST_LINES = 10
@@ -13,7 +14,6 @@ MOST_PARAMETERS = 3  # of effects, and as many refitted ones, that the terminal 
 MOST_CELLS = 2
 MOST_HIDDEN = 6
 SPLIT_NAMES: dict[Split, str] = {"same": "same protocol", "transfer": "transfer protocol"}
-MOST_CLOSED = 1.5  # an interval that reaches beyond says that the floor is too near to be subtracted
 LABEL_WIDTH = 9
 
 
@@ -113,20 +113,26 @@ def effect_lines(diagnosis: Diagnosis) -> list[str]:
 
 def how_far_sentence(diagnosis: Diagnosis, split: Split) -> str:
     """Give the error before and after on one split, its floor, and the share of the gap that was closed."""
-    share, error, unit = diagnosis.share(split), diagnosis.errors(split), diagnosis.gap.unit
+    part, error, unit = closed(diagnosis, split), diagnosis.errors(split), diagnosis.gap.unit
     assert error is not None
     after = "" if error.after is None else f" -> {quantity(error.after, unit)}"
     text = f"{SPLIT_NAMES[split]}: {quantity(error.before, unit)}{after} (floor {quantity(diagnosis.gap.floor, unit)})"
-    if share is not None:
-        return f"{text}, {' closed ('.join(closed(share))})"
+    if part is not None:
+        return f"{text}, {' closed ('.join(part)})"
     return text if error.after is None else f"{text}, too near to the floor for a share"
 
 
-def closed(share: Share) -> tuple[str, str]:
-    """Say which share of a gap is closed, and its interval; no more than all of it where the floor is not sure."""
+def closed(said: Diagnosis, split: Split) -> tuple[str, str] | None:
+    """Say which share of the gap is closed on a split, and its interval; no more than all where the floor is not sure.
+
+    None where no share is known.
+    """
+    share = said.share(split)
+    if share is None:
+        return None
     if share.low is None or share.high is None:
         return percent(share.value), "too few trajectories for an interval"
-    if share.high > MOST_CLOSED:
+    if share.high > said.settings.get("gap", {}).get("most_closed", GapSettings().most_closed):
         return percent(min(share.value, 1.0)), f"at least {percent(min(share.low, 1.0))}"
     low, high = percent(share.low), percent(share.high)
     if low == high:

@@ -6,15 +6,16 @@ import torch
 
 from physid.diagnosis.inputs.observations import Observations
 from physid.diagnosis.settings.inputs import RequirementSettings
-from physid.estimation.measurement import stray_poses
+from physid.estimation.measurement import NoiseSettings, stray_poses
 
 
-def require_usable(observations: Observations, settings: RequirementSettings) -> None:
+def require_usable(observations: Observations, settings: RequirementSettings, noise: NoiseSettings) -> None:
     """Refuse observations that cannot be diagnosed.
 
     Args:
         observations: What was recorded.
         settings: What is required.
+        noise: What an outlier is.
 
     Raises:
         ValueError: If there are too few trajectories or frames, nothing moves, units are evidently wrong, many poses
@@ -29,13 +30,13 @@ def require_usable(observations: Observations, settings: RequirementSettings) ->
         )
     _require_units(observations, settings)
     _require_motion(observations, settings)
-    _require_order(observations, settings)
+    _require_order(observations, settings, noise)
     _require_forces(observations, settings)
 
 
-def _require_order(observations: Observations, settings: RequirementSettings) -> None:
+def _require_order(observations: Observations, settings: RequirementSettings, noise: NoiseSettings) -> None:
     """Refuse poses that jump about."""
-    wild = float(stray_poses(observations.pose, observations.present).double().mean())
+    wild = float(stray_poses(observations.pose, observations.present, noise).double().mean())
     position = observations.pose[..., :3]
     bent = (position[:, 1:-1] - (position[:, :-2] + position[:, 2:]) / 2).norm(dim=-1)
     spread = (position - position.mean(1, keepdim=True)).norm(dim=-1).median()

@@ -16,7 +16,6 @@ from physid.diagnosis.settings.settings import Settings
 from physid.estimation.least_squares import (
     ChosenSteps,
     Experiment,
-    FirstGuess,
     Fit,
     best_guess,
     choose_steps,
@@ -24,7 +23,14 @@ from physid.estimation.least_squares import (
     lay_out,
     search,
 )
-from physid.estimation.measurement import Noise, TrackingError, estimate_noise, frame_weights, outlier_poses
+from physid.estimation.measurement import (
+    Noise,
+    NoiseSettings,
+    TrackingError,
+    estimate_noise,
+    frame_weights,
+    outlier_poses,
+)
 from physid.estimation.prediction import NominalModel, Prediction, Predictor, Segmentation, Timeline, Variants
 from physid.physics.effect import Effect
 
@@ -59,12 +65,12 @@ class NominalFit:
     @property
     def present(self) -> Tensor:
         """Frames that exist and are not outliers, shape (R, T, N)."""
-        return inliers(self.observations)
+        return inliers(self.observations, self.settings.noise)
 
 
-def inliers(observations: Observations) -> Tensor:
+def inliers(observations: Observations, settings: NoiseSettings) -> Tensor:
     """Return which frames exist and are not outliers, shape (R, T, N)."""
-    present: Tensor = observations.present * ~outlier_poses(observations.pose, observations.present)
+    present: Tensor = observations.present * ~outlier_poses(observations.pose, observations.present, settings)
     return present
 
 
@@ -90,28 +96,24 @@ def fit_nominal_model(
         The fit, with the noise that its residuals show.
     """
     trajectories, frames = observations.pose.shape[:2]
-    present = inliers(observations)
+    present = inliers(observations, settings.noise)
     say(Stage.FITTING_SHORT_SEGMENTS)
     own = settings.nominal_fit
-    guess = FirstGuess(own.first_segments, own.first_frames, own.guess_factors, own.first_steps)
-    length = guess.length(observations.scene.time_step)
+    length = settings.first_guess.length(observations.scene.time_step)
     short = Segmentation.equal(trajectories, frames, min(length, frames))
     timeline = _first_steps(observations, model)
     predictor = Predictor(model, timeline, short, candidates)
-    experiment, point = begin(
-        predictor, observations, present, Noise(own.first_rotation_noise, own.first_position_noise)
-    )
-    first = guess.fit(experiment, point)
-    noise = estimate_noise(first.residual, present, observations.error)
+    start = Noise(own.first_rotation_noise, own.first_position_noise)
+    experiment, point = begin(predictor, observations, present, start, settings)
+    first = settings.first_guess.fit(experiment, point)
+    noise = estimate_noise(first.residual, present, observations.error, settings.noise)
     say(Stage.FITTING_NOMINAL)
     experiment, fit, events = _fit_segments(observations, predictor, present, noise, first, settings)
     chosen = None
     for _ in range(own.step_choices if _chooses_steps(model) else 0):
         say(Stage.CHOOSING_STEPS)
-        noise, experiment = _weighed(experiment, fit, present, noise.error, own.robust)
-        chosen = choose_steps(
-            experiment, experiment.linearise(fit.point, NONE), observations.timeline, settings.steps.choice
-        )
+        noise, experiment = _weighed(experiment, fit, present, noise.error, settings)
+        chosen = choose_steps(experiment, experiment.linearise(fit.point, NONE), observations.timeline, settings.steps)
         experiment, fit, events = _fit_segments(
             observations, experiment.predictor.at_times(chosen.timeline), present, noise, fit, settings
         )
@@ -162,9 +164,11 @@ def _fit_segments(
     model = predictor.model
     events = events_of(fit)
     for _ in range(settings.nominal_fit.cuts):
-        segments = Segmentation.around(events, settings.segments.impacts.rule, model.scene.time_step)
+        segments = Segmentation.around(events, settings.segments.impacts, model.scene.time_step)
         predictor = predictor.over(segments)
-        experiment, point = begin(predictor, observations, present, noise, fit.point.nominal, fit.jacobian.base)
+        experiment, point = begin(
+            predictor, observations, present, noise, settings, fit.point.nominal, fit.jacobian.base
+        )
         fit = gauss_newton(experiment, point, NONE)
         if settings.nominal_fit.new_states:
             fit = gauss_newton(experiment, search(experiment, fit), NONE)
@@ -191,7 +195,7 @@ def _follow(
     """
     segments = experiment.predictor.segments
     limits = settings.nominal_fit
-    noise, experiment = _weighed(experiment, alone, present, error, limits.robust)
+    noise, experiment = _weighed(experiment, alone, present, error, settings)
     if experiment.predictor.model.scene.integration is None or not limits.follows:
         # Steps are fine, and no simulator is nearer to the recordings than the model itself.
         own = _own_weight(segments, experiment.misfit(alone.point), segments.contact & limits.own_weights)
@@ -206,7 +210,7 @@ def _follow(
     engine = torch.where(segments.spread(lost)[..., None, None], torch.zeros((), dtype=torch.float64), followed.engine)
     experiment = experiment.replace(follow=~lost, engine=engine)
     fit = experiment.linearise(point, NONE)
-    noise, experiment = _weighed(experiment, fit, present, error, limits.robust)
+    noise, experiment = _weighed(experiment, fit, present, error, settings)
     own = _own_weight(segments, experiment.misfit(fit.point), lost & limits.own_weights)
     experiment = experiment.replace(scale=experiment.scale * own)
     return experiment, experiment.linearise(point, NONE), noise
@@ -225,11 +229,12 @@ def _usual(segments: Segmentation, misfit: Tensor) -> Tensor:
 
 
 def _weighed(
-    experiment: Experiment, fit: Fit, present: Tensor, error: TrackingError | None, robust: bool
+    experiment: Experiment, fit: Fit, present: Tensor, error: TrackingError | None, settings: Settings
 ) -> tuple[Noise, Experiment]:
-    """Estimate the noise from the residuals of a fit, and weigh its frames, by how far they stand out if `robust`."""
-    noise = estimate_noise(fit.residual, present, error)
-    weight = frame_weights(fit.residual, present, noise) if robust else present
+    """Estimate the noise from the residuals of a fit, and weigh its frames, if set by how far they stand out."""
+    noise = estimate_noise(fit.residual, present, error, settings.noise)
+    robust = settings.nominal_fit.robust
+    weight = frame_weights(fit.residual, present, noise, settings.noise) if robust else present
     return noise, experiment.replace(scale=weight[..., None].sqrt() / noise.spread())
 
 
@@ -238,10 +243,13 @@ def begin(
     observations: Observations,
     present: Tensor,
     noise: Noise,
+    settings: Settings,
     nominal: Tensor | None = None,
     before: Prediction | None = None,
 ) -> tuple[Experiment, Variants]:
     """Return the experiment and a first point, see `best_guess`."""
     scale = present[..., None].sqrt() / noise.spread()
-    experiment, initial = lay_out(predictor, observations.pose, scale, observations.fitted, noise.rotation)
+    experiment, initial = lay_out(
+        predictor, observations.pose, scale, observations.fitted, noise.rotation, settings.least_squares
+    )
     return experiment, best_guess(experiment, initial, nominal, before)

@@ -25,7 +25,10 @@ FILE = "prepared.pt"
 LAYOUT = 2  # of what the file holds; another one is not read
 GRID = ("steps", "wrench", "frame_step", "count")
 WINDOWS = ("trajectory", "start", "size", "contact")
-DECIDING = ("phases", "events", "nominal_fit", "segments", "steps", "discrepancy", "null_simulations", "replay")
+DECIDING = (
+    "noise", "least_squares", "first_guess", "phases", "events", "nominal_fit", "segments", "steps", "discrepancy",
+    "null_simulations", "replay",
+)  # fmt: skip
 """Sections of the settings that the fit depends on."""
 POINT = ("pose", "twist", "nominal", "effects", "engine")
 
@@ -108,14 +111,15 @@ def _restored(
         directions,
         state["engine"],
         state["follow"],
+        settings.least_squares,
     )
     fit = experiment.linearise(Variants(*(state[f"point.{name}"] for name in POINT)), NONE)
     rotation, position = map(float, state["noise"])
     error = observations.error
     if error is not None:
         rotations, positions = map(float, state["factors"])
-        error = dataclasses.replace(error, factors=(rotations, positions))
-    noise = Noise(rotation, position, error)
+        error = dataclasses.replace(error, factors=(rotations, positions), sure=settings.noise.sure)
+    noise = Noise(rotation, position, error, settings.noise.least)
     return NominalFit(observations, experiment, fit, noise, state["phases"], state["events"], settings)
 
 

@@ -10,7 +10,7 @@ from torch import Tensor
 from physid.diagnosis.reference.replay import Reference, references_of, replay
 from physid.diagnosis.settings.reference import NullSimulationSettings
 from physid.diagnosis.settings.settings import Settings
-from physid.estimation.least_squares import SPANS, Experiment, Fit, Part, prior, try_losses
+from physid.estimation.least_squares import Experiment, Fit, Part, prior, try_losses
 from physid.estimation.measurement import Noise
 from physid.estimation.prediction import Variants
 from physid.physics.effect import Effect
@@ -108,7 +108,7 @@ def floors(experiment: Experiment, fit: Fit, settings: Settings, generator: torc
     runs = (references[run % len(references)] for run in range(replays))
     clean = torch.stack([noiseless(experiment, fit, (), settings, generator, reference) for reference in runs])
     respond = fit.linear.respond(clean, experiment.scale).select(unknown).of(experiment.fitted)
-    matrix = respond.matrix.sum(0) + torch.diag(prior(experiment.predictor, torch.zeros(0, dtype=torch.int64)))
+    matrix = respond.matrix.sum(0) + torch.diag(prior(experiment, torch.zeros(0, dtype=torch.int64)))
     change = torch.linalg.solve(matrix, respond.vector.sum(0))
     clean = clean - torch.einsum("pz,prtnk->zrtnk", change, fit.jacobian.shared[unknown])
 
@@ -123,7 +123,7 @@ def jitter(experiment: Experiment, fit: Fit, settings: Settings, generator: torc
     """Draw initial states and unknown parameters around a fit, as far as the data leave them open."""
     unknown = fit.point.nominal.shape[1]
     normal = fit.normal().of(experiment.fitted)
-    ridge = prior(experiment.predictor, torch.zeros(0, dtype=torch.int64))[:unknown]
+    ridge = prior(experiment, torch.zeros(0, dtype=torch.int64))[:unknown]
     matrix = normal.matrix.sum(0)[:unknown, :unknown] + torch.diag(ridge)
     draw = torch.randn(unknown, 1, generator=generator, dtype=torch.float64)
     shift = torch.linalg.solve_triangular(torch.linalg.cholesky(matrix).mT, draw, upper=True)[:, 0]
@@ -170,7 +170,7 @@ def p_value(observed: float, null: Tensor) -> float:
 def _first_frames(experiment: Experiment, settings: NullSimulationSettings) -> Tensor:
     """Return the standard deviations of initial states that a line through the first frames would leave, shape (D,)."""
     step = experiment.predictor.model.scene.time_step
-    count = max(float(settings.first_frames), SPANS[0] / step)
+    count = max(float(settings.first_frames), experiment.settings.guess.spans[0] / step)
     still = [1 / float(experiment.scale[..., k : k + 3].amax()) for k in (0, 3)]
     slope = (12 / count**3) ** 0.5 / step
     kinds = [k // 3 for _, k in experiment.directions.used]

@@ -63,7 +63,7 @@ def render(said: Diagnosis, data: ReportData) -> str:
     overlay = data.overlay
     names = [name for name in LINES if any(name in curve.lines for curve in data.curves)]
     shares = [
-        (SPLIT_NAMES[split], *(closed(share) if (share := said.share(split)) else ("", "")))
+        (SPLIT_NAMES[split], *(closed(said, split) or ("", "")))
         for split in SPLITS
         if (error := said.errors(split)) and error.after is not None
     ]
@@ -148,9 +148,9 @@ def _site(said: Diagnosis) -> str:
 
 def _far(said: Diagnosis, split: Split) -> str:
     """Say in two words how far the gap closes."""
-    share, error = said.share(split), said.errors(split)
+    share, error = closed(said, split), said.errors(split)
     if share is not None:
-        return f"{closed(share)[0]} closed"
+        return f"{share[0]} closed"
     if error is not None and error.after is not None:
         return "Near the floor"
     return "Nothing to close" if said.verdict == "none" else "Not closed"

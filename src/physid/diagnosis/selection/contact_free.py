@@ -33,19 +33,19 @@ def contact_free(nominal_fit: NominalFit, generator: torch.Generator, say: Progr
     """
     settings = nominal_fit.settings
     observations, noise, base = nominal_fit.observations, nominal_fit.noise, nominal_fit.fit.jacobian.base
-    segments = Segmentation.around(
-        nominal_fit.events, settings.segments.contact_free.rule, observations.scene.time_step
-    )
+    segments = Segmentation.around(nominal_fit.events, settings.segments.contact_free, observations.scene.time_step)
     chosen = (~segments.contact).nonzero()[:, 0]
     fitted = observations.fitted[segments.trajectory[chosen].unique()]
     if len(chosen) == len(segments) or int(fitted.sum()) < settings.requirements.least_fitted:
         return None
     say(Stage.FITTING_CONTACT_FREE)
     predictor = nominal_fit.experiment.predictor.over(segments.only(chosen), base.state[0])
-    quiet, point = begin(predictor, observations, nominal_fit.present, noise, nominal_fit.fit.point.nominal, base)
+    quiet, point = begin(
+        predictor, observations, nominal_fit.present, noise, settings, nominal_fit.fit.point.nominal, base
+    )
     fit = gauss_newton(quiet, point.replace(engine=nominal_fit.fit.point.engine), NONE)
     present, robust = nominal_fit.present, settings.nominal_fit.robust
-    weight = frame_weights(fit.residual, present, noise) if robust else present
+    weight = frame_weights(fit.residual, present, noise, settings.noise) if robust else present
     late = round(settings.contact_free.late / observations.scene.time_step)
     weight = weight * _own_frames(predictor.segments, late)[..., None]
     quiet = quiet.replace(scale=weight[..., None].sqrt() / noise.spread())

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from physid.diagnosis.settings.setting import Section, setting
 from physid.estimation.measurement.misfit import SHARE_OF_NOISE, SHARE_OF_SIZE
+from physid.setting import Section, setting
 
 
 class PosteriorSettings(Section):
@@ -25,6 +25,9 @@ class GapSettings(Section):
     bootstraps: int = setting(1000, "draws", "of trajectories, for the interval of a shrink", ge=10)
     fewest: int = setting(3, "trajectories", "from which on a shrink has an interval", ge=1)
     interval: tuple[float, float] = setting((0.05, 0.95), "-", "quantiles of that interval", "by definition")
+    most_closed: float = setting(
+        1.5, "share", "beyond which an interval of a shrink says that the floor is too near to be subtracted", ge=1
+    )
     no_gap: float = setting(
         1.02, "floors", "error below which there is no gap to close", "as in docs/benchmark.md", gt=1
     )

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from physid.diagnosis.settings.setting import FLIGHTS, Section, setting
+from physid.diagnosis.settings.origins import FLIGHTS
+from physid.setting import Section, setting
 
 
 class RoleSettings(Section):

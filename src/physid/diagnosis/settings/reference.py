@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from physid.diagnosis.settings.setting import HITS, Section, setting
-from physid.estimation.least_squares import StepChoice
-from physid.estimation.prediction import CONTACT_FREE, IMPACTS, CutRule
-
-CUTS = "decisions 0011 and 0012, calibration bank 607"
+from physid.diagnosis.settings.origins import HITS
+from physid.estimation.prediction import CutRule
+from physid.setting import Section, setting
 
 
 class NominalFitSettings(Section):
@@ -14,12 +12,6 @@ class NominalFitSettings(Section):
 
     first_rotation_noise: float = setting(5e-3, "rad", "noise of the first fit, before any is estimated", gt=0)
     first_position_noise: float = setting(2e-3, "m", "noise of the first fit, before any is estimated", gt=0)
-    first_segments: float = setting(30 / 240, "s", "length of the segments of the first fit", gt=0)
-    first_frames: int = setting(10, "frames", "of these segments at least", ge=3)
-    first_steps: int = setting(5, "steps", "most Gauss-Newton steps of the first fit", ge=1)
-    guess_factors: tuple[float, ...] = setting(
-        (1.0, 0.5, 0.25, 2.0, 4.0), "-", "times the first guess of an unknown parameter, that are tried"
-    )
     cuts: int = setting(3, "times", "most that trajectories are cut into segments around events", ge=1)
     step_choices: int = setting(2, "times", "that the steps of the engine are chosen; 0 keeps the longest", ge=0)
     new_states: bool = setting(True, "", "whether badly fitted segments are fitted from new guesses of their states")
@@ -31,43 +23,14 @@ class NominalFitSettings(Section):
     )
 
 
-class CutSettings(Section):
-    """How trajectories are cut around events, see `CutRule`."""
-
-    lead: float = setting(IMPACTS.lead, "s", "before an event that belongs to it", CUTS, ge=0)
-    trail: float = setting(IMPACTS.trail, "s", "after an event that belongs to it", CUTS, ge=0)
-    longest: float = setting(IMPACTS.longest, "s", "longest contact segment", CUTS, gt=0)
-    least: float = setting(IMPACTS.least, "s", "a shorter contact-free stretch is no segment of its own", CUTS, ge=0)
-
-    @property
-    def rule(self) -> CutRule:
-        """The same for the estimation."""
-        return CutRule(self.lead, self.trail, self.longest, self.least)
-
-
 class SegmentSettings(Section):
-    """How trajectories are cut for a fit of all frames, and for the search in contact-free segments."""
+    """How trajectories are cut for a fit of all frames, and for the search in contact-free segments.
 
-    impacts: CutSettings = CutSettings()
-    contact_free: CutSettings = CutSettings(**vars(CONTACT_FREE))
+    Contact-free segments are as long as they can be; overlaps of bodies are gone when they begin.
+    """
 
-
-class StepSettings(Section):
-    """When the steps of the engine are short enough, see `StepChoice`."""
-
-    defect: float = setting(
-        0.1, "standard deviations", "of the sensor that halving the steps between two frames may change", gt=0
-    )
-    reach: float = setting(0.1, "s", "that a wrong velocity moves a body before the next impact comes", gt=0)
-    bias: float = setting(0.25, "standard errors", "that halving all steps may change of an estimate", gt=0)
-    shortest: float = setting(5e-4, "s", "about the length of the shortest part of a step", gt=0)
-    rounds: int = setting(3, "times", "most that the defect is lowered", ge=1)
-    finest: bool = setting(True, "", "whether steps are compared with the finest instead of with their halves")
-
-    @property
-    def choice(self) -> StepChoice:
-        """The same for the estimation."""
-        return StepChoice(self.defect, self.reach, self.bias, self.shortest, self.rounds, self.finest)
+    impacts: CutRule = CutRule()
+    contact_free: CutRule = CutRule(lead=4 / 240, trail=16 / 240, longest=30 / 240, least=12 / 240)
 
 
 class DiscrepancySettings(Section):

@@ -11,7 +11,9 @@ import yaml
 from pydantic import ValidationError
 
 from physid.diagnosis.settings import conclusion, inputs, reference, selection, testing
-from physid.diagnosis.settings.setting import Section
+from physid.estimation.least_squares import FirstGuess, LeastSquaresSettings, StepChoice
+from physid.estimation.measurement import NoiseSettings
+from physid.setting import Section
 from physid.strict import nearest, quoted, shown
 
 CLOSE = 0.6
@@ -38,7 +40,7 @@ class Row:
 
 
 class Settings(Section):
-    """Every number that decides in a diagnosis, by the module that it belongs to.
+    """Every number that decides in a diagnosis, by the module that it belongs to; those of `estimation` stand there.
 
     It is passed from `diagnose` down and carried by `NominalFit`, `Hypothesis` and `LackOfFit`; nothing else decides.
     """
@@ -47,9 +49,12 @@ class Settings(Section):
     requirements: inputs.RequirementSettings = inputs.RequirementSettings()
     phases: inputs.PhaseSettings = inputs.PhaseSettings()
     events: inputs.EventSettings = inputs.EventSettings()
+    noise: NoiseSettings = NoiseSettings()
+    least_squares: LeastSquaresSettings = LeastSquaresSettings()
+    first_guess: FirstGuess = FirstGuess()
     nominal_fit: reference.NominalFitSettings = reference.NominalFitSettings()
     segments: reference.SegmentSettings = reference.SegmentSettings()
-    steps: reference.StepSettings = reference.StepSettings()
+    steps: StepChoice = StepChoice(shortest=5e-4)
     discrepancy: reference.DiscrepancySettings = reference.DiscrepancySettings()
     null_simulations: reference.NullSimulationSettings = reference.NullSimulationSettings()
     replay: reference.ReplaySettings = reference.ReplaySettings()

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from physid.diagnosis.settings.setting import HITS, Section, setting
+from physid.diagnosis.settings.origins import HITS
+from physid.setting import Section, setting
 
 TAILS = "decision 0013, opened bank 1414"
 

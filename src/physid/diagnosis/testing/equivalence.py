@@ -31,8 +31,8 @@ def alike(lack: LackOfFit, best: Hypothesis) -> tuple[str, ...]:
         others = [group.columns for group in lack.groups if group.names[0] in best.names and group is not part]
         nuisance = torch.cat([torch.arange(offset), *others])
         shared = torch.arange(offset + len(change))
-        always = prior(experiment.predictor, torch.zeros(0, dtype=torch.int64))
-        ridge = torch.cat([always, *(prior(experiment.predictor, each - offset)[offset:] for each in others)])
+        always = prior(experiment, torch.zeros(0, dtype=torch.int64))
+        ridge = torch.cat([always, *(prior(experiment, each - offset)[offset:] for each in others)])
         all_of, calm_of = (condition(normal.select(shared), nuisance, ridge) for normal in (whole, quiet))
         direction = change[part.columns - offset]
         if _energy(calm_of, part, direction) < settings.equivalence.contact_free * _energy(all_of, part, direction):

@@ -13,7 +13,6 @@ from physid.diagnosis.reference.discrepancy import working_effects
 from physid.diagnosis.settings.settings import Settings
 from physid.diagnosis.settings.testing import HypothesisSettings
 from physid.estimation.least_squares import (
-    FIRST_DAMPING,
     Experiment,
     Fit,
     Normal,
@@ -70,7 +69,7 @@ class Hypothesis:
     def covariance(self) -> Tensor:
         """Estimate the covariance of the shared parameters (see `covariance_of`), shape (P, P)."""
         fitted = self.normal.of(self.experiment.fitted)
-        return covariance_of(fitted, prior(self.experiment.predictor, self.columns))
+        return covariance_of(fitted, prior(self.experiment, self.columns))
 
     def reach(self, covariance: Tensor) -> Tensor:
         """Return how far intervals (of 90 % by default) of the shared parameters reach to either side, shape (P,)."""
@@ -165,7 +164,7 @@ def conclude(experiment: Experiment, fit: Fit, names: tuple[str, ...], settings:
     normal = fit.normal()
     others = experiment.fitted.nonzero()[:, 0]
     changes = torch.zeros_like(normal.vector)
-    changes[others] = left_out(normal.of(others), prior(experiment.predictor, columns))
+    changes[others] = left_out(normal.of(others), prior(experiment, columns))
     return Hypothesis(names, columns, experiment, fit, normal, normal.loss(changes), settings)
 
 
@@ -174,8 +173,8 @@ def _first_step(experiment: Experiment, start: Fit, columns: Tensor, settings: H
     always = start.point.nominal.shape[1] + 1
     among = torch.cat([torch.arange(always), always + _places(start.effects, columns)])
     normal = start.normal().select(among)
-    change = solve_shared(normal, experiment.fitted, prior(experiment.predictor, columns))
-    damping = torch.full_like(start.loss, FIRST_DAMPING)
+    change = solve_shared(normal, experiment.fitted, prior(experiment, columns))
+    damping = torch.full_like(start.loss, experiment.settings.line_search.first_damping)
     step = best_step(experiment, start, columns, change, damping, settings.strides)
     counts = experiment.fitted[experiment.predictor.segments.trajectory]
     promised = (normal.square - normal.loss(change))[experiment.fitted].sum()

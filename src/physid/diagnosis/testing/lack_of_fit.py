@@ -167,7 +167,7 @@ def find_lack_of_fit(nominal_fit: NominalFit, hypothesis: Hypothesis, generator:
         if group.names[0] not in hypothesis.names
     ]
     nuisance = torch.cat([torch.arange(offset), offset + hypothesis.columns])
-    ridge = prior(experiment.predictor, hypothesis.columns)
+    ridge = prior(experiment, hypothesis.columns)
     test = ScoreTest(experiment, fit, groups, offset + count, nuisance, ridge, settings)
 
     null_data = draw_null_simulations(

@@ -2,24 +2,23 @@
 
 from physid.estimation.least_squares.covariance import covariance_of, left_out, reach_of
 from physid.estimation.least_squares.discretisation import ChosenSteps, StepChoice, choose_steps
-from physid.estimation.least_squares.experiment import Experiment, Fit
+from physid.estimation.least_squares.experiment import Experiment, Fit, lay_out
 from physid.estimation.least_squares.first_guess import FirstGuess
-from physid.estimation.least_squares.initial_states import SPANS
 from physid.estimation.least_squares.jacobian import Directions
-from physid.estimation.least_squares.levenberg_marquardt import FIRST_DAMPING, gauss_newton, solve_shared
+from physid.estimation.least_squares.levenberg_marquardt import gauss_newton, solve_shared
 from physid.estimation.least_squares.line_search import Step, best_step, try_losses
-from physid.estimation.least_squares.multi_start import best_guess, carried, lay_out, search, try_new_states
+from physid.estimation.least_squares.multi_start import best_guess, carried, search, try_new_states
 from physid.estimation.least_squares.normal_equations import Linearised, Normal, Part
 from physid.estimation.least_squares.prior import clamp_effects, prior
+from physid.estimation.least_squares.settings import LeastSquaresSettings
 
 __all__ = [
-    "FIRST_DAMPING",
-    "SPANS",
     "ChosenSteps",
     "Directions",
     "Experiment",
     "FirstGuess",
     "Fit",
+    "LeastSquaresSettings",
     "Linearised",
     "Normal",
     "Part",

@@ -12,31 +12,26 @@ from physid.data.observations.step_grid import StepGrid
 from physid.estimation.least_squares.experiment import Experiment, Fit
 from physid.estimation.measurement.poses import pose_difference
 from physid.estimation.prediction.timeline import Timeline
+from physid.setting import Section, setting
 
 
-@dataclass(frozen=True)
-class StepChoice:
-    """When steps are short enough.
+class StepChoice(Section):
+    """When steps of the engine are short enough.
 
-    Attributes:
-        defect: What halving the steps between two frames may change of the poses that follow within `reach`, in
-            standard deviations of the sensor [-]. A tenth of them is lost in the noise of a single frame.
-        reach: How long a wrong velocity moves a body before a segment ends or the next impact comes [s].
-        bias: What halving all steps may change of an estimate, in standard errors [-]; where it is more, steps are
-            chosen anew with a quarter of `defect`.
-        shortest: Parts of a step are at least about as long [s]. It is a length, for what a step misses of a reversal
-            of friction grows with its length, whatever the frame rate.
-        rounds: Most times that `defect` is lowered.
-        finest: Whether steps are compared with the finest, `shortest` everywhere, instead of with their halves.
-            That takes longer, and sees an event that steps and their halves happen to miss by the same.
+    A tenth of the sensor's deviation is lost in the noise of a single frame. Where halving all steps changes an
+    estimate by more than `bias`, steps are chosen anew with a quarter of `defect`. `shortest` is a length, for what
+    a step misses of a reversal of friction grows with its length, whatever the frame rate. To compare with the
+    finest steps takes longer, and sees an event that steps and their halves happen to miss by the same.
     """
 
-    defect: float = 0.1
-    reach: float = 0.1
-    bias: float = 0.25
-    shortest: float = 2.5e-4
-    rounds: int = 3
-    finest: bool = True
+    defect: float = setting(
+        0.1, "standard deviations", "of the sensor that halving the steps between two frames may change", gt=0
+    )
+    reach: float = setting(0.1, "s", "that a wrong velocity moves a body before the next impact comes", gt=0)
+    bias: float = setting(0.25, "standard errors", "that halving all steps may change of an estimate", gt=0)
+    shortest: float = setting(2.5e-4, "s", "about the length of the shortest part of a step", gt=0)
+    rounds: int = setting(3, "times", "most that the defect is lowered", ge=1)
+    finest: bool = setting(True, "", "whether steps are compared with the finest instead of with their halves")
 
     def most(self, grid: StepGrid) -> Tensor:
         """Return the most parts of each step, the power of two that makes them about `shortest` long, shape (R, S)."""

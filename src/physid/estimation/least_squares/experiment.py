@@ -7,10 +7,14 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
+from physid.estimation.least_squares.initial_states import InitialStates, guess_initial_states
 from physid.estimation.least_squares.jacobian import Directions, Jacobian, differentiate
 from physid.estimation.least_squares.normal_equations import Linearised, Normal, linearise
+from physid.estimation.least_squares.settings import LeastSquaresSettings
 from physid.estimation.measurement.poses import pose_difference
 from physid.estimation.prediction.rollout import Prediction, Predictor, Variants
+
+DEFAULT = LeastSquaresSettings()
 
 
 @dataclass(frozen=True)
@@ -26,6 +30,7 @@ class Experiment:
         engine: How far the reference simulator leaves this one (a shared column with a prior of 0 +- 1), (R, T, N, 6).
         follow: Segments in which the reference simulator is followed, shape (K,); where small errors grow fast it
             cannot be.
+        settings: What decides in its fits.
     """
 
     predictor: Predictor
@@ -35,6 +40,7 @@ class Experiment:
     directions: Directions
     engine: Tensor
     follow: Tensor
+    settings: LeastSquaresSettings = DEFAULT
 
     def residual(self, predicted: Tensor, point: Variants) -> Tensor:
         """Return observed minus predicted poses, as rotation vectors and positions; (C, R, T, N, 6)."""
@@ -59,7 +65,7 @@ class Experiment:
 
     def linearise(self, point: Variants, effects: Tensor, forces: Tensor | None = None) -> Fit:
         """Linearise at a point; see `differentiate` for the columns."""
-        jacobian = differentiate(self.predictor, point, self.directions, effects, forces)
+        jacobian = differentiate(self.predictor, point, self.directions, effects, forces, self.settings.differences)
         unknown = point.nominal.shape[1]
         columns = [jacobian.shared[:unknown], self.engine[None], jacobian.shared[unknown:]]
         return self._fit(point, effects, replace(jacobian, shared=torch.cat(columns)))
@@ -84,7 +90,8 @@ class Experiment:
 
     def _fit(self, point: Variants, effects: Tensor, jacobian: Jacobian) -> Fit:
         residual = self.residual(jacobian.base.pose, point)[0]
-        linear = linearise(residual, self.scale, jacobian, self.directions, self.predictor.segments)
+        segments, prior = self.predictor.segments, self.settings.prior
+        linear = linearise(residual, self.scale, jacobian, self.directions, segments, prior)
         return Fit.of(point, effects, jacobian, residual, linear)
 
     def only(self, chosen: Tensor, elsewhere: Tensor) -> Experiment:
@@ -135,3 +142,35 @@ class Fit:
     def normal(self) -> Normal:
         """Return the normal equations of the shared columns."""
         return self.linear.normal()
+
+
+def lay_out(
+    predictor: Predictor,
+    pose: Tensor,
+    scale: Tensor,
+    fitted: Tensor,
+    lean: float,
+    settings: LeastSquaresSettings = DEFAULT,
+) -> tuple[Experiment, InitialStates]:
+    """Return the experiment, with guesses of the initial states; nothing is simulated.
+
+    Args:
+        predictor: The model.
+        pose: Observed poses, shape (R, T, N, 7).
+        scale: One over the standard deviation of the noise times the root of the weight, shape (R, T, N, 6).
+        fitted: Trajectories that determine shared parameters, (R,).
+        lean: Noise of each component of a rotation [rad]; bodies that lean no further stay level.
+        settings: What decides in the fits.
+    """
+    scene, segments = predictor.model.scene, predictor.segments
+    initial = guess_initial_states(
+        pose, seen_frames(scale), predictor.timeline.time, segments, scene, lean, settings.guess
+    )
+    directions = Directions.of(torch.tensor(scene.ground.normal, dtype=torch.float64), initial.resting, initial.level)
+    engine, follow = torch.zeros_like(pose[..., :6]), torch.ones(len(segments), dtype=torch.bool)
+    return Experiment(predictor, pose, scale, fitted, directions, engine, follow, settings), initial
+
+
+def seen_frames(scale: Tensor) -> Tensor:
+    """Return the weights (R, T, N) of frames in a guess, 0 for those to ignore."""
+    return (scale[..., 0] > 0).double()

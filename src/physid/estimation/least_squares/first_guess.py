@@ -2,31 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import torch
 
 from physid.estimation.least_squares.experiment import Experiment, Fit
 from physid.estimation.least_squares.levenberg_marquardt import NONE, gauss_newton
 from physid.estimation.least_squares.line_search import try_losses
 from physid.estimation.prediction.rollout import Variants
+from physid.setting import Section, setting
 
 
-@dataclass(frozen=True)
-class FirstGuess:
-    """How first values are found: errors have no time to grow in short segments, each with an initial state of its own.
+class FirstGuess(Section):
+    """How first values are found: errors have no time to grow in short segments, each with an initial state of its own."""
 
-    Attributes:
-        seconds: Length of the segments [s].
-        frames: At least so many to a segment.
-        factors: Times the user's guess of each parameter, that are tried.
-        steps: Most Gauss-Newton steps from the best of them.
-    """
-
-    seconds: float = 30 / 240
-    frames: int = 10
-    factors: tuple[float, ...] = (1.0, 0.5, 0.25, 2.0, 4.0)
-    steps: int = 5
+    seconds: float = setting(30 / 240, "s", "length of the segments", gt=0)
+    frames: int = setting(10, "frames", "of these segments at least", ge=3)
+    factors: tuple[float, ...] = setting(
+        (1.0, 0.5, 0.25, 2.0, 4.0), "-", "times the first guess of an unknown parameter, that are tried"
+    )
+    steps: int = setting(5, "steps", "most Gauss-Newton steps from the best of them", ge=1)
 
     def length(self, time_step: float) -> int:
         """Return the frames of a segment at a time between frames [s]."""

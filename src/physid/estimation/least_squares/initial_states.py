@@ -7,20 +7,14 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from physid.estimation.least_squares.settings import GuessSettings
 from physid.estimation.prediction.segments import Segmentation
 from physid.physics.rotations import conjugate, exponential, logarithm, multiply
 from physid.physics.shapes.table import reach
 from physid.scenes.lying import lay_down, turn_flat
 from physid.scenes.scene import Scene
 
-SPANS = (0.06, 0.035, 0.02)  # [s] first frames that may give the initial velocity; short ones end before an impact
-GUESSES = len(SPANS) + 1  # one from each, and one at rest
-FLAT = 0.03  # [rad] a face that leans more than this does not lie on the ground
-NEAR = 0.25  # a body lies on the ground if the gap is below this share of its height (a camera may see it too high) ...
-STEADY = 0.5  # ... and it falls by less than this share of a free fall ...
-SINKS, SOON = 0.04, 0.25  # ... and does not sink by this share of its height soon after [s]: a late camera shows it
-LEVEL = 1.5  # a body is level while its lean, in the root mean square over a segment, is no more than this noise
-MEDIAN = 5  # frames whose median height counts: one outlier is no fall
+DEFAULT = GuessSettings()
 
 
 @dataclass(frozen=True)
@@ -41,7 +35,13 @@ class InitialStates:
 
 
 def guess_initial_states(
-    pose: Tensor, seen: Tensor, time: Tensor, segments: Segmentation, scene: Scene, lean: float = 0.0
+    pose: Tensor,
+    seen: Tensor,
+    time: Tensor,
+    segments: Segmentation,
+    scene: Scene,
+    lean: float = 0.0,
+    settings: GuessSettings = DEFAULT,
 ) -> InitialStates:
     """Guess initial states from the first frames of each segment.
 
@@ -56,63 +56,65 @@ def guess_initial_states(
         segments: How trajectories are cut.
         scene: Sizes, ground, time step.
         lean: Noise of each component of a rotation [rad], to judge by what is level.
+        settings: Which frames, and when a body lies on the ground.
     """
-    bodies = pose.shape[2]
+    bodies, guesses = pose.shape[2], len(settings.spans) + 1
     initial = InitialStates(
-        pose.new_zeros(GUESSES, len(segments), bodies, 7),
-        pose.new_zeros(GUESSES, len(segments), bodies, 6),
+        pose.new_zeros(guesses, len(segments), bodies, 7),
+        pose.new_zeros(guesses, len(segments), bodies, 6),
         torch.zeros(len(segments), bodies, dtype=torch.bool),
         torch.zeros(len(segments), bodies, dtype=torch.bool),
     )
     for batch in segments.batches:
         cut, weight = batch.cut(pose[None])[0], batch.cut(seen[None], fill=0.0)[0]
         clock = batch.cut(time[None])[0]
-        guessed = _guess(cut, weight, clock - clock[:, :1], scene)
+        guessed = _guess(cut, weight, clock - clock[:, :1], scene, settings)
         for name in ("pose", "twist"):
             getattr(initial, name)[:, batch.segments] = getattr(guessed, name)
         initial.resting[batch.segments] = guessed.resting
-        initial.level[batch.segments] = _is_level(cut, weight, scene, lean)
-    initial.resting[_sinks(pose, seen, scene)[segments.trajectory, segments.start]] = False
+        initial.level[batch.segments] = _is_level(cut, weight, scene, settings.level * lean)
+    initial.resting[_sinks(pose, seen, scene, settings)[segments.trajectory, segments.start]] = False
     return initial
 
 
 def _is_level(cut: Tensor, weight: Tensor, scene: Scene, lean: float) -> Tensor:
-    """Return which bodies never lean further than by noise, from poses (K, L, N, 7) and weights (K, L, N).
+    """Return which bodies never lean further than by a noise, from poses (K, L, N, 7) and weights (K, L, N).
 
     A lean of two components has a mean square of 2 sigma^2.
     """
     _, angle = turn_flat(cut[..., 3:], cut.new_tensor(scene.ground.normal))
     mean = (weight * angle**2).sum(1) / weight.sum(1).clamp_min(1)
-    return mean <= 2 * (LEVEL * lean) ** 2
+    return mean <= 2 * lean**2
 
 
-def _sinks(pose: Tensor, seen: Tensor, scene: Scene) -> Tensor:
+def _sinks(pose: Tensor, seen: Tensor, scene: Scene, settings: GuessSettings) -> Tensor:
     """Return which bodies get nearer to the ground soon after each frame: they did not lie on it, shape (R, T, N)."""
     normal, size = pose.new_tensor(scene.ground.normal), pose.new_tensor(scene.sizes)
     half = reach((), pose[..., 3:], size, normal)
     bottom = pose[..., :3] @ normal - half
-    frames = max(MEDIAN, round(SOON / scene.time_step))
-    last = torch.full_like(bottom[:, :1], torch.inf).expand(-1, frames + MEDIAN - 2, -1)
+    median = settings.median
+    frames = max(median, round(settings.soon / scene.time_step))
+    last = torch.full_like(bottom[:, :1], torch.inf).expand(-1, frames + median - 2, -1)
     known = torch.cat([torch.where(seen > 0, bottom, torch.inf), last], 1)
-    smooth = known.unfold(1, MEDIAN, 1).median(-1).values
+    smooth = known.unfold(1, median, 1).median(-1).values
     lowest = smooth.unfold(1, frames, 1).amin(-1)
-    return smooth[:, : bottom.shape[1]] - lowest > SINKS * 2 * half
+    return smooth[:, : bottom.shape[1]] - lowest > settings.sinks * 2 * half
 
 
-def _guess(cut: Tensor, weight: Tensor, time: Tensor, scene: Scene) -> InitialStates:
+def _guess(cut: Tensor, weight: Tensor, time: Tensor, scene: Scene, settings: GuessSettings) -> InitialStates:
     """Guess initial states from poses (K, L, N, 7), weights (K, L, N) and times (K, L) of the frames of segments."""
     length = cut.shape[1]
     anchor = cut[:, :1, :, 3:]
     turn = logarithm(multiply(cut[..., 3:], conjugate(anchor.expand_as(cut[..., 3:]))))
     motion = torch.cat([turn, cut[..., :3]], -1)
-    frames = [min(max(5, round(span / scene.time_step)), length) for span in SPANS]
+    frames = [min(max(settings.fewest, round(span / scene.time_step)), length) for span in settings.spans]
     gravity = torch.tensor(scene.gravity, dtype=cut.dtype)
     dropped = torch.cat([torch.zeros(3, dtype=cut.dtype), gravity / 2]) * time[..., None, None] ** 2
-    still, resting = _lying(motion[:, : frames[0]], weight, time, anchor, scene)
+    still, resting = _lying(motion[:, : frames[0]], weight, time, anchor, scene, settings)
     poses, twists = [], []
     for count in frames:
         value, slope, _ = _polynomial((motion - dropped)[:, :count], weight, time, 1)
-        (pose, twist), _ = _lying(motion[:, :count], weight, time, anchor, scene)
+        (pose, twist), _ = _lying(motion[:, :count], weight, time, anchor, scene, settings)
         poses.append(torch.where(resting[..., None], pose, _compose(value, anchor)))
         twists.append(torch.where(resting[..., None], twist, slope))
     poses.append(torch.where(resting[..., None], still[0], poses[-1]))
@@ -121,7 +123,7 @@ def _guess(cut: Tensor, weight: Tensor, time: Tensor, scene: Scene) -> InitialSt
 
 
 def _lying(
-    motion: Tensor, weight: Tensor, time: Tensor, anchor: Tensor, scene: Scene
+    motion: Tensor, weight: Tensor, time: Tensor, anchor: Tensor, scene: Scene, settings: GuessSettings
 ) -> tuple[tuple[Tensor, Tensor], Tensor]:
     """Return the states that bodies have if they lie on the ground, and whether they do."""
     normal = torch.tensor(scene.ground.normal, dtype=motion.dtype)
@@ -131,7 +133,7 @@ def _lying(
     fall = abs(float(torch.tensor(scene.gravity, dtype=motion.dtype) @ normal)) * last**2 / 2
     speed, spin = slope[..., 3:] @ normal, slope[..., :3] @ normal
     sunk = (speed * last + (bend[..., 3:] @ normal) * last**2).abs()
-    resting = (lean < FLAT) & (gap.abs() < NEAR * height) & (sunk < STEADY * fall)
+    resting = (lean < settings.flat) & (gap.abs() < settings.near * height) & (sunk < settings.steady * fall)
     twist = torch.cat([spin[..., None] * normal, slope[..., 3:] - speed[..., None] * normal], -1)
     return (pose, twist), resting
 

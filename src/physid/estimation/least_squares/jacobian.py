@@ -7,19 +7,18 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
+from physid.estimation.least_squares.settings import DifferenceSettings
 from physid.estimation.measurement.poses import pose_difference
 from physid.estimation.prediction.rollout import Prediction, Predictor, Variants
 from physid.physics.rotations import exponential, multiply
 from physid.scenes.lying import turn_flat
 
-TURN, SHIFT, SPIN, SPEED = 1e-5, 1e-5, 1e-4, 1e-4  # steps: [rad], [m], [rad/s], [m/s]
-NOMINAL = 1e-4  # step of an unknown parameter, in the coordinates of the fit
+DEFAULT = DifferenceSettings()
 SHIFTS = 6  # turns and shifts come before spins and speeds
 STEEP = 0.9  # a ground whose normal has more than this along x takes its first tangent from y
 SLOPES = (1e-3, 2.5e-4)  # two of them, far apart: where trajectories bend in between, a slope says nothing ...
 BEND = 0.1  # ... that is where a trajectory's derivative changes by more than this share
 FAINT = 1e-5  # [m, rad] derivatives below this say nothing, whether they change or not
-EFFECT = 1e-3  # step of a parameter of an effect, as a share of its typical size
 
 
 @dataclass(frozen=True)
@@ -110,9 +109,9 @@ class Directions:
         quaternion = quaternion / quaternion.norm(dim=-1, keepdim=True)
         return torch.cat([pose[..., :3] + shift, quaternion], -1), twist + torch.cat([spin, speed], -1)
 
-    def steps(self) -> Tensor:
+    def steps(self, settings: DifferenceSettings) -> Tensor:
         """Return the step of the difference for each column, shape (D,)."""
-        sizes = (TURN, SHIFT, SPIN, SPEED)
+        sizes = (settings.turn, settings.shift, settings.spin, settings.speed)
         return torch.tensor([sizes[k // 3] for _, k in self.used], dtype=torch.float64)
 
 
@@ -137,7 +136,7 @@ def differentiate(
     directions: Directions,
     effects: Tensor,
     forces: Tensor | None = None,
-    nominal: float = NOMINAL,
+    settings: DifferenceSettings = DEFAULT,
 ) -> Jacobian:
     """Take forward differences of the predicted poses.
 
@@ -147,7 +146,7 @@ def differentiate(
         directions: Free changes of the initial states.
         effects: Which parameters of effects are columns (indices into the predictor's terms), shape (E,).
         forces: Wrenches whose amplitudes are further columns, shape (F, R, T, N, 6) [N m, N].
-        nominal: Step of an unknown parameter, in the coordinates of the fit.
+        settings: Steps of the differences.
 
     Returns:
         The prediction and its Jacobian; shared columns are ordered unknown parameters, effects, forces.
@@ -155,13 +154,13 @@ def differentiate(
     d, p, e = len(directions.used), point.nominal.shape[1], len(effects)
     f = 0 if forces is None else len(forces)
     many = point.repeat(1 + d + p + e)
-    steps = directions.steps()
+    steps, nominal = directions.steps(settings), settings.nominal
     change = torch.zeros(d, len(directions.free), d, dtype=torch.float64)
     change[torch.arange(d), :, torch.arange(d)] = steps[:, None]
     many.pose[1 : 1 + d], many.twist[1 : 1 + d] = directions.move(point.pose, point.twist, change)
     columns = torch.arange(p)
     many.nominal[1 + d + columns, columns] += nominal
-    sizes = effect_steps(predictor, point.effects[0])[effects]
+    sizes = _effect_steps(predictor, point.effects[0], settings.effect)[effects]
     many.effects[1 + d + p + torch.arange(e), effects] += sizes
     predicted = predictor.predict(many)
     base = Prediction(*(getattr(predicted, name)[:1] for name in Prediction.__annotations__))
@@ -169,8 +168,8 @@ def differentiate(
     slope = pose_difference(predicted.pose[1:], base.pose) / scale[:, None, None, None, None]
     shared = slope[d:]
     if forces is not None and f:
-        pushed = predictor.predict(point.repeat(f).replace(force=FORCE * forces))
-        shared = torch.cat([shared, pose_difference(pushed.pose, base.pose) / FORCE])
+        pushed = predictor.predict(point.repeat(f).replace(force=settings.force * forces))
+        shared = torch.cat([shared, pose_difference(pushed.pose, base.pose) / settings.force])
     return Jacobian(base, slope[:d], shared)
 
 
@@ -190,7 +189,8 @@ def usable_slopes(predictor: Predictor, point: Variants, directions: Directions,
         Changes by the unknown parameters (P, R, T, N, 6), and which segments can be relied on (K,).
     """
     fixed, none = replace(directions, free=torch.zeros_like(directions.free)), torch.zeros(0, dtype=torch.int64)
-    coarse, fine = (differentiate(predictor, point, fixed, none, None, step).shared for step in SLOPES)
+    settings = (DifferenceSettings(nominal=step) for step in SLOPES)
+    coarse, fine = (differentiate(predictor, point, fixed, none, None, one).shared for one in settings)
 
     def size(value: Tensor) -> Tensor:
         square = (value.square().sum((3, 4)) * seen).sum(0, keepdim=True)
@@ -200,14 +200,11 @@ def usable_slopes(predictor: Predictor, point: Variants, directions: Directions,
     return fine, (change <= BEND * size(fine)) | (change <= FAINT)
 
 
-FORCE = 1e-3  # share of the wrenches given that is applied
-
-
-def effect_steps(predictor: Predictor, present: Tensor) -> Tensor:
+def _effect_steps(predictor: Predictor, present: Tensor, share: float) -> Tensor:
     """Return the steps of the parameters of effects: towards the typical value, and away from a limit; shape (Q,)."""
     sizes = []
     for value, term in zip(present.tolist(), predictor.terms, strict=True):
         known = term.quantity
-        step = EFFECT * (known.typical - known.null)
+        step = share * (known.typical - known.null)
         sizes.append(step if known.low <= value + step <= known.high else -step)
     return torch.tensor(sizes, dtype=torch.float64)

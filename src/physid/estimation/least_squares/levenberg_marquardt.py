@@ -8,16 +8,13 @@ import torch
 from torch import Tensor
 
 from physid.estimation.least_squares.experiment import Experiment, Fit
-from physid.estimation.least_squares.line_search import LIMITS, Limits, best_step
+from physid.estimation.least_squares.line_search import best_step
 from physid.estimation.least_squares.normal_equations import Normal
 from physid.estimation.least_squares.prior import prior
 from physid.estimation.prediction.rollout import Variants
 
-FIRST_DAMPING = 1e-3
 NONE = torch.zeros(0, dtype=torch.int64)  # no effect is fitted
 WHOLE = (1.0,)  # part of the step of the shared parameters that is tried first
-HARDLY = 0.1  # [rad/s], [m/s] initial velocity of a body that may as well be at rest
-CONVERGED = 1e-2  # a step that gains less than this share of a standard deviation of the loss is the last
 
 
 def solve_shared(normal: Normal, fitted: Tensor, ridge: Tensor) -> Tensor:
@@ -31,8 +28,7 @@ def gauss_newton(
     experiment: Experiment,
     start: Variants | Fit,
     effects: Tensor,
-    steps: int = 10,
-    limits: Limits = LIMITS,
+    steps: int | None = None,
     *,
     exact: bool = True,
 ) -> Fit:
@@ -47,30 +43,31 @@ def gauss_newton(
         experiment: What to explain.
         start: First point; or a fit nearby, whose Jacobian serves for the first steps.
         effects: Indices of the free parameters of effects, shape (E,).
-        steps: Most Jacobians before the last one; 0 for that of `start` alone.
-        limits: Which steps of the shared parameters are tried.
+        steps: Most Jacobians before the last one; 0 for that of `start` alone; None for what the settings say.
         exact: Whether to linearise where the last of them has led, if that is not where it was taken.
 
     Returns:
         The best point found, linearised there, or so near that nothing was left to gain.
     """
+    limits = experiment.settings.line_search
+    steps = limits.steps if steps is None else steps
     if isinstance(start, Fit):
         fit, age, made = experiment.at(at_rest(experiment, start.point), start), 1, 0
     else:
         fit, age, made = experiment.linearise(at_rest(experiment, start), effects), 0, 1
-    damping = torch.full_like(fit.loss, FIRST_DAMPING)
-    ridge = prior(experiment.predictor, effects)
+    damping = torch.full_like(fit.loss, limits.first_damping)
+    ridge = prior(experiment, effects)
     counts = experiment.fitted[experiment.predictor.segments.trajectory]
     while True:
         change = solve_shared(fit.normal(), experiment.fitted, ridge)
         for shares in (WHOLE, limits.parts) if age == 0 else (WHOLE,):
-            step = best_step(experiment, fit, effects, change, damping, shares, limits)
+            step = best_step(experiment, fit, effects, change, damping, shares)
             gain = float((fit.loss - step.loss)[counts].sum())
             if float((fit.loss - step.loss).sum()) > 0:
                 break
         helps = gain > 0 or bool((step.loss < fit.loss).any())
         followed = float((fit.loss - step.loss)[~counts].sum())
-        little = hardly_gains(max(gain, followed), float(step.loss.sum()))
+        little = hardly_gains(max(gain, followed), float(step.loss.sum()), limits.converged)
         if helps and (age == 0 or gain + followed > 0):
             damping, age = step.damping, age + 1
             fit = experiment.moved(step.point, fit, step.predicted)
@@ -86,7 +83,7 @@ def gauss_newton(
             fit, age, made = experiment.linearise(fit.point, effects), 0, made + 1
 
 
-def hardly_gains(gain: float, loss: float, share: float = CONVERGED) -> bool:
+def hardly_gains(gain: float, loss: float, share: float) -> bool:
     """Return whether a gain of squared residual is less than a share of a standard deviation of the loss.
 
     The sum of n squared residuals in units of the noise has a deviation of sqrt(2 n), about the root of the loss.
@@ -99,7 +96,7 @@ def at_rest(experiment: Experiment, point: Variants) -> Variants:
 
     A initial velocity that friction stops at once leaves no slope, so that no step leads back from a wrong one.
     """
-    slow = experiment.directions.lying & (point.twist[0].abs().amax((1, 2)) < HARDLY)
+    slow = experiment.directions.lying & (point.twist[0].abs().amax((1, 2)) < experiment.settings.line_search.at_rest)
     if not bool(slow.any()):
         return point
     still = point.replace(twist=torch.where(slow[:, None, None], torch.zeros_like(point.twist), point.twist))

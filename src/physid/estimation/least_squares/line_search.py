@@ -15,27 +15,6 @@ from physid.physics.layer import SolverError
 
 
 @dataclass(frozen=True)
-class Limits:
-    """Which steps are tried.
-
-    Attributes:
-        dampings: Times the damping of a segment, which its initial state tries, the smallest first.
-        parts: Parts of a step of the shared parameters that are tried if the whole one fails; 0, for the initial states
-            alone, comes last.
-        largest: Change of an unknown parameter in one step, in the coordinates of the fit.
-        chords: Most steps with a Jacobian of an earlier point, which saves more the more columns there are.
-    """
-
-    dampings: tuple[float, ...] = (0.1, 10.0)
-    parts: tuple[float, ...] = (0.5, 0.2, 0.0)
-    largest: float = 1.0
-    chords: int = 2
-
-
-LIMITS = Limits()
-
-
-@dataclass(frozen=True)
 class Step:
     """The best of some steps.
 
@@ -59,7 +38,6 @@ def best_step(
     change: Tensor,
     damping: Tensor,
     shares: Sequence[float],
-    limits: Limits = LIMITS,
 ) -> Step:
     """Try parts of a step, each with all dampings of the initial states and with states left alone.
 
@@ -72,11 +50,11 @@ def best_step(
         change: Step of unknown parameters, engine and these effects, shape (P + 1 + E,).
         damping: Of each segment, shape (K,).
         shares: Parts of the step that are tried; 0 last.
-        limits: Dampings that are tried, and the most that an unknown parameter changes.
 
     Returns:
         What is best.
     """
+    limits = experiment.settings.line_search
     shared, moves = [], []
     dampings = limits.dampings if experiment.directions.used else ()
     for share in shares:

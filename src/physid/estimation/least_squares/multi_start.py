@@ -5,38 +5,13 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from physid.estimation.least_squares.experiment import Experiment, Fit
+from physid.estimation.least_squares.experiment import Experiment, Fit, seen_frames
 from physid.estimation.least_squares.initial_states import InitialStates, guess_initial_states
-from physid.estimation.least_squares.jacobian import Directions
 from physid.estimation.least_squares.levenberg_marquardt import gauss_newton
 from physid.estimation.least_squares.line_search import try_losses
 from physid.estimation.measurement.poses import pose_difference
-from physid.estimation.prediction.rollout import Prediction, Predictor, Variants
+from physid.estimation.prediction.rollout import Prediction, Variants
 from physid.physics.rotations import exponential, multiply
-
-DOUBTFUL = 1.4  # mean squared residual, in units of the noise, of a segment whose initial state may be wrong
-MOST = 0.5  # share of the segments that may be such
-ROUNDS = 4  # Gauss-Newton steps from each guess
-UNDO = 8  # rounds in which what a camera changes is undone
-
-
-def lay_out(
-    predictor: Predictor, pose: Tensor, scale: Tensor, fitted: Tensor, lean: float
-) -> tuple[Experiment, InitialStates]:
-    """Return the experiment, with guesses of the initial states; nothing is simulated.
-
-    Args:
-        predictor: The model.
-        pose: Observed poses, shape (R, T, N, 7).
-        scale: One over the standard deviation of the noise times the root of the weight, shape (R, T, N, 6).
-        fitted: Trajectories that determine shared parameters, (R,).
-        lean: Noise of each component of a rotation [rad]; bodies that lean no further stay level.
-    """
-    scene, segments = predictor.model.scene, predictor.segments
-    initial = guess_initial_states(pose, _seen(scale), predictor.timeline.time, segments, scene, lean)
-    directions = Directions.of(torch.tensor(scene.ground.normal, dtype=torch.float64), initial.resting, initial.level)
-    engine, follow = torch.zeros_like(pose[..., :6]), torch.ones(len(segments), dtype=torch.bool)
-    return Experiment(predictor, pose, scale, fitted, directions, engine, follow), initial
 
 
 def best_guess(
@@ -65,11 +40,6 @@ def best_guess(
     return _picked(many, try_losses(experiment, many).argmin(0))
 
 
-def _seen(scale: Tensor) -> Tensor:
-    """Return the weights (R, T, N) of frames in a guess, 0 for those to ignore."""
-    return (scale[..., 0] > 0).double()
-
-
 def guesses(experiment: Experiment, point: Variants) -> Variants:
     """Return the point itself, and with new guesses of all initial states.
 
@@ -79,7 +49,7 @@ def guesses(experiment: Experiment, point: Variants) -> Variants:
     """
     predicted = experiment.predictor.predict(point)
     pose = _shifted(experiment.pose, pose_difference(predicted.state, predicted.pose)[0])
-    return _guessed(experiment, point, pose, _seen(experiment.scale))
+    return _guessed(experiment, point, pose, seen_frames(experiment.scale))
 
 
 def carried(experiment: Experiment, fit: Fit, point: Variants) -> Variants:
@@ -94,7 +64,7 @@ def carried(experiment: Experiment, fit: Fit, point: Variants) -> Variants:
     """
     seen = fit.jacobian.base.pose
     state = seen
-    for _ in range(UNDO):
+    for _ in range(experiment.settings.multi_start.undo):
         state = _shifted(state, pose_difference(seen, experiment.predictor.observe(state, point.effects)))
     many = _guessed(experiment, point, state[0], torch.ones_like(state[0, ..., 0]))
     return _picked(many, try_losses(experiment, many).argmin(0))
@@ -108,7 +78,14 @@ def _shifted(pose: Tensor, off: Tensor) -> Tensor:
 def _guessed(experiment: Experiment, point: Variants, pose: Tensor, weight: Tensor) -> Variants:
     """Return the point itself, and with initial states guessed from poses (R, T, N, 7)."""
     predictor = experiment.predictor
-    initial = guess_initial_states(pose, weight, predictor.timeline.time, predictor.segments, predictor.model.scene)
+    initial = guess_initial_states(
+        pose,
+        weight,
+        predictor.timeline.time,
+        predictor.segments,
+        predictor.model.scene,
+        settings=experiment.settings.guess,
+    )
     guessed = experiment.directions.level(initial.pose, initial.twist)
     return point.repeat(1 + len(initial.pose)).replace(
         pose=torch.cat([point.pose, guessed[0]]), twist=torch.cat([point.twist, guessed[1]])
@@ -128,17 +105,17 @@ def search(experiment: Experiment, fit: Fit) -> Variants:
     A wrong initial state and wrong parameters may hold each other, so that neither moves alone: the guess has to be
     fitted before it is compared. Where most segments fit badly it is the model that is wrong, and nothing is tried.
     """
-    segments = experiment.predictor.segments
+    segments, settings = experiment.predictor.segments, experiment.settings.multi_start
     count = segments.sum_frames((experiment.scale > 0).sum((2, 3))[None].double())[0]
-    doubtful = fit.loss > DOUBTFUL * count
-    if not 0 < float(doubtful.double().mean()) <= MOST:
+    doubtful = fit.loss > settings.doubtful * count
+    if not 0 < float(doubtful.double().mean()) <= settings.most:
         return fit.point
     chosen = doubtful.nonzero()[:, 0]
     alone = experiment.with_known_parameters().only(chosen, fit.jacobian.base.state[0])
     many = guesses(experiment, fit.point)
     found, losses = [fit.point], [fit.loss]
     for k in range(1, len(many)):
-        tried = gauss_newton(alone, _of(many[k : k + 1], chosen), fit.effects[:0], ROUNDS)
+        tried = gauss_newton(alone, _of(many[k : k + 1], chosen), fit.effects[:0], settings.rounds)
         pose, twist = fit.point.pose.clone(), fit.point.twist.clone()
         pose[:, chosen], twist[:, chosen] = tried.point.pose, tried.point.twist
         found.append(fit.point.replace(pose=pose, twist=twist))

@@ -9,10 +9,10 @@ import torch
 from torch import Tensor
 
 from physid.estimation.least_squares.jacobian import Directions, Jacobian
+from physid.estimation.least_squares.settings import PriorSettings
 from physid.estimation.prediction.segments import Batch, Segmentation
 
-# How far an initial state may move from its guess, per column kind: [rad], [m], [rad/s], [m/s].
-STATE_SPREAD = (0.2, 0.2, 5.0, 2.0)
+DEFAULT = PriorSettings()
 
 
 @dataclass(frozen=True)
@@ -182,7 +182,12 @@ class Linearised:
 
 
 def linearise(
-    residual: Tensor, scale: Tensor, jacobian: Jacobian, directions: Directions, segments: Segmentation
+    residual: Tensor,
+    scale: Tensor,
+    jacobian: Jacobian,
+    directions: Directions,
+    segments: Segmentation,
+    settings: PriorSettings = DEFAULT,
 ) -> Linearised:
     """Bring residuals and columns into units of the noise.
 
@@ -192,8 +197,9 @@ def linearise(
         jacobian: Change of the prediction.
         directions: Free changes of the initial states.
         segments: How trajectories are cut.
+        settings: How far an initial state may move from its guess.
     """
-    spread = torch.tensor([STATE_SPREAD[k // 3] for _, k in directions.used], dtype=residual.dtype)
+    spread = torch.tensor([settings.state[k // 3] for _, k in directions.used], dtype=residual.dtype)
     parts = []
     for batch in segments.batches:
         state, shared = (batch.columns(columns * scale) for columns in (jacobian.state, jacobian.shared))

@@ -5,16 +5,18 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from physid.estimation.least_squares.experiment import Experiment
 from physid.estimation.prediction.rollout import Predictor
 
 
-def prior(predictor: Predictor, effects: Tensor) -> Tensor:
-    """Return weak priors of unknown parameters (a factor of 20 either way) and effects (ten typical sizes)."""
-    unknown = torch.full((len(predictor.model.unknown),), 1 / 9.0, dtype=torch.float64)
+def prior(experiment: Experiment, effects: Tensor) -> Tensor:
+    """Return weak priors of unknown parameters, the engine and some parameters of effects, shape (P + 1 + E,)."""
+    predictor, settings = experiment.predictor, experiment.settings.prior
+    unknown = torch.full((len(predictor.model.unknown),), 1 / settings.parameter**2, dtype=torch.float64)
     sizes = []
     for index in effects.tolist():
         known = predictor.terms[index].quantity
-        sizes.append(1 / (10 * (known.typical - known.null)) ** 2)
+        sizes.append(1 / (settings.effect * (known.typical - known.null)) ** 2)
     return torch.cat([unknown, torch.ones(1, dtype=torch.float64), torch.tensor(sizes, dtype=torch.float64)])
 
 

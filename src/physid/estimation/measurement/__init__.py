@@ -4,6 +4,7 @@ from physid.estimation.measurement.poses import pose_difference
 from physid.estimation.measurement.sensor_noise import (
     UNSEEN,
     Noise,
+    NoiseSettings,
     estimate_noise,
     frame_weights,
     noise_of_poses,
@@ -15,6 +16,7 @@ from physid.estimation.measurement.tracking_error import TrackingError
 __all__ = [
     "UNSEEN",
     "Noise",
+    "NoiseSettings",
     "TrackingError",
     "estimate_noise",
     "frame_weights",

@@ -2,22 +2,42 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
 
 from physid.estimation.measurement.poses import pose_difference
 from physid.estimation.measurement.tracking_error import TrackingError
+from physid.setting import Section, setting
 
 NORMAL_MAD = 1.4826  # standard deviation over median absolute deviation, for a normal distribution
-SOFT, WILD = 3.0, 6.0  # [standard deviations] beyond the first a frame counts less, beyond the second not at all
 TRIM, TRIMMED = 3.0, 0.98661  # cut [standard deviations], and what it leaves of a normal standard deviation
-JUMP = (0.1, 0.015)  # [rad], [m] least deviation of a pose from its neighbours that no motion explains
-JUMP_SIGMAS = 10.0
-FLOOR = (1e-3, 1e-4)  # [rad], [m] least noise: below, engines differ by more, say in how a pushed block turns
-STILL = 1e-2  # share of the noise of the other axes below which an axis did not move at all, and says nothing
 WINDOW = 4  # frames of a third difference, in which a smooth motion hardly shows
+
+
+class NoiseSettings(Section):
+    """The noise of observed poses, and which of them count."""
+
+    least: tuple[float, float] = setting(
+        (1e-3, 1e-4), "rad, m", "least noise: below, engines differ by more, say in how a pushed block turns"
+    )
+    unseen: tuple[float, float] = setting((1e-2, 1e-3), "rad, m", "noise that is assumed where too little is seen")
+    still: float = setting(
+        1e-2, "share", "of the noise of the other axes below which an axis did not move, and says nothing", gt=0
+    )
+    jump: tuple[float, float] = setting(
+        (0.1, 0.015), "rad, m", "least deviation of a pose from its neighbours that no motion explains"
+    )
+    usual: float = setting(10.0, "standard deviations", "from the neighbours, that are usual", gt=0)
+    soft: float = setting(3.0, "standard deviations", "from the neighbours, beyond which a frame counts less", gt=0)
+    wild: float = setting(6.0, "standard deviations", "beyond which it does not count at all", gt=0)
+    sure: float = setting(
+        0.15, "-", "deviation of the logarithm of the errors' size in films: drawn films differ from real ones", ge=0
+    )
+
+
+DEFAULT = NoiseSettings()
 
 
 @dataclass(frozen=True)
@@ -28,11 +48,13 @@ class Noise:
         rotation: Standard deviation of each component of a rotation vector [rad].
         position: Standard deviation of each coordinate [m].
         error: Where poses were read from films, the error that this noise stands for; it is not white.
+        least: Least noise of rotations [rad] and of positions [m].
     """
 
     rotation: float
     position: float
     error: TrackingError | None = None
+    least: tuple[float, float] = DEFAULT.least
 
     @property
     def floor(self) -> float:
@@ -42,7 +64,7 @@ class Noise:
     def spread(self) -> Tensor:
         """Return the standard deviations of the six coordinates of a pose, shape (6,)."""
         if self.error is not None:
-            return self.error.spread.maximum(torch.tensor(FLOOR, dtype=torch.float64).repeat_interleave(3))
+            return self.error.spread.maximum(torch.tensor(self.least, dtype=torch.float64).repeat_interleave(3))
         return torch.tensor([self.rotation] * 3 + [self.position] * 3, dtype=torch.float64)
 
     def draw(self, count: int, like: Tensor, generator: torch.Generator) -> Tensor:
@@ -52,11 +74,11 @@ class Noise:
         return torch.randn(count, *like.shape, generator=generator, dtype=like.dtype) * self.spread()
 
 
-UNSEEN = Noise(rotation=1e-2, position=1e-3)
+UNSEEN = Noise(*DEFAULT.unseen)
 """What is assumed where there is too little to tell."""
 
 
-def outlier_poses(pose: Tensor, present: Tensor) -> Tensor:
+def outlier_poses(pose: Tensor, present: Tensor, settings: NoiseSettings = DEFAULT) -> Tensor:
     """Find poses that leave their neighbours further than any motion could; no model is needed.
 
     Each pose is compared with the mean of its neighbours k frames before and after, for k = 1, 2, 3: the median of
@@ -65,16 +87,17 @@ def outlier_poses(pose: Tensor, present: Tensor) -> Tensor:
     Args:
         pose: Shape (R, T, N, 7).
         present: Frames that exist, shape (R, T, N).
+        settings: How far is too far.
 
     Returns:
         Shape (R, T, N).
     """
-    odd, limit = _from_the_middle(pose, present)
+    odd, limit = _from_the_middle(pose, present, settings)
     wild: Tensor = (odd > limit).any(-1) & present.bool()
     return wild
 
 
-def stray_poses(pose: Tensor, present: Tensor) -> Tensor:
+def stray_poses(pose: Tensor, present: Tensor, settings: NoiseSettings = DEFAULT) -> Tensor:
     """Find outlier poses that continue neither what comes before nor what comes after: no impact can explain them.
 
     A bounce between two frames of a slow camera leaves its neighbours as far as an outlier does, but each frame beside
@@ -84,11 +107,12 @@ def stray_poses(pose: Tensor, present: Tensor) -> Tensor:
     Args:
         pose: Shape (R, T, N, 7).
         present: Frames that exist, shape (R, T, N).
+        settings: How far is too far.
 
     Returns:
         Shape (R, T, N).
     """
-    odd, limit = _from_the_middle(pose, present)
+    odd, limit = _from_the_middle(pose, present, settings)
     bent = pose_difference(pose[:, 1:-1], pose[:, :-2]) - pose_difference(pose[:, 2:], pose[:, 1:-1])
     # p_t - 2 p_(t-1) + p_(t-2): how far a pose is from the straight line through two others, seen from either end.
     far = (bent.unflatten(-1, (2, 3)).norm(dim=-1) > limit).any(-1)
@@ -97,7 +121,7 @@ def stray_poses(pose: Tensor, present: Tensor) -> Tensor:
     return stray & torch.cat([far, unknown], 1) & torch.cat([unknown, far], 1)
 
 
-def _from_the_middle(pose: Tensor, present: Tensor) -> tuple[Tensor, Tensor]:
+def _from_the_middle(pose: Tensor, present: Tensor, settings: NoiseSettings) -> tuple[Tensor, Tensor]:
     """Return how far poses are turned and shifted from the middle of their neighbours, and from where on they jump.
 
     Returns:
@@ -115,26 +139,29 @@ def _from_the_middle(pose: Tensor, present: Tensor) -> tuple[Tensor, Tensor]:
         deviations.append(torch.where((low | high)[:, None, None], 2 * one - other, (one + other) / 2))
     odd = torch.stack(deviations).median(0).values.unflatten(-1, (2, 3)).norm(dim=-1)
     scale = NORMAL_MAD * odd[present.bool()].median(0).values
-    return odd, torch.maximum(JUMP_SIGMAS * scale, torch.tensor(JUMP, dtype=pose.dtype))
+    return odd, torch.maximum(settings.usual * scale, torch.tensor(settings.jump, dtype=pose.dtype))
 
 
-def estimate_noise(residual: Tensor, weight: Tensor, error: TrackingError | None = None) -> Noise:
+def estimate_noise(
+    residual: Tensor, weight: Tensor, error: TrackingError | None = None, settings: NoiseSettings = DEFAULT
+) -> Noise:
     """Estimate white noise from residuals: by r_t - (r_{t-1} + r_{t+1}) / 2, which an error of the model hardly enters.
 
     Args:
         residual: Observed minus predicted, shape (R, T, N, 6).
         weight: Weights of the frames, 0 for those to ignore, shape (R, T, N).
         error: That of a reader of films, whose size is then estimated.
+        settings: The least noise, and when an axis says nothing.
     """
     if error is not None:
-        error = error.sized(residual, weight)
-        return Noise(*_largest(error.spread), error)
+        error = replace(error.sized(residual, weight), sure=settings.sure)
+        return Noise(*_largest(error.spread, settings.least), error, settings.least)
     bent = residual[:, 1:-1] - (residual[:, :-2] + residual[:, 2:]) / 2
     good = (weight[:, 1:-1] > 0) & (weight[:, :-2] > 0) & (weight[:, 2:] > 0)
-    return _of_differences(bent[good] / 1.5**0.5)
+    return _of_differences(bent[good] / 1.5**0.5, settings)
 
 
-def noise_of_poses(pose: Tensor, real: Tensor, time: Tensor | None = None, least: tuple[float, float] = FLOOR) -> Noise:
+def noise_of_poses(pose: Tensor, real: Tensor, time: Tensor | None = None, settings: NoiseSettings = DEFAULT) -> Noise:
     """Estimate white noise from poses alone, before any model is fitted.
 
     Third divided differences of a smooth motion vanish with the third power of the time step; what remains is noise.
@@ -145,13 +172,13 @@ def noise_of_poses(pose: Tensor, real: Tensor, time: Tensor | None = None, least
         pose: Recorded poses, at least four frames of each trajectory, shape (B, T, N, 7).
         real: Frames that count, shape (B, T).
         time: Times of the frames [s], shape (B, T); None for even ones.
-        least: Least noise of rotations [rad] and of positions [m].
+        settings: The least noise, what is assumed where too little is seen, and when an axis says nothing.
 
     Returns:
-        The noise, at least `least`; `UNSEEN` where trajectories are too short to tell.
+        The noise, at least the least; what is assumed where trajectories are too short to tell.
     """
     if pose.shape[1] < WINDOW:
-        return UNSEEN
+        return Noise(*settings.unseen)
     time = torch.arange(pose.shape[1]).to(pose).expand(pose.shape[:2]) if time is None else time
     windows, since = pose.unfold(1, WINDOW, 1).movedim(-1, 2), time.unfold(1, WINDOW, 1)
     inside = real.unfold(1, WINDOW, 1).all(-1)
@@ -159,23 +186,23 @@ def noise_of_poses(pose: Tensor, real: Tensor, time: Tensor | None = None, least
     weight = 1 / torch.where(inside[..., None], apart.prod(-1), 1.0)
     weight = weight / weight.norm(dim=-1, keepdim=True)
     motion = pose_difference(windows, windows[:, :, :1].expand_as(windows))
-    return _of_differences(torch.einsum("btw,btwni->btni", weight, motion)[inside].flatten(0, 1), least)
+    return _of_differences(torch.einsum("btw,btwni->btni", weight, motion)[inside].flatten(0, 1), settings)
 
 
-def _of_differences(values: Tensor, least: tuple[float, float] = FLOOR) -> Noise:
+def _of_differences(values: Tensor, settings: NoiseSettings) -> Noise:
     """Estimate noise from differences (n, 6) that have its size; axes in which nothing moves say nothing."""
     if not len(values):
-        return UNSEEN
+        return Noise(*settings.unseen)
     found = []
-    for kind, floor in zip(values.abs().split(3, -1), least, strict=True):
+    for kind, floor in zip(values.abs().split(3, -1), settings.least, strict=True):
         rough = kind.median(0).values
-        found.append(max(_spread(kind[:, rough >= STILL * rough.max()].flatten()), floor))
-    return Noise(found[0], found[1])
+        found.append(max(_spread(kind[:, rough >= settings.still * rough.max()].flatten()), floor))
+    return Noise(found[0], found[1], least=settings.least)
 
 
-def _largest(spread: Tensor) -> tuple[float, float]:
+def _largest(spread: Tensor, least: tuple[float, float]) -> tuple[float, float]:
     """Return the largest standard deviation of a rotation and of a position, of six."""
-    return max(float(spread[:3].max()), FLOOR[0]), max(float(spread[3:].max()), FLOOR[1])
+    return max(float(spread[:3].max()), least[0]), max(float(spread[3:].max()), least[1])
 
 
 def _spread(values: Tensor) -> float:
@@ -185,7 +212,7 @@ def _spread(values: Tensor) -> float:
     return float(normal.square().mean().sqrt()) / TRIMMED
 
 
-def frame_weights(residual: Tensor, present: Tensor, noise: Noise) -> Tensor:
+def frame_weights(residual: Tensor, present: Tensor, noise: Noise, settings: NoiseSettings = DEFAULT) -> Tensor:
     """Weigh frames by how far they leave the running median of the residuals (Huber 1964, cut off when outliers).
 
     An error of the model moves whole stretches and keeps its weight; a outlier stands alone and loses it.
@@ -194,6 +221,7 @@ def frame_weights(residual: Tensor, present: Tensor, noise: Noise) -> Tensor:
         residual: Observed minus predicted, shape (R, T, N, 6).
         present: Frames that exist and are not outliers, shape (R, T, N).
         noise: Scale of what is normal.
+        settings: Beyond which a frame counts less, or not at all.
 
     Returns:
         Weights from 0 to 1, shape (R, T, N).
@@ -204,5 +232,5 @@ def frame_weights(residual: Tensor, present: Tensor, noise: Noise) -> Tensor:
     )
     middle = padded.unfold(1, 2 * reach + 1, 1).median(-1).values
     away = ((residual - middle) / noise.spread()).abs().amax(-1)
-    weight = (SOFT / away.clamp_min(SOFT)) * (away < WILD)
+    weight = (settings.soft / away.clamp_min(settings.soft)) * (away < settings.wild)
     return weight * present

@@ -11,7 +11,6 @@ from torch import Tensor
 from physid.estimation.measurement.poses import pose_difference
 
 SPANS = (1, 2, 4, 8, 16, 32)  # frames over which errors are averaged, to see how slowly they change
-SURE = 0.15  # standard deviation of the logarithm of the errors' size: drawn films differ from real ones
 UNREAD = 1e-6  # share of the variance of the worst direction below which a direction was not read at all
 KINDS = (slice(0, 3), slice(3, 6))  # rotation, position
 
@@ -29,12 +28,14 @@ class TrackingError:
         stretch: Change of the poses per share by which all places move away from the middle of the view; same shape.
         deviation: How well that share is known, one standard deviation.
         factors: By how much the errors of rotations and of positions are larger than those of `track`.
+        sure: How well that is known, one standard deviation of its logarithm.
     """
 
     track: Tensor
     stretch: Tensor
     deviation: float
     factors: tuple[float, float] = (1.0, 1.0)
+    sure: float = 0.0
 
     @classmethod
     def between(cls, read: Tensor, again: Tensor, middle: Tensor, deviation: float) -> TrackingError:
@@ -106,7 +107,7 @@ class TrackingError:
         chosen = self._scaled[torch.randint(rows, (count, rows), generator=generator)]
         turned = torch.where(random_sign() > 0, chosen, chosen.flip(2))
         shape, kind = (count, 1, 1, 1, 1), self.track.dtype
-        size = torch.exp(SURE * torch.randn(shape, generator=generator, dtype=kind))
+        size = torch.exp(self.sure * torch.randn(shape, generator=generator, dtype=kind))
         share = self.deviation * torch.randn(shape, generator=generator, dtype=kind)
         return random_sign() * size * turned + share * self.stretch
 

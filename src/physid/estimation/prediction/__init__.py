@@ -3,13 +3,11 @@
 from physid.estimation.prediction.effect_parameters import EffectParameter
 from physid.estimation.prediction.nominal_model import NominalModel
 from physid.estimation.prediction.rollout import Prediction, Predictor, Variants, restarts
-from physid.estimation.prediction.segments import CONTACT_FREE, IMPACTS, CutRule, Segmentation
+from physid.estimation.prediction.segments import CutRule, Segmentation
 from physid.estimation.prediction.step_effects import AtStep, has
 from physid.estimation.prediction.timeline import Timeline
 
 __all__ = [
-    "CONTACT_FREE",
-    "IMPACTS",
     "AtStep",
     "CutRule",
     "EffectParameter",

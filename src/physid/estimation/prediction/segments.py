@@ -9,40 +9,32 @@ from itertools import pairwise
 import torch
 from torch import Tensor
 
+from physid.setting import Section, setting
+
+CALIBRATED = "decisions 0011 and 0012, calibration bank 607"
 Cut = tuple[int, int, bool]  # first frame, frames, whether it is busy
 
 
-@dataclass(frozen=True)
-class CutRule:
-    """How trajectories are cut around events.
+class CutRule(Section):
+    """How trajectories are cut around events: seldom more than one impact to a segment, and frames before and after."""
 
-    Attributes:
-        lead: Time before an event that belongs to it [s].
-        trail: Time after it [s].
-        longest: Longest contact segment [s].
-        least: A shorter contact-free stretch is no segment of its own [s].
-    """
-
-    lead: float
-    trail: float
-    longest: float
-    least: float
+    lead: float = setting(20 / 240, "s", "before an event that belongs to it", CALIBRATED, ge=0)
+    trail: float = setting(6 / 240, "s", "after an event that belongs to it", CALIBRATED, ge=0)
+    longest: float = setting(15 / 240, "s", "longest contact segment", CALIBRATED, gt=0)
+    least: float = setting(8 / 240, "s", "a shorter contact-free stretch is no segment of its own", CALIBRATED, ge=0)
+    fewest: tuple[int, int, int, int] = setting(
+        (4, 3, 8, 6), "frames", "of these four at least, however slow the camera", CALIBRATED
+    )
 
     def frames(self, time_step: float) -> tuple[int, int, int, int]:
         """Return the same in frames, at least so many that the velocities before and after an event are seen."""
         times = (self.lead, self.trail, self.longest, self.least)
         lead, trail, longest, least = (
-            max(round(time / time_step), fewest) for time, fewest in zip(times, FEWEST, strict=True)
+            max(round(time / time_step), fewest) for time, fewest in zip(times, self.fewest, strict=True)
         )
         return lead, trail, longest, least
 
 
-FEWEST = (4, 3, 8, 6)
-"""Frames of lead, trail, contact segment and contact-free segment, however slow the camera."""
-# Seldom more than one impact to a segment; frames before and after show its velocities.
-IMPACTS = CutRule(lead=20 / 240, trail=6 / 240, longest=15 / 240, least=8 / 240)
-# Contact-free segments as long as they can be; overlaps of bodies are gone when they begin.
-CONTACT_FREE = CutRule(lead=4 / 240, trail=16 / 240, longest=30 / 240, least=12 / 240)
 CLASSES = (16, 32, 64, 128)  # segments of up to so many frames are simulated together
 
 

@@ -10,8 +10,8 @@ from typing import final
 import torch
 from torch import Tensor
 
-from physid.estimation.least_squares.experiment import Experiment
-from physid.estimation.least_squares.multi_start import best_guess, lay_out
+from physid.estimation.least_squares.experiment import Experiment, lay_out
+from physid.estimation.least_squares.multi_start import best_guess
 from physid.estimation.prediction.rollout import Predictor, Variants
 from physid.physics.layer import PhysicsLayer
 from physid.training.parameters.physical_parameters import PhysicalParameters

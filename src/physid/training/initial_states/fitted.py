@@ -12,15 +12,17 @@ from physid.estimation.least_squares.experiment import Experiment, Fit
 from physid.estimation.least_squares.first_guess import FirstGuess
 from physid.estimation.least_squares.jacobian import Directions
 from physid.estimation.least_squares.levenberg_marquardt import NONE, gauss_newton
+from physid.estimation.least_squares.settings import LeastSquaresSettings, LineSearchSettings
 from physid.physics.layer import SolverError
 from physid.training.initial_states.explaining import Explaining, States
-from physid.training.parameters.gauss_newton import LIMITS
 from physid.training.parameters.trajectories import Trajectories
 
 MOST = 10
 """Jacobians of one fit."""
 COMPARE = 3
 """Jacobians of the fits by which first values are compared."""
+FITTING = LeastSquaresSettings(line_search=LineSearchSettings(dampings=(1e-3, 10.0, 1e3, 1e5)))
+"""Steps that initial states try: a run takes few of them at a time."""
 
 
 @torch.no_grad()
@@ -43,7 +45,7 @@ def fit_states(
     experiment, point = explaining.begin(logarithm, states)
     if directions is not None:
         experiment = experiment.replace(directions=directions)
-    return experiment, gauss_newton(experiment.with_known_parameters(), point, NONE, steps, LIMITS)
+    return experiment, gauss_newton(experiment.with_known_parameters().replace(settings=FITTING), point, NONE, steps)
 
 
 @torch.no_grad()

@@ -13,7 +13,7 @@ from physid.estimation.least_squares.levenberg_marquardt import NONE, gauss_newt
 from physid.estimation.least_squares.multi_start import search
 from physid.physics.layer import SolverError
 from physid.training.initial_states.explaining import Explaining, States, started
-from physid.training.parameters.gauss_newton import LIMITS
+from physid.training.initial_states.fitted import FITTING
 from physid.training.parameters.trajectories import Trajectories
 
 IMPROVE = 1
@@ -131,4 +131,4 @@ def _improved(explaining: Explaining, states: States | None, *, afresh: bool) ->
     held = experiment.with_known_parameters()
     if afresh:
         point = search(held, held.linearise(point, NONE))
-    return experiment, gauss_newton(held, point, NONE, IMPROVE, LIMITS)
+    return experiment, gauss_newton(held.replace(settings=FITTING), point, NONE, IMPROVE)

@@ -9,12 +9,9 @@ import torch
 from torch import Tensor, nn
 from torch.optim import Optimizer
 
-from physid.estimation.least_squares.line_search import Limits
 from physid.physics.layer import SolverError
 
 Closure = Callable[[], Any]
-LIMITS = Limits(dampings=(1e-3, 10.0, 1e3, 1e5))
-"""Steps that initial states try: a run takes few of them at a time."""
 TRIES = 8
 """How often a step to where the physics has no solution is shortened."""
 

@@ -8,8 +8,6 @@ from pydantic import BaseModel, ConfigDict, Field
 from pydantic.config import JsonDict
 
 NOT_CALIBRATED = "not calibrated"
-HITS = "decision 0012, calibration bank 607"
-FLIGHTS = "decision 0011, calibration bank 607"
 
 
 class Section(BaseModel):
