@@ -17,16 +17,15 @@ from physid.data.reading import ECHO, FILE, read_reading
 from physid.data.trajectory import write_trajectory
 from physid.diagnosis.document.document import read_diagnosis
 from physid.diagnosis.inputs.observations import load_observations
-from physid.estimation.measurement.sensor_noise import Noise, NoiseSettings, estimate_noise
-from physid.estimation.measurement.tracking_error import TrackingError
+from physid.estimation.measurement.sensor_noise import Noise, estimate_noise
+from physid.estimation.measurement.tracking_error import SURE, TrackingError
 
 DRAG = 0.8
 WIDER = 2.0  # a 90 % interval misses now and then
-SURE = NoiseSettings().sure
 
 
 def error_of(track: torch.Tensor, deviation: float = 0.0) -> TrackingError:
-    return TrackingError(track, torch.ones_like(track), deviation, sure=SURE)
+    return TrackingError(track, torch.ones_like(track), deviation)
 
 
 def correlated(rows: int, frames: int, share: float, seed: int = 0) -> torch.Tensor:

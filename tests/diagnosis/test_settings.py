@@ -40,7 +40,7 @@ LISTED = {
     "estimation/least_squares/line_search.py": {1e3},  # largest damping: a state that stays where it is
     "estimation/measurement/misfit.py": {4, 9, 15, 20, 0.15, 2e-4},  # third differences; SHARE_OF_...
     "estimation/measurement/sensor_noise.py": {4, 1.4826, 0.98661, 1.5},  # of a normal distribution, of differences
-    "estimation/measurement/tracking_error.py": {4, 8, 16, 32},  # SPANS
+    "estimation/measurement/tracking_error.py": {4, 8, 16, 32, 0.15},  # SPANS, SURE
     "estimation/measurement/unexplained.py": {1e3, 180},  # units
     "estimation/prediction/nominal_model.py": {14},  # exp(14), where a logarithm ends
     "estimation/prediction/rollout.py": {400_000},  # memory
@@ -58,7 +58,7 @@ CONSTANTS = {
     "estimation/least_squares/levenberg_marquardt.py": {"WHOLE"},  # the whole step
     "estimation/measurement/misfit.py": {
         "SHARE_OF_NOISE, SHARE_OF_SIZE",  # of a fit, and the defaults of `materiality`
-        "SQUARES", "DEVIATION",  # coefficients of a third difference
+        "SQUARES", "DEVIATION", "TINY",  # coefficients of a third difference
     },
     "estimation/measurement/sensor_noise.py": {
         "NORMAL_MAD", "TRIM, TRIMMED",  # of a normal distribution, and the cut that they belong to
@@ -66,6 +66,7 @@ CONSTANTS = {
     },
     "estimation/measurement/tracking_error.py": {
         "SPANS",  # all that a trajectory holds
+        "SURE",  # the default of `noise.sure`
         "UNREAD",  # rounding
         "KINDS",  # columns of a pose
     },

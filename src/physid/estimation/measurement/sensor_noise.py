@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from physid.estimation.measurement.poses import pose_difference
-from physid.estimation.measurement.tracking_error import TrackingError
+from physid.estimation.measurement.tracking_error import SURE, TrackingError
 from physid.setting import Section, setting
 
 NORMAL_MAD = 1.4826  # standard deviation over median absolute deviation, for a normal distribution
@@ -33,7 +33,7 @@ class NoiseSettings(Section):
     soft: float = setting(3.0, "standard deviations", "from the neighbours, beyond which a frame counts less", gt=0)
     wild: float = setting(6.0, "standard deviations", "beyond which it does not count at all", gt=0)
     sure: float = setting(
-        0.15, "-", "deviation of the logarithm of the errors' size in films: drawn films differ from real ones", ge=0
+        SURE, "-", "deviation of the logarithm of the errors' size in films: drawn films differ from real ones", ge=0
     )
 
 

@@ -11,6 +11,7 @@ from torch import Tensor
 from physid.estimation.measurement.poses import pose_difference
 
 SPANS = (1, 2, 4, 8, 16, 32)  # frames over which errors are averaged, to see how slowly they change
+SURE = 0.15  # standard deviation of the logarithm of the errors' size: drawn films differ from real ones
 UNREAD = 1e-6  # share of the variance of the worst direction below which a direction was not read at all
 KINDS = (slice(0, 3), slice(3, 6))  # rotation, position
 
@@ -35,7 +36,7 @@ class TrackingError:
     stretch: Tensor
     deviation: float
     factors: tuple[float, float] = (1.0, 1.0)
-    sure: float = 0.0
+    sure: float = SURE
 
     @classmethod
     def between(cls, read: Tensor, again: Tensor, middle: Tensor, deviation: float) -> TrackingError:
@@ -91,7 +92,7 @@ class TrackingError:
         # What a fit leaves, and what reading again has left, are both means over few trajectories.
         few = 2 * own.var(0, correction=min(1, len(own) - 1)) / len(own)
         among = few / mean.square().clamp_min(torch.finfo(mean.dtype).tiny)
-        return mean + scale.mean(0), (among + (2 * SURE) ** 2).sqrt()
+        return mean + scale.mean(0), (among + (2 * self.sure) ** 2).sqrt()
 
     def draw(self, count: int, generator: torch.Generator) -> Tensor:
         """Draw errors of data sets, shape (count, R, T, N, 6).
