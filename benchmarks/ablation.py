@@ -62,7 +62,7 @@ WITHOUT: Mapping[str, Mapping[str, Any]] = {
     "curved steps": {"hypothesis.curved": []},
     "new initial states of hypotheses": {"hypothesis.new_states": False},
     "new initial states of the nominal fit": {"nominal_fit.new_states": False},
-    "multiples of first guesses": {"nominal_fit.guess_factors": [1.0]},
+    "multiples of first guesses": {"first_guess.factors": [1.0]},
     "cutting again around new events": {"nominal_fit.cuts": 1},
     "jolts as events": {"events.jolt": 1e6},
     "weights of frames (Huber)": {"nominal_fit.robust": False},

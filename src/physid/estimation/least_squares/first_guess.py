@@ -12,7 +12,7 @@ from physid.setting import Section, setting
 
 
 class FirstGuess(Section):
-    """How first values are found: errors have no time to grow in short segments, each with an initial state of its own."""
+    """First values over short segments, each with an initial state of its own: errors have no time to grow in them."""
 
     seconds: float = setting(30 / 240, "s", "length of the segments", gt=0)
     frames: int = setting(10, "frames", "of these segments at least", ge=3)

@@ -77,15 +77,9 @@ def _shifted(pose: Tensor, off: Tensor) -> Tensor:
 
 def _guessed(experiment: Experiment, point: Variants, pose: Tensor, weight: Tensor) -> Variants:
     """Return the point itself, and with initial states guessed from poses (R, T, N, 7)."""
-    predictor = experiment.predictor
-    initial = guess_initial_states(
-        pose,
-        weight,
-        predictor.timeline.time,
-        predictor.segments,
-        predictor.model.scene,
-        settings=experiment.settings.guess,
-    )
+    predictor, settings = experiment.predictor, experiment.settings.guess
+    time, scene = predictor.timeline.time, predictor.model.scene
+    initial = guess_initial_states(pose, weight, time, predictor.segments, scene, settings=settings)
     guessed = experiment.directions.level(initial.pose, initial.twist)
     return point.repeat(1 + len(initial.pose)).replace(
         pose=torch.cat([point.pose, guessed[0]]), twist=torch.cat([point.twist, guessed[1]])
