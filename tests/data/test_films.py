@@ -128,6 +128,14 @@ def test_camera_files_of_opencv_and_ros_say_the_same(tmp_path: Path) -> None:
     assert np.allclose(again.translation, lens.translation, atol=1e-4)
 
 
+@pytest.mark.parametrize("size", ["{a: 1}", "-3", "1.5", ".nan", "wide"])
+def test_a_size_that_is_no_number_of_pixels_is_refused_with_file_and_key(size: str, tmp_path: Path) -> None:
+    path = write_opencv(tmp_path / "opencv.yaml")
+    path.write_text(path.read_text().replace("image_width: 192", f"image_width: {size}"))
+    with pytest.raises(ValueError, match=r"opencv\.yaml: image_width must be a whole number of at least 1"):
+        read_camera(path)
+
+
 def test_the_ideal_camera_sees_points_where_the_straightened_image_has_them(tmp_path: Path) -> None:
     lens = read_camera(write_opencv(tmp_path / "opencv.yaml"))
     camera, maps = lens.pinhole(), lens.maps()

@@ -57,6 +57,12 @@ def test_what_cannot_be_loaded_is_explained(example: Path, tmp_path: Path) -> No
         load(f"{tmp_path}/none.py:MagneticBrake")
     with pytest.raises(ValueError, match='has no class "MagnetBrake"; did you mean "MagneticBrake"'):
         load(f"{example}:MagnetBrake")
+    broken = tmp_path / "broken.py"
+    broken.write_text(worked_example().replace("state.velocity", "state.speed"))
+    with pytest.raises(
+        ValueError, match=r"fails where its laws are checked: AttributeError: .*speed.*adding_an_effect"
+    ):
+        load(f"{broken}:MagneticBrake")
     with pytest.raises(ValueError, match="must be a class derived from"):
         load(f"{example}:torch")
     broken = tmp_path / "broken.py"

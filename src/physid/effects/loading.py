@@ -28,7 +28,15 @@ def load(place: str) -> type[Effect]:
     if not (path and colon and name):
         raise ValueError(f'an effect must be given as FILE.py:CLASS, such as my_effects.py:MyEffect, got "{place}"')
     effect = _class(_run(Path(path)), name, path)
-    check(effect)
+    try:
+        check(effect)
+    except ValueError:
+        raise
+    except Exception as error:
+        raise ValueError(
+            f"{place} fails where its laws are checked: {type(error).__name__}: {error}; what a hook is given, and its "
+            "shapes, is in docs/adding_an_effect.md"
+        ) from error
     if effect.name in {known.name for known in CATALOGUE}:
         raise ValueError(f'the name "{effect.name}" of {place} is taken by the catalogue; choose another')
     return effect

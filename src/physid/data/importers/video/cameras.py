@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physid.scenes.camera import Camera
-from physid.strict import nearest
+from physid.strict import nearest, whole
 from physid.typed_files import check_as
 from physid.yaml_files import YamlError, parse_yaml
 
@@ -118,7 +118,7 @@ def read_camera(path: Path) -> Lens:
     size = next((pair for pair in SIZES if set(pair) <= set(known)), None)
     if size is None:
         raise ValueError(f"{path}: expected image_width and image_height, found neither")
-    width, height = (int(known[name]) for name in size)
+    width, height = (whole(known[name], f"{path}: {name}", low=1) for name in size)
     if not (0 < matrix[0, 2] < width and 0 < matrix[1, 2] < height and matrix[0, 0] > 0 and matrix[1, 1] > 0):
         raise ValueError(
             f"{path}: camera_matrix: expected a principal point within {width} x {height}, got {matrix.tolist()}"
@@ -145,7 +145,7 @@ def _numbers(
     value = value.get("data") if isinstance(value, dict) else value
     try:
         found = np.asarray(value, dtype=float).ravel()
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{path}: {name}: expected numbers, got {str(value)[:60]}") from None
     if len(found) not in counts or not np.isfinite(found).all():
         raise ValueError(f"{path}: {name}: expected {' or '.join(map(str, counts))} finite numbers, got {len(found)}")
@@ -191,7 +191,7 @@ def solve_place(points: Any, matrix: Array, distortion: Array, where: str) -> tu
     try:
         rows = np.array([[*row, 0.0][:5] for row in points], dtype=float)
         sound = rows.ndim == 2 and rows.shape[1] == 5 and bool(np.isfinite(rows).all())
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         sound = False
     if not sound or len(rows) < FEWEST_POINTS:
         raise ValueError(
