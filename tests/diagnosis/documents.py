@@ -41,6 +41,7 @@ NAMED: dict[str, Any] = {
     "shrink": {
         "same": {"value": 0.99, "low": 0.97, "high": 1.0},
         "transfer": {"value": 0.97, "low": 0.93, "high": 0.99},
+        "parts": {"same": {"viscous_drag": 0.99}, "transfer": {"viscous_drag": 0.97}},
     },
     "parameters": {
         "block.mass": {"nominal": 1.11, "with_effect": {"value": 1.002, "low": 0.995, "high": 1.009, "unit": "kg"}}
@@ -61,7 +62,7 @@ def diagnosis(verdict: str = "named", *, transfer: bool = True) -> dict[str, Any
     made["verdict"] = verdict
     if verdict in ("none", "unknown"):
         made |= {"effects": [], "group": []}
-        made["shrink"] = {"same": None, "transfer": None}
+        made["shrink"] = {"same": None, "transfer": None, "parts": {}}
         made["parameters"]["block.mass"]["with_effect"] = None
         for split in ("same", "transfer"):
             made["gap"][split]["after"] = None
@@ -70,6 +71,7 @@ def diagnosis(verdict: str = "named", *, transfer: bool = True) -> dict[str, Any
         made["next_experiment"] = "push at speeds from 0.2 to 2 m/s"
     if not transfer:
         made["gap"]["transfer"] = made["shrink"]["transfer"] = None
+        made["shrink"]["parts"].pop("transfer", None)
     return made
 
 

@@ -8,11 +8,10 @@ from typing import Any, cast
 import pytest
 import torch
 
-from physid.diagnosis.conclusion.conclusion import indistinguishable_from_zero, reconsider
 from physid.diagnosis.conclusion.gap import Closing, Interval
-from physid.diagnosis.conclusion.verdict import judge
+from physid.diagnosis.conclusion.verdict import indistinguishable_from_zero, judge, reconsider
 from physid.diagnosis.selection.attribution import Attribution
-from physid.diagnosis.selection.evidence import both_needed, complete, distinguishable, improves_held_out
+from physid.diagnosis.selection.evidence import both_needed, complete, distinguishable
 from physid.diagnosis.settings.settings import Settings
 from physid.diagnosis.testing.hypothesis import Hypothesis
 from physid.diagnosis.testing.lack_of_fit import LackOfFit, Row
@@ -199,4 +198,4 @@ def test_what_may_be_nothing_is_blamed_where_it_predicts_others_and_leaves_nothi
 ) -> None:
     nominal, best = hypothesis(600, 100 + others), hypothesis(100, 100)
     nominal.experiment.fitted = torch.tensor([True, False])
-    assert reconsider(judged(found(0.1, p_value), None), improves_held_out(nominal, best)) == verdict
+    assert reconsider(judged(found(0.1, p_value), None), nominal, best) == verdict

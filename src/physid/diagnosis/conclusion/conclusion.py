@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from physid.diagnosis.conclusion.gap import Closing, closing, floor_of, held_out_parts, position_errors, position_floors
+from physid.diagnosis.conclusion.decomposition import closings_of, decompose
+from physid.diagnosis.conclusion.gap import Closing, floor_of, held_out_parts
 from physid.diagnosis.conclusion.localisation import places, sites
 from physid.diagnosis.conclusion.materiality import Tolerance, excess_of, share_closed, unexplained_size
 from physid.diagnosis.conclusion.next_experiment import NextExperiment, next_experiment
 from physid.diagnosis.conclusion.parametric_bootstrap import bootstrap_spread
 from physid.diagnosis.conclusion.power import detectable_sizes
-from physid.diagnosis.conclusion.verdict import judge
+from physid.diagnosis.conclusion.verdict import indistinguishable_from_zero, judge, reconsider
 from physid.diagnosis.document.document import (
     FORMAT,
     SITES,
@@ -31,6 +32,7 @@ from physid.diagnosis.document.document import (
     Refitted,
     Share,
     Shrink,
+    Split,
     Verdict,
     Where,
 )
@@ -39,7 +41,6 @@ from physid.diagnosis.posterior.evidence import with_probabilities
 from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.selection.attribution import Attribution
 from physid.diagnosis.selection.comparison import gain
-from physid.diagnosis.selection.evidence import improves_held_out
 from physid.diagnosis.testing import Hypothesis
 
 BLAMING: tuple[Verdict, ...] = ("named", "group", "partial")
@@ -72,7 +73,7 @@ def draw_conclusion(nominal_fit: NominalFit, found: Attribution, generator: torc
         generator: Randomness of the bootstrap.
     """
     settings, terms = nominal_fit.settings, found.nominal.experiment.predictor.terms
-    judged = _closings(nominal_fit, found.nominal, found.best, generator)
+    judged = closings_of(nominal_fit, found.nominal, found.best, generator)
     allowed = Tolerance.of(nominal_fit.noise, nominal_fit.observations.scene, settings.materiality)
     parts = [*held_out_parts(nominal_fit.observations).values()]
     best, covariance = found.best, None
@@ -88,11 +89,12 @@ def draw_conclusion(nominal_fit: NominalFit, found: Attribution, generator: torc
     if verdict in BLAMING and best is not None:
         covariance = best.covariance() + bootstrap_spread(best, generator)
         if settings.verdict.reconsidered and indistinguishable_from_zero(best, covariance, judged.values()):
-            verdict = reconsider(verdict, improves_held_out(found.nominal, best))
+            verdict = reconsider(verdict, found.nominal, best)
     chosen, shown = (best, found.whole_best) if verdict in BLAMING else (None, None)
-    closings = _closings(nominal_fit, found.whole_nominal, shown, generator) if found.contact_free else judged
+    closings = closings_of(nominal_fit, found.whole_nominal, shown, generator) if found.contact_free else judged
     if chosen is None:
         closings = {name: _unclosed(one) for name, one in closings.items()}
+    parts_closed = {} if shown is None else decompose(nominal_fit, found, closings, generator)
     wide = covariance if shown is chosen or shown is None else shown.covariance() + bootstrap_spread(shown, generator)
     bodies = [body.name for body in nominal_fit.observations.scene.bodies]
     where = places(found.lack, bodies, settings.localisation.rounding)
@@ -115,7 +117,7 @@ def draw_conclusion(nominal_fit: NominalFit, found: Attribution, generator: torc
             () if verdict == "none" else tuple(cells[: settings.verdict.most_cells]),
         ),
         gap=_gap(floor_of(nominal_fit.noise), allowed, closings),
-        shrink=Shrink(_share(closings["same"]), _share(closings["transfer"])),
+        shrink=Shrink(_share(closings["same"]), _share(closings["transfer"]), parts_closed),
         parameters=_parameters(found.whole_nominal, shown, wide),
         next_experiment=further.sentence if further else None,
         minor=tuple(minor),
@@ -129,52 +131,11 @@ def draw_conclusion(nominal_fit: NominalFit, found: Attribution, generator: torc
     )
 
 
-def _closings(
-    nominal_fit: NominalFit, nominal: Hypothesis, best: Hypothesis | None, generator: torch.Generator
-) -> dict[str, Closing | None]:
-    """Compare errors before and after on each part of the recordings that nothing was fitted to."""
-    before = position_errors(nominal, nominal_fit.observations)
-    after = before if best is None else position_errors(best, nominal_fit.observations)
-    floors = position_floors(nominal.experiment, nominal_fit.noise)
-    parts = held_out_parts(nominal_fit.observations)
-    return {
-        name: closing(before, after, floors, chosen, nominal_fit.settings.gap, generator)
-        for name, chosen in parts.items()
-    }
-
-
-def indistinguishable_from_zero(chosen: Hypothesis, covariance: Tensor, closings: Iterable[Closing | None]) -> bool:
-    """Return whether effects explain nothing: no size differs from that of no effect, and there is no gap to close.
-
-    After impacts an effect may fit what is left a little better than chance without being there.
-
-    Args:
-        chosen: The effects that would be blamed.
-        covariance: Of the shared parameters, shape (P, P).
-        closings: How far gaps close; None where a protocol is missing.
-    """
-    if any(one is not None and one.shrink is not None for one in closings):
-        return False
-    return len(chosen.absent(covariance)) == len(chosen.names)
-
-
-def reconsider(verdict: Verdict, foretells: bool) -> Verdict:
-    """Return the verdict where the effects that were found are hollow.
-
-    Where they are but a part, what they leave is there without them. What leaves nothing and foretells trajectories
-    that nothing was fitted to is there: it shows in a few impacts, from which its size is hardly known. All else may be
-    chance.
-    """
-    if verdict == "partial":
-        return "unknown"
-    return verdict if foretells else "none"
-
-
 def _unclosed(one: Closing | None) -> Closing | None:
     return None if one is None else Closing(one.before, None, None, one.floor)
 
 
-def _gap(floor: float, allowed: Tolerance, closings: Mapping[str, Closing | None]) -> Gap:
+def _gap(floor: float, allowed: Tolerance, closings: Mapping[Split, Closing | None]) -> Gap:
     """Give the errors before and after on each split."""
     same, transfer = (None if one is None else Errors(one.before, one.after) for one in closings.values())
     assert same is not None

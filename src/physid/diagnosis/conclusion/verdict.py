@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
+from torch import Tensor
+
 from physid.diagnosis.conclusion.gap import Closing
 from physid.diagnosis.document.document import Verdict
 from physid.diagnosis.selection.attribution import Attribution, unexplained
-from physid.diagnosis.selection.evidence import complete, explained
+from physid.diagnosis.selection.evidence import complete, explained, improves_held_out
 from physid.diagnosis.settings.conclusion import VerdictSettings
+from physid.diagnosis.testing import Hypothesis
 
 
 def judge(found: Attribution, transfer: Closing | None, *, before: bool, after: bool) -> Verdict:
@@ -30,6 +35,33 @@ def judge(found: Attribution, transfer: Closing | None, *, before: bool, after: 
     if not whole:
         return "partial" if transfer is None or _open(transfer, settings) <= settings.partly else "unknown"
     return "group" if len(found.group) > 1 or found.alike else "named"
+
+
+def indistinguishable_from_zero(chosen: Hypothesis, covariance: Tensor, closings: Iterable[Closing | None]) -> bool:
+    """Return whether effects explain nothing: no size differs from that of no effect, and there is no gap to close.
+
+    After impacts an effect may fit what is left a little better than chance without being there.
+
+    Args:
+        chosen: The effects that would be blamed.
+        covariance: Of the shared parameters, shape (P, P).
+        closings: How far gaps close; None where a protocol is missing.
+    """
+    if any(one is not None and one.shrink is not None for one in closings):
+        return False
+    return len(chosen.absent(covariance)) == len(chosen.names)
+
+
+def reconsider(verdict: Verdict, nominal: Hypothesis, best: Hypothesis) -> Verdict:
+    """Return the verdict where the effects that were found are hollow.
+
+    Where they are but a part, what they leave is there without them. What leaves nothing and foretells trajectories
+    that nothing was fitted to is there: it shows in a few impacts, from which its size is hardly known. All else may be
+    chance.
+    """
+    if verdict == "partial":
+        return "unknown"
+    return verdict if improves_held_out(nominal, best) else "none"
 
 
 def _carries(transfer: Closing | None, settings: VerdictSettings) -> bool:

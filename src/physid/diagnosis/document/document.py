@@ -174,11 +174,12 @@ class Gap:
 
 @dataclass(frozen=True)
 class Shrink:
-    """The share of the gap that closes on each split; None where there is none, or too near to its floor."""
+    """The share of the gap that closes on each split (None: none, or too near to its floor), cut into effects."""
 
     __pydantic_config__: ClassVar[Any] = CLOSED
     same: Share | None
     transfer: Share | None
+    parts: dict[Split, dict[Text, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -195,8 +196,7 @@ class Diagnosis:
     """What a diagnosis says: the content of diagnosis.json.
 
     Attributes:
-        format: Name of the format; version: its version.
-        verdict: What is said of the gap.
+        format: Name of the format; version: its version; verdict: what is said of the gap.
         effects: What is blamed; group: effects that cannot be told apart, the blamed ones included.
         confidence: Calibrated probability that the verdict is right: that of the causes that it allows, together.
         ranking: The candidates, best first.

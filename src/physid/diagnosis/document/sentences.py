@@ -118,7 +118,9 @@ def how_far_sentence(diagnosis: Diagnosis, split: Split) -> str:
     after = "" if error.after is None else f" -> {quantity(error.after, unit)}"
     text = f"{SPLIT_NAMES[split]}: {quantity(error.before, unit)}{after} (floor {quantity(diagnosis.gap.floor, unit)})"
     if part is not None:
-        return f"{text}, {' closed ('.join(part)})"
+        parts = diagnosis.shrink.parts.get(split, {})
+        divided = join((f"{words(name)} {percent(each)}" for name, each in parts.items()), "and")
+        return f"{text}, {' closed ('.join(part)})" + (f": {divided}" if len(parts) > 1 else "")
     return text if error.after is None else f"{text}, too near to the floor for a share"
 
 

@@ -31,7 +31,7 @@ class Coefficients:
         says_unknown: If the verdict is `unknown`.
         says_effect: For the hypotheses of the group, if the verdict blames something.
         behind: Of `Evidence.behind`, for all hypotheses.
-        gap: Of log(1 + gap), for what the verdict says; of the negative of it where that is `none`.
+        gap: Of log(1 + gap), for what the verdict says; of the negative of it for `none`, whatever the verdict says.
         bend: Of log(1 + bend), for what the verdict says.
         poses: Of the decimal logarithm of thousands of poses, for what the verdict says.
     """
@@ -95,7 +95,8 @@ def features(evidence: Evidence) -> Array:
     said = np.array([name in evidence.said for name in names], float)
     says_none, says_unknown = (float(evidence.said == (kind,)) for kind in (NONE, UNKNOWN))
     away = np.array([evidence.behind.get(name, 0.0) for name in names])
-    size = math.log1p(evidence.gap)
+    free = np.array([name == NONE for name in names], float)
+    size = (said * (1 - free) - free) * math.log1p(evidence.gap)
     columns = [
         *(np.array([name == kind for name in names], float) for kind in (NONE, UNKNOWN, OTHER)),
         np.array([" + " in name for name in names], float),
@@ -103,7 +104,7 @@ def features(evidence: Evidence) -> Array:
         said * says_unknown,
         said * (1 - says_none - says_unknown),
         away,
-        said * (-size if says_none else size),
+        size,
         said * math.log1p(evidence.bend),
         said * (math.log10(evidence.poses) - 3),
     ]

@@ -29,6 +29,7 @@ REPORT = "report.html"
 MOST_BYTES = 16_000_000  # of one film; a page beyond this does not open well on a phone
 MOST_LISTED = 2  # further members of a group that the answers name
 MOST_RANKED = 10
+NO_GAP = 1.02  # floors, below which an error leaves no gap to cut
 MASS = 0.9  # probability of the causes that are listed
 CAUSES = {
     "none": "no effect",
@@ -76,8 +77,10 @@ def render(said: Diagnosis, data: ReportData) -> str:
         kind=KINDS[said.verdict],
         level=percent(data.interval),
         sentence=verdict_sentence(said),
+        splits={name: split for split, name in SPLIT_NAMES.items()},
         caveat=caveat(said),
         answers=_answers(said),
+        cuts=[(SPLIT_NAMES[split], cut) for split in SPLITS if (cut := _cut(said, data, split))],
         maps={
             body: {(cell.phase, cell.dof): cell.evidence for cell in cells if cell.body == body}
             for body in dict.fromkeys(cell.body for cell in cells)
@@ -126,6 +129,23 @@ def _answers(said: Diagnosis) -> list[tuple[str, str, str]]:
         ("Which", which, more or _best(said)),
         ("How far", _far(said, split), how_far_sentence(said, split)),
     ]
+
+
+def _cut(said: Diagnosis, data: ReportData, split: Split) -> list[tuple[str, float, str]]:
+    """Cut the gap on a split into what each effect closes and the rest: name, share, and style; empty without a gap.
+
+    Where no effect is blamed, a free residual wrench stands for what a better law of motion could close.
+    """
+    error, floor = said.errors(split), said.gap.floor
+    closed_by = [(words(name), share) for name, share in said.shrink.parts.get(split, {}).items()]
+    wrench = data.residual_wrench.get(split)
+    if said.verdict == "unknown" and error is not None and wrench is not None and error.before > NO_GAP * floor:
+        closed_by = [("a free force and torque", (error.before - wrench) / (error.before - floor))]
+    if not closed_by:
+        return []
+    parts = [(name, share, f"part-{place}") for place, (name, share) in enumerate(closed_by)]
+    rest = 1 - sum(share for _, share in closed_by)
+    return [*parts, ("not explained", rest, "rest")] if rest > 0 else parts
 
 
 def _causes(said: Diagnosis) -> list[tuple[str, float, bool]]:

@@ -1,0 +1,88 @@
+"""The gap divided among effects: laws of the division, and the picture that opens the report."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+import torch
+from tests.diagnosis.documents import diagnosis
+
+from physid.diagnosis.conclusion import decomposition
+from physid.diagnosis.conclusion.decomposition import shapley
+from physid.diagnosis.conclusion.gap import Closing, Interval
+from physid.diagnosis.document.document import Split, check_diagnosis
+from physid.diagnosis.document.sentences import how_far_sentence
+from physid.diagnosis.report.contents import ReportData
+from physid.diagnosis.report.page import render
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "both", "parts"),
+    [
+        (0.6, 0.4, 1.0, (0.6, 0.4)),  # they close different parts
+        (0.8, 0.8, 0.8, (0.4, 0.4)),  # either does what both do
+        (0.0, 0.0, 1.0, (0.5, 0.5)),  # neither does anything alone
+        (0.9, -0.1, 0.9, (0.95, -0.05)),  # one alone makes it worse
+    ],
+)
+def test_what_both_close_is_divided_by_the_mean_over_both_orders(
+    one: float, other: float, both: float, parts: tuple[float, float]
+) -> None:
+    assert shapley(one, other, both) == pytest.approx(parts)
+    assert shapley(other, one, both) == pytest.approx(parts[::-1])
+    assert sum(parts) == pytest.approx(both)
+
+
+def test_the_report_opens_with_the_gap_cut_into_causes_and_rest() -> None:
+    document = diagnosis("partial")
+    document["shrink"]["same"] = {"value": 0.8, "low": 0.7, "high": 0.9}
+    document["shrink"]["parts"] = {"same": {"viscous_drag": 0.5, "tether": 0.3}, "transfer": {"viscous_drag": 1.04}}
+    said = check_diagnosis(document)
+    page = render(said, ReportData())
+    cut = page[page.index("What the gap consists of") : page.index('class="grid answers"')]
+    for expected in ("viscous drag <b>50 %", "tether <b>30 %", "not explained <b>20 %", "viscous drag <b>104 %"):
+        assert expected in cut
+    assert cut.count("not explained") == 2, "in the bar and its legend; nothing is left on the transfer protocol"
+    assert how_far_sentence(said, "same").endswith("closed (70 % to 90 %): viscous drag 50 % and tether 30 %")
+
+
+def test_an_unknown_cause_is_cut_by_a_free_force_and_no_gap_is_not_cut() -> None:
+    said = check_diagnosis(diagnosis("unknown"))
+    page = render(said, ReportData(residual_wrench={"same": 0.0112}))
+    assert "a free force and torque <b>50 %" in page
+    assert "What the gap consists of" not in render(said, ReportData())
+    assert "What the gap consists of" not in render(check_diagnosis(diagnosis("none")), ReportData())
+
+
+@pytest.mark.parametrize("names", [("a",), ("a", "b")])
+def test_parts_add_up_to_what_closes_on_each_split(names: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Alone a closes 70 % and b 50 %, on the transfer protocol 20 and 90 %."""
+
+    def closings(same: float, transfer: float) -> dict[Split, Closing | None]:
+        return {
+            "same": Closing(2.0, 1.0, Interval(same, None, None), 0.5),
+            "transfer": Closing(2.0, 1.0, Interval(transfer, None, None), 0.5),
+        }
+
+    alone = {"a": closings(0.7, 0.2), "b": closings(0.5, 0.9)}
+    singles = [SimpleNamespace(names=(name,)) for name in names]
+    found: Any = SimpleNamespace(
+        best=SimpleNamespace(names=names),
+        tried=singles,
+        contact_free=False,
+        whole_nominal=None,
+        nominal=SimpleNamespace(experiment=None),
+    )
+    monkeypatch.setattr(decomposition, "closings_of", lambda _fit, _nominal, one, _random: alone[one.names[0]])
+    nominal_fit: Any = SimpleNamespace(settings=None)
+    parts = decomposition.decompose(nominal_fit, found, closings(0.96, 0.94), torch.Generator())
+    assert {split: sum(each.values()) for split, each in parts.items()} == pytest.approx(
+        {"same": 0.96, "transfer": 0.94}
+    )
+    if len(names) > 1:
+        assert parts["same"] == pytest.approx({"a": 0.58, "b": 0.38})
+        assert parts["transfer"] == pytest.approx({"a": 0.12, "b": 0.82})
+    no_gap: Any = {"same": Closing(1.0, 1.0, None, 1.0), "transfer": None}
+    assert not decomposition.decompose(nominal_fit, found, no_gap, torch.Generator())
