@@ -118,7 +118,7 @@ def refine(
         add_to(equations, model, module.objective.pose_loss, batch, known)
         step = calm(equations.step(LARGEST_STEP), equations.normal.matrix.sum(0))
         with torch.no_grad():
-            model.physical.logarithm.add_(step)
+            model.physical.coordinates.add_(step)
         bounds = intervals(model.physical.estimates(), equations.covariance(), len(equations.weights))
         if step.abs().max() < SETTLED:
             break

@@ -110,15 +110,15 @@ def test_a_shared_scale_widens_the_interval_by_what_it_does_to_the_parameter() -
         goal = stretched(model.chart, pose, share)
         there = Trajectories(goal, torch.zeros_like(push), push, length, index)
         shifted = Trajectories(stretched(model.chart, goal, SHARE), torch.zeros_like(push), push, length, index)
-        physical = model.physical.logarithm.detach().clone()
+        physical = model.physical.coordinates.detach().clone()
         for _ in range(6):
             equations = NormalEquations()
             equations.add(model.layer, model.physical, PoseLoss(), there, real, shifted=[shifted])
             with torch.no_grad():
-                model.physical.logarithm.add_(equations.step(0.5))
-        found = float(model.physical.logarithm.detach())
+                model.physical.coordinates.add_(equations.step(0.5))
+        found = float(model.physical.coordinates.detach())
         with torch.no_grad():
-            model.physical.logarithm.copy_(physical)
+            model.physical.coordinates.copy_(physical)
         return found, math.sqrt(float(equations.covariance()))
 
     (exact, deviation), (other, _) = fitted(0.0), fitted(SHARE)

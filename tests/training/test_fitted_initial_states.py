@@ -87,7 +87,7 @@ def test_the_gradient_is_that_of_the_least_loss_over_the_initial_states() -> Non
 
     for _ in range(4):  # each call improves the initial states a little more
         loss = torch.stack([value.mean() for value in module.losses(batch).values()]).sum()
-    (slope,) = torch.autograd.grad(loss, [module.physical.logarithm])
+    (slope,) = torch.autograd.grad(loss, [module.physical.coordinates])
     assert float(loss.detach()) == pytest.approx(least(0.0), rel=1e-4)
     assert float(slope) == pytest.approx((least(1e-3) - least(-1e-3)) / 2e-3, rel=1e-2)
 
@@ -123,7 +123,7 @@ def deviation(folder: Path, name: str) -> float:
     """Return the standard deviation that the trajectories allow, their initial states being unknown."""
     data = RecordingsDataModule(folder, shuffle=False)
     module = SysID(learn=["block.mass", "block.friction"]).attach(data.scene)
-    module.physical.logarithm.data -= math.log(2)  # the first guess is twice the truth
+    module.physical.coordinates.data -= math.log(2)  # the first guess is twice the truth
     module.count_evaluations = lambda copies: None  # type: ignore[method-assign]
     module._batch = next(iter(data.train_dataloader()))
     return module.identifiability(SensorNoise(NOISE.position, NOISE.rotation)).deviations[name]

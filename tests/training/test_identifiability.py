@@ -145,11 +145,11 @@ def profile(config: IdentifiabilityConfig, fixed: int, offset: float) -> float:
     physical, layer = config.build_parameters(), Engine().layer(config.build_scene())
     recorded = predict(layer, physical, config.draw())
     scale = torch.tensor([1 / config.noise.rotation] * 3 + [1 / config.noise.position] * 3, dtype=torch.float64)
-    physical.logarithm[fixed] += offset
+    physical.coordinates[fixed] += offset
     for _ in range(4):
         misfit = (recorded.residual(layer, physical()) * scale).flatten()
         slope = (slopes(layer, physical, recorded)[0][1 - fixed] * scale).flatten()
-        physical.logarithm[1 - fixed] -= slope @ misfit / (slope @ slope)
+        physical.coordinates[1 - fixed] -= slope @ misfit / (slope @ slope)
     return float((recorded.residual(layer, physical()) * scale).square().sum())
 
 

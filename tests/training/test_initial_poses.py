@@ -103,7 +103,7 @@ def test_a_single_wild_reading_of_the_first_pose_is_outvoted_by_the_motion() -> 
 def identified(model: VideoModel, goal: Tensor, wrench: Tensor, *, fitted: bool) -> dict[str, float]:
     real = torch.ones(goal.shape[:2], dtype=torch.bool)
     with torch.no_grad():
-        model.physical.logarithm.add_(math.log(1.1))
+        model.physical.coordinates.add_(math.log(1.1))
     for _ in range(STEPS):
         equations, trajectories = NormalEquations(), given(goal, wrench)
         own: Placing | None = None
@@ -113,7 +113,7 @@ def identified(model: VideoModel, goal: Tensor, wrench: Tensor, *, fitted: bool)
         else:
             equations.add(model.layer, model.physical, LOSS, trajectories, real)
         with torch.no_grad():
-            model.physical.logarithm.add_(equations.step(0.5))
+            model.physical.coordinates.add_(equations.step(0.5))
     return model.physical.estimates()
 
 

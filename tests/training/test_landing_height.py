@@ -41,7 +41,7 @@ def sliding() -> tuple[VideoModel, Tensor]:
     with torch.no_grad():
         state = State(first, torch.zeros(len(height), 1, 6, dtype=torch.float64))
         true = model.layer.rollout(state, calm, model.parameters_there()).pose
-        model.physical.logarithm.add_(math.log(4 / 3))
+        model.physical.coordinates.add_(math.log(4 / 3))
     return model, true
 
 
@@ -67,7 +67,7 @@ def test_friction_and_first_heights_are_found_though_images_mistake_the_depth() 
         equations = NormalEquations()
         equations.add(model.layer, model.physical, loss, landing.trajectories, real, landing)
         with torch.no_grad():
-            model.physical.logarithm.add_(equations.step(0.5))
+            model.physical.coordinates.add_(equations.step(0.5))
     friction = model.physical.estimates()["block.friction"]
     assert friction == pytest.approx(0.15, rel=FOUND)
     normal = model.chart.normal.double()
@@ -84,5 +84,5 @@ def test_without_the_motion_the_wrong_heights_spoil_the_friction() -> None:
         equations = NormalEquations()
         equations.add(model.layer, model.physical, PoseLoss(), given, real)
         with torch.no_grad():
-            model.physical.logarithm.add_(equations.step(0.5))
+            model.physical.coordinates.add_(equations.step(0.5))
     assert model.physical.estimates()["block.friction"] != pytest.approx(0.15, rel=10 * FOUND)

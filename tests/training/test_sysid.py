@@ -94,11 +94,11 @@ def test_the_gradient_of_the_loss_agrees_with_differences() -> None:
     def loss() -> torch.Tensor:
         return torch.stack([value.mean() for value in module.losses(batch).values()]).sum()
 
-    (slope,) = torch.autograd.grad(loss(), [module.physical.logarithm])
+    (slope,) = torch.autograd.grad(loss(), [module.physical.coordinates])
     values = []
     for move in (1e-4, -2e-4):
         with torch.no_grad():
-            module.physical.logarithm += move
+            module.physical.coordinates += move
             values.append(float(loss()))
     assert float(slope) == pytest.approx((values[0] - values[1]) / 2e-4, rel=1e-4)
 

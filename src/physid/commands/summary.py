@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from physid.estimation.measurement.unexplained import lack_of_fit_sentence
-from physid.scenes.parameters import unit_of
+from physid.estimation.prediction.coordinates import Unknown
 
 if TYPE_CHECKING:
     from physid.configuration import Configuration
@@ -34,7 +34,7 @@ def summarize(figures: Mapping[str, float], folder: Path, recordings: str = "REC
     lines = [f"{folder}"]
     for name in names:
         own = {key.rpartition("/")[2]: value for key, value in figures.items() if key.startswith(f"params/{name}/")}
-        lines.append(f"  {name:<{width}}  {_estimate(own, unit_of(name))}")
+        lines.append(f"  {name:<{width}}  {_estimate(own, Unknown.of(name).unit)}")
     lines += [f"  {key:<{width}}  {_measured(key, figures)}" for key in measured]
     lines += [f"  {key:<{width}}  {figures[key]:.6g}" for key in effort]
     left = lack_of_fit_sentence(figures, recordings)

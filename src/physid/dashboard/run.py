@@ -24,6 +24,7 @@ from physid.dashboard.media import MOST_BYTES, read_media
 from physid.diagnosis.document.document import Diagnosis, check_diagnosis
 from physid.diagnosis.document.sentences import verdict_sentence
 from physid.estimation.measurement.unexplained import lack_of_fit_sentence, unexplained_kinds
+from physid.estimation.prediction.coordinates import Unknown
 from physid.yaml_files import parse_yaml
 
 SCORE = {"bank": dict, "figures": list, "tables": dict}  # what of a scored bank is shown
@@ -142,7 +143,7 @@ def parameters(figures: Mapping[str, float], curves: list[Curve], history: list[
         found.append(
             {
                 "name": name,
-                "unit": "kg" if name.endswith("mass") else "",
+                "unit": Unknown.of(name).unit,
                 "estimate": estimate,
                 "true": true,
                 "low": last.get(f"params/{name}/low"),

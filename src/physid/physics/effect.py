@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from abc import ABC
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Annotated, ClassVar, Literal, Self, get_type_hints
@@ -196,3 +196,30 @@ class Effect(ABC):
     def to(self, reference: Tensor) -> Self:
         """Return a copy whose parameters have the type and device of `reference`."""
         return self.replace(**{name: value.to(reference) for name, value in self.values().items()})
+
+
+def with_sizes(effects: Sequence[Effect], sizes: Mapping[str, Tensor]) -> tuple[Effect, ...]:
+    """Return effects of which some parameters have other values.
+
+    Args:
+        effects: Effects of different names.
+        sizes: Values of shape (1,) or (B,) by EFFECT.PARAMETER ("viscous_drag.coefficient").
+
+    Raises:
+        ValueError: If none of the effects has such a parameter.
+    """
+    if not sizes:
+        return tuple(effects)
+    known = {effect.name: effect.values() for effect in effects}
+    for label, value in sizes.items():
+        name, _, parameter = label.partition(".")
+        if name not in known:
+            raise ValueError(f"{label}: expected an effect that is at work, found {', '.join(known) or 'none'}")
+        known[name] = {each: other.to(value) for each, other in known[name].items()} | {parameter: value}
+    changed = {label.partition(".")[0] for label in sizes}
+    return tuple(_alike(effect, known[effect.name]) if effect.name in changed else effect for effect in effects)
+
+
+def _alike(effect: Effect, values: Mapping[str, Tensor]) -> Effect:
+    """Return an effect with other values, all of one shape."""
+    return effect.replace(**dict(zip(values, torch.broadcast_tensors(*values.values()), strict=True)))

@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from torch.utils.checkpoint import checkpoint
 
 from physid.physics.contact_problem.lcp import SolverSettings
-from physid.physics.effect import Effect, StepInputs
+from physid.physics.effect import Effect, StepInputs, with_sizes
 from physid.physics.fused.backend import Backend, check_backend, use_fused
 from physid.physics.guards.border import admit
 from physid.physics.parameters import Parameters
@@ -135,7 +135,7 @@ class PhysicsLayer(nn.Module):
                 f"are boxes, got {len(self.world.shapes)}"
             )
         grid = TimeGrid.of(self.world, initial_state, wrenches.shape[1], steps, start)
-        effects = [effect.to(initial_state.pose) for effect in self.effects]
+        effects = [effect.to(initial_state.pose) for effect in with_sizes(self.effects, parameters.sizes)]
         for effect in effects:
             wrenches = effect.actuate(wrenches, grid.frames)
         fused = use_fused(self.backend, self.world, initial_state.pose)
@@ -159,18 +159,19 @@ class PhysicsLayer(nn.Module):
         """Whether a perception effect is at work: true states are not what the camera reports."""
         return any(type(effect).observe is not Effect.observe for effect in self.effects)
 
-    def observe(self, pose: Tensor, time: Tensor | None = None) -> Tensor:
+    def observe(self, pose: Tensor, time: Tensor | None = None, parameters: Parameters | None = None) -> Tensor:
         """Return what the camera reports of true poses (B, T, N, 7), by the perception effects of the layer.
 
         Args:
             pose: Poses of the centres.
             time: Times of the frames [s], shape (1 or B, T); None for frames `world.time_step` apart.
+            parameters: Give sizes of effects that replace those of the layer's; None for none.
         """
         if not self.distorts:
             return pose
         if time is None:
             time = self.world.time_step * torch.arange(pose.shape[1]).to(pose)[None]
-        for effect in self.effects:
+        for effect in with_sizes(self.effects, parameters.sizes if parameters else {}):
             pose = effect.to(pose).observe(pose, time.to(pose))
         return pose
 
@@ -239,7 +240,7 @@ class PhysicsLayer(nn.Module):
 
 def nominal_inputs(state: State, wrenches: Tensor, parameters: Parameters, world: World) -> StepInputs:
     """Build the inputs of a step without any effect, at time 0 and with the first of the wrenches (B, T, N, 6)."""
-    of_bodies = {field.name: getattr(parameters, field.name) for field in dataclasses.fields(parameters)}
+    of_bodies = {name: getattr(parameters, name) for name in ("size", "mass", "inertia", "friction", "restitution")}
     new, bodies = state.pose.new_tensor, state.pose.shape[1]
     surroundings = {
         "wrench": wrenches[:, 0],

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor
@@ -24,6 +24,8 @@ class Parameters:
         inertia: Principal moments in the body frame [kg m^2], shape (B or 1, N, 3).
         friction: Coulomb coefficients [-], shape (B or 1, N). A pair has the product; the ground's is 1.
         restitution: Newton coefficients [-], shape (B or 1, N). A pair has the product; the ground's is 1.
+        sizes: Values of parameters of effects that replace those which the effects at work have, by name
+            ("viscous_drag.coefficient"), in their units, shape (B or 1,).
 
     Raises:
         ValueError: If a shape is off, a value is not finite, or a sign is impossible.
@@ -34,6 +36,7 @@ class Parameters:
     inertia: Tensor
     friction: Tensor
     restitution: Tensor
+    sizes: Mapping[str, Tensor] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_shape("size", self.size, (None, None, 3))
@@ -46,6 +49,8 @@ class Parameters:
             self._require(name, getattr(self, name) > 0, "positive")
         for name in ("friction", "restitution"):
             self._require(name, getattr(self, name) >= 0, "zero or positive")
+        for name, value in self.sizes.items():
+            check_shape(name, value, (None,))
 
     def _require(self, name: str, holds: Tensor, wanted: str) -> None:
         if not holds.all():
@@ -83,6 +88,11 @@ class Parameters:
         moments = [shape.inertia(mass[:, n], size[:, n]) for n, shape in enumerate(shapes)]
         return cls.of_boxes(size, mass, friction, restitution, torch.stack(moments, 1))
 
-    def replace(self, **changes: Tensor) -> Parameters:
+    def map(self, change: Callable[[str, Tensor], Tensor]) -> Parameters:
+        """Return the same with every tensor changed, given its name."""
+        own = {one.name: change(one.name, getattr(self, one.name)) for one in dataclasses.fields(self)[:-1]}
+        return Parameters(**own, sizes={name: change(name, value) for name, value in self.sizes.items()})
+
+    def replace(self, **changes: Tensor | Mapping[str, Tensor]) -> Parameters:
         """Return a copy with some fields changed (the inertia does not follow the mass by itself)."""
-        return dataclasses.replace(self, **changes)
+        return dataclasses.replace(self, **changes)  # type: ignore[arg-type]

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, final
 
 from physid.estimation.measurement.unexplained import unexplained_kinds
+from physid.estimation.prediction.coordinates import Unknown
 from physid.reproduce.results import RESULTS, Result, over_seeds, read_results, write_results
-from physid.scenes.parameters import unit_of
 
 if TYPE_CHECKING:
     from physid.configuration import Configuration
@@ -206,7 +206,7 @@ class Fit(Cell):
             ):
                 value = figures.get(f"params/{name}/{key}")
                 if value is not None:
-                    found.append(Result(self.name, f"{name}, {metric}", value, unit_of(name) or "-"))
+                    found.append(Result(self.name, f"{name}, {metric}", value, Unknown.of(name).unit or "-"))
             error = PERCENT * figures[f"params/{name}/relative_error"]
             found.append(Result(self.name, f"{name}, error", error, "%", target=self.parameter))
             descended = figures.get(f"params/{name}/by_gradient_relative_error")

@@ -198,5 +198,5 @@ def _values(hypothesis: Hypothesis, covariance: Tensor) -> list[Estimate]:
     model, point = hypothesis.experiment.predictor.model, hypothesis.fit.point.nominal[0]
     reach = hypothesis.reach(covariance)[: len(point)]
     values = (model.to_values(each).tolist() for each in (point, point - reach, point + reach))
-    units = ["kg" if name.endswith(".mass") else "-" for name in model.unknown]
+    units = [one.unit or "-" for one in model.coordinates.unknowns]
     return [Estimate(*each) for each in zip(*values, units, strict=True)]

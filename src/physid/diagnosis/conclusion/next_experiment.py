@@ -17,7 +17,6 @@ from physid.estimation.least_squares import Experiment, gauss_newton
 from physid.estimation.prediction import Predictor, Segmentation, Timeline, Variants
 from physid.physics.layer import SolverError
 from physid.scenes.catalogue import SETUPS
-from physid.scenes.parameters import with_parameters
 from physid.scenes.setup import Excitation, Setup
 
 # What splits those that no force profile of a scene can: docs/diagnosis.md.
@@ -95,7 +94,7 @@ def next_experiment(nominal_fit: NominalFit, found: Attribution) -> NextExperime
         "trajectories": settings.record,
         "steps": steps,
     }
-    more = {"unknown": list(model.unknown), "video": False}
+    more = {"unknown": list(model.scene.unknown), "video": False}
     return NextExperiment(sentence, yaml.safe_dump(config | more, sort_keys=False))
 
 
@@ -106,8 +105,7 @@ def _best_protocol(
     tried, model = [], one.experiment.predictor.model
     settings = nominal_fit.settings.next_experiment
     steps = settings.steps_with_impacts if setup.impacts else settings.steps
-    values = dict(zip(model.unknown, model.to_values(one.fit.point.nominal[0]).tolist(), strict=True))
-    scene = with_parameters(model.scene, values)
+    scene = model.scene_at(one.fit.point.nominal[0])
     for protocol in setup.protocols:
         generator = np.random.default_rng(0)
         drawn = [setup.draw(scene, protocol, generator, steps) for _ in range(settings.drawn)]

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from torch import Tensor
+
 from physid.data.files import read_tensors
-from physid.effects import from_values
 from physid.estimation.prediction import NominalModel
+from physid.estimation.prediction.coordinates import Coordinates, is_effect, sorted_out, with_first_sizes
 from physid.scenes.parameters import with_parameters
 from physid.scenes.scene import Scene
 from physid.strict import number, shown, whole
 from physid.yaml_files import read_yaml
 
 CONFIG, CHECKPOINT = "config.yaml", Path("checkpoints", "last.ckpt")
-LOGARITHM = "physical.logarithm"  # where a checkpoint of SysID keeps the logarithms of what was learned
+COORDINATES, EARLIER = "physical.coordinates", "physical.logarithm"
+"""Where a checkpoint of SysID keeps what was learned, now and before effects were."""
 
 
 def read_nominal_model(scene: Scene, source: Path | Mapping[str, Any] | None) -> NominalModel:
@@ -41,24 +44,29 @@ def read_nominal_model(scene: Scene, source: Path | Mapping[str, Any] | None) ->
     learn = scene.unknown if known.get("learn") is None else known["learn"]
     if not isinstance(learn, list | tuple) or not all(isinstance(name, str) for name in learn):
         raise ValueError(f"{place}: model.learn: expected parameters such as [block.mass], got {shown(learn)}")
-    unknown = tuple(learn)
-    if fitted is not None:
-        if len(fitted) != len(unknown):
-            raise ValueError(
-                f"{place}: expected {len(unknown)} fitted parameters ({', '.join(unknown)}), found {len(fitted)}"
-            )
-        values |= dict(zip(unknown, fitted, strict=True))
     engine = _mapping(known.get("engine"), f"{place}: model.engine")
     substeps = engine.get("substeps")
     try:
         values = {str(name): number(value, f"model.values.{name}") for name, value in values.items()}
         if substeps is not None:
             whole(substeps, "model.engine.substeps", low=1)
-        scene = dataclasses.replace(with_parameters(scene, values), unknown=unknown)
-        effects = tuple(from_values(name, each) for name, each in _effects(engine.get("effects")))
+        bodies, sizes = sorted_out(learn, scene)
+        values |= _fitted((*bodies, *sizes), fitted)
+        of_effects = {name: values.pop(name) for name in list(values) if is_effect(name)}
+        scene = dataclasses.replace(with_parameters(scene, values), unknown=bodies)
+        effects = with_first_sizes(dict(_effects(engine.get("effects"))), sizes, of_effects)
     except ValueError as error:
         raise ValueError(f"{place}: {error}") from None
-    return NominalModel(scene, effects, substeps)
+    return NominalModel(scene, effects, substeps, sizes=sizes)
+
+
+def _fitted(names: Sequence[str], coordinates: Tensor | None) -> dict[str, float]:
+    """Return fitted values by name, of the coordinates that a checkpoint holds; nothing where there is none."""
+    if coordinates is None:
+        return {}
+    if len(coordinates) != len(names):
+        raise ValueError(f"expected {len(names)} fitted parameters ({', '.join(names)}), found {len(coordinates)}")
+    return dict(zip(names, Coordinates.of(names).to_values(coordinates).tolist(), strict=True))
 
 
 def _effects(given: object) -> list[tuple[str, dict[str, float]]]:
@@ -77,8 +85,8 @@ def _mapping(given: object, where: str) -> Mapping[str, Any]:
     return given or {}
 
 
-def _read(source: Path | Mapping[str, Any]) -> tuple[Mapping[str, Any], str, list[float] | None]:
-    """Return a configuration, what it is called, and fitted values where there is a checkpoint."""
+def _read(source: Path | Mapping[str, Any]) -> tuple[Mapping[str, Any], str, Tensor | None]:
+    """Return a configuration, what it is called, and fitted coordinates where there is a checkpoint."""
     if isinstance(source, Mapping):
         return source, "model", None
     if source.is_dir():
@@ -87,10 +95,11 @@ def _read(source: Path | Mapping[str, Any]) -> tuple[Mapping[str, Any], str, lis
         if not source.is_file():
             raise ValueError(f"{source} does not exist: expected a run of `physid fit`, or its checkpoint")
         state = read_tensors(source, ("state_dict",))["state_dict"]
-        if LOGARITHM not in state:
-            raise ValueError(f"{source}: expected a checkpoint of SysID with {LOGARITHM}, found none")
+        found = state.get(COORDINATES, state.get(EARLIER))
+        if found is None:
+            raise ValueError(f"{source}: expected a checkpoint of SysID with {COORDINATES}, found none")
         config = source.parent.parent / CONFIG
-        return _yaml(config), str(source), state[LOGARITHM].double().exp().tolist()
+        return _yaml(config), str(source), found.double()
     return _yaml(source), str(source), None
 
 

@@ -138,5 +138,7 @@ def _key(
     known = [(effect.name, [float(value) for value in effect.values().values()]) for effect in model.effects]
     decided = [getattr(settings, section) for section in DECIDING]
     named = [(kind.name, sorted(kind.quantities())) for kind in candidates]
-    digest.update(repr((LAYOUT, model.scene, model.substeps, known, observations.roles, named, decided)).encode())
+    digest.update(
+        repr((LAYOUT, model.scene, model.sizes, model.substeps, known, observations.roles, named, decided)).encode()
+    )
     return digest.hexdigest()

@@ -17,7 +17,6 @@ from physid.effects.resampling import at_times
 from physid.estimation.prediction import AtStep, NominalModel, Segmentation, Timeline, Variants, has, restarts
 from physid.physics.effect import Effect
 from physid.physics.rotations import exponential, multiply
-from physid.scenes.parameters import with_parameters
 from physid.scenes.scene import Scene
 from physid.scenes.setup import Excitation
 from physid.simulators.protocol import find_simulator
@@ -84,10 +83,8 @@ def replay(
         Poses that the camera would report, shape (R, T, N, 7); zeros outside the chosen segments.
     """
     reference = reference or references_of(model.scene, settings)[0]
-    working = (*model.effects, *effects)
-    values = dict(zip(model.unknown, model.to_values(point.nominal[0]).tolist(), strict=True))
-    scene = with_parameters(model.scene, values)
-    scene = dataclasses.replace(scene, camera=None, time_step=reference.step)
+    working = (*model.effects_at(point.nominal), *effects)
+    scene = dataclasses.replace(model.scene_at(point.nominal[0]), camera=None, time_step=reference.step)
     wrench, begin = timeline.grid.wrench, timeline.step_time
     for effect in working:
         wrench = effect.actuate(wrench, begin)

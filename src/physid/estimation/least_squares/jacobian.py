@@ -158,19 +158,24 @@ def differentiate(
     change = torch.zeros(d, len(directions.free), d, dtype=torch.float64)
     change[torch.arange(d), :, torch.arange(d)] = steps[:, None]
     many.pose[1 : 1 + d], many.twist[1 : 1 + d] = directions.move(point.pose, point.twist, change)
-    columns = torch.arange(p)
-    many.nominal[1 + d + columns, columns] += nominal
+    columns, inward = torch.arange(p), nominal * _inward(predictor, point.nominal[0], nominal)
+    many.nominal[1 + d + columns, columns] += inward
     sizes = _effect_steps(predictor, point.effects[0], settings.effect)[effects]
     many.effects[1 + d + p + torch.arange(e), effects] += sizes
     predicted = predictor.predict(many)
     base = Prediction(*(getattr(predicted, name)[:1] for name in Prediction.__annotations__))
-    scale = torch.cat([steps, torch.full((p,), nominal, dtype=torch.float64), sizes])
+    scale = torch.cat([steps, inward, sizes])
     slope = pose_difference(predicted.pose[1:], base.pose) / scale[:, None, None, None, None]
     shared = slope[d:]
     if forces is not None and f:
         pushed = predictor.predict(point.repeat(f).replace(force=settings.force * forces))
         shared = torch.cat([shared, pose_difference(pushed.pose, base.pose) / settings.force])
     return Jacobian(base, slope[:d], shared)
+
+
+def _inward(predictor: Predictor, present: Tensor, step: float) -> Tensor:
+    """Return the directions in which unknown parameters are moved, away from a largest value, shape (P,)."""
+    return torch.where(present + step <= predictor.model.coordinates.ends[1], 1.0, -1.0).double()
 
 
 def usable_slopes(predictor: Predictor, point: Variants, directions: Directions, seen: Tensor) -> tuple[Tensor, Tensor]:

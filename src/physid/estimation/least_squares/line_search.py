@@ -75,19 +75,19 @@ def best_step(
     first = slice(share * each, share * each + 1)
     better = trials[first].replace(pose=trials.pose[rows, pick][None], twist=trials.twist[rows, pick][None])
     factor = torch.tensor([*dampings, limits.dampings[-1]], dtype=damping.dtype)[chosen]
-    known = predicted and _picked(experiment.predictor, predicted, rows, better.effects)
+    known = predicted and _picked(experiment.predictor, predicted, rows, better)
     return Step(better, least[share], (damping * factor).clamp(1e-9, 1e3), known)
 
 
-def _picked(predictor: Predictor, predicted: Prediction, rows: Tensor, effects: Tensor) -> Prediction:
-    """Put a prediction together from variants (C, ...): of each segment the row (K,); they share effects (1, Q)."""
+def _picked(predictor: Predictor, predicted: Prediction, rows: Tensor, point: Variants) -> Prediction:
+    """Put a prediction of one point together from variants (C, ...): of each segment the row (K,)."""
     segments = predictor.segments
     where = segments.spread(rows)
     trajectory, frame = torch.arange(segments.trajectories)[:, None], torch.arange(segments.frames)
     state, twist, impulse = (
         value[where, trajectory, frame][None] for value in (predicted.state, predicted.twist, predicted.impulse)
     )
-    return Prediction(predictor.observe(state, effects), state, twist, impulse)
+    return Prediction(predictor.observe(state, point), state, twist, impulse)
 
 
 def _among_columns(fit: Fit, effects: Tensor, change: Tensor) -> Tensor:
@@ -104,7 +104,7 @@ def _moved(
     experiment: Experiment, fit: Fit, effects: Tensor, shared: Tensor, moves: Tensor, largest: float
 ) -> Variants:
     """Return the points that steps of shared parameters (C, P + 1 + E) and of initial states (C, K, D) lead to."""
-    unknown = fit.point.nominal.shape[1]
+    unknown, coordinates = fit.point.nominal.shape[1], experiment.predictor.model.coordinates
     many = fit.point.repeat(len(shared))
     pose, twist = experiment.directions.move(many.pose, many.twist, moves)
     values = many.effects.clone()
@@ -112,7 +112,7 @@ def _moved(
     return Variants(
         pose,
         twist,
-        many.nominal + shared[:, :unknown].clamp(-largest, largest),
+        coordinates.within(many.nominal + shared[:, :unknown].clamp(-largest, largest)),
         clamp_effects(experiment.predictor, values),
         many.engine + shared[:, unknown : unknown + 1],
     )

@@ -65,7 +65,7 @@ def carried(experiment: Experiment, fit: Fit, point: Variants) -> Variants:
     seen = fit.jacobian.base.pose
     state = seen
     for _ in range(experiment.settings.multi_start.undo):
-        state = _shifted(state, pose_difference(seen, experiment.predictor.observe(state, point.effects)))
+        state = _shifted(state, pose_difference(seen, experiment.predictor.observe(state, point)))
     many = _guessed(experiment, point, state[0], torch.ones_like(state[0, ..., 0]))
     return _picked(many, try_losses(experiment, many).argmin(0))
 

@@ -6,13 +6,15 @@ import torch
 from torch import Tensor
 
 from physid.estimation.least_squares.experiment import Experiment
+from physid.estimation.prediction.coordinates import is_effect
 from physid.estimation.prediction.rollout import Predictor
 
 
 def prior(experiment: Experiment, effects: Tensor) -> Tensor:
     """Return weak priors of unknown parameters, the engine and some parameters of effects, shape (P + 1 + E,)."""
     predictor, settings = experiment.predictor, experiment.settings.prior
-    unknown = torch.full((len(predictor.model.unknown),), 1 / settings.parameter**2, dtype=torch.float64)
+    spread = [settings.effect if is_effect(name) else settings.parameter for name in predictor.model.unknown]
+    unknown = 1 / torch.tensor(spread, dtype=torch.float64) ** 2
     sizes = []
     for index in effects.tolist():
         known = predictor.terms[index].quantity

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import torch
 from torch import Tensor
 
+from physid.estimation.prediction.coordinates import Coordinates
 from physid.physics.contact import ContactRule, Speculative, Split
-from physid.physics.effect import Effect
+from physid.physics.effect import Effect, with_sizes
 from physid.physics.parameters import Parameters
 from physid.physics.schemes.integration import Midpoint, SemiImplicit
-from physid.physics.shapes.box import Box
 from physid.physics.world import Plane, World
-from physid.scenes.parameters import bodies_of, highest_value
+from physid.scenes.parameters import bodies_of, with_parameters
 from physid.scenes.scene import Scene
-
-SMALLEST = 1e-6
 
 
 @dataclass(frozen=True)
@@ -31,6 +29,7 @@ class NominalModel:
         contact: When bodies touch, in steps of a simulator that is known; None for Bullet's `Split`.
         rules: Rules of the physics, where they are given; None for those that follow from the scene.
         logarithmic: Whether a restitution is fitted as a logarithm too, and therefore never zero.
+        sizes: Parameters of the effects that are unknown ("viscous_drag.coefficient"); their values are a first guess.
     """
 
     scene: Scene
@@ -39,11 +38,17 @@ class NominalModel:
     contact: ContactRule | None = None
     rules: World | None = None
     logarithmic: bool = False
+    sizes: tuple[str, ...] = ()
 
     @property
     def unknown(self) -> tuple[str, ...]:
-        """Names of the parameters that are fitted ("block.friction")."""
-        return self.scene.unknown
+        """Names of the parameters that are fitted ("block.friction"), those of effects last."""
+        return (*self.scene.unknown, *self.sizes)
+
+    @cached_property
+    def coordinates(self) -> Coordinates:
+        """The coordinates of the fit."""
+        return Coordinates.of(self.unknown, logarithmic=self.logarithmic)
 
     @property
     def world(self) -> World:
@@ -64,21 +69,37 @@ class NominalModel:
     @property
     def guess(self) -> Tensor:
         """First guess of the unknown parameters in the coordinates of the fit, shape (P,)."""
-        values = [self.scene.value(name) for name in self.unknown]
+        sizes = [float(self._effect(label).values()[label.partition(".")[2]]) for label in self.sizes]
+        values = [self.scene.value(name) for name in self.scene.unknown] + sizes
         return self.to_coordinates(torch.tensor(values, dtype=torch.float64))
 
     def to_coordinates(self, values: Tensor) -> Tensor:
-        """Return logarithms of masses and friction coefficients; see `logarithmic` for restitution. Shape (..., P)."""
-        return torch.where(self._linear, values, values.clamp_min(SMALLEST).log())
+        """Return the coordinates of values (..., P)."""
+        return self.coordinates.to_coordinates(values)
 
     def to_values(self, coordinates: Tensor) -> Tensor:
-        """Invert `to_coordinates`; a restitution is cut at 0 and 1."""
-        values = torch.where(self._linear, coordinates.clamp_min(0), coordinates.clamp(-14, 14).exp())
-        return values.minimum(self._highest)
+        """Invert `to_coordinates`; beyond an end of its range every value is that of the end."""
+        return self.coordinates.to_values(coordinates)
 
     def slopes(self, coordinates: Tensor) -> Tensor:
         """Return d value / d coordinate, shape (..., P)."""
-        return torch.where(self._linear, torch.ones_like(coordinates), self.to_values(coordinates))
+        return self.coordinates.slopes(coordinates)
+
+    def scene_at(self, coordinates: Tensor) -> Scene:
+        """Return the scene with the values of bodies that coordinates (P,) stand for."""
+        values = self.to_values(coordinates).tolist()
+        return with_parameters(
+            self.scene, dict(zip(self.scene.unknown, values[: len(self.scene.unknown)], strict=True))
+        )
+
+    def effects_at(self, coordinates: Tensor) -> tuple[Effect, ...]:
+        """Return the effects with the sizes that coordinates (C, P) stand for, shape (C,); known ones as they are."""
+        return with_sizes(self.effects, self.sizes_at(coordinates))
+
+    def sizes_at(self, coordinates: Tensor) -> dict[str, Tensor]:
+        """Return the unknown parameters of effects by name, for coordinates (C, P), shape (C,) each."""
+        values = self.to_values(coordinates)[:, len(self.scene.unknown) :]
+        return dict(zip(self.sizes, values.unbind(1), strict=True))
 
     def parameters(self, coordinates: Tensor) -> Parameters:
         """Build the parameters of a batch.
@@ -86,29 +107,20 @@ class NominalModel:
         Args:
             coordinates: Unknown parameters in the coordinates of the fit, shape (B, P).
         """
-        batch, bodies = coordinates.shape[0], self.scene.bodies
+        bodies, new = self.scene.bodies, partial(torch.tensor, dtype=torch.float64, device=coordinates.device)
         values = self.to_values(coordinates)
         fields = {
-            name: torch.tensor([[getattr(body, name) for body in bodies]], dtype=torch.float64).repeat(batch, 1)
+            name: new([[getattr(body, name) for body in bodies]]).expand(len(values), -1)
             for name in ("mass", "friction", "restitution")
         }
-        for column, name in enumerate(self.unknown):
-            field = name.partition(".")[2]
-            for number in bodies_of(self.scene, name):
-                fields[field][:, number] = values[:, column]
-        size = torch.tensor([[body.size for body in bodies]], dtype=torch.float64)
-        inertia = Box().inertia(fields["mass"], size)
-        for index, body in enumerate(bodies):
-            if body.inertia is not None:
-                given = torch.tensor(body.inertia, dtype=torch.float64)
-                inertia[:, index] = given * (fields["mass"][:, index, None] / body.mass)
-        return Parameters.of_boxes(size, fields["mass"], fields["friction"], fields["restitution"], inertia)
+        for column, name in enumerate(self.scene.unknown):
+            field, own = name.partition(".")[2], torch.zeros(len(bodies), dtype=torch.bool, device=values.device)
+            own[list(bodies_of(self.scene, name))] = True
+            fields[field] = torch.where(own, values[:, column, None], fields[field])
+        moments, mass = new([[body.moments().tolist() for body in bodies]]), new([[body.mass for body in bodies]])
+        inertia = moments * (fields["mass"] / mass)[..., None]
+        size = new([[body.size for body in bodies]])
+        return Parameters(size, fields["mass"], inertia, fields["friction"], fields["restitution"])
 
-    @cached_property
-    def _highest(self) -> Tensor:
-        return torch.tensor([highest_value(name) for name in self.unknown], dtype=torch.float64)
-
-    @cached_property
-    def _linear(self) -> Tensor:
-        linear = [name.endswith(".restitution") and not self.logarithmic for name in self.unknown]
-        return torch.tensor(linear, dtype=torch.bool)
+    def _effect(self, label: str) -> Effect:
+        return next(effect for effect in self.effects if effect.name == label.partition(".")[0])

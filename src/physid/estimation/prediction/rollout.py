@@ -158,12 +158,13 @@ class Predictor:
             return parts[0]
         return Prediction(*(torch.cat([getattr(part, name) for part in parts]) for name in Prediction.__annotations__))
 
-    def observe(self, state: Tensor, effects: Tensor) -> Tensor:
-        """Return what the camera reports of poses (C, R, T, N, 7) under effects (C, Q)."""
+    def observe(self, state: Tensor, variants: Variants) -> Tensor:
+        """Return what the camera reports of poses (C, R, T, N, 7) under the effects of C variants."""
         time, (count, trajectories) = self.timeline.time, state.shape[:2]
+        effects = variants.effects
         every = time.repeat(count, 1)
         seen = state.flatten(0, 1)
-        for effect in self.model.effects:
+        for effect in self._known(variants, trajectories):
             seen = effect.observe(seen, every)
         poses: Tensor = seen.unflatten(0, state.shape[:2])
         for effect, rows in self._at_work(effects, "observe", trajectories):
@@ -202,7 +203,7 @@ class Predictor:
                 batch.put(value.transpose(0, 1), into)
 
         _at_once(simulate, self.segments.batches)
-        return Prediction(self.observe(state, variants.effects), state, twist, impulse)
+        return Prediction(self.observe(state, variants), state, twist, impulse)
 
     def _roll(self, variants: Variants, batch: Batch, steps: Steps, wrench: Tensor) -> Rollout:
         """Simulate the segments of a batch under wrenches (C, k, S, N, 6); the rollout's batch is (k, C).
@@ -211,7 +212,7 @@ class Predictor:
         at the same time.
         """
         world, count = self.model.world, len(variants)
-        layer = PhysicsLayer(world, self._steps(variants.effects, len(batch.segments)))
+        layer = PhysicsLayer(world, self._steps(variants, len(batch.segments)))
         pose, twist = (
             value[:, batch.segments].transpose(0, 1).flatten(0, 1) for value in (variants.pose, variants.twist)
         )
@@ -230,26 +231,27 @@ class Predictor:
         """Return the wrenches at work in each step (C, R, S, N, 6)."""
         wrench, time = self.timeline.grid.wrench, self.timeline.step_time
         count, trajectories = len(variants), len(time)
-        for effect in self.model.effects:
-            wrench = effect.actuate(wrench, time)
         wrench, every = wrench.repeat(count, 1, 1, 1), time.repeat(count, 1)
+        for effect in self._known(variants, trajectories):
+            wrench = effect.actuate(wrench, every)
         for effect, rows in self._at_work(variants.effects, "actuate", trajectories):
             wrench = wrench.index_copy(0, rows, effect.actuate(wrench[rows], every[rows]))
         wrench = wrench.unflatten(0, (count, trajectories))
         acting: Tensor = wrench if variants.force is None else wrench + self.timeline.on_steps(variants.force)
         return acting
 
-    def _steps(self, effects: Tensor, segments: int) -> list[Effect]:
-        """Return the effects that act at the step, with a value for each segment and variant (k, C).
-
-        Args:
-            effects: Parameters, shape (C, Q).
-            segments: k.
-        """
-        known = [only_steps(effect) for effect in self.model.effects if has(type(effect), "act")]
+    def _steps(self, variants: Variants, segments: int) -> list[Effect]:
+        """Return the effects that act at the step, with a value for each of k segments and variants (k, C)."""
+        at_work = self.model.effects_at(variants.nominal.repeat(segments, 1))
+        known = [only_steps(effect) for effect in at_work if has(type(effect), "act")]
         return known + [
-            only_steps(_with_values(kind, part.repeat(segments, 1))) for kind, part, _ in self._on(effects, "act")
+            only_steps(_with_values(kind, part.repeat(segments, 1)))
+            for kind, part, _ in self._on(variants.effects, "act")
         ]
+
+    def _known(self, variants: Variants, copies: int) -> tuple[Effect, ...]:
+        """Return the effects of the model, with a value for each variant and trajectory (C, R)."""
+        return self.model.effects_at(variants.nominal.repeat_interleave(copies, 0))
 
     def _at_work(self, effects: Tensor, hook: str, copies: int) -> list[tuple[Effect, Tensor]]:
         """List the candidates with `hook` that are not null in some variant, and the rows (variant x copy) where."""

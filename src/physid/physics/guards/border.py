@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import torch
 from torch import Tensor
 
@@ -36,12 +34,16 @@ def admit(
     check_shape("wrenches", wrenches, (batch, None, bodies, 6))
     if wrenches.shape[1] == 0:
         raise ValueError("wrenches must have at least one step, got 0")
-    fields = {field.name: getattr(parameters, field.name) for field in dataclasses.fields(parameters)}
-    for name, value in fields.items():
-        have = tuple(value.shape[:2])
-        if have[0] not in (1, batch) or have[1] != bodies:
-            raise ValueError(f"parameters.{name} must have shape (1 or {batch}, {bodies}, ...), got {have}")
-    known = Parameters(**{name: _like(f"parameters.{name}", value, pose) for name, value in fields.items()})
+
+    def admitted(name: str, value: Tensor) -> Tensor:
+        wanted = (batch,) if name in parameters.sizes else (batch, bodies)
+        have = tuple(value.shape[: len(wanted)])
+        if have[0] not in (1, batch) or have[1:] != wanted[1:]:
+            shape = ", ".join(map(str, (f"1 or {batch}", *wanted[1:])))
+            raise ValueError(f"parameters.{name} must have shape ({shape}, ...), got {have}")
+        return _like(f"parameters.{name}", value, pose)
+
+    known = parameters.map(admitted)
     if lengths is not None and lengths.shape != (batch,):
         raise ValueError(f"lengths must have shape ({batch},), got {tuple(lengths.shape)}")
     return state, wrenches, known

@@ -7,7 +7,6 @@ from typing import Any, final
 import lightning as L
 import torch
 
-from physid.scenes.parameters import with_parameters
 from physid.training.learners.metrics import PoseErrors
 from physid.training.learners.sysid import SysID
 from physid.training.runs import baselines
@@ -44,7 +43,7 @@ class BaselineErrors(L.Callback):
         """Predict the batch in the other ways."""
         assert isinstance(pl_module, SysID)
         whole = pl_module.trajectories(batch)
-        scene = with_parameters(pl_module.scene, pl_module.physical.estimates())
+        scene = pl_module.physical.estimated_scene()
         world = pl_module.layer.world
         predicted = {
             "ballistic": baselines.ballistic(whole, scene, 0.0 if world.midpoint else scene.time_step),

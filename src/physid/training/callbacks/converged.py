@@ -41,11 +41,11 @@ class Converged(L.Callback):
 
     def on_train_epoch_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         """Remember the parameters."""
-        self._before = PhysicalParameters.of(pl_module).logarithm.detach().clone()
+        self._before = PhysicalParameters.of(pl_module).coordinates.detach().clone()
 
     def on_train_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         """Compare, and stop."""
-        now = PhysicalParameters.of(pl_module).logarithm.detach()
+        now = PhysicalParameters.of(pl_module).coordinates.detach()
         still = self._before is not None and bool(torch.all((now - self._before).abs() <= self.tolerance))
         if still and (not hasattr(pl_module, "settled") or pl_module.settled()):  # type: ignore[operator]
             if self._longer == len(self.lengthen):

@@ -16,6 +16,7 @@ from torch import Tensor
 from physid.data.files import write_text
 from physid.data.truth import Truth, read_truth
 from physid.estimation.measurement.unexplained import unexplained_kinds
+from physid.estimation.prediction.coordinates import Unknown
 from physid.training.callbacks.run_state import RunState
 from physid.training.parameters.physical_parameters import PhysicalParameters
 
@@ -99,14 +100,19 @@ class ParameterHistory(L.Callback):
             values[f"{name}/{prefix}estimate"] = value
             if name in true:
                 values[f"{name}/true"] = true[name]
-                values[f"{name}/{prefix}relative_error"] = abs(value - true[name]) / true[name]
+                if true[name]:
+                    values[f"{name}/{prefix}relative_error"] = abs(value / true[name] - 1)
         for name, value in values.items():
             module.log(f"params/{name}", torch.tensor(value, dtype=torch.float64))
 
     def _true(self, module: L.LightningModule) -> dict[str, float]:
-        """Return the true values of the learned parameters, as far as they are known and not zero."""
-        known = {} if self._truth is None else self._truth.parameters
-        return {name: known[name] for name in PhysicalParameters.of(module).names if known.get(name)}
+        """Return the true values of the learned parameters, as far as they are known; an absent effect has none."""
+        if self._truth is None:
+            return {}
+        physical, known = PhysicalParameters.of(module), dict(self._truth.parameters)
+        known |= {one.name: one.null for one in physical.space.unknowns if one.name not in physical.scene.unknown}
+        known |= {f"{name}.{key}": value for name, own in self._truth.effects.items() for key, value in own.items()}
+        return {name: known[name] for name in physical.names if name in known}
 
 
 def _intervals(figures: Mapping[str, float]) -> dict[str, tuple[float, float]]:
@@ -145,7 +151,8 @@ def draw(
             axes.errorbar([last], [value], spread, color=BLUE, capsize=4, label="90 % interval")
         if name in true:
             axes.axhline(true[name], color=RED, label="truth")
-        axes.set(xlabel="epoch", ylabel=name)
+        unit = Unknown.of(name).unit
+        axes.set(xlabel="epoch", ylabel=f"{name} [{unit}]" if unit else name)
         axes.legend()
     if unexplained:
         what = " and ".join(unexplained)

@@ -16,7 +16,6 @@ from physid.data.files import write_text
 from physid.data.format import FOLDER, write_scene, write_sums
 from physid.data.recording import Recording
 from physid.data.trajectory import write_trajectory
-from physid.scenes.parameters import with_parameters
 from physid.training.parameters.physical_parameters import PhysicalParameters
 from physid.training.parameters.trajectories import Trajectories
 
@@ -51,8 +50,9 @@ class Predictions(L.Callback):
     def on_predict_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         """Write the scene and the parameters."""
         folder, recordings = Path(trainer.default_root_dir), trainer.datamodule.recordings  # type: ignore[attr-defined]
-        found, self.total = PhysicalParameters.of(pl_module).estimates(), len(recordings)
-        scene = dataclasses.replace(with_parameters(recordings.scene, found), unknown=(), camera=None)
+        physical, self.total = PhysicalParameters.of(pl_module), len(recordings)
+        found = physical.estimates()
+        scene = dataclasses.replace(physical.estimated_scene(), unknown=(), camera=None)
         write_scene(folder, dataclasses.replace(scene, source=f"predicted by physid from {recordings.folder.name}"))
         parameters = {name: {"estimate": value} | self._intervals.get(name, {}) for name, value in found.items()}
         write_text(folder / PARAMETERS, json.dumps(parameters, indent=2) + "\n")

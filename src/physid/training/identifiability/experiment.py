@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal, final, get_args
 
 import numpy as np
 
+from physid.physics.effect import Effect
 from physid.scenes.catalogue import find_setup
-from physid.scenes.parameters import with_parameters
 from physid.scenes.scene import Scene
 from physid.scenes.setup import Excitation
 from physid.strict import nearest, number, whole
@@ -29,7 +29,7 @@ class IdentifiabilityConfig:
 
     Attributes:
         scene: push, slide, collide or toss.
-        learn: Parameters to identify together ("block.mass").
+        learn: Parameters to identify together ("block.mass", "viscous_drag.coefficient").
         protocol: How trajectories are excited: paper or rich.
         constant_force: Magnitude [N] that replaces the drawn ones, held over each trajectory along its mean direction;
             two different ones are spread evenly over the trajectories. None for the forces as drawn.
@@ -92,11 +92,11 @@ class IdentifiabilityConfig:
 
     def build_scene(self) -> Scene:
         """Return the scene with its parameters."""
-        return with_parameters(find_setup(self.scene).scene, self.values)
+        return self.build_parameters().scene
 
-    def build_parameters(self) -> PhysicalParameters:
-        """Return the parameters to judge."""
-        return PhysicalParameters(self.build_scene(), self.learn)
+    def build_parameters(self, effects: Sequence[Effect] = ()) -> PhysicalParameters:
+        """Return the parameters to judge, beside effects that are known."""
+        return PhysicalParameters(find_setup(self.scene).scene, self.learn, self.values, effects)
 
     def draw(self) -> list[Excitation]:
         """Draw starts and forces."""

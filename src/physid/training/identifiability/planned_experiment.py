@@ -83,7 +83,9 @@ def analyse(config: IdentifiabilityConfig, engine: Engine | None = None) -> Iden
     Returns:
         The verdicts.
     """
-    physical, layer = config.build_parameters(), (engine or Engine()).layer(config.build_scene())
+    engine = engine or Engine()
+    physical = config.build_parameters(engine.known_effects())
+    layer = engine.layer(config.build_scene(), physical.effects)
     planned = predict(layer, physical, config.draw()).segments(config.segment)
     (answer, keep), spread = slopes(layer, physical, planned), config.noise.spread()
     if config.start == "estimated":

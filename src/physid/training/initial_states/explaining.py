@@ -42,20 +42,20 @@ class Explaining:
     fitted: bool = True
     counted: Tensor | None = None
 
-    def begin(self, logarithm: Tensor | None = None, states: States | None = None) -> tuple[Experiment, Variants]:
+    def begin(self, coordinates: Tensor | None = None, states: States | None = None) -> tuple[Experiment, Variants]:
         """Return the experiment, each trajectory whole, and a point to begin with.
 
         Residuals are in units of the noise of the poses; a loss that weighs rotations in another way keeps its weights
         relative to positions. Where it is robust, frames are weighed by how far they are off at the point.
 
         Args:
-            logarithm: Logarithms of the parameters, (P,); None for the present ones.
+            coordinates: Of the parameters, (P,); None for the present ones.
             states: Poses (B, N, 7) and twists (B, N, 6) to begin with where they are fitted; None for the best guess.
         """
         cut = self.trajectories.stepped(self.layer.world.time_step).to("cpu")
         assert cut.time is not None and cut.grid is not None
         physical = copy.deepcopy(self.physical).cpu()
-        nominal = (physical.logarithm.detach() if logarithm is None else logarithm.cpu())[None]
+        nominal = (physical.coordinates.detach() if coordinates is None else coordinates.cpu())[None]
         predictor = Predictor.of_whole(physical.model(self.layer), cut.time, cut.grid, cut.length)
         every = torch.ones(len(cut), dtype=torch.bool)
         experiment, initial = lay_out(predictor, cut.pose, self._scale(cut), every, cut.noise.rotation)

@@ -29,7 +29,7 @@ FITTING = LeastSquaresSettings(line_search=LineSearchSettings(dampings=(1e-3, 10
 def fit_states(
     explaining: Explaining,
     steps: int = MOST,
-    logarithm: Tensor | None = None,
+    coordinates: Tensor | None = None,
     states: States | None = None,
     directions: Directions | None = None,
 ) -> tuple[Experiment, Fit]:
@@ -38,11 +38,11 @@ def fit_states(
     Args:
         explaining: Trajectories, model and loss.
         steps: Most Jacobians.
-        logarithm: Logarithms of the parameters, (P,); None for the present ones.
+        coordinates: Of the parameters, (P,); None for the present ones.
         states: Poses (B, N, 7) and twists (B, N, 6) to begin with; None for the best guess.
         directions: Free changes of the states; None for those that follow from which bodies lie on the ground.
     """
-    experiment, point = explaining.begin(logarithm, states)
+    experiment, point = explaining.begin(coordinates, states)
     if directions is not None:
         experiment = experiment.replace(directions=directions)
     return experiment, gauss_newton(experiment.with_known_parameters().replace(settings=FITTING), point, NONE, steps)
@@ -63,18 +63,18 @@ def guess_parameters(explaining: Explaining, short: Trajectories, guess: FirstGu
     """
     experiment, point = dataclasses.replace(explaining, trajectories=short).begin()
     physical, tried = explaining.physical, []
-    values = [physical.logarithm.detach().clone()]
+    values = [physical.coordinates.detach().clone()]
     with contextlib.suppress(SolverError):
-        values.append(guess.fit(experiment, point).point.nominal[0].to(physical.logarithm))
+        values.append(guess.fit(experiment, point).point.nominal[0].to(physical.coordinates))
     rollouts = experiment.predictor.simulated[0]
-    for logarithm in values:
+    for coordinates in values:
         with contextlib.suppress(SolverError):
-            other, fit = fit_states(explaining, COMPARE, logarithm)
+            other, fit = fit_states(explaining, COMPARE, coordinates)
             rollouts += other.predictor.simulated[0]
-            tried.append((float(fit.loss.sum()), logarithm, fit))
+            tried.append((float(fit.loss.sum()), coordinates, fit))
     if not tried:
         return None, rollouts
-    _, logarithm, fit = min(tried, key=lambda one: one[0])
-    physical.logarithm.copy_(logarithm)
+    _, coordinates, fit = min(tried, key=lambda one: one[0])
+    physical.coordinates.copy_(coordinates)
     physical.confine()
     return (fit.point.pose[0], fit.point.twist[0]), rollouts

@@ -83,17 +83,17 @@ class TrackedFit:
         if not explaining.fitted:
             return None
         if self._last is not None and torch.equal(self._index, cut.index):
-            pose, twist = self.follow(explaining.physical.logarithm.detach())
+            pose, twist = self.follow(explaining.physical.coordinates.detach())
             return pose, twist
         if self._resumed is not None and torch.equal(self._resumed["index"], cut.index):
             return self._resumed["pose"], self._resumed["twist"]
         return None
 
-    def follow(self, logarithm: Tensor) -> States:
-        """Return the last initial states, moved along with the logarithms (P,), differentiable by them."""
+    def follow(self, coordinates: Tensor) -> States:
+        """Return the last initial states, moved along with the coordinates (P,), differentiable by them."""
         assert self._last is not None
         experiment, fit = self._last
-        change = logarithm.cpu() - fit.point.nominal[0]
+        change = coordinates.cpu() - fit.point.nominal[0]
         response = fit.linear.response()[..., : len(change)]
         pose, twist = experiment.directions.move(fit.point.pose[0], fit.point.twist[0], response @ change)
         return pose, twist
@@ -109,11 +109,11 @@ class TrackedFit:
             self.begin(explaining, states)
         return started(explaining.trajectories, *states)
 
-    def state_dict(self, logarithm: Tensor) -> dict[str, Tensor]:
+    def state_dict(self, coordinates: Tensor) -> dict[str, Tensor]:
         """Return what a checkpoint needs, the states moved along with the parameters; empty if there is nothing."""
         if self._last is None:
             return {}
-        pose, twist = self.follow(logarithm.detach())
+        pose, twist = self.follow(coordinates.detach())
         return {"index": self._index, "pose": pose, "twist": twist}
 
     def begin(self, explaining: Explaining, states: States | None) -> None:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from physid.effects import from_values
 from physid.physics.contact import ContactRule, Speculative
 from physid.physics.contact_problem.friction import Cone, FrictionLaw
+from physid.physics.effect import Effect
 from physid.physics.layer import PhysicsLayer
 from physid.physics.schemes.integration import Integration, Midpoint, SemiImplicit
 from physid.physics.world import Plane, World
@@ -44,8 +45,20 @@ class Engine:
         """Return whether steps follow from the recordings: nobody says how these were integrated, nor in what steps."""
         return self.substeps is None and scene.integration is None
 
-    def layer(self, scene: Scene) -> PhysicsLayer:
+    def known_effects(self) -> tuple[Effect, ...]:
+        """Return the effects at work.
+
+        Raises:
+            ValueError: If an effect or a parameter of it does not exist.
+        """
+        return tuple(from_values(name, values) for name, values in (self.effects or {}).items())
+
+    def layer(self, scene: Scene, effects: Sequence[Effect] | None = None) -> PhysicsLayer:
         """Build the physics of a scene.
+
+        Args:
+            scene: Time step, gravity, ground, and how recordings were integrated.
+            effects: Effects at work, where some are learned; None for those that are known.
 
         Raises:
             ValueError: If an effect or a parameter of it does not exist, or scheme and contact contradict each other.
@@ -62,7 +75,7 @@ class Engine:
             gyroscopic=self.gyroscopic,
             integration=self.integration or self._scheme(scene),
         )
-        return PhysicsLayer(world, [from_values(name, values) for name, values in (self.effects or {}).items()])
+        return PhysicsLayer(world, self.known_effects() if effects is None else effects)
 
     def _scheme(self, scene: Scene) -> Integration:
         """Return the scheme of the maker, else that of second order; other rules of contact know the first alone."""

@@ -69,8 +69,9 @@ class PredictingModule(L.LightningModule):
 
     def attach(self, scene: Scene) -> Self:
         """Build physics, parameters and metrics for a scene; returns itself."""
-        self.scene, self.layer = scene, self.engine.layer(scene)
-        self.physical, self.tracked = PhysicalParameters(scene, self.learn, self.values), TrackedFit()
+        self.physical = PhysicalParameters(scene, self.learn, self.values, self.engine.known_effects())
+        self.scene, self.layer = scene, self.engine.layer(scene, self.physical.effects)
+        self.tracked = TrackedFit()
         self.steps = StepControl(self.engine.chooses(scene), scene.time_step)
         self.errors = torch.nn.ModuleDict({name: PoseErrors(scene) for name in ("fitted", "segments", "whole")})
         return self

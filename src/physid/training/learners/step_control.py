@@ -95,7 +95,7 @@ class StepControl:
             chosen = halve_steps(judgement, CHOICE, self._parts_of(started, short=False))
             parts = _widened(chosen.parts)
             if response is not None:
-                self._keep(started, parts, physical.logarithm.detach(), response.deviation())
+                self._keep(started, parts, physical.coordinates.detach(), response.deviation())
                 judged = judge_steps(judgement, parts, CHOICE)
                 self.report = (
                     f"steps of the engine: {judged.mean:.3g} from frame to frame on average, {judged.largest} at most; "
@@ -137,13 +137,13 @@ class StepControl:
         """Return whether steps are to be chosen before an epoch of training."""
         return self.chooses and (self._asked or epoch in REVIEWS)
 
-    def settled(self, logarithm: Tensor) -> bool:
+    def settled(self, coordinates: Tensor) -> bool:
         """Return whether steps were chosen near these parameters; if not, that is done before the next epoch."""
         if not self.chooses or self._reviews >= MOST_REVIEWS:
             return True
         self._asked = not (
-            len(self._at) == len(logarithm)
-            and bool(((logarithm.detach() - self._at).abs() <= NEAR * self._deviation).all())
+            len(self._at) == len(coordinates)
+            and bool(((coordinates.detach() - self._at).abs() <= NEAR * self._deviation).all())
         )
         return not self._asked
 
@@ -173,12 +173,12 @@ class StepControl:
         self._reviews, self._asked = state["reviews"], state["asked"]
         self.version += 1
 
-    def _keep(self, started: Trajectories, parts: Tensor, logarithm: Tensor, deviation: Tensor) -> None:
+    def _keep(self, started: Trajectories, parts: Tensor, coordinates: Tensor, deviation: Tensor) -> None:
         """Keep what was chosen, and where."""
         assert started.grid is not None
         for row, key in enumerate(_keys(started)):
             self._parts[key] = parts[row, : int(started.grid.count[row])].cpu()
-        self._at, self._deviation = logarithm.clone().cpu(), deviation.cpu()
+        self._at, self._deviation = coordinates.clone().cpu(), deviation.cpu()
         self.version += 1
 
     def _parts_of(self, cut: Trajectories, *, short: bool) -> Tensor:

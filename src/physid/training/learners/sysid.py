@@ -50,7 +50,8 @@ class SysID(TrainingModule, PredictingModule):
     Golub & Pereyra 1973): the noise of one pose would otherwise pull the parameters.
 
     Args:
-        learn: Names of the parameters to learn ("block.friction"); None for the scene's unknown ones.
+        learn: Names of the parameters to learn ("block.friction", or of an effect "viscous_drag.coefficient"); None for
+            the scene's unknown ones.
         values: Values that replace the scene's, by name: a first guess, or better knowledge of a fixed parameter.
         segment: Steps of a segment in training; None for whole trajectories, as in the paper.
         test_segment: The same in validation and test, where errors over whole trajectories are reported as well.
@@ -110,7 +111,7 @@ class SysID(TrainingModule, PredictingModule):
         explaining = self._explaining(cut)
         _, rollouts = self.tracked.improve(explaining, afresh=self._afresh)
         self.count_evaluations(rollouts)
-        return started(cut, *self.tracked.follow(self.physical.logarithm))
+        return started(cut, *self.tracked.follow(self.physical.coordinates))
 
     @torch.no_grad()
     def curvature(self, batch: Batch) -> Tensor:
@@ -122,7 +123,7 @@ class SysID(TrainingModule, PredictingModule):
             self.count_evaluations(1 + len(self.physical.names))
             fit, _ = self.tracked.linearised(explaining)
         matrix = fit.normal().matrix.sum(0)[: len(self.physical.names), : len(self.physical.names)]
-        return (2 * explaining.unit() / len(cut) * matrix).to(self.physical.logarithm)
+        return (2 * explaining.unit() / len(cut) * matrix).to(self.physical.coordinates)
 
     @property
     def _afresh(self) -> bool:
@@ -139,20 +140,20 @@ class SysID(TrainingModule, PredictingModule):
 
     @torch.no_grad()
     def values_at(self, batch: Batch, points: Tensor) -> Tensor:
-        """Compute the mean loss at K points ln(parameter) (K, P), shape (K,); costs K evaluations."""
+        """Compute the mean loss at K points (K, P), shape (K,); costs K evaluations."""
         losses, rollouts = self.losses_at(batch, points)
         self.count_evaluations(rollouts)
         return losses.mean(1)
 
     @torch.no_grad()
     def losses_at(self, batch: Batch, points: Tensor) -> tuple[Tensor, int]:
-        """Compute the loss of each segment at K points ln(parameter) (K, P), shape (K, B), and count the rollouts."""
-        cut = self.trajectories(batch, self.segment)
+        """Compute the loss of each segment at K points (K, P), shape (K, B), and count the rollouts."""
+        cut, points = self.trajectories(batch, self.segment), self.physical.space.within(points)
         many, every, rollouts = cut.repeated(len(points)), points.repeat_interleave(len(cut), 0), len(points)
         if self.fits_starts(batch):
             explaining = self._explaining(cut)
             states = self.tracked.states(explaining)
-            fits = [fit_states(explaining, logarithm=point, states=states) for point in points]
+            fits = [fit_states(explaining, coordinates=point, states=states) for point in points]
             rollouts += sum(experiment.predictor.simulated[0] for experiment, _ in fits)
             pose, twist = (torch.cat([getattr(fit.point, name)[0] for _, fit in fits]) for name in ("pose", "twist"))
             many = started(many, pose, twist)
@@ -181,7 +182,7 @@ class SysID(TrainingModule, PredictingModule):
         """Compute how the estimates respond to the trajectories of the last training batch."""
         batch, index = self._batch, self.indices(self._batch)
         if isinstance(self._kind, PatternSearch):
-            here = self.physical.logarithm.detach()
+            here = self.physical.coordinates.detach()
             return Response.coarse(lambda points: self.losses_at(batch, points)[0], here, index)
         cut, response = self._responding(batch)
         if not self.steps.chooses:
@@ -222,13 +223,14 @@ class SysID(TrainingModule, PredictingModule):
         that were not chosen near will be chosen before the next epoch.
         """
         fits = self.fits_starts(self._batch)
-        return (not fits or self.tracked.converged) and self.steps.settled(self.physical.logarithm)
+        return (not fits or self.tracked.converged) and self.steps.settled(self.physical.coordinates)
 
     def optimizer_step(self, epoch: int, batch_idx: int, optimizer: Any, optimizer_closure: Any = None) -> None:
         """Give GaussNewton the curvature, PatternSearch the losses of other points; others step as ever."""
         kind = getattr(optimizer, "optimizer", optimizer)
         if isinstance(kind, GaussNewton):
-            optimizer.step(closure=optimizer_closure, curvature=partial(self.curvature, self._batch))
+            ends = self.physical.space.ends
+            optimizer.step(closure=optimizer_closure, curvature=partial(self.curvature, self._batch), ends=ends)
         elif isinstance(kind, PatternSearch):
             optimizer.step(closure=optimizer_closure, values=partial(self.values_at, self._batch))
         else:
@@ -266,7 +268,7 @@ class SysID(TrainingModule, PredictingModule):
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Keep the initial states too: a resumed run begins from them."""
         super().on_save_checkpoint(checkpoint)
-        checkpoint["starts"] = self.tracked.state_dict(self.physical.logarithm)
+        checkpoint["starts"] = self.tracked.state_dict(self.physical.coordinates)
         checkpoint["steps"] = self.steps.state_dict()
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:

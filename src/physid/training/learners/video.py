@@ -125,7 +125,8 @@ class VideoID(TrainingModule):
 
     def attach(self, scene: Scene) -> Self:
         """Build encoder, physics, parameters and metrics for a scene; returns itself."""
-        physical, layer = PhysicalParameters(scene, self.learn, self.values), self.engine.layer(scene)
+        physical = PhysicalParameters(scene, self.learn, self.values, self.engine.known_effects())
+        layer = self.engine.layer(scene, physical.effects)
         if self.engine.chooses(scene):
             logger.warning(
                 "what learns from films, or predicts by it, chooses no steps of the engine: it takes one from frame "

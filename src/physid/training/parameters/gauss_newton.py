@@ -40,12 +40,19 @@ class GaussNewton(Optimizer):
         if [len(group["params"]) for group in self.param_groups] != [1]:
             raise ValueError("GaussNewton takes one tensor, the physical parameters; use Adam for networks")
 
-    def step(self, closure: Closure | None = None, curvature: Callable[[], Tensor] | None = None) -> Any:
+    def step(
+        self,
+        closure: Closure | None = None,
+        curvature: Callable[[], Tensor] | None = None,
+        ends: tuple[Tensor, Tensor] | None = None,
+    ) -> Any:
         """Judge the last step, and take the next.
 
         Args:
             closure: Computes the loss and its gradient.
             curvature: Computes H at the point where the closure was just evaluated, shape (P, P).
+            ends: Least and largest values, shape (P,) each; None where there are none. What a step would lead beyond
+                an end stays there, and the others take the step that is best then.
 
         Returns:
             The loss before the step.
@@ -59,7 +66,7 @@ class GaussNewton(Optimizer):
         parameter = group["params"][0]
         state = self.state[parameter]
         with torch.enable_grad():
-            loss = self._evaluate(closure, parameter)
+            loss = self._evaluate(closure, parameter, ends)
         now = torch.as_tensor(loss).detach().double()
         if state and not now <= state["loss"]:
             state["damping"] = state["damping"] * 10
@@ -73,10 +80,10 @@ class GaussNewton(Optimizer):
                 damping=damping,
             )
         with torch.no_grad():
-            parameter.copy_(state["point"] + _damped_step(state, group["max_step"]))
+            parameter.copy_(state["point"] + _damped_step(state, group["max_step"], ends))
         return loss
 
-    def _evaluate(self, closure: Closure, parameter: Tensor) -> Any:
+    def _evaluate(self, closure: Closure, parameter: Tensor, ends: tuple[Tensor, Tensor] | None) -> Any:
         """Return the loss; where the physics has no solution, after a step too long, that of a shorter one."""
         state, longest = self.state[parameter], self.param_groups[0]["max_step"]
         for _ in range(TRIES):
@@ -87,16 +94,32 @@ class GaussNewton(Optimizer):
                     raise
                 state["damping"] = state["damping"] * 10
                 with torch.no_grad():
-                    parameter.copy_(state["point"] + _damped_step(state, longest))
+                    parameter.copy_(state["point"] + _damped_step(state, longest, ends))
         return closure()
 
 
-def _damped_step(state: dict[str, Any], max_step: float) -> Tensor:
-    """Solve (H + damping diag H) x = -g, and shorten x so that no component exceeds `max_step`."""
+def _damped_step(state: dict[str, Any], max_step: float, ends: tuple[Tensor, Tensor] | None) -> Tensor:
+    """Solve (H + damping diag H) x = -g within the ends, and shorten x so that no component exceeds `max_step`."""
     curvature, gradient = state["curvature"], state["gradient"]
     diagonal = curvature.diagonal()
     # A parameter without any influence has a zero row: it stays where it is.
     floor = torch.finfo(curvature.dtype).tiny + 1e-9 * diagonal.max()
     damped = curvature + torch.diag(state["damping"] * diagonal + floor)
-    step: Tensor = torch.linalg.solve(damped, -gradient.reshape(-1)).reshape(gradient.shape)
+    step: Tensor = torch.linalg.solve(damped, -gradient.reshape(-1))
+    if ends is not None:
+        step = _bounded(
+            damped, gradient.reshape(-1), step, *(end.to(step) - state["point"].reshape(-1) for end in ends)
+        )
+    step = step.reshape(gradient.shape)
     return step * min(1.0, max_step / max(float(step.abs().max()), 1e-300))
+
+
+def _bounded(matrix: Tensor, gradient: Tensor, step: Tensor, low: Tensor, high: Tensor) -> Tensor:
+    """Return the step (P,) that is best where some components are held at the ends that they would pass."""
+    held = torch.zeros_like(step, dtype=torch.bool)
+    while bool(((step < low) | (step > high))[~held].any()):
+        held = held | (step < low) | (step > high)
+        step, free = step.clamp(low, high), ~held
+        left = -gradient[free] - matrix[free][:, held] @ step[held]
+        step = step.index_copy(0, free.nonzero()[:, 0], torch.linalg.solve(matrix[free][:, free], left))
+    return step

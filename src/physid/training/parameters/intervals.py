@@ -14,15 +14,15 @@ from physid.estimation.least_squares.covariance import covariance_of, reach_of
 from physid.estimation.least_squares.experiment import Experiment, Fit
 from physid.estimation.least_squares.normal_equations import Normal
 from physid.estimation.measurement.sensor_noise import Noise
-from physid.scenes.parameters import highest_value
+from physid.estimation.prediction.coordinates import Coordinates
 from physid.training.parameters.pose_loss import PoseLoss
 
 COARSE = 0.1
-"""Step of ln(parameter) where the slope of the loss says nothing."""
+"""Step of a coordinate where the slope of the loss says nothing."""
 ROUNDING = 1e-10
 """Root of the mean square of derivatives [m] that are nothing but rounding."""
 WIDEST = 10.0
-"""Standard deviation of a logarithm beyond which nothing is known."""
+"""Standard deviation of a coordinate beyond which nothing is known."""
 FAINT = 1e-6
 """The same in units of the noise."""
 RIDGE = 1e-12
@@ -32,7 +32,7 @@ RIDGE = 1e-12
 @final
 @dataclass(frozen=True)
 class Response:
-    """How the estimates of P ln(parameter) respond to the poses of B segments, and how well they are known.
+    """How the estimates of P coordinates respond to the poses of B segments, and how well they are known.
 
     Attributes:
         normal: Normal equations by trajectory.
@@ -100,11 +100,11 @@ class Response:
         return known(spread, total, self.faint)
 
     def deviation(self) -> Tensor:
-        """Return standard errors of ln(parameter), huge where nothing is known, shape (P,)."""
+        """Return standard errors of the coordinates, huge where nothing is known, shape (P,)."""
         return self.covariance().diagonal().clamp_min(0).sqrt().nan_to_num(torch.inf)
 
     def __call__(self, apart: Tensor) -> Tensor:
-        """Return the change of ln(parameter) (P,) by a change of predicted poses (B, T, N, 6)."""
+        """Return the change of the coordinates (P,) by a change of predicted poses (B, T, N, 6)."""
         if self.gain is None:
             return torch.zeros_like(self.least)
         return -torch.einsum("pbtni,btni->p", self.gain, apart.to(self.gain))
@@ -133,22 +133,26 @@ def known(covariance: Tensor, matrix: Tensor, faint: float) -> Tensor:
 
 
 def intervals(estimates: Mapping[str, float], covariance: Tensor, trajectories: int) -> dict[str, tuple[float, float]]:
-    """Return a 90 % interval of each parameter, by Student's distribution of its logarithm.
+    """Return a 90 % interval of each parameter, by Student's distribution of its coordinate (see `Coordinates`).
 
     Args:
         estimates: Parameters by name.
-        covariance: Of their logarithms, shape (P, P).
+        covariance: Of their coordinates, shape (P, P).
         trajectories: From how many independent trajectories it was estimated.
 
     Returns:
         Lower and upper end by name, of those of which something is known; within the physical range.
     """
-    found: dict[str, tuple[float, float]] = {}
-    reaches = reach_of(covariance, trajectories).tolist()
-    for (name, value), reach, variance in zip(estimates.items(), reaches, covariance.diagonal().tolist(), strict=True):
-        if 0 <= variance < WIDEST**2:
-            found[name] = (value * math.exp(-reach), min(value * math.exp(reach), highest_value(name)))
-    return found
+    space, variance = Coordinates.of(estimates), covariance.diagonal()
+    here, reach = (
+        space.to_coordinates(torch.tensor([*estimates.values()], dtype=torch.float64)),
+        reach_of(covariance, trajectories),
+    )
+    ends = torch.stack([space.to_values(space.within(here + side * reach)) for side in (-1, 1)], -1)
+    something = ((variance >= 0) & (variance < WIDEST**2)).tolist()
+    return {
+        name: (low, high) for name, (low, high), told in zip(estimates, ends.tolist(), something, strict=True) if told
+    }
 
 
 def logged(ends: Mapping[str, tuple[float, float]]) -> dict[str, Tensor]:

@@ -3,106 +3,85 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping
-from typing import final
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, final
 
 import torch
 from torch import Tensor, nn
 
+from physid.estimation.prediction.coordinates import Coordinates, is_effect, sorted_out, with_first_sizes
 from physid.estimation.prediction.nominal_model import NominalModel
+from physid.physics.effect import Effect
 from physid.physics.layer import PhysicsLayer
 from physid.physics.parameters import Parameters
-from physid.scenes.parameters import bodies_of, highest_value, with_parameters
+from physid.scenes.parameters import bodies_of, with_parameters
 from physid.scenes.scene import Scene
 
-FIELDS = ("mass", "friction", "restitution")
+EARLIER = "logarithm"  # what checkpoints called the coordinates while all of them were logarithms
 
 
 @final
 class PhysicalParameters(nn.Module):
-    """Masses, friction and restitution of the bodies of a scene; some are learned, as logarithms of positive numbers.
+    """Masses, friction and restitution of the bodies of a scene, and sizes of effects; some are learned.
 
-    A name such as "block.friction" sets the friction of every body of that material. The inertia follows the mass.
+    A name such as "block.friction" sets the friction of every body of that material; the inertia follows the mass.
+    A name such as "viscous_drag.coefficient" sets a parameter of an effect of the catalogue. What is learned are
+    coordinates: logarithms of the parameters of bodies, and sizes of effects in typical ones (see `Coordinates`).
 
     Args:
         scene: The scene as far as it is known; its values are the first guess of what is learned.
         learn: Names of the parameters to learn; None for the scene's unknown ones.
-        values: Values that replace the scene's, by name: another first guess, or better knowledge of a fixed one.
+        values: Values that replace the scene's, by name: another first guess, or better knowledge of a fixed one. Of
+            effects first guesses only; without one, a fit begins with a tenth of what is typical.
+        effects: Effects at work, with their values; those that are learned may be among them, or not.
 
     Attributes:
-        names: The learned parameters.
+        names: The learned parameters, those of bodies first.
         scene: The scene, in which they are unknown.
-        logarithm: Natural logarithms of their values, shape (P,), float64.
+        effects: Effects at work, learned ones included, with first guesses.
+        coordinates: The present point, shape (P,), float64.
 
     Raises:
         ValueError: If a name does not exist, two names set the same value, nothing is to be learned, or a first guess
             is not positive.
     """
 
-    size: Tensor
-    mass: Tensor
-    inertia: Tensor
-    friction: Tensor
-    restitution: Tensor
-    _highest: Tensor
-
     def __init__(
-        self, scene: Scene, learn: Iterable[str] | None = None, values: Mapping[str, float] | None = None
+        self,
+        scene: Scene,
+        learn: Iterable[str] | None = None,
+        values: Mapping[str, float] | None = None,
+        effects: Sequence[Effect] = (),
     ) -> None:
         super().__init__()
-        scene = with_parameters(scene, values or {})
-        self.names = tuple(scene.unknown if learn is None else learn)
-        self._places = tuple((bodies_of(scene, name), scene.locate(name)[1]) for name in self.names)
-        self._check(scene)
-        self.scene = dataclasses.replace(scene, unknown=self.names)
-        self._hold("size", scene.sizes)
-        self._hold("inertia", [body.moments() for body in scene.bodies])
-        for field in FIELDS:
-            self._hold(field, [getattr(body, field) for body in scene.bodies])
-        guess = torch.tensor([scene.value(name) for name in self.names], dtype=torch.float64)
-        self.logarithm = nn.Parameter(guess.log())
-        highest = torch.tensor([highest_value(name) for name in self.names], dtype=torch.float64)
-        self.register_buffer("_highest", highest.log(), persistent=False)
+        given = {name: value for name, value in (values or {}).items() if is_effect(name)}
+        scene = with_parameters(scene, {name: value for name, value in (values or {}).items() if name not in given})
+        bodies, sizes = sorted_out(scene.unknown if learn is None else learn, scene)
+        _check(scene, bodies, sizes, given)
+        self.names = (*bodies, *sizes)
+        known = {effect.name: {name: float(value) for name, value in effect.values().items()} for effect in effects}
+        self.scene, self.effects = dataclasses.replace(scene, unknown=bodies), with_first_sizes(known, sizes, given)
+        self._model = NominalModel(self.scene, self.effects, logarithmic=True, sizes=sizes)
+        self.coordinates = nn.Parameter(self._model.guess)
+        self.register_load_state_dict_pre_hook(_take_earlier)  # type: ignore[no-untyped-call]
 
-    def _hold(self, name: str, value: object) -> None:
-        """Keep a known value (1, N, ...); it is rebuilt from the scene, hence not part of a checkpoint."""
-        import numpy as np
-
-        self.register_buffer(name, torch.from_numpy(np.array(value, dtype=np.float64))[None], persistent=False)
-
-    def _check(self, scene: Scene) -> None:
-        """Refuse parameters that cannot be learned."""
-        if not self.names:
-            raise ValueError(f"scene {scene.name} names no unknown parameter; say what to learn, say [block.friction]")
-        seen: dict[tuple[int, str], str] = {}
-        for name, (bodies, field) in zip(self.names, self._places, strict=True):
-            for body in bodies:
-                other = seen.setdefault((body, field), name)
-                if other != name:
-                    raise ValueError(f"{name} and {other} set the same value, one material: learn one of them")
-            if scene.value(name) <= 0:
-                raise ValueError(
-                    f"the first guess of {name} must be positive, got {scene.value(name)}; set it in values"
-                )
-
-    def forward(self, logarithm: Tensor | None = None) -> Parameters:
-        """Build the parameters of all bodies.
+    def forward(self, coordinates: Tensor | None = None) -> Parameters:
+        """Build the parameters of all bodies, and the sizes of effects that are learned.
 
         Args:
-            logarithm: Other logarithms than the learned ones, of shape (P,), or (K, P) for K worlds at once.
+            coordinates: Others than the present ones, of shape (P,), or (K, P) for K worlds at once.
 
         Returns:
             Parameters with a batch axis of 1, or of K.
         """
-        logarithm = self.logarithm if logarithm is None else logarithm
-        value = logarithm.reshape(-1, len(self.names)).exp()
-        fields = {field: getattr(self, field).expand(len(value), -1) for field in FIELDS}
-        for column, (bodies, field) in enumerate(self._places):
-            mine = torch.zeros(fields[field].shape[1], dtype=torch.bool, device=value.device)
-            mine[list(bodies)] = True
-            fields[field] = torch.where(mine, value[:, column : column + 1], fields[field])
-        inertia = self.inertia * (fields["mass"] / self.mass)[..., None]
-        return Parameters(size=self.size, inertia=inertia, **fields)
+        coordinates = self.coordinates if coordinates is None else coordinates
+        point = coordinates.reshape(-1, len(self.names))
+        return self._model.parameters(point).replace(sizes=self._model.sizes_at(point))
+
+    @property
+    def space(self) -> Coordinates:
+        """What the coordinates stand for."""
+        return self._model.coordinates
 
     @torch.no_grad()
     def confine(self) -> None:
@@ -110,11 +89,11 @@ class PhysicalParameters(nn.Module):
 
         With a restitution above 1 every bounce makes energy, until no contact can be solved any more.
         """
-        self.logarithm.clamp_(max=self._highest.to(self.logarithm))
+        self.coordinates.copy_(self.space.within(self.coordinates))
 
     def model(self, layer: PhysicsLayer) -> NominalModel:
-        """Return the same for `physid.estimation`, whose coordinates are then the logarithms."""
-        return NominalModel(self.scene, layer.effects, rules=layer.world, logarithmic=True)
+        """Return the same for `physid.estimation`, with the effects of the physics, learned ones among them."""
+        return dataclasses.replace(self._model, effects=layer.effects, rules=layer.world)
 
     @staticmethod
     def of(module: nn.Module) -> PhysicalParameters:
@@ -130,4 +109,34 @@ class PhysicalParameters(nn.Module):
 
     def estimates(self) -> dict[str, float]:
         """Return the present values of the learned parameters by name."""
-        return dict(zip(self.names, self.logarithm.detach().exp().tolist(), strict=True))
+        return dict(zip(self.names, self._model.to_values(self.coordinates.detach()).tolist(), strict=True))
+
+    def estimated_scene(self) -> Scene:
+        """Return the scene with the present values of what is learned of bodies."""
+        return self._model.scene_at(self.coordinates.detach())
+
+
+def _check(scene: Scene, bodies: Sequence[str], sizes: Sequence[str], given: Mapping[str, float]) -> None:
+    """Refuse parameters that cannot be learned."""
+    if not bodies and not sizes:
+        raise ValueError(f"scene {scene.name} names no unknown parameter; say what to learn, say [block.friction]")
+    seen: dict[tuple[int, str], str] = {}
+    for name in bodies:
+        for body in bodies_of(scene, name):
+            other = seen.setdefault((body, scene.locate(name)[1]), name)
+            if other != name:
+                raise ValueError(f"{name} and {other} set the same value, one material: learn one of them")
+        if scene.value(name) <= 0:
+            raise ValueError(f"the first guess of {name} must be positive, got {scene.value(name)}; set it in values")
+    for name in given:
+        if name not in sizes:
+            raise ValueError(
+                f"values.{name}: expected an effect that is learned, or a parameter of a body; what is known of an "
+                "effect stands in model.engine.effects"
+            )
+
+
+def _take_earlier(module: nn.Module, state: dict[str, Any], prefix: str, *_: Any) -> None:
+    """Take the coordinates from a checkpoint of before there were others than logarithms."""
+    if f"{prefix}{EARLIER}" in state:
+        state[f"{prefix}coordinates"] = state.pop(f"{prefix}{EARLIER}")

@@ -161,7 +161,7 @@ class Trajectories:
                 return self._stepped_through(layer, parameters, self.grid)
             wrench = self.wrench if wrench is None else wrench
             rollout = layer.rollout(self.start, wrench[:, :-1], parameters)
-            return dataclasses.replace(rollout, pose=layer.observe(rollout.pose))
+            return dataclasses.replace(rollout, pose=layer.observe(rollout.pose, parameters=parameters))
         except SolverError as error:
             which = sorted({int(self.index[sample]) for sample in error.samples})
             shown = ", ".join(map(str, which[:5])) + (", ..." if len(which) > 5 else "")
@@ -181,7 +181,7 @@ class Trajectories:
         impulse = torch.nn.functional.pad(rollout.impulse.cumsum(1), (0, 0, 0, 0, 1, 0))
         return dataclasses.replace(
             rollout,
-            pose=layer.observe(at_frames(rollout.pose), self.time),
+            pose=layer.observe(at_frames(rollout.pose), self.time, parameters),
             twist=at_frames(rollout.twist),
             impulse=at_frames(impulse).diff(dim=1),
         )

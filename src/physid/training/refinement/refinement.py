@@ -92,7 +92,7 @@ class Refinement(nn.Module):
         physical = model.physical
         with torch.no_grad():
             step = self._calm(self._equations.step(LARGEST_STEP), self._equations.normal.matrix.sum(0))
-        physical.logarithm.grad = -step.to(physical.logarithm)
+        physical.coordinates.grad = -step.to(physical.coordinates)
         cast(Sequence[Optimizer], module.optimizers())[-1].step()
         physical.confine()
         ends = intervals(physical.estimates(), self._equations.covariance(), len(self._equations.weights))

@@ -161,8 +161,8 @@ class VideoModel(nn.Module):
 
     def parameters_there(self) -> Parameters:
         """Return the physical parameters on the device of the physics."""
-        here = self.physical()
-        return Parameters(**{f.name: getattr(here, f.name).to(self.physics_device) for f in dataclasses.fields(here)})
+        here: Parameters = self.physical()
+        return here.map(lambda _, value: value.to(self.physics_device))
 
     def initial_state(self, pose: Tensor, shown: Tensor, wrench: Tensor) -> State:
         """Find the states at the first frames from encoded poses (B, f, N, 7) of the frames shown (B, f)."""
