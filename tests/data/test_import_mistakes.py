@@ -11,6 +11,7 @@ import pytest
 from tests.data.logs import Truth, write_csv
 
 from physid.cli import main
+from physid.data.format import RecordingSet
 from physid.data.importers.convert import import_logs
 from physid.data.importers.guess import guess_mapping
 from physid.data.importers.mapping_files import read_mapping
@@ -202,6 +203,26 @@ def test_a_log_that_holds_nothing_is_answered_with_its_line(tmp_path: Path, text
     del body["rate"]
     with pytest.raises(ValueError, match=message):
         import_logs([tmp_path / "log.csv"], body, tmp_path / "out")
+
+
+@pytest.mark.parametrize(("cells", "decimal"), [(";", ","), (";", "."), ("\t", ","), (" ", ".")])
+def test_other_separators_and_decimal_commas_are_no_mistake(tmp_path: Path, cells: str, decimal: str) -> None:
+    log = write_csv(tmp_path / "log.csv", list(COLUMNS), list(COLUMNS.values()))
+    straight = RecordingSet(import_logs([log], GOOD, tmp_path / "one").folder).read(0)
+    log.write_text(log.read_text().replace(",", cells).replace(".", decimal))
+    again = RecordingSet(import_logs([log], GOOD, tmp_path / "two").folder).read(0)
+    assert straight.pose is not None
+    assert again.pose is not None
+    assert np.array_equal(straight.pose, again.pose)
+
+
+def test_a_log_without_the_line_that_names_its_columns_is_answered(tmp_path: Path) -> None:
+    log = write_csv(tmp_path / "log.csv", list(COLUMNS), list(COLUMNS.values()))
+    log.write_text("".join(log.read_text().splitlines(keepends=True)[1:]))
+    with pytest.raises(
+        ValueError, match='no column "x"; no line names them, so that they are numbered from 0 to 10: use'
+    ):
+        import_logs([log], GOOD, tmp_path / "out")
 
 
 def test_two_clocks_that_never_overlap_are_answered_with_the_offset(tmp_path: Path) -> None:

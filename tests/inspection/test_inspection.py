@@ -103,9 +103,19 @@ def sunk(pose: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
     return pose
 
 
+def mirrored(pose: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+    """Reflect y: rotations, which are axial, turn the other way about x and z."""
+    return pose * [1, -1, 1, -1, 1, -1, 1]
+
+
 def turning(pose: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
     vector = np.rad2deg(Rotation.from_quat(pose[:, 0, 3:]).as_rotvec())
     return np.concatenate([pose[..., :3], Rotation.from_rotvec(vector).as_quat()[:, None]], -1)
+
+
+def _sized(scene: Scene, factor: float) -> Scene:
+    first = scene.bodies[0]
+    return scene.with_bodies([dataclasses.replace(first, size=tuple(factor * edge for edge in first.size))])
 
 
 MISTAKES: list[tuple[str, str, Change, str]] = [
@@ -122,6 +132,34 @@ MISTAKES: list[tuple[str, str, Change, str]] = [
         lambda scene, one: (dataclasses.replace(scene, gravity=(0, 0, 9.81)), one),
         "fall along",
     ),
+    (
+        "push",
+        "gravity downside up",
+        lambda scene, one: (dataclasses.replace(scene, gravity=(0, 0, 9.81)), one),
+        "points away from the ground, whose normal is (0.00, 0.00, 1.00): nothing could lie on it -> correct the sign",
+    ),
+    ("push", "left-handed poses", posed(mirrored), "left-handed frame -> import with the axes of the log"),
+    (
+        "push",
+        "forces of a left-handed frame",
+        forced(lambda force: force * [1, 1, 1, 1, -1, 1]),
+        "force=[fx, -fy, fz] if only these are mirrored",
+    ),
+    ("push", "x and y swapped", posed(lambda pose: pose[..., [1, 0, *range(2, 7)]]), "force=[fy, fx, fz]"),
+    ("push", "x and z swapped", posed(lambda pose: pose[..., [2, 1, 0, *range(3, 7)]]), "axes=x-up"),
+    (
+        "toss",
+        "frames per second",
+        lambda scene, one: (dataclasses.replace(scene, time_step=scene.time_step / 4), one),
+        "the frame rate seems to be 4 times the true one -> import with the rate at which it was recorded (rate): 0.25",
+    ),
+    (
+        "push",
+        "half edges for edges",
+        lambda scene, one: (_sized(scene, 0.5), one),
+        "mm above the ground -> check ground.offset, size",
+    ),
+    ("toss", "edges twice as long", lambda scene, one: (_sized(scene, 2.0), one), "below the ground -> check"),
     ("push", "reaction", forced(lambda force: -force), "point against the forces"),
     (
         "push",

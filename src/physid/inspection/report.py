@@ -15,9 +15,9 @@ from physid.inspection.energy import energy, energy_over_time
 from physid.inspection.evidence import Evidence, Finding
 
 RULES = (
-    rules.lengths, rules.falls, rules.lying, rules.orders, rules.heights, rules.forces, tracking_rules.delay, energy,
-    tracking_rules.motion, tracking_rules.turns, tracking_rules.repeats, tracking_rules.jumps, tracking_rules.unseen,
-    tracking_rules.set_off,
+    rules.lengths, rules.upside, rules.falls, rules.lying, rules.orders, rules.heights, rules.forces,
+    tracking_rules.delay, energy, tracking_rules.motion, tracking_rules.turns, tracking_rules.repeats,
+    tracking_rules.jumps, tracking_rules.unseen, tracking_rules.set_off,
 )  # fmt: skip
 MOST_NAMED = 5
 TOUCHING = 2e-3  # [m] over the ground up to which a corner touches it

@@ -14,6 +14,8 @@ from physid.inspection.kinematics import lowest_corner
 Array = NDArray[np.float64]
 ENOUGH = 20  # windows: fewer say nothing
 FALL = 0.15  # share by which a fall may differ from gravity
+STRAIGHT = 0.98  # cosine between a fall and gravity from which on it is straight down
+ALIKE = 0.6  # share of straight falls that have one acceleration, where it is that of a fall
 AXIS = 0.97  # cosine between a fall and gravity below which the axes are others
 SCALES = {1e3: "millimetres", 1e2: "centimetres", 39.37: "inches", 3.281: "feet"}
 LARGE = 10.0  # [m]
@@ -59,9 +61,13 @@ def falls(seen: Evidence) -> Finding | None:
         return None
     size = np.linalg.norm(k.acceleration, axis=1)
     free = seen.smooth & seen.unforced
+    slow = _clock(k.acceleration[free], gravity, 0.05 * len(size))
+    if slow is not None:
+        return slow
     for scale, unit in SCALES.items():
-        alike = np.count_nonzero(free & (np.abs(size / (scale * g) - 1) < FALL))
-        if alike > max(ENOUGH, 0.05 * len(size)):
+        alike = k.acceleration[free & (np.abs(size / (scale * g) - 1) < FALL)]
+        # What falls, falls in one direction; impacts have any.
+        if len(alike) > max(ENOUGH, 0.05 * len(size)) and np.linalg.norm(alike.mean(0)) > AXIS * scale * g * (1 - FALL):
             return Finding(
                 f"bodies fall with about {scale * g:.4g} m/s^2, gravity is {g:.3g}: positions seem to be in {unit}",
                 f"import with the unit of the log (units.position), or divide positions by {scale:g}",
@@ -81,6 +87,37 @@ def falls(seen: Evidence) -> Finding | None:
             f"import with the axes of the log (axes={_preset(up)}), or correct gravity in recording.yaml",
         )
     return None
+
+
+def _clock(acceleration: Array, gravity: Array, enough: float) -> Finding | None:
+    """Free falls along gravity at another rate, one for all of them, which no unit of length explains."""
+    size, g = np.linalg.norm(acceleration, axis=1), float(np.linalg.norm(gravity))
+    falling = size[(acceleration @ gravity > STRAIGHT * size * g) & (size > 0)] / g
+    if len(falling) < max(ENOUGH, enough):
+        return None
+    share = float(np.median(falling))
+    alike = np.mean(np.abs(falling / share - 1) < FALL) > ALIKE
+    if not alike or any(abs(share / scale - 1) < FALL for scale in (1.0, *SCALES)):
+        return None
+    factor = share**0.5
+    return Finding(
+        f"bodies fall straight down with {share * g:.3g} m/s^2, gravity is {g:.3g}: the frame rate seems to be "
+        f"{factor:.3g} times the true one",
+        f"import with the rate at which it was recorded (rate): {1 / factor:.3g} times what it is now; films in slow "
+        "motion are played at another",
+    )
+
+
+def upside(seen: Evidence) -> Finding | None:
+    """Gravity that points away from the ground."""
+    gravity, normal = seen.weight, np.array(seen.scene.ground.normal)
+    if float(gravity @ normal) <= 0:
+        return None
+    return Finding(
+        f"gravity is {_vector(gravity)} m/s^2 and points away from the ground, whose normal is {_vector(normal)}: "
+        "nothing could lie on it",
+        "correct the sign of gravity in recording.yaml, or import with the axes of the log (axes=z-down)",
+    )
 
 
 def lying(seen: Evidence) -> Finding | None:
@@ -180,6 +217,9 @@ def forces(seen: Evidence) -> Finding | None:
             f"forces do not follow accelerations (correlation {match:.2f}), but {best} would (correlation {value:.2f})",
             f"import forces as force=[{best}], in the axes of the poses",
         )
+    mirrored = _mirrored(push, pull)
+    if mirrored is not None:
+        return mirrored
     ratio = float((push * pull).sum() / np.square(push).sum())
     if match > OTHER and not RATIO[0] < ratio < RATIO[1]:
         return Finding(
@@ -187,6 +227,24 @@ def forces(seen: Evidence) -> Finding | None:
             "check units.force (N, mN, kN) and the mass (kg)",
         )
     return None
+
+
+def _mirrored(push: Array, pull: Array) -> Finding | None:
+    """Accelerations that point against the forces along one axis alone."""
+    share = np.square(push).sum(0) / np.square(push).sum()
+    sizes = np.sqrt(np.square(push).sum(0) * np.square(pull).sum(0))
+    match = (push * pull).sum(0) / np.where(sizes > 0, sizes, 1.0)
+    axes = np.flatnonzero((share > SHARE) & (match < WRONG))
+    if len(axes) != 1:
+        return None
+    axis = int(axes[0])
+    words = ", ".join(f"{'-' if each == axis else ''}f{'xyz'[each]}" for each in range(3))
+    return Finding(
+        f"along {'xyz'[axis]} accelerations point against the forces (correlation {match[axis]:.2f}), along others "
+        "with them: poses or forces are in a left-handed frame",
+        f"import with the axes of the log (axes=left-handed-z-up, left-handed-y-up), or force=[{words}] if only these "
+        "are mirrored",
+    )
 
 
 def _best_axes(cross: Array) -> tuple[str, float]:

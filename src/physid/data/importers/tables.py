@@ -74,6 +74,12 @@ class Table:
             return bare[0]
         same = [each for each in self.columns if each.lower() == wanted.lower()]
         close = f'; did you mean "{same[0]}"?' if same else nearest(wanted, self.columns)
+        last = len(self.columns) - 1
+        if list(self.columns) == [str(number) for number in range(last + 1)]:
+            close = (
+                f"; no line names them, so that they are numbered from 0 to {last}: use these numbers, "
+                "or write a line of names above the rows"
+            )
         raise ValueError(f'{self.path}: no column "{wanted}"{close}')
 
     def components(self, name: object) -> list[str]:
