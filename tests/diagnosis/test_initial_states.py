@@ -93,3 +93,15 @@ def test_a_flying_body_is_level_while_it_leans_no_further_than_by_noise(lean: fl
     if level:
         assert torch.allclose(twist[..., :2], torch.zeros_like(twist[..., :2]), atol=1e-12)
         assert torch.allclose(flat[..., 3:5], torch.zeros_like(flat[..., 3:5]), atol=1e-9), "turned about z alone"
+
+
+@pytest.mark.parametrize("height", [0.0, 0.022, 0.09])
+def test_a_slow_camera_sees_that_a_body_is_dropped_from_however_high(height: float) -> None:
+    scene = dataclasses.replace(SCENE, time_step=1 / 30)
+    time, half = torch.arange(30, dtype=torch.float64) / 30, scene.bodies[0].size[2] / 2
+    pose = torch.zeros(1, 30, 1, 7, dtype=torch.float64)
+    pose[0, :, 0, 2] = half + (height - 9.81 * time**2 / 2).clamp_min(0)
+    pose[..., 6] = 1.0
+    initial = guess_initial_states(pose, torch.ones(1, 30, 1), time[None], Segmentation.equal(1, 30, 30), scene)
+    assert bool(initial.resting.all()) is (height == 0)
+    assert bool(initial.level.all())

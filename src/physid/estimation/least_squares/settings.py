@@ -37,7 +37,7 @@ class GuessSettings(Section):
         "of the noise; a body that leans no further, in the mean of a segment, is level",
         gt=0,
     )
-    median: int = setting(5, "frames", "whose median height counts: one outlier is no fall", ge=1)
+    median: int = setting(3, "frames", "whose median height counts: one outlier is no fall", ge=1)
 
 
 class LineSearchSettings(Section):
