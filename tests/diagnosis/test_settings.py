@@ -42,7 +42,7 @@ LISTED = {
     "estimation/measurement/sensor_noise.py": {4, 1.4826, 0.98661, 1.5},  # of a normal distribution, of differences
     "estimation/measurement/tracking_error.py": {4, 8, 16, 32, 0.15},  # SPANS, SURE
     "estimation/measurement/unexplained.py": {1e3, 180},  # units
-    "estimation/prediction/nominal_model.py": {14},  # exp(14), where a logarithm ends
+    "estimation/prediction/coordinates.py": {14, 0.1},  # see below
     "estimation/prediction/rollout.py": {400_000},  # memory
     "estimation/prediction/segments.py": {16, 32, 64, 128, 240},  # CLASSES; the usual frame rate
 }
@@ -71,7 +71,10 @@ CONSTANTS = {
         "KINDS",  # columns of a pose
     },
     "estimation/measurement/unexplained.py": {"KINDS"},  # units
-    "estimation/prediction/nominal_model.py": {"SMALLEST"},  # keeps a logarithm finite
+    "estimation/prediction/coordinates.py": {
+        "SMALLEST", "FARTHEST",  # keep a logarithm and its exponential finite
+        "FIRST_GUESS",  # no part of a diagnosis, whose effects begin at their null values
+    },
     "estimation/prediction/segments.py": {"CLASSES"},  # how many are simulated together, for speed
 }  # fmt: skip
 

@@ -12,7 +12,6 @@ from physid.pages.numbers import duration, error, figure, join, quantity, words
 
 Run = Mapping[str, Any]
 KINDS = {"none": "good", "group": "warn", "partial": "warn", "unknown": "bad"}
-KEYS = {"error": "Parameter error", "position": "Position error", "rotation": "Rotation error"}
 UP, DOWN = "psnr|ssim|accuracy|coverage", "error|loss|seconds|evaluations|deviation|train/"
 
 

@@ -96,10 +96,6 @@ class GaussianBlur(nn.Module):
         with torch.autocast(image.device.type, enabled=False):
             return self._matrix(height, image) @ image @ self._matrix(width, image).T
 
-    def extra_repr(self) -> str:
-        """Show the settings."""
-        return f"kernel={self.blur.kernel}, sigma={self.blur.sigma:.4g}, border={self.border!r}"
-
 
 @dataclass(frozen=True)
 class BlurSchedule:
