@@ -39,6 +39,7 @@ TINY = {
     "validate": [],
     "test": [],
     "predict": [],
+    "sample": [],
     "identifiability": ["trajectories=2", "steps=20"],
     "diagnose": ["--quiet"],
     "benchmark": ["--sets=2", "--trajectories=6", "--steps=60", "--workers=1", "--quiet"],

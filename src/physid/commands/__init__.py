@@ -9,6 +9,7 @@ from physid.commands.fits import fit, predict, test, validate
 from physid.commands.imports import check, import_, show
 from physid.commands.overviews import dashboard, reproduce
 from physid.commands.recordings import effects, generate, identifiability
+from physid.commands.samples import sample
 
 __all__ = ["COMMANDS", "Command"]
 
@@ -23,6 +24,7 @@ COMMANDS: tuple[Command, ...] = (
     Command(validate),
     Command(test),
     Command(predict),
+    Command(sample),
     Command(identifiability, reads="physid.training.identifiability.planned_experiment.IdentifiabilityConfig"),
     Command(diagnose, laid="set", settings="physid.diagnosis.settings.settings.Settings"),
     Command(benchmark),

@@ -35,6 +35,8 @@ def summarize(figures: Mapping[str, float], folder: Path, recordings: str = "REC
     for name in names:
         own = {key.rpartition("/")[2]: value for key, value in figures.items() if key.startswith(f"params/{name}/")}
         lines.append(f"  {name:<{width}}  {_estimate(own, Unknown.of(name).unit)}")
+    for key in sorted(key for key in figures if key.startswith("correlation/")):
+        lines.append(f"  correlation of {' and '.join(key.split('/')[1:])}: {figures[key]:+.2f}")
     lines += [f"  {key:<{width}}  {_measured(key, figures)}" for key in measured]
     lines += [f"  {key:<{width}}  {figures[key]:.6g}" for key in effort]
     left = lack_of_fit_sentence(figures, recordings)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Protocol, final
 
 import lightning as L
 
-from physid.training.parameters.intervals import Response, intervals, logged
+from physid.training.parameters.intervals import Response
 from physid.training.parameters.physical_parameters import PhysicalParameters
+from physid.training.parameters.posterior import Posterior
 
 
 class Responding(Protocol):
@@ -21,6 +23,9 @@ class Responding(Protocol):
 class Intervals(L.Callback):
     """After the last epoch, log the 90 % interval of each parameter as params/NAME/low and params/NAME/high.
 
+    The correlation of each pair is logged as correlation/NAME/OTHER; all of it is kept in posterior.json, from which
+    `physid sample` draws.
+
     A parameter of which nothing is known has none. Rollouts of this are no part of the identification, and are not
     counted as evaluations.
     """
@@ -30,5 +35,9 @@ class Intervals(L.Callback):
         if not (trainer.should_stop or trainer.current_epoch + 1 == trainer.max_epochs):
             return
         module: Responding = pl_module  # type: ignore[assignment]
-        response, estimates = module.response(), PhysicalParameters.of(pl_module).estimates()
-        pl_module.log_dict(logged(intervals(estimates, response.covariance(), len(response.normal.square))))
+        response, physical = module.response(), PhysicalParameters.of(pl_module)
+        here = physical.coordinates.detach().cpu().clone()
+        known = Posterior(physical.names, here, response.covariance().cpu(), len(response.normal.square))
+        pl_module.log_dict(known.logged())
+        if trainer.is_global_zero:
+            known.write(Path(trainer.default_root_dir))

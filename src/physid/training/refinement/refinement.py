@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import cast, final
 
 import torch
@@ -13,8 +14,8 @@ from torch.optim import Optimizer
 
 from physid.networks.chart import PlanarChart
 from physid.training.learners.base import TrainingModule
-from physid.training.parameters.intervals import intervals, logged
 from physid.training.parameters.pose_loss import PoseLoss
+from physid.training.parameters.posterior import Posterior
 from physid.training.parameters.trajectories import Trajectories
 from physid.training.refinement.horizon import Batch
 from physid.training.refinement.initial_poses import Placing, place
@@ -95,9 +96,12 @@ class Refinement(nn.Module):
         physical.coordinates.grad = -step.to(physical.coordinates)
         cast(Sequence[Optimizer], module.optimizers())[-1].step()
         physical.confine()
-        ends = intervals(physical.estimates(), self._equations.covariance(), len(self._equations.weights))
+        here, spread = physical.coordinates.detach().cpu().clone(), self._equations.covariance().cpu()
+        known = Posterior(physical.names, here, spread, len(self._equations.weights))
+        if module.trainer.is_global_zero:
+            known.write(Path(module.trainer.default_root_dir))
         self._equations = None
-        return logged(ends)
+        return known.logged()
 
 
 @torch.no_grad()

@@ -1,0 +1,173 @@
+"""What a fit knows of its parameters: a normal distribution of their coordinates, kept with the run, and drawn from."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+import torch
+from torch import Tensor
+
+from physid.data.files import write_text
+from physid.estimation.prediction.coordinates import Coordinates, Kind
+from physid.training.parameters.intervals import WIDEST, intervals, logged
+from physid.typed_files import CLOSED, check_as
+
+FILE = "posterior.json"
+LEAST = 1e-3
+"""Share of the draws that must lie within the physical ranges."""
+AT_ONCE = 10_000
+
+
+@dataclass(frozen=True)
+class Known:
+    """One parameter in posterior.json; `coordinate` is its logarithm, or linear (value - null) / scale."""
+
+    __pydantic_config__: ClassVar[Any] = CLOSED
+    name: str
+    unit: str
+    kind: Kind
+    scale: float
+    null: float
+    low: float | None
+    high: float | None
+    estimate: float
+    coordinate: float
+
+
+@dataclass(frozen=True)
+class _PosteriorFile:
+    """The content of posterior.json; null stands for what is not known at all."""
+
+    __pydantic_config__: ClassVar[Any] = CLOSED
+    format: Literal["physid-posterior"]
+    version: Literal[1]
+    trajectories: int
+    parameters: list[Known]
+    covariance: list[list[float | None]]
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Normal in the coordinates of the parameters (see `Coordinates`), within their physical ranges.
+
+    Attributes:
+        names: The P learned parameters.
+        point: Their estimates, as coordinates, shape (P,).
+        covariance: Of the coordinates, shape (P, P); infinite where nothing is known.
+        trajectories: From how many independent trajectories it was estimated.
+    """
+
+    names: tuple[str, ...]
+    point: Tensor
+    covariance: Tensor
+    trajectories: int
+
+    @property
+    def space(self) -> Coordinates:
+        """What the coordinates stand for."""
+        return Coordinates.of(self.names)
+
+    @property
+    def unbounded(self) -> list[str]:
+        """Parameters of which nothing is known."""
+        told = self.covariance.diagonal() < WIDEST**2
+        return [name for name, known in zip(self.names, told.tolist(), strict=True) if not known]
+
+    def correlations(self) -> dict[tuple[str, str], float]:
+        """Return the correlation of each pair of estimates of which something is known."""
+        spread = self.covariance.diagonal().sqrt()
+        matrix = (self.covariance / spread / spread[:, None]).tolist()
+        known = [row for row, name in enumerate(self.names) if name not in self.unbounded]
+        return {
+            (self.names[i], self.names[j]): matrix[i][j]
+            for i, j in itertools.combinations(known, 2)
+            if math.isfinite(matrix[i][j])
+        }
+
+    def logged(self) -> dict[str, Tensor]:
+        """Return figures of a run: params/NAME/low and /high of 90 % intervals, correlation/NAME/OTHER."""
+        estimates = dict(zip(self.names, self.space.to_values(self.point).tolist(), strict=True))
+        pairs = {f"correlation/{one}/{other}": value for (one, other), value in self.correlations().items()}
+        return logged(intervals(estimates, self.covariance, self.trajectories)) | {
+            name: torch.tensor(value, dtype=torch.float64) for name, value in pairs.items()
+        }
+
+    def sample(self, count: int, seed: int = 0) -> Tensor:
+        """Draw sets of parameters, shape (count, P), in their units; what lies beyond a physical range is drawn again.
+
+        Raises:
+            ValueError: If nothing is known of a parameter, or hardly any draw lies within the ranges.
+        """
+        if self.unbounded:
+            raise ValueError(
+                f"{', '.join(self.unbounded)}: the recordings of this run do not identify it, so that there is nothing "
+                "to draw from; fit again with the others alone (model.learn)"
+            )
+        values, vectors = torch.linalg.eigh((self.covariance + self.covariance.T) / 2)
+        root = vectors * values.clamp_min(0).sqrt()
+        source, (low, high) = torch.Generator().manual_seed(seed), self.space.ends
+        kept, made, drawn = [torch.zeros(0, len(self.names), dtype=torch.float64)], 0, 0
+        while made < count:
+            draws = self.point + torch.randn(AT_ONCE, len(self.names), generator=source, dtype=torch.float64) @ root.T
+            kept.append(draws[((draws >= low) & (draws <= high)).all(1)])
+            made, drawn = made + len(kept[-1]), drawn + AT_ONCE
+            if made < LEAST * drawn:
+                raise ValueError(
+                    f"of {drawn} draws {made} lie within the physical ranges; an estimate stands at the end of its "
+                    "range, and is hardly known: leave it out of model.learn"
+                )
+        return self.space.to_values(torch.cat(kept)[:count])
+
+    def write(self, folder: Path) -> None:
+        """Write posterior.json into the folder of a run."""
+        estimates = self.space.to_values(self.point).tolist()
+        parameters = [
+            {
+                "name": one.name, "unit": one.unit, "kind": one.kind, "scale": one.scale, "null": one.null,
+                "low": _finite(one.low), "high": _finite(one.high), "estimate": estimate, "coordinate": coordinate,
+            }
+            for one, estimate, coordinate in zip(self.space.unknowns, estimates, self.point.tolist(), strict=True)
+        ]  # fmt: skip
+        content = {
+            "format": "physid-posterior", "version": 1, "trajectories": self.trajectories, "parameters": parameters,
+            "covariance": [[_finite(value) for value in row] for row in self.covariance.tolist()],
+        }  # fmt: skip
+        write_text(folder / FILE, json.dumps(content, indent=2) + "\n")
+
+
+def read_posterior(run: Path) -> Posterior:
+    """Read what a run knows of its parameters.
+
+    Args:
+        run: The folder of a fit, or its posterior.json.
+
+    Raises:
+        ValueError: If there is none, or the file breaks the format.
+    """
+    path = run / FILE if run.is_dir() else run
+    if not path.is_file():
+        raise ValueError(f"{path} does not exist: expected a run of `physid fit` that has come to its end")
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise ValueError(f"{path}: expected JSON: {error}") from None
+    known = check_as(_PosteriorFile, content, str(path))
+    size = len(known.parameters)
+    rows = [[math.inf if value is None else value for value in row] for row in known.covariance]
+    if [len(row) for row in rows] != [size] * size:
+        raise ValueError(f"{path}: covariance: expected {size} rows of {size} values")
+    return Posterior(
+        tuple(one.name for one in known.parameters),
+        torch.tensor([one.coordinate for one in known.parameters], dtype=torch.float64),
+        torch.tensor(rows, dtype=torch.float64),
+        known.trajectories,
+    )
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -1,0 +1,85 @@
+"""What a fit knows of its parameters is kept, and drawn from."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+import yaml
+
+from physid.cli import main
+from physid.training.parameters.posterior import Posterior, read_posterior
+
+POINT = torch.tensor([0.3, -2.0, 1.2], dtype=torch.float64)
+ROOT = torch.tensor([[0.05, 0.0, 0.0], [-0.04, 0.01, 0.0], [0.0, 0.02, 0.03]], dtype=torch.float64)
+KNOWN = Posterior(("block.mass", "block.friction", "com_offset.x"), POINT, ROOT @ ROOT.T, 12)
+MANY = 40_000
+
+
+def test_a_posterior_is_read_as_it_was_written(tmp_path: Path) -> None:
+    spread = KNOWN.covariance.clone()
+    spread[0, 0] = torch.inf
+    for one in (KNOWN, dataclasses.replace(KNOWN, covariance=spread)):
+        one.write(tmp_path)
+        again = read_posterior(tmp_path)
+        assert (again.names, again.trajectories) == (one.names, one.trajectories)
+        assert torch.equal(again.point, one.point)
+        assert torch.equal(again.covariance, one.covariance)
+
+
+def test_draws_have_the_mean_and_the_covariance_of_the_coordinates() -> None:
+    drawn = KNOWN.space.to_coordinates(KNOWN.sample(MANY))
+    assert torch.allclose(drawn.mean(0), POINT, atol=4 * 0.05 / MANY**0.5)
+    assert torch.allclose(drawn.T.cov(), KNOWN.covariance, atol=0.03 * float(KNOWN.covariance.max()))
+    pair = float(drawn.T.corrcoef()[0, 1])
+    assert pair == pytest.approx(KNOWN.correlations()["block.mass", "block.friction"], abs=0.01)
+
+
+def test_no_draw_lies_beyond_a_physical_range_and_none_piles_up_at_its_end() -> None:
+    at_the_end = Posterior(("viscous_drag.coefficient",), torch.zeros(1).double(), torch.ones(1, 1).double(), 12)
+    drawn = at_the_end.sample(1000)
+    assert float(drawn.min()) > 0.0
+    assert float(drawn.mean()) == pytest.approx(0.3 * (2 / np.pi) ** 0.5, rel=0.1)  # of half a normal distribution
+
+
+def test_a_parameter_that_is_not_identified_is_not_drawn() -> None:
+    spread = KNOWN.covariance.clone()
+    spread[1, 1] = torch.inf
+    with pytest.raises(ValueError, match=r"block\.friction: the recordings of this run do not identify it"):
+        dataclasses.replace(KNOWN, covariance=spread).sample(3)
+
+
+def test_samples_are_the_same_numbers_in_every_format_and_for_a_seed(tmp_path: Path) -> None:
+    KNOWN.write(tmp_path)
+    for name in ("one.csv", "one.npz", "one.yaml"):
+        assert main(["sample", str(tmp_path), "--count", "5", "--seed", "3", "--out", str(tmp_path / name)]) == 0
+    expected = KNOWN.sample(5, 3).numpy()
+    with (tmp_path / "one.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    arrays = np.load(tmp_path / "one.npz")
+    worlds = yaml.safe_load((tmp_path / "one.yaml").read_text())
+    for column, name in enumerate(KNOWN.names):
+        assert [float(row[name]) for row in rows] == expected[:, column].tolist()
+        assert arrays[name].tolist() == expected[:, column].tolist()
+        assert [world[name] for world in worlds] == expected[:, column].tolist()
+    assert not np.array_equal(KNOWN.sample(5, 4).numpy(), expected)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--count", "0"], "--count must be at least 1"),
+        (["--out", "samples.txt"], "--out must end in .csv, .npz, .yaml"),
+        ([], "that has come to its end"),
+    ],
+)
+def test_what_cannot_be_drawn_is_one_line(
+    words: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["sample", str(tmp_path), *words]) != 0
+    assert message in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
