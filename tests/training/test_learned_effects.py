@@ -15,6 +15,7 @@ from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig, Noise
 from physid.estimation.prediction import NominalModel, Predictor, Variants
 from physid.physics.state import State
+from physid.training.identifiability.identifiability import Identifiability
 from physid.training.learners.engine import Engine
 from physid.training.learners.sysid import SysID
 from physid.training.parameters.gauss_newton import GaussNewton
@@ -82,6 +83,21 @@ def test_a_step_ends_at_the_end_of_a_range_and_is_best_there_for_the_others() ->
     optimizer.step(closure, lambda: matrix, ends)
     # With x = 0 the sum (x + 1)^2 + (x + 1)(y - 1) + (y - 1)^2 is least where 2 (y - 1) = -1.
     assert parameter.tolist() == pytest.approx([0.0, 0.5])
+
+
+@pytest.mark.parametrize(
+    ("learn", "alike"),
+    [
+        (["viscous_drag.coefficient", "quadratic_drag.coefficient"], False),
+        (["force_gain.gain", "block.mass"], True),
+        (["force_gain.gain", "viscous_drag.coefficient"], False),
+    ],
+)
+def test_two_parameters_that_do_nearly_the_same_are_named_together(learn: list[str], alike: bool) -> None:
+    slopes = torch.tensor([[1.0, 0.2], [1.0, 0.21 if alike else 0.7]], dtype=torch.float64)
+    assert [pair[:2] for pair in Identifiability((learn[0], learn[1]), slopes @ slopes.T).alike()] == [
+        (learn[0], learn[1])
+    ] * alike
 
 
 CASES = {

@@ -40,7 +40,13 @@ class IdentifiabilityWarning(L.Callback):
         if not (trainer.should_stop or trainer.current_epoch + 1 == trainer.max_epochs):
             return
         judge: Judging = pl_module  # type: ignore[assignment]
-        for verdict in judge.identifiability(self.noise).verdicts():
+        judged = judge.identifiability(self.noise)
+        for one, other, correlation in judged.alike():
+            logger.warning(
+                "these recordings hardly tell %s and %s apart (correlation %+.3f): learn one of them, or record other "
+                "motions", one, other, correlation,
+            )  # fmt: skip
+        for verdict in judged.verdicts():
             deviation = torch.tensor(verdict.deviation, dtype=torch.float64)
             pl_module.log(f"params/{verdict.name}/expected_deviation", deviation)
             identified = verdict.kind == "identified"

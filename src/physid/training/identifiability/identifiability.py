@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from physid.estimation.measurement.sensor_noise import Noise
+from physid.estimation.prediction.coordinates import is_effect
 from physid.strict import number
 from physid.typed_files import CLOSED
 
@@ -23,6 +24,9 @@ FLOOR = 1e-5
 forces redrawn at each step 1.4e-2."""
 OVERLAP = 1e-3
 """Smallest share of a parameter in a direction of which nothing is known that counts."""
+ALIKE = 0.99
+"""Correlation beyond which two estimates are hardly told apart: the deviation of each is 7 times that if the other were
+known."""
 FAINT = 0.02
 """Smallest exponent in a combination that is written down."""
 
@@ -82,14 +86,17 @@ class Verdict:
         return "identified" if self.kind == "identified" else "not at all"
 
     def __str__(self) -> str:
-        expected = f"expected deviation {percent(self.deviation)}, {percent(self.alone)} if all else were known"
+        of = " of its typical size" if is_effect(self.name) else ""
+        expected = f"expected deviation {percent(self.deviation)}{of}, {percent(self.alone)} if all else were known"
         return f"{self.name}: {self.words} ({expected})"
 
 
 @final
 @dataclass(frozen=True)
 class Identifiability:
-    """Fisher's information on the logarithms of the parameters, and what follows from it.
+    """Fisher's information on the coordinates of the parameters, and what follows from it.
+
+    Coordinates are logarithms, so that deviations are relative; those of effects are in units of the typical size.
 
     F = J^T S^-1 J; no unbiased estimate has a covariance below F^-1 (Cramer 1946, Rao 1945). The eigenvectors of F are
     the combinations that are known independently of each other, the roots of its eigenvalues the singular values of
@@ -154,6 +161,15 @@ class Identifiability:
     def deviations(self) -> dict[str, float]:
         """Relative standard deviation to expect of each parameter, all being estimated; inf where nothing is known."""
         return {each.name: each.deviation for each in self.verdicts()}
+
+    def alike(self) -> list[tuple[str, str, float]]:
+        """Return pairs of parameters, an effect's among them, that are hardly told apart, and their correlation."""
+        told = self.correlation.tolist()
+        return [
+            (self.names[i], self.names[j], told[i][j])
+            for i, j in itertools.combinations(range(len(self.names)), 2)
+            if abs(told[i][j]) > ALIKE and (is_effect(self.names[i]) or is_effect(self.names[j]))
+        ]
 
     def verdicts(self) -> list[Verdict]:
         """Judge every parameter."""
