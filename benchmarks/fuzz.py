@@ -15,6 +15,8 @@ that have reached new lines of physid; what reached some stays in --kept, and th
 from __future__ import annotations
 
 import argparse
+import contextlib
+import io
 import json
 import os
 import random
@@ -173,7 +175,8 @@ def run(target: Target, chosen: argparse.Namespace, seconds: float) -> None:
         if chosen.guided:
             import atheris
 
-            with atheris.instrument_imports(include=["physid", "yaml", "omegaconf"]):
+            told = contextlib.redirect_stderr(io.StringIO())  # each module's name
+            with told, atheris.instrument_imports(include=["physid", "yaml", "omegaconf"]):
                 import_all()
             by_coverage(target, chosen, tally, time.monotonic() + seconds, done)
         import_all()
@@ -189,7 +192,11 @@ def main() -> None:
     parser.add_argument("--targets", default="", help="only these, separated by commas")
     parser.add_argument("--minutes", type=float, default=0.0, help="share this time among the targets")
     parser.add_argument("--guided", action="store_true", help="prefer inputs that reach new lines")
-    parser.add_argument("--kept", type=Path, help="folder of what went wrong, of counts and of what reached new lines")
+    parser.add_argument(
+        "--kept",
+        type=lambda text: Path(text).absolute(),
+        help="folder of what went wrong, of counts and of what reached new lines",
+    )
     parser.add_argument("--one", help=argparse.SUPPRESS)
     chosen = parser.parse_args()
     targets = [each for each in TARGETS if not chosen.targets or each.name in chosen.targets.split(",")]

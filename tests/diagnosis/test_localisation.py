@@ -7,7 +7,7 @@ from typing import Any, cast
 
 import torch
 
-from physid.diagnosis.conclusion.localisation import sites
+from physid.diagnosis.conclusion.localisation import over_time, sites
 from physid.diagnosis.selection.attribution import Attribution
 from physid.diagnosis.settings.settings import Settings
 from physid.diagnosis.testing.lack_of_fit import Row
@@ -53,3 +53,13 @@ def test_shares_make_up_a_whole_and_sites_without_effects_have_none() -> None:
     shares = sites(found(1.0, 0.0, 1.0), named=False)
     assert abs(sum(shares.values()) - 1) < 1e-3
     assert shares["perception"] == shares["actuation"] == 0
+
+
+def test_evidence_over_time_is_that_of_one_body_and_no_rounding() -> None:
+    places = ((0, "y", 0), (0, "x", 1), (1, "x", 0), (0, "x", 0), (0, "x", None))
+    cells = [SimpleNamespace(body=body, dof=dof, piece=piece) for body, dof, piece in places]
+    gain = torch.tensor([[4.0, 5.0], [9.0, 7.0], [16.0, 3.0], [1e-9, 1.0], [25.0, 1.0]], dtype=torch.float64)
+    lack = SimpleNamespace(cells=cells, cell_gain=gain, counted=torch.tensor([True, False]))
+    table, dofs = over_time(lack, 0, rounding=1e-6)
+    assert dofs == ["x", "y"]
+    assert table.tolist() == [[0.0, 3.0], [2.0, 0.0]]

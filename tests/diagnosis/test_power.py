@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import torch
 
 from diagnosis.sets import recorded
 from physid.data.format import RecordingSet
-from physid.diagnosis.conclusion.power import detectable_factors
+from physid.diagnosis.conclusion.power import detectable_factors, detectable_sizes
 from physid.diagnosis.diagnose import diagnose
 from physid.diagnosis.settings.testing import ScoreTestSettings
 from physid.diagnosis.testing.null_tails import Tail
@@ -56,6 +58,22 @@ def test_what_a_refit_absorbs_is_never_found() -> None:
     group = Group(("effect",), torch.tensor([1]), one, -unbounded, unbounded)
     signal = signals(given, group, none, SETTINGS)
     assert detectable_factors(signal, THRESHOLD, Tail(one[0], 2 * one[0]), PROBABILITY).tolist() == [torch.inf]
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 2e-3])
+def test_with_even_chances_the_size_found_moves_poses_by_the_tolerance(tolerance: float) -> None:
+    """A size s of typical t gains l (s / t)^2; each of m frames moved by the tolerance d gains (d / noise)^2."""
+    frames, signal, noise, typical = 500, 160.0, 2e-4, 0.3
+    tail = Tail(torch.ones((), dtype=torch.float64), torch.full((), 2.0, dtype=torch.float64))
+    row = SimpleNamespace(names=("drag",), signal=torch.tensor([signal]), steady_tail=tail)
+    lack = SimpleNamespace(null_steady=torch.zeros(99), frames=frames, rows=[row])
+    quantity = SimpleNamespace(typical=typical, null=0.0, high=1e3, low=0.0, unit="N s/m")
+    term = SimpleNamespace(effect=SimpleNamespace(name="drag"), name="coefficient", quantity=quantity)
+    rare, margin, even = SimpleNamespace(alpha=0.01), SimpleNamespace(margin=0.0), SimpleNamespace(probability=0.5)
+    settings = SimpleNamespace(evidence=rare, lack_of_fit=margin, power=even)
+    given = SimpleNamespace(position=noise), SimpleNamespace(position=tolerance)
+    (found,) = detectable_sizes(lack, [term], *given, settings)
+    assert found.size == pytest.approx(typical * tolerance / noise * math.sqrt(frames / signal))
 
 
 @pytest.mark.slow

@@ -1,6 +1,7 @@
 """Contacts between boxes."""
 
 import math
+from dataclasses import replace
 
 import torch
 from torch import Tensor
@@ -36,6 +37,18 @@ def test_flush_faces_touch_at_the_four_corners_of_their_overlap() -> None:
     low, high = patch.point[0, :, 1:].amin(0), patch.point[0, :, 1:].amax(0)
     torch.testing.assert_close(low, torch.tensor([-0.05, -0.08], dtype=torch.float64))
     torch.testing.assert_close(high, torch.tensor([0.1, 0.1], dtype=torch.float64))
+
+
+def test_what_four_contacts_leave_undetermined_has_no_force_and_no_moment() -> None:
+    """n of `Patch.warp`: sum n_i = 0 and sum n_i x_i = 0 for any flat quadrilateral, and it is a unit vector."""
+    patch = touch(pose([0.19, 0.05, 0.02]))
+    corners = torch.tensor(
+        [[[0, -0.05, -0.08], [0, 0.1, -0.07], [0, 0.06, 0.09], [0, -0.02, 0.05]]], dtype=torch.float64
+    )
+    combination = replace(patch, point=corners).warp()
+    torch.testing.assert_close(combination.square().sum(1), torch.ones(1, dtype=torch.float64))
+    for moment in (combination.sum(1), torch.einsum("bi,bik->bk", combination, corners)):
+        torch.testing.assert_close(moment, torch.zeros_like(moment), rtol=0, atol=1e-12)
 
 
 def test_a_yawed_box_touches_with_its_vertical_edge() -> None:

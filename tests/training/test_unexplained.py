@@ -15,6 +15,7 @@ from torch import Tensor
 from physid.cli import main
 from physid.estimation.measurement.misfit import Misfit
 from physid.estimation.measurement.tracking_error import TrackingError, without_line
+from physid.estimation.measurement.unexplained import lack_of_fit_sentence
 from physid.training.callbacks.unexplained import SIGNIFICANT
 
 SHAPE = (6, 80, 1, 3)
@@ -53,6 +54,19 @@ def test_an_offset_that_all_frames_share_is_no_noise() -> None:
 
 def test_too_few_frames_say_nothing() -> None:
     assert Misfit.of(noise(0)[:, :3], seen()[:, :3]) == Misfit(0.0, 0.0, 0.0)
+
+
+def test_the_sentence_says_what_is_left_in_the_units_that_people_read() -> None:
+    noise = {"fit/position_noise": 4e-4, "fit/rotation_noise": math.radians(0.25)}
+    fine = {"fit/position_explained": 1.0, "fit/rotation_explained": 1.0}
+    assert lack_of_fit_sentence(noise | fine) == (
+        "the fit leaves nothing beyond the noise of the poses (0.4 mm and 0.25 deg)"
+    )
+    left = {"fit/rotation_explained": 0.0, "fit/rotation_share": 0.035, "fit/rotation_unexplained": math.radians(1.5)}
+    assert lack_of_fit_sentence(noise | fine | left, "mine") == (
+        "the model leaves 3.5 % of the turning, 1.5 deg (noise 0.25 deg): run physid diagnose mine"
+    )
+    assert lack_of_fit_sentence(noise) is None
 
 
 @pytest.mark.slow

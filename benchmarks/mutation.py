@@ -1,0 +1,219 @@
+"""Change the code in one place and see whether a test fails: tests that cannot fail are no tests.
+
+    python benchmarks/mutation.py                                    12 changes of each module
+    python benchmarks/mutation.py --count 40 --minutes 30 --kept runs/mutation.jsonl     added to an earlier call
+
+A change turns a comparison, an operation, a number, a truth value, a sign, a minimum or a choice into another one.
+They are drawn at random from all that can be made of a module, and the tests of that module run against each (without
+the slow ones) in a process that has imported what takes long. A change *survives* if all of them pass; a test that runs
+for much longer than with the code as it is has failed too. Survivors are printed: each is a missing test, or changes
+nothing.
+
+No known tool fits: mutmut 3 copies the tree and wants the whole suite to pass there first, cosmic-ray starts Python and
+imports torch for each change.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import copy
+import importlib
+import json
+import os
+import random
+import signal
+import sys
+import time
+from collections.abc import Iterator
+from importlib.machinery import SourceFileLoader
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[1]
+SOURCE, TESTS = ROOT / "src" / "physid", ROOT / "tests"
+SUITES: dict[str, tuple[str, ...]] = {
+    "physics/rotations.py": ("physics/test_rotations.py",),
+    "physics/joints.py": ("physics/test_joints.py",),
+    "physics/contact.py": ("physics/test_collision.py", "physics/test_shapes.py"),
+    "effects/actuation/*.py": ("effects/test_actuation.py", "effects/test_catalogue.py"),
+    "effects/contact/*.py": ("effects/test_contact.py", "effects/test_catalogue.py"),
+    "effects/dynamics/*.py": ("effects/test_dynamics.py", "effects/test_catalogue.py"),
+    "effects/perception/*.py": ("effects/test_perception.py", "effects/test_catalogue.py"),
+    "effects/resampling.py": ("effects/test_perception.py", "effects/test_actuation.py"),
+    "estimation/prediction/timeline.py": ("diagnosis/test_timeline.py",),
+    "estimation/prediction/segments.py": ("diagnosis/test_segments.py",),
+    "estimation/measurement/sensor_noise.py": ("diagnosis/test_noise.py",),
+    "estimation/measurement/unexplained.py": ("training/test_unexplained.py",),
+    "estimation/least_squares/multi_start.py": ("diagnosis/test_multi_start.py",),
+    "diagnosis/conclusion/verdict.py": ("diagnosis/test_verdict.py",),
+    "diagnosis/conclusion/materiality.py": ("diagnosis/test_materiality.py",),
+    "diagnosis/conclusion/localisation.py": ("diagnosis/test_localisation.py",),
+    "diagnosis/conclusion/gap.py": ("diagnosis/test_gap.py",),
+    "diagnosis/conclusion/power.py": ("diagnosis/test_power.py",),
+    "diagnosis/conclusion/parametric_bootstrap.py": ("diagnosis/test_parametric_bootstrap.py",),
+}
+"""The tests of each module, or of each in a folder."""
+FACTOR, LEAST = 8.0, 60.0
+"""A run of the tests that takes this many times as long as usual, and at least so long [s], counts as failed."""
+OPERATORS: dict[type, type] = {
+    ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.Pow: ast.Mult, ast.FloorDiv: ast.Mult,
+    ast.BitAnd: ast.BitOr, ast.BitOr: ast.BitAnd, ast.MatMult: ast.Mult,
+    ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
+    ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In, ast.And: ast.Or, ast.Or: ast.And,
+}  # fmt: skip
+NAMES = {
+    "min": "max", "max": "min", "amin": "amax", "amax": "amin", "argmin": "argmax", "argmax": "argmin", "any": "all",
+    "all": "any", "minimum": "maximum", "maximum": "minimum", "sin": "cos", "cos": "sin", "sum": "mean", "mean": "sum",
+    "zeros_like": "ones_like", "ones_like": "zeros_like", "clamp_min": "clamp_max", "clamp_max": "clamp_min",
+}  # fmt: skip
+
+
+def places(tree: ast.AST) -> Iterator[ast.AST]:
+    """Yield the nodes that can be changed: no annotations, no decorators, no units or bounds of fields."""
+    if isinstance(tree, ast.AnnAssign):
+        children: list[Any] = [] if isinstance(tree.value, ast.Call) or tree.value is None else [tree.value]
+    elif isinstance(tree, ast.FunctionDef):
+        children = [*tree.args.defaults, *tree.args.kw_defaults, *tree.body]
+    elif isinstance(tree, ast.ClassDef):
+        children = tree.body
+    else:
+        children = list(ast.iter_child_nodes(tree))
+    if not isinstance(tree, ast.Raise | ast.Import | ast.ImportFrom):  # what a message says is for its own tests
+        if changed(tree) is not None:
+            yield tree
+        for each in children:
+            if each is not None:
+                yield from places(each)
+
+
+def changed(node: ast.AST) -> ast.AST | None:
+    """Return what a node becomes, or None if nothing is made of it."""
+    new: Any = copy.copy(node)
+    match node:
+        case ast.BinOp(op=old) | ast.BoolOp(op=old) | ast.AugAssign(op=old) if type(old) in OPERATORS:
+            new.op = OPERATORS[type(old)]()
+        case ast.Compare(ops=[old, *others]):
+            new.ops = [OPERATORS[type(old)](), *others]
+        case ast.UnaryOp(op=ast.USub() | ast.Not()):
+            new = node.operand
+        case ast.Constant(value=bool(value)):
+            new.value = not value
+        case ast.Constant(value=int(value) | float(value)):
+            new.value = value + 1
+        case ast.Attribute(attr=name) if name in NAMES:
+            new.attr = NAMES[name]
+        case ast.Call(func=ast.Name(id=name)) if name in NAMES and name not in ("sum", "mean"):
+            new.func = ast.Name(NAMES[name], ast.Load())
+        case ast.IfExp():
+            new.body, new.orelse = node.orelse, node.body
+        case _:
+            return None
+    return ast.copy_location(new, node)
+
+
+def mutant(text: str, number: int) -> tuple[str, str]:
+    """Return the source with one change, and the change in words."""
+    tree = ast.parse(text)
+    old = list(places(tree))[number]
+    new = changed(old)
+    before = f"{old.lineno}: {ast.unparse(old)}"  # type: ignore[attr-defined]
+
+    class Put(ast.NodeTransformer):
+        def visit(self, node: ast.AST) -> Any:
+            return new if node is old else self.generic_visit(node)
+
+    after = ast.unparse(Put().visit(tree))
+    return after, f"{before} -> {ast.unparse(new)}"  # type: ignore[arg-type]
+
+
+def survives(module: Path, source: str | None, suite: tuple[str, ...], limit: float) -> tuple[bool, float]:
+    """Run a module's tests against a changed source in a process of its own; tells also how long [s] it took."""
+    start = time.monotonic()
+    process = os.fork()
+    if not process:
+        os.setpgrp()
+        null = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(null, 1)
+        os.dup2(null, 2)
+        os._exit(_tested(module, source, suite))
+    while time.monotonic() - start < limit:
+        done, code = os.waitpid(process, os.WNOHANG)
+        if done:
+            return code == 0, time.monotonic() - start
+        time.sleep(0.05)
+    os.killpg(process, signal.SIGKILL)
+    os.waitpid(process, 0)
+    return False, limit
+
+
+def _tested(module: Path, source: str | None, suite: tuple[str, ...]) -> int:
+    import pytest
+
+    usual = SourceFileLoader.get_code
+
+    def get_code(self: SourceFileLoader, name: str) -> Any:
+        if source is not None and Path(self.path) == module:
+            return compile(source, self.path, "exec")
+        return usual(self, name)
+
+    SourceFileLoader.get_code = get_code  # type: ignore[method-assign]
+    words = ["-x", "-q", "-p", "no:cacheprovider", "-m", "not slow"]
+    return int(pytest.main([*words, *(str(TESTS / each) for each in suite)]))
+
+
+def drawn(pattern: str, count: int, seed: int) -> list[tuple[Path, int]]:
+    """Return modules and numbers of changes, drawn at random from all of a pattern."""
+    modules = [path for path in sorted(SOURCE.glob(pattern)) if path.name != "__init__.py"]
+    every = [(path, number) for path in modules for number in range(len(list(places(ast.parse(path.read_text())))))]
+    return random.Random(f"{seed} {pattern}").sample(every, min(count, len(every)))
+
+
+def main() -> None:
+    """Print the survivors, and a row for each module: changes, how many of them a test has noticed."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--count", type=int, default=12, help="changes of each module")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--modules", default="", help="only those whose names contain this")
+    parser.add_argument("--minutes", type=float, default=float("inf"), help="begin no further change after this time")
+    parser.add_argument("--kept", type=Path, help="file of what was tried; what survived is tried again")
+    chosen = parser.parse_args()
+    os.chdir(ROOT)
+    sys.path[:0] = [str(ROOT), str(TESTS)]
+    for slow in ("lightning", "scipy.optimize", "scipy.stats", "torch"):  # pytest itself must still see hypothesis come
+        importlib.import_module(slow)
+    rows: dict[str, dict[str, Any]] = {}
+    if chosen.kept and chosen.kept.is_file():
+        rows = {row["change"]: row for row in map(json.loads, chosen.kept.read_text().splitlines())}
+    again = {change for change, row in rows.items() if row["survived"]}
+    begun, usual = time.monotonic(), dict[tuple[str, ...], float]()
+    wanted = {pattern: suite for pattern, suite in SUITES.items() if chosen.modules in pattern}
+    lists = {pattern: drawn(pattern, chosen.count, chosen.seed) for pattern in wanted}
+    for turn in range(chosen.count):
+        for pattern, suite in wanted.items():
+            if turn >= len(lists[pattern]) or time.monotonic() - begun > 60 * chosen.minutes:
+                continue
+            module, number = lists[pattern][turn]
+            source, words = mutant(module.read_text(), number)
+            change = f"{module.relative_to(SOURCE)}:{words}"
+            if change in rows and change not in again:
+                continue
+            if suite not in usual:
+                fine, usual[suite] = survives(module, None, suite, 600)
+                assert fine, f"{suite} fail without a change"
+            survived, _ = survives(module, source, suite, max(LEAST, FACTOR * usual[suite]))
+            rows[change] = {"pattern": pattern, "change": change, "survived": survived}
+            if chosen.kept:
+                with chosen.kept.open("a") as file:
+                    file.write(json.dumps(rows[change]) + "\n")
+            if survived:
+                print(f"    {change}", flush=True)
+    print("| module | changes | noticed |\n|---|---|---|")
+    for pattern in (*dict.fromkeys(row["pattern"] for row in rows.values()), ""):
+        own = [row["survived"] for row in rows.values() if not pattern or row["pattern"] == pattern]
+        noticed = own.count(False)
+        print(f"| {pattern or 'all'} | {len(own)} | {noticed} ({100 * noticed / max(len(own), 1):.0f} %) |")
+
+
+if __name__ == "__main__":
+    main()
