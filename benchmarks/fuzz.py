@@ -32,7 +32,7 @@ from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
 
-from fuzz_targets import CONFIGS, TARGETS, Target
+from fuzzed.targets import CONFIGS, TARGETS, Target
 
 LONGEST = 5.0
 """[s] for one input; the slowest of the valid ones takes less than a tenth."""

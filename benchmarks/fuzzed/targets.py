@@ -18,7 +18,7 @@ from typing import Any
 
 import yaml
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 CONFIGS = ROOT / "configs"
 NASTY = (
     *(None, True, -1, 0, 1, 10**9, 2**63, 1e308, -0.0, float("nan"), float("inf"), "", " ", "x" * 5000, "../../etc"),
