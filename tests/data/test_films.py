@@ -17,7 +17,9 @@ from physid.data.format import RecordingSet
 from physid.data.importers.video.cameras import Lens, read_camera
 from physid.data.importers.video.convert import import_films
 from physid.data.importers.video.films import FilmFile, ImageFolder
+from physid.data.importers.video.shadows import smoothed
 from physid.data.importers.video.sights import find_bodies, gain_of
+from physid.training.tracking.light import relit
 
 cv2 = pytest.importorskip("cv2")
 MATRIX = np.array([[260.0, 0, 99.0], [0, 255.0, 68.0], [0, 0, 1]])
@@ -80,6 +82,25 @@ def test_a_shadow_is_no_body() -> None:
     found = find_bodies(image.round().astype(np.uint8), behind.round().astype(np.uint8), 1)[0]
     true = filmed.draw(np.array([0.05, 0.0]), 0.4, np.zeros_like(behind)).max(-1) > 5
     assert (found & true).sum() / (found | true).sum() > 0.85
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_a_shadow_that_touches_a_body_hardly_moves_its_mask_or_its_edges(side: int) -> None:
+    behind, place = filmed.table(), np.array([0.05, 0.0])
+    cover = np.asarray(filmed.draw(place, 0.4, np.zeros_like(behind)).max(-1) > 5)
+    row, column = np.argwhere(cover).mean(0).astype(int)
+    shade = np.ones(cover.shape)
+    shade[row - 8 : row + 30, min(column, column + 50 * side) :][:, :50] = 0.5
+    shade = cv2.GaussianBlur(shade, (0, 0), 1.5)
+    lights = (np.ones(cover.shape), shade)
+    lit, dark = (filmed.draw(place, 0.4, behind * light[..., None]).round().astype(np.uint8) for light in lights)
+    background = behind.round().astype(np.uint8)
+    one, other = (np.argwhere(find_bodies(image, background, 1)[0]).mean(0) for image in (lit, dark))
+    assert np.abs(one - other).max() < 0.6, "[px]; a threshold on differences moves it by 0.9"
+    wide, narrow = (change(cover.astype(np.uint8), np.ones((7, 7))).astype(bool) for change in (cv2.dilate, cv2.erode))
+    steady = relit(dark.astype(float), background, smoothed(background), 1)
+    left, before = (np.abs(image - lit.astype(float))[wide & ~narrow].mean() for image in (steady, dark))
+    assert left < 0.5 * before
 
 
 def test_images_in_a_folder_are_a_film_in_natural_order(place: Path) -> None:

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from physid.data.importers.video.sights import gain_of, shaded, smoothed
+from physid.data.importers.video.shadows import Mixture, extremes, shaded, smoothed
+from physid.data.importers.video.sights import gain_of, silhouettes
 from physid.training.tracking.films import FirstSight, Footage, Image
 
 FEWEST_SHADED = 0.03
@@ -23,8 +24,8 @@ class SteadyLight(Footage):
     """Films whose frames have the brightness of their background, and no shadows.
 
     The gain of a frame is the median ratio to the background, which bodies do not move. Pixels that show the background
-    with less light in all colours are given its colours, where the first frame has such pixels beside the bodies; what
-    a body covers is not touched by that, unless it looks like a shadow.
+    with less light in all colours are given its colours, where the first frame has such pixels beside the bodies, and
+    pixels that are partly body the light that their other part misses (see `Mixture`).
 
     Args:
         footage: The films.
@@ -32,7 +33,7 @@ class SteadyLight(Footage):
 
     def __init__(self, footage: Footage) -> None:
         self._footage = footage
-        self._known: dict[int, tuple[Image, NDArray[np.float32], bool]] = {}
+        self._known: dict[int, tuple[Image, NDArray[np.float32], int, bool]] = {}
 
     def first(self, index: int) -> FirstSight:
         """Return first frame, masks and background."""
@@ -46,21 +47,33 @@ class SteadyLight(Footage):
     def _lit(self, index: int, frame: Image) -> Image:
         if index not in self._known:
             first, mask, background = self._footage.first(index)
-            behind = smoothed(background)
-            self._known[index] = background, behind, has_shadows(first, mask, background)
-        background, behind, shadows = self._known[index]
-        even = frame / gain_of(frame, background)
+            self._known[index] = background, smoothed(background), len(mask), has_shadows(first, mask, background)
+        background, behind, bodies, shadows = self._known[index]
+        even: NDArray[np.floating] = frame / gain_of(frame, background)
         if shadows:
-            dark = ndimage.binary_opening(shaded(smoothed(even), behind), iterations=2)
-            dark = ndimage.binary_dilation(dark, iterations=UNLIT) & shaded_softly(smoothed(even), behind)
-            even = np.where(dark[..., None], background, even)
+            even = relit(even, background, behind, bodies)
         return np.asarray(even.round().clip(0, 255), dtype=np.uint8)
+
+
+def relit(
+    even: NDArray[np.floating], background: Image, behind: NDArray[np.float32], bodies: int
+) -> NDArray[np.floating]:
+    """Take the shadows out of an image (H, W, 3): pixels on the edge of a body get the light that they miss."""
+    seen = smoothed(even)
+    shadow = ndimage.binary_opening(shaded(seen, behind), iterations=2)
+    dark = ndimage.binary_dilation(shadow, iterations=UNLIT) & shaded_softly(seen, behind)
+    try:
+        mixture = Mixture(even, background, np.asarray(silhouettes(even, background, bodies).any(0)))
+    except ValueError:
+        return np.where(dark[..., None], background, even)
+    lit = even + mixture.missing[..., None] * background
+    return np.where(mixture.edge[..., None], lit, np.where((dark & (mixture.body == 0))[..., None], background, even))
 
 
 def shaded_softly(seen: NDArray[np.float32], behind: NDArray[np.float32]) -> NDArray[np.bool_]:
     """Find what may be the soft edge of a shadow, (H, W): nearly the background, alike in all colours."""
-    share = (seen + 1) / (behind + 1)
-    return np.asarray((share.max(-1) < 1.03) & (np.ptp(share, -1) < 0.1))
+    low, high = extremes((seen + 1) / (behind + 1))
+    return np.asarray((high < 1.03) & (high - low < 0.1))
 
 
 def has_shadows(first: Image, mask: NDArray[np.bool_], background: Image) -> bool:

@@ -9,15 +9,14 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from physid.data.importers.video.films import Image
+from physid.data.importers.video.shadows import OUTSIDE, SMOOTHING, Mixture, extremes, shaded, smoothed
 
 MEDIAN = 1.4826  # deviation of a normal variable over its median magnitude
 CLEAR = 6.0
 """Standard deviations of the noise, after smoothing, that make a pixel differ from the background."""
 LEAST_CLEAR = 6.0
 """Grey levels that it has to differ by in any case: compression leaves patterns that no noise level knows."""
-SMOOTHING, FINE, REACH = 1.5, 0.7, 4  # [px]: for telling bodies from noise, for their edges, and how far these reach
-SHADE, GREYER = (0.25, 0.97), 0.08
-"""A shadow leaves such a share of the light, alike in all colours: their shares differ by so much at most."""
+FINE, REACH = 0.7, 4  # [px]: smoothing for the edges of bodies, and how far these reach
 LEAST_AREA = 30  # pixels of a body
 AGAIN, AROUND = 2, 20
 """How often the background is found anew without the bodies, and the pixels around them that are left out, for their
@@ -68,37 +67,13 @@ def _median(images: list[NDArray[np.float32]], hidden: list[NDArray[np.bool_]]) 
 
 def gain_of(image: NDArray[np.generic], background: NDArray[np.generic]) -> float:
     """Return how much brighter an image is than the background: the median ratio, which bodies do not move."""
-    behind = np.asarray(background, dtype=np.float32).max(-1)
+    behind = extremes(np.asarray(background, dtype=np.float32))[1]
     bright = behind > max(float(np.median(behind)) / 2, 1.0)
-    return float(np.median(np.asarray(image, dtype=np.float32).max(-1)[bright] / behind[bright])) or 1.0
-
-
-def noise_of(image: Image, background: NDArray[np.generic]) -> float:
-    """Return the standard deviation of a colour [grey levels] where the image shows the background."""
-    apart = image / gain_of(image, background) - np.asarray(background, dtype=np.float32)
-    return MEDIAN * float(np.median(np.abs(apart)))
-
-
-def smoothed(image: NDArray[np.generic], width: float = SMOOTHING) -> NDArray[np.float32]:
-    """Blur an image (H, W, 3) by so much that noise and patterns of compression are small beside shadows and bodies."""
-    return np.asarray(ndimage.gaussian_filter(np.asarray(image, dtype=np.float32), (width, width, 0)))
-
-
-def shaded(seen: NDArray[np.float32], behind: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """Find shadows, (H, W): the background with less light, alike in all colours.
-
-    Args:
-        seen: The frame, its gain taken out, smoothed.
-        behind: The background, smoothed.
-    """
-    share = (seen + 1) / (behind + 1)
-    return np.asarray((share.min(-1) > SHADE[0]) & (share.max(-1) < SHADE[1]) & (np.ptp(share, -1) < GREYER))
+    return float(np.median(extremes(np.asarray(image, dtype=np.float32))[1][bright] / behind[bright])) or 1.0
 
 
 def find_bodies(image: Image, background: NDArray[np.generic], count: int) -> NDArray[np.bool_]:
     """Find the bodies of an image by their difference from the background; shadows are left out.
-
-    The silhouette of a box is convex, so that a part which looks like the background is filled in.
 
     Args:
         image: The frame, shape (H, W, 3).
@@ -111,10 +86,36 @@ def find_bodies(image: Image, background: NDArray[np.generic], count: int) -> ND
     Raises:
         ValueError: If fewer are found.
     """
-    seen, behind = smoothed(image / gain_of(image, background)), smoothed(background)
+    even = image / gain_of(image, background)
+    found = silhouettes(even, background, count)
+    mask = Mixture(even, background, np.asarray(found.any(0))).mask
+    return np.stack([mask & ndimage.binary_dilation(one, iterations=OUTSIDE) for one in found])
+
+
+def silhouettes(even: NDArray[np.generic], background: NDArray[np.generic], count: int) -> NDArray[np.bool_]:
+    """Find about where the bodies are: beside a shadow, up to two pixels too wide.
+
+    The silhouette of a box is convex, so that a part which looks like the background is filled in.
+
+    Args:
+        even: The frame, its gain taken out, shape (H, W, 3).
+        background: The empty scene, shape (H, W, 3).
+        count: How many bodies there are.
+
+    Returns:
+        Masks (N, H, W), the largest body first.
+
+    Raises:
+        ValueError: If fewer are found.
+    """
+    seen, behind = smoothed(even), smoothed(background)
     # White noise that is smoothed so keeps this share of its deviation.
-    noise = noise_of(image, background) / (2 * np.sqrt(np.pi) * SMOOTHING)
-    apart = np.abs(seen - behind).max(-1) > max(CLEAR * noise, LEAST_CLEAR)
+    noise = (
+        MEDIAN
+        * float(np.median(np.abs(np.asarray(even, dtype=np.float32) - np.asarray(background, dtype=np.float32))))
+        / (2 * np.sqrt(np.pi) * SMOOTHING)
+    )
+    apart = extremes(np.abs(seen - behind))[1] > max(CLEAR * noise, LEAST_CLEAR)
     body = ndimage.binary_opening(apart & ~shaded(seen, behind), iterations=2)
     labels, found = ndimage.label(ndimage.binary_closing(body, iterations=3))
     areas = ndimage.sum_labels(np.ones_like(labels), labels, np.arange(1, found + 1)) if found else np.zeros(0)
@@ -125,17 +126,17 @@ def find_bodies(image: Image, background: NDArray[np.generic], count: int) -> ND
             f"{int((np.asarray(areas) >= LEAST_AREA).sum())}; begin the film with every body in view and apart, and "
             "name an image of the empty scene (background=empty.png) where a body rests for most of the film"
         )
-    edged = _edged(image, background)
+    edged = _edged(even, background)
     return np.stack([_hull((labels == label + 1) & edged) for label in order])
 
 
-def _edged(image: Image, background: NDArray[np.generic]) -> NDArray[np.bool_]:
+def _edged(even: NDArray[np.generic], background: NDArray[np.generic]) -> NDArray[np.bool_]:
     """Return which pixels differ by more than half of what their neighbours do, (H, W): edges are where they are.
 
     A fixed threshold of blurred differences would make bodies of high contrast two pixels wider than they are.
     """
-    seen, behind = smoothed(image / gain_of(image, background), FINE), smoothed(background, FINE)
-    apart = np.where(shaded(seen, behind), 0, np.abs(seen - behind).max(-1))
+    seen, behind = smoothed(even, FINE), smoothed(background, FINE)
+    apart = np.where(shaded(seen, behind), 0, extremes(np.abs(seen - behind))[1])
     return np.asarray(apart > ndimage.maximum_filter(apart, 2 * REACH + 1) / 2)
 
 
