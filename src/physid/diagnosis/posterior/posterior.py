@@ -6,9 +6,10 @@ import math
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
+from annotated_types import Ge, Lt
 from numpy.typing import NDArray
 
 from physid.diagnosis.document.evidence import NONE, OTHER, UNKNOWN, Evidence
@@ -60,22 +61,23 @@ class Posterior:
 
     Attributes:
         coefficients: Of the utilities.
+        rest: Probability that is spread over all causes alike.
         sets: Recording sets that it was trained on.
     """
 
     __pydantic_config__: ClassVar[Any] = CLOSED
     coefficients: Coefficients
+    rest: Annotated[float, Ge(0), Lt(1)]
     sets: int
 
     def probabilities(self, evidence: Evidence) -> dict[str, float]:
         """Return the probability of each cause, the most probable first.
 
-        p = (1 - e) exp(u) / sum exp(u) + e / m, with m causes and e = 1 / (n + 2) for n training sets: however clear
-        the evidence is, so many sets cannot show more (Laplace's rule of succession).
+        p = (1 - e) exp(u) / sum exp(u) + e / m, with m causes and e the rest: however clear the evidence is, something
+        that it does not show may be the cause.
         """
         found = softmax(features(evidence) @ self.coefficients.vector())
-        rest = 1 / (self.sets + 2)
-        values = ((1 - rest) * found + rest / len(found)).tolist()
+        values = ((1 - self.rest) * found + self.rest / len(found)).tolist()
         return dict(sorted(zip(causes(evidence), values, strict=True), key=lambda one: -one[1]))
 
 

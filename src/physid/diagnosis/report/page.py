@@ -19,6 +19,7 @@ from physid.diagnosis.document.sentences import (
 )
 from physid.diagnosis.report.contents import Curve, Film, ReportData, TimeMap
 from physid.diagnosis.report.drawings import LINES, closing, error_curves, error_levels, sizes, time_map
+from physid.diagnosis.settings.conclusion import GapSettings
 from physid.pages.numbers import capital, figure, join, p_value, percent, words
 from physid.pages.templates import data_uri
 from physid.pages.templates import render as render_page
@@ -29,7 +30,6 @@ REPORT = "report.html"
 MOST_BYTES = 16_000_000  # of one film; a page beyond this does not open well on a phone
 MOST_LISTED = 2  # further members of a group that the answers name
 MOST_RANKED = 10
-NO_GAP = 1.02  # floors, below which an error leaves no gap to cut
 MASS = 0.9  # probability of the causes that are listed
 CAUSES = {
     "none": "no effect",
@@ -137,9 +137,10 @@ def _cut(said: Diagnosis, data: ReportData, split: Split) -> list[tuple[str, flo
     Where no effect is blamed, a free residual wrench stands for what a better law of motion could close.
     """
     error, floor = said.errors(split), said.gap.floor
+    no_gap = said.settings.get("gap", {}).get("no_gap", GapSettings().no_gap)
     closed_by = [(words(name), share) for name, share in said.shrink.parts.get(split, {}).items()]
     wrench = data.residual_wrench.get(split)
-    if said.verdict == "unknown" and error is not None and wrench is not None and error.before > NO_GAP * floor:
+    if said.verdict == "unknown" and error is not None and wrench is not None and error.before > no_gap * floor:
         closed_by = [("a free force and torque", (error.before - wrench) / (error.before - floor))]
     if not closed_by:
         return []
