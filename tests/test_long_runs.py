@@ -1,0 +1,78 @@
+"""What runs for hours: memory, open files and threads stay what they were."""
+
+from __future__ import annotations
+
+import gc
+import os
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.stats import theilslopes
+
+from physid.cli import main
+from physid.training.callbacks.parameter_history import ParameterHistory
+
+CONFIG = "sysid/push_friction"
+EPOCHS, WARM = 60, 20
+"""Caches fill and the allocator settles in the first epochs."""
+GROWTH = 10e3
+"""[bytes] for each epoch: 36 MB in an hour of epochs of a second. Losing one (8, 120, 13) trajectory would be 100e3."""
+
+
+def held() -> tuple[int, int, int]:
+    """Return resident memory [bytes], open files and threads of this process."""
+    gc.collect()
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE"), len(os.listdir("/proc/self/fd")), threading.active_count()
+
+
+def slope(series: list[tuple[int, int, int]]) -> tuple[float, int, int]:
+    """Return the growth of memory at each step [bytes] (Theil-Sen, deaf to single jumps), of files and of threads."""
+    memory, files, threads = np.array(series).T
+    return float(theilslopes(memory)[0]), int(files[-1] - files[0]), int(threads[-1] - threads[0])
+
+
+@pytest.mark.slow
+def test_the_slope_sees_a_leak_of_one_trajectory_at_each_step() -> None:
+    kept, series = [], []
+    for _ in range(60):
+        kept.append(np.ones(12_480))  # (8, 120, 13) numbers
+        series.append(held())
+    assert slope(series)[0] > 5 * GROWTH
+
+
+@pytest.mark.slow
+def test_epochs_leave_nothing_behind(
+    recordings: Callable[[str], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    series: list[tuple[int, int, int]] = []
+    usual = ParameterHistory.on_train_epoch_end
+
+    def measured(self: ParameterHistory, *words: Any) -> None:
+        usual(self, *words)
+        series.append(held())
+
+    monkeypatch.setattr(ParameterHistory, "on_train_epoch_end", measured)
+    words = ["fit", "--config", CONFIG, f"--run-dir={tmp_path / 'run'}", f"data.folder={recordings('push')}"]
+    descent = ["model.optimizer.class_path=torch.optim.SGD", "model.optimizer.lr=1e-9", "trainer.callbacks=[]"]
+    assert main([*words, f"trainer.max_epochs={EPOCHS}", *descent]) == 0
+    assert len(series) == EPOCHS
+    growth, files, threads = slope(series[WARM:])
+    assert growth < GROWTH
+    assert (files, threads) == (0, 0)
+
+
+@pytest.mark.slow
+def test_fits_in_one_process_leave_nothing_behind(recordings: Callable[[str], Path], tmp_path: Path) -> None:
+    series = []
+    for number in range(8):
+        words = ["fit", "--config", CONFIG, f"--run-dir={tmp_path / str(number)}", f"data.folder={recordings('push')}"]
+        assert main([*words, "trainer.max_epochs=1"]) == 0
+        series.append(held())
+    growth, files, threads = slope(series[3:])
+    assert growth < 100 * GROWTH
+    assert (files, threads) == (0, 0)
