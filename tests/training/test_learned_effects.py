@@ -3,16 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import json
-from pathlib import Path
 
 import pytest
 import torch
 from tests.training.pushed import SCENE, push_batch
 
-from physid.cli import main
-from physid.data.generation.generate import generate
-from physid.data.generation.settings import GenerateConfig, Noise
 from physid.estimation.prediction import NominalModel, Predictor, Variants
 from physid.physics.state import State
 from physid.training.identifiability.identifiability import Identifiability
@@ -98,28 +93,3 @@ def test_two_parameters_that_do_nearly_the_same_are_named_together(learn: list[s
     assert [pair[:2] for pair in Identifiability((learn[0], learn[1]), slopes @ slopes.T).alike()] == [
         (learn[0], learn[1])
     ] * alike
-
-
-CASES = {
-    "drag": ({"viscous_drag": {"coefficient": 0.6}}, ["viscous_drag.coefficient"]),
-    "no drag": ({}, ["viscous_drag.coefficient"]),
-    "centre of mass": ({"com_offset": {"x": 0.012, "y": -0.008}}, ["com_offset.x", "com_offset.y"]),
-}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("simulator", ["mujoco", "pybullet"])
-@pytest.mark.parametrize("case", CASES)
-def test_intervals_of_learned_effects_hold_the_truth(case: str, simulator: str, tmp_path: Path) -> None:
-    effects, learn = CASES[case]
-    config = GenerateConfig(
-        "push", simulator=simulator, protocol="rich", trajectories=8, steps=60, frame_rate=60, video=False,
-        unknown=("block.friction",), split={"train": 1}, effects=effects, noise=Noise(2e-4, 1e-3), seed=3,
-    )  # fmt: skip
-    generate(config, tmp_path / "set", 1, quiet=True)
-    words = [f"model.learn={json.dumps(['block.friction', *learn])}", "model.engine.substeps=8"]
-    assert main(["fit", str(tmp_path / "set"), "--run-dir", str(tmp_path / "run"), "wandb=disabled", *words]) == 0
-    figures = json.loads((tmp_path / "run" / "metrics.json").read_text())
-    for name in ("block.friction", *learn):
-        low, high = figures[f"params/{name}/low"], figures[f"params/{name}/high"]
-        assert low <= figures[f"params/{name}/true"] <= high, name
