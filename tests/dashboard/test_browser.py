@@ -16,7 +16,7 @@ from physid.dashboard.page import write_dashboard
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 PLAYED = 0.2  # [s]
 WATCH = """async film => {
-  await new Promise(resolve => setTimeout(resolve, 600));
+  await new Promise(resolve => setTimeout(resolve, 1500));
   return film.currentTime;
 }"""
 PHONE = {"width": 390, "height": 844}

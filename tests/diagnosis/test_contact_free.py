@@ -51,7 +51,7 @@ def test_contact_free_segments_count_alone_without_frames_that_a_late_camera_tak
     part = contact_free(whole, torch.Generator().manual_seed(0))
     assert part is not None
     segments, kept = (
-        Segmentation.around(whole.events, whole.settings.segments.contact_free.rule),
+        Segmentation.around(whole.events, whole.settings.segments.contact_free),
         part.experiment.predictor.segments,
     )
     assert bool(segments.contact.any())

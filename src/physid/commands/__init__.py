@@ -5,11 +5,10 @@ from physid.commands.command import Command
 from physid.commands.completion import completion, configs
 from physid.commands.diagnoses import diagnose
 from physid.commands.films import calibrate, track
-from physid.commands.fits import fit, predict, test, validate
+from physid.commands.fits import fit, predict, sample, test, validate
 from physid.commands.imports import check, import_, show
 from physid.commands.overviews import dashboard, reproduce
 from physid.commands.recordings import effects, generate, identifiability
-from physid.commands.samples import sample
 
 __all__ = ["COMMANDS", "Command"]
 

@@ -30,7 +30,7 @@ REVIEWS = (2, 6)
 """Epochs before which steps are chosen: when parameters have come near."""
 NEAR = 0.25
 """Standard errors by which parameters may differ from those at which steps were chosen last."""
-MOST_REVIEWS = 8
+MOST_REVIEWS = 6
 """After so many choices a fit may end as it is; what its steps leave is in the intervals."""
 NANO = 1e-9
 Key = tuple[int, int, int]
