@@ -175,8 +175,8 @@ def run(target: Target, chosen: argparse.Namespace, seconds: float) -> None:
         if chosen.guided:
             import atheris
 
-            told = contextlib.redirect_stderr(io.StringIO())  # each module's name
-            with told, atheris.instrument_imports(include=["physid", "yaml", "omegaconf"]):
+            silenced = contextlib.redirect_stderr(io.StringIO())  # each module's name
+            with silenced, atheris.instrument_imports(include=["physid", "yaml", "omegaconf"]):
                 import_all()
             by_coverage(target, chosen, tally, time.monotonic() + seconds, done)
         import_all()

@@ -128,7 +128,7 @@ def mutant(text: str, number: int) -> tuple[str, str]:
 
 
 def survives(module: Path, source: str | None, suite: tuple[str, ...], limit: float) -> tuple[bool, float]:
-    """Run a module's tests against a changed source in a process of its own; tells also how long [s] it took."""
+    """Run a module's tests against a changed source in a process of its own; returns also how long [s] it took."""
     start = time.monotonic()
     process = os.fork()
     if not process:

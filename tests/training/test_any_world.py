@@ -28,6 +28,13 @@ LARGE = 3.0  # half widths of an interval: a miss is no surprise, three of them 
 quiet = pytest.mark.filterwarnings("ignore::UserWarning")  # Lightning's, about loaders
 
 
+def trainer_in(folder: Path, epochs: int = 30) -> L.Trainer:
+    return L.Trainer(
+        max_epochs=epochs, accelerator="cpu", default_root_dir=folder, enable_checkpointing=False, logger=False,
+        enable_progress_bar=False, enable_model_summary=False, callbacks=[Converged()],
+    )  # fmt: skip
+
+
 def jittered(frames: int = 40, seed: int = 0) -> Recording:
     """Return a log whose stamps wander, with a frame missing and one in which the body was not seen."""
     known = recording(frames, seed)
@@ -140,10 +147,7 @@ def test_friction_and_mass_are_found_from_closed_forms_with_jitter_and_gaps(rate
         force_rate=100.0,
     )  # fmt: skip
     generate(config, tmp_path, quiet=True)
-    trainer = L.Trainer(
-        max_epochs=30, accelerator="cpu", default_root_dir=tmp_path, enable_checkpointing=False, logger=False,
-        enable_progress_bar=False, enable_model_summary=False, callbacks=[Converged()],
-    )  # fmt: skip
+    trainer = trainer_in(tmp_path)
     module = SysID()
     trainer.fit(module, RecordingsDataModule(tmp_path, shuffle=False))
     figures = {name: float(value) for name, value in trainer.callback_metrics.items()}
@@ -174,10 +178,7 @@ def test_bounces_are_explained_from_first_guesses_that_are_far_off(far: float, t
         split={"train": 1}, unknown=tuple(true), noise=Noise(2e-4, 2e-3), jitter=0.2, missing=0.1,
     )  # fmt: skip
     generate(config, tmp_path, quiet=True)
-    trainer = L.Trainer(
-        max_epochs=30, accelerator="cpu", default_root_dir=tmp_path, enable_checkpointing=False, logger=False,
-        enable_progress_bar=False, enable_model_summary=False, callbacks=[Converged()],
-    )  # fmt: skip
+    trainer = trainer_in(tmp_path)
     module = SysID(values={name: far * value for name, value in true.items()})
     trainer.fit(module, RecordingsDataModule(tmp_path, shuffle=False))
     figures = {name: float(value) for name, value in trainer.callback_metrics.items()}
@@ -191,9 +192,6 @@ def test_bounces_are_explained_from_first_guesses_that_are_far_off(far: float, t
 def test_a_fit_of_no_epoch_ends_well_and_leaves_no_history(tmp_path: Path) -> None:
     config = GenerateConfig("push", trajectories=2, steps=20, video=False, split={"train": 1}, unknown=("block.mass",))
     generate(config, tmp_path / "set", quiet=True)
-    trainer = L.Trainer(
-        max_epochs=0, accelerator="cpu", default_root_dir=tmp_path, enable_checkpointing=False, logger=False,
-        enable_progress_bar=False, enable_model_summary=False,
-    )  # fmt: skip
+    trainer = trainer_in(tmp_path, epochs=0)
     trainer.fit(SysID(), RecordingsDataModule(tmp_path / "set", shuffle=False))
     assert not (tmp_path / "parameters.csv").exists()

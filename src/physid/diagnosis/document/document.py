@@ -197,12 +197,12 @@ class Diagnosis:
 
     Attributes:
         format: Name of the format; version: its version; verdict: what is said of the gap.
-        effects: What is blamed; group: effects that cannot be told apart, the blamed ones included.
+        effects: What is blamed; group: effects that cannot be distinguished, the blamed ones included.
         confidence: Calibrated probability that the verdict is right: that of the causes that it allows, together.
         ranking: The candidates, best first.
         where: Where the gap lies.
         gap: Errors before and after; shrink: the share of the gap that closes.
-        parameters: The unknown parameters by name; next_experiment: what would tell a group apart.
+        parameters: The unknown parameters by name; next_experiment: what would distinguish the members of a group.
         minor: What was significant and is not blamed.
         detectable: Which size of each effect, beside those blamed, would have been found.
         settings: What decided: thresholds by section and name; empty where the file does not say.

@@ -124,6 +124,11 @@ def how_far_sentence(diagnosis: Diagnosis, split: Split) -> str:
     return text if error.after is None else f"{text}, too near to the floor for a share"
 
 
+def decided(said: Diagnosis, section: str, name: str, default: float) -> float:
+    """Return a setting that decided; the default where an older file does not say."""
+    return float(said.settings.get(section, {}).get(name, default))
+
+
 def closed(said: Diagnosis, split: Split) -> tuple[str, str] | None:
     """Say which share of the gap is closed on a split, and its interval; no more than all where the floor is not sure.
 
@@ -134,7 +139,7 @@ def closed(said: Diagnosis, split: Split) -> tuple[str, str] | None:
         return None
     if share.low is None or share.high is None:
         return percent(share.value), "too few trajectories for an interval"
-    if share.high > said.settings.get("gap", {}).get("most_closed", GapSettings().most_closed):
+    if share.high > decided(said, "gap", "most_closed", GapSettings().most_closed):
         return percent(min(share.value, 1.0)), f"at least {percent(min(share.low, 1.0))}"
     low, high = percent(share.low), percent(share.high)
     if low == high:

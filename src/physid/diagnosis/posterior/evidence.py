@@ -15,8 +15,8 @@ from physid.diagnosis.document.document import FILE, Diagnosis, read_diagnosis
 from physid.diagnosis.document.evidence import Evidence, hypothesis
 from physid.diagnosis.inputs import Observations, load_observations
 from physid.diagnosis.posterior.posterior import confidence, shipped
+from physid.diagnosis.reference.nominal_fit import inliers
 from physid.diagnosis.settings.settings import Settings
-from physid.estimation.measurement import outlier_poses
 
 
 def with_probabilities(document: Diagnosis, observations: Observations, settings: Settings) -> Diagnosis:
@@ -36,13 +36,13 @@ def evidence_of(document: Diagnosis, observations: Observations, settings: Setti
     """Collect what the probabilities of causes follow from.
 
     Args:
-        document: The diagnosis; its probabilities are not looked at.
+        document: The diagnosis; its probabilities are not used.
         observations: What was diagnosed.
         settings: How many hypotheses are listed, and what a tie is.
     """
     floor = document.gap.floor
     beyond = math.sqrt(max(document.gap.same.before**2 - floor**2, 0.0))
-    present = observations.present * ~outlier_poses(observations.pose, observations.present)
+    present = inliers(observations, settings.noise)
     group = [hypothesis(names) for names in combinations(document.group, len(document.blamed))]
     return Evidence(
         said=tuple(group) if document.blamed else (document.verdict,),

@@ -11,6 +11,7 @@ from physid.diagnosis.document.sentences import (
     caveat,
     cell_share,
     closed,
+    decided,
     explained,
     how_far_sentence,
     undetectable,
@@ -19,7 +20,7 @@ from physid.diagnosis.document.sentences import (
 )
 from physid.diagnosis.report.contents import Curve, Film, ReportData, TimeMap
 from physid.diagnosis.report.drawings import LINES, closing, error_curves, error_levels, sizes, time_map
-from physid.diagnosis.settings.conclusion import GapSettings
+from physid.diagnosis.settings.conclusion import GapSettings, PosteriorSettings
 from physid.pages.numbers import capital, figure, join, p_value, percent, words
 from physid.pages.templates import data_uri
 from physid.pages.templates import render as render_page
@@ -30,7 +31,6 @@ REPORT = "report.html"
 MOST_BYTES = 16_000_000  # of one film; a page beyond this does not open well on a phone
 MOST_LISTED = 2  # further members of a group that the answers name
 MOST_RANKED = 10
-MASS = 0.9  # probability of the causes that are listed
 CAUSES = {
     "none": "no effect",
     "other": "another effect of the catalogue",
@@ -137,7 +137,7 @@ def _cut(said: Diagnosis, data: ReportData, split: Split) -> list[tuple[str, flo
     Where no effect is blamed, a free residual wrench stands for what a better law of motion could close.
     """
     error, floor = said.errors(split), said.gap.floor
-    no_gap = said.settings.get("gap", {}).get("no_gap", GapSettings().no_gap)
+    no_gap = decided(said, "gap", "no_gap", GapSettings().no_gap)
     closed_by = [(words(name), share) for name, share in said.shrink.parts.get(split, {}).items()]
     wrench = data.residual_wrench.get(split)
     if said.verdict == "unknown" and error is not None and wrench is not None and error.before > no_gap * floor:
@@ -150,10 +150,11 @@ def _cut(said: Diagnosis, data: ReportData, split: Split) -> list[tuple[str, flo
 
 
 def _causes(said: Diagnosis) -> list[tuple[str, float, bool]]:
-    """List the fewest causes with 90 % of the probability: name, probability, whether the verdict allows it."""
+    """List the fewest causes that make up a probability: name, probability, whether the verdict allows it."""
+    mass = decided(said, "posterior", "mass", PosteriorSettings().mass)
     listed: list[tuple[str, float, bool]] = []
     for name, probability in said.causes.items():
-        if sum(each for _, each, _ in listed) < MASS:
+        if sum(each for _, each, _ in listed) < mass:
             allowed = said.evidence is not None and name in said.evidence.said
             listed.append((CAUSES.get(name) or words(name), probability, allowed))
     return listed

@@ -9,6 +9,7 @@ from physid.setting import Section, setting
 class PosteriorSettings(Section):
     """How probable each cause is; the coefficients are in physid/diagnosis/posterior/coefficients.yaml."""
 
+    mass: float = setting(0.9, "-", "probability of the fewest causes that a report lists", gt=0, lt=1)
     listed: int = setting(8, "hypotheses", "first ones of the ranking that have a probability of their own", ge=1)
 
 

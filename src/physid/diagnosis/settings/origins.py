@@ -1,4 +1,4 @@
 """Where settings were calibrated, as several of them say it."""
 
-HITS = "decision 0012, calibration bank 607"
+IMPACTS = "decision 0012, calibration bank 607"
 FLIGHTS = "decision 0011, calibration bank 607"

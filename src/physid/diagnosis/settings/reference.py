@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from physid.diagnosis.settings.origins import HITS
+from physid.diagnosis.settings.origins import IMPACTS
 from physid.estimation.prediction import CutRule
 from physid.setting import Section, setting
 
@@ -73,6 +73,6 @@ class NullDistributionSettings(Section):
     """What chance gives effects."""
 
     bad: float = setting(
-        2.0, "noise variances", "mean squared residual that the numerics of an impact do not explain", HITS, gt=0
+        2.0, "noise variances", "mean squared residual that the numerics of an impact do not explain", IMPACTS, gt=0
     )
-    random_signs: bool = setting(True, "", "whether impacts that fit badly take random signs (wild bootstrap)", HITS)
+    random_signs: bool = setting(True, "", "whether impacts that fit badly take random signs (wild bootstrap)", IMPACTS)

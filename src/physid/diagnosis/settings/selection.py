@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from physid.diagnosis.settings.origins import FLIGHTS, HITS
+from physid.diagnosis.settings.origins import FLIGHTS, IMPACTS
 from physid.setting import Section, setting
 
 
@@ -42,14 +42,14 @@ class AttributionSettings(Section):
         6, "effects", "fitted again from finite sizes where the best leaves a gap; 0 for none", FLIGHTS, ge=0
     )
     at_impacts: int = setting(
-        3, "effects", "tried beside one that contact-free segments showed; 0 for none", HITS, ge=0
+        3, "effects", "tried beside one that contact-free segments showed; 0 for none", IMPACTS, ge=0
     )
 
 
 class EvidenceSettings(Section):
     """Which evidence is enough."""
 
-    alpha: float = setting(0.02, "-", "how often null simulations are called suspicious", HITS, gt=0, lt=1)
+    alpha: float = setting(0.02, "-", "how often null simulations are called suspicious", IMPACTS, gt=0, lt=1)
     clear: float = setting(2.5, "standard errors", "by which a prediction must be worse to be told apart", gt=0)
     least: float = setting(12.0, "squared residuals", "by which a prediction must be better at least", gt=0)
     same: float = setting(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from physid.diagnosis.settings.origins import HITS
+from physid.diagnosis.settings.origins import IMPACTS
 from physid.setting import Section, setting
 
 TAILS = "decision 0013, opened bank 1414"
@@ -14,14 +14,14 @@ class ScoreTestSettings(Section):
     visible: float = setting(
         1.0, "standard deviations", "that a typical size must make in a direction that is tested", gt=0
     )
-    steady: bool = setting(True, "", "whether gains count without the impact that says most for them", HITS)
+    steady: bool = setting(True, "", "whether gains count without the impact that says most for them", IMPACTS)
 
 
 class LackOfFitSettings(Section):
     """What a hypothesis leaves unexplained."""
 
-    margin: float = setting(1.25, "-", "factor by which a gain must exceed those in null simulations", HITS, ge=1)
-    quantile: float = setting(0.99, "share", "of null simulations that a significant gain exceeds", HITS, gt=0, lt=1)
+    margin: float = setting(1.25, "-", "factor by which a gain must exceed those in null simulations", IMPACTS, ge=1)
+    quantile: float = setting(0.99, "share", "of null simulations that a significant gain exceeds", IMPACTS, gt=0, lt=1)
     cell_draws: int = setting(10, "simulations", "every so many null simulations serve for the cells", ge=1)
 
 

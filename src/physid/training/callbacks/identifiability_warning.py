@@ -43,7 +43,7 @@ class IdentifiabilityWarning(L.Callback):
         judged = judge.identifiability(self.noise)
         for one, other, correlation in judged.alike():
             logger.warning(
-                "these recordings hardly tell %s and %s apart (correlation %+.3f): learn one of them, or record other "
+                "these recordings hardly distinguish %s and %s (correlation %+.3f): learn one of them, or record other "
                 "motions", one, other, correlation,
             )  # fmt: skip
         for verdict in judged.verdicts():

@@ -25,8 +25,8 @@ forces redrawn at each step 1.4e-2."""
 OVERLAP = 1e-3
 """Smallest share of a parameter in a direction of which nothing is known that counts."""
 ALIKE = 0.99
-"""Correlation beyond which two estimates are hardly told apart: the deviation of each is 7 times that if the other were
-known."""
+"""Correlation beyond which two estimates are hardly distinguished: the deviation of each is 7 times that if the other
+were known."""
 FAINT = 0.02
 """Smallest exponent in a combination that is written down."""
 
@@ -163,7 +163,7 @@ class Identifiability:
         return {each.name: each.deviation for each in self.verdicts()}
 
     def alike(self) -> list[tuple[str, str, float]]:
-        """Return pairs of parameters, an effect's among them, that are hardly told apart, and their correlation."""
+        """Return pairs of parameters, an effect's among them, that are hardly distinguished, and their correlation."""
         told = self.correlation.tolist()
         return [
             (self.names[i], self.names[j], told[i][j])

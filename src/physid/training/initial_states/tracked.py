@@ -10,7 +10,7 @@ from torch import Tensor
 
 from physid.estimation.least_squares.experiment import Experiment, Fit
 from physid.estimation.least_squares.levenberg_marquardt import NONE, gauss_newton, hardly_gains
-from physid.estimation.least_squares.multi_start import search
+from physid.estimation.least_squares.multi_start import search, try_new_states
 from physid.physics.layer import SolverError
 from physid.training.initial_states.explaining import Explaining, States, started
 from physid.training.initial_states.fitted import FITTING
@@ -48,7 +48,9 @@ class TrackedFit:
 
         Args:
             explaining: Trajectories, model and loss.
-            afresh: Whether badly fitted trajectories are fitted from new guesses as well, to leave a local minimum.
+            afresh: Whether new guesses replace what explains a trajectory worse, and some badly fitted ones are fitted
+                from new guesses as well, to leave a local minimum: a step of the parameters that was too long, and is
+                taken back, leaves the states where it led them.
 
         Returns:
             The fit, linearised there, and how many rollouts of all trajectories that took.
@@ -130,5 +132,5 @@ def _improved(explaining: Explaining, states: States | None, *, afresh: bool) ->
     experiment, point = explaining.begin(states=states)
     held = experiment.with_known_parameters()
     if afresh:
-        point = search(held, held.linearise(point, NONE))
+        point = search(held, held.linearise(try_new_states(held, point), NONE))
     return experiment, gauss_newton(held.replace(settings=FITTING), point, NONE, IMPROVE)

@@ -17,7 +17,7 @@ STEEP = 3.0
 INSIDE, OUTSIDE = 5, 2
 """Pixels inside and outside a rough silhouette from which on a pixel is all body, or all background: the silhouette may
 be two pixels too wide, and films keep colours for every other pixel only."""
-AROUND = 12  # pixels beside a silhouette that are looked at
+AROUND = 12  # pixels beside a silhouette that are inspected
 STEADY = 0.01
 """Weight of the light around a pixel against the colours in it, where the body has the background's colour."""
 
