@@ -107,6 +107,8 @@ HOMES = {
     "pybullet": ("simulators/bullet/",),
     "mujoco": ("simulators/mujoco/",),
     "cv2": ("data/importers/video/",),
+    "rosbags": ("data/importers/tables/bags.py",),
+    "pyarrow": ("data/importers/tables/episodes.py",),
     "h5py": ("data/",),
     "lightning": ("data/batches/datamodule.py", "training/"),
     "wandb": ("training/",),

@@ -53,7 +53,7 @@ def test_a_dash_brings_the_options_of_the_command_and_no_others(script: str) -> 
     [
         (["effects", "--site", ""], {"actuation", "dynamics", "contact", "perception"}),
         (["generate", "--backend", "d"], {"dask"}),
-        (["import", ""], {"csv", "npz", "mp4", "cube-tosses"}),
+        (["import", ""], {"csv", "npz", "mcap", "rosbag", "lerobot", "mp4", "cube-tosses"}),
         (["benchmark", "diagnosis", "s"], {"seal", "score"}),
     ],
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -166,6 +167,18 @@ MISTAKES: list[tuple[str, dict[str, Any], dict[str, Any], str]] = [
         {**dict.fromkeys(GOOD), "bodies": 3, "time": "t"},
         "bodies: expected a list, found",
     ),
+    (
+        "angles of joints for a position",
+        {f"joint[{n}]": COLUMNS["x"] for n in range(6)},
+        {"position": ["joint"]},
+        r"expected 3 columns for joint, found 6: joint\[0\], .* list the 3 .* not angles of joints",
+    ),
+    (
+        "bodies on several clocks and no column of stamps",
+        {},
+        {"time": None, "rate": 100, "clock": "t"},
+        "expected time",
+    ),
     ("constants only", {}, {"position": [0.0, 0.0, 0.0]}, "expected a column among .* found constants only"),
 ]
 
@@ -271,6 +284,28 @@ def test_a_mistake_on_the_command_line_ends_in_one_line(
     assert {one.name for one in tmp_path.iterdir()} == {"empty", "log.csv", "broken.yaml"}
 
 
+@pytest.mark.parametrize(
+    ("name", "module", "message"),
+    [
+        ("run.mcap", "rosbags.highlevel", "need rosbags, which is not installed: pip install 'physid[mcap]'"),
+        ("run.bag", "rosbags.highlevel", "need rosbags, which is not installed: pip install 'physid[mcap]'"),
+        ("run.parquet", "pyarrow.parquet", "need pyarrow, which is not installed: pip install 'physid[lerobot]'"),
+    ],
+)
+def test_a_reader_that_is_not_installed_is_named_with_its_extra(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    name: str,
+    module: str,
+    message: str,
+) -> None:
+    (tmp_path / name).write_bytes(b"anything")
+    monkeypatch.setitem(sys.modules, module, None)
+    assert main(["import", str(tmp_path / name), "--guess"]) == 2
+    assert message in capsys.readouterr().err
+
+
 def test_an_archive_that_declares_more_than_it_holds_is_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "log.npz", t=np.arange(9.0))
     with zipfile.ZipFile(tmp_path / "log.npz") as packed:
@@ -323,6 +358,31 @@ def test_names_of_many_kinds_are_guessed(tmp_path: Path, names: list[str], scale
     assert line in said
     assert "orientation: none" in said
     assert "lines are not sure" in said
+
+
+def test_bodies_are_guessed_by_what_their_names_begin_with(tmp_path: Path) -> None:
+    names = [f"{body}_{one}" for body in ("cup", "lid") for one in ("x", "y", "z", "qw", "qx", "qy", "qz")]
+    x, y, z, w = TRUTH.turn.as_quat().T
+    log = write_csv(tmp_path / "log.csv", ["t", *names], [TRUTH.time, *(2 * [*TRUTH.place.T, w, x, y, z])])
+    said = guess_mapping(log)
+    assert "order:" not in said, "the names tell it"
+    text = said.replace("[FILL_IN, FILL_IN, FILL_IN]", "[0.1, 0.1, 0.1]").replace("FILL_IN", "0.5")
+    (tmp_path / "map.yaml").write_text(text.replace("axes: ", "axes: z-up #"))
+    done = import_logs([log], read_mapping(tmp_path / "map.yaml"), tmp_path / "out")
+    one = RecordingSet(done.folder)
+    assert [body.name for body in one.scene.bodies] == ["cup", "lid"]
+    pose = one.read(0).pose
+    assert pose is not None
+    assert np.allclose(pose[:, 1, :3], TRUTH.place)
+    assert np.allclose(np.abs((pose[:, 1, 3:] * TRUTH.turn.as_quat()).sum(1)), 1)
+
+
+def test_an_array_of_seven_numbers_is_guessed_as_a_pose(tmp_path: Path) -> None:
+    np.savez(tmp_path / "log.npz", t=TRUTH.time, pose=np.concatenate([TRUTH.place, TRUTH.turn.as_quat()], 1))
+    said = guess_mapping(tmp_path / "log.npz")
+    assert 'position: ["pose[0]", "pose[1]", "pose[2]"]' in said
+    assert 'quaternion: ["pose[3]", "pose[4]", "pose[5]", "pose[6]"]' in said
+    assert "order: xyzw" in said
 
 
 def test_a_mapping_is_guessed_from_a_log_of_a_single_row(tmp_path: Path) -> None:

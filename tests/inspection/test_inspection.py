@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -272,3 +273,11 @@ def test_the_noise_is_told_whatever_frames_are_lost_or_wild(tmp_path: Path) -> N
     assert noise.position == pytest.approx(NOISE, rel=0.05)
     assert noise.rotation == pytest.approx(2 * NOISE, rel=0.05)
     assert "too little to tell" in inspect(RecordingSet(write_set(tmp_path, short, scene))).text()
+
+
+def test_the_energy_of_several_bodies_is_theirs_together(tmp_path: Path) -> None:
+    scene, recordings = recorded("collide")
+    report = inspect(RecordingSet(write_set(tmp_path, list(recordings), scene)))
+    said = next(what for name, what in report.facts if name == "energy")
+    first, last, most = (float(one) for one in re.findall(r"([\d.e+-]+) J", said))
+    assert most >= max(first, last)

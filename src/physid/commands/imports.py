@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Literal
 if TYPE_CHECKING:
     from physid.data.importers.sets import Imported
 
-KINDS = ("csv", "npz", "mp4", "cube-tosses")
+KINDS = ("csv", "npz", "mcap", "rosbag", "lerobot", "mp4", "cube-tosses")
 
 
 def import_(
-    kind: Literal["csv", "npz", "mp4", "cube-tosses"] | str,
+    kind: Literal["csv", "npz", "mcap", "rosbag", "lerobot", "mp4", "cube-tosses"] | str,
     sources: list[Path] | None = None,
     *,
     out: Path | None = None,
@@ -26,21 +26,24 @@ def import_(
     orientations, forces, their units and axes, the clock, and the body with its size (docs/importing.md has all keys).
     Nothing is estimated, smoothed or resampled. Each log becomes a trajectory of the set.
 
-    csv: text with one row per frame; npz: NumPy arrays with time as first axis; mp4: films or folders of images, with a
-    camera file, from which physid track reads poses; cube-tosses: the real tosses that were published with ContactNets
-    (a folder with files N.pt, 148 Hz).
+    csv: text with one row per frame; npz: NumPy arrays with time as first axis; mcap, rosbag: bags of ROS 1 or 2, a
+    column being TOPIC/field, say /block/pose/pose/position (needs physid[mcap]); lerobot: a data set of LeRobot, of
+    which each episode becomes a trajectory (needs physid[lerobot]); mp4: films or folders of images, with a camera
+    file, from which physid track reads poses; cube-tosses: the real tosses that were published with ContactNets (a
+    folder with files N.pt, 148 Hz).
 
     Examples:
       physid import csv log.csv --guess > mapping.yaml
       physid import csv logs/run_*.csv --mapping mapping.yaml --out data/mine
       physid import csv log.csv time=t position=[x,y,z] quaternion=[qw,qx,qy,qz] units.position=mm axes=y-up
         size=[0.1,0.1,0.05] mass=0.4 force=[fx,fy,fz] forces.file=forces.csv forces.time=t
+      physid import run.mcap --guess > mapping.yaml
       physid import mp4 films camera=camera.yaml size=[0.12,0.08,0.06] mass=0.5 force=[fx,fy,fz]
         forces.file={stem}_forces.csv forces.time=t --out data/films
       physid import cube-tosses FOLDER --out data/cube
 
     Args:
-        kind: csv, npz, mp4 or cube-tosses; may be left out before a file whose ending tells.
+        kind: csv, npz, mcap, rosbag, lerobot, mp4 or cube-tosses; may be left out before a file whose ending tells.
         sources: Files, folders or patterns.
         out: Folder of the recording set; data/NAME of the first source by default.
         mapping: YAML file that says what the columns are.
@@ -50,7 +53,7 @@ def import_(
     from physid.data.importers.convert import import_logs
     from physid.data.importers.finding import find_logs
     from physid.data.importers.guess import guess_mapping
-    from physid.data.importers.mapping_files import read_mapping
+    from physid.data.importers.mapping_files import read_mapping, with_episodes
 
     kind, places = _sorted(kind, sources or [])
     if kind == "mp4":
@@ -68,6 +71,8 @@ def import_(
         print(f"{target}: {count} trajectories")
         return
     values = read_mapping(mapping, map or [])
+    if kind == "lerobot":
+        values = with_episodes(values)
     forces = values.get("forces")
     pattern = forces.get("file") if isinstance(forces, dict) else None
     files = find_logs(places, kind, pattern if isinstance(pattern, str) else None)
@@ -94,11 +99,11 @@ def _sorted(kind: str, sources: list[Path]) -> tuple[str, list[Path]]:
     Raises:
         ValueError: If it is no kind of log, or nothing is named.
     """
-    from physid.data.importers.finding import SUFFIXES
+    from physid.data.importers.finding import kind_of
     from physid.strict import nearest
 
     if kind not in KINDS:
-        found = next((name for name, suffixes in SUFFIXES.items() if kind.lower().endswith(suffixes)), None)
+        found = kind_of(kind)
         if found is None:
             raise ValueError(f'import: unknown kind "{kind}"{nearest(kind, (*KINDS, "a .csv or .npz file"))}')
         return found, [Path(kind), *sources]

@@ -55,9 +55,12 @@ def energy_over_time(seen: Evidence) -> str:
     whole = seen.masses * (0.5 * np.square(k.velocity).sum(1) - (place - ground) @ seen.weight)
     first, most, last = list[float](), list[float](), list[float]()
     for trajectory in np.unique(k.trajectory):
-        bodies = [whole[(k.trajectory == trajectory) & (k.body == body)] for body in np.unique(k.body)]
-        first.append(sum(float(one[0]) for one in bodies if len(one)))
-        most.append(max(float(one.max()) for one in bodies if len(one)))
-        last.append(sum(float(one[-1]) for one in bodies if len(one)))
+        one = k.trajectory == trajectory
+        # All bodies together, at the moments at which all of them have a window.
+        frames, moment, bodies = np.unique(k.frame[one], return_inverse=True, return_counts=True)
+        total = np.bincount(moment, whole[one], len(frames))[bodies == bodies.max()]
+        first.append(float(total[0]))
+        most.append(float(total.max()))
+        last.append(float(total[-1]))
     low, high = np.median(first), np.median(last)
     return f"{low:.3g} J at the beginning, {high:.3g} J at the end (medians, without spin), at most {max(most):.3g} J"

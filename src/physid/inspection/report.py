@@ -117,7 +117,7 @@ def _facts(recordings: RecordingSet, seen: Evidence) -> list[tuple[str, str]]:
     facts = [
         (
             "set",
-            f"{recordings.folder}: {len(recordings)} trajectories of {min(lengths)} to {max(lengths)} frames",
+            f"{recordings.folder}: {len(recordings)} trajectories of {_between(min(lengths), max(lengths))} frames",
         ),
         (
             "bodies",
@@ -148,6 +148,11 @@ def _facts(recordings: RecordingSet, seen: Evidence) -> list[tuple[str, str]]:
             ),
         ]
     return [*facts, ("forces", _forces(seen))]
+
+
+def _between(least: int, most: int) -> str:
+    """Write a range, or its one number."""
+    return f"{least}" if least == most else f"{least} to {most}"
 
 
 def _time(seen: Evidence) -> str:

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physid.data.importers.mapping import Reference
-from physid.data.importers.tables import Table
+from physid.data.importers.tables.table import Table
 from physid.data.importers.units import canonical, factor_of
 
 Array = NDArray[np.float64]
+MOST_NAMED = 12  # columns that a message lists
 DEFAULTS = {"position": "m", "time": "s", "angle": "rad", "force": "N", "torque": "N m"}
 
 
@@ -27,7 +28,12 @@ def read_columns(
     given = units.get(quantity) if quantity else None
     names = expanded(table, references, count)
     if len(names) != count:
-        raise ValueError(f"{table.path}: expected {count} columns for {references}, found {len(names)}")
+        listed = ", ".join(map(str, names[:MOST_NAMED])) + (" ..." if len(names) > MOST_NAMED else "")
+        raise ValueError(
+            f"{table.path}: expected {count} columns for {', '.join(map(str, references))}, found {len(names)}: "
+            f"{listed}; list the {count} that are meant, each by its own name"
+            + ("; of a box, not angles of joints" if quantity == "position" else "")
+        )
     read = [signed(table, name) for name in names]
     length = next((len(values) for values, _ in read if isinstance(values, np.ndarray)), None)
     if length is None:

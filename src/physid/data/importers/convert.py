@@ -15,7 +15,7 @@ from physid.data.importers.finding import force_logs
 from physid.data.importers.mapping import GUESSED_FRICTION, LogMap
 from physid.data.importers.reading_logs import Forces, Poses, read_forces, read_poses
 from physid.data.importers.sets import Imported, new_set
-from physid.data.importers.tables import read_table
+from physid.data.importers.tables.files import read_table
 from physid.data.observations.stamps import check_clocks, rhythm_of
 from physid.data.recording import Recording
 from physid.data.trajectory import read_trajectory, write_trajectory
@@ -86,7 +86,13 @@ def _recordings(files: Sequence[Path], log: LogMap, notes: list[str]) -> Iterato
         source = table if other is None else read_table(other, header=log.forces.header)
         forces = read_forces(source, log, own=other is not None)
         # Arrays of a NumPy archive may be of several lengths: forces of another one are no part of the poses' rows.
-        own = other is not None or (forces is not None and len(forces.row) + forces.empty != len(poses.pose))
+        apart = not table.line and log.forces.time is not None and log.forces.time != log.time
+        own = other is not None or (forces is not None and (apart or len(forces.row) + forces.empty != len(poses.pose)))
+        if any(each.clock is not None for each in log.bodies):
+            whole = int(np.isfinite(poses.pose[..., 0]).all(1).sum())
+            notes.append(
+                f"{file}: bodies have clocks of their own; {whole} of {len(poses.pose)} frames hold all of them"
+            )
         if forces is not None and forces.empty:
             notes.append(f"{other or file}: {forces.empty} rows without forces; the force before each is held")
         groups = poses.group.max() + 1

@@ -6,12 +6,25 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
+from physid.data.importers.tables.files import BAG, EPISODES
+
 SUFFIXES = {
     "csv": (".csv", ".tsv", ".txt"),
     "npz": (".npz",),
+    "mcap": (".mcap",),
+    "rosbag": (".bag", ".db3"),
+    "lerobot": (".parquet",),
     "mp4": (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v"),
 }
 MAGIC = "*?["
+WHOLE = {"mcap": BAG, "rosbag": BAG, "lerobot": EPISODES}
+"""What tells that a folder is one log, by kind."""
+
+
+def kind_of(place: str) -> str | None:
+    """Return which kind of log a file or folder is, as its ending or what lies in it tells; None if nothing does."""
+    found = next((kind for kind, suffixes in SUFFIXES.items() if place.lower().endswith(suffixes)), None)
+    return found or next((kind for kind, mark in WHOLE.items() if (Path(place) / mark).is_file()), None)
 
 
 def natural(path: Path) -> list[tuple[bool, int, str]]:
@@ -25,7 +38,7 @@ def find_logs(sources: Sequence[Path], kind: str, forces: str | None = None) -> 
 
     Args:
         sources: Files, folders, or patterns such as logs/run_*.csv.
-        kind: csv or npz: what counts in a folder.
+        kind: A key of `SUFFIXES`: what counts in a folder.
         forces: Pattern of the logs of forces, which are left out.
 
     Raises:
@@ -34,8 +47,8 @@ def find_logs(sources: Sequence[Path], kind: str, forces: str | None = None) -> 
     found: list[Path] = []
     for source in sources:
         if source.is_dir():
-            here = [one for one in source.iterdir() if one.suffix.lower() in SUFFIXES[kind] and one.is_file()]
-            what = f"no {' or '.join(SUFFIXES[kind])} file in it"
+            here = [source] if _is_whole(source, kind) else [one for one in source.iterdir() if _is_log(one, kind)]
+            what = f"no {' or '.join(SUFFIXES[kind])} file in it" + (f", and no {WHOLE[kind]}" if kind in WHOLE else "")
         elif any(sign in source.name for sign in MAGIC) and not source.exists():
             here, what = list(source.parent.glob(source.name)), "nothing like it"
         else:
@@ -45,6 +58,16 @@ def find_logs(sources: Sequence[Path], kind: str, forces: str | None = None) -> 
         found += sorted(here, key=natural)
     others = re.sub(r"\{stem\}", "*", Path(forces).name) if forces else None
     return [one for one in found if not (others and one.match(others))] or found
+
+
+def _is_log(path: Path, kind: str) -> bool:
+    """Tell whether a file is a log of a kind, or a folder one log."""
+    return (path.suffix.lower() in SUFFIXES[kind] and path.is_file()) or _is_whole(path, kind)
+
+
+def _is_whole(path: Path, kind: str) -> bool:
+    """Tell whether a folder is one log: a bag, a data set."""
+    return kind in WHOLE and (path / WHOLE[kind]).is_file()
 
 
 def force_logs(files: Sequence[Path], pattern: str | None) -> list[Path | None]:

@@ -41,6 +41,7 @@ class BodyMap:
         force: Three references, or none.
         torque: Three references, or none.
         visible: Column that is zero where the body was not seen, or None.
+        clock: Column of the body's own stamps, or None where all bodies share one.
         tracked_point: Of what the position is, seen from the centre, along the body's edges [m].
     """
 
@@ -52,6 +53,7 @@ class BodyMap:
     force: tuple[Reference, ...]
     torque: tuple[Reference, ...]
     visible: Reference | None
+    clock: Reference | None
     tracked_point: tuple[float, float, float]
 
 
@@ -98,6 +100,7 @@ class BodyKeys:
     force: Any = None
     torque: Any = None
     visible: Any = None
+    clock: Any = None
     tracked_point: Triple = (0.0, 0.0, 0.0)
 
 
@@ -134,10 +137,7 @@ class MappingKeys(BodyKeys):
         if self.rate is not None and self.time_step is not None:
             raise ValueError(f"expected rate or time_step, found both: {self.rate:g} and {self.time_step:g}")
         if self.rate is None and self.time_step is None and self.time is None:
-            raise ValueError(
-                "missing time, the column of stamps; where frames come evenly and have none, give rate "
-                "(frames per second) instead"
-            )
+            raise ValueError("missing time, the column of stamps; where there are none, give rate (frames per second)")
 
 
 OF_BODY = tuple(each.name for each in dataclasses.fields(BodyKeys))
@@ -266,6 +266,7 @@ def _body(known: BodyKeys, units: Mapping[str, str], index: int, count: int) -> 
         force=_references(known.force, f"{where}force", 3),
         torque=_references(known.torque, f"{where}torque", 3),
         visible=known.visible,
+        clock=known.clock,
         tracked_point=(x * length, y * length, z * length),
     )
 

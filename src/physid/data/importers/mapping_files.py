@@ -36,6 +36,12 @@ def read_mapping(path: Path | None, words: Iterable[str] = ()) -> dict[str, Any]
     return values
 
 
+def with_episodes(values: dict[str, Any]) -> dict[str, Any]:
+    """Add to a mapping what LeRobot's format says: the columns of stamps and of episodes."""
+    timed = any(values.get(key) is not None for key in ("time", "rate", "time_step"))
+    return ({} if timed else {"time": "timestamp"}) | {"trajectory": "episode_index"} | values
+
+
 def _lay(values: Any, keys: list[str], value: Any, word: str) -> None:
     """Lay one value over nested mappings and lists."""
     place = values

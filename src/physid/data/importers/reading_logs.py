@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from physid.data.importers.columns import expanded, line_of, read_columns, read_stamps, require_increasing, signed
 from physid.data.importers.mapping import BodyMap, LogMap, Reference
 from physid.data.importers.rotations import ROUNDED, from_euler, from_matrices, from_quaternions, from_vectors, turned
-from physid.data.importers.tables import Table, read_table
+from physid.data.importers.tables.files import read_table
+from physid.data.importers.tables.table import Table
 from physid.data.importers.units import split_header
 from physid.scenes.rotations import rotate
 
@@ -54,13 +55,19 @@ class Forces:
 def read_poses(table: Table, log: LogMap) -> Poses:
     """Read stamps and poses of all bodies.
 
+    Where bodies have clocks of their own, the rows are all stamps of all of them, in order; at those of another body a
+    body counts as not seen.
+
     Raises:
         ValueError: If a column is missing, units contradict each other, or a row holds no pose.
     """
     bodies = [_pose_of(table, each, log) for each in log.bodies]
+    if any(each.clock is not None for each in log.bodies):
+        return _on_one_clock(table, bodies, log)
     if len({len(each) for each in bodies}) > 1:
         raise ValueError(
-            f"{table.path}: expected poses of all bodies in the same rows, found {[len(b) for b in bodies]}"
+            f"{table.path}: expected poses of all bodies in the same rows, found {[len(b) for b in bodies]}; where "
+            "bodies have stamps of their own, name their column: bodies: [..., {clock: COLUMN, ...}]"
         )
     pose = np.stack(bodies, 1)
     time = None if log.time is None else read_stamps(table, log.time, log.units.get("time"))
@@ -75,6 +82,30 @@ def read_poses(table: Table, log: LogMap) -> Poses:
         for one in range(group.max() + 1):
             require_increasing(table, time[group == one], np.flatnonzero(group == one))
     return Poses(time, pose, group)
+
+
+def _on_one_clock(table: Table, bodies: Sequence[Array], log: LogMap) -> Poses:
+    """Lay poses of bodies with clocks of their own on the stamps of all of them."""
+    if log.time is None or log.trajectory is not None:
+        raise ValueError(
+            f"{table.path}: expected time, the stamps of bodies that have no clock of their own, and no trajectory "
+            f"column beside clock, found time: {log.time} and trajectory: {log.trajectory}"
+        )
+    clocks = [
+        read_stamps(table, log.time if each.clock is None else each.clock, log.units.get("time")) for each in log.bodies
+    ]
+    for clock, pose, each in zip(clocks, bodies, log.bodies, strict=True):
+        if len(clock) != len(pose):
+            raise ValueError(
+                f"{table.path}: expected a stamp for each of {len(pose)} poses of {each.body.name}, found "
+                f"{len(clock)}; is its clock the column beside its poses?"
+            )
+        require_increasing(table, clock, np.arange(len(clock)))
+    time = np.unique(np.concatenate(clocks))
+    whole = np.full((len(time), len(bodies), 7), np.nan)
+    for index, (clock, pose) in enumerate(zip(clocks, bodies, strict=True)):
+        whole[np.searchsorted(time, clock), index] = pose
+    return Poses(time, whole, np.zeros(len(time), dtype=np.int64))
 
 
 def read_force_log(path: Path, log: LogMap) -> Forces | None:

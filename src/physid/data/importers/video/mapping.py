@@ -14,7 +14,8 @@ from physid.strict import nearest, number, quoted
 
 OF_FILM = ("camera", "background", "rate")
 OF_POSES = ("time", "time_step", "header", "trajectory", "lost", "axes", "position", "quaternion", "euler", "matrix",
-            "rotation_vector", "orientation", "order", "euler_order", "visible", "tracked_point")  # fmt: skip
+            "rotation_vector", "orientation", "order", "euler_order", "visible", "clock",
+            "tracked_point")  # fmt: skip
 
 
 @final

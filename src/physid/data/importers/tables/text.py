@@ -1,23 +1,20 @@
-"""Logs as named columns: CSV files and NumPy archives."""
+"""Text files as named columns: what splits cells, where names and units stand, what is no number."""
 
 from __future__ import annotations
 
 import csv
 import re
-import zipfile
-import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
-from math import prod
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TextIO
 
 import numpy as np
 from numpy.typing import NDArray
 
+from physid.data.importers.tables.table import Table
 from physid.data.importers.units import UNITS, canonical, split_header
-from physid.strict import nearest
 
 Array = NDArray[np.float64]
 DELIMITERS = (",", ";", "\t", " ")
@@ -25,88 +22,19 @@ EMPTY = {"", "nan", "none", "null", "na", "n/a", "-", "#n/a"}  # cells that say:
 TRUE = {"true": 1.0, "false": 0.0}
 PEEK, CHUNK = 50, 1 << 16  # rows
 ALIKE = 0.8  # share of lines that a delimiter splits into as many cells as the first
-MOST_PACKED = 100  # times the size of an archive that its arrays may have; motion packs two to ten times
 LONGEST_LINE = 1 << 20  # characters: a file with longer lines is no table
-PLACE = re.compile(r"^(?P<name>.+?)\[(?P<index>[\d,\s]+)\]$")
 
 
-@dataclass(frozen=True)
-class Table:
-    """A log.
-
-    Attributes:
-        path: The file.
-        columns: Values by column, each of shape (T,); NaN where a cell is empty.
-        units: The unit that the file itself states for a column.
-        words: The first cell of a column that is no number, and its line; such a column cannot be used.
-        line: Line of the file (or row of the arrays) at which the first row stands.
-    """
-
-    path: Path
-    columns: dict[str, Array]
-    units: dict[str, str]
-    words: dict[str, tuple[int, str]]
-    line: int
-
-    def values(self, name: object) -> Array:
-        """Return the values of a column, shape (T,).
-
-        Raises:
-            ValueError: If there is no such column, or it holds something else than numbers.
-        """
-        found = self.find(name)
-        if found in self.words:
-            line, cell = self.words[found]
-            raise ValueError(f'{self.path}:{line}: expected a number in column "{found}", found "{cell[:40]}"')
-        return self.columns[found]
-
-    def find(self, name: object) -> str:
-        """Return the column that a name means: its header, with or without unit; without headers its number.
-
-        Raises:
-            ValueError: If there is none; the message names the nearest.
-        """
-        wanted = str(name).strip()
-        if wanted in self.columns:
-            return wanted
-        bare = [each for each in self.columns if split_header(each)[0] == wanted]
-        if len(bare) == 1:
-            return bare[0]
-        same = [each for each in self.columns if each.lower() == wanted.lower()]
-        close = f'; did you mean "{same[0]}"?' if same else nearest(wanted, self.columns)
-        last = len(self.columns) - 1
-        if list(self.columns) == [str(number) for number in range(last + 1)]:
-            close = (
-                f"; no line names them, so that they are numbered from 0 to {last}: use these numbers, "
-                "or write a line of names above the rows"
-            )
-        raise ValueError(f'{self.path}: no column "{wanted}"{close}')
-
-    def components(self, name: object) -> list[str]:
-        """Return the columns that one name stands for: several for an array with more than one axis."""
-        inside = [each for each in self.columns if each.startswith(f"{name}[")]
-        return inside if inside and str(name) not in self.columns else [self.find(name)]
-
-
-def read_table(path: Path, *, header: int | None = None) -> Table:
-    """Read a .csv, .tsv, .txt or .npz file.
+def read_text(path: Path, header: int | None) -> Table:
+    """Read a text file.
 
     Args:
         path: The file.
-        header: Line of a text file that names the columns, counted from 1; the first one that is no comment by default.
+        header: Line that names the columns, counted from 1; the first one that is no comment by default.
 
     Raises:
-        FileNotFoundError: If there is no such file.
-        ValueError: If it is of another kind, empty, damaged, or a cell is no number.
+        ValueError: If it is no table, or a cell is no number.
     """
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: expected a log, found no such file")
-    if path.stat().st_size == 0:
-        raise ValueError(f"{path}: expected rows of numbers, found an empty file")
-    if path.suffix.lower() == ".npz":
-        return _read_npz(path)
-    if path.suffix.lower() not in (".csv", ".tsv", ".txt", ".log", ".dat"):
-        raise ValueError(f"{path}: expected a .csv, .tsv, .txt or .npz file, found {path.suffix or 'no suffix'}")
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             return _read_csv(path, file, header)
@@ -244,44 +172,3 @@ def _is_unit_row(row: Sequence[str]) -> bool:
     """Tell whether a row under the header states units."""
     bare = [cell.strip("[]()") for cell in row if cell.strip("[]()")]
     return bool(bare) and all(any(canonical(cell, quantity) for quantity in UNITS) or cell == "-" for cell in bare)
-
-
-def _read_npz(path: Path) -> Table:
-    """Read a NumPy archive: an array (T, a, b) is a*b columns, named `array[i,j]`."""
-    try:
-        with path.open("rb") as file, zipfile.ZipFile(file) as packed:
-            size = sum(entry.file_size for entry in packed.infolist())
-            if size > MOST_PACKED * path.stat().st_size + (1 << 20):
-                raise ValueError(f"{size} bytes packed into {path.stat().st_size}")
-            for entry in packed.infolist():
-                _require_held(packed, entry)
-            file.seek(0)
-            with np.load(file, allow_pickle=False) as archive:
-                arrays = {name: np.asarray(archive[name]) for name in archive.files}
-    except PermissionError:
-        raise
-    except (ValueError, OSError, KeyError, EOFError, RuntimeError, zlib.error, zipfile.BadZipFile) as error:
-        raise ValueError(f"{path}: expected a NumPy archive of numbers, found what cannot be read ({error})") from None
-    numbers = {name: each for name, each in arrays.items() if each.dtype.kind in "fiub" and each.ndim}
-    if not numbers:
-        raise ValueError(
-            f"{path}: expected arrays of numbers with time as first axis, found {', '.join(arrays) or 'none'}"
-        )
-    columns: dict[str, Any] = {}
-    for name, each in numbers.items():
-        if each.ndim == 1:
-            columns[name] = each.astype(np.float64)
-        else:
-            for place in np.ndindex(each.shape[1:]):
-                columns[f"{name}[{','.join(map(str, place))}]"] = each[(slice(None), *place)].astype(np.float64)
-    return Table(path, columns, {}, {}, 0)
-
-
-def _require_held(packed: zipfile.ZipFile, entry: zipfile.ZipInfo) -> None:
-    """Refuse an array whose header declares more than its entry holds, before anything is allocated."""
-    with packed.open(entry) as file:
-        version = np.lib.format.read_magic(file)
-        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-        shape, _, dtype = read(file)
-    if prod(shape) * dtype.itemsize > entry.file_size:
-        raise ValueError(f"{entry.filename} declares {shape} of {dtype} in {entry.file_size} bytes")

@@ -1,0 +1,1 @@
+"""Logs of many kinds as named columns of numbers: text, NumPy archives, bags of ROS, data sets of LeRobot."""

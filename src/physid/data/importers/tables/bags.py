@@ -1,0 +1,150 @@
+"""Bags of ROS 1 and ROS 2 as named columns, read by the package rosbags, which is an extra."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from operator import attrgetter
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physid.data.importers.tables.table import Table
+
+if TYPE_CHECKING:
+    from rosbags.highlevel import AnyReader
+
+Array = NDArray[np.float64]
+Getter = Callable[[Any], float]
+Row = tuple[float, ...]
+STAMP, RECEIVED = "header/stamp", "received"
+TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
+TRANSFORMS, TRANSFORM = "tf2_msgs/msg/TFMessage", "geometry_msgs/msg/TransformStamped"
+BYTES, TEXTS = ("uint8", "int8", "byte", "char", "octet"), ("string", "wstring")
+MOST_ELEMENTS = 16  # of an array of fixed length that become columns; covariances do not
+DAMAGED = "expected a bag of ROS, found what cannot be read"
+
+
+def read_bag(path: Path) -> Table:
+    """Read a .bag, .mcap or .db3 file, or the folder of a ROS 2 bag.
+
+    A number within a message is the column `TOPIC/field/...`, as in `/block/pose/position/x`; a stamp is one column of
+    seconds, `TOPIC/header/stamp`; `TOPIC/received` is when the message was logged. Transforms become columns for each
+    child frame: `/tf/CHILD/transform/translation/x`. Messages are put in the order of their stamps, and what was sent
+    twice is taken once. Images, clouds of points and arrays of changing length are left out, one message is in memory
+    at a time.
+
+    Raises:
+        ValueError: If rosbags is not installed, or the bag is damaged or holds no numbers.
+    """
+    try:
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError:
+        raise ValueError(
+            f"{path}: bags of ROS need rosbags, which is not installed: pip install 'physid[mcap]'"
+        ) from None
+    topics: dict[str, _Topic] = {}
+    try:
+        with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
+            for name, row, frame, names in _rows(reader):
+                topics.setdefault(name, _Topic(names)).add(row, frame)
+    except PermissionError:
+        raise
+    except Exception as error:  # what a foreign file makes a foreign parser raise is of many kinds
+        remedy = "; was the recording cut off? try: mcap recover FILE" if path.suffix == ".mcap" else ""
+        raise ValueError(f"{path}: {DAMAGED} ({' '.join(str(error).split())[:200]}){remedy}") from None
+    columns = {f"{name}/{one}": each for name, topic in topics.items() for one, each in topic.columns().items()}
+    if not columns:
+        raise ValueError(f"{path}: expected topics with numbers, such as geometry_msgs/PoseStamped, found none")
+    frames = {f"{name}/": topic.frame() for name, topic in topics.items() if topic.frame()}
+    return Table(path, columns, {}, {}, 0, frames)
+
+
+class _Topic:
+    """The rows of one topic, or of one child frame."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self._names, self._rows, self._frames = [*names, RECEIVED], list[Row](), dict[str, None]()
+
+    def add(self, row: Row, frame: str) -> None:
+        """Take a row, and the frame that it is in."""
+        self._rows.append(row)
+        if frame:
+            self._frames[frame] = None
+
+    def frame(self) -> str:
+        """Name the frames of all rows."""
+        return " and ".join(self._frames)
+
+    def columns(self) -> dict[str, Array]:
+        """Return values by name, in the order of stamps, what was sent twice once."""
+        values = np.array(self._rows, dtype=np.float64)
+        if STAMP in self._names:
+            values = values[np.argsort(values[:, self._names.index(STAMP)], kind="stable")]
+            again = np.append(False, (values[1:, :-1] == values[:-1, :-1]).all(1))
+            values = values[~again]
+        return dict(zip(self._names, values.T, strict=True))
+
+
+def _rows(reader: AnyReader) -> Iterator[tuple[str, Row, str, Sequence[str]]]:
+    """Yield name of the topic (and child frame), values, frame, and names of values, message by message."""
+    kinds = {one.msgtype for one in reader.connections}
+    leaves = {
+        kind: dict(_leaves(reader, TRANSFORM if kind == TRANSFORMS else kind))
+        for kind in kinds
+        if kind == TRANSFORMS or not _is_bulk(reader, kind)
+    }
+    wanted = [one for one in reader.connections if leaves.get(one.msgtype)]
+    for connection, logged, raw in reader.messages(wanted) if wanted else ():
+        message: Any = reader.deserialize(raw, connection.msgtype)
+        own, topic = leaves[connection.msgtype], connection.topic
+        for one in message.transforms if connection.msgtype == TRANSFORMS else [message]:
+            name = f"{topic}/{one.child_frame_id.strip('/')}" if connection.msgtype == TRANSFORMS else topic
+            frame = getattr(getattr(one, "header", None), "frame_id", "")
+            yield name, (*(get(one) for get in own.values()), 1e-9 * logged), frame, list(own)
+
+
+def _is_bulk(reader: AnyReader, kind: str) -> bool:
+    """Tell whether messages are images or clouds: whether a sequence of bytes stands in them."""
+    from rosbags.interfaces import Nodetype
+
+    fields = [described for _, described in reader.typestore.get_msgdef(kind).fields]
+    inside: list[Any] = [described[1][0] for described in fields if described[0] == Nodetype.SEQUENCE]
+    return any(one[0] == Nodetype.BASE and one[1][0] in BYTES for one in inside)
+
+
+def _leaves(reader: AnyReader, kind: str, before: tuple[str, ...] = ()) -> Iterator[tuple[str, Getter]]:
+    """Yield each number within a message: its name, and what gets it."""
+    from rosbags.interfaces import Nodetype
+
+    fields: list[tuple[str, Any]] = list(reader.typestore.get_msgdef(kind).fields)
+    for name, (sort, inside) in fields:
+        place = (*before, name)
+        written, get = "/".join(place), attrgetter(".".join(place))
+        if sort == Nodetype.BASE and inside[0] not in TEXTS:
+            yield written, get
+        elif sort == Nodetype.NAME and inside in TIMES:
+            yield written, _seconds(get)
+        elif sort == Nodetype.NAME:
+            yield from _leaves(reader, inside, place)
+        elif sort == Nodetype.ARRAY and inside[1] <= MOST_ELEMENTS and _is_number(inside[0]):
+            yield from ((f"{written}[{index}]", _element(get, index)) for index in range(inside[1]))
+
+
+def _is_number(described: Any) -> bool:
+    """Tell whether the elements of an array are numbers, and no bytes or texts."""
+    from rosbags.interfaces import Nodetype
+
+    return bool(described[0] == Nodetype.BASE and described[1][0] not in (*BYTES, *TEXTS))
+
+
+def _seconds(get: Callable[[Any], Any]) -> Getter:
+    """Return what gets a stamp as seconds."""
+    return lambda message: float(get(message).sec) + 1e-9 * float(get(message).nanosec)
+
+
+def _element(get: Callable[[Any], Any], index: int) -> Getter:
+    """Return what gets an element of an array."""
+    return lambda message: float(get(message)[index])

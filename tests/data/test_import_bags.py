@@ -1,0 +1,227 @@
+"""Bags of ROS, written by the writers of rosbags, come out as the motion that was written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from tests.data.logs import Truth
+
+from physid.cli import main
+from physid.data.format import RecordingSet
+from physid.data.importers.convert import import_logs
+from physid.data.importers.guess import guess_mapping
+from physid.data.importers.tables.files import read_table
+
+pytest.importorskip("rosbags", reason="needs physid[mcap]")
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Writer2
+from rosbags.typesys import Stores, get_typestore
+
+TRUTH, EPOCH = Truth.of(), 1.7e9
+STAMP = 1e-6  # [s] that a double keeps of seconds since 1970
+MAPPING: dict[str, Any] = {
+    "time": "/block/pose/header/stamp",
+    "position": "/block/pose/pose/position",
+    "quaternion": "/block/pose/pose/orientation",
+    "force": "/hand/wrench/force",
+    "forces": {"time": "/hand/header/stamp"},
+    "size": [0.1, 0.1, 0.05],
+    "mass": 0.4,
+    "friction": 0.3,
+}
+
+
+class Bag:
+    """Writes messages of geometry_msgs as a robot would."""
+
+    def __init__(self, path: Path, kind: str) -> None:
+        self.first = kind == "bag"
+        self.store = get_typestore(Stores.ROS1_NOETIC if self.first else Stores.ROS2_HUMBLE)
+        plugin = StoragePlugin.MCAP if kind == "mcap" else StoragePlugin.SQLITE3
+        self.writer: Any = Writer1(path) if self.first else Writer2(path, version=9, storage_plugin=plugin)
+        self.connections: dict[str, Any] = {}
+
+    def __enter__(self) -> Bag:
+        self.writer.open()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.writer.close()
+
+    def make(self, name: str, **fields: Any) -> Any:
+        """Make a message."""
+        package, kind = name.split("/")
+        return self.store.types[f"{package}/msg/{kind}"](**fields)
+
+    def header(self, time: float, frame: str = "world") -> Any:
+        seconds, rest = divmod(round((EPOCH + time) * 1e9), 10**9)
+        stamp = self.make("builtin_interfaces/Time", sec=seconds, nanosec=rest)
+        return self.make("std_msgs/Header", **({"seq": 0} if self.first else {}), stamp=stamp, frame_id=frame)
+
+    def pose(self, place: Any, turn: Any) -> Any:
+        x, y, z, w = turn
+        return self.make(
+            "geometry_msgs/Pose",
+            position=self.make("geometry_msgs/Point", **dict(zip("xyz", place, strict=True))),
+            orientation=self.make("geometry_msgs/Quaternion", x=x, y=y, z=z, w=w),
+        )
+
+    def vector(self, values: Any) -> Any:
+        return self.make("geometry_msgs/Vector3", **dict(zip("xyz", values, strict=True)))
+
+    def write(self, topic: str, message: Any, time: float) -> None:
+        kind = message.__msgtype__
+        if topic not in self.connections:
+            self.connections[topic] = self.writer.add_connection(topic, kind, typestore=self.store)
+        to_bytes = self.store.serialize_ros1 if self.first else self.store.serialize_cdr
+        self.writer.write(self.connections[topic], round((EPOCH + time) * 1e9), to_bytes(message, kind))
+
+    def write_forces(self, topic: str = "/hand") -> None:
+        for time, force in zip(TRUTH.force_time, TRUTH.force, strict=True):
+            wrench = self.make("geometry_msgs/Wrench", force=self.vector(force), torque=self.vector(0 * force))
+            self.write(
+                topic, self.make("geometry_msgs/WrenchStamped", header=self.header(time, "hand"), wrench=wrench), time
+            )
+
+    def write_poses(self, topic: str = "/block/pose") -> None:
+        for time, place, turn in zip(TRUTH.time, TRUTH.place, TRUTH.turn.as_quat(), strict=True):
+            pose = self.pose(place, turn)
+            self.write(topic, self.make("geometry_msgs/PoseStamped", header=self.header(time), pose=pose), time + 0.003)
+
+
+@pytest.mark.parametrize(("kind", "name"), [("mcap", "run"), ("db3", "run"), ("bag", "run.bag")])
+def test_stamped_poses_and_wrenches_of_any_bag_are_the_motion(tmp_path: Path, kind: str, name: str) -> None:
+    with Bag(tmp_path / name, kind) as bag:
+        bag.write_poses()
+        bag.write_forces()
+    (tmp_path / "map.yaml").write_text(yaml.safe_dump(MAPPING))
+    place = tmp_path / name
+    for index, log in enumerate([place, next(place.glob(f"*.{kind}"))] if place.is_dir() else [place]):
+        out = tmp_path / f"set{index}"
+        assert main(["import", str(log), "--mapping", str(tmp_path / "map.yaml"), f"--out={out}"]) == 0
+        one = RecordingSet(out).read(0)
+        assert one.pose is not None
+        assert one.time is not None
+        assert one.wrench is not None
+        assert one.wrench_time is not None
+        assert np.allclose(one.time, TRUTH.time, rtol=0, atol=STAMP)
+        assert np.allclose(one.pose[:, 0, :3], TRUTH.place, atol=1e-12)
+        assert np.allclose(np.abs((one.pose[:, 0, 3:] * TRUTH.turn.as_quat()).sum(1)), 1, atol=1e-12)
+        assert np.allclose(one.wrench_time, TRUTH.force_time, rtol=0, atol=STAMP)
+        assert np.allclose(one.wrench[:, 0, 3:], TRUTH.force, atol=1e-12)
+
+
+def write_mixed(path: Path) -> Path:
+    """Write transforms, each sent twice and out of order, odometry beside them on another clock, and images."""
+    with Bag(path, "mcap") as bag:
+        rows = list(zip(TRUTH.time, TRUTH.place, TRUTH.turn.as_quat(), strict=True))
+        for index in np.arange(len(rows)) ^ 1 if len(rows) % 2 == 0 else range(len(rows)):
+            time, place, turn = rows[index]
+            transform = bag.make(
+                "geometry_msgs/Transform", translation=bag.vector(place), rotation=bag.pose(place, turn).orientation
+            )
+            one = bag.make(
+                "geometry_msgs/TransformStamped", header=bag.header(time), child_frame_id="cup", transform=transform
+            )
+            for _ in range(2):
+                bag.write("/tf", bag.make("tf2_msgs/TFMessage", transforms=[one]), TRUTH.time[-1])
+        for time, place, turn in rows[::2]:
+            pose = bag.make("geometry_msgs/PoseWithCovariance", pose=bag.pose(place + 1, turn), covariance=np.zeros(36))
+            still = bag.make("geometry_msgs/Twist", linear=bag.vector(0 * place), angular=bag.vector(0 * place))
+            twist = bag.make("geometry_msgs/TwistWithCovariance", twist=still, covariance=np.zeros(36))
+            header = bag.header(time + 0.002)
+            bag.write(
+                "/cart", bag.make("nav_msgs/Odometry", header=header, child_frame_id="c", pose=pose, twist=twist), 9
+            )
+            image = {"height": 1, "width": 2, "encoding": "mono8", "is_bigendian": 0, "step": 2}
+            bag.write("/image", bag.make("sensor_msgs/Image", header=header, data=np.zeros(2, np.uint8), **image), 9)
+    return path
+
+
+def test_transforms_and_odometry_are_bodies_each_on_its_clock(tmp_path: Path) -> None:
+    bag = write_mixed(tmp_path / "run")
+    size = {"size": [0.1, 0.1, 0.1], "mass": 1.0, "friction": 0.3}
+    cup = {"name": "cup", "position": "/tf/cup/transform/translation", "quaternion": "/tf/cup/transform/rotation"}
+    cart = {"name": "cart", "position": "/cart/pose/pose/position", "quaternion": "/cart/pose/pose/orientation"}
+    bodies = [cup | size, cart | size | {"clock": "/cart/header/stamp"}]
+    done = import_logs([bag], {"time": "/tf/cup/header/stamp", "bodies": bodies}, tmp_path / "set")
+    one = RecordingSet(done.folder).read(0)
+    assert one.pose is not None
+    assert one.time is not None
+    seen = np.isfinite(one.pose[..., 0])
+    assert np.allclose(one.time[seen[:, 0]], TRUTH.time, rtol=0, atol=STAMP)
+    assert np.allclose(one.pose[seen[:, 0], 0, :3], TRUTH.place)
+    assert np.allclose(one.time[seen[:, 1]], TRUTH.time[::2] + 0.002, rtol=0, atol=STAMP)
+    assert np.allclose(one.pose[seen[:, 1], 1, :3], TRUTH.place[::2] + 1)
+    assert any("0 of" in note and "hold all of them" in note for note in done.notes)
+
+
+def test_a_guess_finds_bodies_forces_their_clocks_and_their_frames(tmp_path: Path) -> None:
+    with Bag(tmp_path / "run", "mcap") as bag:
+        bag.write_poses()
+        bag.write_forces()
+    said = guess_mapping(tmp_path / "run")
+    found = yaml.safe_load(said)
+    assert {name: found[name] for name in ("time", "position", "quaternion", "force", "forces")} == {
+        name: MAPPING[name] for name in ("time", "position", "quaternion", "force", "forces")
+    }
+    assert "in the frame hand: are its axes the world's, its origin the centre of the body?" in said
+    several = yaml.safe_load(guess_mapping(write_mixed(tmp_path / "more")))
+    assert [one["name"] for one in several["bodies"]] == ["cup", "cart"]
+    assert several["bodies"][1]["clock"] == "/cart/header/stamp"
+
+
+def test_images_and_covariances_are_no_columns(tmp_path: Path) -> None:
+    names = list(read_table(write_mixed(tmp_path / "run")).columns)
+    assert not [name for name in names if "image" in name or "covariance" in name]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"position": "/block/pose/position"}, r'no column "/block/pose/position"; did you mean "/block/pose/pose/pos'),
+        (
+            {"position": "/block/pose"},
+            "expected 3 columns for /block/pose, found 9: /block/pose/header/stamp, .* list the 3",
+        ),
+        ({"time": "/hand/header/stamp"}, "expected a stamp for each of 188 poses, found 1005"),
+        (
+            {"forces": {"time": "/block/pose/header/stamp"}},
+            "expected a stamp for each of 1005 rows of forces, found 188",
+        ),
+        ({"force": "/hand/wrench"}, "expected 3 columns for .* found 6"),
+    ],
+)
+def test_a_mistake_in_the_mapping_of_a_bag_is_answered(tmp_path: Path, change: dict[str, Any], message: str) -> None:
+    with Bag(tmp_path / "run", "mcap") as bag:
+        bag.write_poses()
+        bag.write_forces()
+    with pytest.raises(ValueError, match=message):
+        import_logs([tmp_path / "run"], MAPPING | change, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("name", ["run.mcap", "run.bag", "run.db3"])
+@pytest.mark.parametrize("kept", [0.0, 0.5, 0.99])
+def test_a_damaged_bag_is_named_with_a_remedy(tmp_path: Path, name: str, kept: float) -> None:
+    kind = name[4:]
+    with Bag(tmp_path / (name if kind == "bag" else "whole"), kind) as bag:
+        bag.write_poses()
+    whole = tmp_path / name if kind == "bag" else next((tmp_path / "whole").glob(f"*.{kind}"))
+    content = whole.read_bytes()
+    (tmp_path / name).write_bytes(content[: int(kept * len(content))])
+    with pytest.raises(ValueError, match=rf"{name}: expected (a bag of ROS|rows of numbers)"):
+        import_logs([tmp_path / name], MAPPING, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_bag_without_numbers_is_answered(tmp_path: Path) -> None:
+    with Bag(tmp_path / "run", "mcap") as bag:
+        bag.write("/said", bag.make("std_msgs/String", data="hello"), 0.0)
+    with pytest.raises(ValueError, match="expected topics with numbers, such as geometry_msgs/PoseStamped, found none"):
+        import_logs([tmp_path / "run"], MAPPING, tmp_path / "out")
