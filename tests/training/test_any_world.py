@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import lightning as L
@@ -24,6 +25,7 @@ from physid.training.learners.sysid import SysID
 from physid.training.parameters.trajectories import Trajectories
 
 STEP = SCENE.time_step
+SLIGHT = 2e-3  # of a motion that nothing disturbs: stops and turns fall between frames
 LARGE = 3.0  # half widths of an interval: a miss is no surprise, three of them are
 quiet = pytest.mark.filterwarnings("ignore::UserWarning")  # Lightning's, about loaders
 
@@ -195,3 +197,37 @@ def test_a_fit_of_no_epoch_ends_well_and_leaves_no_history(tmp_path: Path) -> No
     trainer = trainer_in(tmp_path, epochs=0)
     trainer.fit(SysID(), RecordingsDataModule(tmp_path / "set", shuffle=False))
     assert not (tmp_path / "parameters.csv").exists()
+
+
+def slid(seed: int, friction: float, rate: int = 30, seconds: float = 2.5) -> Recording:
+    """Push a block to and fro on a table, by Coulomb's law in 3000 steps per second, forces at 500."""
+    generator, fine, mass = np.random.default_rng([0, seed]), 3000, SCENE.bodies[0].mass
+    ways = np.array([[1, 0.3], [-1, 0.2], [-0.4, -1], [0.8, 0.7]])[np.arange(int(4 * seconds)) // 2 % 4]
+    size = 2 * friction * mass * 9.81 * generator.uniform(0.3, 1.0, len(ways))
+    force = np.repeat(size[:, None] * ways, 125, axis=0)
+    place, speed, path = np.zeros(2), np.zeros(2), []
+    for number in range(int(seconds * fine)):
+        path.append(place)
+        free = speed + force[number * 500 // fine] / mass / fine
+        fast = float(np.hypot(*free))
+        after = free * max(0.0, 1 - friction * 9.81 / fine / fast) if fast else free
+        place, speed = place + (speed + after) / 2 / fine, after
+    seen = np.array(path)[:: fine // rate]
+    pose = np.zeros((len(seen), 1, 7))
+    pose[:, 0, :2], pose[:, 0, 2], pose[:, 0, 6] = seen, SCENE.bodies[0].size[2] / 2, 1.0
+    wrench = np.zeros((len(force), 1, 6))
+    wrench[:, 0, 3:5] = force
+    return Recording(pose=pose, wrench=wrench, wrench_time=np.arange(len(force)) / 500)
+
+
+@quiet
+@pytest.mark.slow
+def test_a_slow_camera_sees_a_block_pushed_to_and_fro_and_the_interval_holds_its_friction(tmp_path: Path) -> None:
+    friction = 0.21
+    scene = dataclasses.replace(SCENE, time_step=1 / 30, unknown=("block.friction",), integration=None, camera=None)
+    trainer, module = trainer_in(tmp_path), SysID()
+    folder = write_set(tmp_path / "set", [slid(seed, friction) for seed in range(3)], scene)
+    trainer.fit(module, RecordingsDataModule(folder, shuffle=False))
+    figures = {name: float(value) for name, value in trainer.callback_metrics.items()}
+    assert abs(module.physical.estimates()["block.friction"] - friction) < SLIGHT * friction
+    assert figures["fit/position_unexplained"] < SLIGHT * np.linalg.norm(SCENE.bodies[0].size)

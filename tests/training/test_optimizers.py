@@ -46,29 +46,54 @@ def test_gauss_newton_solves_a_linear_problem_in_one_step() -> None:
     assert (x - wanted).abs().max() < CLOSE
 
 
-def test_a_step_that_made_the_loss_worse_is_taken_back() -> None:
-    x = nn.Parameter(torch.tensor([1.0], dtype=torch.float64))
-    optimizer = GaussNewton([x], max_step=10.0)
-    loss = closure_of(optimizer, lambda: x.square().sum())
-    optimizer.step(loss, lambda: torch.tensor([[0.4]]).double())  # five times too small: jumps to -4
-    assert float(x.detach()) == pytest.approx(-4, abs=0.01)
+def bent(x: nn.Parameter) -> Callable[[], Tensor]:
+    """Return H of the loss arctan(x)^2, whose steps from afar lead far beyond its minimum."""
+    return lambda: (2 / (1 + x.detach().square()).square())[:, None]
+
+
+def test_a_step_that_made_the_loss_worse_is_taken_back_and_at_least_halved() -> None:
+    x = nn.Parameter(torch.tensor([3.0], dtype=torch.float64))
+    optimizer = GaussNewton([x], max_step=100.0)
+    loss = closure_of(optimizer, lambda: x.atan().square().sum())
+    ways = []
     for _ in range(40):
-        optimizer.step(loss, lambda: torch.tensor([[2.0]]).double())
+        optimizer.step(loss, bent(x))
+        ways.append(float(x.detach()) - 3.0)
+    assert ways[0] == pytest.approx(-12.5, abs=0.1)
+    assert abs(ways[1]) <= 0.501 * abs(ways[0])
     assert abs(float(x.detach())) < CLOSE
 
 
-def test_a_step_to_where_the_physics_has_no_solution_is_shortened() -> None:
+def test_no_step_promises_more_than_the_whole_loss() -> None:
     x = nn.Parameter(torch.tensor([1.0], dtype=torch.float64))
-    optimizer = GaussNewton([x], max_step=10.0)
+    optimizer = GaussNewton([x], max_step=100.0)
+    # A kink: the slope of this point is a hundred times that over any distance.
+    loss = closure_of(optimizer, lambda: (x.square() + 100 * (x - x.detach())).sum())
+    optimizer.step(loss, lambda: torch.tensor([[2.0]]).double())
+    assert float(x.detach()) == pytest.approx(0.0, abs=1e-3)
+
+
+def test_where_the_loss_changes_it_begins_anew_from_the_best_point() -> None:
+    x = nn.Parameter(torch.tensor([3.0], dtype=torch.float64))
+    optimizer = GaussNewton([x], max_step=100.0)
+    optimizer.step(closure_of(optimizer, lambda: x.atan().square().sum()), bent(x))
+    assert float(x.detach()) < -9
+    optimizer.take_back()
+    assert float(x.detach()) == 3
+    assert not optimizer.state
+
+
+def test_a_step_to_where_the_physics_has_no_solution_is_shortened() -> None:
+    x = nn.Parameter(torch.tensor([3.0], dtype=torch.float64))
+    optimizer = GaussNewton([x], max_step=100.0)
 
     def loss() -> Tensor:
         if float(x.detach()) < -2:
             raise SolverError("no solution")
-        return x.square().sum()
+        return x.atan().square().sum()
 
-    optimizer.step(closure_of(optimizer, loss), lambda: torch.tensor([[0.4]]).double())  # jumps to -4
-    for _ in range(40):
-        optimizer.step(closure_of(optimizer, loss), lambda: torch.tensor([[2.0]]).double())
+    for _ in range(41):
+        optimizer.step(closure_of(optimizer, loss), bent(x))
     assert abs(float(x.detach())) < CLOSE
 
 

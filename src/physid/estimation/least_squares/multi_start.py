@@ -86,6 +86,11 @@ def _guessed(experiment: Experiment, point: Variants, pose: Tensor, weight: Tens
     )
 
 
+def choose(experiment: Experiment, many: Variants) -> Variants:
+    """Keep for each segment the initial state, of several, that explains it best."""
+    return _picked(many, try_losses(experiment, many).argmin(0))
+
+
 def try_new_states(experiment: Experiment, point: Variants) -> Variants:
     """Guess initial states anew, and keep what explains a segment better; the point itself if nothing does."""
     many = guesses(experiment, point)

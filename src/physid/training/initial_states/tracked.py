@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, replace
 from typing import final
 
 import torch
@@ -10,7 +11,8 @@ from torch import Tensor
 
 from physid.estimation.least_squares.experiment import Experiment, Fit
 from physid.estimation.least_squares.levenberg_marquardt import NONE, gauss_newton, hardly_gains
-from physid.estimation.least_squares.multi_start import search, try_new_states
+from physid.estimation.least_squares.multi_start import choose, search, try_new_states
+from physid.estimation.prediction.rollout import Variants
 from physid.physics.layer import SolverError
 from physid.training.initial_states.explaining import Explaining, States, started
 from physid.training.initial_states.fitted import FITTING
@@ -22,12 +24,49 @@ SETTLED = 0.1
 """Share of a standard deviation of the loss; where dry friction bends them, states crawl for a smaller gain."""
 
 
+@dataclass(frozen=True)
+class _Base:
+    """The best states so far.
+
+    Attributes:
+        pose: Shape (B, N, 7).
+        twist: Shape (B, N, 6).
+        response: How their free directions follow the coordinates, shape (B, D, P).
+        coordinates: Of the parameters there, shape (P,).
+        loss: In units of the noise; infinite where the next ones are to replace these.
+    """
+
+    pose: Tensor
+    twist: Tensor
+    response: Tensor
+    coordinates: Tensor
+    loss: float
+
+    @classmethod
+    def of(cls, fit: Fit) -> _Base:
+        """Take those of a fit."""
+        coordinates, point = fit.point.nominal[0], fit.point
+        response = fit.linear.response()[..., : len(coordinates)]
+        return cls(point.pose[0], point.twist[0], response, coordinates, float(fit.loss.sum()))
+
+    def moved(self, experiment: Experiment, coordinates: Tensor) -> States:
+        """Return the states, moved along with the coordinates (P,), differentiable by them."""
+        change = self.response @ (coordinates.cpu() - self.coordinates)
+        pose, twist = experiment.directions.move(self.pose, self.twist, change)
+        return pose, twist
+
+
 @final
 class TrackedFit:
-    """Fits initial states a little at a time, beginning where they were and following the parameters."""
+    """Fits initial states a little at a time, beginning where they were best and following the parameters.
+
+    A step of the parameters that was too long, and is taken back, leads the states astray: each fit begins from the
+    best one so far, not from the last.
+    """
 
     def __init__(self) -> None:
         self._last: tuple[Experiment, Fit] | None = None
+        self._base: _Base | None = None
         self._index = torch.empty(0)
         self._resumed: dict[str, Tensor] | None = None
         self._gained = math.inf
@@ -57,14 +96,17 @@ class TrackedFit:
         """
         states, before = self.states(explaining), self.last
         try:
-            self._last = _improved(explaining, states, afresh=afresh)
+            self._last = _improved(explaining, states, self._base, afresh=afresh)
         except SolverError:
             if states is None:
                 raise
             # The states were moved along with a step of the parameters that was too long.
-            self._last = _improved(explaining, None, afresh=False)
+            self._last = _improved(explaining, None, None, afresh=False)
+        same = torch.equal(self._index, explaining.trajectories.index)
         self._index = explaining.trajectories.index
         experiment, fit = self._last
+        if self._base is None or not same or float(fit.loss.sum()) <= self._base.loss:
+            self._base = _Base.of(fit)
         self._gained = math.inf if before is None else float(before.loss.sum() - fit.loss.sum())
         return fit, experiment.predictor.simulated[0]
 
@@ -85,8 +127,8 @@ class TrackedFit:
         if not explaining.fitted:
             return None
         if self._last is not None and torch.equal(self._index, cut.index):
-            pose, twist = self.follow(explaining.physical.coordinates.detach())
-            return pose, twist
+            assert self._base is not None
+            return self._base.moved(self._last[0], explaining.physical.coordinates.detach())
         if self._resumed is not None and torch.equal(self._resumed["index"], cut.index):
             return self._resumed["pose"], self._resumed["twist"]
         return None
@@ -94,11 +136,12 @@ class TrackedFit:
     def follow(self, coordinates: Tensor) -> States:
         """Return the last initial states, moved along with the coordinates (P,), differentiable by them."""
         assert self._last is not None
-        experiment, fit = self._last
-        change = coordinates.cpu() - fit.point.nominal[0]
-        response = fit.linear.response()[..., : len(change)]
-        pose, twist = experiment.directions.move(fit.point.pose[0], fit.point.twist[0], response @ change)
-        return pose, twist
+        return _Base.of(self._last[1]).moved(self._last[0], coordinates)
+
+    def forget_loss(self) -> None:
+        """Let the next fit replace the best one so far, as the loss will be another one."""
+        if self._base is not None:
+            self._base = replace(self._base, loss=math.inf)
 
     def started(self, explaining: Explaining) -> Trajectories:
         """Return trajectories that are predicted from where the fit stands, at the present parameters."""
@@ -115,8 +158,10 @@ class TrackedFit:
         """Return what a checkpoint needs, the states moved along with the parameters; empty if there is nothing."""
         if self._last is None:
             return {}
-        pose, twist = self.follow(coordinates.detach())
-        return {"index": self._index, "pose": pose, "twist": twist}
+        assert self._base is not None
+        pose, twist = self._base.moved(self._last[0], coordinates.detach())
+        base = {f"base_{name}": torch.as_tensor(value) for name, value in vars(self._base).items()}
+        return {"index": self._index, "pose": pose, "twist": twist, **base}
 
     def begin(self, explaining: Explaining, states: States | None) -> None:
         """Take initial states that were fitted for the present parameters; None to guess them."""
@@ -126,11 +171,24 @@ class TrackedFit:
     def load_state_dict(self, state: dict[str, Tensor]) -> None:
         """Take the initial states of the run that is resumed."""
         self._resumed = state or None
+        if "base_loss" in state:
+            self._index = state["index"]
+            pose, twist, response, at = (state[f"base_{name}"] for name in ("pose", "twist", "response", "coordinates"))
+            self._base = _Base(pose, twist, response, at, float(state["base_loss"]))
 
 
-def _improved(explaining: Explaining, states: States | None, *, afresh: bool) -> tuple[Experiment, Fit]:
+def _improved(
+    explaining: Explaining, states: States | None, base: _Base | None, *, afresh: bool
+) -> tuple[Experiment, Fit]:
+    """Improve states, or the best ones unmoved where these explain a segment better.
+
+    An initial speed that friction stops at once leaves hardly a slope, and how it follows the parameters is any number.
+    """
     experiment, point = explaining.begin(states=states)
     held = experiment.with_known_parameters()
+    if states is not None and base is not None and len(base.pose) == len(states[0]):
+        still = point.replace(pose=base.pose[None], twist=base.twist[None])
+        point = choose(held, Variants.join((point, still)))
     if afresh:
         point = search(held, held.linearise(try_new_states(held, point), NONE))
     return experiment, gauss_newton(held.replace(settings=FITTING), point, NONE, IMPROVE)

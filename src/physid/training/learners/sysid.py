@@ -208,7 +208,13 @@ class SysID(TrainingModule, PredictingModule):
 
     @torch.no_grad()
     def _choose_steps(self) -> None:
-        """Choose the steps of the training segments; the loss is another one then, and the optimizer begins anew."""
+        """Choose the steps of the training segments; the loss is another one then, and the optimizer begins anew.
+
+        Where it has judged points already, at the best of them: the present one is a try.
+        """
+        if isinstance(self._kind, GaussNewton):
+            self._kind.take_back()
+            self.tracked.forget_loss()
         cut, response = self.trajectories(self._batch, self.segment), Response.unknown(len(self.physical.names))
         if not isinstance(self._kind, PatternSearch):
             cut, response = self._responding(self._batch)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from typing import Any, final
 
@@ -12,6 +13,8 @@ from torch.optim import Optimizer
 from physid.physics.layer import SolverError
 
 Closure = Callable[[], Any]
+HALVED = 1.0
+"""Damping that halves a step: less would try a step that has made the loss worse almost as it was."""
 TRIES = 8
 """How often a step to where the physics has no solution is shortened."""
 
@@ -22,7 +25,11 @@ class GaussNewton(Optimizer):
 
     g is the exact gradient, from the closure; H = 2 J^T J only shapes the step, so J may come from cheap differences. A
     step that has made the loss worse is taken back, and tried again from there with ten times the damping (Marquardt
-    1963); one that has not makes it ten times smaller. A point at which the physics has no solution counts as worse.
+    1963) and at most half as long; one that has not makes it ten times smaller. A point at which the physics has no
+    solution counts as worse.
+
+    No step promises more than the whole loss: with g = 2 J^T r, g^T H^-1 g / 2 = r^T J (J^T J)^-1 J^T r <= r^T r. Where
+    dry friction bends the loss, the exact gradient of one point may be far from J^T r; the step is shortened then.
 
     Args:
         params: One tensor of parameters.
@@ -69,7 +76,7 @@ class GaussNewton(Optimizer):
             loss = self._evaluate(closure, parameter, ends)
         now = torch.as_tensor(loss).detach().double()
         if state and not now <= state["loss"]:
-            state["damping"] = state["damping"] * 10
+            state["damping"] = max(state["damping"] * 10, HALVED)
         else:
             damping = max(state["damping"] / 10, 1e-9) if state else group["damping"]
             state.update(
@@ -82,6 +89,13 @@ class GaussNewton(Optimizer):
         with torch.no_grad():
             parameter.copy_(state["point"] + _damped_step(state, group["max_step"], ends))
         return loss
+
+    def take_back(self) -> None:
+        """Go back to the point of the least loss so far, and begin anew from there: the loss will be another one."""
+        for parameter, state in self.state.items():
+            with torch.no_grad():
+                parameter.copy_(state["point"])
+        self.state.clear()
 
     def _evaluate(self, closure: Closure, parameter: Tensor, ends: tuple[Tensor, Tensor] | None) -> Any:
         """Return the loss; where the physics has no solution, after a step too long, that of a shorter one."""
@@ -99,7 +113,7 @@ class GaussNewton(Optimizer):
 
 
 def _damped_step(state: dict[str, Any], max_step: float, ends: tuple[Tensor, Tensor] | None) -> Tensor:
-    """Solve (H + damping diag H) x = -g within the ends, and shorten x so that no component exceeds `max_step`."""
+    """Solve (H + damping diag H) x = -g within the ends; shorten what promises too much or exceeds `max_step`."""
     curvature, gradient = state["curvature"], state["gradient"]
     diagonal = curvature.diagonal()
     # A parameter without any influence has a zero row: it stays where it is.
@@ -111,6 +125,8 @@ def _damped_step(state: dict[str, Any], max_step: float, ends: tuple[Tensor, Ten
             damped, gradient.reshape(-1), step, *(end.to(step) - state["point"].reshape(-1) for end in ends)
         )
     step = step.reshape(gradient.shape)
+    promised = float(step.reshape(-1) @ (damped @ step.reshape(-1))) / 2
+    step = step * min(1.0, math.sqrt(float(state["loss"]) / promised) if promised > 0 else 1.0)
     return step * min(1.0, max_step / max(float(step.abs().max()), 1e-300))
 
 
