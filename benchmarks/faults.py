@@ -5,30 +5,39 @@
     python benchmarks/faults.py --minutes 60 --kept runs/faults.jsonl     an hour more of them, added to those in a file
 
 Each task is run once undisturbed. Then it is run again and again in folders of its own: SIGKILL, SIGTERM or SIGINT
-comes once to three times, each at a random point of the run; or files may not grow beyond a random size; or the disk is
+comes once to five times, each at a random point of the run; or files may not grow beyond a random size; or the disk is
 full (a small tmpfs, where one can be mounted), or nothing can be written at all; or one of the
-workers of a command is killed. Then the same command is run to its end. Every file must have the same bytes as the
-undisturbed run's (but for times), every message must be one line
+workers of a command is killed: of its own, one that loads data, or one of a Dask cluster. Then the same command is run
+to its end. Every file must have the same bytes as the undisturbed run's (but for times), every message must be one line
 without a traceback, and the exit code must say what happened. Everything runs on one thread.
+
+Most of what a short command does is to import torch. So five of six runs are forked from this process, which has
+imported it already, and their faults strike what follows; in every sixth, Python starts afresh (`--afresh`: in all).
 """
 
 from __future__ import annotations
 
 import argparse
+import atexit
 import contextlib
 import hashlib
+import importlib
 import itertools
 import json
 import os
 import random
 import re
 import resource
+import select
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
+import threading
 import time
+import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -53,7 +62,145 @@ UNENDED, LEFT = f"did not end within {PATIENCE:g} s", "left processes behind"
 TIMED = {"seconds", "started", "time", "cpu_seconds", "salt"}
 """Keys of what differs between any two runs: times, and the random salt under which labels are sealed."""
 SKIPPED = ("wandb", "record.json", "report.html", ".lock", "SHA256SUMS.part")
-THREADS = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
+THREADS = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
+SETTING = {**THREADS, "WANDB_MODE": "disabled", "MPLBACKEND": "agg"}
+MOST = 5
+"""Signals that come to one folder before the command may end."""
+
+
+class Forked:
+    """A command in a fork of this process, with what is used of subprocess.Popen."""
+
+    def __init__(self, words: list[str], folder: Path, restrict: Callable[[], None]) -> None:
+        self.returncode: int | None = None
+        sys.stdout.flush()
+        self._read, write = os.pipe()
+        self.pid = os.fork()
+        if self.pid:
+            os.close(write)
+            return
+        code = 1
+        try:
+            os.setsid()
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+            os.dup2(write, 2)
+            os.closerange(3, 256)
+            os.chdir(folder)
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+            restrict()
+            sys.argv = ["physid", *words]
+            _program()
+        except SystemExit as end:
+            code = end.code if isinstance(end.code, int) else 1
+        except BaseException:
+            traceback.print_exc()
+        finally:
+            with contextlib.suppress(BaseException):
+                threading._shutdown()  # type: ignore[attr-defined]
+                atexit._run_exitfuncs()
+                sys.stderr.flush()
+            os._exit(code)
+
+    def poll(self) -> int | None:
+        """Return how it ended, or None."""
+        if self.returncode is None:
+            done, status = os.waitpid(self.pid, os.WNOHANG)
+            self.returncode = os.waitstatus_to_exitcode(status) if done else None
+        return self.returncode
+
+    def wait(self, timeout: float) -> int:
+        """Return how it ended; raises TimeoutExpired if it has not by then [s]."""
+        end = time.monotonic() + timeout
+        while self.poll() is None:
+            if time.monotonic() > end:
+                raise subprocess.TimeoutExpired("physid", timeout)
+            time.sleep(0.005)
+        assert self.returncode is not None
+        return self.returncode
+
+    def send_signal(self, number: int) -> None:
+        """Send a signal."""
+        if self.poll() is None:
+            os.kill(self.pid, number)
+
+    def communicate(self, timeout: float | None = None) -> tuple[str, str]:
+        """Wait until nobody holds its stderr; returns what was said there."""
+        said, end = b"", None if timeout is None else time.monotonic() + timeout
+        while self._read >= 0:
+            left = None if end is None else max(0.0, end - time.monotonic())
+            if not select.select([self._read], [], [], left)[0]:
+                raise subprocess.TimeoutExpired("physid", timeout or 0.0)
+            part = os.read(self._read, 65536)
+            said += part
+            if not part:
+                os.close(self._read)
+                self._read = -1
+        self.wait(PATIENCE if end is None else max(1.0, end - time.monotonic()))
+        return "", said.decode(errors="replace")
+
+
+def _program() -> None:
+    from physid.cli import program
+
+    program()
+
+
+def import_all() -> None:
+    """Import what the commands need, for those that are forked from this process."""
+    os.environ.update(SETTING)
+    for module in (
+        *(
+            "physid.benchmark.sealing.seal",
+            "physid.dashboard.page",
+            "physid.diagnosis.diagnose",
+            "physid.reproduce.run",
+        ),
+        *("physid.data.importers.convert", "physid.simulators.bullet.world", "physid.training.runs.run"),
+        *("physid.training.learners.sysid", "physid.training.tracking", "physid.commands", "torch.utils.data"),
+        *("scipy.optimize", "scipy.stats", "matplotlib.pyplot", "distributed"),
+    ):
+        importlib.import_module(module)
+
+
+class Cluster:
+    """A Dask cluster on this machine: a scheduler and two workers, of which one may be killed."""
+
+    def __init__(self, place: Path) -> None:
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            port = probe.getsockname()[1]
+        self.address, self._place = f"tcp://127.0.0.1:{port}", place
+        self._scheduler = ("dask_scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard")
+        self._started: list[subprocess.Popen[bytes]] = []
+
+    def _start(self, *words: str) -> None:
+        command = [sys.executable, "-W", "ignore", "-m", f"distributed.cli.{words[0]}", *words[1:]]
+        null = subprocess.DEVNULL
+        started = subprocess.Popen(
+            command, stdout=null, stderr=null, env={**os.environ, **SETTING}, start_new_session=True
+        )
+        self._started.append(started)
+
+    def workers(self) -> list[int]:
+        """Return the processes of the workers, after those that are missing were started."""
+        from distributed import Client
+
+        self._started = [each for each in self._started if each.poll() is None]
+        if not self._started:
+            self._start(*self._scheduler)
+        quiet = ["--no-nanny", "--no-dashboard", "--nthreads", "1", "--host", "127.0.0.1"]
+        while len(self._started) < 3:
+            folder = tempfile.mkdtemp(dir=self._place)
+            self._start("dask_worker", self.address, *quiet, "--local-directory", folder)
+        with Client(self.address, timeout=PATIENCE, set_as_default=False) as client:
+            client.wait_for_workers(2, timeout=PATIENCE)
+        return [each.pid for each in self._started[1:]]
+
+    def close(self) -> None:
+        """End all of it."""
+        for process in self._started:
+            process.kill()
+            process.wait()
 
 
 @dataclass(frozen=True)
@@ -64,13 +211,15 @@ class Task:
         name: What it is called.
         words: The command's words for a folder.
         workers: Whether it has processes of its own, of which one may be lost.
+        cluster: Where it runs otherwise.
     """
 
     name: str
     words: Callable[[Path], list[str]]
     workers: bool = False
+    cluster: Cluster | None = None
 
-    def start(self, folder: Path, limit: int | None = None) -> subprocess.Popen[str]:
+    def start(self, folder: Path, limit: int | None = None, *, afresh: bool = False) -> subprocess.Popen[str] | Forked:
         """Start the command with its result in a folder; `limit` [bytes] for each file that it writes."""
 
         def restrict() -> None:
@@ -79,20 +228,21 @@ class Task:
                 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
                 resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
 
-        environment = {**os.environ, **THREADS, "WANDB_MODE": "disabled", "MPLBACKEND": "agg"}
+        if not afresh:
+            return Forked(self.words(folder), folder.parent, restrict)
         return subprocess.Popen(
             [*COMMAND, *self.words(folder)],
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,
-            env=environment,
+            env={**os.environ, **SETTING},
             cwd=folder.parent,
             start_new_session=True,
             preexec_fn=restrict,
         )
 
 
-def tasks(data: Path) -> list[Task]:
+def tasks(data: Path, cluster: Cluster) -> list[Task]:
     """Return the commands that are tried; what they read lies in a folder."""
     push, fit = str(data / "push"), str(CONFIGS / "sysid" / "push_friction.yaml")
     generating = ["generate", "--config", str(CONFIGS / "generate" / "push.yaml"), "--workers=1", "--quiet"]
@@ -107,9 +257,19 @@ def tasks(data: Path) -> list[Task]:
             ],
             workers=True,
         ),
+        Task(
+            "generate, Dask",
+            lambda place: [
+                *("generate", "--config", str(CONFIGS / "generate" / "push.yaml"), "--quiet", f"--out={place}"),
+                *("trajectories=24", "steps=60", "video=false", "--backend=dask", f"--scheduler={cluster.address}"),
+            ],
+            workers=True,
+            cluster=cluster,
+        ),
         Task("generate film", lambda place: [*generating, f"--out={place}", "trajectories=3", "steps=20"]),
         Task("import", lambda place: ["import", "cube-tosses", str(data / "tosses"), f"--out={place}"]),
         Task("fit", lambda place: [*fitting, f"--run-dir={place}"]),
+        Task("fit, a loader", lambda place: [*fitting, "data.workers=1", f"--run-dir={place}"], workers=True),
         Task(
             "predict",
             lambda place: ["predict", "--run-dir", str(data / "run"), f"--out={place}", "--overwrite"],
@@ -138,7 +298,7 @@ def prepare(data: Path) -> None:
     """Make what the tasks read: recordings, a run and made-up tosses."""
     import torch
 
-    quiet = {"stdout": subprocess.DEVNULL, "check": True, "env": {**os.environ, **THREADS, "WANDB_MODE": "disabled"}}
+    quiet = {"stdout": subprocess.DEVNULL, "check": True, "env": {**os.environ, **SETTING}}
     for name, more in (("push", []), ("push_rich", ["noise.position=0.0005", "noise.rotation=0.002"])):
         words = ["generate", "--config", str(CONFIGS / "generate" / f"{name}.yaml"), "--workers=1", "--quiet"]
         out = f"--out={data / name.replace('push_rich', 'rich')}"
@@ -192,7 +352,7 @@ def _timeless(value: object) -> object:
     return value
 
 
-def end(process: subprocess.Popen[str], timeout: float) -> str:
+def end(process: subprocess.Popen[str] | Forked, timeout: float) -> str:
     """Wait for a command and whatever it has started, which hold its stderr; returns what they have said."""
     try:
         _, said = process.communicate(timeout=timeout)
@@ -204,7 +364,7 @@ def end(process: subprocess.Popen[str], timeout: float) -> str:
     return said
 
 
-def complaints(said: str, code: int, wanted: set[int], early: bool = False) -> list[str]:
+def complaints(said: str, code: int | None, wanted: set[int], early: bool = False) -> list[str]:
     """Say what is wrong with how a disturbed command ended; `early` while Python itself was starting."""
     found = [] if code in wanted else [f"exit code {code}"]
     # Python's tracker of what processes share outlives a kill and says what it cleans up, in two lines each.
@@ -219,11 +379,11 @@ def complaints(said: str, code: int, wanted: set[int], early: bool = False) -> l
     return found
 
 
-def kill(task: Task, folder: Path, name: str, whole: float, draw: random.Random) -> tuple[int, list[str]]:
-    """Send a signal once to three times, each at a random point; returns how often, and what is wrong."""
+def kill(task: Task, folder: Path, name: str, whole: float, draw: random.Random, afresh: bool) -> tuple[int, list[str]]:
+    """Send a signal once to five times, each at a random point; returns how often, and what is wrong."""
     found, times = [], 0
-    for _ in range(draw.randint(1, 3)):
-        process, delay = task.start(folder), draw.uniform(0.05, whole)
+    for _ in range(draw.randint(1, MOST)):
+        process, delay = task.start(folder, afresh=afresh), draw.uniform(0.05 if afresh else 0.0, whole)
         try:
             process.wait(delay)
         except subprocess.TimeoutExpired:
@@ -233,7 +393,8 @@ def kill(task: Task, folder: Path, name: str, whole: float, draw: random.Random)
         said = end(process, PATIENCE)
         # The command may have ended by itself meanwhile: the resumed run shows whether all was there.
         done = {0} if time.perf_counter() - sent < ENDING else set()
-        found += complaints(said, process.returncode, CODES[name] | done, name == "SIGINT" and delay < STARTING)
+        early = name == "SIGINT" and afresh and delay < STARTING
+        found += complaints(said, process.returncode, CODES[name] | done, early)
     return times, found
 
 
@@ -249,12 +410,13 @@ def lose(task: Task, folder: Path, whole: float, draw: random.Random) -> list[st
     process = task.start(folder)
     with contextlib.suppress(subprocess.TimeoutExpired):
         process.wait(draw.uniform(0.3 * whole, whole))
-    workers = children(process.pid)
+    workers = children(process.pid) if task.cluster is None else task.cluster.workers()
     if workers:
         with contextlib.suppress(ProcessLookupError):
             os.kill(draw.choice(workers), signal.SIGKILL)
     said = end(process, 600)
-    return complaints(said, process.returncode, {0, 1})  # 1: says that a worker was lost, and how to go on
+    # 1: says that a worker was lost, and how to go on; Dask gives what it held to another
+    return complaints(said, process.returncode, {0, 1} if task.cluster is None else {0})
 
 
 def starve(task: Task, folder: Path, name: str, most: int, draw: random.Random) -> list[str] | None:
@@ -282,39 +444,50 @@ def starve(task: Task, folder: Path, name: str, most: int, draw: random.Random) 
 
 @dataclass(frozen=True)
 class Undisturbed:
-    """What a task does when nothing disturbs it: the digest of each file, the longest file [bytes], the time [s]."""
+    """What a task does when nothing disturbs it: the digest of each file, the longest file [bytes], the time [s].
+
+    The time is that of a run in which Python starts afresh (True) and of one that is forked (False).
+    """
 
     digests: dict[str, str]
     longest: int
-    seconds: float
+    seconds: dict[bool, float]
 
 
 def run(task: Task, work: Path) -> Undisturbed:
     """Run a task without disturbance."""
-    folder, start = work / task.name.replace(" ", "_").replace(",", ""), time.perf_counter()
-    process = task.start(folder)
-    said = end(process, 600)
-    seconds = time.perf_counter() - start
-    assert process.returncode == 0, f"{task.name}: {said}"
-    sizes = [path.stat().st_size for path in folder.rglob("*") if path.is_file()]
-    found = Undisturbed(snapshot(folder), max(sizes, default=1), seconds)
-    shutil.rmtree(folder)
-    return found
+    seconds = dict[bool, float]()
+    for afresh in (True, False):
+        if task.cluster is not None:
+            task.cluster.workers()
+        folder, start = work / task.name.replace(" ", "_").replace(",", ""), time.perf_counter()
+        process = task.start(folder, afresh=afresh)
+        said = end(process, 600)
+        seconds[afresh] = time.perf_counter() - start
+        assert process.returncode == 0, f"{task.name}: {said}"
+        sizes = [path.stat().st_size for path in folder.rglob("*") if path.is_file()]
+        digests = snapshot(folder)
+        shutil.rmtree(folder)
+    return Undisturbed(digests, max(sizes, default=1), seconds)
 
 
-def attack(task: Task, name: str, work: Path, truth: Undisturbed, draw: random.Random) -> tuple[int, list[str]]:
+def attack(
+    task: Task, name: str, work: Path, truth: Undisturbed, draw: random.Random, afresh: bool
+) -> tuple[int, list[str]]:
     """Disturb a task and let it run to its end; returns how often it was disturbed, and what is wrong."""
+    if task.cluster is not None:
+        task.cluster.workers()
     folder = work / f"{task.name}_{draw.randrange(10**9)}".replace(" ", "_").replace(",", "")
     times, found = 1, None
     if name in SIGNALS:
-        times, found = kill(task, folder, name, truth.seconds, draw)
+        times, found = kill(task, folder, name, truth.seconds[afresh], draw, afresh)
     elif name == LOST:
-        found = lose(task, folder, truth.seconds, draw) if task.workers else None
+        found = lose(task, folder, truth.seconds[False], draw) if task.workers else None
     else:
         found = starve(task, folder, name, truth.longest, draw)
     if found is None:
         return 0, []
-    process = task.start(folder)
+    process = task.start(folder, afresh=afresh)
     said = end(process, 600)
     if process.returncode:
         found.append(f"does not go on: {said.strip().splitlines()[-1:]}")
@@ -336,6 +509,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--tasks", default="", help="only these, separated by semicolons")
     parser.add_argument("--faults", default="", help="only these, separated by commas")
+    parser.add_argument("--afresh", action="store_true", help="let Python start afresh in each run")
     parser.add_argument("--minutes", type=float, default=float("inf"), help="begin no further fault after this time")
     parser.add_argument("--kept", type=Path, help="file of what was tried, to which this call adds")
     chosen = parser.parse_args()
@@ -345,20 +519,27 @@ def main() -> None:
     if chosen.kept and chosen.kept.is_file():
         tried = [json.loads(line) for line in chosen.kept.read_text().splitlines()]
     known = {(row["seed"], row["task"], row["fault"], row["number"]) for row in tried}
-    with tempfile.TemporaryDirectory() as place:
+    with contextlib.ExitStack() as stack:
+        place = tempfile.mkdtemp()  # a TemporaryDirectory would be removed by whatever is forked from here
+        stack.callback(shutil.rmtree, place, ignore_errors=True)
         data, work = Path(place) / "data", Path(place) / "work"
         data.mkdir()
         work.mkdir()
         prepare(data)
+        import_all()
+        cluster = Cluster(Path(place))
+        stack.callback(cluster.close)
         truths: dict[str, Undisturbed] = {}
-        order = itertools.product(range(chosen.count), tasks(data), kinds)  # so that a short time tries all a little
+        order = itertools.product(range(chosen.count), tasks(data, cluster), kinds)  # a short time tries all a little
         for number, task, kind in order:
             name = (chosen.seed, task.name, kind, number)
             if name in known or (wanted and task.name not in wanted) or time.monotonic() - begun > 60 * chosen.minutes:
                 continue
             truths[task.name] = truths.get(task.name) or run(task, work)
-            times, found = attack(task, kind, work, truths[task.name], random.Random(" ".join(map(str, name))))
-            row = {"seed": chosen.seed, "task": task.name, "fault": kind, "number": number}
+            draw = random.Random(" ".join(map(str, name)))
+            afresh = chosen.afresh or draw.randrange(6) == 0
+            times, found = attack(task, kind, work, truths[task.name], draw, afresh)
+            row = {"seed": chosen.seed, "task": task.name, "fault": kind, "number": number, "afresh": afresh}
             tried.append({**row, "times": times, "wrong": found})
             if chosen.kept:
                 with chosen.kept.open("a") as file:

@@ -14,7 +14,7 @@ import lightning as L
 import pytest
 import torch
 from torch import Tensor
-from torch.utils.data import DataLoader, TensorDataset
+from torch.utils.data import DataLoader, Dataset, TensorDataset
 
 from physid import cli
 from physid.one_writer import one_writer
@@ -63,10 +63,28 @@ class Noisy(L.LightningModule):
         return torch.optim.Adam(self.parameters(), self.rate)
 
 
+class Lethal(Dataset[Tensor]):
+    """Points; the process that reads the third is killed, as the system does where memory is short."""
+
+    def __len__(self) -> int:
+        return 4
+
+    def __getitem__(self, number: int) -> Tensor:
+        if number == 2:
+            signal.raise_signal(signal.SIGKILL)
+        return torch.ones(3)
+
+
 class Points(L.LightningDataModule):
     """Twelve points, shuffled."""
 
+    def __init__(self, lethal: bool = False) -> None:
+        super().__init__()
+        self.lethal = lethal
+
     def train_dataloader(self) -> DataLoader[Any]:
+        if self.lethal:
+            return DataLoader(Lethal(), num_workers=1)
         return DataLoader(TensorDataset(torch.arange(36.0).reshape(12, 3) / 36), batch_size=4, shuffle=True)
 
     def test_dataloader(self) -> DataLoader[Any]:
@@ -132,6 +150,13 @@ def test_an_interrupted_run_goes_on_exactly_where_it_stopped(config: str, capsys
     assert main([*halves, "--resume"]) == 0
     assert figures(Path("runs/halves")) == figures(Path("runs/whole"))
     assert history(Path("runs/halves")) == history(Path("runs/whole"))
+
+
+def test_a_loader_that_is_killed_is_named_with_the_remedy(config: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["fit", "--config", config, "data.lethal=true"]) == 1
+    message = capsys.readouterr().err.strip()
+    assert len(message.splitlines()) == 1
+    assert "with --resume goes on, with fewer data.workers" in message
 
 
 def test_a_run_that_is_resumed_for_fewer_epochs_than_it_has_is_refused_in_one_line(

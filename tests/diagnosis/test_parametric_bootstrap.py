@@ -30,8 +30,11 @@ def fitted(folder: Path, **changes: object) -> Hypothesis:
     return conclude(nominal_fit.experiment, nominal_fit.fit, (), nominal_fit.settings)
 
 
-def test_pushes_leave_the_scatter_over_trajectories_alone(tmp_path: Path) -> None:
-    assert not bootstrap_spread(fitted(tmp_path / "push"), torch.Generator()).any()
+def test_pushes_leave_the_scatter_over_trajectories_alone_and_one_busy_segment_does_not(tmp_path: Path) -> None:
+    pushed = fitted(tmp_path / "push")
+    assert not bootstrap_spread(pushed, torch.Generator()).any()
+    pushed.experiment.predictor.segments.contact[0] = True
+    assert bootstrap_spread(pushed, torch.Generator()).any()
 
 
 @pytest.mark.slow

@@ -58,6 +58,19 @@ def test_a_contact_free_trajectory_is_one_segment_and_an_impact_has_a_short_one(
     assert int(segments.size[contact].max()) <= longest
 
 
+@pytest.mark.parametrize("impacts", [(143,), (3, 149), (40, 60), (25,)])
+def test_a_contact_free_stretch_that_is_too_short_belongs_to_the_contact_beside_it(impacts: tuple[int, ...]) -> None:
+    segments = around(*impacts)
+    free = ~segments.contact & (segments.trajectory == 0)
+    least = IMPACTS.frames(1 / 240)[3]
+    assert (segments.size[free] >= least).all()
+
+
+def test_a_short_trajectory_without_an_event_is_free_of_contact() -> None:
+    segments = around(frames=IMPACTS.frames(1 / 240)[3] - 1)
+    assert not bool(segments.contact[1])
+
+
 @pytest.mark.parametrize("rate", [30.0, 60.0, 240.0, 1000.0])
 def test_cuts_last_as_long_at_any_rate_but_hold_frames_enough_to_see_velocities(rate: float) -> None:
     frames = IMPACTS.frames(1 / rate)

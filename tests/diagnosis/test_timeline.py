@@ -82,3 +82,13 @@ def test_impulses_between_frames_are_sums_over_their_steps() -> None:
     steps = timeline.cut(segments.batches[0])
     ones = torch.ones(2, int(steps.index.shape[1]), 1, dtype=torch.float64)
     assert torch.equal(steps.between_frames(ones)[:, 0, :-1, 0], torch.full((2, 9), 3.0, dtype=torch.float64))
+
+
+def test_steps_of_a_segment_begin_with_its_first_frame_and_end_with_its_last() -> None:
+    timeline = Timeline.regular(forces(20), SCENE.time_step).refined(3)
+    for batch in Segmentation.equal(1, 20, 7).batches:
+        steps = timeline.cut(batch)
+        assert torch.allclose(steps.start, timeline.time[0, batch.frame[:, 0]], atol=EXACT)
+        until = torch.cat([torch.zeros(len(steps.length), 1), steps.length.cumsum(1)], 1).gather(1, steps.at)
+        last = timeline.time[0, batch.frame]
+        assert torch.allclose((steps.start[:, None] + until)[batch.inside], last[batch.inside], atol=EXACT)

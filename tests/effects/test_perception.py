@@ -90,6 +90,22 @@ def test_a_free_fall_with_a_changing_spin_is_exact_between_uneven_frames() -> No
     assert angle_between(between[..., 3:], true[..., 3:]).max() < 1e-7
 
 
+@pytest.mark.parametrize("beyond", [0.3, 1.7])
+def test_beyond_both_ends_a_body_keeps_the_mean_velocity_of_the_outermost_frames(beyond: float) -> None:
+    pose = falling(FRAMES)[..., :3]
+    wanted = torch.tensor([[-beyond, 11 + beyond]], dtype=torch.float64)
+    ends = at_times(falling(FRAMES), FRAMES[None], wanted)[..., :3]
+    assert torch.allclose(ends[:, 0], pose[:, 0] - beyond * (pose[:, 1] - pose[:, 0]), atol=TOLERANCE)
+    assert torch.allclose(ends[:, 1], pose[:, -1] + beyond * (pose[:, -1] - pose[:, -2]), atol=TOLERANCE)
+
+
+def test_the_gradient_in_time_is_the_velocity_also_at_the_frames() -> None:
+    time = torch.linspace(0.5, 10.5, 21, dtype=torch.float64).requires_grad_()
+    at_times(falling(FRAMES), FRAMES[None], time[None])[..., 2].sum().backward()
+    assert time.grad is not None
+    assert torch.allclose(time.grad, -G * time.detach(), atol=1e-9)
+
+
 def test_a_bounce_bends_no_frame_but_those_that_it_lies_between() -> None:
     bounce = 5.3
     wanted = torch.linspace(0.0, 11.0, 111, dtype=torch.float64)

@@ -34,7 +34,7 @@ def at_times(pose: Tensor, time: Tensor, wanted: Tensor) -> Tensor:
     # Frames that only fill up a shorter trajectory have the time of its last one, and no velocity.
     back = ((time.gather(1, upper) - wanted) / torch.where(step > 0, step, 1.0))[..., None, None]
     anchor, way = _pick(pose, upper), _ways(pose)
-    inside = ((back >= 0) & (back < 1)).to(pose.dtype)
+    inside = (((upper > 0)[..., None, None]) & (back >= 0)).to(pose.dtype)
     bend = 0.5 * inside * back * (1 - back) * _pick(_bends(way, time), before)
     moved = -back * _pick(way, before) - bend
     quaternion = multiply(anchor[..., 3:], exponential(moved[..., 3:]))

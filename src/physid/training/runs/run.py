@@ -38,6 +38,7 @@ SAFELY: dict[str, Any] = {"weights_only": True}
 """A checkpoint from elsewhere is data, never code."""
 CONFIG, FIGURES = "config.yaml", "metrics.json"
 MISFIT = "loading state_dict"  # how torch begins to say that weights are not those of a model
+LOADER = "DataLoader worker"  # and that a process which loads data has ended
 # The keys of a configuration, and whose arguments stand below each (None: a class_path says so).
 GROUPS: dict[str, Callable[..., Any] | None] = {
     "seed_everything": None,
@@ -52,6 +53,10 @@ DECIDED = {
     "logger": "metrics.csv is always written, wandb=online or wandb=disabled chooses the rest",
     "default_root_dir": "--run-dir names it",
 }
+
+
+class LoaderLostError(RuntimeError):
+    """A process that loads data ended in the middle of a run."""
 
 
 class Cli(LightningCLI):
@@ -227,6 +232,9 @@ def _until_interrupted(trainer: L.Trainer, action: Callable[[], object]) -> None
 
     What the Trainer finds wrong in its own settings, say fewer epochs than a checkpoint has, or in a checkpoint of
     another version, is the user's to mend.
+
+    Raises:
+        LoaderLostError: If a process that loads data was killed.
     """
     handler = signal.getsignal(signal.SIGINT)
     try:
@@ -234,6 +242,11 @@ def _until_interrupted(trainer: L.Trainer, action: Callable[[], object]) -> None
     except MisconfigurationException as error:
         raise ValueError(f"trainer: {error}") from None
     except RuntimeError as error:
+        if LOADER in str(error):
+            raise LoaderLostError(
+                "a process that loads data was killed, as the system does where memory is short; the same command with "
+                "--resume goes on, with fewer data.workers where that was so"
+            ) from None
         if MISFIT not in str(error):
             raise
         raise ValueError(
