@@ -54,8 +54,9 @@ CODES = {"SIGKILL": {-9}, "SIGTERM": {143, -15, -2}, "SIGINT": {130, -2}}
 of every process in which an interrupt has passed through what a library's C part runs, say while torch is imported."""
 PATIENCE = 60.0
 """[s] for a command to end after a signal; the longest step takes less than one."""
-ENDING = 1.0
-"""[s] that a command needs to leave when all is written."""
+ENDING = 1.0, 0.3
+"""[s], and of its time, that a command may need to end by itself when all is done but the last: Lightning looks for a
+SIGTERM between epochs, and after the last there is none."""
 STARTING = 0.5
 """[s] from the start in which Python itself, not physid, answers Ctrl-C, with a traceback."""
 UNENDED, LEFT = f"did not end within {PATIENCE:g} s", "left processes behind"
@@ -374,6 +375,7 @@ def complaints(said: str, code: int | None, wanted: set[int], early: bool = Fals
         found.append(said)
     elif "Traceback" in said and not early:
         found.append("traceback: " + lines[-1])
+        print(said, file=sys.stderr, flush=True)
     elif len(lines) > 1 and not early:
         found.append(f"{len(lines)} lines: " + " | ".join(lines)[:200])
     return found
@@ -392,17 +394,24 @@ def kill(task: Task, folder: Path, name: str, whole: float, draw: random.Random,
         sent = time.perf_counter()
         said = end(process, PATIENCE)
         # The command may have ended by itself meanwhile: the resumed run shows whether all was there.
-        done = {0} if time.perf_counter() - sent < ENDING else set()
+        done = {0} if time.perf_counter() - sent < max(ENDING[0], ENDING[1] * whole) else set()
         early = name == "SIGINT" and afresh and delay < STARTING
         found += complaints(said, process.returncode, CODES[name] | done, early)
     return times, found
 
 
 def children(process: int) -> list[int]:
-    """Return the processes that a process has started, and theirs."""
+    """Return the processes that a process has started, and theirs, without those that only count what is shared."""
     listing = Path(f"/proc/{process}/task/{process}/children")
     direct = [int(each) for each in listing.read_text().split()] if listing.exists() else []
-    return [*direct, *(other for each in direct for other in children(each))]
+    found = [*direct, *(other for each in direct for other in children(each))]
+    return [each for each in found if b"resource_tracker" not in _words(each)]
+
+
+def _words(process: int) -> bytes:
+    with contextlib.suppress(OSError):
+        return Path(f"/proc/{process}/cmdline").read_bytes()
+    return b""
 
 
 def lose(task: Task, folder: Path, whole: float, draw: random.Random) -> list[str]:

@@ -35,25 +35,74 @@ SOURCE, TESTS = ROOT / "src" / "physid", ROOT / "tests"
 SUITES: dict[str, tuple[str, ...]] = {
     "physics/rotations.py": ("physics/test_rotations.py",),
     "physics/joints.py": ("physics/test_joints.py",),
-    "physics/contact.py": ("physics/test_collision.py", "physics/test_shapes.py"),
+    "physics/contact.py": ("physics/test_contact_rules.py", "physics/test_collision.py", "physics/test_shapes.py"),
+    "physics/contact_problem/lcp.py": ("physics/test_lcp.py", "physics/test_fused.py"),
+    "physics/contact_problem/[!l]*.py": ("physics/test_lcp.py", "physics/test_cones.py", "physics/test_fused.py"),
+    "physics/schemes/*.py": ("physics/test_grid.py", "physics/test_fused.py", "physics/test_midpoint.py"),
+    "physics/shapes/*.py": ("physics/test_collision.py", "physics/test_shapes.py"),
+    "physics/state.py physics/parameters.py physics/world.py physics/effect.py physics/layer.py": (
+        *("physics/test_layer.py", "physics/test_border.py", "physics/test_lengths.py", "effects/test_catalogue.py"),
+    ),
+    "physics/step.py": ("physics/test_fused.py", "physics/test_shapes.py"),
+    "physics/fused/formulas/*.py physics/fused/formulas/*/*.py": (
+        *("physics/test_fused_compiler.py", "physics/test_closed_forms.py", "physics/test_fused.py"),
+        "physics/test_midpoint.py",
+    ),
     "effects/actuation/*.py": ("effects/test_actuation.py", "effects/test_catalogue.py"),
     "effects/contact/*.py": ("effects/test_contact.py", "effects/test_catalogue.py"),
     "effects/dynamics/*.py": ("effects/test_dynamics.py", "effects/test_catalogue.py"),
     "effects/perception/*.py": ("effects/test_perception.py", "effects/test_catalogue.py"),
     "effects/resampling.py": ("effects/test_perception.py", "effects/test_actuation.py"),
+    "effects/touch.py": ("effects/test_contact.py", "physics/test_shapes.py"),
     "estimation/prediction/timeline.py": ("diagnosis/test_timeline.py",),
     "estimation/prediction/segments.py": ("diagnosis/test_segments.py",),
+    "estimation/prediction/step_effects.py": ("diagnosis/test_step_effects.py",),
+    "estimation/prediction/coordinates.py": ("training/test_physical_parameters.py", "diagnosis/test_equivalence.py"),
+    "estimation/prediction/rollout.py": ("diagnosis/test_timeline.py", "diagnosis/test_prediction.py"),
     "estimation/measurement/sensor_noise.py": ("diagnosis/test_noise.py",),
-    "estimation/measurement/unexplained.py": ("training/test_unexplained.py",),
+    "estimation/measurement/misfit.py estimation/measurement/unexplained.py estimation/measurement/tracking_error.py": (
+        "training/test_unexplained.py",
+    ),
     "estimation/least_squares/multi_start.py": ("diagnosis/test_multi_start.py",),
+    "estimation/least_squares/initial_states.py": ("diagnosis/test_initial_states.py",),
+    "estimation/least_squares/normal_equations.py": (
+        *("diagnosis/test_residual_wrench.py", "diagnosis/test_score_test.py", "diagnosis/test_equivalence.py"),
+        *("diagnosis/test_hypothesis.py", "training/test_intervals.py"),
+    ),
+    "estimation/least_squares/jacobian.py": ("diagnosis/test_initial_states.py", "diagnosis/test_equivalence.py"),
+    "estimation/least_squares/covariance.py": ("training/test_intervals.py", "diagnosis/test_hypothesis.py"),
+    "estimation/least_squares/discretisation.py": ("training/test_step_choice.py",),
+    "estimation/least_squares/levenberg_marquardt.py estimation/least_squares/line_search.py": (
+        *("training/test_intervals.py", "diagnosis/test_nominal_fit.py", "training/test_optimizers.py"),
+    ),
+    "diagnosis/inputs/events.py": ("diagnosis/test_noise.py",),
+    "diagnosis/inputs/model_source.py": ("diagnosis/test_model_source.py",),
+    "diagnosis/inputs/requirements.py": ("diagnosis/test_requirements.py",),
+    "diagnosis/reference/replay.py": ("diagnosis/test_replay.py",),
+    "diagnosis/reference/null_simulations.py": ("diagnosis/test_score_test.py",),
+    "diagnosis/testing/score_test.py": ("diagnosis/test_score_test.py", "diagnosis/test_power.py"),
+    "diagnosis/testing/null_*.py": ("diagnosis/test_null_tails.py", "diagnosis/test_score_test.py"),
+    "diagnosis/testing/equivalence.py": ("diagnosis/test_equivalence.py",),
+    "diagnosis/testing/residual_wrench.py": ("diagnosis/test_residual_wrench.py",),
+    "diagnosis/testing/lack_of_fit.py": ("diagnosis/test_localisation.py", "diagnosis/test_verdict.py"),
+    "diagnosis/testing/hypothesis.py": ("diagnosis/test_hypothesis.py",),
+    "diagnosis/selection/*.py": ("diagnosis/test_verdict.py", "diagnosis/test_attribution.py"),
+    "diagnosis/posterior/*.py": ("diagnosis/test_posterior.py",),
     "diagnosis/conclusion/verdict.py": ("diagnosis/test_verdict.py",),
     "diagnosis/conclusion/materiality.py": ("diagnosis/test_materiality.py",),
     "diagnosis/conclusion/localisation.py": ("diagnosis/test_localisation.py",),
     "diagnosis/conclusion/gap.py": ("diagnosis/test_gap.py",),
     "diagnosis/conclusion/power.py": ("diagnosis/test_power.py",),
+    "diagnosis/conclusion/decomposition.py": ("diagnosis/test_decomposition.py",),
     "diagnosis/conclusion/parametric_bootstrap.py": ("diagnosis/test_parametric_bootstrap.py",),
+    "diagnosis/document/sentences.py": ("diagnosis/test_sentences.py", "diagnosis/test_document.py"),
 }
-"""The tests of each module, or of each in a folder."""
+"""The tests of each module, or of all that match one of several patterns."""
+SLOW = (
+    *("h5py", "imageio", "joblib", "jsonargparse", "lightning", "matplotlib.pyplot", "mujoco", "omegaconf", "pybullet"),
+    *("pydantic", "scipy.optimize", "scipy.stats", "torch", "tqdm", "yaml"),
+)
+"""What is imported before, once for all; pytest itself must still see hypothesis come."""
 FACTOR, LEAST = 8.0, 60.0
 """A run of the tests that takes this many times as long as usual, and at least so long [s], counts as failed."""
 OPERATORS: dict[type, type] = {
@@ -164,7 +213,8 @@ def _tested(module: Path, source: str | None, suite: tuple[str, ...]) -> int:
 
 def drawn(pattern: str, count: int, seed: int) -> list[tuple[Path, int]]:
     """Return modules and numbers of changes, drawn at random from all of a pattern."""
-    modules = [path for path in sorted(SOURCE.glob(pattern)) if path.name != "__init__.py"]
+    found = {path for each in pattern.split() for path in SOURCE.glob(each)}
+    modules = [path for path in sorted(found) if path.name != "__init__.py"]
     every = [(path, number) for path in modules for number in range(len(list(places(ast.parse(path.read_text())))))]
     return random.Random(f"{seed} {pattern}").sample(every, min(count, len(every)))
 
@@ -180,7 +230,7 @@ def main() -> None:
     chosen = parser.parse_args()
     os.chdir(ROOT)
     sys.path[:0] = [str(ROOT), str(TESTS)]
-    for slow in ("lightning", "scipy.optimize", "scipy.stats", "torch"):  # pytest itself must still see hypothesis come
+    for slow in SLOW:
         importlib.import_module(slow)
     rows: dict[str, dict[str, Any]] = {}
     if chosen.kept and chosen.kept.is_file():
@@ -201,6 +251,7 @@ def main() -> None:
             if suite not in usual:
                 fine, usual[suite] = survives(module, None, suite, 600)
                 assert fine, f"{suite} fail without a change"
+                print(f"    {usual[suite]:.0f} s: {', '.join(suite)}", file=sys.stderr, flush=True)
             survived, _ = survives(module, source, suite, max(LEAST, FACTOR * usual[suite]))
             rows[change] = {"pattern": pattern, "change": change, "survived": survived}
             if chosen.kept:

@@ -10,10 +10,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from tqdm import tqdm
 
 from physid.cli import main, shorten, sort_words
 from physid.commands import COMMANDS, Command
-from physid.commands.terminal import interruptible, styled
+from physid.commands.terminal import frame_bar, interruptible, styled
 from physid.configuration import compose
 
 HELP_SECONDS = 0.5
@@ -221,3 +222,25 @@ def test_ctrl_c_while_a_command_that_has_done_its_work_ends_says_nothing() -> No
         _, error = running.communicate(timeout=30)
     assert running.returncode == 0
     assert not error
+
+
+def test_the_bar_of_films_is_one_for_both_readings_and_counts_no_time_for_what_was_there(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    bars = []
+
+    class Seen(tqdm):  # type: ignore[type-arg]
+        def __init__(self, **options: object) -> None:
+            super().__init__(**{**options, "disable": False, "file": io.StringIO()})
+            bars.append(self)
+
+    monkeypatch.setattr("tqdm.tqdm", Seen)
+    with frame_bar(False) as say:
+        for task, done, counted in (
+            ("films", 30, 0),
+            ("films", 40, 10),
+            ("drawn films", 60, 10),
+            ("drawn films", 80, 30),
+        ):
+            say(task, done, 80)
+            assert (bars[0].n, bars[0].n - bars[0].initial, bars[0].total) == (done, counted, 80)

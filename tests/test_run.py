@@ -7,6 +7,7 @@ import json
 import os
 import signal
 import time
+from multiprocessing import Pipe
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from torch.utils.data import DataLoader, Dataset, TensorDataset
 
 from physid import cli
 from physid.one_writer import one_writer
+from physid.training.callbacks import progress
 
 
 class Noisy(L.LightningModule):
@@ -63,28 +65,48 @@ class Noisy(L.LightningModule):
         return torch.optim.Adam(self.parameters(), self.rate)
 
 
-class Lethal(Dataset[Tensor]):
-    """Points; the process that reads the third is killed, as the system does where memory is short."""
+class Harmful(Dataset[Tensor]):
+    """Points; the process that reads the third is killed, as the system does where memory is short, or fails."""
+
+    def __init__(self, harm: str) -> None:
+        self.harm = harm
 
     def __len__(self) -> int:
         return 4
 
     def __getitem__(self, number: int) -> Tensor:
-        if number == 2:
+        if number == 2 and self.harm == "kill":
             signal.raise_signal(signal.SIGKILL)
+        if number == 2:
+            raise RuntimeError("a mistake in the code")
         return torch.ones(3)
+
+
+class Last:
+    """What a loader hands over as its last: as it is read, the process that made it is gone."""
+
+    def __reduce__(self) -> Any:
+        return gone, ()
+
+
+def gone() -> None:
+    """End as torch's way of sharing tensors does when the other end is gone."""
+    first, second = Pipe()
+    second.close()
+    first.recv()
 
 
 class Points(L.LightningDataModule):
     """Twelve points, shuffled."""
 
-    def __init__(self, lethal: bool = False) -> None:
+    def __init__(self, harm: str = "") -> None:
         super().__init__()
-        self.lethal = lethal
+        self.harm = harm
 
     def train_dataloader(self) -> DataLoader[Any]:
-        if self.lethal:
-            return DataLoader(Lethal(), num_workers=1)
+        if self.harm:
+            collate = (lambda _: Last()) if self.harm == "cut off" else None
+            return DataLoader(Harmful(self.harm), num_workers=1, collate_fn=collate)
         return DataLoader(TensorDataset(torch.arange(36.0).reshape(12, 3) / 36), batch_size=4, shuffle=True)
 
     def test_dataloader(self) -> DataLoader[Any]:
@@ -152,11 +174,43 @@ def test_an_interrupted_run_goes_on_exactly_where_it_stopped(config: str, capsys
     assert history(Path("runs/halves")) == history(Path("runs/whole"))
 
 
-def test_a_loader_that_is_killed_is_named_with_the_remedy(config: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["fit", "--config", config, "data.lethal=true"]) == 1
+def test_the_bar_says_how_long_all_epochs_still_take(
+    config: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    seconds, said = [0.0], list[tuple[float, float]]()
+    step, left = Noisy.training_step, progress.Progress.left
+
+    def timed(self: Noisy, *words: Any) -> Tensor:
+        seconds[0] += 1.0
+        return step(self, *words)
+
+    def noted(self: progress.Progress, trainer: L.Trainer) -> float | None:
+        if (value := left(self, trainer)) is not None:
+            said.append((seconds[0], value))
+        return value
+
+    monkeypatch.setattr(progress, "clock", lambda: seconds[0])
+    monkeypatch.setattr(Noisy, "training_step", timed)
+    monkeypatch.setattr(progress.Progress, "left", noted)
+    assert main(["fit", "--config", config, "trainer.enable_progress_bar=true"]) == 0
+    assert {time for time, _ in said} == set(range(3, 13))  # three steps an epoch; nothing is said before its end
+    assert all(value == pytest.approx(12.0 - time) for time, value in said)
+    assert "left: ≤0:00:0" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("harm", ["kill", "cut off"])
+def test_a_loader_that_is_killed_is_named_with_the_remedy(
+    config: str, harm: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["fit", "--config", config, f"data.harm={harm}"]) == 1
     message = capsys.readouterr().err.strip()
     assert len(message.splitlines()) == 1
     assert "with --resume goes on, with fewer data.workers" in message
+
+
+def test_an_error_of_the_code_in_a_loader_is_not_taken_for_a_killed_one(config: str) -> None:
+    with pytest.raises(RuntimeError, match="a mistake in the code"):
+        main(["fit", "--config", config, "data.harm=fail"])
 
 
 def test_a_run_that_is_resumed_for_fewer_epochs_than_it_has_is_refused_in_one_line(

@@ -104,9 +104,12 @@ def frame_bar(quiet: bool) -> Iterator[Callable[[str, int, int], None]]:
 
         def say(task: str, done: int, total: int) -> None:
             nonlocal shown
-            if task != shown:
-                shown = task
+            if total != bar.total:
                 bar.reset(total)
+            if task != shown:  # what it finds done took none of the time of this bar
+                shown = task
+                bar.initial += done - bar.n
+                bar.n = bar.last_print_n = done
                 bar.set_description(task)
             bar.update(done - bar.n)
 

@@ -15,20 +15,20 @@ class Stage(Enum):
     """
 
     READING = "reading the recordings", 0
-    FITTING_SHORT_SEGMENTS = "fitting the nominal model to short segments", 5
-    FITTING_NOMINAL = "fitting the nominal model", 5
-    CHOOSING_STEPS = "choosing the steps of the engine", 10
-    REPLAYING_NOMINAL = "replaying the fit in the reference simulator", 15
-    MEASURING_NUMERICS = "measuring where the numerics disturb", 25
-    FITTING_CONTACT_FREE = "fitting the nominal model to contact-free segments", 30
-    TESTING = "testing all effects at once, against null simulations", 35
-    FITTING = "fitting {}", 45
-    FINISHING = "fitting {} to the end", 50
-    REPLAYING = "replaying {} in the reference simulator", 60
-    EXAMINING = "looking at what {} leaves", 75
-    EXAMINING_IMPACTS = "looking at what {} leaves at impacts", 80
-    FITTING_ALL_FRAMES = "fitting what was found to all frames", 80
-    WRITING = "writing the report", 95
+    FITTING_SHORT_SEGMENTS = "fitting the nominal model to short segments", 2
+    FITTING_NOMINAL = "fitting the nominal model", 2
+    CHOOSING_STEPS = "choosing the steps of the engine", 12
+    REPLAYING_NOMINAL = "replaying the fit in the reference simulator", 18
+    MEASURING_NUMERICS = "measuring where the numerics disturb", 32
+    FITTING_CONTACT_FREE = "fitting the nominal model to contact-free segments", 40
+    TESTING = "testing all effects at once, against null simulations", 46
+    FITTING = "fitting {}", 58
+    FINISHING = "fitting {} to the end", 70
+    REPLAYING = "replaying {} in the reference simulator", 75
+    EXAMINING = "looking at what {} leaves", 80
+    EXAMINING_IMPACTS = "looking at what {} leaves at impacts", 87
+    FITTING_ALL_FRAMES = "fitting what was found to all frames", 88
+    WRITING = "writing the report", 97
 
     def __init__(self, phrase: str, share: int) -> None:
         self.phrase = phrase

@@ -11,6 +11,7 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from multiprocessing import parent_process
 from pathlib import Path
+from traceback import extract_tb
 from typing import Any, Literal
 
 import lightning as L
@@ -38,7 +39,7 @@ SAFELY: dict[str, Any] = {"weights_only": True}
 """A checkpoint from elsewhere is data, never code."""
 CONFIG, FIGURES = "config.yaml", "metrics.json"
 MISFIT = "loading state_dict"  # how torch begins to say that weights are not those of a model
-LOADER = "DataLoader worker"  # and that a process which loads data has ended
+LOADER = "DataLoader worker (pid"  # and that a process which loads data has ended
 # The keys of a configuration, and whose arguments stand below each (None: a class_path says so).
 GROUPS: dict[str, Callable[..., Any] | None] = {
     "seed_everything": None,
@@ -241,8 +242,8 @@ def _until_interrupted(trainer: L.Trainer, action: Callable[[], object]) -> None
         action()
     except MisconfigurationException as error:
         raise ValueError(f"trainer: {error}") from None
-    except RuntimeError as error:
-        if LOADER in str(error):
+    except (RuntimeError, EOFError, OSError) as error:
+        if _loader_lost(error):
             raise LoaderLostError(
                 "a process that loads data was killed, as the system does where memory is short; the same command with "
                 "--resume goes on, with fewer data.workers where that was so"
@@ -258,6 +259,12 @@ def _until_interrupted(trainer: L.Trainer, action: Callable[[], object]) -> None
             raise
         signal.signal(signal.SIGINT, handler)
         raise KeyboardInterrupt(f"in epoch {trainer.current_epoch}; the same command with --resume goes on") from None
+
+
+def _loader_lost(error: Exception) -> bool:
+    """Return whether a process that loads data has ended: torch says so, unless it dies while it hands data over."""
+    handing = any("/multiprocessing/" in frame.filename for frame in extract_tb(error.__traceback__))
+    return LOADER in str(error) if isinstance(error, RuntimeError) else handing
 
 
 def _has_test_split(data: Any) -> bool:

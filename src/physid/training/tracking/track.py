@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 from collections.abc import Callable, Sequence
-from functools import partial
 from pathlib import Path
 
 import torch
@@ -47,7 +46,7 @@ def track(
         encoder: Run of a trained encoder, which finds the bodies in the first frames; None to do without.
         chart: Which poses there are; None to judge by the first ones.
         limit: At most so many trajectories, the first ones.
-        say: Called with what is being done, how many frames of how many.
+        say: Called with what is being done, how many frames of how many: those of the films, and as many drawn ones.
 
     Returns:
         The set.
@@ -69,8 +68,18 @@ def track(
     reader, first = first_frames_of(scene, filmed, known, chart, encoder and restore(encoder, films))
     stretch, deviation = (float(one) for one in (reader.calibration.stretch, reader.calibration.deviation))
     write_reading(out, Reading(str(films.resolve()), str(encoder or ""), reader.name, stretch, deviation, key))
-    found = _read_into(out, scene, reader, filmed, known, first, partial(say, "reading the films"))
-    _echo(out / ECHO, found, reader, filmed, known, partial(say, "reading drawn films"))
+    # Both readings take equally long: one count for both.
+    found = _read_into(
+        out, scene, reader, filmed, known, first, lambda done, total: say("reading the films", done, 2 * total)
+    )
+    _echo(
+        out / ECHO,
+        found,
+        reader,
+        filmed,
+        known,
+        lambda done, total: say("reading drawn films", total + done, 2 * total),
+    )
     return found
 
 
