@@ -76,3 +76,29 @@ def test_fits_in_one_process_leave_nothing_behind(recordings: Callable[[str], Pa
     growth, files, threads = slope(series[3:])
     assert growth < 100 * GROWTH
     assert (files, threads) == (0, 0)
+
+
+@pytest.mark.slow
+def test_diagnoses_in_one_process_leave_nothing_behind(tmp_path: Path) -> None:
+    noise = ["noise.position=0.0005", "noise.rotation=0.002", "steps=60", "trajectories=6", "video=false", "--quiet"]
+    assert main(["generate", "--config", "generate/push_rich", f"--out={tmp_path / 'set'}", *noise]) == 0
+    series = []
+    for number in range(8):
+        assert main(["diagnose", str(tmp_path / "set"), f"--out={tmp_path / str(number)}", "--quiet"]) == 0
+        series.append(held())
+    growth, files, threads = slope(series[3:])
+    print(f"{growth / 1e3:.0f} kB a diagnosis")
+    assert growth < 100 * GROWTH
+    assert (files, threads) == (0, 0)
+
+
+@pytest.mark.slow
+def test_a_run_that_is_resumed_again_and_again_keeps_one_folder_of_wandb_for_each_call(
+    recordings: Callable[[str], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("WANDB_MODE", "offline")
+    words = ["fit", "--config", CONFIG, f"--run-dir={tmp_path / 'run'}", f"data.folder={recordings('push')}"]
+    descent = ["model.optimizer.class_path=torch.optim.SGD", "model.optimizer.lr=1e-9", "trainer.callbacks=[]"]
+    for epochs in (1, 2, 3):
+        assert main([*words, *descent, f"trainer.max_epochs={epochs}", *["--resume"] * (epochs > 1)]) == 0
+        assert len(list((tmp_path / "run" / "wandb").glob("offline-run-*"))) == epochs

@@ -186,3 +186,33 @@ def test_a_scheduler_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPat
     address = f"tcp://127.0.0.1:{free_port()}"
     with pytest.raises(ClusterError, match=address), running_on("dask", address):
         pass
+
+
+@pytest.mark.parametrize("when", ["opened", "closed"])
+def test_ctrl_c_while_a_client_is_opened_or_closed_comes_once_it_is(when: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("distributed", reason="needs the extra dask: pip install 'physid[dask]'")
+    done = []
+
+    class Client:
+        def __init__(self, *_: object, **__: object) -> None:
+            self.step("opened")
+
+        def step(self, name: str) -> None:
+            if name == when:
+                signal.raise_signal(signal.SIGINT)
+            done.append(name)
+
+        def scheduler_info(self, **_: object) -> dict[str, list[str]]:
+            return {"workers": ["one"]}
+
+        def run(self, function: Callable[[], object]) -> dict[str, object]:
+            return {"one": function()}
+
+        def close(self) -> None:
+            self.step("closed")
+
+    monkeypatch.setattr("distributed.Client", Client)
+    monkeypatch.setattr("joblib.parallel_config", lambda **_: contextlib.nullcontext())
+    with pytest.raises(KeyboardInterrupt), running_on("dask", "tcp://127.0.0.1:1"):
+        assert when == "closed"
+    assert done == ["opened", "closed"]

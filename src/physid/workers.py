@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from pathlib import Path
+from signal import SIGINT, SIGTERM
 from typing import Any, Literal
 
 from physid.record import Source, source
@@ -57,13 +59,17 @@ def running_on(backend: Backend = "loky", scheduler: str | None = None) -> Itera
                 "it stopped, with fewer --workers where that was so"
             ) from None
         return
-    client = _connect(scheduler)
+    client = None
     try:
+        with _signals_wait():
+            client = _connect(scheduler)
         _require_same_source(client)
         with joblib.parallel_config(backend="dask", client=client):
             yield Path.absolute
     finally:
-        client.close()
+        with _signals_wait():
+            if client is not None:
+                client.close()
 
 
 def _end_with(parent: int) -> None:
@@ -79,6 +85,26 @@ def _end_with(parent: int) -> None:
         os._exit(1)
 
     threading.Thread(target=watch, name="watch the parent", daemon=True).start()
+
+
+@contextmanager
+def _signals_wait() -> Iterator[None]:
+    """Let Ctrl-C and SIGTERM come after the block: a client half open or half closed holds its process for 20 s.
+
+    Opening takes no longer than an answer may.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+    before = {each: signal.signal(each, lambda number, _: came.append(number)) for each in (SIGINT, SIGTERM)}
+    try:
+        yield
+    finally:
+        for each, handler in before.items():
+            signal.signal(each, handler)
+        for number in dict.fromkeys(came):
+            signal.raise_signal(number)
 
 
 def _connect(scheduler: str | None) -> Any:

@@ -45,6 +45,15 @@ def test_a_matrix_turns_back_into_its_quaternion_up_to_sign(vectors: torch.Tenso
     assert angle_between(back, quaternion).max() < 1e-7
 
 
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_large_turns_about_each_axis_turn_back_whichever_component_is_largest(axis: int) -> None:
+    turns = torch.zeros(40, 3, dtype=torch.float64)
+    turns[:, axis] = torch.linspace(-torch.pi, torch.pi, 40, dtype=torch.float64)
+    turns += 0.05 * torch.tensor([0.3, -0.8, 0.5], dtype=torch.float64)
+    back = from_matrix(to_matrix(exponential(turns)))
+    assert angle_between(back, exponential(turns)).max() < 1e-7
+
+
 def test_rotating_composes_as_multiplying(vectors: torch.Tensor) -> None:
     first, second = exponential(vectors), exponential(vectors.flip(0))
     twice = rotate(second, rotate(first, vectors + 1))
