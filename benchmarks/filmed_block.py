@@ -3,9 +3,11 @@
 The motion follows from Coulomb's law in small exact steps (as in examples/write_logs.py). PyBullet's TinyRenderer draws
 it with a textured table and a light, twice as fine as the film; a soft shadow, noise of 3 grey levels and a gain that
 drifts are added; it is encoded as H.264 with 640 x 480 pixels, 30 frames a second. `physid import mp4`, `track` and
-`fit` then do what they do with any film, and what they find is compared with the truth.
+`fit` then do what they do with any film, and what they find is compared with the truth. With `--calibrate` the lens
+distorts, and `physid calibrate` measures it from the film of a checkerboard and from points of the table.
 
     python benchmarks/filmed_block.py --out runs/films --films 3
+    python benchmarks/filmed_block.py --out runs/films_60 --rate 60 --calibrate
 """
 
 from __future__ import annotations
@@ -29,6 +31,14 @@ FORCE_RATE = 500
 FINER = 2  # pixels of the drawing along each side of a pixel of the film
 WIDTH, HEIGHT, FOV = 640, 480, 40.0
 EYE, TARGET, UP = (0.15, -0.9, 1.0), (0.1, 0.05, 0.0), (0.0, 0.0, 1.0)
+COLOURS = {
+    "blue on wood": ((40, 70, 160), (1.0, 0.8, 0.6)),
+    "yellow on slate": ((200, 170, 50), (0.55, 0.6, 0.7)),
+    "grey on cloth": ((120, 120, 115), (0.5, 0.8, 0.55)),
+}
+"""Of the block (red, green, blue), and of the table (shares of its brightness)."""
+LENS = (-0.22, 0.08, 0.001, -0.0008, 0.0)
+BOARD, SQUARE = (9, 6), 0.03  # inner corners of the checkerboard, side of a square [m]
 DARK, SOFT = 0.45, 1.5  # share of the light that a shadow takes; width of its edges [px]
 LIGHT = {
     "lightDirection": [3.0, -1.0, 3.0],
@@ -49,6 +59,7 @@ class Look:
     shadow: bool = True
     texture: bool = True
     rate: int = 30
+    colours: str = "blue on wood"
     distortion: tuple[float, ...] = ()
     """Of OpenCV: k1, k2, p1, p2, k3."""
 
@@ -72,18 +83,18 @@ def push(generator: np.random.Generator, seconds: float) -> tuple[np.ndarray, np
     return force, np.array(path)
 
 
-def wood(size: int, generator: np.random.Generator) -> np.ndarray:
+def wood(size: int, generator: np.random.Generator, hue: tuple[float, float, float]) -> np.ndarray:
     """Draw a table: stripes, spots and grain."""
     y, x = np.mgrid[:size, :size] / size
     coarse = cv2.resize(generator.standard_normal((24, 24)), (size, size), interpolation=cv2.INTER_CUBIC)
     fine = generator.standard_normal((size, size))
     grey = 0.55 + 0.10 * np.sin(60 * (x + 0.05 * coarse)) + 0.06 * coarse + 0.05 * fine + 0.05 * np.sin(9 * y)
-    return (255 * np.clip(grey[..., None] * [1.0, 0.8, 0.6], 0, 1)).astype(np.uint8)
+    return (255 * np.clip(grey[..., None] * hue, 0, 1)).astype(np.uint8)
 
 
-def sticker(generator: np.random.Generator) -> np.ndarray:
+def sticker(generator: np.random.Generator, colour: tuple[int, int, int]) -> np.ndarray:
     """Draw what is on the block."""
-    image = np.full((256, 256, 3), (40, 70, 160), np.uint8)
+    image = np.full((256, 256, 3), colour, np.uint8)
     for _ in range(14):
         a, b = generator.integers(0, 256, 2)
         w, h = generator.integers(20, 90, 2)
@@ -96,9 +107,9 @@ class Studio:
 
     def __init__(self, look: Look, generator: np.random.Generator) -> None:
         self._look, self._client = look, pybullet.connect(pybullet.DIRECT)
-        half = [edge / 2 for edge in EDGES]
-        self._table = self._box([1.5, 1.5, 0.02], [0, 0, -0.02], wood(1024, generator) if look.texture else None)
-        self._block = self._box(half, [9, 9, 9], sticker(generator))
+        half, (block, table) = [edge / 2 for edge in EDGES], COLOURS[look.colours]
+        self._table = self._box([1.5, 1.5, 0.02], [0, 0, -0.02], wood(1024, generator, table) if look.texture else None)
+        self._block = self._box(half, [9, 9, 9], sticker(generator, block))
 
     def _box(self, half: list[float], place: list[float], texture: np.ndarray | None) -> int:
         shape = pybullet.createVisualShape(
@@ -174,14 +185,7 @@ def film(
     path: Path, places: np.ndarray, yaw: float, look: Look, studio: Studio, generator: np.random.Generator
 ) -> None:
     """Draw, disturb and encode a film."""
-    warp = None
-    if look.distortion:
-        # Where a pixel of the distorted film looks in the drawing.
-        v, u = np.mgrid[:HEIGHT, :WIDTH].astype(np.float32)
-        points = cv2.undistortPoints(
-            np.stack([u, v], -1).reshape(-1, 1, 2), intrinsics(), np.array(look.distortion), P=intrinsics()
-        )
-        warp = points.reshape(HEIGHT, WIDTH, 2).astype(np.float32)
+    warp = warping(look.distortion) if look.distortion else None
     images = []
     for number, place in enumerate(places):
         fine = studio.shoot(place, yaw)
@@ -192,6 +196,49 @@ def film(
         noisy = gain * image + look.noise * generator.standard_normal(image.shape)
         images.append(noisy.round().clip(0, 255).astype(np.uint8))
     encode(path, images, look)
+
+
+def warping(distortion: tuple[float, ...]) -> np.ndarray:
+    """Return where each pixel of the distorted film looks in the drawing, shape (H, W, 2) [px]."""
+    v, u = np.mgrid[:HEIGHT, :WIDTH].astype(np.float32)
+    seen = np.stack([u, v], -1).reshape(-1, 1, 2)
+    points = cv2.undistortPoints(seen, intrinsics(), np.array(distortion), P=intrinsics())
+    return points.reshape(HEIGHT, WIDTH, 2).astype(np.float32)
+
+
+def film_board(path: Path, look: Look, generator: np.random.Generator, views: int = 40) -> None:
+    """Film a checkerboard that is turned about in front of the camera, and moved into all corners of the image."""
+    columns, rows = BOARD[0] + 3, BOARD[1] + 3
+    squares = (np.add.outer(np.arange(rows), np.arange(columns)) % 2 * 200 + 30).astype(np.uint8)
+    squares[[0, -1]], squares[:, [0, -1]] = 230, 230
+    fine = np.kron(squares, np.ones((40, 40), np.uint8))
+    sides = SQUARE * np.array([columns, rows])
+    corners = (np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) - 0.5) * sides
+    drawn = np.array([[0, 0], [columns, 0], [columns, rows], [0, rows]], np.float32) * 40 - 0.5
+    warp, images = warping(look.distortion), []
+    for view in range(views):
+        where = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [0, 0]])[view % 5] * [0.13, 0.09]
+        turn, _ = cv2.Rodrigues(generator.uniform(-0.5, 0.5, 3))
+        points = np.column_stack([corners, np.zeros(4)]) @ turn.T + [*where, generator.uniform(0.5, 0.75)]
+        seen = points @ intrinsics(FINER).T
+        sharp = cv2.getPerspectiveTransform(drawn, (seen[:, :2] / seen[:, 2:]).astype(np.float32))
+        size = (FINER * WIDTH, FINER * HEIGHT)
+        image = cv2.warpPerspective(fine, sharp, size, flags=cv2.INTER_AREA, borderValue=120).astype(np.float32)
+        image = image.reshape(HEIGHT, FINER, WIDTH, FINER).mean((1, 3))
+        image = cv2.remap(image, warp[..., 0], warp[..., 1], cv2.INTER_CUBIC, borderValue=120)[..., None]
+        noisy = image + look.noise * generator.standard_normal((HEIGHT, WIDTH, 3))
+        images += [noisy.round().clip(0, 255).astype(np.uint8)] * 3
+    encode(path, images, look)
+
+
+def table_points(look: Look) -> list[list[float]]:
+    """Return points of the table as someone clicks them, to half a pixel: column, row [px], x, y [m]."""
+    places = np.array([[x, y, 0.0] for x in (-0.2, 0.1, 0.4) for y in (-0.2, 0.05, 0.35)])
+    ideal = project(places).reshape(-1, 1, 2)
+    rays = np.concatenate([cv2.undistortPoints(ideal, intrinsics(), np.zeros(5))[:, 0], np.ones((len(places), 1))], 1)
+    seen, _ = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), intrinsics(), np.array(look.distortion))
+    # physid counts pixels from the upper left corner of the image, OpenCV from the middle of the first.
+    return [[*(np.round(2 * (uv + 0.5)) / 2).tolist(), x, y] for uv, (x, y, _) in zip(seen[:, 0], places, strict=True)]
 
 
 def encode(path: Path, images: list[np.ndarray], look: Look) -> None:
@@ -236,6 +283,9 @@ def make(folder: Path, films: int, look: Look, seconds: float = 3.0, seed: int =
         "".join(f"{key}: {list(value) if isinstance(value, tuple) else value}\n" for key, value in camera.items())
     )
     (folder / "truth.json").write_text(json.dumps(truth))
+    if look.distortion:
+        film_board(folder / "board.mp4", look, np.random.default_rng([seed, 1000]))
+        (folder / "points.json").write_text(json.dumps(table_points(look)))
     pybullet.disconnect(studio._client)
 
 
@@ -245,18 +295,31 @@ def run(folder: Path) -> dict[str, float]:
     from physid.data.format import RecordingSet
 
     films, read, fitted = folder / "set", folder / "read", folder / "fit"
-    words = [f"camera={folder / 'camera.yaml'}", f"size={list(EDGES)}", f"mass={MASS}", "force=[fx,fy,fz]"]
+    commands, camera = [], folder / "camera.yaml"
+    if (folder / "board.mp4").exists():
+        camera, ground = folder / "calibrated.yaml", (folder / "points.json").read_text()
+        board = ["calibrate", str(folder / "board.mp4"), f"--square={SQUARE}", f"--ground={ground}", f"--out={camera}"]
+        commands.append([*board, f"--corners={BOARD[0]}x{BOARD[1]}"])
+    shot = [str(path) for path in sorted(folder.glob("film_*.mp4"))]
+    words = [f"camera={camera}", f"size={list(EDGES)}", f"mass={MASS}", "force=[fx,fy,fz]"]
     words += ["forces.file={stem}_forces.csv", "forces.time=t", f"--out={films}"]
-    for command in (["import", "mp4", str(folder), *words], ["track", str(films), f"--out={read}", "--quiet"],
-                    ["fit", str(read), f"--run-dir={fitted}"]):  # fmt: skip
+    commands += [["import", "mp4", *shot, *words], ["track", str(films), f"--out={read}", "--quiet"],
+                 ["fit", str(read), f"--run-dir={fitted}"]]  # fmt: skip
+    for command in commands:
         if main(command) != 0:
             raise SystemExit(f"physid {' '.join(command)} failed")
     truth = json.loads((folder / "truth.json").read_text())
-    apart = []
+    apart, turned = [], []
     for one, known in zip(RecordingSet(read), truth.values(), strict=True):
         true = np.concatenate([known["place"], np.full((len(known["place"]), 1), EDGES[2] / 2)], 1)
         apart.append(project(one.pose[:, 0, :3]) - project(true))
+        yaw = 2 * np.arctan2(one.pose[:, 0, 5], one.pose[:, 0, 6]) - known["yaw"]
+        turned.append(np.degrees((yaw + np.pi / 2) % np.pi - np.pi / 2))  # a box looks the same after half a turn
     figures = json.loads((fitted / "metrics.json").read_text())
+    for each, turn in zip(apart, turned, strict=True):
+        (column, row), (across, down) = each.mean(0), each.std(0)
+        print(f"bias {column:.2f} and {row:.2f} px, deviation {across:.2f} and {down:.2f} px, "
+              f"heading {turn.mean():.2f} +- {turn.std():.2f} deg")  # fmt: skip
     return {
         "bias_px": float(np.abs([each.mean(0) for each in apart]).max()),
         "rms_about_bias_px": float(np.sqrt(np.mean([each.var(0).sum() for each in apart]))),
@@ -272,8 +335,13 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("runs/films"))
     parser.add_argument("--films", type=int, default=3)
     parser.add_argument("--seconds", type=float, default=2.5)
+    parser.add_argument("--seed", type=int, default=0, help="of pushes, headings and noise")
+    parser.add_argument("--rate", type=int, default=30, help="frames per second")
+    parser.add_argument("--colours", choices=COLOURS, default="blue on wood")
+    parser.add_argument("--calibrate", action="store_true", help="distort, and calibrate from a filmed checkerboard")
     given = parser.parse_args()
-    make(given.out, given.films, Look(), given.seconds)
+    look = Look(rate=given.rate, colours=given.colours, distortion=LENS if given.calibrate else ())
+    make(given.out, given.films, look, given.seconds, given.seed)
     print(json.dumps(run(given.out), indent=2), f"\ntrue friction {FRICTION}")
 
 

@@ -244,3 +244,35 @@ def test_the_bar_of_films_is_one_for_both_readings_and_counts_no_time_for_what_w
         ):
             say(task, done, 80)
             assert (bars[0].n, bars[0].n - bars[0].initial, bars[0].total) == (done, counted, 80)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["generate", "toss"], "did you mean --config generate/toss? physid configs generate lists all there are"),
+        (["generate", "pusch"], "did you mean --config generate/push?"),
+        (["fit", "sysid/push_friction"], "did you mean --config sysid/push_friction?"),
+        (["generate", "xyz"], "physid generate --help shows what it takes"),
+    ],
+)
+def test_a_configuration_that_is_named_without_its_option_is_recognised(
+    words: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(words) == 2
+    assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        ("calibrate", ["[9x6]", "[0.025]"]),
+        ("generate", ["[loky]", "  trajectories=1000", "  noise.position=0.0"]),
+        ("fit", ["  trainer.max_epochs=30", "  model.learn=null"]),
+    ],
+)
+def test_help_says_defaults_of_options_and_keys(
+    command: str, said: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([command, "--help"]) == 0
+    text = capsys.readouterr().out
+    assert [one for one in said if one not in text] == []

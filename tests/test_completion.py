@@ -67,6 +67,29 @@ def test_files_are_left_to_the_shell(script: str, words: list[str]) -> None:
     assert "complete -o default -F _physid physid" in script
 
 
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["fit", "data/mine", "trainer.max"], {"trainer.max_epochs="}),
+        (["fit", "model.lea"], {"model.learn="}),
+        (["generate", "--config", "generate/push", "traj"], {"trajectories="}),
+        (["generate", "noise."], {"noise.position=", "noise.rotation="}),
+        (["diagnose", "data", "lack_of_fit.mar"], {"lack_of_fit.margin="}),
+        (["dashboard", "trainer."], set()),
+        (["fit", "--run-dir", "trainer."], set()),
+    ],
+)
+def test_keys_of_the_configuration_are_completed(script: str, words: list[str], expected: set[str]) -> None:
+    assert complete(script, *words) == expected
+
+
+def test_a_file_goes_before_a_key(script: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert "data.folder=" in complete(script, "fit", "data")
+    (tmp_path / "data").mkdir()
+    assert complete(script, "fit", "data") == set()
+
+
 def test_every_option_of_every_command_is_offered(script: str) -> None:
     for command in COMMANDS:
         assert {f"--{name.replace('_', '-')}" for name in command.options} <= complete(script, command.name, "-")

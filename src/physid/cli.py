@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from physid.commands import COMMANDS, Command
+from physid.commands.command import format_help
 from physid.commands.terminal import interruptible, stoppable, styled
 from physid.strict import nearest
 
@@ -41,13 +42,6 @@ A first run, from nothing to an identified friction:
 
 Every value of a configuration file can be overridden: `trainer.max_epochs=3` or `--trainer.max_epochs 3`.
 `physid COMMAND --help` explains one command. PHYSID_TRACEBACK=1 shows where in the code an error arose.
-"""
-
-CONFIGURED = """\
-  --config FILE         A configuration, or the name of a shipped one (physid configs); of several, later ones win.
-  key=value             Overrides one value, in YAML: trainer.max_epochs=3, data.segment=null.
-  --print-config        Print the resolved configuration and do nothing.
-  --allow PACKAGE       Let the configuration name classes of a package of your own, whose code is then run.
 """
 
 
@@ -194,11 +188,13 @@ def _run(words: list[str]) -> int:
 
 def _run_command(command: Command, words: list[str]) -> int:
     """Read a command's arguments and run it."""
-    from physid.commands.configured import configure
+    from physid.commands.configured import configure, keys_of
 
     parser = _build_parser(command)
     if "--help" in words or "-h" in words:
-        print(_format_help(parser, command), end="")
+        # Of settings there is a table of their own, with units (--settings).
+        keys = {} if command.settings else keys_of(command, usual=True)
+        print(format_help(parser.format_help(), command, keys), end="")
         return OK
     if command.settings and SETTINGS in words:
         from physid.class_paths import load_class
@@ -253,22 +249,20 @@ def _parse(parser: ArgumentParser, words: Sequence[str], command: Command) -> di
         if stray.endswith((".yaml", ".yml")) and command.configurable:
             message += f"; did you mean --config {stray}?"
         elif stray:
-            message += f"; physid {command.name} --help shows what it takes"
+            message += _instead(command, stray)
         raise UsageError(f"{command.name}: {message}") from None
 
 
-def _format_help(parser: ArgumentParser, command: Command) -> str:
-    """Return the help of one command: what it does, examples, its options, how its configuration is given."""
-    _, _, options = parser.format_help().partition("\n\n")
-    options = re.sub(r"(--\w+) \{true,false\}(?:\n {24}| +)", lambda flag: f"{flag[1]:<22}", options)
-    options = re.sub(r", --\w+\+ \w+", "", options)  # jsonargparse's way to append to a list
-    options = re.sub(r"--\w+", lambda option: option[0].replace("_", "-"), options)
-    positional = "".join(f" {each.upper()}" for each in command.positionals)
-    positional += "".join(f" [{each.upper()}]" for each in command.optional)
-    configured = CONFIGURED if command.configurable else ""
-    named = "[--config FILE]" if "recordings" in command.optional else "--config FILE"
-    usage = f" {named} [key=value ...]" if command.configurable else ""
-    return f"usage: physid {command.name}{positional}{usage} [options]\n\n{command.guide}\n\n{options}{configured}"
+def _instead(command: Command, stray: str) -> str:
+    """Say what a word that means nothing here may have been meant for."""
+    from physid.shipped import names
+
+    word = stray.split()[0]
+    ends = {name.rpartition("/")[2]: name for name in names() if name.startswith(f"{command.name}/")}
+    close = [word] if word in ends else difflib.get_close_matches(word, ends, n=1, cutoff=0.7)
+    if command.configurable and close:
+        return f"; did you mean --config {ends[close[0]]}? physid configs {command.name} lists all there are"
+    return f"; physid {command.name} --help shows what it takes"
 
 
 def _spelt(options: Iterable[str]) -> list[str]:

@@ -18,6 +18,7 @@ from physid.data.importers.video.cameras import Lens, read_camera
 from physid.data.importers.video.convert import import_films
 from physid.data.importers.video.films import FilmFile, ImageFolder
 from physid.data.importers.video.shadows import smoothed
+from physid.data.importers.video.shutter import ShutterGauge
 from physid.data.importers.video.sights import find_bodies, gain_of
 from physid.training.tracking.light import relit
 
@@ -338,3 +339,52 @@ def test_a_rate_that_the_header_has_wrong_is_given_and_remarked(place: Path) -> 
 def test_a_film_is_read_frame_by_frame_with_its_stamps(place: Path) -> None:
     stamps = [stamp for stamp, _ in FilmFile(place / "a.mp4").frames()]
     assert np.allclose(stamps, np.arange(24) / 30, atol=2e-3)
+
+
+def swung(delay: float, turning: float, frames: int = 60, strips: int = 9) -> list[NDArray[np.uint8]]:
+    """Draw a box that is swung to and fro, strip by strip at other times where rows follow each other."""
+    generator, behind, drawn = np.random.default_rng(3), filmed.table(), []
+    height = len(behind)
+    for number in range(frames):
+        image = np.zeros_like(behind)
+        for strip in range(strips if delay else 1):
+            rows = slice(height * strip // strips, height * (strip + 1) // strips) if delay else slice(height)
+            time = number + (delay * ((strip + 0.5) / strips - 0.5) if delay else 0.0)
+            angle = 2 * np.pi * time / frames
+            place = np.array([0.18 * np.sin(3 * angle), 0.12 * np.sin(2 * angle)])
+            image[rows] = filmed.draw(place, 0.4 + turning * time, behind)[rows]
+        noisy = (1.05 - 0.1 * number / frames) * image + 2 * generator.standard_normal(behind.shape)
+        drawn.append(noisy.round().clip(0, 255).astype(np.uint8))
+    return drawn
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("delay", [0.0, 0.8, -0.8])
+@pytest.mark.parametrize("turning", [0.0, 0.01])
+def test_a_rolling_shutter_is_measured_and_a_global_one_is_not_taken_for_one(
+    place: Path, delay: float, turning: float
+) -> None:
+    gauge = ShutterGauge(filmed.table().round().clip(0, 255).astype(np.uint8))
+    for image in swung(delay, turning):
+        gauge.look(image)
+    measured = gauge.delay()
+    assert measured is not None
+    found, deviation, _ = measured
+    assert abs(found - delay) < 3 * deviation
+    assert deviation < 0.1
+    assert bool(gauge.remark()) == bool(delay)
+
+
+@pytest.mark.slow
+def test_an_import_says_that_a_film_has_a_rolling_shutter(place: Path) -> None:
+    filmed.write_film(place / "rolling.mp4", swung(0.9, 0.0))
+    done = import_films([place / "rolling.mp4"], dict(filmed.MAPPING, forces={}, force=None), place / "set")
+    assert any("rolling.mp4: a rolling shutter: from the top row to the bottom one" in note for note in done.notes)
+
+
+def test_a_body_that_hardly_moves_says_nothing_of_the_shutter() -> None:
+    gauge = ShutterGauge(filmed.table().round().clip(0, 255).astype(np.uint8))
+    for _ in range(3):
+        gauge.look(filmed.images()[0])
+    assert gauge.delay() is None
+    assert gauge.remark() == ""

@@ -4,8 +4,16 @@ from __future__ import annotations
 
 import inspect
 import json
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+
+CONFIGURED = """\
+  --config FILE         A configuration, or the name of a shipped one (physid configs); of several, later ones win.
+  key=value             Overrides one value, in YAML: trainer.max_epochs=3, data.segment=null.
+  --print-config        Print the resolved configuration and do nothing.
+  --allow PACKAGE       Let the configuration name classes of a package of your own, whose code is then run.
+"""
 
 
 @dataclass(frozen=True)
@@ -95,3 +103,43 @@ class Command:
     def _places(self) -> list[inspect.Parameter]:
         parameters = inspect.signature(self.function).parameters.values()
         return [each for each in parameters if each.kind is not each.KEYWORD_ONLY and each.name != "configuration"]
+
+
+def format_help(options: str, command: Command, keys: Mapping[str, str]) -> str:
+    """Return the help of one command: what it does, examples, its options, how its configuration is given.
+
+    Args:
+        options: What the parser says of them.
+        command: The command.
+        keys: Those of its configuration, with their defaults.
+    """
+    _, _, options = options.partition("\n\n")
+    options = re.sub(r"(--\w+) \{true,false\}(?:\n {24}| +)", lambda flag: f"{flag[1]:<22}", options)
+    options = re.sub(r", --\w+\+ \w+", "", options)  # jsonargparse's way to append to a list
+    options = re.sub(r"--\w+", lambda option: option[0].replace("_", "-"), options)
+    positional = "".join(f" {each.upper()}" for each in command.positionals)
+    positional += "".join(f" [{each.upper()}]" for each in command.optional)
+    configured = CONFIGURED if command.configurable else ""
+    named = "[--config FILE]" if "recordings" in command.optional else "--config FILE"
+    usage = f" {named} [key=value ...]" if command.configurable else ""
+    options = _with_defaults(options, command)
+    head = f"usage: physid {command.name}{positional}{usage} [options]\n\n{command.guide}\n\n"
+    return head + options + configured + _listed(keys)
+
+
+def _with_defaults(options: str, command: Command) -> str:
+    """Add to the help of options the defaults that their docstrings do not say."""
+    for each in inspect.signature(command.function).parameters.values():
+        default = each.default
+        if default in (None, "", each.empty) or isinstance(default, bool) or each.kind is not each.KEYWORD_ONLY:
+            continue
+        found = re.search(rf"^  --{each.name.replace('_', '-')} .*?(?=^  -|\Z)", options, re.MULTILINE | re.DOTALL)
+        if found and "default" not in found[0]:
+            options = options[: found.end()].rstrip() + f" [{default}]\n" + options[found.end() :]
+    return options
+
+
+def _listed(keys: Mapping[str, str]) -> str:
+    """List the keys of a configuration with their defaults."""
+    lines = "\n".join(f"  {key}={default}".rstrip() for key, default in keys.items())
+    return f"\nkeys, with their defaults:\n{lines}\n" if keys else ""

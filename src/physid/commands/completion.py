@@ -22,6 +22,15 @@ _physid() {{
     *)
         case "${{COMP_WORDS[1]}} $before" in
 {values}
+        *" --"*) ;;
+        *)
+            # A key of the configuration, where no file begins so.
+            if [ -n "$word" ] && ! compgen -f -- "$word" > /dev/null; then
+                case "${{COMP_WORDS[1]}}" in
+{keys}
+                esac
+                [ -n "$(compgen -W "$words" -- "$word")" ] && compopt -o nospace 2> /dev/null
+            fi ;;
         esac ;;
     esac
     COMPREPLY=($(compgen -W "$words" -- "$word"))
@@ -32,7 +41,7 @@ ZSH = "autoload -U +X compinit bashcompinit && compinit && bashcompinit\n"
 
 
 def completion(shell: Literal["bash", "zsh"] = "bash") -> None:
-    """Print what makes a shell complete commands, options and their values.
+    """Print what makes a shell complete commands, options, their values, and keys of configurations.
 
     For the shells to come: physid completion >> ~/.bashrc, or physid completion zsh >> ~/.zshrc.
 
@@ -44,11 +53,14 @@ def completion(shell: Literal["bash", "zsh"] = "bash") -> None:
         shell: bash or zsh.
     """
     from physid.commands import COMMANDS
+    from physid.commands.configured import keys_of
 
     values = [line for command in COMMANDS for line in _values(command)]
     options = [f'    *" {command.name} -"*) words="{" ".join(_options(command))}" ;;' for command in COMMANDS]
+    keys = [f'                {command.name}) words="{" ".join(f"{key}=" for key in found)}" ;;'
+            for command in COMMANDS if (found := keys_of(command))]  # fmt: skip
     names = " ".join(command.name for command in COMMANDS)
-    script = SCRIPT.format(commands=names, values="\n".join(values), options="\n".join(options))
+    script = SCRIPT.format(commands=names, values="\n".join(values), options="\n".join(options), keys="\n".join(keys))
     print((ZSH if shell == "zsh" else "") + script, end="")
 
 

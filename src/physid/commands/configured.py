@@ -1,9 +1,11 @@
-"""What a command works with: a configuration, an earlier run, or recordings alone, whose scene says what is unknown."""
+"""What a command works with: a configuration, an earlier run, or recordings alone; and the keys that it takes."""
 
 from __future__ import annotations
 
+import dataclasses
+import inspect
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +13,10 @@ from physid.commands.command import Command
 from physid.configuration import Configuration, ConfigurationError, compose
 
 YAML = (".yaml", ".yml")
+GROUPS = {"fit": ("sysid", "supervised", "self_supervised")}
+"""Folders of shipped configurations of commands whose configurations name their classes."""
+PLUMBING = ("class_path", "init_args", "base")
+Keys = dict[str, str]
 
 
 def configure(
@@ -52,8 +58,9 @@ def configure(
 def _examine(command: Command, recordings: Path) -> str:
     """Return the name of a recording set that has poses."""
     from physid.data.format import RecordingSet
+    from physid.shipped import names
 
-    if recordings.suffix in YAML:
+    if recordings.suffix in YAML or (str(recordings) in names() and not recordings.exists()):
         raise ConfigurationError(
             f"{command.name}: expected recordings, got {recordings}; did you mean --config {recordings}?"
         )
@@ -74,3 +81,77 @@ def _absent(command: Command, values: dict[str, Any], run_dir: Path | None) -> s
         "run_dir" in values and not run_dir
     )
     return f"{there}{command.name} needs a configuration: {' or '.join(ways)}"
+
+
+def keys_of(command: Command, *, usual: bool = False) -> Keys:
+    """Return the keys that may be overridden, by dots, each with its default as text ("" where there is none).
+
+    Args:
+        command: The command.
+        usual: Whether to take those of the usual configuration alone, where others are shipped, too.
+    """
+    from physid.class_paths import load_class
+
+    if command.settings:
+        kind = load_class(command.settings)
+        assert kind is not None
+        return {row.key: str(row.value) for row in kind().table()}
+    if command.reads:
+        kind = load_class(command.reads)
+        assert kind is not None
+        return dict(_fields(kind))
+    return dict(_shipped(command, usual)) if command.configurable else {}
+
+
+def _fields(kind: Any, before: str = "") -> Iterator[tuple[str, str]]:
+    """Yield the fields of a class of settings."""
+    for each in dataclasses.fields(kind):
+        if each.default is not dataclasses.MISSING:
+            default = each.default
+        else:
+            default = (
+                each.default_factory() if each.default_factory is not dataclasses.MISSING else inspect.Signature.empty
+            )
+        if dataclasses.is_dataclass(default) and not isinstance(default, type):
+            yield from ((f"{before}{each.name}.{name}", _text(value)) for name, value in vars(default).items())
+        else:
+            yield f"{before}{each.name}", _text(default)
+
+
+def _shipped(command: Command, usual: bool) -> Iterator[tuple[str, str]]:
+    """Yield the keys of shipped configurations, and the arguments of the classes that the usual one names."""
+    from physid.configuration import compose
+    from physid.shipped import names
+
+    for name in sorted(names(), key=lambda one: one != command.usual):
+        if name == command.usual or (not usual and name.partition("/")[0] in GROUPS.get(command.name, ())):
+            yield from _flat(compose((name,), []).values)
+
+
+def _flat(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, str]]:
+    """Yield nested keys by dots, without the words that only say which class takes them."""
+    for name, value in values.items():
+        key = before if name == "init_args" else f"{before}{name}"
+        if name not in PLUMBING and not isinstance(value, Mapping):
+            yield key, _text(value)
+        if isinstance(value, Mapping):
+            yield from _flat(value, key if name == "init_args" else f"{key}.")
+    path = values.get("class_path")
+    if isinstance(path, str) and path.startswith("physid."):
+        from physid.class_paths import load_class
+
+        kind = load_class(path)
+        for name, parameter in inspect.signature(kind).parameters.items() if kind else ():
+            if name not in values.get("init_args", {}):
+                yield f"{before}{name}", _text(parameter.default)
+
+
+def _text(value: Any) -> str:
+    """Write a default as it stands in a configuration; nothing where there is none."""
+    if value is inspect.Signature.empty or callable(value):
+        return ""
+    if value is None or isinstance(value, bool):
+        return "null" if value is None else str(value).lower()
+    if isinstance(value, tuple | list):
+        return f"[{', '.join(map(_text, value))}]"
+    return str(value) if isinstance(value, str | int | float) else ""

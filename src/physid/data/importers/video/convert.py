@@ -14,8 +14,16 @@ from physid.data.importers.finding import force_logs
 from physid.data.importers.reading_logs import read_force_log
 from physid.data.importers.sets import Imported, new_set, write_films
 from physid.data.importers.video.mapping import FilmMap
-from physid.data.importers.video.sights import background_of, find_bodies
-from physid.data.importers.video.survey import RATE_DIFFERS, Survey, empty_scene, straightener, survey
+from physid.data.importers.video.shutter import ShutterGauge
+from physid.data.importers.video.survey import (
+    RATE_DIFFERS,
+    Survey,
+    common_background,
+    empty_scene,
+    first_masks,
+    straightener,
+    survey,
+)
 from physid.data.observations.stamps import check_clocks
 from physid.data.recording import Recording
 
@@ -50,7 +58,7 @@ def import_films(films: Sequence[Path], values: dict[str, Any], out: Path) -> Im
         background = _background(known, surveys, straighten, notes)
         source = f"filmed, imported from {films[0].name}" + (f" and {len(films) - 1} more" if len(films) > 1 else "")
         scene = known.scene(_one_step(surveys), source)
-        converted = _converted(known, surveys, logs, background, straighten)
+        converted = _converted(known, surveys, logs, background, straighten, notes)
         write_films(part, scene, converted, len(films), known.log.split)
     return Imported(out, len(films), tuple(notes))
 
@@ -61,8 +69,9 @@ def _converted(
     logs: Sequence[Path | None],
     background: Image,
     straighten: Callable[[Image], Image],
+    notes: list[str],
 ) -> Iterator[tuple[Recording, Iterable[Image]]]:
-    """Yield what is known of each film, and its images as the ideal camera would take them."""
+    """Yield what is known of each film, and its images as the ideal camera would take them; note what they show."""
     for found, path in zip(surveys, logs, strict=True):
         film, forces = found.film, None if path is None else read_force_log(path, known.log)
         recording = Recording(
@@ -74,13 +83,23 @@ def _converted(
         )
         try:
             check_clocks(recording, found.step)
-            first = straighten(next(iter(film.frames()))[1])
-            mask = _in_order(find_bodies(first, background, len(known.log.bodies)), known)
+            mask = _in_order(first_masks(film, straighten, background, len(known.log.bodies)), known)
         except ValueError as error:
             raise ValueError(f"{film.path}: {error}") from None
         shape = np.broadcast_to(np.uint8(0), (found.count, *background.shape))  # no memory: the images follow
         filmed = replace(recording, pose=None, mask=mask, background=background, frames=shape)
-        yield filmed, (straighten(image) for _, image in film.frames())
+        gauge = ShutterGauge(background) if len(known.log.bodies) == 1 else None
+        yield filmed, _watched((straighten(image) for _, image in film.frames()), gauge)
+        if gauge is not None and (remark := gauge.remark()):
+            notes.append(f"{film.path}: {remark}")
+
+
+def _watched(images: Iterable[Image], gauge: ShutterGauge | None) -> Iterator[Image]:
+    """Pass images on, one by one, and let a gauge look at each."""
+    for image in images:
+        if gauge is not None:
+            gauge.look(image)
+        yield image
 
 
 def _background(
@@ -90,7 +109,7 @@ def _background(
     if known.background is not None:
         return empty_scene(known.background, known.lens, straighten)
     notes.append(f"background: the median of {'the film' if len(surveys) == 1 else 'all films'}; {BETTER}")
-    return background_of([image for each in surveys for image in each.kept], len(known.log.bodies))
+    return common_background(surveys, len(known.log.bodies))
 
 
 def _one_step(surveys: Sequence[Survey]) -> float:

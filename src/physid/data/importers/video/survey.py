@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import final
@@ -13,6 +13,7 @@ from PIL import Image as Picture
 
 from physid.data.importers.video.cameras import Lens
 from physid.data.importers.video.films import Film, Image, open_film
+from physid.data.importers.video.sights import background_of, find_bodies
 from physid.data.observations.stamps import rhythm_of
 
 EVEN = 0.02
@@ -121,3 +122,13 @@ def empty_scene(path: Path, lens: Lens, straighten: Callable[[Image], Image]) ->
             f"{path}: expected an image of {lens.width} x {lens.height}, found {image.shape[1]} x {image.shape[0]}"
         )
     return straighten(image)
+
+
+def common_background(surveys: Sequence[Survey], count: int) -> Image:
+    """Return the empty scene of films of one camera (see `background_of`)."""
+    return background_of([image for each in surveys for image in each.kept], count)
+
+
+def first_masks(film: Film, straighten: Callable[[Image], Image], background: Image, count: int) -> NDArray[np.bool_]:
+    """Find the bodies in the first frame of a film, (N, H, W) (see `find_bodies`)."""
+    return find_bodies(straighten(next(iter(film.frames()))[1]), background, count)
