@@ -30,13 +30,13 @@ RANKS = {
     "data": 4,
     "estimation": 5,
     "inspection": 6,
-    "training": 6,
-    "diagnosis": 6,
-    "benchmark": 7,
-    "dashboard": 7,
-    "reproduce": 7,
-    "commands": 7,
-    "schema": 7,
+    "training": 7,
+    "diagnosis": 7,
+    "benchmark": 8,
+    "dashboard": 8,
+    "reproduce": 8,
+    "commands": 8,
+    "schema": 8,
 }
 ROOMS = {
     "estimation": ("measurement", "prediction", "least_squares"),
@@ -102,7 +102,7 @@ IMPORTING_MORE = {
     "training/vision/model.py": 16,
 }
 """Modules that still import more, and how many: a list that may only shrink, held to the real counts below."""
-TOP = 7  # modules beside the packages: the command line and what it needs
+TOP = 8  # modules beside the packages: the command line and what it needs
 HOMES = {
     "pybullet": ("simulators/bullet/",),
     "mujoco": ("simulators/mujoco/",),

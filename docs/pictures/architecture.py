@@ -30,7 +30,7 @@ ABOUT = {
     "diagnosis": "where, which and how far a model is off",
     "estimation": "least squares, initial states profiled out",
     "pages": "templates, stylesheet and figures of all pages",
-    "inspection": "what looks like a mistake in recordings",
+    "inspection": "whether recordings can be trusted",
     "data": "recordings on disk, importers",
     "simulators": "PyBullet, MuJoCo, closed forms",
     "effects": "what a nominal model may lack, one file each",

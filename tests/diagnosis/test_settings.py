@@ -21,7 +21,11 @@ ROOMS = (
     "diagnosis/conclusion",
 )  # fmt: skip
 """Where a diagnosis decides; `document` and `report` only present it."""
-FILES = [ROOT / "diagnosis/diagnose.py", *(path for room in ROOMS for path in sorted((ROOT / room).glob("*.py")))]
+FILES = [
+    ROOT / "diagnosis/diagnose.py",
+    ROOT / "inspection/usability.py",
+    *(path for room in ROOMS for path in sorted((ROOT / room).glob("*.py"))),
+]
 NAMES = [path.relative_to(ROOT).as_posix() for path in FILES]
 TRIVIAL = {0, 1, 2, 3, 6, 7, 0.5}
 """Neutral values, halves, doubles, the three axes, the six coordinates of a pose difference and the seven of a pose."""

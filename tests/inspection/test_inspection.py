@@ -181,10 +181,15 @@ MISTAKES: list[tuple[str, str, Change, str]] = [
         lambda scene, one: (scene, dataclasses.replace(one, wrench=None)),
         "energy comes from nowhere",
     ),
-    ("push", "spikes", posed(spikes), "as far from both neighbours as these from each other"),
+    ("push", "spikes", posed(spikes), "expected poses of a motion, found jumps: 14 % leave"),
     ("push", "a slow tracker", posed(halved), "the log is faster than the tracker"),
     ("push", "another ground", posed(sunk), "mm above the ground -> check ground.offset"),
-    ("push", "nothing moves", posed(lambda pose: np.repeat(pose[:1], len(pose), 0)), "nothing moves in 6 of 6"),
+    (
+        "push",
+        "nothing moves",
+        posed(lambda pose: np.repeat(pose[:1], len(pose), 0)),
+        "found none that goes further than 0.0 mm in 6 of 6 trajectories (the first is 0)",
+    ),
     ("toss", "degrees", posed(turning), "angles in degrees read as radians"),
     (
         "push",

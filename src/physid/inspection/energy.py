@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from physid.inspection.evidence import Evidence, Finding
+from physid.inspection.evidence import Evidence
+from physid.inspection.finding import Finding
 
 GAIN = 0.2  # share of the largest energy of a trajectory that noise and rotation may seem to add
 SHARE = 0.2  # of trajectories, from which on it is no accident

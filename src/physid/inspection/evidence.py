@@ -8,9 +8,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from physid.data.observations.trajectories import from_recordings
 from physid.data.recording import Recording
 from physid.estimation.measurement import UNSEEN, Noise
 from physid.inspection.kinematics import Kinematics, kinematics_of, noise_of, window_for
+from physid.inspection.usability import Motion
 from physid.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -20,21 +22,6 @@ LEAST_SMOOTH = 1e-4  # [m] the same, where there is hardly any noise
 EXACT = 0.05  # share of gravity to which accelerations shall be known
 STILL = 0.01  # [m/s]
 TURNED = 1e-3  # [rad] per frame below which nothing turns
-
-
-@dataclass(frozen=True)
-class Finding:
-    """Something that looks like a mistake.
-
-    Attributes:
-        what: What is suspicious, with the figures that say so.
-        mend: What to do about it.
-        wrong: Whether nothing should be concluded before; else it is a remark.
-    """
-
-    what: str
-    mend: str
-    wrong: bool = True
 
 
 @dataclass(frozen=True)
@@ -50,6 +37,11 @@ class Evidence:
     scene: Scene
     recordings: list[Recording]
     indices: list[int]
+
+    @cached_property
+    def motion(self) -> Motion:
+        """Poses of all trajectories, filled up to the same length."""
+        return Motion.of(self.scene, from_recordings(self.recordings, self.scene.time_step, self.indices))
 
     @cached_property
     def kinematics(self) -> Kinematics:

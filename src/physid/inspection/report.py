@@ -2,26 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-import numpy as np
+from dataclasses import dataclass, replace
 
 from physid.data.format import RecordingSet
 from physid.data.observations.remarks import remarks_on
-from physid.data.observations.stamps import rhythm_of
 from physid.data.recording import Recording
-from physid.inspection import rules, tracking_rules
-from physid.inspection.energy import energy, energy_over_time
-from physid.inspection.evidence import Evidence, Finding
+from physid.inspection.evidence import Evidence
+from physid.inspection.facts import facts_of
+from physid.inspection.finding import Finding
+from physid.inspection.mistakes import mistakes_in
+from physid.inspection.usability import too_few
 
-RULES = (
-    rules.lengths, rules.upside, rules.falls, rules.lying, rules.orders, rules.heights, rules.forces,
-    tracking_rules.delay, energy, tracking_rules.motion, tracking_rules.turns, tracking_rules.repeats,
-    tracking_rules.jumps, tracking_rules.unseen, tracking_rules.set_off,
-)  # fmt: skip
 MOST_NAMED = 5
-TOUCHING = 2e-3  # [m] over the ground up to which a corner touches it
-FEW = 3  # trajectories that a fit needs at least
 WIDTH = 14
 
 
@@ -87,7 +79,7 @@ def inspect(recordings: RecordingSet, limit: int | None = None) -> Report:
     if not read:
         return Report((("set", str(recordings.folder)),), tuple(findings))
     evidence = Evidence(recordings.scene, read, indices)
-    findings += [found for rule in RULES if (found := rule(evidence)) is not None]
+    findings += mistakes_in(evidence)
     scene = recordings.scene
     said = [
         f"trajectory {index}: {remark}"
@@ -97,93 +89,9 @@ def inspect(recordings: RecordingSet, limit: int | None = None) -> Report:
     findings += [Finding(remark, "see docs/recordings.md, Time", wrong=False) for remark in said[:MOST_NAMED]]
     if len(said) > MOST_NAMED:
         findings.append(Finding(f"{len(said) - MOST_NAMED} more such remarks", "as above", wrong=False))
-    if len(read) < FEW:
-        findings.append(
-            Finding(
-                f"there are {len(read)} trajectories",
-                f"record at least {FEW}; 24 of a second each are plenty",
-                wrong=False,
-            )
-        )
-    return Report(tuple(_facts(recordings, evidence)), tuple(findings))
-
-
-def _facts(recordings: RecordingSet, seen: Evidence) -> list[tuple[str, str]]:
-    """Return what the set measures of itself."""
-    scene, read = seen.scene, seen.recordings
-    lengths = [one.length for one in read]
-    place = np.concatenate([one.pose[..., :3][one.seen] for one in read if one.pose is not None])
-    k = seen.kinematics
-    facts = [
-        (
-            "set",
-            f"{recordings.folder}: {len(recordings)} trajectories of {_between(min(lengths), max(lengths))} frames",
-        ),
-        (
-            "bodies",
-            ", ".join(
-                f"{body.name} {' x '.join(f'{edge:g}' for edge in body.size)} m, {body.mass:g} kg"
-                for body in scene.bodies
-            ),
-        ),
-        ("unknown", ", ".join(scene.unknown) or "nothing"),
-        ("time", _time(seen)),
-        ("seen", f"{100 * np.concatenate([one.seen.ravel() for one in read]).mean():.1f} % of the poses"),
-        (
-            "range",
-            " x ".join(f"{low:.3g} to {high:.3g}" for low, high in zip(place.min(0), place.max(0), strict=True)) + " m",
-        ),
-        ("noise", seen.describe_noise()),
-    ]
-    if len(k.frame):
-        speed = np.linalg.norm(k.velocity, axis=1)
-        touching = np.abs(k.height) < TOUCHING + 3 * seen.noise.position
-        facts += [
-            ("speed", f"up to {speed.max():.3g} m/s, at rest in {100 * seen.still.mean():.0f} % of the frames"),
-            ("energy", energy_over_time(seen)),
-            (
-                "contact",
-                f"lowest corner {1000 * k.height.min():.3g} to {1000 * k.height.max():.3g} mm over the ground, "
-                f"touching it in {100 * touching.mean():.0f} %",
-            ),
-        ]
-    return [*facts, ("forces", _forces(seen))]
-
-
-def _between(least: int, most: int) -> str:
-    """Write a range, or its one number."""
-    return f"{least}" if least == most else f"{least} to {most}"
-
-
-def _time(seen: Evidence) -> str:
-    """Say how stamps follow each other."""
-    step = seen.scene.time_step
-    stamped = [one.time for one in seen.recordings if one.time is not None and len(one.time) > 2]
-    nominal = f"{1 / step:.5g} frames per second"
-    if not stamped:
-        return f"{nominal}, no stamps"
-    rhythms = [rhythm_of(time) for time in stamped]
-    jitter, missing = np.median([one.jitter for one in rhythms]), sum(one.missing for one in rhythms)
-    frames = sum(len(time) for time in stamped)
-    gaps = f"{100 * missing / (frames + missing):.1f} % of the frames missing"
-    return f"{nominal}, jitter {1000 * jitter:.2g} ms ({100 * jitter / step:.0f} %), {gaps}"
-
-
-def _forces(seen: Evidence) -> str:
-    """Say how strong forces are, and how often they come."""
-    given = [one for one in seen.recordings if one.wrench is not None and one.wrench.any()]
-    if not given:
-        return "none"
-    strongest = max(
-        float(np.linalg.norm(one.wrench[..., 3:], axis=-1).max()) for one in given if one.wrench is not None
-    )
-    clocks = [one.wrench_time for one in given if one.wrench_time is not None and len(one.wrench_time) > 1]
-    often = (
-        f"{1 / np.median(np.concatenate([np.diff(clock) for clock in clocks])):.4g} per second"
-        if clocks
-        else "with the frames"
-    )
-    return f"up to {strongest:.3g} N, {often}, in {len(given)} of {len(seen.recordings)} trajectories"
+    few = too_few(len(read), max(one.length for one in read))
+    findings += [] if few is None else [replace(few, wrong=False)]
+    return Report(tuple(facts_of(recordings, evidence)), tuple(findings))
 
 
 class UnsoundError(RuntimeError):

@@ -1,4 +1,4 @@
-"""Settings of what a diagnosis starts from: requirements on the data, roles, phases of motion, events."""
+"""Settings of what a diagnosis starts from: roles, phases of motion, events."""
 
 from __future__ import annotations
 
@@ -15,23 +15,6 @@ class RoleSettings(Section):
     select_every: int = setting(
         3, "trajectories", "of so many fitted ones the last selects, where no split says which", ge=2
     )
-
-
-class RequirementSettings(Section):
-    """What recordings must be to be diagnosed."""
-
-    least_fitted: int = setting(3, "trajectories", "fewer leave no scatter from which an interval could come", ge=2)
-    least_frames: int = setting(12, "frames", "of the longest trajectory", ge=3)
-    still_rotation: float = setting(0.02, "rad", "turn below which nothing moves", ge=0)
-    still_position: float = setting(0.005, "m", "way below which nothing moves", ge=0)
-    fastest: float = setting(100.0, "m/s", "median speed beyond which it is the unit that is wrong", gt=0)
-    farthest: float = setting(100.0, "largest edges", "median height beyond which it is the unit that is wrong", gt=0)
-    most_outliers: float = setting(0.1, "share", "of stray poses that no robust fit survives", ge=0, le=1)
-    rough: float = setting(0.2, "share", "of the whole motion by which poses may leave the middle of neighbours", gt=0)
-    first_frames: int = setting(10, "frames", "at the beginning, in which a body lies still that is pushed later", ge=1)
-    set_off: float = setting(0.02, "m", "way of a body from rest that takes a force", gt=0)
-    level: float = setting(1e-3, "rad", "slope of the ground below which nothing slides by itself", gt=0)
-    lying: float = setting(0.75, "largest edges", "height of a centre below which a body lies on the ground", gt=0)
 
 
 class PhaseSettings(Section):

@@ -13,6 +13,7 @@ from pydantic import ValidationError
 from physid.diagnosis.settings import conclusion, inputs, reference, selection, testing
 from physid.estimation.least_squares import FirstGuess, LeastSquaresSettings, StepChoice
 from physid.estimation.measurement import NoiseSettings
+from physid.inspection.usability import RequirementSettings
 from physid.setting import Section
 from physid.strict import nearest, quoted, shown
 
@@ -40,13 +41,13 @@ class Row:
 
 
 class Settings(Section):
-    """Every number that decides in a diagnosis, by the module that it belongs to; those of `estimation` stand there.
+    """Every number that decides in a diagnosis, by module; those of `estimation` and `inspection` stand there.
 
     It is passed from `diagnose` down and carried by `NominalFit`, `Hypothesis` and `LackOfFit`; nothing else decides.
     """
 
     roles: inputs.RoleSettings = inputs.RoleSettings()
-    requirements: inputs.RequirementSettings = inputs.RequirementSettings()
+    requirements: RequirementSettings = RequirementSettings()
     phases: inputs.PhaseSettings = inputs.PhaseSettings()
     events: inputs.EventSettings = inputs.EventSettings()
     noise: NoiseSettings = NoiseSettings()

@@ -11,6 +11,8 @@ import torch
 from torch import Tensor, nn
 from torch.optim import LBFGS, Optimizer
 
+from physid.data.batches.datamodule import RecordingsDataModule
+from physid.inspection.usability import require_usable_set
 from physid.training.parameters.gauss_newton import GaussNewton
 from physid.training.parameters.physical_parameters import PhysicalParameters
 
@@ -46,6 +48,12 @@ class TrainingModule(L.LightningModule, ABC):
     @abstractmethod
     def indices(self, batch: Any) -> Tensor:
         """Return which trajectory of the recording set each value of a loss belongs to, shape (B,)."""
+
+    def on_fit_start(self) -> None:
+        """Refuse recordings that no fit could learn from (see `inspection.usability`)."""
+        data = self.trainer.datamodule  # type: ignore[attr-defined]
+        if isinstance(data, RecordingsDataModule):
+            require_usable_set(data.recordings, data.trajectories("fit"))
 
     def training_step(self, batch: Any, batch_idx: int) -> Tensor:
         """Return the sum of the losses, averaged over the batch."""

@@ -1,0 +1,134 @@
+"""What `check` calls useless, `fit` and `diagnose` refuse in the same words; what they can spare passes all three."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.diagnosis.sets import recorded, rewritten
+
+from physid.cli import main
+from physid.data.format import RecordingSet
+from physid.data.observations.trajectories import load_trajectories
+from physid.data.recording import Recording
+from physid.inspection.report import inspect
+from physid.inspection.usability import Motion, mistakes_in, require_usable, require_usable_set
+
+CONFIG = Path(__file__).parents[2] / "configs" / "sysid" / "push_friction.yaml"
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return recorded(tmp_path_factory.mktemp("sound") / "set", steps=40, noise={})
+
+
+def in_millimetres(_: int, one: Recording) -> Recording:
+    assert one.pose is not None
+    return dataclasses.replace(one, pose=one.pose * np.array([1e3, 1e3, 1e3, 1, 1, 1, 1]))
+
+
+def at_rest(_: int, one: Recording) -> Recording:
+    assert one.pose is not None
+    return dataclasses.replace(one, pose=np.repeat(one.pose[:1], len(one.pose), 0))
+
+
+def without_forces(_: int, one: Recording) -> Recording:
+    assert one.pose is not None
+    along = np.maximum(np.arange(len(one.pose)) - 12, 0)[:, None] * 0.005
+    pose = np.repeat(one.pose[:1], len(one.pose), 0)
+    pose[..., 0] += along
+    return dataclasses.replace(one, pose=pose, wrench=None)
+
+
+def at_another_rate(index: int, one: Recording) -> Recording:
+    return dataclasses.replace(one, time=np.arange(one.length) / (60 if index == 2 else 240))
+
+
+def with_shuffled_frames(_: int, one: Recording) -> Recording:
+    assert one.pose is not None
+    return dataclasses.replace(one, pose=np.random.default_rng(0).permutation(one.pose))
+
+
+def resting_but(kept: int) -> Callable[[int, Recording], Recording]:
+    return lambda index, one: one if index == kept else at_rest(index, one)
+
+
+MISTAKES = [
+    (in_millimetres, "expected poses in metres, found bodies of "),
+    (at_rest, "push harder than friction holds"),
+    (without_forces, "trajectory 0: expected the commanded forces, found none, yet a body sets off from rest"),
+    (at_another_rate, "000002.h5: time: expected about 240 frames per second"),
+    (with_shuffled_frames, "check the tracker and the order of the frames"),
+]
+
+
+@pytest.mark.parametrize(("change", "said"), MISTAKES)
+def test_useless_recordings_are_called_so_by_check_and_refused_by_fit_and_diagnose(
+    sound: Path,
+    tmp_path: Path,
+    change: Callable[[int, Recording], Recording],
+    said: str,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    spoilt = rewritten(sound, tmp_path / "spoilt", change)
+    assert main(["check", str(spoilt)]) == 1
+    assert said in capsys.readouterr().out
+    run = ["fit", "--config", str(CONFIG), "--run-dir", str(tmp_path / "run"), f"data.folder={spoilt}"]
+    for words in (run, ["diagnose", str(spoilt), "--out", str(tmp_path / "out"), "--quiet"]):
+        assert main(words) == 2
+        told = capsys.readouterr().err
+        assert said in told
+        assert str(spoilt) in told
+    assert not (tmp_path / "out").exists()
+
+
+def test_sound_recordings_pass_and_some_at_rest_are_a_remark(sound: Path, tmp_path: Path) -> None:
+    for folder, remarks in ((sound, 0), (rewritten(sound, tmp_path / "one", resting_but(kept=1)), 1)):
+        recordings = RecordingSet(folder)
+        found = mistakes_in(Motion.of(recordings.scene, load_trajectories(recordings)))
+        assert len(found) == remarks
+        assert not any(one.wrong for one in found)
+
+
+def test_a_body_that_sets_off_by_itself_beside_pushed_ones_is_a_remark(sound: Path, tmp_path: Path) -> None:
+    """Another effect may move it; where nothing is ever pushed, forces are missing."""
+    some = rewritten(sound, tmp_path / "some", lambda index, one: without_forces(index, one) if index == 2 else one)
+    recordings = RecordingSet(some)
+    (found,) = mistakes_in(Motion.of(recordings.scene, load_trajectories(recordings)))
+    assert found.what.startswith("trajectory 2: expected the commanded forces")
+    assert not found.wrong
+
+
+def test_a_body_that_drops_and_rolls_on_needs_no_force(sound: Path, tmp_path: Path) -> None:
+    def dropped(_: int, one: Recording) -> Recording:
+        assert one.pose is not None
+        pose, time = np.repeat(one.pose[:1], len(one.pose), 0), np.arange(len(one.pose)) / 240
+        pose[..., 2] += np.maximum(0.02 - 9.81 / 2 * time**2, 0)[:, None]
+        pose[..., 0] += np.maximum(time - 0.06, 0)[:, None]
+        return dataclasses.replace(one, pose=pose, wrench=None)
+
+    recordings = RecordingSet(rewritten(sound, tmp_path / "dropped", dropped))
+    assert not mistakes_in(Motion.of(recordings.scene, load_trajectories(recordings)))
+
+
+def test_a_fit_learns_from_motions_that_a_diagnosis_calls_rest(sound: Path, tmp_path: Path) -> None:
+    def shrunk(_: int, one: Recording) -> Recording:
+        assert one.pose is not None
+        pose = np.repeat(one.pose[:1], len(one.pose), 0)
+        pose[..., 0] += np.linspace(0, 0.002, len(pose))[:, None]
+        return dataclasses.replace(one, pose=pose)
+
+    recordings = RecordingSet(rewritten(sound, tmp_path / "small", shrunk))
+    require_usable_set(recordings, range(len(recordings)))
+    motion = Motion.of(recordings.scene, load_trajectories(recordings))
+    with pytest.raises(ValueError, match=r"none that goes further than 2.0 mm in 8 of 8 trajectories"):
+        require_usable(recordings.folder, motion)
+
+
+def test_few_trajectories_are_a_remark_of_check(tmp_path: Path) -> None:
+    few = recorded(tmp_path / "few", trajectories=2, steps=20)
+    (remark,) = [one for one in inspect(RecordingSet(few)).findings if "at least 3 trajectories" in one.what]
+    assert not remark.wrong
