@@ -29,11 +29,12 @@ from itertools import product
 import torch
 from torch import Tensor
 
+from physid.physics.case import nominal_inputs
 from physid.physics.contact import Patch
 from physid.physics.contact_problem.lcp import ContactProblem, SolverSettings
 from physid.physics.effect import StepInputs
 from physid.physics.fused.stepping import Stepper
-from physid.physics.layer import PhysicsLayer, nominal_inputs
+from physid.physics.layer import PhysicsLayer
 from physid.physics.parameters import Parameters
 from physid.physics.rotations import rotate, to_matrix
 from physid.physics.schemes.impact import FINE, STANDARD_GRAVITY

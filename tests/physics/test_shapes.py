@@ -14,9 +14,10 @@ from tests.physics.worlds import DTYPE, forces, state
 from torch import Tensor
 
 from physid.effects.touch import lowest_gap
+from physid.physics.case import nominal_inputs
 from physid.physics.contact import Patch
 from physid.physics.fused import backend
-from physid.physics.layer import PhysicsLayer, Rollout, nominal_inputs
+from physid.physics.layer import PhysicsLayer, Rollout
 from physid.physics.parameters import Parameters
 from physid.physics.schemes.integration import Integration, Midpoint, SemiImplicit
 from physid.physics.shapes.box import Box

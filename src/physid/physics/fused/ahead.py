@@ -5,13 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NoReturn, cast
 
-from torch import Tensor
-
+from physid.physics.case import Case
 from physid.physics.effect import Effect, StepInputs
 from physid.physics.guards.unread import ReadError, plain, unread
-from physid.physics.schemes.grid import TimeGrid
 from physid.physics.state import State
-from physid.physics.world import World
 
 
 class _Unknown:
@@ -21,25 +18,16 @@ class _Unknown:
         raise ReadError(name)
 
 
-def inputs_ahead(
-    inputs: StepInputs, wrenches: Tensor, effects: Sequence[Effect], world: World, grid: TimeGrid
-) -> StepInputs | None:
+def inputs_ahead(case: Case) -> StepInputs | None:
     """Let effects act on all steps of a rollout at once.
-
-    Args:
-        inputs: Nominal inputs of the first step.
-        wrenches: Shape (B, T, N, 6).
-        effects: Those of the layer.
-        world: Its substeps.
-        grid: When the steps begin.
 
     Returns:
         Inputs whose batch axis holds the T * substeps steps of each world, one world after the other; None if an effect
         asks for the state, or its Python looks at the time.
     """
     try:
-        _act(effects, inputs)  # a single step shows it as a rule, and costs little
-        return _act(*_of_all_steps(effects, inputs, wrenches, world, grid))
+        _act(case.effects, case.inputs)  # a single step shows it as a rule, and costs little
+        return _act(*_of_all_steps(case))
     except ReadError:
         return None
 
@@ -51,16 +39,14 @@ def _act(effects: Sequence[Effect], inputs: StepInputs) -> StepInputs:
     return inputs.replace(**{name: plain(value) for name, value in inputs.tensors().items()})
 
 
-def _of_all_steps(
-    effects: Sequence[Effect], inputs: StepInputs, wrenches: Tensor, world: World, grid: TimeGrid
-) -> tuple[list[Effect], StepInputs]:
+def _of_all_steps(case: Case) -> tuple[list[Effect], StepInputs]:
     """Return effects and inputs with a value for every step of each world, one world after the other."""
-    batch, frames = wrenches.shape[:2]
-    count = frames * world.substeps
-    now = _repeated(inputs, count)
+    batch, substeps = len(case.wrenches), case.world.substeps
+    count = case.frames * substeps
+    now = _repeated(case.inputs, count)
     now = now.replace(
-        time=now.time + grid.time.expand(batch, -1).flatten(),
-        wrench=wrenches.repeat_interleave(world.substeps, 1).flatten(0, 1),
+        time=now.time + case.grid.time.expand(batch, -1).flatten(),
+        wrench=case.wrenches.repeat_interleave(substeps, 1).flatten(0, 1),
     )
     whole = [
         effect.replace(
@@ -69,7 +55,7 @@ def _of_all_steps(
                 for name, value in effect.values().items()
             }
         )
-        for effect in effects
+        for effect in case.effects
     ]
     return whole, now
 

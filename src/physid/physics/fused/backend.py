@@ -1,4 +1,4 @@
-"""Which of the two implementations runs: the torch reference, or the compiled one."""
+"""Which of the two engines runs: the torch reference, or the compiled one."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from typing import Literal, get_args
 import torch
 from torch import Tensor
 
+from physid.physics import reference
+from physid.physics.case import Case, Outcome
 from physid.physics.contact import Penetrating, Speculative, Split
 from physid.physics.contact_problem.friction import Cone
 from physid.physics.shapes.box import Box
@@ -33,8 +35,37 @@ def check_backend(backend: str) -> None:
         raise ValueError(f"backend must be one of {', '.join(get_args(Backend))}, got {backend!r}")
 
 
-def use_fused(backend: Backend, world: World, reference: Tensor) -> bool:
-    """Decide whether the compiled implementation runs for tensors like `reference`.
+def roll(case: Case, backend: Backend, check: reference.Check, every: int | None) -> Outcome:
+    """Roll worlds out by the engine that a backend stands for.
+
+    Args:
+        case: The worlds.
+        backend: As `PhysicsLayer` takes it.
+        check: Told of worlds that failed; raises the error.
+        every: Frames between stored states of the reference; None stores all.
+
+    Raises:
+        ValueError: If the backend is "fused" and cannot run.
+    """
+    if not use_fused(backend, case.world, case.state.pose):
+        return reference.roll(case, check, every)
+    from physid.physics.fused.compiled import roll_compiled
+    from physid.physics.fused.stepping import Stepper
+
+    outcome = roll_compiled(case)
+    if outcome is None:
+        return reference.roll(case, check, every, Stepper(case.world, case.solver))
+    pose, _, _, residual, _ = outcome
+    failed = ~(residual <= case.solver.residual(pose.dtype) / case.solver.tau(pose.dtype))
+    failed[:, -1] |= ~reference.finite(pose[:, -1])  # any earlier one would have failed the step after it
+    if bool(failed.any()):
+        t = int(failed.any(0).nonzero()[0])
+        check(failed[:, t] | ~reference.finite(pose[:, t + 1]), residual[:, t], t)
+    return outcome
+
+
+def use_fused(backend: Backend, world: World, like: Tensor) -> bool:
+    """Decide whether the compiled implementation runs for tensors like some.
 
     With "auto" the reference runs where the compiled implementation cannot, and says so once.
 
@@ -43,7 +74,7 @@ def use_fused(backend: Backend, world: World, reference: Tensor) -> bool:
     """
     if backend == "reference":
         return False
-    obstacle = _obstacle(world, reference)
+    obstacle = _obstacle(world, like)
     if obstacle is None:
         return True
     if backend == "fused":
@@ -54,11 +85,11 @@ def use_fused(backend: Backend, world: World, reference: Tensor) -> bool:
     return False
 
 
-def _obstacle(world: World, reference: Tensor) -> str | None:
-    if reference.device.type != "cpu":
-        return f"tensors are on {reference.device.type}, not on cpu"
-    if reference.dtype != torch.float64:
-        return f"tensors are {reference.dtype}, not torch.float64"
+def _obstacle(world: World, like: Tensor) -> str | None:
+    if like.device.type != "cpu":
+        return f"tensors are on {like.device.type}, not on cpu"
+    if like.dtype != torch.float64:
+        return f"tensors are {like.dtype}, not torch.float64"
     if not isinstance(world.friction, Cone):
         return f"friction is a {type(world.friction).__name__}, not a Cone"
     if not isinstance(world.contact, Speculative | Penetrating | Split):

@@ -2,25 +2,45 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor
 
+from physid.physics.case import Case, nominal_inputs
+from physid.physics.contact_problem.lcp import SolverSettings
+from physid.physics.effect import Effect, with_sizes
 from physid.physics.parameters import Parameters
+from physid.physics.schemes.grid import TimeGrid
 from physid.physics.state import State, check_shape
+from physid.physics.world import World
 
 PRECISIONS = (torch.float32, torch.float64)
 
 
 def admit(
-    state: State, wrenches: Tensor, parameters: Parameters, lengths: Tensor | None
-) -> tuple[State, Tensor, Parameters]:
-    """Return states, wrenches and parameters of one type, on one device, that of the poses; gradients flow on.
+    state: State,
+    wrenches: Tensor,
+    parameters: Parameters,
+    lengths: Tensor | None,
+    steps: Tensor | None,
+    start: Tensor | None,
+    effects: Sequence[Effect],
+    world: World,
+    solver: SolverSettings,
+) -> Case:
+    """Return what is to be rolled out, of one type and on one device, that of the poses; gradients flow on.
 
     Args:
         state: The states at the first frame.
         wrenches: Shape (B, T, N, 6), of any floating type and device.
         parameters: The same.
         lengths: Steps that are needed of each world, shape (B,), or None.
+        steps: Time from each frame to the next [s], shape (B or 1, T), or None.
+        start: Time of the first frame on the clock that effects see [s], shape (B or 1,), or None.
+        effects: Those of the layer; their actuation is done here.
+        world: Ground, joints and rules.
+        solver: Accuracy of the contact solver.
 
     Raises:
         ValueError: If a shape, a type or a device is off, a value is not finite, or a quaternion is not of unit length.
@@ -46,7 +66,16 @@ def admit(
     known = parameters.map(admitted)
     if lengths is not None and lengths.shape != (batch,):
         raise ValueError(f"lengths must have shape ({batch},), got {tuple(lengths.shape)}")
-    return state, wrenches, known
+    if world.shapes and len(world.shapes) != bodies:
+        raise ValueError(
+            f"world.shapes must hold one shape for each of {bodies} bodies, or none where all are boxes, got "
+            f"{len(world.shapes)}"
+        )
+    grid = TimeGrid.of(world, state, wrenches.shape[1], steps, start)
+    at_work = [effect.to(pose) for effect in with_sizes(effects, known.sizes)]
+    for effect in at_work:
+        wrenches = effect.actuate(wrenches, grid.frames)
+    return Case(state, nominal_inputs(state, wrenches, known, world), wrenches, at_work, world, solver, grid, lengths)
 
 
 def _like(name: str, value: Tensor, pose: Tensor) -> Tensor:
