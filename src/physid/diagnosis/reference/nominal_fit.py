@@ -10,8 +10,7 @@ from torch import Tensor
 
 from physid.diagnosis.inputs import Observations, find_events, phases_of
 from physid.diagnosis.progress import Progress, Stage, silent
-from physid.diagnosis.reference.discrepancy import between, fit_with_reference
-from physid.diagnosis.reference.null_simulations import floors
+from physid.diagnosis.reference.following import count_numerics, follow, weighed
 from physid.diagnosis.settings.settings import Settings
 from physid.estimation.least_squares import (
     ChosenSteps,
@@ -26,9 +25,7 @@ from physid.estimation.least_squares import (
 from physid.estimation.measurement import (
     Noise,
     NoiseSettings,
-    TrackingError,
     estimate_noise,
-    frame_weights,
     outlier_poses,
 )
 from physid.estimation.prediction import NominalModel, Prediction, Predictor, Segmentation, Timeline, Variants
@@ -112,17 +109,14 @@ def fit_nominal_model(
     chosen = None
     for _ in range(own.step_choices if _chooses_steps(model) else 0):
         say(Stage.CHOOSING_STEPS)
-        noise, experiment = _weighed(experiment, fit, present, noise.error, settings)
+        noise, experiment = weighed(experiment, fit, present, noise.error, settings)
         chosen = choose_steps(experiment, experiment.linearise(fit.point, NONE), observations.timeline, settings.steps)
         experiment, fit, events = _fit_segments(
             observations, experiment.predictor.at_times(chosen.timeline), present, noise, fit, settings
         )
-    experiment, fit, noise = _follow(experiment, fit, present, noise.error, settings, say)
+    experiment, fit, noise = follow(experiment, fit, present, noise.error, settings, say)
     say(Stage.MEASURING_NUMERICS)
-    extra = (1 + floors(experiment, fit, settings, generator)).rsqrt()
-    segments = experiment.predictor.segments
-    experiment = experiment.replace(scale=experiment.scale * segments.spread(extra)[..., None, None])
-    experiment, fit = fit_with_reference(experiment, fit, NONE, (), settings, say)
+    experiment, fit = count_numerics(experiment, fit, settings, generator, say)
     phases = phases_of(fit.jacobian.base, observations.timeline, model.scene, settings.phases)
     return NominalFit(observations, experiment, fit, noise, phases, events, settings, chosen)
 
@@ -177,65 +171,6 @@ def _fit_segments(
             break
         events = events | missed
     return experiment, fit, events
-
-
-def _follow(
-    experiment: Experiment,
-    alone: Fit,
-    present: Tensor,
-    error: TrackingError | None,
-    settings: Settings,
-    say: Progress,
-) -> tuple[Experiment, Fit, Noise]:
-    """Follow the reference simulator from a fit without it; give up the contact segments in which that fails.
-
-    After an impact the state depends on tiny differences before it, so that in some segments no initial state makes the
-    other engine go where the recording went. They return to their fit without it, and `floors` tells how little they
-    count.
-    """
-    segments = experiment.predictor.segments
-    limits = settings.nominal_fit
-    noise, experiment = _weighed(experiment, alone, present, error, settings)
-    if experiment.predictor.model.scene.integration is None or not limits.follows:
-        # Steps are fine, and no simulator is nearer to the recordings than the model itself.
-        own = _own_weight(segments, experiment.misfit(alone.point), segments.contact & limits.own_weights)
-        experiment = experiment.replace(scale=experiment.scale * own, follow=torch.zeros_like(experiment.follow))
-        return experiment, experiment.linearise(alone.point, NONE), noise
-    own = _own_weight(segments, experiment.misfit(alone.point), segments.contact & limits.own_weights)
-    fit = experiment.linearise(alone.point.replace(engine=torch.ones_like(alone.point.engine)), NONE)
-    followed, fit = fit_with_reference(experiment.replace(scale=experiment.scale * own), fit, NONE, (), settings, say)
-    misfit = experiment.replace(engine=followed.engine).misfit(fit.point)
-    lost = segments.contact & (misfit > limits.lost * _usual(segments, misfit))
-    point = between(alone.point, fit.point, (~lost).double())
-    engine = torch.where(segments.spread(lost)[..., None, None], torch.zeros((), dtype=torch.float64), followed.engine)
-    experiment = experiment.replace(follow=~lost, engine=engine)
-    fit = experiment.linearise(point, NONE)
-    noise, experiment = _weighed(experiment, fit, present, error, settings)
-    own = _own_weight(segments, experiment.misfit(fit.point), lost & limits.own_weights)
-    experiment = experiment.replace(scale=experiment.scale * own)
-    return experiment, experiment.linearise(point, NONE), noise
-
-
-def _own_weight(segments: Segmentation, misfit: Tensor, doubtful: Tensor) -> Tensor:
-    """Let doubtful segments (K,) count as if their noise were as large as their misfit; shape (R, T, 1, 1)."""
-    own = torch.where(doubtful, _usual(segments, misfit) / misfit.clamp_min(1e-9), torch.ones_like(misfit))
-    return segments.spread(own.clamp_max(1).sqrt())[..., None, None]
-
-
-def _usual(segments: Segmentation, misfit: Tensor) -> Tensor:
-    """Return the median misfit of contact segments, at least 1: what an effect does to all of them is usual."""
-    contact = misfit[segments.contact]
-    return contact.median().clamp_min(1) if len(contact) else torch.ones((), dtype=misfit.dtype)
-
-
-def _weighed(
-    experiment: Experiment, fit: Fit, present: Tensor, error: TrackingError | None, settings: Settings
-) -> tuple[Noise, Experiment]:
-    """Estimate the noise from the residuals of a fit, and weigh its frames, if set by how far they stand out."""
-    noise = estimate_noise(fit.residual, present, error, settings.noise)
-    robust = settings.nominal_fit.robust
-    weight = frame_weights(fit.residual, present, noise, settings.noise) if robust else present
-    return noise, experiment.replace(scale=weight[..., None].sqrt() / noise.spread())
 
 
 def begin(

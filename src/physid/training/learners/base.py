@@ -28,7 +28,7 @@ class TrainingModule(L.LightningModule, ABC):
     """A module that is trained by summing the losses that it states.
 
     Args:
-        optimizer: Builds the optimizer from the module's parameters.
+        optimizer: Builds the optimizer from the module's parameters; None for GaussNewton.
 
     Attributes:
         evaluations: How often the losses of the whole training set were computed, a gradient included; shape ().
@@ -36,9 +36,9 @@ class TrainingModule(L.LightningModule, ABC):
 
     evaluations: Tensor
 
-    def __init__(self, optimizer: OptimizerFactory) -> None:
+    def __init__(self, optimizer: OptimizerFactory | None) -> None:
         super().__init__()
-        self._optimizer = optimizer
+        self._optimizer: OptimizerFactory = optimizer or GaussNewton
         self.register_buffer("evaluations", torch.zeros((), dtype=torch.float64))
 
     @abstractmethod

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -14,25 +13,19 @@ from torch import Tensor
 
 from physid.estimation.least_squares.first_guess import FirstGuess
 from physid.estimation.measurement.poses import pose_difference
-from physid.training.callbacks.identifiability_warning import IdentifiabilityWarning
-from physid.training.callbacks.intervals import Intervals
-from physid.training.callbacks.parameter_history import ParameterHistory
-from physid.training.callbacks.unexplained import Unexplained
 from physid.training.identifiability.identifiability import Identifiability, SensorNoise
-from physid.training.initial_states.explaining import started
-from physid.training.initial_states.fitted import fit_states, guess_parameters
-from physid.training.initial_states.slopes import slopes, without_initial_states
+from physid.training.initial_states import answers
+from physid.training.initial_states.explaining import Explaining
 from physid.training.learners.base import OptimizerFactory, TrainingModule
 from physid.training.learners.engine import Engine
+from physid.training.learners.judging import judging_callbacks
 from physid.training.learners.prediction import PredictingModule
-from physid.training.parameters.gauss_newton import GaussNewton
 from physid.training.parameters.intervals import Response
-from physid.training.parameters.pattern_search import PatternSearch
 from physid.training.parameters.pose_loss import PoseLoss
+from physid.training.parameters.taking_steps import take_back, take_step, uses_slopes
 from physid.training.parameters.trajectories import Trajectories
 
 Batch = Mapping[str, Any]
-JUDGED = 8  # trajectories that suffice to judge what is identifiable
 AFRESH = 3
 """Every so many epochs initial states are also fitted from the first guess again, to leave a local minimum."""
 
@@ -83,7 +76,7 @@ class SysID(TrainingModule, PredictingModule):
         for name, value, least in (("segment", segment, 1), ("test_segment", test_segment, 1), ("seen", seen, 2)):
             if value is not None and value < least:
                 raise ValueError(f"model.{name} must be at least {least}, got {value}")
-        super().__init__(optimizer or GaussNewton)
+        super().__init__(optimizer)
         self.learn, self.values = learn, values
         self.segment, self.test_segment, self.twist = segment, test_segment, twist
         self.start, self.seen = start, seen
@@ -94,36 +87,32 @@ class SysID(TrainingModule, PredictingModule):
 
     def configure_callbacks(self) -> list[L.Callback]:
         """Find intervals, keep the history of the parameters, and warn of what is not identifiable or explained."""
-        return [Intervals(), ParameterHistory(), IdentifiabilityWarning(), Unexplained()]
+        return judging_callbacks()
 
     def losses(self, batch: Batch) -> dict[str, Tensor]:
         """Compute the losses of each training segment (see `PoseLoss`), its initial state following the parameters."""
         cut = self.trajectories(batch, self.segment)
         if self.fits_starts(batch):
             self._weigh(batch)
-            cut = self._follow(cut)
+            cut, rollouts = answers.follow(self._explaining(cut), self.tracked, afresh=self._afresh)
+            self.count_evaluations(rollouts)
         predicted = cut.rolled(self.layer, self.physical()).pose
         self._evaluated = predicted.detach(), cut
         return self.loss(pose_difference(predicted, cut.pose), cut.real)
 
-    def _follow(self, cut: Trajectories) -> Trajectories:
-        """Return training segments from fitted states, which follow the parameters."""
-        explaining = self._explaining(cut)
-        _, rollouts = self.tracked.improve(explaining, afresh=self._afresh)
-        self.count_evaluations(rollouts)
-        return started(cut, *self.tracked.follow(self.physical.coordinates))
-
     @torch.no_grad()
     def curvature(self, batch: Batch) -> Tensor:
         """Approximate the second derivative of the loss where it was computed last, 2 J^T W J / B, shape (P, P)."""
-        cut, fits = self.trajectories(batch, self.segment), self.fits_starts(batch)
-        explaining = self._explaining(cut, fitted=fits)
-        fit = self.tracked.last
-        if fit is None or not fits:
+        explaining, fit = self._training(batch), self.tracked.last
+        if fit is None or not explaining.fitted:
             self.count_evaluations(1 + len(self.physical.names))
             fit, _ = self.tracked.linearised(explaining)
         matrix = fit.normal().matrix.sum(0)[: len(self.physical.names), : len(self.physical.names)]
-        return (2 * explaining.unit() / len(cut) * matrix).to(self.physical.coordinates)
+        return (2 * explaining.unit() / len(explaining.trajectories) * matrix).to(self.physical.coordinates)
+
+    def _training(self, batch: Batch) -> Explaining:
+        """Return the training segments of a batch, with initial states to be fitted where they are unknown."""
+        return self._explaining(self.trajectories(batch, self.segment), fitted=self.fits_starts(batch))
 
     @property
     def _afresh(self) -> bool:
@@ -148,17 +137,7 @@ class SysID(TrainingModule, PredictingModule):
     @torch.no_grad()
     def losses_at(self, batch: Batch, points: Tensor) -> tuple[Tensor, int]:
         """Compute the loss of each segment at K points (K, P), shape (K, B), and count the rollouts."""
-        cut, points = self.trajectories(batch, self.segment), self.physical.space.within(points)
-        many, every, rollouts = cut.repeated(len(points)), points.repeat_interleave(len(cut), 0), len(points)
-        if self.fits_starts(batch):
-            explaining = self._explaining(cut)
-            states = self.tracked.states(explaining)
-            fits = [fit_states(explaining, coordinates=point, states=states) for point in points]
-            rollouts += sum(experiment.predictor.simulated[0] for experiment, _ in fits)
-            pose, twist = (torch.cat([getattr(fit.point, name)[0] for _, fit in fits]) for name in ("pose", "twist"))
-            many = started(many, pose, twist)
-        losses = self.loss(many.residual(self.layer, self.physical(every)), many.real)
-        return torch.stack(list(losses.values())).sum(0).unflatten(0, (len(points), -1)), rollouts
+        return answers.losses_at(self._training(batch), self.tracked, points)
 
     def fitted(self) -> tuple[Tensor, Trajectories]:
         """Return the poses that were predicted last in training (B, T, N, 7), and the segments fitted."""
@@ -166,41 +145,22 @@ class SysID(TrainingModule, PredictingModule):
 
     def identifiability(self, noise: SensorNoise | None = None) -> Identifiability:
         """Judge what some trajectories of the last training batch tell, under their own noise if none is given."""
-        cut = self.trajectories(self._batch, self.segment)
-        spread, fits = (noise or cut.noise).spread(), self.fits_starts(self._batch)
-        cut = self.tracked.started(self._explaining(cut, fitted=fits)).to("cpu")
-        cut = cut.chosen((cut.index[:, None] == cut.index.unique()[:JUDGED]).any(1))
-        answer, usable = slopes(self.layer, self.physical, cut)
-        usable = usable | ~usable.any()  # better all than none
-        cut, answer = cut.chosen(usable), answer[:, usable]
-        if fits:
-            answer = without_initial_states(self.layer, self.physical, cut, answer, spread)
-        return Identifiability.of(self.physical.names, answer, cut.real, spread)
+        return answers.judge(self._training(self._batch), self.tracked, noise)
 
     @torch.no_grad()
     def response(self) -> Response:
         """Compute how the estimates respond to the trajectories of the last training batch."""
-        batch, index = self._batch, self.indices(self._batch)
-        if isinstance(self._kind, PatternSearch):
-            here = self.physical.coordinates.detach()
-            return Response.coarse(lambda points: self.losses_at(batch, points)[0], here, index)
-        cut, response = self._responding(batch)
+        batch, explaining = self._batch, self._training(self._batch)
+        if not uses_slopes(self._kind):
+            index = self.indices(batch)
+            return answers.respond_coarsely(lambda points: self.losses_at(batch, points)[0], explaining, index)
+        cut, response = answers.respond(explaining, self.tracked)
         if not self.steps.chooses:
             return response
         shift, chosen = self.steps.remaining(self.layer, self.physical, self._coarse_from(cut), cut.noise, response)
         for name, value in (("mean", chosen.mean), ("most", chosen.largest), ("bias", chosen.bias)):
             self.log(f"steps/{name}", float(value))
         return dataclasses.replace(response, shift=shift)
-
-    def _responding(self, batch: Batch) -> tuple[Trajectories, Response]:
-        """Return training segments from states fitted for the present parameters, and how estimates respond there."""
-        cut = self.trajectories(batch, self.segment)
-        explaining = self._explaining(cut, fitted=self.fits_starts(batch))
-        # Not the fit that is tracked: a run that goes on must not depend on where it was looked at.
-        fit, experiment = copy.copy(self.tracked).linearised(explaining)
-        if explaining.fitted:
-            cut = started(cut, fit.point.pose[0], fit.point.twist[0])
-        return cut, Response.of(experiment, fit, cut.index, cut.noise)
 
     def _coarse_from(self, cut: Trajectories) -> Trajectories:
         """Return training segments with the longest steps, from the initial states of others."""
@@ -212,12 +172,12 @@ class SysID(TrainingModule, PredictingModule):
 
         Where it has judged points already, at the best of them: the present one is a try.
         """
-        if isinstance(self._kind, GaussNewton):
-            self._kind.take_back()
+        if take_back(self._kind):
             self.tracked.forget_loss()
-        cut, response = self.trajectories(self._batch, self.segment), Response.unknown(len(self.physical.names))
-        if not isinstance(self._kind, PatternSearch):
-            cut, response = self._responding(self._batch)
+        explaining = self._training(self._batch)
+        cut, response = explaining.trajectories, Response.unknown(len(self.physical.names))
+        if uses_slopes(self._kind):
+            cut, response = answers.respond(explaining, self.tracked)
         self.steps.choose(self.layer, self.physical, self._coarse_from(cut), cut.noise, response)
         self._kind.state.clear()
         self.print(self.steps.report)
@@ -233,14 +193,8 @@ class SysID(TrainingModule, PredictingModule):
 
     def optimizer_step(self, epoch: int, batch_idx: int, optimizer: Any, optimizer_closure: Any = None) -> None:
         """Give GaussNewton the curvature, PatternSearch the losses of other points; others step as ever."""
-        kind = getattr(optimizer, "optimizer", optimizer)
-        if isinstance(kind, GaussNewton):
-            ends = self.physical.space.ends
-            optimizer.step(closure=optimizer_closure, curvature=partial(self.curvature, self._batch), ends=ends)
-        elif isinstance(kind, PatternSearch):
-            optimizer.step(closure=optimizer_closure, values=partial(self.values_at, self._batch))
-        else:
-            optimizer.step(closure=optimizer_closure)
+        curvature, values = partial(self.curvature, self._batch), partial(self.values_at, self._batch)
+        take_step(optimizer, optimizer_closure, curvature, values, self.physical.space.ends)
         self.physical.confine()
 
     def on_train_batch_start(self, batch: Batch, batch_idx: int) -> None:
@@ -258,9 +212,7 @@ class SysID(TrainingModule, PredictingModule):
         self._weigh(batch)
         short = self.trajectories(batch, guess.length(self.scene.time_step) - 1)
         explaining = self._explaining(self.trajectories(batch, self.segment))
-        states, rollouts = guess_parameters(explaining, short, guess)
-        self.tracked.begin(explaining, states)
-        self.count_evaluations(rollouts)
+        self.count_evaluations(answers.guess(explaining, self.tracked, short, guess))
 
     def on_train_batch_end(self, outputs: Any, batch: Batch, batch_idx: int) -> None:
         """Add the errors of the last evaluation."""

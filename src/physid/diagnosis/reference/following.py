@@ -1,0 +1,84 @@
+"""The nominal fit follows the reference simulator, and counts each segment by how far both can be told apart there."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from physid.diagnosis.progress import Progress
+from physid.diagnosis.reference.discrepancy import between, fit_with_reference
+from physid.diagnosis.reference.null_simulations import floors
+from physid.diagnosis.settings.settings import Settings
+from physid.estimation.least_squares import Experiment, Fit
+from physid.estimation.least_squares.levenberg_marquardt import NONE
+from physid.estimation.measurement import Noise, TrackingError, estimate_noise, frame_weights
+from physid.estimation.prediction import Segmentation
+
+
+def follow(
+    experiment: Experiment,
+    alone: Fit,
+    present: Tensor,
+    error: TrackingError | None,
+    settings: Settings,
+    say: Progress,
+) -> tuple[Experiment, Fit, Noise]:
+    """Follow the reference simulator from a fit without it; give up the contact segments in which that fails.
+
+    After an impact the state depends on tiny differences before it, so that in some segments no initial state makes the
+    other engine go where the recording went. They return to their fit without it, and `floors` tells how little they
+    count.
+    """
+    segments = experiment.predictor.segments
+    limits = settings.nominal_fit
+    noise, experiment = weighed(experiment, alone, present, error, settings)
+    if experiment.predictor.model.scene.integration is None or not limits.follows:
+        # Steps are fine, and no simulator is nearer to the recordings than the model itself.
+        own = _own_weight(segments, experiment.misfit(alone.point), segments.contact & limits.own_weights)
+        experiment = experiment.replace(scale=experiment.scale * own, follow=torch.zeros_like(experiment.follow))
+        return experiment, experiment.linearise(alone.point, NONE), noise
+    own = _own_weight(segments, experiment.misfit(alone.point), segments.contact & limits.own_weights)
+    fit = experiment.linearise(alone.point.replace(engine=torch.ones_like(alone.point.engine)), NONE)
+    followed, fit = fit_with_reference(experiment.replace(scale=experiment.scale * own), fit, NONE, (), settings, say)
+    misfit = experiment.replace(engine=followed.engine).misfit(fit.point)
+    lost = segments.contact & (misfit > limits.lost * _usual(segments, misfit))
+    point = between(alone.point, fit.point, (~lost).double())
+    engine = torch.where(segments.spread(lost)[..., None, None], torch.zeros((), dtype=torch.float64), followed.engine)
+    experiment = experiment.replace(follow=~lost, engine=engine)
+    fit = experiment.linearise(point, NONE)
+    noise, experiment = weighed(experiment, fit, present, error, settings)
+    own = _own_weight(segments, experiment.misfit(fit.point), lost & limits.own_weights)
+    experiment = experiment.replace(scale=experiment.scale * own)
+    return experiment, experiment.linearise(point, NONE), noise
+
+
+def _own_weight(segments: Segmentation, misfit: Tensor, doubtful: Tensor) -> Tensor:
+    """Let doubtful segments (K,) count as if their noise were as large as their misfit; shape (R, T, 1, 1)."""
+    own = torch.where(doubtful, _usual(segments, misfit) / misfit.clamp_min(1e-9), torch.ones_like(misfit))
+    return segments.spread(own.clamp_max(1).sqrt())[..., None, None]
+
+
+def _usual(segments: Segmentation, misfit: Tensor) -> Tensor:
+    """Return the median misfit of contact segments, at least 1: what an effect does to all of them is usual."""
+    contact = misfit[segments.contact]
+    return contact.median().clamp_min(1) if len(contact) else torch.ones((), dtype=misfit.dtype)
+
+
+def weighed(
+    experiment: Experiment, fit: Fit, present: Tensor, error: TrackingError | None, settings: Settings
+) -> tuple[Noise, Experiment]:
+    """Estimate the noise from the residuals of a fit, and weigh its frames, if set by how far they stand out."""
+    noise = estimate_noise(fit.residual, present, error, settings.noise)
+    robust = settings.nominal_fit.robust
+    weight = frame_weights(fit.residual, present, noise, settings.noise) if robust else present
+    return noise, experiment.replace(scale=weight[..., None].sqrt() / noise.spread())
+
+
+def count_numerics(
+    experiment: Experiment, fit: Fit, settings: Settings, generator: torch.Generator, say: Progress
+) -> tuple[Experiment, Fit]:
+    """Let segments count less by what null simulations show of the numerics there, and fit once more."""
+    extra = (1 + floors(experiment, fit, settings, generator)).rsqrt()
+    segments = experiment.predictor.segments
+    experiment = experiment.replace(scale=experiment.scale * segments.spread(extra)[..., None, None])
+    return fit_with_reference(experiment, fit, NONE, (), settings, say)
