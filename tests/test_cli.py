@@ -14,7 +14,7 @@ from tqdm import tqdm
 
 from physid.cli import main, shorten, sort_words
 from physid.commands import COMMANDS, Command
-from physid.commands.terminal import frame_bar, interruptible, styled
+from physid.commands.terminal.screen import frame_bar, interruptible, styled
 from physid.configuration import compose
 
 HELP_SECONDS = 0.5

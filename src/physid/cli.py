@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from physid.commands import COMMANDS, Command
 from physid.commands.command import format_help
-from physid.commands.terminal import interruptible, stoppable, styled
+from physid.commands.terminal.screen import interruptible, stoppable, styled
 from physid.strict import nearest
 
 if TYPE_CHECKING:

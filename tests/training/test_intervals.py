@@ -14,7 +14,7 @@ from scipy.stats import t as student
 from torch import Tensor
 
 from physid.cli import main
-from physid.commands.summary import summarize
+from physid.commands.terminal.summary import summarize
 from physid.estimation.least_squares.covariance import covariance_of
 from physid.estimation.least_squares.experiment import Fit
 from physid.estimation.least_squares.levenberg_marquardt import NONE

@@ -63,7 +63,8 @@ def test_friction_and_first_heights_are_found_though_images_mistake_the_depth() 
     loss = PoseLoss()
     for _ in range(STEPS):
         given = Trajectories(goal, calm, calm, length, index)
-        landing = land(model, loss, given, real)
+        eye = model.decoder.renderer.camera.position
+        landing = land(model.layer, model.parameters_there(), model.chart, eye, loss, given, real)
         equations = NormalEquations()
         equations.add(model.layer, model.physical, loss, landing.trajectories, real, landing)
         with torch.no_grad():

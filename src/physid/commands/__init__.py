@@ -6,9 +6,11 @@ from physid.commands.completion import completion, configs
 from physid.commands.diagnoses import diagnose
 from physid.commands.films import calibrate, track
 from physid.commands.fits import fit, predict, sample, test, validate
-from physid.commands.imports import check, import_, show
+from physid.commands.identifiability import identifiability
+from physid.commands.imports import import_
+from physid.commands.inspections import check, show
 from physid.commands.overviews import dashboard, reproduce
-from physid.commands.recordings import effects, generate, identifiability
+from physid.commands.recordings import effects, generate
 
 __all__ = ["COMMANDS", "Command"]
 

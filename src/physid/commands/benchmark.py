@@ -6,7 +6,7 @@ from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from physid.commands.terminal import resumable
+from physid.commands.terminal.screen import resumable
 
 if TYPE_CHECKING:
     from physid.benchmark.bank import Purpose

@@ -155,3 +155,17 @@ def _text(value: Any) -> str:
     if isinstance(value, tuple | list):
         return f"[{', '.join(map(_text, value))}]"
     return str(value) if isinstance(value, str | int | float) else ""
+
+
+def read_model(model: Path, allow: str) -> Path | Mapping[str, Any]:
+    """Check the configuration of a nominal model, key by key; return it, or the run or checkpoint with its values."""
+    from physid.schema.check import check_fit
+    from physid.shipped import find_configuration
+
+    model = find_configuration(model)
+    given = model.suffix in (".yaml", ".yml")
+    run = model.parent.parent if model.suffix == ".ckpt" else model
+    place = model if given else run / "config.yaml"
+    configuration = compose([place], allowed=[each for each in allow.split(",") if each])
+    check_fit(configuration)
+    return configuration.values if given else model

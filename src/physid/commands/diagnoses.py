@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, Literal
 if TYPE_CHECKING:
     from tqdm import tqdm
 
-    from physid.data.format import RecordingSet
     from physid.diagnosis.document.document import Diagnosis
     from physid.diagnosis.progress import Stage
 
@@ -71,7 +70,9 @@ def diagnose(
     """
     from tqdm import tqdm
 
-    from physid.commands.terminal import resumable
+    from physid.commands.configured import read_model
+    from physid.commands.films import read_poses
+    from physid.commands.terminal.screen import resumable
     from physid.data.format import RecordingSet
     from physid.diagnosis.diagnose import diagnose as run
     from physid.diagnosis.document.sentences import summary_lines
@@ -85,32 +86,16 @@ def diagnose(
     folder = out or Path("runs/diagnosis") / recordings.resolve().name
     sets = {"read": RecordingSet(recordings)} | ({} if transfer is None else {"read_transfer": RecordingSet(transfer)})
     if from_video or encoder or not all(each.any_poses() for each in sets.values()):
-        sets = {name: _read(each, folder / name, encoder, limit, quiet) for name, each in sets.items()}
+        sets = {name: read_poses(each.folder, folder / name, encoder, limit, quiet) for name, each in sets.items()}
     own = with_own([place for place in effects.split(",") if place])[len(CATALOGUE) :]
     with resumable(), tqdm(total=100, bar_format=BAR, disable=quiet or None) as bar:
         options: dict[str, Any] = {"transfer": sets.get("read_transfer"), "limit": limit, "seed": seed}
-        options |= {"model": model and _believed(model, allow), "effects": own, "settings": settings}
+        options |= {"model": model and read_model(model, allow), "effects": own, "settings": settings}
         found = run(sets["read"], folder, save=save_model, say=partial(_show, bar), **options)
     write_record(folder, {"recordings": str(recordings), "transfer": str(transfer or "")})
     if wandb:
         _log(folder, wandb, {"recordings": str(recordings), "transfer": str(transfer or ""), "seed": seed}, found)
-    print("\n".join(summary_lines(found)))
-    print(folder / "report.html")
-
-
-def _believed(model: Path, allow: str) -> Path | Mapping[str, Any]:
-    """Check the configuration of the nominal model, key by key; return it, or the run or checkpoint with its values."""
-    from physid.configuration import compose
-    from physid.schema.check import check_fit
-    from physid.shipped import find_configuration
-
-    model = find_configuration(model)
-    given = model.suffix in (".yaml", ".yml")
-    run = model.parent.parent if model.suffix == ".ckpt" else model
-    place = model if given else run / "config.yaml"
-    configuration = compose([place], allowed=[each for each in allow.split(",") if each])
-    check_fit(configuration)
-    return configuration.values if given else model
+    print("\n".join([*summary_lines(found), str(folder / "report.html")]))
 
 
 def _log(folder: Path, wandb: str, config: Mapping[str, Any], found: Diagnosis) -> None:
@@ -123,20 +108,6 @@ def _log(folder: Path, wandb: str, config: Mapping[str, Any], found: Diagnosis) 
     ranking = [(" + ".join(row.effects), row.score, row.p_value) for row in found.ranking]
     tables = {"ranking": (("effects", "score", "p_value"), ranking)}
     log_result(folder, wandb, config, figures_of(found), tables, [folder / REPORT, folder / FILM])
-
-
-def _read(films: RecordingSet, into: Path, encoder: Path | None, limit: int | None, quiet: bool) -> RecordingSet:
-    """Read poses from films, once, and return the set that has them."""
-    from physid.commands.terminal import frame_bar, resumable
-    from physid.data.format import RecordingSet
-    from physid.one_writer import one_writer
-    from physid.training.tracking.track import track
-
-    if not quiet:
-        print(f"Poses are read from the films of {films.folder} into {into}", flush=True)
-    with resumable(), one_writer(into), frame_bar(quiet) as say:
-        track(films.folder, into, encoder=encoder, limit=limit, say=say)
-    return RecordingSet(into)
 
 
 def _show(bar: tqdm[Any], stage: Stage, what: str = "") -> None:

@@ -3,20 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
-from physid.commands.terminal import frame_bar, resumable
+from physid.commands.terminal.screen import frame_bar, resumable
 
 if TYPE_CHECKING:
-    from physid.data.importers.sets import Imported
-
-
-def import_films(places: list[Path], values: dict[str, Any], out: Path) -> Imported:
-    """Convert films, or folders of images (see `physid import mp4`)."""
-    from physid.data.importers.video.convert import import_films as run
-    from physid.data.importers.video.films import find_films
-
-    return run(find_films(places), values, out)
+    from physid.data.format import RecordingSet
 
 
 def calibrate(
@@ -98,3 +90,16 @@ def track(
     assert reading is not None
     print(f"{folder}: {len(found)} trajectories, {reading.chart}, scale moved by {reading.stretch:.2%} "
           f"+- {reading.stretch_deviation:.2%}")  # fmt: skip
+
+
+def read_poses(films: Path, into: Path, encoder: Path | None, limit: int | None, quiet: bool) -> RecordingSet:
+    """Read poses from films, once, and return the set that has them (see `track`)."""
+    from physid.data.format import RecordingSet
+    from physid.one_writer import one_writer
+    from physid.training.tracking.track import track as run
+
+    if not quiet:
+        print(f"Poses are read from the films of {films} into {into}", flush=True)
+    with resumable(), one_writer(into), frame_bar(quiet) as say:
+        run(films, into, encoder=encoder, limit=limit, say=say)
+    return RecordingSet(into)

@@ -42,7 +42,7 @@ def fit(
         resume: Go on from the last checkpoint of the run.
         overwrite: Delete what an earlier run left in the folder.
     """
-    from physid.commands.summary import recordings_of, summarize
+    from physid.commands.terminal.summary import recordings_of, summarize
     from physid.runs import first_process, open_folder
     from physid.schema.check import check_fit
     from physid.training.runs import run
@@ -148,7 +148,7 @@ def _evaluate(
     stage: Literal["validate", "test"], configuration: Configuration, run_dir: Path | None, checkpoint: Path | None
 ) -> None:
     """Run one evaluation stage and print its figures."""
-    from physid.commands.summary import summarize
+    from physid.commands.terminal.summary import summarize
     from physid.runs import folder_of
     from physid.schema.check import check_fit
     from physid.training.runs import run

@@ -1,9 +1,9 @@
-"""The commands that bring recordings from elsewhere, and that say whether recordings can be trusted."""
+"""The command that brings recordings from elsewhere."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
     from physid.data.importers.sets import Imported
@@ -57,9 +57,7 @@ def import_(
 
     kind, places = _sorted(kind, sources or [])
     if kind == "mp4":
-        from physid.commands.films import import_films
-
-        _say(import_films(places, read_mapping(mapping, map or []), out or Path("data") / _name(places)))
+        _say(_import_films(places, read_mapping(mapping, map or []), out or Path("data") / _name(places)))
         return
     target = out or Path("data") / (kind if kind == "cube-tosses" else _name(places))
     if kind == "cube-tosses":
@@ -112,47 +110,9 @@ def _sorted(kind: str, sources: list[Path]) -> tuple[str, list[Path]]:
     return kind, sources
 
 
-def check(recordings: Path, *, limit: int | None = None) -> None:
-    """Check whether recordings can be trusted, and say what to correct.
+def _import_films(places: list[Path], values: dict[str, Any], out: Path) -> Imported:
+    """Convert films, or folders of images (see `physid import mp4`)."""
+    from physid.data.importers.video.convert import import_films as run
+    from physid.data.importers.video.films import find_films
 
-    Says rates, gaps, noise, ranges, contact and forces, and what looks like a mistake: units, axes, the order of
-    quaternions, forces of the wrong sign or of another clock, heights, jumps. Exits with 1 where something looks wrong.
-
-    Examples:
-      physid check data/mine
-
-    Args:
-        recordings: Folder of the recording set.
-        limit: Use the first LIMIT trajectories only.
-    """
-    from physid.data.format import RecordingSet
-    from physid.inspection.report import UnsoundError, inspect
-
-    found = inspect(RecordingSet(recordings), limit)
-    print(found.text())
-    wrong = sum(one.wrong for one in found.findings)
-    if wrong:
-        raise UnsoundError(f"{recordings}: {wrong} thing{'s' * (wrong > 1)} to mend, or to look at with physid show")
-
-
-def show(recordings: Path, *, out: Path | None = None, limit: int = 12) -> None:
-    """Draw recordings on a page: boxes, ground, axes and forces, to turn and to play.
-
-    A wrong axis, size or order of a quaternion is seen at once. The page needs no network and can be sent as one file.
-
-    Examples:
-      physid show data/mine
-      physid show data/mine --out page.html --limit 3
-
-    Args:
-        recordings: Folder of the recording set.
-        out: The HTML file to write; runs/show/NAME.html by default.
-        limit: Use the first LIMIT trajectories only.
-    """
-    from physid.data.format import RecordingSet
-    from physid.inspection.page import write_page
-
-    known = RecordingSet(recordings)
-    target = out or Path("runs/show") / f"{recordings.resolve().name}.html"
-    count = write_page(known, range(len(known))[: max(limit, 1)], target)
-    print(f"{target}: {count} of {len(known)} trajectories, {target.stat().st_size / 1e6:.2f} MB")
+    return run(find_films(places), values, out)

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from typing import Literal
 
-from physid.commands.terminal import resumable, styled
+from physid.commands.terminal.screen import resumable, styled
 
 
 def dashboard(

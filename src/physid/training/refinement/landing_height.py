@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, final
+from typing import final
 
 import torch
 from torch import Tensor
 
 from physid.estimation.measurement.poses import pose_difference
 from physid.networks.chart import PlanarChart
+from physid.physics.layer import PhysicsLayer
+from physid.physics.parameters import Parameters
 from physid.physics.state import State
 from physid.training.parameters.pose_loss import PoseLoss
 from physid.training.parameters.trajectories import Trajectories
-
-if TYPE_CHECKING:
-    from physid.training.vision.model import VideoModel
 
 PASSES = 4
 DIFFERENCE = 2e-3
@@ -57,27 +57,35 @@ class LandingHeight:
 
 
 @torch.no_grad()
-def land(model: VideoModel, loss: PoseLoss, trajectories: Trajectories, real: Tensor) -> LandingHeight:
+def land(
+    layer: PhysicsLayer,
+    parameters: Parameters,
+    chart: PlanarChart,
+    eye: Sequence[float],
+    loss: PoseLoss,
+    trajectories: Trajectories,
+    real: Tensor,
+) -> LandingHeight:
     """Fit the initial heights of trajectories by some Gauss-Newton steps, along the rays from the camera.
 
     Args:
-        model: Gives physics, parameters and camera.
+        layer: The physics, on the device of the trajectories.
+        parameters: Its parameters.
+        chart: Gives the ground that bodies hover over.
+        eye: Where the camera is [m].
         loss: What errors of predicted poses cost.
         trajectories: Initial states, wrenches, and the poses that should come out, read from images: their depth does
             not count.
         real: Which frames count, shape (B, T).
     """
-    chart, camera = model.chart, model.decoder.renderer.camera
-    assert isinstance(chart, PlanarChart)
-    eye = trajectories.pose.new_tensor(camera.position)
-    normal = chart.normal.to(eye)
+    camera = trajectories.pose.new_tensor(eye)
+    normal = chart.normal.to(camera)
     goal, start = trajectories.pose, trajectories.start
-    rays = torch.nn.functional.normalize(goal[..., :3] - eye, dim=-1)
-    upwards = start.pose[..., :3] - eye
+    rays = torch.nn.functional.normalize(goal[..., :3] - camera, dim=-1)
+    upwards = start.pose[..., :3] - camera
     upwards = upwards / (upwards @ normal)[..., None]
     height = goal.new_zeros(goal.shape[0], goal.shape[2])
-    floor = -chart.to_numbers(start.pose)[..., 4] * chart.down.to(eye).norm(dim=-1)
-    parameters = model.parameters_there()
+    floor = -chart.to_numbers(start.pose)[..., 4] * chart.down.to(camera).norm(dim=-1)
 
     def first(height: Tensor) -> State:
         return State(
@@ -85,7 +93,7 @@ def land(model: VideoModel, loss: PoseLoss, trajectories: Trajectories, real: Te
         )
 
     def predict(height: Tensor) -> Tensor:
-        return model.layer.rollout(first(height), trajectories.wrench[:, :-1], parameters).pose
+        return layer.rollout(first(height), trajectories.wrench[:, :-1], parameters).pose
 
     def answer(height: Tensor) -> Tensor:
         moves = DIFFERENCE * torch.eye(goal.shape[2]).to(goal)

@@ -119,7 +119,8 @@ def add_to(equations: NormalEquations, model: VideoModel, loss: PoseLoss, batch:
     )
     own: LandingHeight | Placing
     if from_images and isinstance(model.chart, PlanarChart) and model.chart.hovering:
-        own = land(model, loss, trajectories, real)
+        eye = model.decoder.renderer.camera.position
+        own = land(model.layer, model.parameters_there(), model.chart, eye, loss, trajectories, real)
     else:
         own = place(model, loss, trajectories, real)
     shifted = _shifted(model, own.trajectories) if from_images else ()

@@ -195,11 +195,11 @@ class VideoModel(nn.Module):
         encoded, refined = self.read(as_image(batch["frames"]), as_image(batch["background"]))
         rolled = self.roll_out(refined, batch["shown"], batch["wrench"])
         if self.pose_refinement.steps and isinstance(self.chart, PlanarChart) and self.chart.hovering:
-            refined = self._landed(refined, batch)
+            refined = self._landed(self.chart, refined, batch)
         return Prediction(encoded, refined, rolled)
 
     @torch.no_grad()
-    def _landed(self, pose: Tensor, batch: Mapping[str, Any]) -> Tensor:
+    def _landed(self, chart: PlanarChart, pose: Tensor, batch: Mapping[str, Any]) -> Tensor:
         """Move refined poses (B, f, N, 7) along the rays from the camera to where the motion says they are."""
         there, shown = self.physics_device, batch["shown"]
         state = self.initial_state(pose, shown, batch["wrench"])
@@ -207,7 +207,8 @@ class VideoModel(nn.Module):
         wrench = batch["wrench"].to(state.pose)
         twist = state.twist[:, None].expand(-1, goal.shape[1], -1, -1)
         given = Trajectories(goal, twist, wrench, batch["length"].to(there), batch["index"].to(there))
-        landing = land(self, PoseLoss(), given, real.to(there))
+        eye, known = self.decoder.renderer.camera.position, self.parameters_there()
+        landing = land(self.layer, known, chart, eye, PoseLoss(), given, real.to(there))
         return at_frames(landing.trajectories.pose, shown).to(pose)
 
     @torch.no_grad()
