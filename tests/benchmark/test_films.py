@@ -18,7 +18,7 @@ from physid.benchmark.labels import open_labels
 from physid.benchmark.plan import Plan, Task, tasks
 from physid.benchmark.scoring.scoring import score
 from physid.benchmark.sealing.hidden import ROLES, SHARES
-from physid.benchmark.sealing.invent import invent
+from physid.benchmark.sealing.invent import inventions
 from physid.benchmark.sealing.seal import seal
 from physid.benchmark.sealing.severity import severity
 from physid.benchmark.verdicts import diagnose_bank
@@ -75,8 +75,8 @@ def test_files_differ_in_size_by_what_the_images_take_alone(films: Bank) -> None
 
 
 def test_what_is_believed_of_a_film_does_not_depend_on_what_is_hidden() -> None:
-    free = [invent(TINY, Task("001", "free", turn, film=True))[0] for turn in range(2)]
-    one, effects, label = invent(TINY, Task("001", "catalogue", 0, film=True))
+    free = [next(inventions(TINY, Task("001", "free", turn, film=True)))[0] for turn in range(2)]
+    one, effects, label = next(inventions(TINY, Task("001", "catalogue", 0, film=True)))
     assert effects
     assert label.film
     assert label.noise == NOISE.position

@@ -49,17 +49,13 @@ REDRAWS = 50  # draws that a trajectory without effects may need; with effects t
 Invention = tuple[GenerateConfig, tuple[Effect, ...], Label]
 
 
-def invent(plan: Plan, task: Task) -> Invention:
+def inventions(plan: Plan, task: Task) -> Iterator[Invention]:
     """Draw a recording set, and what is hidden in it, of a severity that is drawn as well.
 
-    Returns:
-        Its configuration without effects, the effects, and the label.
+    Yields:
+        Its configuration without effects, the effects, and the label; then the next choices: other effects, then other
+        configurations too.
     """
-    return next(inventions(plan, task))
-
-
-def inventions(plan: Plan, task: Task) -> Iterator[Invention]:
-    """Yield what `invent` returns, and the next choices: other effects, then other configurations too."""
     generator = plan.generator(1, int(task.name))
     simulator = task.recorded.simulator
     able = [
