@@ -7,7 +7,6 @@ from typing import final
 import torch
 from torch import Tensor
 
-from physid.estimation.measurement.poses import pose_difference
 from physid.networks.encoder import PoseEncoder, as_image
 from physid.training.learners.phases import Phase
 from physid.training.learners.video import VideoID
@@ -38,21 +37,21 @@ class SupervisedID(VideoID):
             apart = encoding_losses(self.model, encoding, recorded, loss.rotation_weight)
             values = {name: mean_over_time(value, real) for name, value in apart.items()}
         else:
-            values = loss(pose_difference(encoding.pose, recorded), real)
+            values = loss.between(encoding.pose, recorded, real)
         values = {f"encoded_{name}": value for name, value in values.items()} | self.divergence(encoding, real)
         if self.phase is Phase.WARM_UP:
             return values | imagined
         self.require_finite(values, batch)
-        rolled = loss(*self._rolled(encoding.pose, batch))
+        rolled = self._rolled(encoding.pose, batch)
         weighed = {f"rolled_{name}": self.objective.alpha * spread(one, len(shown)) for name, one in rolled.items()}
         return values | weighed | imagined
 
-    def _rolled(self, encoded: Tensor, batch: Batch) -> tuple[Tensor, Tensor]:
-        """Return residuals (b, T, N, 6) of the poses rolled out, and which frames are real (b, T)."""
+    def _rolled(self, encoded: Tensor, batch: Batch) -> dict[str, Tensor]:
+        """Return the losses (b,) of the poses that are rolled out."""
         part = self.objective.horizon.cut(batch)
         pose = self.model.roll_out(encoded[: len(part["shown"])], part["shown"], part["wrench"]).to(encoded.device)
-        residual = pose_difference(pose, part["pose"])
-        return residual, torch.arange(pose.shape[1], device=pose.device) < part["length"][:, None]
+        real = torch.arange(pose.shape[1], device=pose.device) < part["length"][:, None]
+        return self.objective.pose_loss.between(pose, part["pose"], real)
 
     def readings(self, part: Batch) -> Readings:
         """Return the recorded poses, of every frame."""

@@ -12,7 +12,6 @@ import torch
 from torch import Tensor
 
 from physid.estimation.least_squares.first_guess import FirstGuess
-from physid.estimation.measurement.poses import pose_difference
 from physid.training.identifiability.identifiability import Identifiability, SensorNoise
 from physid.training.initial_states import answers
 from physid.training.initial_states.explaining import Explaining
@@ -98,7 +97,7 @@ class SysID(TrainingModule, PredictingModule):
             self.count_evaluations(rollouts)
         predicted = cut.rolled(self.layer, self.physical()).pose
         self._evaluated = predicted.detach(), cut
-        return self.loss(pose_difference(predicted, cut.pose), cut.real)
+        return self.loss.between(predicted, cut.pose, cut.real)
 
     @torch.no_grad()
     def curvature(self, batch: Batch) -> Tensor:

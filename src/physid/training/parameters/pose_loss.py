@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from physid.estimation.measurement.poses import pose_difference
 from physid.estimation.measurement.sensor_noise import Noise
 
 MOST_UNEQUAL = 100.0
@@ -61,19 +62,9 @@ class PoseLoss:
         square = self.robust**2
         return {"pose": mean_over_time(square * torch.log1p((position + rotation) / square), real)}
 
-    def curvature(self, residual: Tensor, sensitivity: Tensor, real: Tensor) -> Tensor:
-        """Compute Gauss and Newton's approximation of the mean loss's second derivative, 2 J^T W J.
-
-        Args:
-            residual: Shape (B, T, N, 6); a robust loss weighs each frame by its slope there.
-            sensitivity: J, derivatives of the residuals, shape (P, B, T, N, 6).
-            real: Which frames count, shape (B, T).
-
-        Returns:
-            Shape (P, P).
-        """
-        scaled = sensitivity * self.weights(residual, real).sqrt()
-        return 2 * torch.einsum("pbtni,qbtni->pq", scaled, scaled) / len(real)
+    def between(self, predicted: Tensor, recorded: Tensor, real: Tensor) -> dict[str, Tensor]:
+        """Compute the loss of predicted poses (B, T, N, 7) beside recorded ones, as a call does."""
+        return self(pose_difference(predicted, recorded), real)
 
     def weights(self, residual: Tensor, real: Tensor) -> Tensor:
         """Compute W, by which the squares of the residuals sum up to the loss near where they are.
