@@ -128,6 +128,18 @@ def test_a_fit_learns_from_motions_that_a_diagnosis_calls_rest(sound: Path, tmp_
         require_usable(recordings.folder, motion)
 
 
+def test_films_of_which_the_initial_poses_alone_are_known_are_no_bodies_at_rest(sound: Path, tmp_path: Path) -> None:
+    def initial(_: int, one: Recording) -> Recording:
+        assert one.pose is not None
+        pose = np.full_like(one.pose, np.nan)
+        pose[0] = one.pose[0]
+        return dataclasses.replace(one, pose=pose, twist=None)
+
+    recordings = RecordingSet(rewritten(sound, tmp_path / "initial", initial))
+    require_usable_set(recordings, range(len(recordings)))
+    assert not any(one.wrong for one in inspect(recordings).findings)
+
+
 def test_few_trajectories_are_a_remark_of_check(tmp_path: Path) -> None:
     few = recorded(tmp_path / "few", trajectories=2, steps=20)
     (remark,) = [one for one in inspect(RecordingSet(few)).findings if "at least 3 trajectories" in one.what]

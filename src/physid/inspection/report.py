@@ -11,7 +11,7 @@ from physid.inspection.evidence import Evidence
 from physid.inspection.facts import facts_of
 from physid.inspection.finding import Finding
 from physid.inspection.mistakes import mistakes_in
-from physid.inspection.usability import too_few
+from physid.inspection.usability import shows_motion, too_few
 
 MOST_NAMED = 5
 WIDTH = 14
@@ -63,10 +63,10 @@ def inspect(recordings: RecordingSet, limit: int | None = None) -> Report:
                 what, _, mend = str(error).partition("; ")
                 findings.append(Finding(what, mend or "correct the file, or leave it out"))
             continue
-        if one.pose is None or not one.seen.any(0).all():
+        if not shows_motion(one):
             findings.append(
                 Finding(
-                    f"{recordings.paths[index].name}: a body, or all, has no poses",
+                    f"{recordings.paths[index].name}: a body, or all, has no poses beyond the first",
                     "physid track reads films",
                     wrong=False,
                 )

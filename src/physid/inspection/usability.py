@@ -10,6 +10,7 @@ from torch import Tensor
 
 from physid.data.format import RecordingSet
 from physid.data.observations.trajectories import Trajectories, from_recordings
+from physid.data.recording import Recording
 from physid.estimation.measurement import NoiseSettings, stray_poses
 from physid.inspection.finding import Finding
 from physid.scenes.scene import Scene
@@ -110,12 +111,17 @@ def require_usable_set(recordings: RecordingSet, indices: Sequence[int]) -> None
     Raises:
         ValueError: As `require_usable` does, or if a file is damaged.
     """
-    posed = [index for index in indices if recordings.has_poses(index)]
-    read = [recordings.read(index, video=False) for index in posed]
-    if read and all(one.seen.any(0).all() for one in read):
+    posed = {index: recordings.read(index) for index in indices if recordings.has_poses(index)}
+    posed = {index: one for index, one in posed.items() if shows_motion(one)}
+    if posed:
         scene = recordings.scene
-        motion = Motion.of(scene, from_recordings(read, scene.time_step, posed))
+        motion = Motion.of(scene, from_recordings(list(posed.values()), scene.time_step, list(posed)))
         require_usable(recordings.folder, motion, least=NOISE.least)
+
+
+def shows_motion(recording: Recording) -> bool:
+    """Return whether every body was seen in more than one frame: of films, initial poses may be all that is known."""
+    return recording.pose is not None and bool((recording.seen.sum(0) > 1).all())
 
 
 def mistakes_in(

@@ -93,7 +93,7 @@ def load_observations(
         roles: Which trajectories select, and probe.
 
     Raises:
-        ValueError: If a trajectory has no poses, or the second set holds other bodies; see also `require_sound`.
+        ValueError: If a trajectory has no poses, or the second set holds other bodies; see also `require_usable`.
     """
     sets = [recordings] if transfer is None else [recordings, transfer]
     for other in sets[1:]:
