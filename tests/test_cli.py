@@ -224,6 +224,14 @@ def test_ctrl_c_while_a_command_that_has_done_its_work_ends_says_nothing() -> No
     assert not error
 
 
+@pytest.mark.parametrize("quiet", [True, False])
+def test_a_bar_that_is_not_shown_takes_what_it_is_told(quiet: bool, capfd: pytest.CaptureFixture[str]) -> None:
+    with frame_bar(quiet) as say:  # where there is no terminal, none is shown either
+        say("reading the films", 0, 80)
+        say("reading drawn films", 60, 80)
+    assert capfd.readouterr().err == ""
+
+
 def test_the_bar_of_films_is_one_for_both_readings_and_counts_no_time_for_what_was_there(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -104,6 +104,8 @@ def frame_bar(quiet: bool) -> Iterator[Callable[[str, int, int], None]]:
 
         def say(task: str, done: int, total: int) -> None:
             nonlocal shown
+            if bar.disable:  # a bar that is not shown has hardly an attribute
+                return
             if total != bar.total:
                 bar.reset(total)
             if task != shown:  # what it finds done took none of the time of this bar
