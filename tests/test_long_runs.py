@@ -87,9 +87,8 @@ def test_diagnoses_in_one_process_leave_nothing_behind(tmp_path: Path) -> None:
         assert main(["diagnose", str(tmp_path / "set"), f"--out={tmp_path / str(number)}", "--quiet"]) == 0
         series.append(held())
     growth, files, threads = slope(series[3:])
-    print(f"{growth / 1e3:.0f} kB a diagnosis")
     assert growth < 100 * GROWTH
-    assert (files, threads) == (0, 0)
+    assert max(files, threads) <= 0
 
 
 @pytest.mark.slow

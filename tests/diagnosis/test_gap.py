@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import pytest
 import torch
 
-from physid.diagnosis.conclusion.gap import closing
+from physid.diagnosis.conclusion.gap import closing, position_errors, position_floors
 from physid.diagnosis.settings.conclusion import GapSettings
 
 SETTINGS = GapSettings()
@@ -35,3 +38,17 @@ def test_trajectories_of_which_no_frame_counts_have_no_gap() -> None:
     found = closing(nothing, nothing, nothing, chosen, SETTINGS, torch.Generator())
     assert found is not None
     assert found.shrink is None
+
+
+def test_an_error_is_the_mean_square_with_frames_weighted_by_how_little_numerics_disturb_them() -> None:
+    residual = torch.zeros(1, 3, 1, 6, dtype=torch.float64)
+    residual[0, :, 0, 3] = torch.tensor([0.01, 0.02, 0.04])
+    residual[..., :3] = 9.0  # turns are no errors of position
+    scale = torch.full((1, 3, 1, 6), 1000.0, dtype=torch.float64)
+    scale[0, 1] = 500.0  # twice the deviation: a quarter of the weight
+    scale[0, 2] = 0.0  # is not there
+    hypothesis: Any = SimpleNamespace(experiment=SimpleNamespace(scale=scale), fit=SimpleNamespace(residual=residual))
+    expected = (0.01**2 + 0.25 * 0.02**2) / 1.25
+    assert float(position_errors(hypothesis, SimpleNamespace())) == pytest.approx(expected)  # type: ignore[arg-type]
+    noise: Any = SimpleNamespace(floor=0.002)
+    assert float(position_floors(hypothesis.experiment, noise)) == pytest.approx(0.002**2 * 2 / 1.25)

@@ -81,18 +81,19 @@ def impacts(columns: torch.Tensor, data: torch.Tensor, count: int = 5) -> Normal
     return Normal(rows.mT @ rows, rows.mT @ values, values.square().sum(1))
 
 
-def test_what_is_steady_is_what_a_test_without_the_most_informative_impact_finds() -> None:
-    columns, data = drawn(2)
-    data = data + columns[:, 1] * torch.tensor([0.1, 0.1, 2.0, 0.1, 0.1], dtype=torch.float64).repeat_interleave(10)
-    nuisance = torch.tensor([0])
-    given = condition(normal(columns, data), nuisance, NO_RIDGE)
-    clean = columns[:, 1:] - columns[:, :1] * given.absorbed[0, 1]
-    left = data - columns[:, 0] * given.solved[0, 0]
+@pytest.mark.parametrize("nuisances", [1, 2])
+def test_what_is_steady_is_what_a_test_without_the_most_informative_impact_finds(nuisances: int) -> None:
+    columns, data = drawn(1 + nuisances)
+    shown = torch.tensor([0.1, 0.1, 2.0, 0.1, 0.1], dtype=torch.float64).repeat_interleave(10)
+    data = data + columns[:, -1] * shown + 3 * columns[:, 0]
+    given = condition(normal(columns, data), torch.arange(nuisances), NO_RIDGE.expand(nuisances))
+    clean = columns[:, -1] - columns[:, :nuisances] @ given.absorbed[:, -1]
+    left = data - columns[:, :nuisances] @ given.solved[:, 0]
     others = torch.cat([torch.arange(20), torch.arange(30, 50)])
-    expected = float((clean[others, 0] @ left[others]) ** 2 / clean[others, 0].square().sum())
-    steady = float(steady_gains(given, group(1), impacts(columns, data), SETTINGS))
+    expected = float((clean[others] @ left[others]) ** 2 / clean[others].square().sum())
+    steady = float(steady_gains(given, group(nuisances), impacts(columns, data), SETTINGS))
     assert steady == pytest.approx(expected)
-    assert steady < 0.2 * float(gains(given, group(1), SETTINGS)[0])
+    assert steady < 0.2 * float(gains(given, group(nuisances), SETTINGS)[0])
 
 
 def test_without_impacts_and_for_what_all_impacts_show_alike_nearly_all_is_steady() -> None:
