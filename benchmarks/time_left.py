@@ -54,7 +54,10 @@ def watched() -> Iterator[list[Promise]]:
 
     class Watched(usual):  # type: ignore[misc, valid-type]
         def __init__(self, *words: Any, **options: Any) -> None:
-            super().__init__(*words, **{**options, "disable": False, "file": io.StringIO(), "mininterval": 0})
+            hidden = bool(options.get("disable"))  # --quiet, as for what a command calls itself
+            super().__init__(*words, **{**options, "disable": hidden, "file": io.StringIO(), "mininterval": 0})
+            if hidden:
+                return
             self._time = time.process_time
             self.start_t = self.last_print_t = start
 
