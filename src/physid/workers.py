@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
 import threading
@@ -69,6 +70,8 @@ def running_on(backend: Backend = "loky", scheduler: str | None = None) -> Itera
     finally:
         with _signals_wait():
             if client is not None:
+                # What is on its way then fails in the client's own thread, which would log each with a traceback.
+                logging.getLogger("tornado.application").setLevel(logging.CRITICAL)
                 client.close()
 
 

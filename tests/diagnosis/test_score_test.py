@@ -119,3 +119,12 @@ def test_a_change_of_the_nuisance_leaves_what_is_steady() -> None:
         for moved in (data, data + 7 * columns[:, 0])
     ]
     assert steady[0] == pytest.approx(steady[1])
+
+
+def test_it_does_not_matter_how_the_data_are_split_into_trajectories() -> None:
+    columns, data = drawn(3)
+    nuisance = torch.tensor([0])
+    ridge = torch.ones(1, dtype=torch.float64)
+    whole, split = (condition(each, nuisance, ridge) for each in (normal(columns, data), impacts(columns, data)))
+    for one, other in ((whole.matrix, split.matrix), (whole.vector, split.vector), (whole.solved, split.solved)):
+        assert torch.allclose(one, other, atol=1e-9)

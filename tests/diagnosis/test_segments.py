@@ -41,6 +41,18 @@ def test_what_is_cut_is_put_back_where_it_was() -> None:
     assert torch.equal(back, value)
 
 
+def test_columns_are_the_numbers_of_each_segment_and_zero_beyond_its_end() -> None:
+    segments = around(40, 100)
+    value = torch.randn(3, 2, 150, 1, 6, generator=torch.Generator().manual_seed(0))
+    for batch in segments.batches:
+        columns = batch.columns(value).unflatten(1, (-1, 1, 6))
+        for number, column in zip(batch.segments.tolist(), columns, strict=True):
+            start, size = int(segments.start[number]), int(segments.size[number])
+            own = value[:, segments.trajectory[number], start : start + size]
+            assert torch.equal(column[:size].movedim(-1, 0), own)
+            assert not column[size:].any()
+
+
 def test_sums_over_frames_and_segments_are_sums_over_trajectories() -> None:
     segments = around(40, 100)
     value = torch.rand(1, 2, 150, generator=torch.Generator().manual_seed(0))
