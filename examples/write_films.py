@@ -20,8 +20,8 @@ import numpy as np
 MASS, FRICTION, GRAVITY = 0.5, 0.21, 9.81  # [kg], [-], [m/s^2]
 EDGES = np.array([0.12, 0.08, 0.06])  # [m]
 SECONDS, RATE, FORCES, FINE, FILMS = 2.0, 30, 500, 3000, 3  # rates [1/s]
-WIDTH, HEIGHT, FOV, FINER = 320, 240, 40.0, 4  # [px], of the height [deg], pixels drawn for one of the film
-EYE, TARGET, UP = np.array([0.15, -0.7, 0.8]), np.array([0.0, 0.02, 0.0]), np.array([0.0, 0.0, 1.0])
+WIDTH, HEIGHT, FOV, FINER = 480, 360, 40.0, 3  # [px], of the height [deg], pixels drawn for one of the film
+EYE, TARGET, UP = np.array([0.13, -0.62, 0.72]), np.array([0.0, 0.02, 0.0]), np.array([0.0, 0.0, 1.0])
 LIGHT = np.array([0.6, -0.3, 1.0])  # towards the lamp
 NOISE = 3.0  # [grey levels]
 FACES = {

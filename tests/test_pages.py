@@ -62,7 +62,7 @@ OTHERS = [
     "git",
 ]
 OTHERS += ["pip", "sbatch", "sleep", "srun", "torchrun", "wandb"]
-TUTORIALS = ("tutorial_csv.md",)  # tests/test_tutorials.py runs them as they stand
+TUTORIALS = ("tutorial_csv.md", "tutorial_mp4.md")  # tests/test_tutorials.py runs them as they stand
 LONG = ("--quick",)  # left out, since it would win over what keeps a command short
 # Several processes: tests/test_workers.py and tests/test_processes.py run these.
 SPREAD = ("--backend", "--scheduler", "trainer.strategy=")

@@ -25,18 +25,22 @@ def shell(page: str) -> list[list[str]]:
     return [shlex.split(line) for line in lines]
 
 
-@pytest.mark.slow
-def test_the_tutorial_leads_from_logs_to_a_diagnosed_model(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    commands = shell("tutorial_csv.md")
+def run(commands: list[list[str]]) -> None:
+    """Run the commands of a tutorial, which are few."""
     assert len(commands) <= MOST
     for program, *words in commands:
         if program == "python":
             subprocess.run([sys.executable, str(ROOT / words[0]), *words[1:]], check=True, capture_output=True)
         else:
             assert main(words) == 0, words
+
+
+@pytest.mark.slow
+def test_the_tutorial_leads_from_logs_to_a_diagnosed_model(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    run(shell("tutorial_csv.md"))
     printed = capsys.readouterr().out
     assert "Nothing looks wrong." in printed
     assert "the fit leaves nothing beyond the noise of the poses" in printed
@@ -44,4 +48,19 @@ def test_the_tutorial_leads_from_logs_to_a_diagnosed_model(
     for name, true in TRUE.items():
         assert figures[f"params/{name}/low"] < true < figures[f"params/{name}/high"]
     assert json.loads(Path("runs", "diagnosis", "bench", "diagnosis.json").read_text())["verdict"] == "none"
+    assert Path("runs", "dashboard.html").is_file()
+
+
+@pytest.mark.slow
+def test_the_tutorial_leads_from_films_to_a_friction(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("cv2", reason="needs physid[camera]")
+    monkeypatch.chdir(tmp_path)
+    run(shell("tutorial_mp4.md"))
+    printed = capsys.readouterr().out
+    assert "Nothing looks wrong." in printed
+    figures = json.loads(Path("runs", "read", "metrics.json").read_text())
+    assert figures["params/block.friction/low"] < TRUE["block.friction"] < figures["params/block.friction/high"]
+    assert figures["params/block.friction/estimate"] == pytest.approx(TRUE["block.friction"], rel=0.01)
     assert Path("runs", "dashboard.html").is_file()

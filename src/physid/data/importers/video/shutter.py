@@ -11,7 +11,7 @@ from physid.data.importers.video.films import Image
 from physid.data.importers.video.sights import find_bodies
 
 Array = NDArray[np.float64]
-MOST_FRAMES = 240  # of a film that are looked at
+MOST_FRAMES = 90  # of a film that are looked at: finding the body takes a tenth of a second each
 FEWEST = 16  # frames with the body that tell anything
 CERTAIN = 5.0  # standard errors that the delay has to differ from zero by
 SEEN = 0.3  # [px] by which the shutter has to move the edges of the fastest body
