@@ -78,6 +78,28 @@ def test_sliding_under_a_force_is_exact_at_any_rate(rate: int, backend: str) -> 
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("phase", [0.05, 0.3, 0.5, 0.7, 0.95])
+@pytest.mark.parametrize("turn", [0.0, 0.4])
+def test_a_block_that_turns_around_within_a_step_goes_on_as_the_closed_form_says(
+    phase: float, turn: float, backend: str
+) -> None:
+    # A push of 5 m/s^2 against the motion and friction of 2 stop it at the given phase of a step; then 3 are left.
+    rate, steps, push, friction = 30, 12, 5.0, 2.0
+    start = (3 + phase) / rate * (push + friction)
+    layer = PhysicsLayer(world(rate), backend=backend)  # type: ignore[arg-type]
+    along = torch.tensor([math.cos(turn), math.sin(turn), 0.0], dtype=torch.float64)
+    begin = state([[0, 0, 0.1]], [(start * along).tolist()])
+    rollout = layer.rollout(begin, forces(steps, [(-push * along).tolist()]), boxes(friction=friction / G))
+    left = (steps - 3 - phase) / rate
+    torch.testing.assert_close(
+        rollout.twist[0, -1, 0, 3:], -(push - friction) * left * along, rtol=0, atol=10 * SMOOTHING
+    )
+    # The mean of both velocities of a step is not the mean velocity, where it turns around: once, and h^2.
+    exact = start**2 / (2 * (push + friction)) - (push - friction) * left**2 / 2
+    assert float(rollout.pose[0, -1, 0, :3] @ along) == pytest.approx(exact, abs=G / (8 * rate**2))
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("friction", [0.1, 0.5])
 def test_on_an_incline_a_block_slides_as_the_closed_form_says_or_stays_where_it_is(
     friction: float, backend: str
@@ -263,6 +285,22 @@ def refined(start: State, seconds: float, parameters: Parameters, rates: tuple[i
 def test_a_block_that_slides_and_turns_converges_with_order_two() -> None:
     start = state([[0, 0, 0.1]], [[2.0, 0.4, 0]], [[0, 0, 3.0]])
     assert min(refined(start, 0.3, boxes(friction=0.2), (15, 30, 60, 120))) > 1.9
+
+
+@pytest.mark.parametrize("spin", [0.0, 0.02, 0.5])
+def test_a_block_that_turns_around_off_its_line_nears_the_limit_faster_than_the_steps(spin: float) -> None:
+    # At 30 steps a second it was off by 40 mm, and at each doubling by half of that, all to one side.
+    def end(rate: int) -> Tensor:
+        start = state([[0, 0, 0.1]], [[0.61, 0.02, 0]], [[0, 0, spin]])
+        push = forces(rate, [[-5.0, 1.0, 0]])
+        with torch.no_grad():
+            return PhysicsLayer(world(rate)).rollout(start, push, boxes(friction=0.2)).pose[0, -1, 0, :3]
+
+    limit = end(15360)
+    errors = [float((end(rate) - limit).norm()) for rate in (30, 60, 120, 240, 480)]
+    print(errors)
+    assert errors[0] < 5e-3
+    assert errors[-1] < 1e-4
 
 
 def test_a_box_that_tips_over_its_edge_converges_with_order_two() -> None:

@@ -15,7 +15,7 @@ from physid.physics.contact_problem.lcp import ContactProblem, SolverSettings, s
 from physid.physics.effect import StepInputs
 from physid.physics.joints import equations_of
 from physid.physics.rotations import exponential, multiply, normalize, rotate, to_matrix
-from physid.physics.schemes.impact import FINE, STANDARD_GRAVITY, bending, demand, late
+from physid.physics.schemes.impact import FINE, STANDARD_GRAVITY, bending, demand, late, turning
 from physid.physics.schemes.motion import drift, drifted, moved
 from physid.physics.shapes.table import find_patches
 from physid.physics.state import State
@@ -151,7 +151,8 @@ def build_problem(
         friction, restitution, compliance = _pair(patch, inputs)
         reach = REACH + 2 * h[:, None] * free_speed.detach().abs()
         exists = patch.active & world.contact.exists(patch.gap, reach)
-        material, bodies_ = (restitution, compliance * mean_mass), (state.position + arm, twist)
+        material = friction, restitution, compliance * mean_mass
+        bodies_ = state.position + arm, twist, free.unflatten(1, (bodies, 6)) * unit[:, None, None]
         offset, slip, share, patch = _demand(patch, (velocity, free_speed), world, material, bodies_, h, exists)
         patches[k] = patch
         shares.append(share)
@@ -182,23 +183,27 @@ def _demand(
     patch: Patch,
     velocities: tuple[Tensor, Tensor],
     world: World,
-    material: tuple[Tensor, Tensor],
-    bodies: tuple[Tensor, Tensor],
+    material: tuple[Tensor, Tensor, Tensor],
+    bodies: tuple[Tensor, Tensor, Tensor],
     h: Tensor,
     exists: Tensor,
 ) -> tuple[Tensor, Tensor, Tensor, Patch]:
     """Return offset, slip [m/s] and share of the contacts of a patch, and the patch (see `schemes.impact`).
 
-    `velocities` are those before and the normal ones without contact, `material` restitution and give per gravity,
-    `bodies` their centres and twists.
+    `velocities` are those before and the normal ones without contact, `material` friction, restitution and give per
+    gravity, `bodies` their centres, and twists before and without contact.
     """
+    friction, restitution, give = material
     if world.midpoint:
-        material = material[0], material[1] * STANDARD_GRAVITY
-        wanted = demand(patch, velocities, bending(patch, *bodies), material, h[:, None], exists)
+        bend = bending(patch, *bodies[:2])
+        lies = exists & (patch.gap + h[:, None] * velocities[1] / 2 < 0)
+        turns = turning(patch, *bodies[1:], friction, h[:, None], lies)
+        stiffness = restitution, give * STANDARD_GRAVITY
+        wanted = demand(patch, velocities, bend, stiffness, h[:, None], exists, turns)
         patch = dataclasses.replace(patch, together=wanted.together)
         return wanted.offset, wanted.slip, wanted.share[:, None].expand_as(patch.gap), patch
     velocity, free_speed = velocities
-    offset = world.contact.offset(patch.gap, velocity[..., 0], free_speed, material[0][:, None], h[:, None])
+    offset = world.contact.offset(patch.gap, velocity[..., 0], free_speed, restitution[:, None], h[:, None])
     return offset, torch.zeros_like(velocity[..., 1:]), torch.full_like(patch.gap, 0.5), patch
 
 

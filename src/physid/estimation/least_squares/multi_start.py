@@ -1,4 +1,4 @@
-"""Initial states that are guessed anew once an effect is known."""
+"""Initial states that no step by a slope leads to: guessed anew once an effect is known, and varied."""
 
 from __future__ import annotations
 
@@ -99,7 +99,42 @@ def try_new_states(experiment: Experiment, point: Variants) -> Variants:
 
 
 def search(experiment: Experiment, fit: Fit) -> Variants:
-    """Fit the initial states of badly fitted segments from new guesses, and keep what explains a segment better.
+    """Look for initial states that no step by a slope leads to, and keep what explains a segment better.
+
+    Those of badly fitted segments are fitted from new guesses, and those of all segments are varied (`varied`).
+    """
+    return varied(experiment, fit, _refitted(experiment, fit))
+
+
+def varied(experiment: Experiment, fit: Fit, point: Variants) -> Variants:
+    """Draw initial states about those of a point, and keep what explains a segment better.
+
+    Where dry friction stops or turns a body the loss has a kink. On its edge it may still fall along the edge, while
+    a step by the slope of either side leads up the other side, so that a fit ends there. Draws are normal, with
+    several multiples of the deviations that the linearised fit leaves of each segment's state.
+
+    Args:
+        experiment: What to explain.
+        fit: A fit near the point, linearised.
+        point: Where; a single variant.
+    """
+    settings = experiment.settings.multi_start
+    if not settings.draws or not experiment.directions.used:
+        return point
+    factor = fit.linear.gather(lambda part: part.factor.mT)
+    generator = torch.Generator().manual_seed(0)
+    scales = torch.tensor(settings.scales, dtype=factor.dtype).repeat_interleave(settings.draws)
+    normal = torch.randn(len(scales), *factor.shape[:2], generator=generator, dtype=factor.dtype)
+    change = torch.linalg.solve_triangular(factor, normal[..., None] * scales[:, None, None, None], upper=True)
+    many = point.repeat(1 + len(scales))
+    pose, twist = experiment.directions.move(many.pose[1:], many.twist[1:], change[..., 0])
+    many = many.replace(pose=torch.cat([point.pose, pose]), twist=torch.cat([point.twist, twist]))
+    best = try_losses(experiment, many).argmin(0)
+    return _picked(many, best) if bool(best.any()) else point
+
+
+def _refitted(experiment: Experiment, fit: Fit) -> Variants:
+    """Fit the initial states of badly fitted segments from new guesses.
 
     A wrong initial state and wrong parameters may hold each other, so that neither moves alone: the guess has to be
     fitted before it is compared. Where most segments fit badly it is the model that is wrong, and nothing is tried.

@@ -58,7 +58,7 @@ class LineSearchSettings(Section):
 
 
 class MultiStartSettings(Section):
-    """Initial states that are guessed anew."""
+    """Initial states that are guessed anew, and varied."""
 
     doubtful: float = setting(
         1.4, "noise variances", "mean squared residual of a segment whose initial state may be wrong", gt=0
@@ -66,6 +66,10 @@ class MultiStartSettings(Section):
     most: float = setting(0.5, "share", "of the segments that may be such; with more, it is the model", ge=0, le=1)
     rounds: int = setting(4, "steps", "of Gauss-Newton from each guess", ge=1)
     undo: int = setting(8, "rounds", "in which what a camera changes is undone", ge=1)
+    draws: int = setting(6, "states", "about the present one that each segment tries at each of the scales", ge=0)
+    scales: tuple[float, ...] = setting(
+        (0.3, 1.0, 3.0, 10.0), "standard deviations", "of a segment's initial state by which they are varied"
+    )
 
 
 class PriorSettings(Section):

@@ -53,7 +53,8 @@ def assembly(shape: Shape) -> list[Section]:
         return Section(name, partial(formula, midpoint=shape.midpoint), layouts)
 
     used = [Section("average_mass", linear.average_mass, layouts), section("prepare", body.prepare, one)]
-    used += [section("touch_ground", ground.touch_ground, {**one, "patch": PATCH})] if shape.ground else []
+    touch = partial(ground.touch_ground, alone=shape.bodies == 1)
+    used += [section("touch_ground", touch, {**one, "patch": PATCH})] if shape.ground else []
     used += [section("touch_boxes", pair.touch_boxes, two)] if shape.pairs else []
     return used + ([LIFT_PATCH, LIFT_BODY] if shape.split else [])
 

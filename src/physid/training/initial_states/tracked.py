@@ -22,6 +22,9 @@ IMPROVE = 1
 """Jacobians of the initial states for each step of the parameters."""
 SETTLED = 0.1
 """Share of a standard deviation of the loss; where dry friction bends them, states crawl for a smaller gain."""
+SEARCHED = 0.5
+"""Squared residual, in units of the noise, that a search for other initial states may still gain at the end of a fit:
+less than what a parameter that is off by a standard error costs."""
 
 
 @dataclass(frozen=True)
@@ -69,12 +72,13 @@ class TrackedFit:
         self._base: _Base | None = None
         self._index = torch.empty(0)
         self._resumed: dict[str, Tensor] | None = None
-        self._gained = math.inf
+        self._loss = self._gained = math.inf
+        self._searched = False
 
     @property
     def converged(self) -> bool:
-        """Whether the last step of the initial states gained little enough not to move the parameters."""
-        return self._last is None or hardly_gains(self._gained, float(self._last[1].loss.sum()), SETTLED)
+        """Whether the last step of the initial states, and the last search for others, gained next to nothing."""
+        return self._last is None or (self._searched and hardly_gains(self._gained, self._loss, SETTLED))
 
     @property
     def last(self) -> Fit | None:
@@ -87,14 +91,14 @@ class TrackedFit:
 
         Args:
             explaining: Trajectories, model and loss.
-            afresh: Whether new guesses replace what explains a trajectory worse, and some badly fitted ones are fitted
-                from new guesses as well, to leave a local minimum: a step of the parameters that was too long, and is
-                taken back, leaves the states where it led them.
+            afresh: Whether new guesses replace what explains a trajectory worse, and other states are searched for, to
+                leave a local minimum: a step of the parameters that was too long, and is taken back, leaves the states
+                where it led them.
 
         Returns:
             The fit, linearised there, and how many rollouts of all trajectories that took.
         """
-        states, before = self.states(explaining), self.last
+        states = self.states(explaining)
         try:
             self._last = _improved(explaining, states, self._base, afresh=afresh)
         except SolverError:
@@ -105,9 +109,12 @@ class TrackedFit:
         same = torch.equal(self._index, explaining.trajectories.index)
         self._index = explaining.trajectories.index
         experiment, fit = self._last
-        if self._base is None or not same or float(fit.loss.sum()) <= self._base.loss:
+        loss = float(fit.loss.sum())
+        if self._base is None or not same or loss <= self._base.loss:
             self._base = _Base.of(fit)
-        self._gained = math.inf if before is None else float(before.loss.sum() - fit.loss.sum())
+        self._gained, self._loss = self._loss - loss, loss
+        if afresh:
+            self._searched = self._gained < SEARCHED
         return fit, experiment.predictor.simulated[0]
 
     @torch.no_grad()
@@ -160,8 +167,9 @@ class TrackedFit:
             return {}
         assert self._base is not None
         pose, twist = self._base.moved(self._last[0], coordinates.detach())
-        base = {f"base_{name}": torch.as_tensor(value) for name, value in vars(self._base).items()}
-        return {"index": self._index, "pose": pose, "twist": twist, **base}
+        kept = {f"base_{name}": torch.as_tensor(value) for name, value in vars(self._base).items()}
+        kept |= {"loss": torch.tensor(self._loss).double(), "searched": torch.tensor(self._searched)}
+        return {"index": self._index, "pose": pose, "twist": twist, **kept}
 
     def begin(self, explaining: Explaining, states: States | None) -> None:
         """Take initial states that were fitted for the present parameters; None to guess them."""
@@ -175,6 +183,7 @@ class TrackedFit:
             self._index = state["index"]
             pose, twist, response, at = (state[f"base_{name}"] for name in ("pose", "twist", "response", "coordinates"))
             self._base = _Base(pose, twist, response, at, float(state["base_loss"]))
+            self._loss, self._searched = float(state["loss"]), bool(state["searched"])
 
 
 def _improved(

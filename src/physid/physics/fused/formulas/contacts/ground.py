@@ -38,8 +38,10 @@ def choose_corners(body: Record, shared: Record, patch: Record) -> None:
     patch["label"] = [total([2.0**axis * s for axis, s in enumerate(signs[3 * k : 3 * k + 3])]) for k in range(4)]
 
 
-def touch_ground(body: Record, shared: Record, constants: Record, patch: Record, *, midpoint: bool = False) -> None:
-    """Write the patch of the four lowest corners of a box and the ground."""
+def touch_ground(
+    body: Record, shared: Record, constants: Record, patch: Record, *, midpoint: bool = False, alone: bool = False
+) -> None:
+    """Write the patch of the four lowest corners of a box, which may be `alone`, and the ground."""
     axes, half, (ground,) = rows(body["axes"]), scale(0.5, body["size"]), shared["ground_offset"]
     points = []
     for k in range(4):
@@ -59,5 +61,5 @@ def touch_ground(body: Record, shared: Record, constants: Record, patch: Record,
         restitution=most(body.one("restitution") + body.one("ground_restitution"), 0.0),
         compliance=compliance,
     )
-    write_patch(patch, constants, touch, material, [body], midpoint=midpoint)
+    write_patch(patch, constants, touch, material, [body], midpoint=midpoint, alone=alone)
     patch["other_arm"], patch["lever"] = [0.0] * 12, [0.0] * 4

@@ -11,7 +11,7 @@ from physid.compiler.graph import Value, least, most, root, size, total, where
 from physid.compiler.section import Record
 from physid.physics.contact import FLATNESS
 from physid.physics.fused.formulas.algebra import Matrix, Vector, add, apply, cross, decay, dot, scale, subtract, unit
-from physid.physics.fused.formulas.schemes.impact import Contact, demand, slip
+from physid.physics.fused.formulas.schemes.impact import Contact, demand, slip, turning
 from physid.physics.step import FAR, REACH
 
 
@@ -95,13 +95,17 @@ def write_patch(
     bodies: Sequence[Record],
     *,
     midpoint: bool = False,
+    alone: bool = False,
 ) -> list[Value]:
-    """Write a patch but for its lever, and return which of its contacts exist; of two bodies the second comes first."""
+    """Write a patch but for its lever, and return which of its contacts exist; of two bodies the second comes first.
+
+    A body that is `alone` touches nothing but the ground.
+    """
     frame = frame_of(touch.normal)
     arms = [[subtract(point, body["centre"]) for point in touch.points] for body in bodies]
     together = touch.scale.like(0.0)
     if midpoint:
-        offsets, exists, together = _midpoint_rule(patch, constants, touch, material, bodies, frame)
+        offsets, exists, together = _midpoint_rule(patch, constants, touch, material, bodies, frame, alone=alone)
     else:
         offsets, exists = _rules(constants, touch, material, bodies, arms)
     unit_ = constants.one("unit")
@@ -136,7 +140,14 @@ def _rules(
 
 
 def _midpoint_rule(
-    patch: Record, constants: Record, touch: Touch, material: Material, bodies: Sequence[Record], frame: Matrix
+    patch: Record,
+    constants: Record,
+    touch: Touch,
+    material: Material,
+    bodies: Sequence[Record],
+    frame: Matrix,
+    *,
+    alone: bool,
 ) -> tuple[Vector, list[Value], Value]:
     """Do the same under `Midpoint`, and write slip, share and hit; return also whether all four are hit."""
     h, unit_ = constants.one("step"), constants.one("unit")
@@ -152,7 +163,14 @@ def _midpoint_rule(
         contacts.append(Contact(gap, velocity, free, bend, exists))
     width = FLATNESS * touch.scale
     offsets, share, hit, together = demand(contacts, material.restitution, material.compliance, constants, width)
-    slips = [scale(1.0 / unit_, slip(contact, hit, constants)) for contact in contacts]
+    turns = None
+    if alone:
+        (body,) = bodies
+        before, after = body["velocity"][3:], scale(unit_, body["free"][3:])
+        spinning = dot(body["velocity"][:3], touch.normal) * touch.scale
+        lies = reduce(and_, [each.exists & (each.gap + 0.5 * h * each.free < 0.0) for each in contacts])
+        turns = turning((apply(frame, before), apply(frame, after)), spinning, material.friction, lies, constants)
+    slips = [scale(1.0 / unit_, slip(contact, hit, constants, turns)) for contact in contacts]
     patch["share"], patch["hit"] = [share], [hit]
     patch["slip"] = [where(c.exists, x, 0.0) for c, values in zip(contacts, slips, strict=True) for x in values]
     return offsets, [contact.exists for contact in contacts], together
