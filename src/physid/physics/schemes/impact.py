@@ -51,7 +51,7 @@ SPINNING = 1.0
 """Slip by a turn about the normal up to which a face slides as a whole, in units of g h; beyond sqrt(2) times that it
 does not [-]."""
 
-TURNS = 8
+TURNS = 4
 """Parts of a step in each of which friction opposes one slip."""
 
 TINY = 1e-30
@@ -117,8 +117,9 @@ def slip_after(slip: Tensor, change: Tensor, most: Tensor) -> Tensor:
     """Return the slip after a step, s' = F - C s / |s|, with friction that turns with it.
 
     The step is cut into `TURNS` parts. In each, friction opposes the slip at the midpoint of the time in which the slip
-    falls; what then is left of the part, where it stops, begins at rest but for what is across it. Along a line all of
-    this is exact: a body that stops at the fraction a of a step and is driven on feels the impulse -(2 a - 1) C.
+    falls (by an implicit step, s + F t / 2 = (1 + ...) s / |s|, for a slip that is all but zero turns at once); what
+    then is left of the part, where it stops, begins at rest but for what is across it. Along a line all of this is
+    exact: a body that stops at the fraction a of a step and is driven on feels the impulse -(2 a - 1) C.
 
     Args:
         slip: Before, s (B, 2) [m/s].
@@ -132,7 +133,7 @@ def slip_after(slip: Tensor, change: Tensor, most: Tensor) -> Tensor:
         slowing = most - (change * heading).sum(1, keepdim=True)
         stops = speed < slowing
         falls = torch.where(stops, speed / torch.where(stops, slowing, 1.0), 1.0)
-        slip = slip + falls * (change - most * _heading(slip + falls / 2 * (change - most * heading)))
+        slip = slip + falls * (change - most * _heading(slip + falls / 2 * change))
         slip, left = slip + (1 - falls) * change, (1 - falls) * most
         size = (slip * _heading(slip)).sum(1, keepdim=True)
         goes = size > left

@@ -22,9 +22,9 @@ IMPROVE = 1
 """Jacobians of the initial states for each step of the parameters."""
 SETTLED = 0.1
 """Share of a standard deviation of the loss; where dry friction bends them, states crawl for a smaller gain."""
-SEARCHED = 0.5
+SEARCHED = 2.0
 """Squared residual, in units of the noise, that a search for other initial states may still gain at the end of a fit:
-less than what a parameter that is off by a standard error costs."""
+about what a parameter that is off by a standard error costs."""
 
 
 @dataclass(frozen=True)
@@ -149,6 +149,7 @@ class TrackedFit:
         """Let the next fit replace the best one so far, as the loss will be another one."""
         if self._base is not None:
             self._base = replace(self._base, loss=math.inf)
+        self._loss = math.inf
 
     def started(self, explaining: Explaining) -> Trajectories:
         """Return trajectories that are predicted from where the fit stands, at the present parameters."""

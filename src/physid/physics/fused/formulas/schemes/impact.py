@@ -56,7 +56,7 @@ def slip_after(slip: Vector, change: Vector, most_: Value) -> Vector:
         speed, slowing = dot(slip, heading), most_ - dot(change, heading)
         stops = speed < slowing
         falls = where(stops, speed / where(stops, slowing, 1.0), 1.0)
-        between = _heading([s + 0.5 * falls * (f - most_ * n) for s, f, n in zip(slip, change, heading, strict=True)])
+        between = _heading([s + 0.5 * falls * f for s, f in zip(slip, change, strict=True)])
         rest = 1.0 - falls
         slip = [s + falls * (f - most_ * n) + rest * f for s, f, n in zip(slip, change, between, strict=True)]
         length, left = dot(slip, _heading(slip)), rest * most_
