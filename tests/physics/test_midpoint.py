@@ -16,6 +16,7 @@ from physid.physics.contact import Split
 from physid.physics.layer import PhysicsLayer, Rollout
 from physid.physics.parameters import Parameters
 from physid.physics.rotations import exponential, rotate, to_matrix
+from physid.physics.schemes.impact import slip_after
 from physid.physics.schemes.integration import Midpoint, SemiImplicit
 from physid.physics.state import State
 from physid.physics.world import Plane, World
@@ -78,7 +79,7 @@ def test_sliding_under_a_force_is_exact_at_any_rate(rate: int, backend: str) -> 
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-@pytest.mark.parametrize("phase", [0.05, 0.3, 0.5, 0.7, 0.95])
+@pytest.mark.parametrize("phase", [0.05, 0.5, 0.95])
 @pytest.mark.parametrize("turn", [0.0, 0.4])
 def test_a_block_that_turns_around_within_a_step_goes_on_as_the_closed_form_says(
     phase: float, turn: float, backend: str
@@ -287,20 +288,57 @@ def test_a_block_that_slides_and_turns_converges_with_order_two() -> None:
     assert min(refined(start, 0.3, boxes(friction=0.2), (15, 30, 60, 120))) > 1.9
 
 
-@pytest.mark.parametrize("spin", [0.0, 0.02, 0.5])
-def test_a_block_that_turns_around_off_its_line_nears_the_limit_faster_than_the_steps(spin: float) -> None:
-    # At 30 steps a second it was off by 40 mm, and at each doubling by half of that, all to one side.
-    def end(rate: int) -> Tensor:
-        start = state([[0, 0, 0.1]], [[0.61, 0.02, 0]], [[0, 0, spin]])
-        push = forces(rate, [[-5.0, 1.0, 0]])
-        with torch.no_grad():
-            return PhysicsLayer(world(rate)).rollout(start, push, boxes(friction=0.2)).pose[0, -1, 0, :3]
+@pytest.mark.parametrize(("across", "aside"), [(0.0, 0.0), (0.002, 0.0), (0.02, 0.0), (0.2, 0.0), (0.02, 1.0)])
+def test_a_block_that_turns_around_beside_its_line_ends_near_the_limit_of_short_steps(
+    across: float, aside: float
+) -> None:
+    # With friction opposed to the slip at the end it was 30 to 37 mm off at 30 steps a second, at 240 still 1 to 4 mm.
+    speed = torch.linspace(0.55, 0.75, 16, dtype=torch.float64)
+    twist = torch.zeros(16, 1, 6, dtype=torch.float64)
+    twist[:, 0, 3], twist[:, 0, 4] = speed, across
+    start = State(state([[0, 0, 0.1]]).pose.expand(16, -1, -1), twist)
 
-    limit = end(15360)
-    errors = [float((end(rate) - limit).norm()) for rate in (30, 60, 120, 240, 480)]
-    print(errors)
-    assert errors[0] < 5e-3
-    assert errors[-1] < 1e-4
+    def end(rate: int) -> Tensor:
+        push = forces(rate, [[-5.0, aside, 0]]).expand(16, -1, -1, -1)
+        with torch.no_grad():
+            return PhysicsLayer(world(rate)).rollout(start, push, boxes(friction=0.2)).pose[:, -1, 0, :3]
+
+    limit = end(7680)
+    for rate, allowed in ((30, 2e-3), (60, 1e-3), (240, 5e-4)):
+        assert float((end(rate) - limit).norm(dim=-1).square().mean().sqrt()) < allowed
+
+
+def test_the_impulse_of_friction_that_turns_is_no_larger_than_friction_and_has_a_bounded_derivative() -> None:
+    generator = torch.Generator().manual_seed(0)
+    for size in (1.0, 1e-3, 1e-8, 1e-14):
+        slip, change = (torch.randn(4000, 2, generator=generator, dtype=torch.float64) for _ in range(2))
+        slip = (slip * size).requires_grad_()
+        most = torch.rand(4000, generator=generator, dtype=torch.float64)
+        end = slip_after(slip, change, most)
+        assert bool(((end - slip - change).norm(dim=1) <= most * (1 + 1e-9)).all())
+        (slope,) = torch.autograd.grad(end.sum(), slip)
+        assert float(slope.norm(dim=1).max()) < 100
+
+
+def test_friction_that_turns_is_exact_along_a_line_and_of_second_order_off_it() -> None:
+    def one(slip: tuple[float, float], change: tuple[float, float], most: float) -> Tensor:
+        values = (torch.tensor([each], dtype=torch.float64) for each in (slip, change))
+        return slip_after(*values, torch.tensor([most], dtype=torch.float64))[0]
+
+    # Stops at a = 1 / 4 of the step, stays; is driven on; goes on.
+    assert one((0.5, 0.0), (-1.0, 0.0), 1.0).tolist() == pytest.approx([0.0, 0.0], abs=1e-15)
+    assert one((1.0, 0.0), (-3.0, 0.0), 1.0).tolist() == pytest.approx([-2.0 * 0.75, 0.0], abs=1e-14)
+    assert one((5.0, 0.0), (-3.0, 0.0), 1.0).tolist() == pytest.approx([1.0, 0.0], abs=1e-14)
+
+    def end(steps: int) -> Tensor:
+        slip = torch.tensor([[0.8, 0.3]], dtype=torch.float64)
+        for _ in range(steps):
+            change = torch.tensor([[-1.0, 0.7]], dtype=torch.float64) / steps
+            slip = slip_after(slip, change, torch.tensor([0.5], dtype=torch.float64) / steps)
+        return slip[0]
+
+    limit = end(512)
+    assert min(orders([float((end(steps) - limit).norm()) for steps in (1, 2, 4, 8)])) > 1.7
 
 
 def test_a_box_that_tips_over_its_edge_converges_with_order_two() -> None:
