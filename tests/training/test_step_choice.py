@@ -39,24 +39,29 @@ def true_places(time: Tensor) -> Tensor:
     return speed * early + 0.5 * before * early**2 + 0.5 * after * late**2
 
 
-def judgement(noise: float) -> Judgement:
-    """Return what steps of these blocks are judged by; the one estimate is the mean shift along the line."""
+def judgement(noise: float, *, alone: bool = False) -> Judgement:
+    """Return what steps of these blocks are judged by; the one estimate is the mean shift along the line.
+
+    Beside another block, which they might touch, friction does not turn within a step: reversals are of first order.
+    """
     steps = torch.full((COUNT, FRAMES - 1), FRAME, dtype=torch.float64)
     frames = torch.arange(FRAMES).expand(COUNT, -1)
-    push = forces(FRAMES - 1, [[FORCE, 0, 0]]).expand(COUNT, -1, -1, -1)
+    push = forces(FRAMES - 1, [[FORCE, 0, 0], [0, 0, 0]][: 1 if alone else 2]).expand(COUNT, -1, -1, -1)
     grid = StepGrid(steps, push, frames, torch.full((COUNT,), FRAMES - 1))
-    one = state([[0, 0, 0.1]])
-    twist = torch.zeros(COUNT, 1, 6, dtype=torch.float64)
+    one = state([[0, 0, 0.1], [50, 0, 0.1]][: 1 if alone else 2])
+    twist = torch.zeros(COUNT, one.pose.shape[1], 6, dtype=torch.float64)
     twist[:, 0, 3] = speeds()
     begin = State(one.pose.expand(COUNT, -1, -1), twist)
     layer = PhysicsLayer(World(integration=Midpoint()))
 
     def predict(timeline: Timeline) -> tuple[Tensor, Tensor]:
         cut = timeline.grid
-        rollout = layer.rollout(begin, cut.wrench, boxes(mass=MASS, friction=FRICTION), steps=cut.steps)
+        masses = boxes(mass=[MASS] * one.pose.shape[1], friction=FRICTION)
+        rollout = layer.rollout(begin, cut.wrench, masses, steps=cut.steps)
         chosen = cut.frame_step[..., None, None]
         return tuple(
-            values.gather(1, chosen.expand(-1, -1, 1, values.shape[-1])) for values in (rollout.pose, rollout.twist)
+            values[:, :, :1].gather(1, chosen.expand(-1, -1, 1, values.shape[-1]))
+            for values in (rollout.pose, rollout.twist)
         )  # type: ignore[return-value]
 
     def respond(apart: Tensor) -> Tensor:
@@ -81,6 +86,15 @@ def test_a_reversal_is_missed_in_proportion_to_the_step_and_extrapolation_finds_
     assert errors[8] / errors[16] == pytest.approx(2, rel=0.1)
     assert errors[16] / errors[32] == pytest.approx(2, rel=0.1)
     assert abs(2 * errors[32] - errors[16]) < 0.1 * errors[32]
+
+
+def test_a_block_alone_turns_around_with_an_error_of_second_order() -> None:
+    judged = judgement(1e-3, alone=True)
+    errors = {parts: abs(mean_error(judged, parts)) for parts in (1, 2, 4)}
+    assert errors[1] < 1e-3
+    assert errors[1] / errors[2] > 3
+    assert errors[2] / errors[4] > 3
+    assert abs(mean_error(judgement(1e-3), 4)) > 30 * errors[4]
 
 
 @pytest.mark.parametrize("rate", [30, 60, 100, 148, 240])
