@@ -83,7 +83,7 @@ IMPORTING_MORE = {
     "diagnosis/report/overlay.py": 13,
     "diagnosis/testing/lack_of_fit.py": 10,
     "estimation/prediction/rollout.py": 10,
-    "physics/step.py": 11,
+    "physics/step.py": 12,
     "training/identifiability/planned_experiment.py": 11,
     "training/learners/prediction.py": 11,
     "training/learners/self_supervised.py": 12,

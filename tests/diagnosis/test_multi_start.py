@@ -11,7 +11,7 @@ from physid.diagnosis.inputs.model_source import read_nominal_model
 from physid.diagnosis.inputs.observations import load_observations
 from physid.diagnosis.reference.nominal_fit import NONE, NominalFit, fit_nominal_model
 from physid.effects import find
-from physid.estimation.least_squares.multi_start import carried, guesses, search, try_new_states
+from physid.estimation.least_squares.multi_start import carried, guesses, search, try_new_states, varied
 from physid.estimation.least_squares.settings import MultiStartSettings
 
 NEAR = 1.1  # times the loss at the best initial state
@@ -56,6 +56,20 @@ def test_where_most_fit_badly_it_is_the_model_that_is_wrong(nominal_fit: Nominal
     twist[..., 2] += 4.0
     wrong = nominal_fit.experiment.linearise(nominal_fit.fit.point.replace(twist=twist), NONE)
     assert search(nominal_fit.experiment, wrong) is wrong.point
+
+
+def test_varied_states_explain_no_segment_worse_and_one_that_was_moved_better(nominal_fit: NominalFit) -> None:
+    experiment, pose = nominal_fit.experiment, nominal_fit.fit.point.pose.clone()
+    pose[:, 0, 0, 0] += 2e-3
+    moved = experiment.linearise(nominal_fit.fit.point.replace(pose=pose), NONE)
+    again = experiment.losses(varied(experiment, moved, moved.point))[0]
+    assert (again <= moved.loss).all()
+    assert float(again[0]) < float(moved.loss[0]) - 50
+    best = nominal_fit.fit.point
+    gained = nominal_fit.fit.loss - experiment.losses(varied(experiment, nominal_fit.fit, best))[0]
+    assert float(gained.min()) >= 0
+    none = experiment.settings.model_copy(update={"multi_start": MultiStartSettings(draws=0)})
+    assert varied(experiment.replace(settings=none), moved, moved.point) is moved.point
 
 
 def test_a_new_guess_is_taken_only_if_it_explains_more(nominal_fit: NominalFit) -> None:

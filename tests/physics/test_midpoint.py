@@ -16,8 +16,8 @@ from physid.physics.contact import Split
 from physid.physics.layer import PhysicsLayer, Rollout
 from physid.physics.parameters import Parameters
 from physid.physics.rotations import exponential, rotate, to_matrix
-from physid.physics.schemes.impact import slip_after
 from physid.physics.schemes.integration import Midpoint, SemiImplicit
+from physid.physics.schemes.turning import slip_after
 from physid.physics.state import State
 from physid.physics.world import Plane, World
 

@@ -15,8 +15,9 @@ from physid.physics.contact_problem.lcp import ContactProblem, SolverSettings, s
 from physid.physics.effect import StepInputs
 from physid.physics.joints import equations_of
 from physid.physics.rotations import exponential, multiply, normalize, rotate, to_matrix
-from physid.physics.schemes.impact import FINE, STANDARD_GRAVITY, bending, demand, late, turning
+from physid.physics.schemes.impact import FINE, STANDARD_GRAVITY, bending, demand, late, stuck
 from physid.physics.schemes.motion import drift, drifted, moved
+from physid.physics.schemes.turning import turned, turning
 from physid.physics.shapes.table import find_patches
 from physid.physics.state import State
 from physid.physics.world import World
@@ -199,9 +200,10 @@ def _demand(
         lies = exists & (patch.gap + h[:, None] * velocities[1] / 2 < 0)
         turns = turning(patch, *bodies[1:], friction, h[:, None], lies)
         stiffness = restitution, give * STANDARD_GRAVITY
-        wanted = demand(patch, velocities, bend, stiffness, h[:, None], exists, turns)
+        wanted = demand(patch, velocities, bend, stiffness, h[:, None], exists)
         patch = dataclasses.replace(patch, together=wanted.together)
-        return wanted.offset, wanted.slip, wanted.share[:, None].expand_as(patch.gap), patch
+        slip = turned(wanted.slip, stuck(bend, h[:, None]), turns, wanted.hit)
+        return wanted.offset, slip, wanted.share[:, None].expand_as(patch.gap), patch
     velocity, free_speed = velocities
     offset = world.contact.offset(patch.gap, velocity[..., 0], free_speed, restitution[:, None], h[:, None])
     return offset, torch.zeros_like(velocity[..., 1:]), torch.full_like(patch.gap, 0.5), patch

@@ -101,9 +101,16 @@ def try_new_states(experiment: Experiment, point: Variants) -> Variants:
 def search(experiment: Experiment, fit: Fit) -> Variants:
     """Look for initial states that no step by a slope leads to, and keep what explains a segment better.
 
-    Those of badly fitted segments are fitted from new guesses, and those of all segments are varied (`varied`).
+    Those of badly fitted segments are fitted from new guesses, and those of all segments are varied (`varied`). Where
+    most segments fit badly it is the model that is wrong, and nothing is tried.
     """
-    return varied(experiment, fit, _refitted(experiment, fit))
+    segments, settings = experiment.predictor.segments, experiment.settings.multi_start
+    count = segments.sum_frames((experiment.scale > 0).sum((2, 3))[None].double())[0]
+    doubtful = fit.loss > settings.doubtful * count
+    if float(doubtful.double().mean()) > settings.most:
+        return fit.point
+    point = _refitted(experiment, fit, doubtful.nonzero()[:, 0]) if bool(doubtful.any()) else fit.point
+    return varied(experiment, fit, point)
 
 
 def varied(experiment: Experiment, fit: Fit, point: Variants) -> Variants:
@@ -133,18 +140,13 @@ def varied(experiment: Experiment, fit: Fit, point: Variants) -> Variants:
     return _picked(many, best) if bool(best.any()) else point
 
 
-def _refitted(experiment: Experiment, fit: Fit) -> Variants:
-    """Fit the initial states of badly fitted segments from new guesses.
+def _refitted(experiment: Experiment, fit: Fit, chosen: Tensor) -> Variants:
+    """Fit the initial states of some segments (indices) from new guesses.
 
     A wrong initial state and wrong parameters may hold each other, so that neither moves alone: the guess has to be
-    fitted before it is compared. Where most segments fit badly it is the model that is wrong, and nothing is tried.
+    fitted before it is compared.
     """
-    segments, settings = experiment.predictor.segments, experiment.settings.multi_start
-    count = segments.sum_frames((experiment.scale > 0).sum((2, 3))[None].double())[0]
-    doubtful = fit.loss > settings.doubtful * count
-    if not 0 < float(doubtful.double().mean()) <= settings.most:
-        return fit.point
-    chosen = doubtful.nonzero()[:, 0]
+    settings = experiment.settings.multi_start
     alone = experiment.with_known_parameters().only(chosen, fit.jacobian.base.state[0])
     many = guesses(experiment, fit.point)
     found, losses = [fit.point], [fit.loss]

@@ -14,7 +14,7 @@ contact, so that it begins with the gap x = y - h u / 2 and would end with y + h
 * A point of a body that turns moves on a curve: with the acceleration b of that (of which w x (w x r) is known), all of
   this holds of y - h^2 b / 8, u - h b / 2 and f + h b / 2, those at the ends of the step; sticking too ends at rest.
 * Friction opposes the mean slip where it is fast, and the slip at the end where it may stop. Under a body that lies on
-  the ground alone friction turns with the slip within the step (`slip_after`).
+  the ground alone friction turns with the slip within the step (`schemes.turning`).
 * A compliant contact takes an impact where it is reached; in overlap it is a spring, and never hit.
 * Contacts of a face that all are reached in the step stop together, and share the load as those that lie flat do.
 """
@@ -40,22 +40,6 @@ SLIDING = 2.0
 
 FAINT = 1e-3
 """A bounce slower than this, in units of g h, is none: at e = 0 its sign is that of rounding [-]."""
-
-STEADY = 8.0
-"""Slip up to which friction turns with it within the step, in units of g h; beyond, it hardly turns [-]."""
-
-TURNED = (0.99, 0.98)
-"""Share of the largest impulse of friction from which on down it has turned in the step, and has in full [-]."""
-
-SPINNING = 1.0
-"""Slip by a turn about the normal up to which a face slides as a whole, in units of g h; beyond sqrt(2) times that it
-does not [-]."""
-
-TURNS = 4
-"""Parts of a step in each of which friction opposes one slip."""
-
-TINY = 1e-30
-"""Square of a slip that has no direction [m^2/s^2]."""
 
 LARGEST = 2.0
 """Bound on W [-], which exceeds 1 where something pulls a body away while it lands."""
@@ -86,12 +70,14 @@ class Impact:
         slip: What is added to the tangential velocity that friction opposes [m/s], shape (B, 4, 2).
         share: W, which share of the step the impulses of the patch act [-]; 1/2 without an impact; shape (B,).
         together: Whether an impact stops all four, a weight from 0 to 1, shape (B,).
+        hit: Whether there is an impact, shape (B,).
     """
 
     offset: Tensor
     slip: Tensor
     share: Tensor
     together: Tensor
+    hit: Tensor
 
 
 def bending(patch: Patch, centres: Tensor, twist: Tensor) -> Tensor:
@@ -113,94 +99,6 @@ def bending(patch: Patch, centres: Tensor, twist: Tensor) -> Tensor:
     return bend @ patch.frame.mT
 
 
-def slip_after(slip: Tensor, change: Tensor, most: Tensor) -> Tensor:
-    """Return the slip after a step, s' = F - C s / |s|, with friction that turns with it.
-
-    The step is cut into `TURNS` parts. In each, friction opposes the slip at the midpoint of the time in which the slip
-    falls (by an implicit step, s + F t / 2 = (1 + ...) s / |s|, for a slip that is all but zero turns at once); what
-    then is left of the part, where it stops, begins at rest but for what is across it. Along a line all of this is
-    exact: a body that stops at the fraction a of a step and is driven on feels the impulse -(2 a - 1) C.
-
-    Args:
-        slip: Before, s (B, 2) [m/s].
-        change: That forces make of it in the step, F (B, 2) [m/s].
-        most: The largest change that friction can make, C (B,) [m/s].
-    """
-    change, most = change / TURNS, most[:, None] / TURNS
-    for _ in range(TURNS):
-        heading = _heading(slip)
-        speed = (slip * heading).sum(1, keepdim=True)
-        slowing = most - (change * heading).sum(1, keepdim=True)
-        stops = speed < slowing
-        falls = torch.where(stops, speed / torch.where(stops, slowing, 1.0), 1.0)
-        slip = slip + falls * (change - most * _heading(slip + falls / 2 * change))
-        slip, left = slip + (1 - falls) * change, (1 - falls) * most
-        size = (slip * _heading(slip)).sum(1, keepdim=True)
-        goes = size > left
-        slip = torch.where(goes, slip * (1 - left / torch.where(goes, size, 1.0)), 0.0)
-    return slip
-
-
-def _heading(slip: Tensor) -> Tensor:
-    """Return the unit vector along a slip (B, 2), 0 where there is none."""
-    square = slip.square().sum(1, keepdim=True)
-    some = square > TINY
-    return torch.where(some, slip, 0.0) / torch.where(some, square, 1.0).sqrt()
-
-
-@dataclass(frozen=True)
-class Turning:
-    """How friction turns within the step.
-
-    Attributes:
-        before: Slip before the step [m/s], shape (B, 2).
-        end: Slip at its end [m/s], shape (B, 2).
-        turns: Weight of what friction loses by turning, shape (B,).
-        known: Weight of all of this, shape (B,): 0 where the body is at rest, fast, spins or may touch another one.
-    """
-
-    before: Tensor
-    end: Tensor
-    turns: Tensor
-    known: Tensor
-
-    @classmethod
-    def none(cls, batch: Tensor) -> Turning:
-        """Say nothing of worlds of a batch, any tensor (B, ...)."""
-        zero = batch.new_zeros(len(batch), 2)
-        return cls(zero, zero, zero[:, 0], zero[:, 0])
-
-
-def turning(patch: Patch, twist: Tensor, free: Tensor, friction: Tensor, step: Tensor, lies: Tensor) -> Turning:
-    """Return how friction turns under a face that slides on the ground.
-
-    A contact that sticks to the slip at the end, u+ = s, gets the impulse of friction that has turned with the slip
-    within the step. Opposed to the slip at the end, friction is wrong by up to twice its impulse where a body turns
-    around, always in the direction of a larger coefficient, and in proportion to the step. The load is that of a body
-    on which nothing presses but its weight and the known forces.
-
-    Args:
-        patch: Where body and ground touch.
-        twist: Before the step, of the centres of mass, shape (B, N, 6).
-        free: The same after the step if there were no contact.
-        friction: Coefficient, shape (B,).
-        step: h [s], shape (B or 1, 1).
-        lies: Which contacts would be in the ground, shape (B, 4); all four of a body that lies there.
-    """
-    if patch.first is not None or patch.rolling or twist.shape[1] > 1:
-        return Turning.none(twist)
-    unit = STANDARD_GRAVITY * step[:, 0]
-    before, after = (torch.einsum("bki,bi->bk", patch.frame, each[:, patch.second, 3:]) for each in (twist, free))
-    slip, change, most = before[:, 1:], (after - before)[:, 1:], friction * (-after[:, 0]).clamp_min(0)
-    end, square = slip_after(slip, change, most), slip.square().sum(1)
-    rubs = most > FAINT * FAINT * unit
-    impulse = (end - slip - change).square().sum(1) / torch.where(rubs, most, 1.0).square()
-    turns = ((TURNED[0] ** 2 - impulse) / (TURNED[0] ** 2 - TURNED[1] ** 2)).clamp(0, 1)
-    spin = (twist[:, patch.second, :3] * patch.frame[:, 0]).sum(1) * patch.scale
-    known = (2 - (spin / (SPINNING * unit)).square()).clamp(0, 1) * (2 - square / (STEADY * unit) ** 2).clamp(0, 1)
-    return Turning(slip, end, turns, torch.where(lies.all(1) & rubs & (square > (FAINT * unit) ** 2), known, 0.0))
-
-
 def demand(
     patch: Patch,
     velocities: tuple[Tensor, Tensor],
@@ -208,7 +106,6 @@ def demand(
     material: tuple[Tensor, Tensor],
     step: Tensor,
     exists: Tensor,
-    turns: Turning,
 ) -> Impact:
     """Return what the contacts of a patch demand (see the module).
 
@@ -219,7 +116,6 @@ def demand(
         material: e, and the static deflection under the mean weight [m], shapes (B,).
         step: h [s], shape (B or 1, 1).
         exists: Which contacts there are, shape (B, 4).
-        turns: How friction turns within the step.
     """
     restitution, give = material[0][:, None], material[1][:, None]
     gap = patch.gap - step**2 * bend[..., 0] / 8
@@ -256,8 +152,8 @@ def demand(
         torch.maximum(gap / step, -PUSH * STANDARD_GRAVITY * step - LOADS * give / step),
     )
     offset = torch.where(hit, -still, slow) + step * bend[..., 0] / 2
-    slip = _slip(velocities[0], bend, hit, step, turns)
-    return Impact(offset, slip, torch.where(hit, largest, 0.5)[:, 0], together)
+    slip = _slip(velocities[0], bend, hit, step)
+    return Impact(offset, slip, torch.where(hit, largest, 0.5)[:, 0], together, hit[:, 0])
 
 
 def late(mass: Tensor, jacobian: Tensor, impulse: Tensor, share: Tensor, bodies: int) -> Tensor:
@@ -286,16 +182,14 @@ def late(mass: Tensor, jacobian: Tensor, impulse: Tensor, share: Tensor, bodies:
     return motion
 
 
-def _slip(velocity: Tensor, bend: Tensor, hit: Tensor, step: Tensor, turns: Turning) -> Tensor:
-    """Return what is added to the slip after the step: that before where friction opposes the mean.
-
-    Elsewhere it is how far a stuck point turns, less the slip at the end where friction has turned with it.
-    """
+def _slip(velocity: Tensor, bend: Tensor, hit: Tensor, step: Tensor) -> Tensor:
+    """Return the slip before the step where friction opposes the mean, and else how far a stuck point turns."""
     before, sliding = velocity[..., 1:], SLIDING * STANDARD_GRAVITY * step
     fast = (before.square().sum(-1) / sliding**2 - 1).clamp(0, 1)
     share = torch.where(hit, 0.0, fast)[..., None]
-    stuck = step[..., None] * bend[..., 1:] / 2
-    usual = share * before + (1 - share) * stuck
-    turned = turns.turns[:, None, None]
-    slip = turned * (stuck - turns.end[:, None]) + (1 - turned) * turns.before[:, None]
-    return usual + torch.where(hit, 0.0, turns.known[:, None])[..., None] * (slip - usual)
+    return share * before + (1 - share) * stuck(bend, step)
+
+
+def stuck(bend: Tensor, step: Tensor) -> Tensor:
+    """Return how far a point that sticks turns within half a step, its slip (B, 4, 2) [m/s]."""
+    return step[..., None] * bend[..., 1:] / 2

@@ -11,7 +11,8 @@ from physid.compiler.graph import Value, least, most, root, size, total, where
 from physid.compiler.section import Record
 from physid.physics.contact import FLATNESS
 from physid.physics.fused.formulas.algebra import Matrix, Vector, add, apply, cross, decay, dot, scale, subtract, unit
-from physid.physics.fused.formulas.schemes.impact import Contact, demand, slip, turning
+from physid.physics.fused.formulas.schemes.impact import Contact, demand, slip, stuck
+from physid.physics.fused.formulas.schemes.turning import turned, turning
 from physid.physics.step import FAR, REACH
 
 
@@ -163,14 +164,15 @@ def _midpoint_rule(
         contacts.append(Contact(gap, velocity, free, bend, exists))
     width = FLATNESS * touch.scale
     offsets, share, hit, together = demand(contacts, material.restitution, material.compliance, constants, width)
-    turns = None
+    slips = [slip(contact, hit, constants) for contact in contacts]
     if alone:
         (body,) = bodies
         before, after = body["velocity"][3:], scale(unit_, body["free"][3:])
         spinning = dot(body["velocity"][:3], touch.normal) * touch.scale
         lies = reduce(and_, [each.exists & (each.gap + 0.5 * h * each.free < 0.0) for each in contacts])
         turns = turning((apply(frame, before), apply(frame, after)), spinning, material.friction, lies, constants)
-    slips = [scale(1.0 / unit_, slip(contact, hit, constants, turns)) for contact in contacts]
+        slips = [turned(s, stuck(c, constants), turns, hit) for s, c in zip(slips, contacts, strict=True)]
+    slips = [scale(1.0 / unit_, values) for values in slips]
     patch["share"], patch["hit"] = [share], [hit]
     patch["slip"] = [where(c.exists, x, 0.0) for c, values in zip(contacts, slips, strict=True) for x in values]
     return offsets, [contact.exists for contact in contacts], together

@@ -1,0 +1,83 @@
+"""Friction that turns with the slip within a step, in scalars: what `physid.physics.schemes.turning` does."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from physid.compiler.graph import Value, least, most, root, where
+from physid.compiler.section import Record
+from physid.physics.fused.formulas.algebra import Vector, dot
+from physid.physics.schemes.impact import FAINT, STANDARD_GRAVITY
+from physid.physics.schemes.turning import SPINNING, STEADY, TINY, TURNED, TURNS
+
+
+def slip_after(slip: Vector, change: Vector, most_: Value) -> Vector:
+    """Return the slip after a step, with friction that turns with it."""
+    change, most_ = [f / TURNS for f in change], most_ / TURNS
+    for _ in range(TURNS):
+        heading = _heading(slip)
+        speed, slowing = dot(slip, heading), most_ - dot(change, heading)
+        stops = speed < slowing
+        falls = where(stops, speed / where(stops, slowing, 1.0), 1.0)
+        between = _heading([s + 0.5 * falls * f for s, f in zip(slip, change, strict=True)])
+        rest = 1.0 - falls
+        slip = [s + falls * (f - most_ * n) + rest * f for s, f, n in zip(slip, change, between, strict=True)]
+        length, left = dot(slip, _heading(slip)), rest * most_
+        goes = length > left
+        slip = [where(goes, s * (1.0 - left / where(goes, length, 1.0)), 0.0) for s in slip]
+    return slip
+
+
+def _heading(slip: Vector) -> Vector:
+    """Return the unit vector along a slip, 0 where there is none."""
+    square = dot(slip, slip)
+    some = square > TINY
+    length = root(where(some, square, 1.0))
+    return [where(some, s, 0.0) / length for s in slip]
+
+
+@dataclass(frozen=True)
+class Turning:
+    """How friction turns within the step: slips before and at the end [m/s], and the weights of both."""
+
+    before: Vector
+    end: Vector
+    turns: Value
+    known: Value
+
+
+def turning(velocities: tuple[Vector, Vector], spin: Value, friction: Value, lies: Value, constants: Record) -> Turning:
+    """Return how friction turns under a face that slides on the ground.
+
+    Args:
+        velocities: Of the centre of mass in the patch's frame, before the step and without contact after it [m/s].
+        spin: Slip of a corner by the turn about the normal [m/s].
+        friction: Coefficient.
+        lies: Whether all four contacts would be in the ground.
+        constants: Of the world.
+    """
+    (_, *slip), (fall, *after) = velocities
+    unit, square = STANDARD_GRAVITY * constants.one("step"), dot(slip, slip)
+    change, most_ = [f - u for f, u in zip(after, slip, strict=True)], friction * most(-fall, 0.0)
+    end = slip_after(slip, change, most_)
+    rubs, made = most_ > FAINT * FAINT * unit, [e - u - f for e, u, f in zip(end, slip, change, strict=True)]
+    largest = where(rubs, most_, 1.0)
+    impulse = dot(made, made) / (largest * largest)
+    turns = _share((TURNED[0] ** 2 - impulse) / (TURNED[0] ** 2 - TURNED[1] ** 2))
+    spinning, steady = spin / (SPINNING * unit), STEADY * unit
+    known = _share(2.0 - spinning * spinning) * _share(2.0 - square / (steady * steady))
+    moves = square > FAINT * unit * (FAINT * unit)
+    return Turning(slip, end, turns, where(lies & rubs & moves, known, 0.0))
+
+
+def _share(x: Value) -> Value:
+    return least(most(x, 0.0), 1.0)
+
+
+def turned(usual: Vector, stuck: Vector, turns: Turning, hit: Value) -> Vector:
+    """Return what is added to the tangential velocity that friction opposes [m/s] (see the reference)."""
+    known = where(hit > 0.5, 0.0, turns.known)
+    slips = [
+        turns.turns * (b - e) + (1.0 - turns.turns) * u for b, e, u in zip(stuck, turns.end, turns.before, strict=True)
+    ]
+    return [u + known * (s - u) for u, s in zip(usual, slips, strict=True)]
