@@ -66,7 +66,8 @@ TUTORIALS = ("tutorial_csv.md", "tutorial_mp4.md")  # tests/test_tutorials.py ru
 LONG = ("--quick",)  # left out, since it would win over what keeps a command short
 # Several processes: tests/test_workers.py and tests/test_processes.py run these.
 SPREAD = ("--backend", "--scheduler", "trainer.strategy=")
-ELSEWHERE = ("configs/paper_method/",)  # tests/training/test_paper_method.py fits these
+# tests/training/test_paper_method.py, tests/data/test_import_bags.py and test_import_episodes.py run these.
+ELSEWHERE = ("configs/paper_method/", "run.mcap", "lerobot")
 ONLINE = ("--wandb",)  # tests/dashboard/test_workspace.py builds what this publishes
 
 

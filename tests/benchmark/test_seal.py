@@ -17,7 +17,7 @@ from physid.benchmark.bank import QUICK, Bank, Size, read_bank
 from physid.benchmark.labels import open_labels
 from physid.benchmark.plan import Plan, Task, tasks
 from physid.benchmark.sealing.hidden import CONFUSIONS, ROLES, candidates
-from physid.benchmark.sealing.invent import in_view, invent
+from physid.benchmark.sealing.invent import in_view, inventions
 from physid.benchmark.sealing.native import NATIVE
 from physid.benchmark.sealing.outside import OUTSIDE
 from physid.benchmark.sealing.seal import make, seal, seal_all
@@ -99,11 +99,11 @@ def test_no_text_names_an_effect_a_seed_or_the_truth(bank: Bank) -> None:
 
 def test_what_is_believed_does_not_depend_on_what_is_hidden() -> None:
     for name in ("004", "011"):
-        free = [invent(TINY, Task(name, "free", turn))[0] for turn in range(8)]
+        free = [next(inventions(TINY, Task(name, "free", turn)))[0] for turn in range(8)]
         by_cell = {(one.scene, one.protocol): one for one in free}
         assert len(by_cell) == 8
         for turn in range(3):
-            one, effects, _ = invent(TINY, Task(name, "outside", turn))
+            one, effects, _ = next(inventions(TINY, Task(name, "outside", turn)))
             assert effects
             assert one == by_cell[one.scene, one.protocol]
 
