@@ -73,7 +73,7 @@ def test_fits_in_one_process_leave_nothing_behind(recordings: Callable[[str], Pa
         words = ["fit", "--config", CONFIG, f"--run-dir={tmp_path / str(number)}", f"data.folder={recordings('push')}"]
         assert main([*words, "trainer.max_epochs=1"]) == 0
         series.append(held())
-    growth, files, threads = slope(series[3:])
+    growth, files, threads = slope(series[6:])
     assert growth < 100 * GROWTH
     assert (files, threads) == (0, 0)
 
@@ -83,10 +83,10 @@ def test_diagnoses_in_one_process_leave_nothing_behind(tmp_path: Path) -> None:
     noise = ["noise.position=0.0005", "noise.rotation=0.002", "steps=60", "trajectories=6", "video=false", "--quiet"]
     assert main(["generate", "--config", "generate/push_rich", f"--out={tmp_path / 'set'}", *noise]) == 0
     series = []
-    for number in range(8):
+    for number in range(24):  # resident memory goes up and down by 10 MB: the slope of five says nothing
         assert main(["diagnose", str(tmp_path / "set"), f"--out={tmp_path / str(number)}", "--quiet"]) == 0
         series.append(held())
-    growth, files, threads = slope(series[3:])
+    growth, files, threads = slope(series[6:])
     assert growth < 100 * GROWTH
     assert max(files, threads) <= 0
 
