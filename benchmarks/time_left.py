@@ -140,14 +140,14 @@ def main() -> None:
                 start = time.process_time()
                 assert physid(words) == 0
                 whole = time.process_time() - start
-            told = [(now, total) for now, total in promised if FROM * whole <= now <= TO * whole]
+            reports = [(now, total) for now, total in promised if FROM * whole <= now <= TO * whole]
             if whole < SHORTEST:
                 continue
-            off = sorted(abs(total / whole - 1) for _, total in told) or [0.0]
-            points = max((abs(now / total - now / whole) for now, total in told), default=0.0)
+            off = sorted(abs(total / whole - 1) for _, total in reports) or [0.0]
+            points = max((abs(now / total - now / whole) for now, total in reports), default=0.0)
             worst = max(worst, points)
             figures = f"{100 * off[len(off) // 2]:.0f} % | {100 * off[-1]:.0f} % | {100 * points:.0f}"
-            print(f"| {name} | {whole:.1f} | {len(told)} | {figures} |", flush=True)
+            print(f"| {name} | {whole:.1f} | {len(reports)} | {figures} |", flush=True)
             if chosen.stages:
                 print("   ", ", ".join(f"{100 * now / whole:.0f}: {100 * now / total:.0f}" for now, total in promised))
     sys.exit(worst > WANTED)

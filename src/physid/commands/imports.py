@@ -43,7 +43,7 @@ def import_(
       physid import cube-tosses FOLDER --out data/cube
 
     Args:
-        kind: csv, npz, mcap, rosbag, lerobot, mp4 or cube-tosses; may be left out before a file whose ending tells.
+        kind: csv, npz, mcap, rosbag, lerobot, mp4 or cube-tosses; may be left out before a file whose ending says it.
         sources: Files, folders or patterns.
         out: Folder of the recording set; data/NAME of the first source by default.
         mapping: YAML file that says what the columns are.

@@ -96,7 +96,7 @@ def stoppable() -> Iterator[list[int]]:
 
 @contextmanager
 def frame_bar(quiet: bool) -> Iterator[Callable[[str, int, int], None]]:
-    """Show a progress bar over frames; gives what is to be told the task, how many frames are done, and of how many."""
+    """Show a progress bar over frames; gives what takes the task, how many frames are done, and of how many."""
     from tqdm import tqdm
 
     with tqdm(unit="frame", disable=quiet or None) as bar:

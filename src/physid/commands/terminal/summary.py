@@ -44,13 +44,13 @@ def summarize(figures: Mapping[str, float], folder: Path, recordings: str = "REC
 
 
 def _estimate(own: Mapping[str, float], unit: str) -> str:
-    """Write an estimate with its interval, its true value, and whether the recordings tell it at all."""
+    """Write an estimate with its interval, its true value, and whether the recordings identify it."""
     estimate, true = own["estimate"], own.get("true")
     known = [f"90 %: {own['low']:.6g} to {own['high']:.6g}"] if {"low", "high"} <= own.keys() else []
     if true is not None:
         known.append(f"true {true:.6g}" + (f", off by {abs(estimate / true - 1):.3%}" if true else ""))
-    told = "" if own.get("observable", 1.0) else "  DO NOT RELY ON IT: these recordings do not identify it by itself"
-    return f"{estimate:.6g}{f' {unit}' * bool(unit)}" + (f" ({'; '.join(known)})" if known else "") + told
+    warning = "" if own.get("observable", 1.0) else "  DO NOT RELY ON IT: these recordings do not identify it by itself"
+    return f"{estimate:.6g}{f' {unit}' * bool(unit)}" + (f" ({'; '.join(known)})" if known else "") + warning
 
 
 def _measured(key: str, figures: Mapping[str, float]) -> str:

@@ -18,11 +18,11 @@ SUFFIXES = {
 }
 MAGIC = "*?["
 WHOLE = {"mcap": BAG, "rosbag": BAG, "lerobot": EPISODES}
-"""What tells that a folder is one log, by kind."""
+"""The file by which a folder is recognised as one log, by kind."""
 
 
 def kind_of(place: str) -> str | None:
-    """Return which kind of log a file or folder is, as its ending or what lies in it tells; None if nothing does."""
+    """Return which kind of log a file or folder is, from its ending or what lies in it; None if nothing does."""
     found = next((kind for kind, suffixes in SUFFIXES.items() if place.lower().endswith(suffixes)), None)
     return found or next((kind for kind, mark in WHOLE.items() if (Path(place) / mark).is_file()), None)
 

@@ -37,7 +37,7 @@ def best_guess(
     nominal = predictor.model.guess[None] if nominal is None else nominal
     one = Variants.of_states(pose[:1], twist[:1], nominal, predictor.null[None])
     many = one.repeat(len(pose)).replace(pose=pose, twist=twist)
-    return _picked(many, try_losses(experiment, many).argmin(0))
+    return choose(experiment, many)
 
 
 def guesses(experiment: Experiment, point: Variants) -> Variants:
@@ -66,8 +66,7 @@ def carried(experiment: Experiment, fit: Fit, point: Variants) -> Variants:
     state = seen
     for _ in range(experiment.settings.multi_start.undo):
         state = _shifted(state, pose_difference(seen, experiment.predictor.observe(state, point)))
-    many = _guessed(experiment, point, state[0], torch.ones_like(state[0, ..., 0]))
-    return _picked(many, try_losses(experiment, many).argmin(0))
+    return choose(experiment, _guessed(experiment, point, state[0], torch.ones_like(state[0, ..., 0])))
 
 
 def _shifted(pose: Tensor, off: Tensor) -> Tensor:
@@ -86,16 +85,21 @@ def _guessed(experiment: Experiment, point: Variants, pose: Tensor, weight: Tens
     )
 
 
-def choose(experiment: Experiment, many: Variants) -> Variants:
-    """Keep for each segment the initial state, of several, that explains it best."""
-    return _picked(many, try_losses(experiment, many).argmin(0))
+def choose(experiment: Experiment, many: Variants, present: Variants | None = None) -> Variants:
+    """Keep for each segment the initial state, of several, that explains it best.
+
+    Args:
+        experiment: What to explain.
+        many: The states.
+        present: The first of them, which is returned itself where no other explains any segment better.
+    """
+    best = try_losses(experiment, many).argmin(0)
+    return _picked(many, best) if present is None or bool(best.any()) else present
 
 
 def try_new_states(experiment: Experiment, point: Variants) -> Variants:
     """Guess initial states anew, and keep what explains a segment better; the point itself if nothing does."""
-    many = guesses(experiment, point)
-    best = try_losses(experiment, many).argmin(0)
-    return _picked(many, best) if bool(best.any()) else point
+    return choose(experiment, guesses(experiment, point), point)
 
 
 def search(experiment: Experiment, fit: Fit) -> Variants:
@@ -129,15 +133,14 @@ def varied(experiment: Experiment, fit: Fit, point: Variants) -> Variants:
     if not settings.draws or not experiment.directions.used:
         return point
     factor = fit.linear.gather(lambda part: part.factor.mT)
-    generator = torch.Generator().manual_seed(0)
+    generator = torch.Generator().manual_seed(0)  # a run that is resumed must draw what it would have drawn
     scales = torch.tensor(settings.scales, dtype=factor.dtype).repeat_interleave(settings.draws)
     normal = torch.randn(len(scales), *factor.shape[:2], generator=generator, dtype=factor.dtype)
     change = torch.linalg.solve_triangular(factor, normal[..., None] * scales[:, None, None, None], upper=True)
     many = point.repeat(1 + len(scales))
     pose, twist = experiment.directions.move(many.pose[1:], many.twist[1:], change[..., 0])
     many = many.replace(pose=torch.cat([point.pose, pose]), twist=torch.cat([point.twist, twist]))
-    best = try_losses(experiment, many).argmin(0)
-    return _picked(many, best) if bool(best.any()) else point
+    return choose(experiment, many, point)
 
 
 def _refitted(experiment: Experiment, fit: Fit, chosen: Tensor) -> Variants:

@@ -31,7 +31,7 @@ def slip_after(slip: Tensor, change: Tensor, most: Tensor) -> Tensor:
     """Return the slip after a step, s' = F - C s / |s|, with friction that turns with it.
 
     The step is cut into `TURNS` parts. In each, friction opposes the slip at the midpoint of the time in which the slip
-    falls (by an implicit step, s + F t / 2 = (1 + ...) s / |s|, for a slip that is all but zero turns at once); what
+    falls (after an implicit half step, so along s + F t / 2: a slip that is all but zero turns at once); what
     then is left of the part, where it stops, begins at rest but for what is across it. Along a line all of this is
     exact: a body that stops at the fraction a of a step and is driven on feels the impulse -(2 a - 1) C.
 
