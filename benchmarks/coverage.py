@@ -26,13 +26,13 @@ from statistics import mean, median, stdev
 from typing import Any
 
 import lightning as L
-from scipy.stats import t as student
 from tqdm import tqdm
 
 from physid.benchmark.scoring.intervals import wilson
 from physid.data.batches.datamodule import RecordingsDataModule
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig, Noise
+from physid.estimation.least_squares.covariance import CONFIDENCE, quantile
 from physid.training.callbacks.converged import Converged
 from physid.training.learners.sysid import SysID
 
@@ -99,14 +99,14 @@ def identify(case: Case, seed: int, made: dict[str, Any], noise: Noise) -> dict[
     return found
 
 
-def row(runs: list[tuple[float, float, float, float]], trajectories: int) -> str:
+def row(runs: list[tuple[float, float, float, float]]) -> str:
     """Return the figures of a parameter, from truth, estimate and interval in each set."""
     hits = sum(low <= true <= high for true, _, low, high in runs)
     low, high = wilson(hits, len(runs))
     width = median((high - low) / true for true, _, low, high in runs)
     ratio = median(abs(value - true) / ((high - low) / 2) for true, value, low, high in runs)
-    quantile = float(student.ppf(0.95, trajectories - 1))
-    errors = [math.log(value / true) / (math.log(high / low) / 2 / quantile) for true, value, low, high in runs]
+    within = quantile(CONFIDENCE)
+    errors = [math.log(value / true) / (math.log(high / low) / 2 / within) for true, value, low, high in runs]
     bias, spread = mean(errors), stdev(errors) / math.sqrt(len(errors)) if len(errors) > 1 else math.nan
     shown = f"{hits / len(runs):.1%} | {low:.1%} to {high:.1%} | {width:.2%} | {ratio:.2f}"
     return f"{len(runs)} | {shown} | {bias:+.2f} +- {spread:.2f}"
@@ -144,7 +144,7 @@ def main() -> None:
             if not runs:
                 continue
             for parameter in CASES[name].learn:
-                shown = row([run[parameter] for run in runs], CASES[name].trajectories)
+                shown = row([run[parameter] for run in runs])
                 print(f"| {name} | {rate or 240} | {parameter} | {shown} |", flush=True)
 
 

@@ -119,7 +119,7 @@ def refine(
         step = calm(equations.step(LARGEST_STEP), equations.normal.matrix.sum(0))
         with torch.no_grad():
             model.physical.coordinates.add_(step)
-        bounds = intervals(model.physical.estimates(), equations.covariance(), len(equations.weights))
+        bounds = intervals(model.physical.estimates(), equations.covariance())
         if step.abs().max() < SETTLED:
             break
     return {name: (value, *bounds[name]) for name, value in model.physical.estimates().items()}

@@ -69,11 +69,12 @@ class Hypothesis:
     def covariance(self) -> Tensor:
         """Estimate the covariance of the shared parameters (see `covariance_of`), shape (P, P)."""
         fitted = self.normal.of(self.experiment.fitted)
-        return covariance_of(fitted, prior(self.experiment, self.columns))
+        own = self.experiment.settings.intervals
+        return covariance_of(fitted, prior(self.experiment, self.columns), settings=own)
 
     def reach(self, covariance: Tensor) -> Tensor:
         """Return how far intervals (of 90 % by default) of the shared parameters reach to either side, shape (P,)."""
-        return reach_of(covariance, int(self.experiment.fitted.sum()), self.settings.hypothesis.confidence)
+        return reach_of(covariance, self.settings.hypothesis.confidence)
 
     def absent(self, covariance: Tensor) -> list[str]:
         """List the effects all of whose sizes may be those of no effect."""

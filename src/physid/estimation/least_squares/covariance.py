@@ -1,13 +1,17 @@
-"""How well shared parameters are known: from what leaving out whole trajectories changes."""
+"""How well shared parameters are known: from the scatter of whole trajectories, beside what white noise would do."""
 
 from __future__ import annotations
+
+import math
 
 import torch
 from torch import Tensor
 
 from physid.estimation.least_squares.normal_equations import Normal
+from physid.estimation.least_squares.settings import IntervalSettings
 
 CONFIDENCE = 0.9
+DEFAULT = IntervalSettings()
 
 
 def left_out(normal: Normal, ridge: Tensor) -> Tensor:
@@ -17,38 +21,112 @@ def left_out(normal: Normal, ridge: Tensor) -> Tensor:
     return changes
 
 
-def covariance_of(normal: Normal, ridge: Tensor, least: Tensor | None = None) -> Tensor:
-    """Estimate the covariance of the shared parameters from their changes when each trajectory is left out, (P, P).
+def scatter_of(normal: Normal, ridge: Tensor, settings: IntervalSettings = DEFAULT) -> tuple[Tensor, Tensor, Tensor]:
+    """Estimate the covariance of the shared parameters from the scatter of whole trajectories alone.
 
-    Whole trajectories stand for all that disturbs them, noise, however coloured, and misfit, as long as it is
-    independent between trajectories (Huber 1967, White 1982, Liang & Zeger 1986), and it counts that they were fitted
-    themselves (CR3: Bell & McCaffrey 2002). What all trajectories share, say a wrong length, does not show.
+    With A the summed matrix, L L^T = A, G_i = L^-1 A_i L^-T and s_i the slope that trajectory i has left at the
+    solution, the covariance is L^-T (sum d_i d_i^T) L^-1 with d_i = (1 - G_i)^-1/2 L^-1 s_i: right on average where
+    residuals are white (CR2). Its degrees of freedom are those of the chi-square distribution that has the same mean
+    and variance (Satterthwaite 1946), for residuals that are white: (tr K)^2 / tr K^2 with K the covariance of what the
+    trajectories contribute; what of the trace, one, is missing counts as of one trajectory. Source of both: Bell &
+    McCaffrey 2002; Imbens & Kolesar 2016.
 
     Args:
         normal: Normal equations by trajectory, where their sum is solved.
         ridge: Prior of the parameters, shape (P,).
-        least: Variances that white noise alone would cause, shape (P,): few trajectories may agree by chance. None for
-            those of residuals in units of the noise.
+        settings: When a trajectory is alone with a parameter.
+
+    Returns:
+        The covariance (P, P), degrees of freedom (P,), at least one, and the share of the variance that shows in it at
+        all (P,): none where one trajectory alone says something of a parameter.
     """
-    changes = left_out(normal, ridge)
-    robust = changes.T @ changes
+    lower = torch.linalg.cholesky(normal.matrix.sum(0) + torch.diag(ridge))
+    inverse = torch.linalg.solve_triangular(lower, torch.eye(len(ridge)).to(lower), upper=False)
+    size, turned = torch.linalg.eigh(inverse @ normal.matrix @ inverse.mT)
+    size = size.clamp(0, 1)
+    root = turned * (1 - size).clamp_min(settings.alone).rsqrt()[:, None] @ turned.mT
+    own = (root @ (inverse @ normal.vector[..., None]))[..., 0] @ inverse
+    toward = root @ (inverse / inverse.square().sum(0).sqrt())
+    pulled = turned * size[:, None] @ turned.mT @ toward
+    each = (toward * pulled).sum(1)
+    both = torch.einsum("iap,ibp->pab", pulled, pulled)
+    total = each.sum(0) - both.diagonal(dim1=1, dim2=2).sum(1)
+    squared = each.square().sum(0) - 2 * (each * pulled.square().sum(1)).sum(0) + both.square().sum((1, 2))
+    total = total.clamp(0, 1)
+    freedom = 1 / (squared.clamp_min(0) + (1 - total).square()).clamp(settings.alone, 1)
+    return own.T @ own, freedom, total
+
+
+def inflation(ratio: Tensor, freedom: Tensor, settings: IntervalSettings = DEFAULT) -> Tensor:
+    """Return how much larger than that of white noise the variance is to be taken, shape (P,).
+
+    The variance is f >= 1 times that of white noise. With the probability `settings.white` f is one, else its
+    density falls as f^-(1 + settings.tail). What trajectories scatter, `ratio`, says what f is: ratio / f is a mean
+    square of as many standard normal variables as there are degrees of freedom. The error then is a mixture of normal
+    distributions; returned is the variance of the normal distribution with the same 90 % interval. For large ratios it
+    is Student's.
+
+    Args:
+        ratio: Of the variance that the scatter suggests to that of white noise, shape (P,).
+        freedom: Degrees of freedom of the scatter, shape (P,).
+        settings: The prior.
+    """
+    factor = torch.logspace(0, math.log10(settings.span), settings.points).to(ratio)
+    prior = factor**-settings.tail
+    prior = (1 - settings.white) * prior / prior.sum()
+    prior[0] += settings.white
+    exponent = prior.log() - freedom[:, None] / 2 * (factor.log() + ratio[:, None] / factor)
+    weight = exponent.softmax(-1)
+    low = torch.ones_like(ratio)
+    high = low * settings.span
+    while (high / low > 1 + settings.accuracy).any():
+        middle = (low * high).sqrt()
+        inside = (weight * torch.erf(middle[:, None] / (2 * factor).sqrt())).sum(-1)
+        low, high = torch.where(inside < CONFIDENCE, middle, low), torch.where(inside < CONFIDENCE, high, middle)
+    return (high / quantile(CONFIDENCE)).square()
+
+
+def covariance_of(
+    normal: Normal, ridge: Tensor, least: Tensor | None = None, settings: IntervalSettings = DEFAULT
+) -> Tensor:
+    """Estimate the covariance of the shared parameters, (P, P), for intervals by the normal distribution.
+
+    Whole trajectories stand for all that disturbs them, noise, however coloured, and misfit, as long as it is
+    independent between trajectories (Huber 1967, White 1982, Liang & Zeger 1986; see `scatter_of`). Few trajectories
+    may agree by chance: what white noise alone would do is known beside it (see `inflation`). What all trajectories
+    share, say a wrong length, does not show.
+
+    Args:
+        normal: Normal equations by trajectory, where their sum is solved.
+        ridge: Prior of the parameters, shape (P,).
+        least: Variances that white noise alone would cause, shape (P,). None for those of residuals in units of the
+            noise.
+        settings: How the two are weighed.
+    """
+    scatter, freedom, seen = scatter_of(normal, ridge, settings)
     if least is None:
         least = torch.linalg.inv(normal.matrix.sum(0) + torch.diag(ridge)).diagonal()
-    larger = torch.maximum(robust.diagonal(), least).sqrt()
-    spread = robust.diagonal().clamp_min(1e-30).sqrt()
-    covariance: Tensor = robust / spread[:, None] / spread * larger[:, None] * larger
-    return covariance + torch.diag(torch.where(robust.diagonal() > 1e-30, 0.0, least))
+    variance = scatter.diagonal()
+    shown = variance + (1 - seen) * least
+    tiny = torch.finfo(least.dtype).tiny
+    unit = torch.maximum(least, shown / settings.largest)
+    spread = (unit * inflation(shown / unit.clamp_min(tiny), freedom, settings)).sqrt()
+    correlation = scatter / torch.outer(variance, variance).clamp_min(tiny).sqrt()
+    correlation.diagonal().fill_(1.0)
+    covariance: Tensor = correlation * torch.outer(spread, spread)
+    return covariance
 
 
-def reach_of(covariance: Tensor, trajectories: int, confidence: float = CONFIDENCE) -> Tensor:
-    """Return how far intervals reach to either side, (P,), by the distribution of few trajectories (Student 1908).
+def quantile(confidence: float) -> float:
+    """Return within how many standard deviations a normal variable lies with that probability."""
+    return math.sqrt(2) * float(torch.erfinv(torch.tensor(confidence, dtype=torch.float64)))
+
+
+def reach_of(covariance: Tensor, confidence: float = CONFIDENCE) -> Tensor:
+    """Return how far intervals reach to either side, (P,).
 
     Args:
         covariance: Of the parameters, shape (P, P).
-        trajectories: From how many independent trajectories it was estimated.
         confidence: Share of the intervals that hold the truth.
     """
-    from scipy.stats import t as student
-
-    quantile = float(student.ppf((1 + confidence) / 2, max(trajectories - 1, 1)))
-    return quantile * covariance.diagonal().sqrt()
+    return quantile(confidence) * covariance.diagonal().sqrt()

@@ -82,6 +82,27 @@ class PriorSettings(Section):
     )
 
 
+class IntervalSettings(Section):
+    """How what trajectories scatter and what white noise would do are weighed in an interval."""
+
+    white: float = setting(
+        0.2, "probability", "that nothing but white noise disturbs an estimate; decision 53", gt=0, lt=1
+    )
+    tail: float = setting(
+        0.1, "-", "else the variance is f times larger, with a density that falls as f^-(1 + tail)", gt=0
+    )
+    largest: float = setting(1e6, "variances", "of white noise; a scatter beyond it alone counts", gt=1)
+    span: float = setting(1e10, "-", "largest f", gt=1)
+    points: int = setting(600, "-", "values of f, in equal ratios", ge=10)
+    accuracy: float = setting(1e-6, "share", "of how far an interval reaches", gt=0)
+    alone: float = setting(
+        1e-4,
+        "share",
+        "of what is known of a parameter; a trajectory that leaves the others less is alone with it",
+        gt=0,
+    )
+
+
 class LeastSquaresSettings(Section):
     """All of them; an `Experiment` carries them."""
 
@@ -90,3 +111,4 @@ class LeastSquaresSettings(Section):
     line_search: LineSearchSettings = LineSearchSettings()
     multi_start: MultiStartSettings = MultiStartSettings()
     prior: PriorSettings = PriorSettings()
+    intervals: IntervalSettings = IntervalSettings()

@@ -132,13 +132,12 @@ def known(covariance: Tensor, matrix: Tensor, faint: float) -> Tensor:
     return torch.where(torch.diag(unseen), math.inf, covariance)
 
 
-def intervals(estimates: Mapping[str, float], covariance: Tensor, trajectories: int) -> dict[str, tuple[float, float]]:
-    """Return a 90 % interval of each parameter, by Student's distribution of its coordinate (see `Coordinates`).
+def intervals(estimates: Mapping[str, float], covariance: Tensor) -> dict[str, tuple[float, float]]:
+    """Return a 90 % interval of each parameter, by the normal distribution of its coordinate (see `Coordinates`).
 
     Args:
         estimates: Parameters by name.
         covariance: Of their coordinates, shape (P, P).
-        trajectories: From how many independent trajectories it was estimated.
 
     Returns:
         Lower and upper end by name, of those of which something is known; within the physical range.
@@ -146,7 +145,7 @@ def intervals(estimates: Mapping[str, float], covariance: Tensor, trajectories: 
     space, variance = Coordinates.of(estimates), covariance.diagonal()
     here, reach = (
         space.to_coordinates(torch.tensor([*estimates.values()], dtype=torch.float64)),
-        reach_of(covariance, trajectories),
+        reach_of(covariance),
     )
     ends = torch.stack([space.to_values(space.within(here + side * reach)) for side in (-1, 1)], -1)
     something = ((variance >= 0) & (variance < WIDEST**2)).tolist()

@@ -93,7 +93,7 @@ class Posterior:
         """Return figures of a run: params/NAME/low and /high of 90 % intervals, correlation/NAME/OTHER."""
         estimates = dict(zip(self.names, self.space.to_values(self.point).tolist(), strict=True))
         pairs = {f"correlation/{one}/{other}": value for (one, other), value in self.correlations().items()}
-        return logged(intervals(estimates, self.covariance, self.trajectories)) | {
+        return logged(intervals(estimates, self.covariance)) | {
             name: torch.tensor(value, dtype=torch.float64) for name, value in pairs.items()
         }
 
