@@ -118,3 +118,21 @@ def test_a_jolt_is_found_where_it_is_and_only_there() -> None:
     assert found[:, 60].all()
     assert not found[:, :50].any()
     assert not found[:, 70:].any()
+
+
+@pytest.mark.parametrize(("change", "jolted"), [(0.9, False), (1.15, True)])
+@pytest.mark.parametrize(("spread", "step"), [(1e-9, 1 / 240), (1e-9, 1 / 30), (1e-3, 1 / 240)])
+def test_a_change_of_velocity_is_a_jolt_from_the_least_one_or_from_six_deviations_on(
+    change: float, jolted: bool, spread: float, step: float
+) -> None:
+    settings = EventSettings()
+    reach = settings.reach
+    chance = spread * (24 / (reach**3 - reach)) ** 0.5 / step
+    limit = max(settings.jolt_speed, settings.jolt * chance)
+    pose = torch.zeros(1, FRAMES, 1, 7, dtype=torch.float64)
+    pose[..., 6] = 1.0
+    # Lines through the frames on either side of an edge between two frames differ by all of the change.
+    after = (torch.arange(FRAMES, dtype=torch.float64) - 59.5).clamp_min(0) * step
+    pose[0, :, 0, 1] = change * limit * after
+    found = find_jolts(pose, torch.ones(1, FRAMES, 1), Noise(1e-9, spread), step, settings)
+    assert bool(found.any()) is jolted
