@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from types import SimpleNamespace
 from typing import Any, cast
 
+import pytest
 import torch
 
 from physid.diagnosis.conclusion.localisation import over_time, sites
@@ -63,3 +65,14 @@ def test_evidence_over_time_is_that_of_one_body_and_no_rounding() -> None:
     table, dofs = over_time(lack, 0, rounding=1e-6)
     assert dofs == ["x", "y"]
     assert table.tolist() == [[0.0, 3.0], [2.0, 0.0]]
+
+
+@pytest.mark.parametrize("strength", [1.0, 30.0])  # below and above what the least temperature belongs to
+def test_an_explanation_that_falls_behind_weighs_less_by_the_temperature_of_the_best(strength: float) -> None:
+    settings = Settings().localisation
+    best, behind = STRENGTH * strength**2, STRENGTH * (0.97 * strength) ** 2
+    shares = sites(found(strength, 0.0, 0.97 * strength), named=True)
+    temperature = max(settings.least, settings.named * best)
+    ratio = math.exp((behind - best) / (2 * temperature))
+    nothing = math.exp(-best / (2 * temperature))  # the tether, which explains nothing
+    assert shares["contact"] == pytest.approx(ratio / (1 + ratio + nothing), abs=2e-4)
