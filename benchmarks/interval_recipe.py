@@ -22,11 +22,10 @@ FACTORS = (1.0, 1.5, 2.0, 4.0, 10.0, 100.0, 1000.0)
 FREEDOMS = (3, 5, 9, 23)
 RECIPES = {
     "larger of the two, Student's": None,
-    "white noise, 1/2; tail 0.1": IntervalSettings(white=0.5),
-    "white noise, 1/5; tail 0.1": IntervalSettings(),
-    "white noise, 1/10; tail 0.1": IntervalSettings(white=0.1),
-    "white noise, 1/5; tail 0.25": IntervalSettings(tail=0.25),
-    "white noise, 1/5; tail 1": IntervalSettings(tail=1.0),
+    "white noise 0.5; tail 0.1": IntervalSettings(white=0.5),
+    "white noise 0.3; tail 0.1": IntervalSettings(),
+    "white noise 0.1; tail 0.1": IntervalSettings(white=0.1),
+    "white noise 0.3; tail 1": IntervalSettings(tail=1.0),
 }
 
 

@@ -90,7 +90,7 @@ def test_what_one_trajectory_alone_says_has_a_wide_interval() -> None:
     assert float(seen[1]) < 1e-3 < 0.999 < float(seen[0])
     assert freedom.tolist() == pytest.approx([5.0, 1.0], rel=1e-2)
     alone, shared = covariance_of(normal, ridge).diagonal().flip(0) * normal.matrix.sum(0).diagonal().flip(0)
-    assert alone > 4 > shared
+    assert alone > 2 > shared
 
 
 def test_white_noise_that_agrees_by_chance_is_not_taken_for_knowledge() -> None:
@@ -111,6 +111,11 @@ def test_white_noise_that_agrees_by_chance_is_not_taken_for_knowledge() -> None:
     exact = Fit.of(point, NONE, jacobian, still, linear)
     variance = Response.of(experiment, exact, cut.index, noise).covariance()
     assert 1 <= float(variance) / (noise.position**2 / (groups * frames)) < 1.5
+
+
+def test_the_noise_of_an_interval_is_the_smaller_of_that_of_poses_and_of_residuals() -> None:
+    bent, left = Noise(rotation=2e-3, position=3e-4), Noise(rotation=3e-3, position=2e-4)
+    assert bent.or_less(left) == left.or_less(bent) == Noise(rotation=2e-3, position=2e-4)
 
 
 def test_segments_of_one_trajectory_count_as_one() -> None:

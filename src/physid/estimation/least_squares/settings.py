@@ -86,7 +86,7 @@ class IntervalSettings(Section):
     """How what trajectories scatter and what white noise would do are weighed in an interval."""
 
     white: float = setting(
-        0.2, "probability", "that nothing but white noise disturbs an estimate; decision 53", gt=0, lt=1
+        0.3, "probability", "that nothing but white noise disturbs an estimate; decision 53", gt=0, lt=1
     )
     tail: float = setting(
         0.1, "-", "else the variance is f times larger, with a density that falls as f^-(1 + tail)", gt=0

@@ -67,6 +67,10 @@ class Noise:
             return self.error.spread.maximum(torch.tensor(self.least, dtype=torch.float64).repeat_interleave(3))
         return torch.tensor([self.rotation] * 3 + [self.position] * 3, dtype=torch.float64)
 
+    def or_less(self, other: Noise) -> Noise:
+        """Return this noise with the smaller deviations of both: each estimate holds motion that it did not remove."""
+        return replace(self, rotation=min(self.rotation, other.rotation), position=min(self.position, other.position))
+
     def draw(self, count: int, like: Tensor, generator: torch.Generator) -> Tensor:
         """Draw the noise of so many data sets, each of the shape of `like` (R, T, N, 6)."""
         if self.error is not None:
