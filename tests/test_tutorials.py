@@ -15,12 +15,15 @@ from physid.cli import main
 
 ROOT = Path(__file__).parent.parent
 TRUE = {"block.mass": 0.73, "block.friction": 0.21}
+DRAG = 0.8
+WRONG = "## Where the model is wrong"
 MOST = 10
 
 
-def shell(page: str) -> list[list[str]]:
-    """Return the commands of a page, but for those that its text alone names."""
+def shell(page: str, *, after: str = "", before: str = "") -> list[list[str]]:
+    """Return the commands of a page, after or before a heading, but for those that its text alone names."""
     text = (ROOT / "docs" / page).read_text()
+    text = text[text.index(after) : text.index(before) if before else None]
     lines = re.findall(r"^ {4}((?:physid|python) .*)$", text, re.MULTILINE)
     return [shlex.split(line) for line in lines]
 
@@ -40,7 +43,7 @@ def test_the_tutorial_leads_from_logs_to_a_diagnosed_model(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    run(shell("tutorial_csv.md"))
+    run(shell("tutorial_csv.md", before=WRONG))
     printed = capsys.readouterr().out
     assert "Nothing looks wrong." in printed
     assert "the fit leaves nothing beyond the noise of the poses" in printed
@@ -49,6 +52,19 @@ def test_the_tutorial_leads_from_logs_to_a_diagnosed_model(
         assert figures[f"params/{name}/low"] < true < figures[f"params/{name}/high"]
     assert json.loads(Path("runs", "diagnosis", "bench", "diagnosis.json").read_text())["verdict"] == "none"
     assert Path("runs", "dashboard.html").is_file()
+
+
+@pytest.mark.slow
+def test_the_tutorial_leads_from_logs_of_thick_air_to_its_drag(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    run(shell("tutorial_csv.md", after=WRONG))
+    found = json.loads(Path("runs", "diagnosis", "thick", "diagnosis.json").read_text())
+    assert "viscous_drag" in found["group"]
+    size = next(one for one in found["effects"] if one["name"] == "viscous_drag")["parameters"]["coefficient"]
+    assert size["low"] < DRAG < size["high"]
+    for name, true in TRUE.items():
+        after = found["parameters"][name]["after"]
+        assert after["low"] < true < after["high"]
 
 
 @pytest.mark.slow

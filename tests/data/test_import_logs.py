@@ -178,6 +178,24 @@ def test_npz_arrays_of_several_bodies_and_clocks(tmp_path: Path) -> None:
     assert not found.wrench[:, 0].any()
 
 
+@pytest.mark.parametrize(
+    ("header", "units", "step"),
+    [("t", {"time": "ms"}, 1e-3), ("t_us", {"time": "ms"}, 1e-6), ("t", {"time": "ms", "forces_time": "s"}, 1.0)],
+)
+def test_stamps_of_forces_are_in_the_unit_of_the_poses_unless_something_says_otherwise(
+    tmp_path: Path, header: str, units: dict[str, str], step: float
+) -> None:
+    time = np.arange(60) / 100
+    write_csv(tmp_path / "log.csv", ["t", "x", "y", "z"], [time * 1e3, time, 0 * time, 0 * time + 0.1])
+    write_csv(tmp_path / "log_forces.csv", [header, "fx", "fy", "fz"], [time / step, time, 0 * time, 0 * time])
+    forces = {"file": "{stem}_forces.csv", "time": header}
+    body = BODY | {"position": ["x", "y", "z"], "orientation": "none", "force": ["fx", "fy", "fz"]}
+    import_logs([tmp_path / "log.csv"], {"time": "t", "units": units, "forces": forces, **body}, tmp_path / "out")
+    found = RecordingSet(tmp_path / "out").read(0)
+    assert found.wrench_time is not None
+    assert np.allclose(found.wrench_time, time)
+
+
 def test_rows_of_one_file_may_hold_poses_or_forces_or_both(tmp_path: Path) -> None:
     every, posed = np.arange(250) / 500, np.arange(250) % 5 == 0
     place = np.where(posed[:, None], np.stack([every, 0 * every, 0 * every + 0.1], 1), np.nan)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from tests.data.logs import Truth, write_csv
 
 from physid.cli import main
@@ -328,6 +329,22 @@ def test_infinite_numbers_are_named_with_their_line(tmp_path: Path) -> None:
     log.write_text("\n".join([*lines[:5], ",".join(cells), *lines[6:]]))
     with pytest.raises(ValueError, match=r"log.csv:6: expected finite numbers, found inf; leave the cell empty"):
         import_logs([log], GOOD, tmp_path / "out")
+
+
+def test_a_guess_finds_the_log_of_forces_that_is_named_like_the_log(tmp_path: Path) -> None:
+    time = np.arange(60) / 100
+    for run in ("1", "10"):
+        write_csv(tmp_path / f"run_{run}.csv", ["t", "x", "y", "z"], [time, time, 0 * time, 0 * time + 0.1])
+    write_csv(tmp_path / "run_10_wrench.csv", ["stamp", "fx", "fy", "fz"], [time * 1e3, time, 0 * time, 0 * time])
+    assert "force" not in yaml.safe_load(guess_mapping(tmp_path / "run_1.csv")), "that of run 10 is not its"
+    write_csv(tmp_path / "run_1_wrench.csv", ["stamp", "fx", "fy", "fz"], [time * 1e3, time, 0 * time, 0 * time])
+    said = yaml.safe_load(guess_mapping(tmp_path / "run_1.csv"))
+    assert said["force"] == ["fx", "fy", "fz"]
+    assert said["forces"] == {"file": "{stem}_wrench.csv", "time": "stamp"}
+    assert said["units"] == {"time": "s", "position": "m", "forces_time": "ms"}
+    said |= {"size": [0.1, 0.1, 0.2], "mass": 1.0}
+    import_logs([tmp_path / "run_1.csv"], said, tmp_path / "out")
+    assert np.allclose(RecordingSet(tmp_path / "out").read(0).wrench_time, time)
 
 
 def test_a_guess_with_its_blanks_filled_in_is_the_motion(tmp_path: Path) -> None:

@@ -132,7 +132,7 @@ def _flat(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, st
     """Yield nested keys by dots, without the words that only say which class takes them."""
     for name, value in values.items():
         key = before if name == "init_args" else f"{before}{name}"
-        if name not in PLUMBING and not isinstance(value, Mapping):
+        if name not in PLUMBING and not (isinstance(value, Mapping) and value):
             yield key, _text(value)
         if isinstance(value, Mapping):
             yield from _flat(value, key if name == "init_args" else f"{key}.")
@@ -154,6 +154,8 @@ def _text(value: Any) -> str:
         return "null" if value is None else str(value).lower()
     if isinstance(value, tuple | list):
         return f"[{', '.join(map(_text, value))}]"
+    if isinstance(value, Mapping):
+        return "{}"
     return str(value) if isinstance(value, str | int | float) else ""
 
 

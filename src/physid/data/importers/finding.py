@@ -60,6 +60,17 @@ def find_logs(sources: Sequence[Path], kind: str, forces: str | None = None) -> 
     return [one for one in found if not (others and one.match(others))] or found
 
 
+def logs_beside(path: Path) -> list[tuple[Path, str]]:
+    """Return files of the same kind whose names hold that of a log, and their names with {stem} in its place."""
+    whole = re.compile(rf"(?<![0-9A-Za-z]){re.escape(path.stem)}(?![0-9A-Za-z])")
+    here = sorted(path.parent.glob(f"*{path.suffix}"), key=natural) if path.is_file() else []
+    return [
+        (one, whole.sub("{stem}", one.stem, 1) + one.suffix)
+        for one in here
+        if one != path and one.is_file() and whole.search(one.stem)
+    ]
+
+
 def _is_log(path: Path, kind: str) -> bool:
     """Tell whether a file is a log of a kind, or a folder one log."""
     return (path.suffix.lower() in SUFFIXES[kind] and path.is_file()) or _is_whole(path, kind)

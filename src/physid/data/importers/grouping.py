@@ -35,6 +35,7 @@ TURN = ("q", "quat", "quaternion", "rot", "orientation", "o", "r", "rotation", "
 ANGLES = (("roll", "pitch", "yaw"), ("rx", "ry", "rz"), ("phi", "theta", "psi"))
 AXIS = re.compile(r"^(?:(?P<first>[xyzw])[_.\s]*(?P<stem>.*?)|(?P<stem2>.*?)[_.\s:/]*(?P<last>[xyzw]))$", re.IGNORECASE)
 POSE = 7  # numbers of a position and a quaternion in one array
+RATES = (10.0, 2000.0)  # [1/s] that loggers have
 NUMBERED = ("episode_index", "episode", "trajectory", "trial", "run", "take")
 OF_MESSAGES = ("pose", "transform", "position", "odometry", "observation", "state")
 UNIT_LENGTH = 0.01  # by which four columns may differ from a unit quaternion
@@ -167,3 +168,18 @@ def quoted(name: str) -> str:
 def bare(name: str) -> str:
     """Return a name without its quotes."""
     return name.strip('"')
+
+
+def step_of(stamps: Array) -> float:
+    """Return the typical distance of stamps."""
+    return float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0
+
+
+def units_of_stamps(stamps: Array) -> list[str]:
+    """List the units in which stamps are as far apart as loggers write rows."""
+    step = step_of(stamps)
+    return [
+        one
+        for one, factor in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9))
+        if step > 0 and RATES[0] <= 1 / (step * factor) <= RATES[1]
+    ]

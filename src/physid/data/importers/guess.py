@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from physid.data.importers.finding import logs_beside
 from physid.data.importers.grouping import (
     ANGLES,
     FORCE,
@@ -29,14 +30,15 @@ from physid.data.importers.grouping import (
     pairs_of,
     quoted,
     rises,
+    step_of,
     unit_columns,
+    units_of_stamps,
 )
 from physid.data.importers.tables.files import read_table
 from physid.data.importers.tables.table import Table
 from physid.data.importers.units import split_header
 
 Array = NDArray[np.float64]
-RATES = (10.0, 2000.0)  # [1/s] that loggers of poses have
 LARGE = 5.0  # [m] spread of positions beyond which they are rather millimetres
 OF_BODY = (
     ("size: [FILL_IN, FILL_IN, FILL_IN]", "the full edges of the body [m], no log holds them"),
@@ -92,7 +94,9 @@ def guess_mapping(path: Path) -> str:
         _guess_turn(table, groups, place, units, said)
         for line, doubt in forces.items():
             said.say(line, doubt)
-    _guess_force_clock(table, first_of(groups, FORCE, "xyz"), clock, said)
+    found = first_of(groups, FORCE, "xyz")
+    if found or not _guess_forces_beside(path, units, said):
+        _guess_force_clock(table, found, clock, said)
     if units:
         said.say(f"units: {{{', '.join(f'{name}: {unit}' for name, unit in units.items())}}}")
     _guess_axes(table, place, said)
@@ -156,6 +160,27 @@ def _forces(table: Table, groups: dict[str, dict[str, str]], place: list[str]) -
     return lines
 
 
+def _guess_forces_beside(path: Path, units: dict[str, str], said: _Guess) -> bool:
+    """Write forces that a log named like this one holds; return whether there is one."""
+    for other, pattern in logs_beside(path):
+        table = read_table(other)
+        groups = groups_of(table)
+        lines = _forces(table, groups, [])
+        if not lines or pairs_of(groups):
+            continue
+        for line, doubt in lines.items():
+            said.say(line, doubt)
+        clock = clock_of(table, []) or next((name for name, each in table.columns.items() if rises(each)), "")
+        said.say(f'forces: {{file: "{pattern}", time: {quoted(clock)}}}' if clock else f'forces: {{file: "{pattern}"}}')
+        if clock and not table.units.get(clock):
+            unit = next(iter(units_of_stamps(table.columns[clock])), "FILL_IN")
+            if unit != units.get("time"):
+                units["forces_time"] = unit
+                said.doubt(f"units.forces_time: {unit}, since the stamps of {other.name} rise like that")
+        return True
+    return False
+
+
 def _guess_force_clock(table: Table, found: list[str], clock: str, said: _Guess) -> None:
     """Write the clock of the forces where it is another one, or that there are no forces."""
     if not found:
@@ -184,17 +209,11 @@ def _guess_time(table: Table, place: list[str], units: dict[str, str], said: _Gu
         return ""
     said.say(f"time: {quoted(found)}", "" if named else "it is the first column that rises")
     unit = table.units.get(found)
-    stamps = table.columns[found]
-    step = float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0
-    fitting = [
-        one
-        for one, factor in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9))
-        if step > 0 and RATES[0] <= 1 / (step * factor) <= RATES[1]
-    ]
     if unit is None:
+        fitting = units_of_stamps(table.columns[found])
         units["time"] = fitting[0] if fitting else "FILL_IN"
         if fitting != ["s"]:
-            said.doubt(f"units.time: {units['time']}, since stamps are {step:.4g} apart")
+            said.doubt(f"units.time: {units['time']}, since stamps are {step_of(table.columns[found]):.4g} apart")
     if found not in rising:
         numbers = next((one for one in table.columns if one.lower() in NUMBERED), "")
         if numbers:

@@ -149,7 +149,9 @@ def read_forces(table: Table, log: LogMap, *, own: bool) -> Forces | None:
     clock = log.forces.time if log.forces.time is not None else (log.time if log.forces.rate is None else None)
     time = None
     if clock is not None:
-        unit = log.units.get("forces_time", log.units.get("time") if not own or log.forces.time is None else None)
+        unit = log.units.get("forces_time")
+        if unit is None and not (own and table.units.get(str(clock))):  # what a header of their own says is theirs
+            unit = log.units.get("time")
         time = read_stamps(table, clock, unit)
     elif log.forces.rate is not None:
         time = np.arange(count) / log.forces.rate

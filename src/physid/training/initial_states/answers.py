@@ -9,7 +9,6 @@ import torch
 from torch import Tensor
 
 from physid.estimation.least_squares.first_guess import FirstGuess
-from physid.estimation.measurement.sensor_noise import estimate_noise
 from physid.training.identifiability.identifiability import Identifiability, SensorNoise
 from physid.training.initial_states.explaining import Explaining, started
 from physid.training.initial_states.fitted import fit_states, guess_parameters
@@ -64,9 +63,7 @@ def respond(explaining: Explaining, tracked: TrackedFit) -> tuple[Trajectories, 
     fit, experiment = copy.copy(tracked).linearised(explaining)
     if explaining.fitted:
         cut = started(cut, fit.point.pose[0], fit.point.twist[0])
-    # Poses at a slow rate bend beside impacts and reversals, which is no noise; of residuals a wrong model bends some.
-    left = estimate_noise(fit.residual, (experiment.scale > 0).any(-1).to(fit.residual.dtype))
-    return cut, Response.of(experiment, fit, cut.index, cut.noise.or_less(left))
+    return cut, Response.of(experiment, fit, cut.index, cut.noise_beside(fit.residual, experiment.scale))
 
 
 def respond_coarsely(losses: Callable[[Tensor], Tensor], explaining: Explaining, index: Tensor) -> Response:

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from physid.data.observations.step_grid import StepGrid
 from physid.estimation.measurement.poses import pose_difference
-from physid.estimation.measurement.sensor_noise import Noise, noise_of_poses
+from physid.estimation.measurement.sensor_noise import Noise, estimate_noise, noise_of_poses
 from physid.estimation.prediction.timeline import Timeline
 from physid.physics.layer import PhysicsLayer, Rollout, SolverError
 from physid.physics.parameters import Parameters
@@ -112,6 +112,17 @@ class Trajectories:
     def noise(self) -> Noise:
         """The sensor's noise, as the poses alone show it."""
         return noise_of_poses(self.pose, self.real, self.time)
+
+    def noise_beside(self, residual: Tensor, scale: Tensor) -> Noise:
+        """Return the sensor's noise as poses or residuals show it, whichever is less.
+
+        Poses at a slow rate bend beside impacts and reversals, which is no noise; residuals do where a model is wrong.
+
+        Args:
+            residual: Observed minus predicted, shape (B, T, N, 6).
+            scale: Zero where there is nothing to see, same shape.
+        """
+        return self.noise.or_less(estimate_noise(residual, (scale > 0).any(-1).to(residual.dtype)))
 
     def stepped(self, time_step: float) -> Trajectories:
         """Return the same with steps of their own: where there are none, one from frame to frame."""
