@@ -62,8 +62,8 @@ def test_parts_add_up_to_what_closes_on_each_split(names: tuple[str, ...], monke
 
     def closings(same: float, transfer: float) -> dict[Split, Closing | None]:
         return {
-            "same": Closing(2.0, 1.0, Interval(same, None, None), 0.5),
-            "transfer": Closing(2.0, 1.0, Interval(transfer, None, None), 0.5),
+            "same": Closing(2.0, 1.0, Interval(same, None, None), 0.5, 9000),
+            "transfer": Closing(2.0, 1.0, Interval(transfer, None, None), 0.5, 9000),
         }
 
     alone = {"a": closings(0.7, 0.2), "b": closings(0.5, 0.9)}
@@ -84,5 +84,5 @@ def test_parts_add_up_to_what_closes_on_each_split(names: tuple[str, ...], monke
     if len(names) > 1:
         assert parts["same"] == pytest.approx({"a": 0.58, "b": 0.38})
         assert parts["transfer"] == pytest.approx({"a": 0.12, "b": 0.82})
-    no_gap: Any = {"same": Closing(1.0, 1.0, None, 1.0), "transfer": None}
+    no_gap: Any = {"same": Closing(1.0, 1.0, None, 1.0, 9000), "transfer": None}
     assert not decomposition.decompose(nominal_fit, found, no_gap, torch.Generator())

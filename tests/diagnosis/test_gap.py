@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import torch
 
-from physid.diagnosis.conclusion.gap import closing, position_errors, position_floors
+from physid.diagnosis.conclusion.gap import Closing, closing, position_errors, position_floors
 from physid.diagnosis.settings.conclusion import GapSettings
 
 SETTINGS = GapSettings()
@@ -21,10 +21,12 @@ def test_a_share_has_an_interval_where_there_are_enough_trajectories(count: int)
     before = 4 * FLOOR * (1 + 0.1 * torch.rand(count, generator=generator).double())
     after = FLOOR * (1 + 0.1 * torch.rand(count, generator=generator).double())
     floors, chosen = torch.full((count,), FLOOR).double(), torch.ones(count, dtype=torch.bool)
-    found = closing(before, after, floors, chosen, SETTINGS, generator)
+    values = torch.full((count,), 300)
+    found = closing(before, after, floors, values, chosen, SETTINGS, generator)
     assert found is not None
     assert found.shrink is not None
     assert found.shrink.value == pytest.approx(1.0, abs=0.1)
+    assert found.values == 300 * count
     if count < SETTINGS.fewest:
         assert found.shrink.low is found.shrink.high is None
         assert found.shrink.most == found.shrink.value
@@ -35,9 +37,18 @@ def test_a_share_has_an_interval_where_there_are_enough_trajectories(count: int)
 
 def test_trajectories_of_which_no_frame_counts_have_no_gap() -> None:
     nothing, chosen = torch.zeros(4, dtype=torch.float64), torch.ones(4, dtype=torch.bool)
-    found = closing(nothing, nothing, nothing, chosen, SETTINGS, torch.Generator())
+    found = closing(nothing, nothing, nothing, nothing, chosen, SETTINGS, torch.Generator())
     assert found is not None
     assert found.shrink is None
+
+
+@pytest.mark.parametrize("values", [30, 360, 10_000])
+def test_noise_exceeds_the_ceiling_as_often_as_it_says(values: int) -> None:
+    ceiling = Closing(1.0, 1.0, None, 0.5, values).ceiling(0.02)
+    generator = torch.Generator().manual_seed(values)
+    errors = 0.5 * torch.randn(4000, values, generator=generator).square().mean(1).sqrt()
+    assert float((errors > ceiling).double().mean()) == pytest.approx(0.02, abs=0.007)
+    assert Closing(0.0, 0.0, None, 0.0, 0).ceiling(0.02) == 0.0
 
 
 def test_an_error_is_the_mean_square_with_frames_weighted_by_how_little_numerics_disturb_them() -> None:

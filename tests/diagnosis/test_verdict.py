@@ -39,7 +39,7 @@ def found(open_share: float = 0.0, p_value: float = 1.0, alike: tuple[str, ...] 
 
 
 def transfer(after: float, closed: float) -> Closing:
-    return Closing(3 * FLOOR, after * FLOOR, Interval(closed, closed - 0.1, closed + 0.05), FLOOR)
+    return Closing(3 * FLOOR, after * FLOOR, Interval(closed, closed - 0.1, closed + 0.05), FLOOR, 90_000)
 
 
 def judged(what: Attribution, closing: Closing | None) -> str:
@@ -71,6 +71,13 @@ def test_what_closes_nothing_under_another_protocol_is_no_cause_unless_little_is
     after: float, closed: float, verdict: str
 ) -> None:
     assert judged(found(), transfer(after, closed)) == verdict
+
+
+@pytest.mark.parametrize(("values", "verdict"), [(360, "named"), (90_000, "unknown")])
+def test_an_error_that_few_frames_show_by_chance_contradicts_nothing(values: int, verdict: str) -> None:
+    # 6 % over the floor: 1.6 standard deviations of 360 values, 25 of 90,000.
+    closing = Closing(1.065 * FLOOR, 1.06 * FLOOR, Interval(0.08, None, None), FLOOR, values)
+    assert judged(found(), closing) == verdict
 
 
 @pytest.mark.parametrize(("closed", "verdict"), [(0.8, "partial"), (0.5, "unknown")])
@@ -181,7 +188,7 @@ def test_wind_that_may_be_zero_and_closes_no_gap_is_not_there(size: float, gap: 
         settings=SETTINGS,
     )
     covariance = torch.eye(4, dtype=torch.float64) * (0.2 / 1.646) ** 2
-    closings = [Closing(FLOOR, FLOOR, None, FLOOR), transfer(1.5, 0.7) if gap else None]
+    closings = [Closing(FLOOR, FLOOR, None, FLOOR, 90_000), transfer(1.5, 0.7) if gap else None]
     assert indistinguishable_from_zero(chosen, covariance, closings) is absent
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -132,7 +132,7 @@ def draw_conclusion(nominal_fit: NominalFit, found: Attribution, generator: torc
 
 
 def _unclosed(one: Closing | None) -> Closing | None:
-    return None if one is None else Closing(one.before, None, None, one.floor)
+    return None if one is None else replace(one, after=None, shrink=None)
 
 
 def _gap(floor: float, allowed: Tolerance, closings: Mapping[Split, Closing | None]) -> Gap:

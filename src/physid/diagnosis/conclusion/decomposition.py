@@ -6,7 +6,14 @@ from collections.abc import Mapping
 
 import torch
 
-from physid.diagnosis.conclusion.gap import Closing, closing, held_out_parts, position_errors, position_floors
+from physid.diagnosis.conclusion.gap import (
+    Closing,
+    closing,
+    held_out_parts,
+    position_errors,
+    position_floors,
+    position_values,
+)
 from physid.diagnosis.document.document import Split
 from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.selection.attribution import Attribution
@@ -24,9 +31,10 @@ def closings_of(
     before = position_errors(nominal, nominal_fit.observations)
     after = before if best is None else position_errors(best, nominal_fit.observations)
     floors = position_floors(nominal.experiment, nominal_fit.noise)
+    values = position_values(nominal.experiment)
     parts = held_out_parts(nominal_fit.observations)
     return {
-        name: closing(before, after, floors, chosen, nominal_fit.settings.gap, generator)
+        name: closing(before, after, floors, values, chosen, nominal_fit.settings.gap, generator)
         for name, chosen in parts.items()
     }
 

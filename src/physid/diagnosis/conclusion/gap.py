@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import torch
+from scipy.stats import chi2
 from torch import Tensor
 
 from physid.diagnosis.document.document import Split
@@ -38,12 +40,23 @@ class Closing:
         after: With the effects [m]; None where none were added.
         shrink: S = (before - after) / (before - floor), None where there is no gap to close.
         floor: What the true model would leave on these trajectories [m].
+        values: Coordinates that were compared.
     """
 
     before: float
     after: float | None
     shrink: Interval | None
     floor: float
+    values: int
+
+    def ceiling(self, probability: float) -> float:
+        """Return the error that the true model exceeds with some probability, by the noise of so many values [m].
+
+        The sum of n squared errors in units of the noise is a chi-square variable of n degrees of freedom.
+        """
+        if self.values == 0:
+            return self.floor
+        return self.floor * math.sqrt(float(chi2.isf(probability, self.values)) / self.values)
 
 
 def floor_of(noise: Noise) -> float:
@@ -60,6 +73,12 @@ def position_floors(experiment: Experiment, noise: Noise) -> Tensor:
     weight = _weights(experiment)
     count = (weight > 0).sum((1, 2))
     return noise.floor**2 * count / weight.sum((1, 2)).clamp_min(1e-9)
+
+
+def position_values(experiment: Experiment) -> Tensor:
+    """Count the coordinates of positions that count in each trajectory, shape (R,)."""
+    counted: Tensor = 3 * (_weights(experiment) > 0).sum((1, 2))
+    return counted
 
 
 def _weights(experiment: Experiment) -> Tensor:
@@ -90,12 +109,27 @@ def residual_wrench_errors(lack: LackOfFit, hypothesis: Hypothesis, noise: Noise
 
 
 def closing(
-    before: Tensor, after: Tensor, floors: Tensor, chosen: Tensor, settings: GapSettings, generator: torch.Generator
+    before: Tensor,
+    after: Tensor,
+    floors: Tensor,
+    values: Tensor,
+    chosen: Tensor,
+    settings: GapSettings,
+    generator: torch.Generator,
 ) -> Closing | None:
     """Compare mean square errors (R,) [m^2] of the chosen trajectories; the interval is a bootstrap over them.
 
     A bootstrap of one trajectory has no width, and that of two hardly any: fewer than `settings.fewest` give no
     interval.
+
+    Args:
+        before: Of the nominal model.
+        after: With the effects.
+        floors: Of the true model.
+        values: Coordinates of each trajectory that count, shape (R,).
+        chosen: Which trajectories, shape (R,).
+        settings: What is no gap, and how intervals are made.
+        generator: Of the bootstrap.
     """
     rows = chosen.nonzero()[:, 0]
     if not len(rows):
@@ -105,17 +139,17 @@ def closing(
         return before[index].mean(-1).sqrt(), after[index].mean(-1).sqrt()
 
     old, new = (float(value) for value in errors(rows))
-    floor = float(floors[rows].mean().sqrt())
+    floor, count = float(floors[rows].mean().sqrt()), int(values[rows].sum())
     if old <= settings.no_gap * floor:  # both are zero where no frame of these trajectories counts
-        return Closing(old, new, None, floor)
+        return Closing(old, new, None, floor, count)
     share = (old - new) / (old - floor)
     if len(rows) < settings.fewest:
-        return Closing(old, new, Interval(share, None, None), floor)
+        return Closing(old, new, Interval(share, None, None), floor, count)
     draws = rows[torch.randint(len(rows), (settings.bootstraps, len(rows)), generator=generator)]
     olds, news = errors(draws)
     shrinks = (olds - news) / (olds - floor).clamp_min(settings.least * floor)
     low, high = (float(shrinks.quantile(q)) for q in settings.interval)
-    return Closing(old, new, Interval(share, low, high), floor)
+    return Closing(old, new, Interval(share, low, high), floor, count)
 
 
 def held_out_parts(observations: Observations) -> dict[Split, Tensor]:

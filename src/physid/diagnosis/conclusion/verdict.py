@@ -72,7 +72,9 @@ def _carries(transfer: Closing | None, settings: VerdictSettings) -> bool:
 
 
 def _open(closing: Closing, settings: VerdictSettings) -> float:
-    """Return the share of a gap that is left, 0 if there is none or little."""
-    if closing.shrink is None or closing.after is None or closing.after < settings.nearly * closing.floor:
+    """Return the share of a gap that is left, 0 if there is none, or no more than few frames show by chance."""
+    if closing.shrink is None or closing.after is None:
+        return 0.0
+    if closing.after < max(settings.nearly * closing.floor, closing.ceiling(settings.chance)):
         return 0.0
     return 1 - closing.shrink.value

@@ -72,6 +72,14 @@ class VerdictSettings(Section):
         0.5, "share", "of the gap on the transfer protocol that the interval of its shrink must reach; -1e9 for none"
     )
     nearly: float = setting(1.05, "floors", "error after, that contradicts nothing", ge=1)
+    chance: float = setting(
+        0.02,
+        "probability",
+        "with which the error of the true model is larger than what contradicts nothing; 1 for `nearly` alone",
+        "by definition",
+        gt=0,
+        le=1,
+    )
     reconsidered: bool = setting(True, "", "whether effects whose sizes may all be zero are dropped without a gap")
     most_cells: int = setting(12, "cells", "of the map that are written", ge=0)
     most_ranks: int = setting(20, "hypotheses", "of the ranking that are written", ge=1)
