@@ -63,7 +63,7 @@ def test_the_tutorial_leads_from_logs_of_thick_air_to_its_drag(tmp_path: Path, m
     size = next(one for one in found["effects"] if one["name"] == "viscous_drag")["parameters"]["coefficient"]
     assert size["low"] < DRAG < size["high"]
     for name, true in TRUE.items():
-        after = found["parameters"][name]["after"]
+        after = found["parameters"][name]["with_effect"]
         assert after["low"] < true < after["high"]
 
 
@@ -76,6 +76,7 @@ def test_the_tutorial_leads_from_films_to_a_friction(
     run(shell("tutorial_mp4.md"))
     printed = capsys.readouterr().out
     assert "Nothing looks wrong." in printed
+    assert "the fit leaves nothing beyond the noise of the poses" in printed
     figures = json.loads(Path("runs", "read", "metrics.json").read_text())
     assert figures["params/block.friction/low"] < TRUE["block.friction"] < figures["params/block.friction/high"]
     assert figures["params/block.friction/estimate"] == pytest.approx(TRUE["block.friction"], rel=0.01)

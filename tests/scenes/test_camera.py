@@ -25,6 +25,14 @@ def test_the_opening_angle_reaches_from_the_upper_to_the_lower_border() -> None:
     assert TOP.project(np.array([[0, edge, 0], [0, -edge, 0.0]]))[:, 1] == pytest.approx([0, 128], abs=TOLERANCE)
 
 
+@pytest.mark.parametrize("height", [128, 480])
+def test_a_pixel_at_the_target_is_as_large_as_what_it_shows(height: int) -> None:
+    camera = dataclasses.replace(TOP, height=height, position=(0.0, -2.0, 3.0), target=(0.0, 0.5, 0.0))
+    right = np.array([camera.pixel, 0.0, 0.0])
+    columns = camera.project(np.array([camera.target, camera.target + right]))[:, 0]
+    assert columns[1] - columns[0] == pytest.approx(1, abs=TOLERANCE)
+
+
 def test_a_box_is_seen_only_if_all_its_corners_are() -> None:
     size, turned = np.array([[0.2, 0.2, 0.2]]), [0, 0, math.sin(math.pi / 8), math.cos(math.pi / 8)]
     pose = np.array([[[0, 0, 0.1, *turned]], [[1.25, 0, 0.1, *turned]], [[0, 0, 7.0, *turned]]])

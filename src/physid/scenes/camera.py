@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -51,6 +52,12 @@ class Camera:
         forward = np.subtract(self.target, self.position)
         if np.linalg.norm(np.cross(forward, self.up)) < 1e-9:
             raise ValueError("camera.up must not be parallel to the line from camera.position to camera.target")
+
+    @property
+    def pixel(self) -> float:
+        """Edge of a pixel at the distance of the target, 2 |p - t| tan(fov / 2) / height [m]."""
+        distance = float(np.linalg.norm(np.subtract(self.position, self.target)))
+        return 2 * distance * math.tan(math.radians(self.fov_y) / 2) / self.height
 
     def axes(self) -> NDArray[np.float64]:
         """Return the unit vectors right, up and backward of the image in the world frame; rows of (3, 3)."""
