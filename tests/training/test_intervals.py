@@ -113,6 +113,15 @@ def test_white_noise_that_agrees_by_chance_is_not_taken_for_knowledge() -> None:
     assert 1 <= float(variance) / (noise.position**2 / (groups * frames)) < 1.5
 
 
+def test_curvatures_that_are_no_numbers_or_bend_the_wrong_way_make_parameters_unknown() -> None:
+    vector = torch.tensor([[0.1, 0.1], [-0.2, -0.1], [0.1, 0.0]]).double()
+    bend, none = torch.tensor([[1.0, 0.0], [0.0, -0.5]]).double().expand(3, 2, 2), torch.zeros(2).double()
+    good, wrong = covariance_of(Normal(bend, vector, none), ridge_of(bend.sum(0)), none).diagonal().sqrt().tolist()
+    assert 0 < good < 1 < 1e3 < wrong
+    nothing = Normal(bend * math.nan, vector, none)
+    assert covariance_of(nothing, ridge_of(bend.sum(0)), none).isnan().all()
+
+
 def test_the_noise_of_an_interval_is_the_smaller_of_that_of_poses_and_of_residuals() -> None:
     bent, left = Noise(rotation=2e-3, position=3e-4), Noise(rotation=3e-3, position=2e-4)
     assert bent.or_less(left) == left.or_less(bent) == Noise(rotation=2e-3, position=2e-4)

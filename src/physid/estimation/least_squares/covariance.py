@@ -24,7 +24,7 @@ def left_out(normal: Normal, ridge: Tensor) -> Tensor:
 def scatter_of(normal: Normal, ridge: Tensor, settings: IntervalSettings = DEFAULT) -> tuple[Tensor, Tensor, Tensor]:
     """Estimate the covariance of the shared parameters from the scatter of whole trajectories alone.
 
-    With A the summed matrix, L L^T = A, G_i = L^-1 A_i L^-T and s_i the slope that trajectory i has left at the
+    With A the summed matrix, L a square root, L L^T = A, G_i = L^-1 A_i L^-T and s_i the slope that trajectory i has left at the
     solution, the covariance is L^-T (sum d_i d_i^T) L^-1 with d_i = (1 - G_i)^-1/2 L^-1 s_i: right on average where
     residuals are white (CR2). Its degrees of freedom are those of the chi-square distribution that has the same mean
     and variance (Satterthwaite 1946), for residuals that are white: (tr K)^2 / tr K^2 with K the covariance of what the
@@ -40,8 +40,13 @@ def scatter_of(normal: Normal, ridge: Tensor, settings: IntervalSettings = DEFAU
         The covariance (P, P), degrees of freedom (P,), at least one, and the share of the variance that shows in it at
         all (P,): none where one trajectory alone says something of a parameter.
     """
-    lower = torch.linalg.cholesky(normal.matrix.sum(0) + torch.diag(ridge))
-    inverse = torch.linalg.solve_triangular(lower, torch.eye(len(ridge)).to(lower), upper=False)
+    total = normal.matrix.sum(0) + torch.diag(ridge)
+    if not bool(total.isfinite().all() & normal.vector.isfinite().all()):
+        return torch.full_like(total, math.nan), torch.ones_like(ridge), torch.zeros_like(ridge)
+    # A square root that also exists where curvatures of coarse differences, or rounding, make the matrix indefinite.
+    curvature, axes = torch.linalg.eigh((total + total.mT) / 2)
+    least = curvature.abs().amax() * torch.finfo(total.dtype).eps
+    inverse = curvature.clamp_min(float(least)).rsqrt()[:, None] * axes.mT
     size, turned = torch.linalg.eigh(inverse @ normal.matrix @ inverse.mT)
     size = size.clamp(0, 1)
     root = turned * (1 - size).clamp_min(settings.alone).rsqrt()[:, None] @ turned.mT
@@ -50,11 +55,11 @@ def scatter_of(normal: Normal, ridge: Tensor, settings: IntervalSettings = DEFAU
     pulled = turned * size[:, None] @ turned.mT @ toward
     each = (toward * pulled).sum(1)
     both = torch.einsum("iap,ibp->pab", pulled, pulled)
-    total = each.sum(0) - both.diagonal(dim1=1, dim2=2).sum(1)
+    shown = each.sum(0) - both.diagonal(dim1=1, dim2=2).sum(1)
     squared = each.square().sum(0) - 2 * (each * pulled.square().sum(1)).sum(0) + both.square().sum((1, 2))
-    total = total.clamp(0, 1)
-    freedom = 1 / (squared.clamp_min(0) + (1 - total).square()).clamp(settings.alone, 1)
-    return own.T @ own, freedom, total
+    shown = shown.clamp(0, 1)
+    freedom = 1 / (squared.clamp_min(0) + (1 - shown).square()).clamp(settings.alone, 1)
+    return own.T @ own, freedom, shown
 
 
 def inflation(ratio: Tensor, freedom: Tensor, settings: IntervalSettings = DEFAULT) -> Tensor:
