@@ -25,11 +25,11 @@ def scatter_of(normal: Normal, ridge: Tensor, settings: IntervalSettings = DEFAU
     """Estimate the covariance of the shared parameters from the scatter of whole trajectories alone.
 
     With A the summed matrix, L a square root, L L^T = A, G_i = L^-1 A_i L^-T and s_i the slope that trajectory i has
-    left at the solution, the covariance is L^-T (sum d_i d_i^T) L^-1 with d_i = (1 - G_i)^-1/2 L^-1 s_i: right on average where
-    residuals are white (CR2). Its degrees of freedom are those of the chi-square distribution that has the same mean
-    and variance (Satterthwaite 1946), for residuals that are white: (tr K)^2 / tr K^2 with K the covariance of what the
-    trajectories contribute; what of the trace, one, is missing counts as of one trajectory. Source of both: Bell &
-    McCaffrey 2002; Imbens & Kolesar 2016.
+    left at the solution, the covariance is L^-T (sum d_i d_i^T) L^-1 with d_i = (1 - G_i)^-1/2 L^-1 s_i: right on
+    average where residuals are white (CR2). Its degrees of freedom are those of the chi-square distribution that has
+    the same mean and variance (Satterthwaite 1946), for residuals that are white: (tr K)^2 / tr K^2 with K the
+    covariance of what the trajectories contribute; what of the trace, one, is missing counts as of one trajectory.
+    Source of both: Bell & McCaffrey 2002; Imbens & Kolesar 2016.
 
     Args:
         normal: Normal equations by trajectory, where their sum is solved.
