@@ -21,8 +21,8 @@ from physid.training.parameters.trajectories import Trajectories
 SIGNIFICANT = 3.09
 """Standard normal: noise alone goes beyond it once in a thousand fits."""
 
-RESOLVED = 0.2
-"""Of a pixel: what poses read from films may be off by in whole stretches (the largest bias in docs/results.md)."""
+HEADING = 0.2
+"""Of a pixel, at the ends of the largest edge, by which a turn that is read from films is off in whole stretches."""
 
 
 class Fitted(Protocol):
@@ -40,7 +40,8 @@ class Unexplained(L.Callback):
 
     For position [m] and rotation [rad]: fit/KIND_noise, of one axis; fit/KIND_unexplained, root mean square without the
     noise; fit/KIND_share, relative to the root mean square motion since the first frame; fit/KIND_explained, 1 where
-    that is within noise, or too small to matter, else 0. Of poses read from films a fifth of a pixel is too small.
+    that is within noise, or too small to matter, else 0. Where poses were read from films, a turn is too small that
+    moves the ends of a body by less than a fifth of a pixel.
     """
 
     def on_train_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
@@ -57,8 +58,8 @@ class Unexplained(L.Callback):
         pixel = module.scene.camera.pixel if cut.again is not None and module.scene.camera is not None else 0.0
         apart, moved = pose_difference(predicted, cut.pose), pose_difference(cut.pose, cut.pose[:, :1])
         figures: dict[str, float] = {}
-        tolerance = max(SHARE_OF_SIZE * size, RESOLVED * pixel)  # a turn moves the ends of the largest edge by as much
-        kinds = (("rotation", 0, 2 * tolerance / size), ("position", 3, tolerance))
+        turn = 2 * max(SHARE_OF_SIZE, HEADING * pixel / size)  # that moves the ends of the largest edge so far
+        kinds = (("rotation", 0, turn), ("position", 3, SHARE_OF_SIZE * size))
         for (kind, first, tolerated), left in zip(kinds, tracked, strict=True):
             misfit = Misfit.of(apart[..., first : first + 3], cut.real, left)
             motion = math.sqrt(float(moved[..., first : first + 3][cut.real].square().sum(-1).mean()))
