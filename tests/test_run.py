@@ -198,6 +198,8 @@ def test_the_bar_says_how_long_all_epochs_still_take(
     assert "left: ≤0:00:0" in capsys.readouterr().out
 
 
+# torch raises from the handler of the signal of a killed child, and that may strike within any object's end.
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.parametrize("harm", ["kill", "cut off"])
 def test_a_loader_that_is_killed_is_named_with_the_remedy(
     config: str, harm: str, capsys: pytest.CaptureFixture[str]
