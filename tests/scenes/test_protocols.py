@@ -1,8 +1,11 @@
 """How trajectories start and are pushed."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
+from physid.data.generation.settings import GenerateConfig
 from physid.scenes.camera import corners
 from physid.scenes.catalogue import SETUPS, find_setup
 from physid.scenes.setup import REST_DEPTH, Excitation
@@ -95,3 +98,14 @@ def test_an_unknown_protocol_is_answered_with_the_nearest() -> None:
     with pytest.raises(ValueError, match='no protocol "papr"; did you mean "paper"'):
         setup.draw(setup.scene, "papr", np.random.default_rng(0), STEPS)
     assert nearest("nothing alike", ["a", "b"]) == "; known are a, b"
+
+
+def test_what_is_unknown_of_a_cube_is_what_generation_calls_that_of_the_block() -> None:
+    setup = find_setup("toss")
+    cube = dataclasses.replace(setup.scene.bodies[0], name="cube")
+    mine = dataclasses.replace(setup.scene, bodies=(cube,), unknown=("cube.friction", "cube.restitution"))
+    unknown = setup.unknown_of(mine)
+    assert unknown == ["block.friction", "block.restitution"]
+    GenerateConfig("toss", unknown=unknown)
+    with pytest.raises(ValueError, match=r'unknown parameter "cube\.friction"'):
+        GenerateConfig("toss", unknown=list(mine.unknown)).true_parameters()

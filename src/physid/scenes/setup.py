@@ -56,6 +56,12 @@ class Setup:
     leaves_ground: bool = False
     impacts: bool = False
 
+    def unknown_of(self, scene: Scene) -> list[str]:
+        """Return what is unknown in a scene, by the names that its bodies have here; they are in the same order."""
+        names = dict(zip((body.name for body in scene.bodies), (body.name for body in self.scene.bodies), strict=False))
+        split = (name.partition(".") for name in scene.unknown)
+        return [f"{names.get(body, body)}.{quantity}" for body, _, quantity in split]
+
     def draw(self, scene: Scene, protocol: str, generator: np.random.Generator, steps: int) -> Excitation:
         """Draw a start and a force sequence of `steps` rows.
 

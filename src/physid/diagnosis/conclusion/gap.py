@@ -71,7 +71,7 @@ def position_floors(experiment: Experiment, noise: Noise) -> Tensor:
     and, in `position_errors`, a weight that is smaller by the same factor.
     """
     weight = _weights(experiment)
-    count = (weight > 0).sum((1, 2))
+    count = position_values(experiment) / 3
     return noise.floor**2 * count / weight.sum((1, 2)).clamp_min(1e-9)
 
 

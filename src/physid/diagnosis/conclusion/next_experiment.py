@@ -77,7 +77,7 @@ def next_experiment(nominal_fit: NominalFit, found: Attribution) -> NextExperime
     setup = next((one for one in SETUPS if one.scene.name == model.scene.name), None)
     best = None if setup is None or not rivals else _best_protocol(setup, found.best, rivals[0], nominal_fit)
     now = _now(found.best, rivals[0]) if rivals else 0.0
-    if best is None or best[0] < max(settings.apart, settings.more * now):
+    if setup is None or best is None or best[0] < max(settings.apart, settings.more * now):
         sentence = "no force profile of this scene tells them apart" if setup else "other pushes may tell them apart"
         return NextExperiment(f"{sentence}; {advice}" if advice else sentence)
     apart, protocol, steps = best
@@ -94,7 +94,7 @@ def next_experiment(nominal_fit: NominalFit, found: Attribution) -> NextExperime
         "trajectories": settings.record,
         "steps": steps,
     }
-    more = {"unknown": list(model.scene.unknown), "video": False}
+    more = {"unknown": setup.unknown_of(model.scene), "video": False}
     return NextExperiment(sentence, yaml.safe_dump(config | more, sort_keys=False))
 
 
