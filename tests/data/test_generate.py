@@ -11,6 +11,7 @@ from physid.data.generation.draw import draw
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig, Noise
 from physid.data.truth import read_truth
+from physid.effects import from_values
 from physid.scenes.camera import Camera
 from physid.scenes.scene import Integration
 
@@ -188,6 +189,34 @@ def test_uneven_frames_show_the_motion_at_their_own_times_and_forces_have_their_
         path = np.interp(uneven.time, fine.stamps(1 / 960), fine.pose[:, 0, axis])
         assert uneven.pose is not None
         assert np.abs(uneven.pose[:, 0, axis] - path).max() < 1e-5
+
+
+@pytest.mark.parametrize("simulator", ["closed_form", "mujoco"])
+def test_a_late_camera_shows_poses_between_frames_as_they_were_and_none_of_before_the_start(
+    tmp_path: Path, simulator: str
+) -> None:
+    late = {"observation_latency": {"latency": 0.02}}
+    rates = (("slow", 30.0, 25, late), ("fast", 300.0, 250, {}))  # bounces lie between the frames of the slow one
+    for name, rate, steps, effects in rates:
+        config = GenerateConfig(
+            "toss", protocol="straight", trajectories=1, steps=steps, frame_rate=rate, video=False, simulator=simulator
+        )
+        generate(dataclasses.replace(config, effects=effects), tmp_path / name, workers=1)
+    slow, fast = (RecordingSet(tmp_path / name).read(0) for name in ("slow", "fast"))
+    assert not slow.seen[0].any()
+    assert slow.seen[1:].all()
+    # 0.02 s are six frames of the fast set; MuJoCo's steps differ in length.
+    np.testing.assert_allclose(slow.pose[1:], fast.pose[4::10][:24], atol=1e-9 if simulator == "closed_form" else 2e-3)
+
+
+@pytest.mark.parametrize(("simulator", "rate"), [("closed_form", 30.0), ("mujoco", 60.0), ("pybullet", 60.0)])
+def test_what_acts_late_is_simulated_between_the_frames(simulator: str, rate: float) -> None:
+    config = GenerateConfig("push", trajectories=1, steps=20, frame_rate=rate, video=False, simulator=simulator)
+    plain, late = config.sampling(), config.sampling([from_values("force_delay", {"delay": 0.004})])
+    assert plain.step == pytest.approx(1 / rate)
+    assert late.step <= (1 / 240 if simulator == "pybullet" else 1e-3)
+    assert late.stamps(late.frames) == pytest.approx(plain.stamps(plain.frames))
+    assert len(late.forces) == len(plain.forces)
 
 
 def test_forces_that_change_between_frames_are_told_with_their_times(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import pytest
@@ -12,37 +13,58 @@ from physid.data.format import RecordingSet
 from physid.diagnosis.inputs.model_source import read_nominal_model
 from physid.diagnosis.inputs.observations import load_observations
 from physid.diagnosis.reference.nominal_fit import fit_nominal_model
-from physid.diagnosis.testing.hypothesis import begin_hypothesis
+from physid.diagnosis.settings.settings import Settings
+from physid.diagnosis.testing.hypothesis import begin_hypothesis, finish_hypothesis
 from physid.effects import find
-from physid.estimation.least_squares.covariance import left_out
+from physid.estimation.least_squares.covariance import predictive_score
 from physid.estimation.least_squares.normal_equations import Normal
 
 NO_RIDGE = torch.zeros(1, dtype=torch.float64)
 
 
-def means(values: torch.Tensor) -> Normal:
-    """Return the normal equations of one shared mean, at the mean of values (R,), one for each trajectory."""
-    pulls = (values - values.mean())[:, None]
-    return Normal(torch.ones(len(values), 1, 1, dtype=torch.float64), pulls, values.square())
+def means(values: torch.Tensor, fitted: torch.Tensor) -> Normal:
+    """Return the normal equations of one shared mean, at the mean of the fitted values; one for each value (R,)."""
+    left = values - values[fitted].mean()
+    return Normal(torch.ones(len(values), 1, 1, dtype=torch.float64), left[:, None], left.square())
 
 
-def test_without_one_value_the_mean_is_that_of_the_others() -> None:
-    values = torch.tensor([1.0, 2.0, 4.0, 9.0], dtype=torch.float64)
-    others = torch.stack([(values.sum() - value) / 3 for value in values])
-    assert torch.allclose(left_out(means(values), NO_RIDGE)[:, 0], others - values.mean())
+def test_a_value_is_predicted_with_the_mean_of_the_others_as_well_as_they_know_it() -> None:
+    values = torch.tensor([1.0, 2.0, 4.0, 9.0, 3.0], dtype=torch.float64)
+    fitted = torch.tensor([True, True, True, True, False])
+    score = predictive_score(means(values, fitted), fitted, NO_RIDGE)
+    for index, value in enumerate(values):
+        others = values[fitted & (torch.arange(5) != index)]
+        variance = 1 + 1 / len(others)  # of the value, and of the mean of the others: a normal distribution
+        expected = (value - others.mean()) ** 2 / variance + math.log(variance)
+        assert float(score[index]) == pytest.approx(float(expected))
 
 
-def test_the_squared_changes_are_the_variance_of_the_mean_and_a_little_more() -> None:
-    values = torch.randn(20, generator=torch.Generator().manual_seed(3)).double()
-    changes = left_out(means(values), NO_RIDGE)
-    assert float(changes.square().sum()) == pytest.approx(float(values.var()) / 19)
+def test_what_one_value_alone_tells_is_no_error_of_prediction_but_costs_its_evidence() -> None:
+    size, ridge = 1000.0, torch.tensor([1e-2], dtype=torch.float64)
+    pull = torch.tensor([0.0, 0.0, size], dtype=torch.float64)  # at the mean of the prior, of no use for the first two
+    normal = Normal((pull / size)[:, None, None], pull[:, None], pull.square())
+    score = predictive_score(normal, torch.tensor([True, True, False]), ridge)
+    assert score[:2].tolist() == pytest.approx([0.0, 0.0])
+    variance = 1 + 1 / float(ridge)
+    assert float(score[2]) == pytest.approx(size**2 / variance + math.log(variance))
 
 
-def test_a_trajectory_that_alone_tells_a_parameter_makes_it_wide() -> None:
-    normal = means(torch.tensor([1.0, 1.1, 0.9, 3.0], dtype=torch.float64))
-    weight = torch.tensor([1, 1, 1, 100], dtype=torch.float64)[:, None, None]
-    strong = Normal(weight * normal.matrix, normal.vector, normal.square)
-    assert left_out(strong, NO_RIDGE)[3].abs() > 10 * left_out(strong, NO_RIDGE)[:3].abs().max()
+def test_a_trajectory_is_not_blamed_for_what_the_others_leave_open() -> None:
+    generator = torch.Generator().manual_seed(3)
+    columns = torch.randn(4, 30, 2, generator=generator, dtype=torch.float64)
+    columns[:3, :, 1] = 0  # the last one alone shows the second parameter
+    residual = torch.randn(4, 30, generator=generator, dtype=torch.float64)
+    matrix = columns.mT @ columns
+    ridge = torch.tensor([1e-4, 1e-4], dtype=torch.float64)
+
+    def scored(true: float) -> torch.Tensor:
+        seen = residual + columns[..., 1] * true
+        total = torch.linalg.solve(matrix.sum(0) + torch.diag(ridge), (columns.mT @ seen[..., None])[..., 0].sum(0))
+        left = seen - columns @ total  # at the fit
+        normal = Normal(matrix, (columns.mT @ left[..., None])[..., 0], left.square().sum(1))
+        return predictive_score(normal, torch.ones(4, dtype=torch.bool), ridge)
+
+    assert torch.allclose(scored(0.0), scored(5.0), atol=0.1)  # the prior alone minds
 
 
 def test_a_camera_that_is_turned_far_is_followed(tmp_path: Path) -> None:
@@ -57,3 +79,24 @@ def test_a_camera_that_is_turned_far_is_followed(tmp_path: Path) -> None:
     found = begin_hypothesis(nominal_fit.experiment, start, ("camera_yaw",), nominal_fit.settings)
     assert found.values["camera_yaw.angle"] == pytest.approx(0.4, abs=0.02)
     assert float(found.fit.loss.sum()) < 1.2 * float(nominal_fit.experiment.counted().sum())
+
+
+def test_forces_that_come_late_between_two_frames_of_a_slow_camera_leave_nothing(tmp_path: Path) -> None:
+    late = {"force_delay": {"delay": 0.015}}
+    changes = {"protocol": "straight", "trajectories": 5, "split": {"fit": 1}, "unknown": ("block.friction",)}
+    made = {"simulator": "closed_form", "frame_rate": 30.0, "steps": 40}
+    observations = load_observations(RecordingSet(recorded(tmp_path / "set", late, **changes, **made)))
+    left = {}
+    for longest in (0.1, 0.0):  # the second does not know of late forces, and holds them from frame to frame
+        settings = Settings().changed({"steps.late": longest})
+        model = read_nominal_model(observations.scene, None)
+        nominal = fit_nominal_model(
+            observations, model, [find("force_delay")], torch.Generator().manual_seed(0), settings=settings
+        )
+        start = nominal.experiment.linearise(nominal.fit.point, torch.tensor([0]))
+        found = finish_hypothesis(begin_hypothesis(nominal.experiment, start, ("force_delay",), settings))
+        left[longest] = float(found.fit.loss.sum())
+        if longest:
+            error = float(found.covariance()[-1, -1].sqrt())
+            assert found.values["force_delay.delay"] == pytest.approx(0.015, abs=2 * error)
+    assert left[0.1] < left[0.0] - 100  # squared residuals

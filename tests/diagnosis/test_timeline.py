@@ -12,6 +12,7 @@ from torch import Tensor
 
 from physid.data.observations.trajectories import from_recordings
 from physid.data.recording import Recording
+from physid.effects import find
 from physid.estimation.prediction.nominal_model import NominalModel
 from physid.estimation.prediction.rollout import Predictor, Variants
 from physid.estimation.prediction.segments import Segmentation
@@ -92,3 +93,43 @@ def test_steps_of_a_segment_begin_with_its_first_frame_and_end_with_its_last() -
         until = torch.cat([torch.zeros(len(steps.length), 1), steps.length.cumsum(1)], 1).gather(1, steps.at)
         last = timeline.time[0, batch.frame]
         assert torch.allclose((steps.start[:, None] + until)[batch.inside], last[batch.inside], atol=EXACT)
+
+
+def pushed(time: Tensor, first: float, second: float, change: float) -> tuple[Tensor, Tensor]:
+    """Return way and speed at some times of the block that rests until 0, and is pushed from then on, by closed form.
+
+    Args:
+        time: [s].
+        first: Force until `change` [N].
+        second: Force from then on [N].
+        change: [s].
+    """
+    body = SCENE.bodies[0]
+    one, other = (force / body.mass - body.friction * 9.81 for force in (first, second))
+    early, late = time.clamp(0, change), (time - change).clamp_min(0)
+    return one * early**2 / 2 + one * early * late + other * late**2 / 2, one * early + other * late
+
+
+@pytest.mark.parametrize(("name", "size"), [("clock_rate", 0.15), ("clock_rate", -0.1), ("observation_latency", 0.013)])
+def test_a_camera_with_a_clock_of_its_own_sees_the_motion_at_other_times_in_every_segment(
+    name: str, size: float
+) -> None:
+    frames, cut, (first, second) = 60, 30, (12.0, 7.0)
+    wrench = torch.zeros(1, frames, 1, 6, dtype=torch.float64)
+    wrench[0, :, 0, 3] = torch.where(torch.arange(frames) < 30, first, second)
+    timeline = Timeline.regular(wrench, SCENE.time_step)
+    taken = find(name)(torch.tensor([size], dtype=torch.float64)).elapse(timeline.time)[0]
+    way, speed = pushed(taken, first, second, 30 * SCENE.time_step)
+    segments = Segmentation.equal(1, frames, cut)
+    model = NominalModel(SCENE)
+    predictor = Predictor(model, timeline, segments, [find(name)])
+    pose, twist = REST.expand(1, 2, 1, 7).clone(), torch.zeros(1, 2, 1, 6, dtype=torch.float64)
+    pose[0, 1, 0, 0], twist[0, 1, 0, 3] = way[cut], speed[cut]
+    effects = torch.tensor([[size]], dtype=torch.float64)
+    point = Variants(pose, twist, model.guess[None], effects, torch.zeros(1, 1, dtype=torch.float64))
+    seen = predictor.predict(point).pose[0, 0, :, 0, 0]
+    step = (
+        SCENE.bodies[0].friction * 9.81 * SCENE.time_step**2
+    )  # a force that comes within a step is held for all of it
+    assert torch.allclose(seen, way, rtol=0, atol=step * frames / 8)
+    assert float((seen - way).abs().median()) < step / 2

@@ -153,4 +153,4 @@ def noise_of(recordings: list[Recording], time_step: float) -> Noise:
             times.append(one.stamps(time_step)[rows])
             real.append(frames < seen.sum())
     pose, time, there = (torch.from_numpy(np.stack(each)) for each in (poses, times, real))
-    return noise_of_poses(pose, there & ~outlier_poses(pose, there[..., None])[..., 0], time, UNBOUNDED)
+    return noise_of_poses(pose, there & ~outlier_poses(pose, there[..., None], time)[..., 0], time, UNBOUNDED)

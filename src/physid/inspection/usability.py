@@ -11,7 +11,7 @@ from torch import Tensor
 from physid.data.format import RecordingSet
 from physid.data.observations.trajectories import Trajectories, from_recordings
 from physid.data.recording import Recording
-from physid.estimation.measurement import NoiseSettings, stray_poses
+from physid.estimation.measurement import NoiseSettings, outlier_poses
 from physid.inspection.finding import Finding
 from physid.scenes.scene import Scene
 from physid.setting import Section, setting
@@ -45,6 +45,7 @@ class Motion:
         scene: The scene.
         pose: Shape (R, T, N, 7); where a body was not seen, one of another frame.
         seen: Where a body was seen, shape (R, T, N).
+        time: Times of the frames [s], shape (R, T).
         forced: Whether any force acts in a trajectory, shape (R,).
         indices: Number of each trajectory in its set.
     """
@@ -52,6 +53,7 @@ class Motion:
     scene: Scene
     pose: Tensor
     seen: Tensor
+    time: Tensor
     forced: Tensor
     indices: tuple[int, ...]
 
@@ -59,7 +61,7 @@ class Motion:
     def of(cls, scene: Scene, trajectories: Trajectories) -> Motion:
         """Take what was seen from trajectories of a set."""
         forced = (trajectories.grid.wrench != 0).flatten(1).any(1)
-        return cls(scene, trajectories.pose, trajectories.seen, forced, trajectories.index)
+        return cls(scene, trajectories.pose, trajectories.seen, trajectories.time, forced, trajectories.index)
 
     @property
     def normal(self) -> Tensor:
@@ -197,7 +199,7 @@ def _jumps(motion: Motion, settings: RequirementSettings, noise: NoiseSettings) 
     inside = seen[:, 1:-1] & seen[:, :-2] & seen[:, 2:]
     if not inside.any():
         return None
-    stray = stray_poses(motion.pose, motion.seen, noise)
+    stray = outlier_poses(motion.pose, motion.seen, motion.time, noise)
     bent = (position[:, 1:-1] - (position[:, :-2] + position[:, 2:]) / 2).norm(dim=-1)
     spread = (position - position.mean(1, keepdim=True)).norm(dim=-1).median()
     rough, share = float(bent[inside].median()), float(stray.double().mean())

@@ -176,6 +176,14 @@ class Effect(ABC):
         """Change what enters one step of the engine (dynamics and contact effects)."""
         return inputs
 
+    def elapse(self, time: Tensor) -> Tensor:
+        """Return when poses that a camera stamps with times (B, T) [s], those of the first frame first, were taken.
+
+        An effect with this hook reports what `observe` makes of it, poses at those times; who simulates needs not
+        interpolate, and steps to them.
+        """
+        return time
+
     def observe(self, pose: Tensor, time: Tensor) -> Tensor:
         """Turn the true poses (B, T, N, 7) at some times (1 or B, T) [s] into those that the camera reports."""
         return pose

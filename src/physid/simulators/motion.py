@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from physid.physics.effect import Effect
 
 Array = NDArray[np.float64]
+ROUNDING = 1e-9  # [-] times that differ by no more are the same
 
 
 @dataclass(frozen=True)
@@ -54,6 +55,27 @@ def observed(pose: Array, effects: Sequence[Effect], time: Array) -> Array:
     for effect in effects:
         seen = effect.observe(seen, stamps)
     return np.asarray(seen[0].numpy())
+
+
+def between_frames(effect: Effect) -> bool:
+    """Return whether an effect changes what acts, or when poses are taken, between two frames."""
+    from physid.physics.effect import Effect
+
+    return type(effect).actuate is not Effect.actuate or type(effect).elapse is not Effect.elapse
+
+
+def taken(effects: Sequence[Effect], time: Array, end: float) -> NDArray[np.bool_]:
+    """Return which poses with stamps (T,) [s] a camera under the effects takes between 0 and the end of a motion [s].
+
+    What was before the first instant, or comes after the last, nobody has simulated.
+    """
+    import torch
+
+    stamps = torch.from_numpy(time)[None]
+    for effect in effects:
+        stamps = effect.elapse(stamps)
+    inside: NDArray[np.bool_] = ((stamps[0] >= 0) & (stamps[0] <= end * (1 + ROUNDING))).numpy()
+    return inside
 
 
 def check_fit(scene: Scene, excitations: Sequence[Excitation]) -> None:

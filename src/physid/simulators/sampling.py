@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from physid.simulators.protocol import Simulator
 
 Indices = NDArray[np.intp]
+FINE = 1e-3  # [s] between instants where something happens between the frames
 LEAST_PARTS = 20  # steps between two frames from which on a stamp can be put on a step: 5 % of the frames' distance
 MOST_JITTER = 0.4  # [-] stamps that wander farther could come out of order
 ROUNDING = 1e-9  # [-] quotients that differ from a whole number by less are one
@@ -70,11 +71,13 @@ def sample(
     substeps: int | None = None,
     jitter: float = 0.0,
     force_rate: float | None = None,
+    fine: bool = False,
 ) -> Sampling:
     """Choose the grid of a simulation.
 
-    Without jitter, and with forces at the rate of the frames, the grid is that of the frames. Otherwise it is that of
-    the forces or finer, and each frame is taken at the instant next to its time.
+    Without jitter, and with forces at the rate of the frames, the grid is that of the frames, or, if it shall be fine,
+    that of the simulator's steps, which a simulator that is not stepped like the model makes no longer than `FINE`.
+    Otherwise it is that of the forces or finer, and each frame is taken at the instant next to its time.
 
     Args:
         time_step: Between frames [s].
@@ -83,12 +86,19 @@ def sample(
         substeps: Steps of the simulator between two frames; None for its own choice.
         jitter: Largest share of the time step by which a frame is off its time [-].
         force_rate: Rows of the forces per second [Hz]; None for that of the frames.
+        fine: Whether something happens between the frames: forces that come late, a camera with a clock of its own.
     """
+    parts = substeps or simulator.substeps_for(time_step)
     if jitter == 0 and force_rate is None:
-        index = np.arange(count)
-        return Sampling(time_step, substeps, index, index)
+        if fine and simulator.integration(time_step) is None:
+            parts = max(parts, math.ceil(time_step / FINE - ROUNDING))
+        if not fine or parts == 1:
+            index = np.arange(count)
+            return Sampling(time_step, substeps, index, index)
+        index = parts * np.arange(count)
+        return Sampling(time_step / parts, 1, index, index)
     period = time_step if force_rate is None else 1 / force_rate
-    parts = max(LEAST_PARTS, substeps or simulator.substeps_for(time_step))
+    parts = max(LEAST_PARTS, parts)
     each = max(1, math.ceil(period * parts / time_step - ROUNDING))
     step = period / each
     frames = np.rint(np.arange(count) * (time_step / step)).astype(np.intp)

@@ -99,7 +99,7 @@ def steady(config: GenerateConfig) -> GenerateConfig:
 def look_at(config: GenerateConfig, index: int, effects: Sequence[Effect]) -> Look:
     """Draw trajectory `index` with effects; its instants are the frames (see `steady`)."""
     excitation, motion, _ = draw(config, index, config.protocol, effects)
-    return Look(excitation, motion, find_simulator(config.simulator), config.sampling().substeps)
+    return Look(excitation, motion, find_simulator(config.simulator), config.sampling(effects).substeps)
 
 
 def _disturbed(scene: Scene, pose: Array, twist: Array, change: Array) -> tuple[Array, Array]:

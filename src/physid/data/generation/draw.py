@@ -38,13 +38,14 @@ def draw(
         effects: Effects at work.
 
     Returns:
-        The commanded excitation and the motion at the instants of `config.sampling()`, which are the frames unless
-        stamps wander or forces have a rate of their own; and the number of draws thrown away.
+        The commanded excitation and the motion at the instants of `config.sampling(effects)`, which are the frames
+        unless stamps wander, forces have a rate of their own, or an effect acts between frames; and the number of draws
+        thrown away.
 
     Raises:
         ValueError: If no draw stays in view.
     """
-    scene, sampling, simulator = config.true_scene(), config.sampling(), find_simulator(config.simulator)
+    scene, sampling, simulator = config.true_scene(), config.sampling(effects), find_simulator(config.simulator)
     fine = dataclasses.replace(scene, time_step=sampling.step)
     camera = find_setup(config.scene).scene.camera
     for attempt in range(MOST_REDRAWS):

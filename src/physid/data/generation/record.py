@@ -13,7 +13,7 @@ from physid.data.generation.settings import GenerateConfig
 from physid.data.recording import Recording
 from physid.data.trajectory import write_trajectory
 from physid.simulators.filming import film
-from physid.simulators.motion import observed
+from physid.simulators.motion import observed, taken
 
 if TYPE_CHECKING:
     from physid.physics.effect import Effect
@@ -24,13 +24,15 @@ def record(config: GenerateConfig, folder: Path, index: int, split: str, extra: 
     effects = (*config.build_effects(), *extra)
     protocol = config.protocol_for(split)
     excitation, motion, redrawn = draw(config, index, protocol, effects)
-    scene, sampling = config.true_scene(), config.sampling()
+    scene, sampling = config.true_scene(), config.sampling(effects)
     seen = observed(motion.pose, effects, sampling.stamps(np.arange(len(motion.pose))))
     frames = sampling.draw_frames(np.random.default_rng([config.seed, index, MOST_REDRAWS + 1]), config.missing)
     pose = seen[frames]
     images = {}
     if scene.camera is not None:
         images = film(scene, pose)
+    else:
+        pose[~taken(effects, sampling.stamps(frames), float(sampling.stamps(np.array([len(seen) - 1]))[0]))] = np.nan
     disturbed = bool(config.noise) or seen is not motion.pose
     uneven = bool(config.jitter or config.missing or config.force_rate)
     recording = Recording(

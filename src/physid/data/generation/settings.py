@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -13,6 +13,7 @@ from physid.data.recording import SPLITS
 from physid.scenes.catalogue import find_setup
 from physid.scenes.parameters import bodies_of, with_parameters
 from physid.scenes.scene import Integration, Scene
+from physid.simulators.motion import between_frames
 from physid.simulators.protocol import find_simulator
 from physid.simulators.sampling import MOST_JITTER, Sampling, sample
 from physid.strict import nearest, number, quoted, whole
@@ -158,11 +159,11 @@ class GenerateConfig:
         )
         return scene if self.video else dataclasses.replace(scene, camera=None)
 
-    def sampling(self) -> Sampling:
-        """Return when forces change and poses are taken."""
-        return self._sample(self.true_scene().time_step)
+    def sampling(self, effects: Sequence[Effect] = ()) -> Sampling:
+        """Return when forces change and poses are taken, on instants that some effects are simulated at."""
+        return self._sample(self.true_scene().time_step, any(between_frames(effect) for effect in effects))
 
-    def _sample(self, time_step: float) -> Sampling:
+    def _sample(self, time_step: float, fine: bool = False) -> Sampling:
         return sample(
             time_step,
             self.steps,
@@ -170,6 +171,7 @@ class GenerateConfig:
             substeps=self.substeps,
             jitter=self.jitter,
             force_rate=self.force_rate,
+            fine=fine,
         )
 
     def known_scene(self) -> Scene:

@@ -23,5 +23,6 @@ def require_usable(observations: Observations, settings: RequirementSettings, no
     if few is not None:
         raise ValueError(f"{observations.folder}: {few.what}; {few.mend}")
     forced = (observations.timeline.grid.wrench != 0).flatten(1).any(1)
-    motion = Motion(observations.scene, observations.pose, observations.present, forced, observations.indices)
+    time, indices = observations.timeline.time, observations.indices
+    motion = Motion(observations.scene, observations.pose, observations.present, time, forced, indices)
     usability.require_usable(observations.folder, motion, settings, noise)

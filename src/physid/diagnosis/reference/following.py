@@ -69,8 +69,9 @@ def weighed(
 ) -> tuple[Noise, Experiment]:
     """Estimate the noise from the residuals of a fit, and weigh its frames, if set by how far they stand out."""
     noise = estimate_noise(fit.residual, present, error, settings.noise)
-    robust = settings.nominal_fit.robust
-    weight = frame_weights(fit.residual, present, noise, settings.noise) if robust else present
+    weight, time = present, experiment.predictor.timeline.time
+    if settings.nominal_fit.robust:
+        weight = frame_weights(fit.residual, present, time, noise, settings.noise)
     return noise, experiment.replace(scale=weight[..., None].sqrt() / noise.spread())
 
 

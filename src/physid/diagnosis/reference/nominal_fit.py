@@ -20,6 +20,7 @@ from physid.estimation.least_squares import (
     choose_steps,
     gauss_newton,
     lay_out,
+    parts_for_late_forces,
     search,
 )
 from physid.estimation.measurement import (
@@ -28,7 +29,7 @@ from physid.estimation.measurement import (
     estimate_noise,
     outlier_poses,
 )
-from physid.estimation.prediction import NominalModel, Prediction, Predictor, Segmentation, Timeline, Variants
+from physid.estimation.prediction import NominalModel, Prediction, Predictor, Segmentation, Timeline, Variants, has
 from physid.physics.effect import Effect
 
 DEFAULT = Settings()
@@ -67,7 +68,8 @@ class NominalFit:
 
 def inliers(observations: Observations, settings: NoiseSettings) -> Tensor:
     """Return which frames exist and are not outliers, shape (R, T, N)."""
-    present: Tensor = observations.present * ~outlier_poses(observations.pose, observations.present, settings)
+    wild = outlier_poses(observations.pose, observations.present, observations.timeline.time, settings)
+    present: Tensor = observations.present * ~wild
     return present
 
 
@@ -106,11 +108,13 @@ def fit_nominal_model(
     noise = estimate_noise(first.residual, present, observations.error, settings.noise)
     say(Stage.FITTING_NOMINAL)
     experiment, fit, events = _fit_segments(observations, predictor, present, noise, first, settings)
-    chosen = None
+    chosen, late = None, any(has(kind, "actuate") for kind in candidates)
     for _ in range(own.step_choices if _chooses_steps(model) else 0):
         say(Stage.CHOOSING_STEPS)
         noise, experiment = weighed(experiment, fit, present, noise.error, settings)
-        chosen = choose_steps(experiment, experiment.linearise(fit.point, NONE), observations.timeline, settings.steps)
+        near, base = experiment.linearise(fit.point, NONE), observations.timeline
+        least = parts_for_late_forces(experiment, base, settings.steps) if late else None
+        chosen = choose_steps(experiment, near, base, settings.steps, least)
         experiment, fit, events = _fit_segments(
             observations, experiment.predictor.at_times(chosen.timeline), present, noise, fit, settings
         )

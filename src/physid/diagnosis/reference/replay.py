@@ -14,7 +14,7 @@ from torch.nn.functional import pad
 
 from physid.diagnosis.settings.reference import ReplaySettings
 from physid.effects.resampling import at_times
-from physid.estimation.prediction import AtStep, NominalModel, Segmentation, Timeline, Variants, has, restarts
+from physid.estimation.prediction import AtStep, NominalModel, Segmentation, Timeline, Variants, has
 from physid.physics.effect import Effect
 from physid.physics.rotations import exponential, multiply
 from physid.scenes.scene import Scene
@@ -88,6 +88,9 @@ def replay(
     wrench, begin = timeline.grid.wrench, timeline.step_time
     for effect in working:
         wrench = effect.actuate(wrench, begin)
+    taken = timeline.time  # by the camera, whatever its clock says
+    for effect in working:
+        taken = effect.elapse(taken)
     impulse = pad((wrench * timeline.grid.steps[..., None, None]).cumsum(1), (0, 0, 0, 0, 1, 0))
     steps = [AtStep(effect) for effect in working if has(type(effect), "act")]
     seen = wrench.new_zeros(*timeline.time.shape, wrench.shape[2], 7)
@@ -95,7 +98,7 @@ def replay(
     initial, places = [], []
     for segment in wanted:
         row, first, size = (int(each[segment]) for each in (segments.trajectory, segments.start, segments.size))
-        stamps = timeline.time[row, first : first + size]
+        stamps = taken[row, first : first + size]
         fine = stamps[0] + reference.step * torch.arange(_steps(stamps, reference.step) + 1)
         force = _interpolated(impulse[row], timeline.grid.times[row], fine).diff(dim=0) / reference.step
         held = torch.cat([force, torch.zeros_like(force[:1])]).numpy()
@@ -107,11 +110,9 @@ def replay(
         pose, twist = torch.from_numpy(motion.pose), torch.from_numpy(motion.twist)
         pose = _put_back(pose, twist, reference.step, settings) if reference.lags else pose
         pose = at_times(pose[None], fine[None], stamps[None])[0] if len(fine) > 1 else pose
-        for effect in working:
-            pose = effect.observe(pose[None], stamps[None])[0] if restarts(effect) else pose
         seen[row, first : first + size] = pose
     for effect in working:
-        seen = seen if restarts(effect) else effect.observe(seen, timeline.time)
+        seen = seen if has(type(effect), "elapse") else effect.observe(seen, timeline.time)
     return seen
 
 

@@ -44,8 +44,9 @@ def contact_free(nominal_fit: NominalFit, generator: torch.Generator, say: Progr
         predictor, observations, nominal_fit.present, noise, settings, nominal_fit.fit.point.nominal, base
     )
     fit = gauss_newton(quiet, point.replace(engine=nominal_fit.fit.point.engine), NONE)
-    present, robust = nominal_fit.present, settings.nominal_fit.robust
-    weight = frame_weights(fit.residual, present, noise, settings.noise) if robust else present
+    weight, time = nominal_fit.present, observations.timeline.time
+    if settings.nominal_fit.robust:
+        weight = frame_weights(fit.residual, weight, time, noise, settings.noise)
     late = round(settings.contact_free.late / observations.scene.time_step)
     weight = weight * _own_frames(predictor.segments, late)[..., None]
     quiet = quiet.replace(scale=weight[..., None].sqrt() / noise.spread())

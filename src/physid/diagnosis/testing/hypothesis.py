@@ -22,7 +22,7 @@ from physid.estimation.least_squares import (
     clamp_effects,
     covariance_of,
     gauss_newton,
-    left_out,
+    predictive_score,
     prior,
     reach_of,
     search,
@@ -43,7 +43,7 @@ class Hypothesis:
         experiment: What it was fitted to.
         fit: The fit.
         normal: Normal equations at the fit.
-        held_out: Squared residual of each trajectory, predicted without it where it was among the fitted ones; (R,).
+        held_out: How well each trajectory is predicted without it, in squared residuals (`predictive_score`); (R,).
         settings: What decides.
     """
 
@@ -160,13 +160,11 @@ def refitted_from_new_states(one: Hypothesis) -> Hypothesis:
 
 
 def conclude(experiment: Experiment, fit: Fit, names: tuple[str, ...], settings: Settings) -> Hypothesis:
-    """Cross-validate a fit: every fitted trajectory is predicted with the parameters of the others."""
+    """Cross-validate a fit: every trajectory is predicted with what the fitted ones, itself left out, say."""
     columns = columns_of(experiment.predictor, names)
     normal = fit.normal()
-    others = experiment.fitted.nonzero()[:, 0]
-    changes = torch.zeros_like(normal.vector)
-    changes[others] = left_out(normal.of(others), prior(experiment, columns))
-    return Hypothesis(names, columns, experiment, fit, normal, normal.loss(changes), settings)
+    held_out = predictive_score(normal, experiment.fitted, prior(experiment, columns))
+    return Hypothesis(names, columns, experiment, fit, normal, held_out, settings)
 
 
 def _first_step(experiment: Experiment, start: Fit, columns: Tensor, settings: HypothesisSettings) -> Variants:

@@ -22,9 +22,12 @@ class ClockRate(Effect):
 
     name: ClassVar[str] = "clock_rate"
     site: ClassVar[Site] = "perception"
-    restarts: ClassVar[bool] = True  # what has piled up before a window is a change of its initial state
     change: Tensor = quantity("-", low=-0.2, high=0.2, typical=0.02)
+
+    def elapse(self, time: Tensor) -> Tensor:
+        """Return the times that have passed."""
+        return time + (time - time[:, :1]) * self.change[:, None]
 
     def observe(self, pose: Tensor, time: Tensor) -> Tensor:
         """Report the poses of other times."""
-        return at_times(pose, time, time + (time - time[:, :1]) * self.change[:, None])
+        return at_times(pose, time, self.elapse(time))

@@ -24,6 +24,10 @@ class ObservationLatency(Effect):
     site: ClassVar[Site] = "perception"
     latency: Tensor = quantity("s", low=0.0, high=0.1, typical=0.02)
 
+    def elapse(self, time: Tensor) -> Tensor:
+        """Return the earlier times."""
+        return time - self.latency[:, None]
+
     def observe(self, pose: Tensor, time: Tensor) -> Tensor:
         """Report earlier poses."""
-        return at_times(pose, time, time - self.latency[:, None])
+        return at_times(pose, time, self.elapse(time))

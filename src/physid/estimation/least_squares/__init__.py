@@ -1,7 +1,12 @@
 """Weighted nonlinear least squares with initial states profiled out (variable projection), by Levenberg-Marquardt."""
 
-from physid.estimation.least_squares.covariance import covariance_of, left_out, reach_of
-from physid.estimation.least_squares.discretisation import ChosenSteps, StepChoice, choose_steps
+from physid.estimation.least_squares.covariance import covariance_of, predictive_score, reach_of
+from physid.estimation.least_squares.discretisation import (
+    ChosenSteps,
+    StepChoice,
+    choose_steps,
+    parts_for_late_forces,
+)
 from physid.estimation.least_squares.experiment import Experiment, Fit, lay_out
 from physid.estimation.least_squares.first_guess import FirstGuess
 from physid.estimation.least_squares.jacobian import Directions
@@ -32,7 +37,8 @@ __all__ = [
     "covariance_of",
     "gauss_newton",
     "lay_out",
-    "left_out",
+    "parts_for_late_forces",
+    "predictive_score",
     "prior",
     "reach_of",
     "search",

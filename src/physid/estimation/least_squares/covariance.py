@@ -14,11 +14,37 @@ CONFIDENCE = 0.9
 DEFAULT = IntervalSettings()
 
 
-def left_out(normal: Normal, ridge: Tensor) -> Tensor:
-    """Return how the shared parameters change when each of R trajectories is left out of the fit, shape (R, P)."""
-    matrix = normal.matrix.sum(0) + torch.diag(ridge) - normal.matrix
-    changes: Tensor = torch.linalg.solve(matrix, normal.vector.sum(0) - normal.vector)
-    return changes
+def predictive_score(normal: Normal, fitted: Tensor, ridge: Tensor) -> Tensor:
+    """Score how well each of R trajectories is predicted by the fitted ones without it: -2 ln of its density.
+
+    With the normal equations A x = b of the others (and a ridge on A), the parameters are known as x +- A^-1; of a
+    trajectory with the squared residual c - 2 v . x + x . N x the score is, up to a constant of the data alone,
+
+        min over d of {c - 2 v . (x + d) + (x + d) . N (x + d) + d . A d} + ln det(1 + A^-1 N).
+
+    What the others leave open may follow the trajectory, and is paid for by the determinant: the squared residual of
+    parameters that are known, and neither a wild extrapolation nor a free fit of those that are not (Dawid 1984;
+    Geisser & Eddy 1979).
+
+    Args:
+        normal: Normal equations by trajectory, at the fit.
+        fitted: Which of them were fitted to, shape (R,); the fit is what these say.
+        ridge: Prior of the parameters, shape (P,).
+
+    Returns:
+        Shape (R,).
+    """
+    among = fitted.to(normal.matrix.dtype)
+    others = among * (1 - torch.eye(len(among)).to(among))
+    known = torch.einsum("rs,spq->rpq", others, normal.matrix) + torch.diag(ridge)
+    wanted = others @ normal.vector * among[:, None]
+    change = torch.linalg.solve(known, wanted)
+    slope = normal.vector - (normal.matrix @ change[..., None])[..., 0]
+    together = known + normal.matrix
+    followed = (slope * torch.linalg.solve(together, slope)).sum(-1)
+    volume = torch.linalg.slogdet(together).logabsdet - torch.linalg.slogdet(known).logabsdet
+    score: Tensor = normal.loss(change) - followed + volume
+    return score
 
 
 def scatter_of(normal: Normal, ridge: Tensor, settings: IntervalSettings = DEFAULT) -> tuple[Tensor, Tensor, Tensor]:

@@ -29,6 +29,9 @@ class StepChoice(Section):
     )
     reach: float = setting(0.1, "s", "that a wrong velocity moves a body before the next impact comes", gt=0)
     bias: float = setting(0.25, "standard errors", "that halving all steps may change of an estimate", gt=0)
+    late: float = setting(
+        0.1, "s", "by which forces may act late in a diagnosis: steps are short enough for changes within them", ge=0
+    )
     shortest: float = setting(2.5e-4, "s", "about the length of the shortest part of a step", gt=0)
     rounds: int = setting(3, "times", "most that the defect is lowered", ge=1)
     finest: bool = setting(True, "", "whether steps are compared with the finest instead of with their halves")
@@ -85,7 +88,9 @@ class Judgement:
     counted: Tensor
 
 
-def choose_steps(experiment: Experiment, fit: Fit, base: Timeline, choice: StepChoice | None = None) -> ChosenSteps:
+def choose_steps(
+    experiment: Experiment, fit: Fit, base: Timeline, choice: StepChoice | None = None, first: Tensor | None = None
+) -> ChosenSteps:
     """Choose the steps of an experiment (see `halve_steps`).
 
     Args:
@@ -93,6 +98,7 @@ def choose_steps(experiment: Experiment, fit: Fit, base: Timeline, choice: StepC
         fit: Where steps are judged.
         base: The frames with the longest steps that there may be.
         choice: When steps are short enough.
+        first: Into how many parts steps are cut at least, shape (R, S); 1 by default.
     """
     unknown = torch.arange(fit.point.nominal.shape[1])
 
@@ -114,7 +120,7 @@ def choose_steps(experiment: Experiment, fit: Fit, base: Timeline, choice: StepC
     followed = experiment.predictor.segments.position[:, 1:] > 0
     counted = (experiment.scale > 0).any(-1)
     judgement = Judgement(base, predict, respond if len(unknown) else none, _noise(experiment), followed, counted)
-    return halve_steps(judgement, choice)
+    return halve_steps(judgement, choice, first)
 
 
 def halve_steps(judgement: Judgement, choice: StepChoice | None = None, first: Tensor | None = None) -> ChosenSteps:
@@ -139,6 +145,29 @@ def halve_steps(judgement: Judgement, choice: StepChoice | None = None, first: T
             break
         defect = defect / 4
     return chosen
+
+
+def parts_for_late_forces(experiment: Experiment, base: Timeline, choice: StepChoice) -> Tensor:
+    """Cut steps so short that forces which act late may change within one, shape (R, S).
+
+    An engine holds the mean wrench for a whole step of length h. A change by F at any other moment of it moves a body
+    by at most F h^2 / (8 m) less or more at the end, and gives it the same velocity; turns likewise, with the least
+    moment of inertia. That shall be no more than `defect` wherever a wrench has changed within the time `late` before.
+    """
+    bodies, noise = experiment.predictor.model.scene.bodies, _noise(experiment)
+    mass = torch.tensor([body.mass for body in bodies], dtype=torch.float64)
+    moment = torch.tensor([min(body.moments()) for body in bodies], dtype=torch.float64)
+    grid, most = base.grid, choice.most(base.grid)
+    if choice.late == 0 or grid.steps.shape[1] < 2:
+        return torch.ones_like(most)
+    inertia = torch.stack([moment, mass], -1)
+    jump = grid.wrench.diff(dim=1).unflatten(-1, (2, 3)).norm(dim=-1) / inertia / noise.unflatten(0, (2, 3)).amax(-1)
+    jump = torch.nn.functional.pad(jump.amax((2, 3)), (1, 0))
+    window = max(1, int(choice.late / float(grid.steps[grid.real].median()))) + 1
+    lasting = torch.nn.functional.max_pool1d(torch.nn.functional.pad(jump, (window - 1, 0))[:, None], window, 1)[:, 0]
+    shift = 0.5 * lasting * (0.5 * grid.steps).square()  # in standard deviations of the sensor
+    power = (0.5 * (shift / choice.defect).clamp_min(1).log2()).ceil().long()
+    return torch.minimum(2**power, most)
 
 
 def _cut(judgement: Judgement, parts: Tensor, defect: float, choice: StepChoice) -> Tensor:

@@ -9,7 +9,6 @@ from physid.estimation.measurement.sensor_noise import (
     frame_weights,
     noise_of_poses,
     outlier_poses,
-    stray_poses,
 )
 from physid.estimation.measurement.tracking_error import TrackingError
 
@@ -23,5 +22,4 @@ __all__ = [
     "noise_of_poses",
     "outlier_poses",
     "pose_difference",
-    "stray_poses",
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import torch
@@ -82,68 +83,90 @@ UNSEEN = Noise(*DEFAULT.unseen)
 """What is assumed where there is too little to tell."""
 
 
-def outlier_poses(pose: Tensor, present: Tensor, settings: NoiseSettings = DEFAULT) -> Tensor:
-    """Find poses that leave their neighbours further than any motion could; no model is needed.
+def outlier_poses(
+    pose: Tensor, present: Tensor, time: Tensor | None = None, settings: NoiseSettings = DEFAULT
+) -> Tensor:
+    """Find poses that continue neither what comes before nor what comes after: no motion explains them, no impact.
 
-    Each pose is compared with the mean of its neighbours k frames before and after, for k = 1, 2, 3: the median of
-    the three deviations is small for smooth motions and for the neighbours of a outlier, and large for itself.
+    Each pose is compared with the line between its neighbours k frames before and after, for k = 1, 2, 3: the median of
+    the three deviations is small for smooth motions and for the neighbours of an outlier, and large for itself. A
+    bounce between two frames of a slow camera, and a fall across lost frames, leave the poses beside them as far; but
+    these go on along a line or a parabola from the frames of their own side. At an end there is one side alone. No
+    model is needed.
 
     Args:
         pose: Shape (R, T, N, 7).
         present: Frames that exist, shape (R, T, N).
+        time: Times of the frames [s], shape (R, T); None for even ones.
         settings: How far is too far.
 
     Returns:
         Shape (R, T, N).
     """
-    odd, limit = _from_the_middle(pose, present, settings)
-    wild: Tensor = (odd > limit).any(-1) & present.bool()
+    real = present.bool()
+    time = torch.arange(pose.shape[1]).to(pose).expand(pose.shape[:2]) if time is None else time
+    odd = torch.stack([_from_the_middle(pose, time, k) for k in (1, 2, 3)]).median(0).values
+    usual = settings.usual * NORMAL_MAD * odd[real].median(0).values
+    limit = torch.maximum(usual, torch.tensor(settings.jump, dtype=pose.dtype))
+    wild: Tensor = (odd > limit).any(-1) & real
+    for side in (-1, 1):
+        for count in (2, 3):
+            away, _ = _from_a_side(lambda index: pose_difference(pose[:, index], pose), time, real, side, count)
+            wild = wild & (_lengths(away) > limit).any(-1)
     return wild
 
 
-def stray_poses(pose: Tensor, present: Tensor, settings: NoiseSettings = DEFAULT) -> Tensor:
-    """Find outlier poses that continue neither what comes before nor what comes after: no impact can explain them.
+def _from_the_middle(pose: Tensor, time: Tensor, k: int) -> Tensor:
+    """Return how far poses are turned and shifted from the line through their neighbours at k frames [rad, m].
 
-    A bounce between two frames of a slow camera leaves its neighbours as far as an outlier does, but each frame beside
-    it goes on in a straight line from two frames of its own side. The first and the last two frames have no second side
-    and are never called stray.
+    At an end both neighbours lie on the same side, and the line through them is continued.
+    """
+    index, last = torch.arange(pose.shape[1]), pose.shape[1] - 1
+    low, high = index < k, index > last - k
+    near = torch.where(low, index + k, index - k).clamp(0, last)
+    far = torch.where(low, index + 2 * k, torch.where(high, index - 2 * k, index + k)).clamp(0, last)
+    apart = time[:, far] - time[:, near]
+    share = ((time - time[:, near]) / torch.where(apart == 0, 1.0, apart))[..., None, None]
+    one, other = pose_difference(pose[:, near], pose), pose_difference(pose[:, far], pose)
+    return _lengths(one + share * (other - one))
+
+
+def _from_a_side(
+    relative: Callable[[Tensor], Tensor], time: Tensor, real: Tensor, side: int, count: int
+) -> tuple[Tensor, Tensor]:
+    """Return how far frames lie from the polynomial through as many frames of one side, by Lagrange's formula.
 
     Args:
-        pose: Shape (R, T, N, 7).
-        present: Frames that exist, shape (R, T, N).
-        settings: How far is too far.
+        relative: The values of some frames (T,), less those of the frames themselves, shape (R, T, N, 6).
+        time: Times of the frames [s], shape (R, T).
+        real: Frames that count, shape (R, T, N).
+        side: -1 for the frames before, 1 for those after.
+        count: How many of them: 2 for a line, 3 for a parabola.
 
     Returns:
-        Shape (R, T, N).
+        Values less the polynomial, shape (R, T, N, 6), infinite where there are not so many frames; and by how much
+        this enlarges white noise, shape (R, T, 1, 1).
     """
-    odd, limit = _from_the_middle(pose, present, settings)
-    bent = pose_difference(pose[:, 1:-1], pose[:, :-2]) - pose_difference(pose[:, 2:], pose[:, 1:-1])
-    # p_t - 2 p_(t-1) + p_(t-2): how far a pose is from the straight line through two others, seen from either end.
-    far = (bent.unflatten(-1, (2, 3)).norm(dim=-1) > limit).any(-1)
-    unknown = torch.zeros_like(far[:, :1]).expand(-1, 2, -1)
-    stray: Tensor = (odd > limit).any(-1) & present.bool()
-    return stray & torch.cat([far, unknown], 1) & torch.cat([unknown, far], 1)
+    index, frames = torch.arange(time.shape[1]), time.shape[1]
+    others = [(index + side * j).clamp(0, frames - 1) for j in range(1, count + 1)]
+    inside = (index + side * count >= 0) & (index + side * count < frames)
+    known = inside[None, :, None] & torch.stack([real[:, other] for other in others]).all(0)
+    away, square = torch.zeros(*real.shape, 6, dtype=time.dtype), torch.ones_like(time)
+    for one in others:
+        weight = torch.ones_like(time)
+        for other in others:
+            if other is not one:
+                apart = time[:, one] - time[:, other]
+                weight = weight * (time - time[:, other]) / torch.where(apart == 0, 1.0, apart)
+        away = away - weight[..., None, None] * relative(one)
+        square = square + weight.square()
+    return away.masked_fill(~known[..., None], torch.inf), square.sqrt()[..., None, None]
 
 
-def _from_the_middle(pose: Tensor, present: Tensor, settings: NoiseSettings) -> tuple[Tensor, Tensor]:
-    """Return how far poses are turned and shifted from the middle of their neighbours, and from where on they jump.
-
-    Returns:
-        Deviations [rad, m], shape (R, T, N, 2), and their limits, shape (2,).
-    """
-    frames = pose.shape[1]
-    index = torch.arange(frames)
-    deviations = []
-    for k in (1, 2, 3):
-        # At an end both neighbours lie on the same side, and the line through them is continued.
-        low, high = index < k, index >= frames - k
-        near = torch.where(low, index + k, index - k).clamp(0, frames - 1)
-        far = torch.where(low, index + 2 * k, torch.where(high, index - 2 * k, index + k)).clamp(0, frames - 1)
-        one, other = pose_difference(pose[:, near], pose), pose_difference(pose[:, far], pose)
-        deviations.append(torch.where((low | high)[:, None, None], 2 * one - other, (one + other) / 2))
-    odd = torch.stack(deviations).median(0).values.unflatten(-1, (2, 3)).norm(dim=-1)
-    scale = NORMAL_MAD * odd[present.bool()].median(0).values
-    return odd, torch.maximum(settings.usual * scale, torch.tensor(settings.jump, dtype=pose.dtype))
+def _lengths(values: Tensor) -> Tensor:
+    """Return the lengths of rotations and of shifts (..., 6), shape (..., 2)."""
+    lengths: Tensor = values.unflatten(-1, (2, 3)).norm(dim=-1)
+    return lengths
 
 
 def estimate_noise(
@@ -216,14 +239,18 @@ def _spread(values: Tensor) -> float:
     return float(normal.square().mean().sqrt()) / TRIMMED
 
 
-def frame_weights(residual: Tensor, present: Tensor, noise: Noise, settings: NoiseSettings = DEFAULT) -> Tensor:
+def frame_weights(
+    residual: Tensor, present: Tensor, time: Tensor, noise: Noise, settings: NoiseSettings = DEFAULT
+) -> Tensor:
     """Weigh frames by how far they leave the running median of the residuals (Huber 1964, cut off when outliers).
 
-    An error of the model moves whole stretches and keeps its weight; a outlier stands alone and loses it.
+    An error of the model moves whole stretches, or grows from frame to frame, and keeps its weight; an outlier stands
+    alone, continues neither the frames before nor those after, and loses it.
 
     Args:
         residual: Observed minus predicted, shape (R, T, N, 6).
         present: Frames that exist and are not outliers, shape (R, T, N).
+        time: Times of the frames [s], shape (R, T).
         noise: Scale of what is normal.
         settings: Beyond which a frame counts less, or not at all.
 
@@ -236,5 +263,9 @@ def frame_weights(residual: Tensor, present: Tensor, noise: Noise, settings: Noi
     )
     middle = padded.unfold(1, 2 * reach + 1, 1).median(-1).values
     away = ((residual - middle) / noise.spread()).abs().amax(-1)
-    weight = (settings.soft / away.clamp_min(settings.soft)) * (away < settings.wild)
+    alone = away
+    for side in (-1, 1):
+        beyond, larger = _from_a_side(lambda index: residual[:, index] - residual, time, present > 0, side, 2)
+        alone = alone.minimum((beyond / larger / noise.spread()).abs().amax(-1))
+    weight = (settings.soft / away.clamp_min(settings.soft)) * (alone < settings.wild)
     return weight * present

@@ -2,7 +2,7 @@
 
 from physid.estimation.prediction.effect_parameters import EffectParameter
 from physid.estimation.prediction.nominal_model import NominalModel
-from physid.estimation.prediction.rollout import Prediction, Predictor, Variants, restarts
+from physid.estimation.prediction.rollout import Prediction, Predictor, Variants
 from physid.estimation.prediction.segments import CutRule, Segmentation
 from physid.estimation.prediction.step_effects import AtStep, has
 from physid.estimation.prediction.timeline import Timeline
@@ -18,5 +18,4 @@ __all__ = [
     "Timeline",
     "Variants",
     "has",
-    "restarts",
 ]

@@ -159,33 +159,27 @@ class Predictor:
         return Prediction(*(torch.cat([getattr(part, name) for part in parts]) for name in Prediction.__annotations__))
 
     def observe(self, state: Tensor, variants: Variants) -> Tensor:
-        """Return what the camera reports of poses (C, R, T, N, 7) under the effects of C variants."""
+        """Return what the camera reports of poses (C, R, T, N, 7) under the effects of C variants.
+
+        Poses are those at the times at which the camera takes them, whatever its clock says.
+        """
         time, (count, trajectories) = self.timeline.time, state.shape[:2]
         effects = variants.effects
         every = time.repeat(count, 1)
         seen = state.flatten(0, 1)
         for effect in self._known(variants, trajectories):
-            seen = effect.observe(seen, every)
+            seen = seen if has(type(effect), "elapse") else effect.observe(seen, every)
         poses: Tensor = seen.unflatten(0, state.shape[:2])
         for effect, rows in self._at_work(effects, "observe", trajectories):
-            if not restarts(effect):
+            if not has(type(effect), "elapse"):
                 own = effect.observe(poses.flatten(0, 1)[rows], every[rows])
                 poses = poses.flatten(0, 1).index_copy(0, rows, own).unflatten(0, state.shape[:2])
-        anew = any(restarts(effect) for effect, _ in self._at_work(effects, "observe", 1))
-        for size in self.segments.size.unique().tolist() if anew else ():
-            alike = (self.segments.size == size).nonzero()[:, 0]
-            for effect, rows in self._at_work(effects, "observe", len(alike)):
-                if restarts(effect):
-                    frame = self.segments.start[alike, None] + torch.arange(size)
-                    row = self.segments.trajectory[alike, None].expand_as(frame)
-                    own, clock = poses[:, row, frame].flatten(0, 1), time[row, frame].repeat(count, 1)
-                    own = own.index_copy(0, rows, effect.observe(own[rows], clock[rows]))
-                    poses[:, row, frame] = own.unflatten(0, (len(poses), -1))
         return poses
 
     @torch.no_grad()
     def _predict(self, variants: Variants) -> Prediction:
-        wrench = self._acting(variants)
+        edges = self._edges(variants)
+        wrench = self._acting(variants, edges)
         (count, trajectories), frames, bodies = wrench.shape[:2], self.timeline.frames, wrench.shape[3]
         contacts = PATCH * (bodies * (bodies + 1) // 2)
         blank = wrench.new_zeros(trajectories, frames, bodies, 7) if self._elsewhere is None else self._elsewhere
@@ -196,7 +190,7 @@ class Predictor:
         @torch.no_grad()
         def simulate(batch: Batch) -> None:
             steps = self.timeline.cut(batch)
-            rollout = self._roll(variants, batch, steps, steps.wrench(wrench))
+            rollout = self._roll(variants, batch, steps, steps.wrench(wrench), edges)
             held = steps.between_frames(rollout.impulse[..., 0])
             parts = (steps.at_frames(rollout.pose), state), (steps.at_frames(rollout.twist), twist), (held, impulse)
             for value, into in parts:
@@ -205,7 +199,7 @@ class Predictor:
         _at_once(simulate, self.segments.batches)
         return Prediction(self.observe(state, variants), state, twist, impulse)
 
-    def _roll(self, variants: Variants, batch: Batch, steps: Steps, wrench: Tensor) -> Rollout:
+    def _roll(self, variants: Variants, batch: Batch, steps: Steps, wrench: Tensor, edges: Tensor | None) -> Rollout:
         """Simulate the segments of a batch under wrenches (C, k, S, N, 6); the rollout's batch is (k, C).
 
         Worlds are solved eight at a time, and take as long as the worst of them: variants of one segment are in contact
@@ -217,21 +211,44 @@ class Predictor:
             value[:, batch.segments].transpose(0, 1).flatten(0, 1) for value in (variants.pose, variants.twist)
         )
         parameters = self.model.parameters(variants.nominal.repeat(len(batch.segments), 1))
-        even = bool((steps.length == world.time_step).all())
+        if edges is None:
+            length, start = steps.length.repeat_interleave(count, 0), steps.start.repeat_interleave(count)
+        else:
+            length = steps.wrench(edges.diff(dim=2)[..., None, None])[..., 0, 0].transpose(0, 1).flatten(0, 1)
+            start = edges[:, steps.trajectory, steps.index[:, 0]].mT.flatten()
+        even = bool((length == world.time_step).all())
         return layer.rollout(
             State(pose, twist),
             wrench.transpose(0, 1).flatten(0, 1),
             parameters,
             steps.count.repeat_interleave(count),
-            None if even else steps.length.repeat_interleave(count, 0),
-            steps.start.repeat_interleave(count),
+            None if even else length,
+            start,
         )
 
-    def _acting(self, variants: Variants) -> Tensor:
-        """Return the wrenches at work in each step (C, R, S, N, 6)."""
-        wrench, time = self.timeline.grid.wrench, self.timeline.step_time
-        count, trajectories = len(variants), len(time)
-        wrench, every = wrench.repeat(count, 1, 1, 1), time.repeat(count, 1)
+    def _edges(self, variants: Variants) -> Tensor | None:
+        """Return when the steps begin and end where a camera's clock is off, (C, R, S + 1); None where it is right."""
+        edges, count = self.timeline.edges, len(variants)
+        known = [effect for effect in self._known(variants, len(edges)) if has(type(effect), "elapse")]
+        at_work = self._at_work(variants.effects, "elapse", len(edges))
+        if not known and not at_work:
+            return None
+        every = edges.repeat(count, 1)
+        for effect in known:
+            every = effect.elapse(every)
+        for effect, rows in at_work:
+            every = every.index_copy(0, rows, effect.elapse(every[rows]))
+        moved: Tensor = every.unflatten(0, (count, len(edges)))
+        return moved
+
+    def _acting(self, variants: Variants, edges: Tensor | None) -> Tensor:
+        """Return the wrenches at work in each step (C, R, S, N, 6), which begin and end at edges (C, R, S + 1)."""
+        time, count = self.timeline.step_time, len(variants)
+        trajectories = len(time)
+        if edges is None:
+            wrench, every = self.timeline.grid.wrench.repeat(count, 1, 1, 1), time.repeat(count, 1)
+        else:
+            wrench, every = self.timeline.wrench_between(edges).flatten(0, 1), edges[..., :-1].flatten(0, 1)
         for effect in self._known(variants, trajectories):
             wrench = effect.actuate(wrench, every)
         for effect, rows in self._at_work(variants.effects, "actuate", trajectories):
@@ -283,11 +300,6 @@ def _at_once(simulate: Callable[[Batch], None], batches: Sequence[Batch]) -> Non
 @lru_cache
 def _pool(threads: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(threads, initializer=torch.set_num_threads, initargs=(1,))
-
-
-def restarts(effect: Effect) -> bool:
-    """Return whether a camera's effect counts from the first frame of a segment, not of a trajectory."""
-    return bool(getattr(effect, "restarts", False))
 
 
 def _with_values(kind: type[Effect], values: Tensor) -> Effect:

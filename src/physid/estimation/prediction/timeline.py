@@ -44,9 +44,36 @@ class Timeline:
         return self.time.shape[1]
 
     @cached_property
+    def edges(self) -> Tensor:
+        """Times at which steps begin and end [s], shape (R, S + 1)."""
+        return self.grid.times + self.time[:, :1]
+
+    def wrench_between(self, edges: Tensor) -> Tensor:
+        """Return the mean wrenches between other times (C, R, S + 1) than those of the steps, (C, R, S, N, 6).
+
+        Before the first frame there is none; after the last step the last one is held.
+        """
+        grid, count = self.grid, len(edges)
+        impulse = grid.wrench * (grid.steps * grid.real)[..., None, None]
+        given = torch.nn.functional.pad(impulse.cumsum(1), (0, 0, 0, 0, 1, 0))
+        end = self.edges.gather(1, grid.count[:, None])
+        last = grid.wrench.gather(1, (grid.count - 1).clamp_min(0)[:, None, None, None].expand(-1, 1, *given.shape[2:]))
+        wanted = edges.transpose(0, 1).flatten(1)
+        inside = wanted.clamp(self.edges[:, :1], end)
+        right = torch.searchsorted(self.edges.contiguous(), inside.contiguous()).clamp_min(1)
+        low, high = self.edges.gather(1, right - 1), self.edges.gather(1, right)
+        share = ((inside - low) / (high - low))[..., None, None]
+        index = right[..., None, None].expand(-1, -1, *given.shape[2:])
+        total = torch.lerp(given.gather(1, index - 1), given.gather(1, index), share)
+        total = total + (wanted - end).clamp_min(0)[..., None, None] * last
+        between = total.unflatten(1, (count, -1)).transpose(0, 1).diff(dim=2)
+        mean: Tensor = between / edges.diff(dim=2)[..., None, None]
+        return mean
+
+    @cached_property
     def step_time(self) -> Tensor:
         """Time at which each step begins [s], shape (R, S)."""
-        return self.grid.times[:, :-1] + self.time[:, :1]
+        return self.edges[:, :-1]
 
     @cached_property
     def owner(self) -> Tensor:
