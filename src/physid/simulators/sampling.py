@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from physid.simulators.motion import between_frames
 from physid.simulators.protocol import Simulator
+
+if TYPE_CHECKING:
+    from physid.physics.effect import Effect
 
 Indices = NDArray[np.intp]
 FINE = 1e-3  # [s] between instants where something happens between the frames
@@ -71,13 +77,13 @@ def sample(
     substeps: int | None = None,
     jitter: float = 0.0,
     force_rate: float | None = None,
-    fine: bool = False,
+    effects: Sequence[Effect] = (),
 ) -> Sampling:
     """Choose the grid of a simulation.
 
-    Without jitter, and with forces at the rate of the frames, the grid is that of the frames, or, if it shall be fine,
-    that of the simulator's steps, which a simulator that is not stepped like the model makes no longer than `FINE`.
-    Otherwise it is that of the forces or finer, and each frame is taken at the instant next to its time.
+    Without jitter, and with forces at the rate of the frames, the grid is that of the frames, or, if an effect acts
+    between them, that of the simulator's steps, which one that is not stepped like the model makes no longer than
+    `FINE`. Otherwise it is that of the forces or finer, and each frame is taken at the instant next to its time.
 
     Args:
         time_step: Between frames [s].
@@ -86,8 +92,9 @@ def sample(
         substeps: Steps of the simulator between two frames; None for its own choice.
         jitter: Largest share of the time step by which a frame is off its time [-].
         force_rate: Rows of the forces per second [Hz]; None for that of the frames.
-        fine: Whether something happens between the frames: forces that come late, a camera with a clock of its own.
+        effects: Effects at work; some act between the frames: forces that come late, a camera with a clock of its own.
     """
+    fine = any(between_frames(effect) for effect in effects)
     parts = substeps or simulator.substeps_for(time_step)
     if jitter == 0 and force_rate is None:
         if fine and simulator.integration(time_step) is None:

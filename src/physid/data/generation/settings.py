@@ -13,7 +13,6 @@ from physid.data.recording import SPLITS
 from physid.scenes.catalogue import find_setup
 from physid.scenes.parameters import bodies_of, with_parameters
 from physid.scenes.scene import Integration, Scene
-from physid.simulators.motion import between_frames
 from physid.simulators.protocol import find_simulator
 from physid.simulators.sampling import MOST_JITTER, Sampling, sample
 from physid.strict import nearest, number, quoted, whole
@@ -161,9 +160,9 @@ class GenerateConfig:
 
     def sampling(self, effects: Sequence[Effect] = ()) -> Sampling:
         """Return when forces change and poses are taken, on instants that some effects are simulated at."""
-        return self._sample(self.true_scene().time_step, any(between_frames(effect) for effect in effects))
+        return self._sample(self.true_scene().time_step, effects)
 
-    def _sample(self, time_step: float, fine: bool = False) -> Sampling:
+    def _sample(self, time_step: float, effects: Sequence[Effect] = ()) -> Sampling:
         return sample(
             time_step,
             self.steps,
@@ -171,7 +170,7 @@ class GenerateConfig:
             substeps=self.substeps,
             jitter=self.jitter,
             force_rate=self.force_rate,
-            fine=fine,
+            effects=effects,
         )
 
     def known_scene(self) -> Scene:

@@ -15,7 +15,7 @@ from physid.data.observations.step_grid import StepGrid
 from physid.estimation.prediction.effect_parameters import EffectParameter
 from physid.estimation.prediction.nominal_model import NominalModel
 from physid.estimation.prediction.segments import Batch, Segmentation
-from physid.estimation.prediction.step_effects import has, only_steps
+from physid.estimation.prediction.step_effects import has, only_steps, with_values
 from physid.estimation.prediction.timeline import Steps, Timeline
 from physid.physics.contact import PATCH
 from physid.physics.effect import Effect
@@ -262,7 +262,7 @@ class Predictor:
         at_work = self.model.effects_at(variants.nominal.repeat(segments, 1))
         known = [only_steps(effect) for effect in at_work if has(type(effect), "act")]
         return known + [
-            only_steps(_with_values(kind, part.repeat(segments, 1)))
+            only_steps(with_values(kind, part.repeat(segments, 1)))
             for kind, part, _ in self._on(variants.effects, "act")
         ]
 
@@ -275,7 +275,7 @@ class Predictor:
         working = []
         for kind, part, on in self._on(effects, hook):
             rows = on.repeat_interleave(copies).nonzero()[:, 0]
-            working.append((_with_values(kind, part.repeat_interleave(copies, 0)[rows]), rows))
+            working.append((with_values(kind, part.repeat_interleave(copies, 0)[rows]), rows))
         return working
 
     def _on(self, effects: Tensor, hook: str) -> list[tuple[type[Effect], Tensor, Tensor]]:
@@ -300,8 +300,3 @@ def _at_once(simulate: Callable[[Batch], None], batches: Sequence[Batch]) -> Non
 @lru_cache
 def _pool(threads: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(threads, initializer=torch.set_num_threads, initargs=(1,))
-
-
-def _with_values(kind: type[Effect], values: Tensor) -> Effect:
-    """Return an effect with parameters (B, q)."""
-    return kind(**{name: values[:, k] for k, name in enumerate(kind.quantities())})

@@ -37,3 +37,8 @@ def only_steps(effect: Effect) -> Effect:
 def has(kind: type[Effect], hook: str) -> bool:
     """Return whether an effect does something at a hook: actuate, act or observe."""
     return getattr(kind, hook) is not getattr(Effect, hook)
+
+
+def with_values(kind: type[Effect], values: Tensor) -> Effect:
+    """Return an effect with parameters (B, q)."""
+    return kind(**{name: values[:, k] for k, name in enumerate(kind.quantities())})
