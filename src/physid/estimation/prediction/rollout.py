@@ -238,13 +238,11 @@ class Predictor:
             every = effect.elapse(every)
         for effect, rows in at_work:
             every = every.index_copy(0, rows, effect.elapse(every[rows]))
-        moved: Tensor = every.unflatten(0, (count, len(edges)))
-        return moved
+        return every.view(count, *edges.shape)
 
     def _acting(self, variants: Variants, edges: Tensor | None) -> Tensor:
         """Return the wrenches at work in each step (C, R, S, N, 6), which begin and end at edges (C, R, S + 1)."""
-        time, count = self.timeline.step_time, len(variants)
-        trajectories = len(time)
+        time, (count, trajectories) = self.timeline.step_time, (len(variants), len(self.timeline.time))
         if edges is None:
             wrench, every = self.timeline.grid.wrench.repeat(count, 1, 1, 1), time.repeat(count, 1)
         else:
