@@ -192,10 +192,10 @@ def test_uneven_frames_show_the_motion_at_their_own_times_and_forces_have_their_
 
 
 @pytest.mark.parametrize("simulator", ["closed_form", "mujoco"])
-def test_a_late_camera_shows_poses_between_frames_as_they_were_and_none_of_before_the_start(
+def test_a_late_camera_shows_poses_between_frames_as_they_were_and_what_was_before_the_first_one(
     tmp_path: Path, simulator: str
 ) -> None:
-    late = {"observation_latency": {"latency": 0.02}}
+    late = {"observation_latency": {"latency": 20 / 34 / 30}}  # so many of the instants that are simulated
     rates = (("slow", 30.0, 25, late), ("fast", 300.0, 250, {}))  # bounces lie between the frames of the slow one
     for name, rate, steps, effects in rates:
         config = GenerateConfig(
@@ -203,10 +203,21 @@ def test_a_late_camera_shows_poses_between_frames_as_they_were_and_none_of_befor
         )
         generate(dataclasses.replace(config, effects=effects), tmp_path / name, workers=1)
     slow, fast = (RecordingSet(tmp_path / name).read(0) for name in ("slow", "fast"))
-    assert not slow.seen[0].any()
-    assert slow.seen[1:].all()
-    # 0.02 s are six frames of the fast set; MuJoCo's steps differ in length.
-    np.testing.assert_allclose(slow.pose[1:], fast.pose[4::10][:24], atol=1e-9 if simulator == "closed_form" else 2e-3)
+    # The motion begins when the camera takes what it shows first, and no forces act; MuJoCo's steps differ in length.
+    np.testing.assert_allclose(slow.pose, fast.pose[::10], atol=1e-9 if simulator == "closed_form" else 2e-3)
+
+
+def test_a_fast_camera_shows_nothing_of_what_comes_after_the_end(tmp_path: Path) -> None:
+    fast = {"clock_rate": {"change": 0.1}}
+    config = GenerateConfig(
+        "toss", protocol="straight", trajectories=1, steps=100, video=False, simulator="closed_form"
+    )
+    generate(config, tmp_path / "plain", workers=1)
+    generate(dataclasses.replace(config, effects=fast), tmp_path / "fast", workers=1)
+    plain, seen = (RecordingSet(tmp_path / name).read(0) for name in ("plain", "fast"))
+    assert seen.seen[:91].all()
+    assert not seen.seen[91:].any()  # 91 frames of 1.1 times the time are 100
+    np.testing.assert_allclose(seen.pose[:91:10], plain.pose[:100:11], atol=1e-9)
 
 
 @pytest.mark.parametrize(("simulator", "rate"), [("closed_form", 30.0), ("mujoco", 60.0), ("pybullet", 60.0)])

@@ -13,6 +13,8 @@ from physid.scenes.scene import Scene
 from physid.scenes.setup import Excitation
 
 if TYPE_CHECKING:
+    from torch import Tensor
+
     from physid.physics.effect import Effect
 
 Array = NDArray[np.float64]
@@ -51,7 +53,7 @@ def observed(pose: Array, effects: Sequence[Effect], time: Array) -> Array:
         return pose
     import torch
 
-    seen, stamps = torch.from_numpy(pose)[None], torch.from_numpy(time)[None]
+    seen, stamps = torch.from_numpy(pose)[None], torch_stamps(time)
     for effect in effects:
         seen = effect.observe(seen, stamps)
     return np.asarray(seen[0].numpy())
@@ -64,18 +66,31 @@ def between_frames(effect: Effect) -> bool:
     return type(effect).actuate is not Effect.actuate or type(effect).elapse is not Effect.elapse
 
 
+def earliest(effects: Sequence[Effect]) -> float:
+    """Return how long before the first frame a camera under the effects takes it [s]."""
+    first = 0.0
+    for effect in effects:
+        first = min(first, float(effect.elapse(torch_stamps(np.array([first])))[0, 0]))
+    return -first
+
+
 def taken(effects: Sequence[Effect], time: Array, end: float) -> NDArray[np.bool_]:
-    """Return which poses with stamps (T,) [s] a camera under the effects takes between 0 and the end of a motion [s].
+    """Return which poses with stamps (T,) [s] a camera under the effects takes before the end of a motion [s].
 
-    What was before the first instant, or comes after the last, nobody has simulated.
+    What comes after the last instant nobody has simulated.
     """
-    import torch
-
-    stamps = torch.from_numpy(time)[None]
+    stamps = torch_stamps(time)
     for effect in effects:
         stamps = effect.elapse(stamps)
-    inside: NDArray[np.bool_] = ((stamps[0] >= 0) & (stamps[0] <= end * (1 + ROUNDING))).numpy()
+    inside: NDArray[np.bool_] = (stamps[0] <= end * (1 + ROUNDING)).numpy()
     return inside
+
+
+def torch_stamps(time: Array) -> Tensor:
+    """Return times (T,) as effects take them, shape (1, T)."""
+    import torch
+
+    return torch.from_numpy(time)[None]
 
 
 def check_fit(scene: Scene, excitations: Sequence[Excitation]) -> None:

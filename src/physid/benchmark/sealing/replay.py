@@ -99,6 +99,8 @@ def steady(config: GenerateConfig) -> GenerateConfig:
 def look_at(config: GenerateConfig, index: int, effects: Sequence[Effect]) -> Look:
     """Draw trajectory `index` with effects; its instants are the frames (see `steady`)."""
     excitation, motion, _ = draw(config, index, config.protocol, effects)
+    frames = len(excitation.wrench)
+    motion = replace(motion, pose=motion.pose[-frames:], twist=motion.twist[-frames:])
     return Look(excitation, motion, find_simulator(config.simulator), config.sampling(effects).substeps)
 
 

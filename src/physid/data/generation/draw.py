@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -13,7 +14,7 @@ from physid.data.generation.settings import GenerateConfig, Noise
 from physid.scenes.catalogue import find_setup
 from physid.scenes.rotations import from_vector, multiply
 from physid.scenes.setup import Excitation
-from physid.simulators.motion import Motion
+from physid.simulators.motion import ROUNDING, Motion, earliest
 from physid.simulators.protocol import find_simulator
 from physid.simulators.sampling import Sampling
 
@@ -38,19 +39,22 @@ def draw(
         effects: Effects at work.
 
     Returns:
-        The commanded excitation and the motion at the instants of `config.sampling(effects)`, which are the frames
-        unless stamps wander, forces have a rate of their own, or an effect acts between frames; and the number of draws
-        thrown away.
+        The commanded excitation; the motion at the instants of `config.sampling(effects)`, which are the frames unless
+        stamps wander, forces have a rate of their own, or an effect acts between frames, and before them, without
+        forces, at those that a late camera still shows; and the number of draws thrown away.
 
     Raises:
         ValueError: If no draw stays in view.
     """
     scene, sampling, simulator = config.true_scene(), config.sampling(effects), find_simulator(config.simulator)
     fine = dataclasses.replace(scene, time_step=sampling.step)
+    before = math.ceil(earliest(effects) / sampling.step - ROUNDING)
     camera = find_setup(config.scene).scene.camera
     for attempt in range(MOST_REDRAWS):
         excitation = _excite(config, protocol, sampling, np.random.default_rng([config.seed, index, attempt]))
-        (motion,) = simulator.simulate(fine, [excitation], effects, sampling.substeps)
+        wrench = np.concatenate([np.zeros((before, *excitation.wrench.shape[1:])), excitation.wrench])
+        acting = dataclasses.replace(excitation, wrench=wrench)
+        (motion,) = simulator.simulate(fine, [acting], effects, sampling.substeps, [-before * sampling.step])
         if camera is None or camera.sees(motion.pose, scene.sizes, VIEW_MARGIN).all():
             return excitation, motion, attempt
     raise ValueError(

@@ -25,20 +25,22 @@ def record(config: GenerateConfig, folder: Path, index: int, split: str, extra: 
     protocol = config.protocol_for(split)
     excitation, motion, redrawn = draw(config, index, protocol, effects)
     scene, sampling = config.true_scene(), config.sampling(effects)
-    seen = observed(motion.pose, effects, sampling.stamps(np.arange(len(motion.pose))))
+    before = len(motion.pose) - len(excitation.wrench)
+    stamps = sampling.stamps(np.arange(len(motion.pose)) - before)
+    seen = observed(motion.pose, effects, stamps)[before:]
     frames = sampling.draw_frames(np.random.default_rng([config.seed, index, MOST_REDRAWS + 1]), config.missing)
     pose = seen[frames]
     images = {}
     if scene.camera is not None:
         images = film(scene, pose)
     else:
-        pose[~taken(effects, sampling.stamps(frames), float(sampling.stamps(np.array([len(seen) - 1]))[0]))] = np.nan
-    disturbed = bool(config.noise) or seen is not motion.pose
+        pose[~taken(effects, stamps[before + frames], float(stamps[-1]))] = np.nan
+    disturbed = bool(config.noise) or not np.array_equal(seen, motion.pose[before:])
     uneven = bool(config.jitter or config.missing or config.force_rate)
     recording = Recording(
         pose=add_noise(pose, config.noise, np.random.default_rng([config.seed, index, MOST_REDRAWS])),
         # Velocities come from the simulator, not from the sensor: a disturbed set must not carry them.
-        twist=None if disturbed else motion.twist[frames],
+        twist=None if disturbed else motion.twist[before + frames],
         split=split,
         protocol=protocol,
         wrench=excitation.wrench[sampling.forces],

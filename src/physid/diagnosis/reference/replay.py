@@ -83,13 +83,14 @@ def replay(
         Poses that the camera would report, shape (R, T, N, 7); zeros outside the chosen segments.
     """
     reference = reference or references_of(model.scene, settings)[0]
-    working = (*model.effects_at(point.nominal), *effects)
+    known = model.effects_at(point.nominal)
+    working = (*known, *effects)
     scene = dataclasses.replace(model.scene_at(point.nominal[0]), camera=None, time_step=reference.step)
     wrench, begin = timeline.grid.wrench, timeline.step_time
     for effect in working:
         wrench = effect.actuate(wrench, begin)
     taken = timeline.time  # by the camera, whatever its clock says
-    for effect in working:
+    for effect in effects:
         taken = effect.elapse(taken)
     impulse = pad((wrench * timeline.grid.steps[..., None, None]).cumsum(1), (0, 0, 0, 0, 1, 0))
     steps = [AtStep(effect) for effect in working if has(type(effect), "act")]
@@ -111,8 +112,8 @@ def replay(
         pose = _put_back(pose, twist, reference.step, settings) if reference.lags else pose
         pose = at_times(pose[None], fine[None], stamps[None])[0] if len(fine) > 1 else pose
         seen[row, first : first + size] = pose
-    for effect in working:
-        seen = seen if has(type(effect), "elapse") else effect.observe(seen, timeline.time)
+    for effect in (*known, *(effect for effect in effects if not has(type(effect), "elapse"))):
+        seen = effect.observe(seen, timeline.time)
     return seen
 
 

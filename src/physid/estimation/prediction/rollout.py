@@ -161,14 +161,14 @@ class Predictor:
     def observe(self, state: Tensor, variants: Variants) -> Tensor:
         """Return what the camera reports of poses (C, R, T, N, 7) under the effects of C variants.
 
-        Poses are those at the times at which the camera takes them, whatever its clock says.
+        Poses are those at the times at which a candidate's camera takes them, whatever its clock says.
         """
         time, (count, trajectories) = self.timeline.time, state.shape[:2]
         effects = variants.effects
         every = time.repeat(count, 1)
         seen = state.flatten(0, 1)
         for effect in self._known(variants, trajectories):
-            seen = seen if has(type(effect), "elapse") else effect.observe(seen, every)
+            seen = effect.observe(seen, every)
         poses: Tensor = seen.unflatten(0, state.shape[:2])
         for effect, rows in self._at_work(effects, "observe", trajectories):
             if not has(type(effect), "elapse"):
@@ -227,15 +227,12 @@ class Predictor:
         )
 
     def _edges(self, variants: Variants) -> Tensor | None:
-        """Return when the steps begin and end where a camera's clock is off, (C, R, S + 1); None where it is right."""
+        """Return when the steps begin and end where a candidate's camera has a clock of its own, (C, R, S + 1)."""
         edges, count = self.timeline.edges, len(variants)
-        known = [effect for effect in self._known(variants, len(edges)) if has(type(effect), "elapse")]
         at_work = self._at_work(variants.effects, "elapse", len(edges))
-        if not known and not at_work:
+        if not at_work:
             return None
         every = edges.repeat(count, 1)
-        for effect in known:
-            every = effect.elapse(every)
         for effect, rows in at_work:
             every = every.index_copy(0, rows, effect.elapse(every[rows]))
         return every.view(count, *edges.shape)
