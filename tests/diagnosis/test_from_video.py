@@ -147,12 +147,14 @@ def _assert_no_pair(read: Path, known: Path) -> None:
 
 @pytest.mark.slow
 def test_a_drag_is_named_from_films_and_films_without_an_effect_show_none(folder: Path) -> None:
-    for verdict, effects in (("none", {}), ("named", {"viscous_drag": {"coefficient": DRAG}})):
-        films = filmed(folder / verdict, 12, 100, effects)
-        out = folder / f"of_{verdict}"
+    # A dozen films hardly distinguish a drag that grows with the speed from one that grows with its square.
+    for verdicts, effects in ((["none"], {}), (["named", "group"], {"viscous_drag": {"coefficient": DRAG}})):
+        films = filmed(folder / verdicts[0], 12, 100, effects)
+        out = folder / f"of_{verdicts[0]}"
         assert main(["diagnose", str(films), "--from-video", f"--out={out}", "--quiet"]) == 0
         found = read_diagnosis(out / "diagnosis.json")
-        assert found.verdict == verdict
+        assert found.verdict in verdicts
         assert list(found.blamed) == list(effects)
+        assert set(found.group) <= {*effects, "quadratic_drag"}
     size = found.effects[0].parameters["coefficient"]
     assert abs(size.value - DRAG) < WIDER * (size.high - size.low) / 2
