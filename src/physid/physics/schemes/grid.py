@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import torch
 from torch import Tensor
@@ -60,7 +61,7 @@ class TimeGrid:
             begin = begin + start.detach().to(like)[:, None]
         return cls(begin, length, steps is None, substeps, world.midpoint)
 
-    @property
+    @cached_property
     def time(self) -> Tensor:
         """Time at which forces are taken [s], the beginning of a step or under `Midpoint` its middle; as `begin`."""
         return self.begin + self.length / 2 if self.midpoint else self.begin
