@@ -64,7 +64,7 @@ def test_a_bounce_at_a_slow_rate_makes_no_outlier_and_a_pose_that_was_moved_is_o
     pose[..., 0, 3:] = exponential(turn)
     pose[..., :3] += noise(16, FRAMES, 1)[..., 3:]
     there = torch.ones(pose.shape[:-1])
-    assert not outlier_poses(pose, there)[:, 2:-2].any()  # at an end one side alone can tell
+    assert not outlier_poses(pose, there)[:, 2:-2].any()  # at an end there is one side alone
     moved = torch.zeros(16, FRAMES, 1, dtype=torch.bool)
     moved[1, 20], moved[3, 60], moved[9, 90] = True, True, True
     pose[..., 1] += 0.5 * moved
