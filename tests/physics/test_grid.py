@@ -114,25 +114,27 @@ def test_a_split_step_is_two_steps(backend: str) -> None:
 
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_the_clock_of_effects_runs_with_the_steps_from_its_start(backend: str) -> None:
-    seen: list[Tensor] = []
-
     @dataclasses.dataclass(frozen=True)
-    class Watch(ViscousDrag):
+    class Clock(ViscousDrag):
+        """A force of 1 N per second since the start of the clock."""
+
         def act(self, state: State, inputs):  # noqa: ANN001, ANN202
-            if state.pose.ndim:  # it reads the state, and so is called step by step
-                seen.append(inputs.time)
-            return inputs
+            return inputs.add_force(inputs.time[:, None, None] * torch.tensor([1.0, 0, 0], dtype=torch.float64))
 
     steps = torch.tensor([[0.01, 0.03, 0.02], [0.02, 0.02, 0.02]], dtype=torch.float64)
     start = torch.tensor([1.0, 5.0], dtype=torch.float64)
-    layer = PhysicsLayer(World(substeps=2), [Watch()], backend=backend)  # type: ignore[arg-type]
-    with torch.no_grad():
-        layer.rollout(repeat(state([[0, 0, 0.1]]), 2), forces(3, [[0.0, 0, 0]]).expand(2, -1, -1, -1), boxes(),
-                      steps=steps, start=start)  # fmt: skip
-    expected = torch.tensor(
-        [[0, 0.005, 0.01, 0.025, 0.04, 0.05], [0, 0.01, 0.02, 0.03, 0.04, 0.05]], dtype=torch.float64
-    )
-    torch.testing.assert_close(torch.stack(seen, 1), expected + start[:, None], rtol=0, atol=1e-12)
+    layer = PhysicsLayer(World(substeps=2, ground=None), [Clock()], backend=backend)  # type: ignore[arg-type]
+    twist = layer.rollout(
+        repeat(state([[0, 0, 0.1]]), 2),
+        forces(3, [[0.0, 0, 0]]).expand(2, -1, -1, -1),
+        boxes(),
+        steps=steps,
+        start=start,
+    ).twist
+    # v(t) = sum of h_k t_k / m over the steps of the engine, with t_k the time at the beginning of each
+    begin = torch.tensor([[0, 0.005, 0.01, 0.025, 0.04, 0.05], [0, 0.01, 0.02, 0.03, 0.04, 0.05]], dtype=torch.float64)
+    speed = ((begin + start[:, None]) * steps.repeat_interleave(2, 1) / 2).cumsum(1)[:, 1::2]
+    torch.testing.assert_close(twist[:, 1:, 0, 3], speed, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("backend", BACKENDS)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from physid.compiler.graph import Graph, Operation, Value, where
+from physid.compiler.graph import Graph, Operation, Value, cosine, sine, where
 
 
 def pull_back(graph: Graph, seeds: Mapping[int, Value]) -> dict[int, Value]:
@@ -54,6 +54,14 @@ def _terms(graph: Graph, index: int, operation: Operation, bar: Value) -> list[V
             return [-bar]
         case "root":
             return [0.5 * bar / Value(graph, index)]
+        case "exp":
+            return [bar * Value(graph, index)]
+        case "log":
+            return [bar / values[0]]
+        case "sin":
+            return [bar * cosine(values[0])]
+        case "cos":
+            return [-(bar * sine(values[0]))]
         case "where":
             return [None, where(values[0], bar, 0.0), where(values[0], 0.0, bar)]
     raise ValueError(f"no derivative of {operation.name}")

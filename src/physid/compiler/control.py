@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from physid.compiler.emit import ALIGNMENT, LANES, TRUTH, VECTOR, constant
+from physid.compiler.emit import ALIGNMENT, DECLARATIONS, LANES, TRUTH, VECTOR, constant
 
 MOVES = f"""
-declare {VECTOR} @llvm.sqrt.v{LANES}f64({VECTOR})
+{DECLARATIONS}
 
 define internal void @load_rows(ptr %to, ptr %from, i64 %width, i64 %stride, i64 %first, i64 %rows) {{
   %last = sub i64 %rows, 1

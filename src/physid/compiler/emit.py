@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import llvmlite.binding as llvm
 
-from physid.compiler.graph import Graph
+from physid.compiler.graph import MASKS, Graph
 
 LANES = 8 if llvm.get_host_cpu_features().get("avx512f", False) else 4
 """Worlds that are computed at once: one register of AVX-512, one of AVX2, or two of SSE and NEON.
@@ -24,7 +24,10 @@ TRUTH = f"<{LANES} x i1>"
 
 _ARITHMETIC = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv"}
 _COMPARISON = {"<": "olt", "<=": "ole", "==": "oeq"}
-_MASKS = frozenset({"and", "or", "not"}) | _COMPARISON.keys()
+_INTRINSIC = {"root": "sqrt", "exp": "exp", "log": "log", "sin": "sin", "cos": "cos"}
+
+DECLARATIONS = "\n".join(f"declare {VECTOR} @llvm.{name}.v{LANES}f64({VECTOR})" for name in sorted(_INTRINSIC.values()))
+"""Of the functions that a module with formulas may call."""
 
 
 def function(name: str, records: Sequence[str], graph: Graph, stores: Sequence[tuple[str, int, int]]) -> str:
@@ -77,17 +80,17 @@ def _instruction(graph: Graph, index: int) -> list[str]:
         return [f"{out}{_ARITHMETIC[name]} contract {VECTOR} {values[0]}, {values[1]}"]
     if name in _COMPARISON:
         return [f"{out}fcmp {_COMPARISON[name]} {VECTOR} {values[0]}, {values[1]}"]
+    if name in _INTRINSIC:
+        return [f"{out}call {VECTOR} @llvm.{_INTRINSIC[name]}.v{LANES}f64({VECTOR} {values[0]})"]
     match name:
         case "neg":
             return [f"{out}fneg {VECTOR} {values[0]}"]
-        case "root":
-            return [f"{out}call {VECTOR} @llvm.sqrt.v{LANES}f64({VECTOR} {values[0]})"]
         case "and" | "or":
             return [f"{out}{name} {TRUTH} {values[0]}, {values[1]}"]
         case "not":
             return [f"{out}xor {TRUTH} {values[0]}, <{', '.join(['i1 true'] * LANES)}>"]
         case "where":
-            kind = TRUTH if graph.operations[operation.arguments[1]].name in _MASKS else VECTOR
+            kind = TRUTH if graph.operations[operation.arguments[1]].name in MASKS else VECTOR
             return [f"{out}select {TRUTH} {values[0]}, {kind} {values[1]}, {kind} {values[2]}"]
         case "stop":
             return [f"{out}fadd {VECTOR} {values[0]}, {constant(-0.0)}"]

@@ -10,6 +10,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+COMPARISONS = frozenset({"<", "<=", "=="})
+MASKS = COMPARISONS | {"and", "or", "not"}
+"""Operations whose result is a truth value."""
+
 
 class Operation(NamedTuple):
     """A recorded operation: "const" with a number, "load" with a place, or a name with arguments."""
@@ -183,6 +187,26 @@ def where(mask: Value, yes: Value | float, no: Value | float) -> Value:
 def root(value: Value) -> Value:
     """Compute the square root."""
     return value.graph.of("root", value)
+
+
+def exponential(value: Value) -> Value:
+    """Compute e to a power."""
+    return value.graph.of("exp", value)
+
+
+def logarithm(value: Value) -> Value:
+    """Compute the natural logarithm."""
+    return value.graph.of("log", value)
+
+
+def sine(value: Value) -> Value:
+    """Compute the sine."""
+    return value.graph.of("sin", value)
+
+
+def cosine(value: Value) -> Value:
+    """Compute the cosine."""
+    return value.graph.of("cos", value)
 
 
 def stop(value: Value) -> Value:

@@ -26,7 +26,13 @@ _ENGINES: list[Any] = []  # machine code lives as long as its engine
 
 
 def load(name: str, write: Callable[[], str]) -> Kernel:
-    """Return a compiled function.
+    """Return a compiled function that Python calls (see `address`)."""
+    kind = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)
+    return kind(address(name, write))
+
+
+def address(name: str, write: Callable[[], str]) -> int:
+    """Return where a compiled function begins in memory.
 
     Args:
         name: Name of the function, and of its file in the cache.
@@ -41,9 +47,7 @@ def load(name: str, write: Callable[[], str]) -> Kernel:
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()
     _ENGINES.append(engine)
-    address = engine.get_function_address(name)
-    kind = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)
-    return kind(address)
+    return int(engine.get_function_address(name))
 
 
 def _compile(code: str) -> bytes:

@@ -1,34 +1,28 @@
-"""A case in compiled code: all steps at once where effects can be worked out beforehand, else one after the other."""
+"""A case in compiled code, with all its effects."""
 
 from __future__ import annotations
 
-import torch
+import dataclasses
 
 from physid.physics.case import Case, Outcome
 from physid.physics.effect import Effect
-from physid.physics.fused.ahead import inputs_ahead
-from physid.physics.fused.growing import roll_in_steps
-from physid.physics.fused.packing import Inputs, stepwise
-from physid.physics.fused.rollout import by_frame, roll
+from physid.physics.fused.effects import Acting, compile_effects, sizes_of
+from physid.physics.fused.packing import Inputs, shape_of
+from physid.physics.fused.rollout import roll
 
 
 def roll_compiled(case: Case) -> Outcome | None:
-    """Predict trajectories in compiled code; None if an effect asks for the state and gradients are wanted."""
-    outcome = _roll_all(case)
-    return roll_in_steps(case) if outcome is None and not torch.is_grad_enabled() else outcome
-
-
-def _roll_all(case: Case) -> Outcome | None:
-    """Predict trajectories under effects, all steps at once; None if an effect asks for the state."""
-    uneven, world = case.grid.uneven, case.world
-    if all(type(effect).act is Effect.act for effect in case.effects):
-        packed = Inputs.of(case.inputs)
-        return roll(case.state, packed, case.wrenches, world, case.solver, lengths=case.lengths, steps=uneven)
-    now = inputs_ahead(case)
-    if now is None:
-        return None
-    steps = case.frames * world.substeps
-    wanted = None if case.lengths is None else case.lengths * world.substeps
-    wrenches, single = now.wrench.unflatten(0, (-1, steps)), stepwise(world)
-    outcome = roll(case.state, Inputs.of(now, steps), wrenches, single, case.solver, lengths=wanted, steps=uneven)
-    return by_frame(outcome, world.substeps)
+    """Predict trajectories in compiled code; None if an effect cannot be compiled."""
+    effects = [effect for effect in case.effects if type(effect).act is not Effect.act]
+    acting = None
+    if effects:
+        code = compile_effects(
+            dataclasses.replace(case, effects=effects), shape_of(case.world, case.state.pose.shape[1])
+        )
+        if code is None:
+            return None
+        acting = Acting(code, case.grid.time.contiguous(), sizes_of(effects))
+    inputs, lengths, steps = Inputs.of(case.inputs), case.lengths, case.grid.uneven
+    return roll(
+        case.state, inputs, case.wrenches, case.world, case.solver, lengths=lengths, steps=steps, effects=acting
+    )

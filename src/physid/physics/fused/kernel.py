@@ -5,7 +5,7 @@ from __future__ import annotations
 from physid.compiler.control import MOVES
 from physid.compiler.section import Section
 from physid.physics.fused import sections
-from physid.physics.fused.formulas.layouts import BODY
+from physid.physics.fused.formulas.layouts import BODY, EFFECTS
 from physid.physics.fused.records import STATE, Shape
 from physid.physics.fused.writer import INPUTS, SHARED_INPUTS, Writer
 
@@ -17,7 +17,7 @@ def write_forward(shape: Shape, name: str) -> str:
     rows = code.add(w.frames, 1)
     keeps = code.positive(code.argument("tape"))
     with code.loop("%first", "%last") as group:
-        w.load_inputs("0", group)
+        w.load_inputs(group)
         for problem in shape.problems:
             w.zero(f"lane{problem}")
         for k in range(n):
@@ -27,14 +27,13 @@ def write_forward(shape: Shape, name: str) -> str:
         for field, width in (("pose", 7), ("twist", 6)):
             w.body_rows("load_rows", ("body#", field), field, width, (begin, rows), group)
         with code.loop(begin, end) as frame:
-            with code.when(w.inputs_vary()):
-                w.load_inputs(frame, group)
-            w.body_rows("load_rows", ("body#", "wrench"), "wrench", 6, (frame, w.frames), group)
+            w.load_wrench(frame, group)
             w.zero("outcome")
             for p in range(shape.patches):
                 w.zero(f"impulse{p}")
             with code.loop(0, w.substeps) as substep:
                 w.pace(group, frame, substep)
+                w.set_clock(group, frame, substep)
                 _step(w, w.tape(group, frame, substep), keeps)
             for field, width in (("pose", 7), ("twist", 6)):
                 w.body_rows("store_rows", ("body#", field), field, width, (code.add(frame, 1), rows), group)
@@ -58,6 +57,8 @@ def _step(w: Writer, tape: str, keeps: str) -> None:
     if shape.midpoint:
         for k in range(shape.bodies):
             code.call("copy", w.at(f"body{k}", "start_pose"), w.at(f"body{k}", "pose"), f"i64 {STATE}")
+    w.act()
+    if shape.midpoint:
         w.each_body("to_midpoint", "body#", "constants")
     w.assemble()
     with code.when(keeps):
@@ -88,41 +89,42 @@ def write_backward(shape: Shape, name: str) -> str:
     code, n = w.code, shape.bodies
     rows = code.add(w.frames, 1)
     with code.loop("%first", "%last") as group:
-        w.load_inputs("0", group)
-        w.zero("shared_bar")
+        w.load_inputs(group)
+        for record in ("shared_bar", "given_shared_bar", "effects_bar"):
+            w.zero(record)
         for k in range(n):
             w.zero(f"body{k}_bar")
+            w.zero(f"given{k}_bar")
             w.zero(f"body{k}", "shift", 6)
         for p in range(shape.patches):
             w.zero(f"impulse_bar{p}")
         with code.loop(0, w.frames) as reversed_frame:
             frame = code.emit(f"sub i64 {w.frames}, {code.add(reversed_frame, 1)}")
             _add_given(w, (code.add(frame, 1), rows), group)
-            with code.when(w.inputs_vary()):
-                w.load_inputs(frame, group)
-                w.zero("shared_bar")
-                for k in range(n):
-                    w.zero(f"body{k}_bar", "gravity", INPUTS)
-            w.body_rows("load_rows", ("body#", "wrench"), "wrench", 6, (frame, w.frames), group)
+            w.load_wrench(frame, group)
             if shape.patches:
                 with code.when(code.positive(code.argument("impulse_bar"))):
                     place, width = w.at("impulse_bar0"), 12 * shape.patches
                     w.frame_rows("load_rows", place, "impulse_bar", width, (frame, w.frames), group)
             for k in range(n):
                 w.zero(f"body{k}_bar", "wrench", 6)
+                w.zero(f"given{k}_bar", "wrench", 6)
             with code.loop(0, w.substeps) as reversed_substep:
                 substep = code.emit(f"sub i64 {w.substeps}, {code.add(reversed_substep, 1)}")
                 w.pace(group, frame, substep)
+                w.set_clock(group, frame, substep)
                 w.move_tape(w.tape(group, frame, substep), w.known_before() + w.solution(), 0, save=False)
                 _reverse_step(w)
+            _take_given(w)
             w.body_rows("store_rows", ("body#_bar", "wrench"), "wrench_bar", 6, (frame, w.frames), group)
-            with code.when(w.inputs_vary()):
-                _store_inputs(w, (frame, w.frames), group)
         _add_given(w, ("0", rows), group)
         w.body_rows("store_rows", ("body#_bar", "next_pose"), "first_pose_bar", 7, ("0", "1"), group)
         w.body_rows("store_rows", ("body#_bar", "next_twist"), "first_twist_bar", 6, ("0", "1"), group)
-        with code.when(code.emit(f"xor i1 {w.inputs_vary()}, true")):
-            _store_inputs(w, ("0", "1"), group)
+        w.body_rows("store_rows", ("body#_bar", "gravity"), "inputs_bar", INPUTS, ("0", "1"), group)
+        w.frame_rows("store_rows", w.at("shared_bar"), "shared_bar", SHARED_INPUTS, ("0", "1"), group)
+        with code.when(w.acts()):
+            width = EFFECTS.widths["sizes"]
+            w.rows("store_rows", w.at("effects_bar", "sizes"), code.argument("sizes_bar", "ptr"), width, width, group)
     return _module(w, *_backward_sections(shape))
 
 
@@ -157,14 +159,22 @@ def _add_given(w: Writer, at: tuple[str, str], group: str) -> None:
                 w.code.call("add_to", sum_, term, f"i64 {width}")
 
 
-def _store_inputs(w: Writer, at: tuple[str, str], group: str) -> None:
-    w.body_rows("store_rows", ("body#_bar", "gravity"), "inputs_bar", INPUTS, at, group)
-    w.frame_rows("store_rows", w.at("shared_bar"), "shared_bar", SHARED_INPUTS, at, group)
+def _take_given(w: Writer) -> None:
+    """Take the derivative by what effects were given for that by the inputs, where there are effects."""
+    with w.code.when(w.acts()):
+        w.code.call("copy", w.at("shared_bar"), w.at("given_shared_bar"), f"i64 {SHARED_INPUTS}")
+        for k in range(w.shape.bodies):
+            w.code.call("copy", w.at(f"body{k}_bar"), w.at(f"given{k}_bar"), f"i64 {INPUTS + 6}")
 
 
 def _reverse_step(w: Writer) -> None:
     """Write the reverse derivative of one step."""
     code, shape = w.code, w.shape
+    w.act()
+    with code.when(w.acts()):  # of this step alone: `effects_adjoint` adds up what was given
+        w.zero("shared_bar")
+        for k in range(shape.bodies):
+            w.zero(f"body{k}_bar", slots=INPUTS + 6)
     if shape.midpoint:
         w.each_body("to_midpoint", "body#", "constants")
     w.assemble()
@@ -196,6 +206,7 @@ def _reverse_step(w: Writer) -> None:
         for k in range(shape.bodies):
             w.zero(f"body{k}_bar", "start_pose", STATE)
         w.each_body("to_midpoint_adjoint", "body#", "constants", "body#_bar", "constants")
+    w.act("effects_adjoint")
     first = "start_pose" if shape.midpoint else "pose"
     for k in range(shape.bodies):
         code.call("copy", w.at(f"body{k}_bar", "next_pose"), w.at(f"body{k}_bar", first), f"i64 {STATE}")

@@ -21,25 +21,25 @@ from physid.physics.world import World
 
 @dataclass(frozen=True)
 class Inputs:
-    """What enters the steps of a rollout beside states and wrenches; axes of length 1 stand for all of their kind.
+    """What enters the steps of a rollout beside states and wrenches; a first axis of length 1 stands for all worlds.
 
     Attributes:
-        bodies: The fields of `StepInputs` of each body, shape (B or 1, T or 1, N, 18).
-        shared: Ground normal and offset, friction and restitution between bodies, shape (B or 1, T or 1, 6).
+        bodies: The fields of `StepInputs` of each body, shape (B or 1, N, 18).
+        shared: Ground normal and offset, friction and restitution between bodies, shape (B or 1, 6).
     """
 
     bodies: Tensor
     shared: Tensor
 
     @classmethod
-    def of(cls, inputs: StepInputs, frames: int = 1) -> Inputs:
-        """Pack inputs whose batch axis holds the frames of each world, one world after the other."""
+    def of(cls, inputs: StepInputs) -> Inputs:
+        """Pack inputs."""
         worlds, count = inputs.mass.shape
         bodies = torch.cat([getattr(inputs, name).reshape(worlds, count, -1) for name in OF_BODY], -1)
         ground = {name: getattr(inputs, name).expand(worlds, width) for name, width in widths_of("ground").items()}
         world = {name: getattr(inputs, name).reshape(worlds, -1) for name in widths_of("world")}
         shared = torch.cat([(ground | world)[name] for name in OF_WORLD], 1)
-        return cls(bodies.unflatten(0, (-1, frames)), shared.unflatten(0, (-1, frames)))
+        return cls(bodies, shared)
 
 
 def stepwise(world: World) -> World:

@@ -13,6 +13,9 @@ from physid.physics.fused.formulas.layouts import (
     BODY,
     CONSTANTS,
     CONTACT,
+    EFFECTS,
+    GIVEN,
+    GIVEN_SHARED,
     IMPULSE,
     LANE,
     MOTION,
@@ -84,7 +87,10 @@ class Shape:
         """Where each record begins in the workspace, in slots."""
         n, p = self.bodies, self.patches
         layouts = {"constants": CONSTANTS, "outcome": OUTCOME, "shared": SHARED, "shared_bar": SHARED}
-        layouts |= {f"motion{k}": MOTION for k in range(n)}
+        layouts |= {"given_shared": GIVEN_SHARED, "given_shared_bar": GIVEN_SHARED}
+        layouts |= {"effects": EFFECTS, "effects_bar": EFFECTS}
+        for k in range(n):
+            layouts |= {f"motion{k}": MOTION, f"given{k}": GIVEN, f"given{k}_bar": GIVEN}
         for suffix in self.problems:
             layouts[f"lane{suffix}"] = LANE
             for k in range(n):

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from physid.compiler.control import Code
 from physid.compiler.emit import LANES
-from physid.physics.fused.formulas.layouts import CONSTANTS, OF_BODY, OF_WORLD
+from physid.physics.fused.formulas.layouts import CONSTANTS, EFFECTS, OF_BODY, OF_WORLD
 from physid.physics.fused.records import CHOSEN, SOLVED, STATE, Shape
 
 ARGUMENTS = (
     "worlds", "frames", "substeps", "begin", "end", "lengths", "steps", "steps_by_world", "constants", "tape", "memory",
-    "inputs", "inputs_by_world", "inputs_by_frame", "shared", "shared_by_world", "shared_by_frame", "wrench",
+    "inputs", "inputs_by_world", "shared", "shared_by_world", "wrench",
     "pose", "twist", "impulse", "residual", "newton_steps",
     "pose_bar", "twist_bar", "impulse_bar", "inputs_bar", "shared_bar", "wrench_bar", "first_pose_bar",
-    "first_twist_bar",
+    "first_twist_bar", "effects", "effects_adjoint", "clock", "clock_by_world", "sizes", "sizes_by_world", "sizes_bar",
 )  # fmt: skip
 """What a kernel is told: numbers, addresses, and distances [doubles] between worlds and between frames."""
 
@@ -253,18 +253,40 @@ class Writer:
             place = self.at(names[0].replace("#", str(n)), names[1])
             self.rows(move, place, code.at(base, n * width), width, by_world, group)
 
-    def load_inputs(self, frame: str, group: str) -> None:
-        """Load what enters a step beside state and wrench."""
+    def load_inputs(self, group: str) -> None:
+        """Load what enters steps beside state and wrench, and the parameters of the effects that act on it."""
         code = self.code
-        for name, width in (("inputs", INPUTS), ("shared", SHARED_INPUTS)):
-            offset = code.multiply(frame, code.argument(f"{name}_by_frame"))
-            base = code.at(code.argument(name, "ptr"), offset)
-            by_world = code.argument(f"{name}_by_world")
-            records = [f"body{n}" for n in range(self.shape.bodies)] if name == "inputs" else ["shared"]
+        self._load_inputs(group, "body#", "shared")
+        with code.when(self.acts()):
+            self._load_inputs(group, "given#", "given_shared")
+            place, base = self.at("effects", "sizes"), code.argument("sizes", "ptr")
+            self.rows("load_rows", place, base, EFFECTS.widths["sizes"], code.argument("sizes_by_world"), group)
+
+    def load_wrench(self, frame: str, group: str) -> None:
+        """Load the wrenches of a frame, and those that effects are given."""
+        self.body_rows("load_rows", ("body#", "wrench"), "wrench", 6, (frame, self.frames), group)
+        with self.code.when(self.acts()):
+            self.body_rows("load_rows", ("given#", "wrench"), "wrench", 6, (frame, self.frames), group)
+
+    def acts(self) -> str:
+        """Return whether there are effects that act on steps."""
+        return self.code.positive(self.code.argument("effects"))
+
+    def set_clock(self, group: str, frame: str, substep: str) -> None:
+        """Load the time at which effects act."""
+        code = self.code
+        with code.when(self.acts()):
+            base = code.at(code.argument("clock", "ptr"), code.add(code.multiply(frame, self.substeps), substep))
+            self.rows("load_rows", self.at("effects", "clock"), base, 1, code.argument("clock_by_world"), group)
+
+    def act(self, what: str = "effects") -> None:
+        """Let effects make the inputs of a step, or add the derivative of that, where there are any."""
+        with self.code.when(self.acts()):
+            self.code.lines.append(f"  call void {self.code.argument(what, 'ptr')}(ptr %workspace)")
+
+    def _load_inputs(self, group: str, of_body: str, of_world: str) -> None:
+        code, bodies = self.code, [of_body.replace("#", str(n)) for n in range(self.shape.bodies)]
+        for name, width, records in (("inputs", INPUTS, bodies), ("shared", SHARED_INPUTS, [of_world])):
+            base, by_world = code.argument(name, "ptr"), code.argument(f"{name}_by_world")
             for k, record in enumerate(records):
                 self.rows("load_rows", self.at(record), code.at(base, k * width), width, by_world, group)
-
-    def inputs_vary(self) -> str:
-        """Return whether the inputs change from frame to frame."""
-        both = self.code.add(self.code.argument("inputs_by_frame"), self.code.argument("shared_by_frame"))
-        return self.code.positive(both)

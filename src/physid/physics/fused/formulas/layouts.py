@@ -41,6 +41,13 @@ BODY = Layout(
     momentum=6,  # p of eq. (3)
     free=6,  # velocity without contact
 )  # fmt: skip
+GIVEN = Layout(constant=(), **OF_BODY, wrench=6)  # what effects act on: the same inputs before them
+GIVEN_SHARED = Layout(constant=(), **OF_WORLD)
+EFFECTS = Layout(
+    constant=("clock",),
+    clock=1,  # time at which forces are taken [s]
+    sizes=32,  # parameters of all effects, one after the other
+)  # fmt: skip
 PATCH = Layout(
     constant=("exists", "label", "choice", "hit"),
     frame=9,  # rows normal, tangent, tangent
