@@ -18,6 +18,11 @@ from physid.diagnosis.testing.hypothesis import begin_hypothesis, finish_hypothe
 from physid.effects import find
 from physid.estimation.least_squares.covariance import predictive_score
 from physid.estimation.least_squares.normal_equations import Normal
+from physid.physics.layer import PhysicsLayer
+from physid.physics.parameters import Parameters
+from physid.physics.schemes.integration import Midpoint
+from physid.physics.state import State
+from physid.physics.world import World
 
 NO_RIDGE = torch.zeros(1, dtype=torch.float64)
 
@@ -100,3 +105,22 @@ def test_forces_that_come_late_between_two_frames_of_a_slow_camera_leave_nothing
             error = float(found.covariance()[-1, -1].sqrt())
             assert found.values["force_delay.delay"] == pytest.approx(0.015, abs=2 * error)
     assert left[0.1] < left[0.0] - 100  # squared residuals
+
+
+def test_a_body_that_sets_off_within_a_step_is_too_slow_by_what_the_choice_of_steps_reckons_with() -> None:
+    # `parts_for_late_forces`: mu g h / 4 on average over the moments of a change from nothing to 2 mu m g
+    friction, gravity, step, count = 0.2, 9.81, 1 / 60, 400
+    share = (torch.arange(count, dtype=torch.float64) + 0.5) / count  # of the step that is over when the force comes
+    wrench = torch.zeros(count, 1, 1, 6, dtype=torch.float64)
+    wrench[:, 0, 0, 3] = 2 * friction * gravity * (1 - share)  # the mean force, of a block of 1 kg
+    start = State(
+        torch.tensor([[[0, 0, 0.1, 0, 0, 0, 1.0]]], dtype=torch.float64).expand(count, -1, -1),
+        torch.zeros(count, 1, 6, dtype=torch.float64),
+    )
+    one = torch.ones(count, 1, dtype=torch.float64)
+    block = Parameters.of_boxes(0.2 * one[..., None].expand(-1, -1, 3), one, friction * one, 0 * one)
+    layer = PhysicsLayer(World(time_step=step, integration=Midpoint()))
+    speed = layer.rollout(start, wrench, block).twist[:, 1, 0, 3]
+    true = friction * gravity * step * (1 - share)
+    assert float((true - speed).min()) > -1e-6
+    assert float((true - speed).mean()) == pytest.approx(friction * gravity * step / 4, rel=0.01)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -152,21 +153,33 @@ def parts_for_late_forces(experiment: Experiment, base: Timeline, choice: StepCh
 
     An engine holds the mean wrench for a whole step of length h. A change by F at any other moment of it moves a body
     by at most F h^2 / (8 m) less or more at the end, and gives it the same velocity; turns likewise, with the least
-    moment of inertia. That shall be no more than `defect` wherever a wrench has changed within the time `late` before.
+    moment of inertia. A body at rest is another case: it sets off when the force overcomes friction, not its mean, and
+    then has a velocity that is off by mu g h / 4 on average over the moments of a change by F = 2 mu m g, always to the
+    same side. Both together shall be no more than `defect`, the velocity after `reach`, wherever a wrench has changed
+    within the time `late` before.
     """
-    bodies, noise = experiment.predictor.model.scene.bodies, _noise(experiment)
+    model, noise = experiment.predictor.model, _noise(experiment)
+    bodies, gravity = model.scene.bodies, math.hypot(*model.world.gravity)
     mass = torch.tensor([body.mass for body in bodies], dtype=torch.float64)
     moment = torch.tensor([min(body.moments()) for body in bodies], dtype=torch.float64)
+    held = gravity * torch.tensor([body.friction for body in bodies], dtype=torch.float64)
     grid, most = base.grid, choice.most(base.grid)
     if choice.late == 0 or grid.steps.shape[1] < 2:
         return torch.ones_like(most)
-    inertia = torch.stack([moment, mass], -1)
-    jump = grid.wrench.diff(dim=1).unflatten(-1, (2, 3)).norm(dim=-1) / inertia / noise.unflatten(0, (2, 3)).amax(-1)
-    jump = torch.nn.functional.pad(jump.amax((2, 3)), (1, 0))
+    change = grid.wrench.diff(dim=1).unflatten(-1, (2, 3)).norm(dim=-1) / torch.stack([moment, mass], -1)
+    sets_off = torch.minimum(change[..., 1], held) / noise[3:].amax()
+    jump = (change / noise.unflatten(0, (2, 3)).amax(-1)).amax((2, 3))
     window = max(1, int(choice.late / float(grid.steps[grid.real].median()))) + 1
-    lasting = torch.nn.functional.max_pool1d(torch.nn.functional.pad(jump, (window - 1, 0))[:, None], window, 1)[:, 0]
-    shift = 0.5 * lasting * (0.5 * grid.steps).square()  # in standard deviations of the sensor
-    power = (0.5 * (shift / choice.defect).clamp_min(1).log2()).ceil().long()
+
+    def lasting(value: Tensor) -> Tensor:
+        before = torch.nn.functional.pad(value, (window, 0))[:, None]
+        return torch.nn.functional.max_pool1d(before, window, 1)[:, 0]
+
+    # Of the whole step, in standard deviations of the sensor; of parts x of it the first goes as x^2, the second as x.
+    moved = 0.5 * lasting(jump) * (0.5 * grid.steps).square()
+    faster = lasting(sets_off.amax(2)) * grid.steps * choice.reach / 4
+    share = 2 * choice.defect / (faster + (faster.square() + 4 * moved * choice.defect).sqrt())
+    power = share.reciprocal().clamp_min(1).log2().ceil().long()
     return torch.minimum(2**power, most)
 
 
