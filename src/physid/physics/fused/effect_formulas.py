@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor
 
 from physid.compiler.section import Layout, Record, Section
 from physid.compiler.traced import Traced, TracingError, elements, loads
-from physid.physics.case import Case
-from physid.physics.effect import StepInputs, widths_of
+from physid.physics.effect import Effect, StepInputs, widths_of
 from physid.physics.fused.formulas.layouts import (
     BODY,
     CONSTANTS,
@@ -21,30 +22,31 @@ from physid.physics.fused.formulas.layouts import (
 )
 from physid.physics.fused.records import Shape
 from physid.physics.schemes.motion import acting
+from physid.physics.shapes.shape import Shape as BodyShape
 from physid.physics.state import State
 
 SIZES = EFFECTS.widths["sizes"]
 """Parameters of effects that a kernel has room for."""
 
 
-def section_of(case: Case, shape: Shape) -> Section:
+def section_of(effects: Sequence[Effect], shapes: tuple[BodyShape, ...], shape: Shape) -> Section:
     """Return the section that makes the inputs of a step from what is given and the state; it raises `TracingError`."""
     bodies = range(shape.bodies)
     layouts = {f"given{k}": GIVEN for k in bodies} | {f"body{k}": BODY for k in bodies}
     layouts |= {"given_shared": GIVEN_SHARED, "shared": SHARED, "effects": EFFECTS, "constants": CONSTANTS}
 
     def formula(*records: Record) -> None:
-        _act(case, shape, dict(zip(layouts, records, strict=True)))
+        _act(effects, shapes, shape, dict(zip(layouts, records, strict=True)))
 
     return Section("effects", formula, layouts)
 
 
-def _act(case: Case, shape: Shape, records: dict[str, Record]) -> None:
+def _act(effects: Sequence[Effect], shapes: tuple[BodyShape, ...], shape: Shape, records: dict[str, Record]) -> None:
     """Record what effects do to one step of one world."""
     graph = records["effects"].graph
 
-    def read(record: str, layout: Layout, field: str, width: int, first: str | None = None) -> Traced:
-        return loads(graph, record, layout.offsets[first or field], (width,) if width > 1 else ())
+    def read(record: str, layout: Layout, field: str, width: int) -> Traced:
+        return loads(graph, record, layout.offsets[field], (width,) if width > 1 else ())
 
     def of_bodies(record: str, layout: Layout, field: str, width: int) -> Tensor:
         return torch.stack([read(f"{record}{k}", layout, field, width) for k in range(shape.bodies)])[None]
@@ -59,8 +61,8 @@ def _act(case: Case, shape: Shape, records: dict[str, Record]) -> None:
     given |= {name: read("given_shared", GIVEN_SHARED, name, width)[None] for name, width in widths_of("world").items()}
     given |= {"wrench": of_bodies("given", GIVEN, "wrench", 6)}
     given |= {"time": read("effects", EFFECTS, "clock", 1)[None]}
-    inputs, slot = StepInputs(**given, shapes=case.world.shapes), EFFECTS.offsets["sizes"]
-    for effect in case.effects:
+    inputs, slot = StepInputs(**given, shapes=shapes), EFFECTS.offsets["sizes"]
+    for effect in effects:
         names = list(effect.values())
         sizes = {name: loads(graph, "effects", slot + k, (1,)) for k, name in enumerate(names)}
         slot += len(names)

@@ -7,7 +7,7 @@ import hashlib
 import logging
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import torch
@@ -80,7 +80,8 @@ def compile_effects(case: Case, shape: Shape) -> CompiledEffects | None:
     """
     try:
         key = shape, case.world.shapes, tuple(_identity(effect) for effect in case.effects)
-    except TracingError:
+    except TracingError as error:
+        _say(case, error)
         return None
     if key not in _KNOWN:
         _KNOWN[key] = _compile(case, shape)
@@ -99,26 +100,35 @@ def sizes_of(effects: Sequence[Effect]) -> Tensor:
 
 
 def _compile(case: Case, shape: Shape) -> CompiledEffects | None:
-    compiled = CompiledEffects(section_of(case, shape), shape)
+    compiled = CompiledEffects(section_of(case.effects, case.world.shapes, shape), shape)
     try:
         _ = compiled.forward
     except (TracingError, RuntimeError, NotImplementedError, TypeError, ValueError, IndexError) as error:
         # Whatever torch says of tensors without numbers: in torch itself the formula runs, or shows what is wrong.
-        names, reason = ", ".join(effect.name for effect in case.effects), str(error).split("\n", 1)[0]
-        logging.getLogger(__name__).warning(
-            "what %s does is worked out by torch in every step, which is slower, for it cannot be compiled: %s",
-            names,
-            reason,
-        )
+        _say(case, error)
         return None
     return compiled
+
+
+def _say(case: Case, error: Exception) -> None:
+    """Warn, once for each reason, that effects run in torch."""
+    _say_once(", ".join(effect.name for effect in case.effects), str(error).split("\n", 1)[0])
+
+
+@lru_cache
+def _say_once(names: str, reason: str) -> None:
+    logging.getLogger(__name__).warning(
+        "what %s does is worked out by torch in every step, which is slower, for it cannot be compiled: %s",
+        names,
+        reason,
+    )
 
 
 def _identity(effect: Effect) -> Hashable:
     """Return what an effect's formula is given by, beside its parameters.
 
     Raises:
-        TracingError: If that cannot be told.
+        TracingError: If that cannot be determined.
     """
     own: list[Any] = []
     for field in dataclasses.fields(effect):
@@ -126,5 +136,5 @@ def _identity(effect: Effect) -> Hashable:
             value = getattr(effect, field.name)
             own.append(_identity(value) if isinstance(value, Effect) else value)
             if isinstance(value, Tensor) or not isinstance(value, Hashable):
-                raise TracingError(f"{effect.name}.{field.name} is none of its parameters, and cannot be told apart")
+                raise TracingError(f"{effect.name}.{field.name} is none of its parameters, and has no hash")
     return type(effect), type(effect).act, tuple(own)
