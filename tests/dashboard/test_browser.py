@@ -14,9 +14,11 @@ from dashboard.folders import DIAGNOSIS, write_runs
 from physid.dashboard.page import write_dashboard
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-PLAYED = 0.2  # [s]
-WATCH = """async film => {
-  await new Promise(resolve => setTimeout(resolve, 1500));
+PLAYED = 0.2  # [s] of a film
+PATIENCE = 60.0  # [s] of a busy machine
+WATCH = """async (film, [played, patience]) => {
+  for (const end = Date.now() + 1000 * patience; film.currentTime <= played && Date.now() < end;)
+    await new Promise(resolve => setTimeout(resolve, 50));
   return film.currentTime;
 }"""
 PHONE = {"width": 390, "height": 844}
@@ -112,7 +114,7 @@ def test_a_fit_shows_the_parameter_beside_the_truth_its_curves_and_a_film_that_p
     assert drawing.locator("[style*='var(--after)']").count() > 1
     titles = shown.locator("figcaption h3").all_inner_texts()
     assert {"train/loss", "blur/sigma", "lr-Adam"} <= set(titles)
-    assert shown.locator("video").evaluate(WATCH) > PLAYED
+    assert shown.locator("video").evaluate(WATCH, [PLAYED, PATIENCE]) > PLAYED
 
 
 def test_a_diagnosis_says_its_verdict_in_a_sentence_and_opens_its_report(page: Page) -> None:
