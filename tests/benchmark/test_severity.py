@@ -12,6 +12,7 @@ from physid.effects import from_values
 from physid.physics.effect import Effect
 
 EXACT, LINEAR = 1e-6, 0.05
+FAINT = 0.1  # below it nothing shows
 SOLVER = 2e-3  # two bodies: the last digits of the solver of the cone, over a millimetre
 
 
@@ -101,3 +102,15 @@ def test_a_turned_camera_shows_where_forces_are_commanded_and_not_in_a_toss() ->
     toss, push = (severity(config(scene, "paper", noise=Noise(4e-4, 2e-3)), yaw) for scene in ("toss", "push"))
     assert toss < 0.05
     assert push > 1
+
+
+@pytest.mark.parametrize("latency", [0.0015, 0.02])
+def test_a_late_camera_does_not_show_where_no_force_acts(latency: float) -> None:
+    """A motion without commands that is shown later is the same motion, impacts included, and starts elsewhere."""
+    set_up = config("toss", "straight", unknown=("block.friction", "block.restitution"), noise=Noise(5e-4, 2e-3))
+    assert severity(set_up, [effect("observation_latency", latency=latency)]) < FAINT
+
+
+def test_a_late_camera_shows_where_forces_switch() -> None:
+    set_up = config("push", unknown=("block.friction",))
+    assert severity(set_up, [effect("observation_latency", latency=0.02)]) > 10 * FAINT

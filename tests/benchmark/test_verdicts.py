@@ -117,6 +117,16 @@ def test_probabilities_come_from_calibration_banks_alone(own: Bank, tmp_path: Pa
     assert rows["none"][1] == str(len(cases)), "all verdicts are `none`"
 
 
+def test_sets_of_an_earlier_table_count_too_and_once(own: Bank, tmp_path: Path) -> None:
+    diagnose_bank(own, diagnose=ignorant, quiet=True)
+    spent = replace(own, purpose="calibration")
+    calibrate([spent], tmp_path / "first")
+    first = read_table(tmp_path / "first" / "training.yaml")
+    older = replace(first[0], name="older/000", truth=("unknown",))
+    calibrate([spent], tmp_path / "second", [older, replace(first[0], truth=("other",))])
+    assert read_table(tmp_path / "second" / "training.yaml") == [older, *first]
+
+
 def test_a_calibration_bank_without_all_verdicts_is_not_counted(own: Bank, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"found none on 8 \(000, 001, 002, \.\.\.\)"):
         calibrate([replace(own, purpose="calibration")], tmp_path)
@@ -133,6 +143,7 @@ def test_the_command_seals_and_refuses_what_is_out_of_order(tmp_path: Path, caps
         (["diagnose", f"--bank={tmp_path}"], "expected a sealed bank, found none"),
         (["seal", f"--out={place}", *tiny, "--seed=4"], "holds a bank of another seed"),
         (["seal", f"--out={place}", "--trajectories=3"], "trajectories must be a whole number of at least 6, got 3"),
+        (["score", f"--bank={place}", "--join=shipped"], "--join belongs to calibrate, got it with score"),
         (["open"], "expected one of 'all', 'seal', 'diagnose', 'score', 'calibrate', got open"),
     ):
         assert main(["benchmark", "diagnosis", *words]) == 2

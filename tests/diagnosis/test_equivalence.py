@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any, cast
+
 import pytest
 import torch
 from torch import Tensor
 
 from physid.diagnosis.settings.settings import Settings
-from physid.diagnosis.testing.equivalence import cosine
+from physid.diagnosis.testing.equivalence import cosine, leaves_more
 from physid.diagnosis.testing.score_test import Conditional, Group, condition
 from physid.effects import find
 from physid.estimation.least_squares.jacobian import Directions, differentiate
@@ -25,7 +28,7 @@ NO_NUISANCE = (torch.zeros(0, dtype=torch.int64), *2 * [torch.zeros(0, 1, dtype=
 
 def group(*columns: int) -> Group:
     many = torch.ones(len(columns), dtype=torch.float64)
-    return Group((f"effect {columns}",), torch.tensor(columns), many, -1e9 * many, 1e9 * many)
+    return Group((f"effect {columns}",), torch.tensor(columns), many, many, -1e9 * many, 1e9 * many)
 
 
 def given(columns: Tensor) -> Conditional:
@@ -78,3 +81,18 @@ def test_in_free_flight_a_clock_is_gravity_and_no_wind(cuts: int) -> None:
     clock, gravity, wind = group(0), group(1), group(2, 3)
     assert cosine(normal, gravity, ONE, clock, VISIBLE) > ALIKE
     assert cosine(normal, gravity, ONE, wind, VISIBLE) < 1 - ALIKE
+
+
+@pytest.mark.parametrize(("left", "apart"), [(200.0, True), (5.0, False)])
+def test_laws_that_start_alike_are_told_apart_by_what_they_leave_where_nothing_hits(left: float, apart: bool) -> None:
+    """A lag and a delay have one signature; at the size that the data want, one may fit and the other not."""
+    contact = torch.tensor([False, False, True])
+    segments = SimpleNamespace(predictor=SimpleNamespace(segments=SimpleNamespace(contact=contact)))
+    lag, delay = (
+        cast(
+            Any, SimpleNamespace(experiment=segments, fit=SimpleNamespace(loss=torch.tensor(loss)), settings=Settings())
+        )
+        for loss in ([900.0, 900.0, 4000.0], [900.0, 900.0 + left, 40.0])
+    )
+    assert leaves_more(lag, delay) == apart
+    assert not leaves_more(delay, lag)

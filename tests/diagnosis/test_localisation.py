@@ -24,13 +24,13 @@ NAMES = ("viscous_drag", "tether", "adhesion")  # two of the dynamics, one of co
 def found(*sizes: float) -> Attribution:
     """Return a search that named nothing; of each effect (all are orthogonal) the data want so many typical sizes."""
     one, count = torch.ones(1, dtype=torch.float64), len(NAMES)
-    groups = [Group((name,), torch.tensor([k]), one, -one, one) for k, name in enumerate(NAMES)]
+    groups = [Group((name,), torch.tensor([k]), one, one, -one, one) for k, name in enumerate(NAMES)]
     wanted = torch.tensor(sizes, dtype=torch.float64)[:, None]
     conditional = Conditional(
         STRENGTH * torch.eye(count, dtype=torch.float64), STRENGTH * wanted, *3 * [torch.zeros(0)]
     )
     rows = [
-        Row((name,), STRENGTH * size**2, STRENGTH * size**2, one, 10.0, one, together([]), together([]), 0.0)
+        Row((name,), STRENGTH * size**2, STRENGTH * size**2, one, one, together([]), together([]), 0.0)
         for name, size in zip(NAMES, sizes, strict=True)
     ]
     lack = SimpleNamespace(groups=groups, conditional=conditional, rows=rows)

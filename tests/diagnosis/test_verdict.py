@@ -158,7 +158,7 @@ def lack(*rows: Row) -> LackOfFit:
 def row(name: str, gain: float, scale: float) -> Row:
     mean = torch.tensor(scale, dtype=torch.float64)
     tail = Tail(mean, 2 * mean**2)
-    return Row((name,), gain, gain, torch.zeros(1), 1.0, torch.zeros(1), tail, tail, 1.0)
+    return Row((name,), gain, gain, torch.zeros(1), torch.zeros(1), tail, tail, 1.0)
 
 
 def test_an_effect_that_impacts_let_gain_by_chance_hides_no_other() -> None:

@@ -33,6 +33,7 @@ def benchmark(
     scheduler: str | None = None,
     again: bool = False,
     so_far: bool = False,
+    join: str = "",
     quiet: bool = False,
 ) -> None:
     """Check the diagnosis on recordings with hidden effects.
@@ -47,7 +48,7 @@ def benchmark(
       physid benchmark diagnosis diagnose --bank banks/1
       physid benchmark diagnosis score --bank banks/1
       physid benchmark diagnosis --simulator mujoco --roles free,catalogue --out banks/2
-      physid benchmark diagnosis calibrate --bank banks/3,banks/4 --out calibration
+      physid benchmark diagnosis calibrate --bank banks/3,banks/4 --join shipped --out calibration
 
     Args:
         subject: What to check.
@@ -72,6 +73,8 @@ def benchmark(
         again: Diagnose again what failed before.
         so_far: With score: of the sets that have a verdict already. The labels are open from then on: what is diagnosed
             later was not sealed any more.
+        join: With calibrate: a training table whose sets count beside those of the banks, training.yaml of an earlier
+            calibration; shipped for the one that ships with physid.
         quiet: Hide the progress bars.
     """
     from physid.benchmark.bank import QUICK, Size
@@ -80,6 +83,8 @@ def benchmark(
 
     if so_far and step != "score":
         raise ValueError(f"--so-far belongs to score, got it with {step}: it would open the labels before their time")
+    if join and step != "calibrate":
+        raise ValueError(f"--join belongs to calibrate, got it with {step}")
     place = (out if step in ("all", "seal") else None) or bank or Path(f"runs/benchmark/{subject}")
     size = QUICK if quick else Size(sets, trajectories, steps)
     with resumable(), _writing(place, step), running_on(backend, scheduler) as whole_path:
@@ -92,7 +97,7 @@ def benchmark(
     if step in ("all", "score"):
         _score(place, (out if step == "score" else None) or place / "score", so_far)
     if step == "calibrate":
-        _calibrate([Path(each) for each in str(place).split(",")], out)
+        _calibrate([Path(each) for each in str(place).split(",")], join, out)
 
 
 def _writing(place: Path, step: str) -> AbstractContextManager[None]:
@@ -125,10 +130,12 @@ def _score(place: Path, target: Path, so_far: bool) -> None:
     print(f"{report(score(read_bank(place), target, so_far=so_far))}\n\n{target / 'results.html'}")
 
 
-def _calibrate(banks: list[Path], out: Path | None) -> None:
+def _calibrate(banks: list[Path], join: str, out: Path | None) -> None:
     from physid.benchmark.bank import read_bank
     from physid.benchmark.scoring.calibrate import calibrate
     from physid.benchmark.scoring.results import columns
+    from physid.benchmark.scoring.training import TABLE, read_table
 
     target = out or banks[0] / "calibration"
-    print(f"{columns(calibrate([read_bank(each) for each in banks], target))}\n\n{target}")
+    known = read_table(TABLE if join == "shipped" else Path(join)) if join else []
+    print(f"{columns(calibrate([read_bank(each) for each in banks], target, known))}\n\n{target}")

@@ -29,6 +29,11 @@ class Quantity:
     typical: float
     null: float = 0.0
 
+    @property
+    def largest(self) -> float:
+        """The largest distance from the null value that the range admits."""
+        return max(self.high - self.null, self.null - self.low)
+
 
 def quantity(unit: str, low: float, high: float, typical: float, null: float = 0.0) -> Tensor:
     """Declare a parameter of an effect; its default is the null value, at which the effect is the identity.

@@ -15,8 +15,13 @@ from physid.diagnosis.document.evidence import NONE, OTHER, UNKNOWN, Evidence, h
 from physid.diagnosis.posterior.evidence import read_evidence
 
 
-def calibrate(banks: Sequence[Bank], out: Path) -> list[tuple[str, ...]]:
+def calibrate(banks: Sequence[Bank], out: Path, known: Sequence[Case] = ()) -> list[tuple[str, ...]]:
     """Collect the evidence on calibration banks with all their verdicts, train on it, and write table and coefficients.
+
+    Args:
+        banks: The banks.
+        out: Folder of the table and of the coefficients.
+        known: Sets of an earlier table, which count as well; of two with one name, that of the banks does.
 
     Returns:
         How good the probabilities are on sets that were left out, see `quality`.
@@ -35,7 +40,8 @@ def calibrate(banks: Sequence[Bank], out: Path) -> list[tuple[str, ...]]:
         cases += collect(bank, open_judged(bank)[0])
     if not cases:
         raise ValueError("calibrate: expected a verdict on a set that is free or of medium severity, found none")
-    return quality(write_training(out, cases))
+    new = {case.name for case in cases}
+    return quality(write_training(out, [*(case for case in known if case.name not in new), *cases]))
 
 
 def collect(bank: Bank, judged: Iterable[Judged]) -> list[Case]:

@@ -19,12 +19,13 @@ from physid.scenes.rotations import from_vector, multiply
 from physid.scenes.scene import Scene
 from physid.scenes.setup import Excitation
 from physid.scenes.setups.placing import span
-from physid.simulators.motion import Motion
+from physid.simulators.motion import Motion, observed
 from physid.simulators.protocol import Simulator, find_simulator
 
 Array = NDArray[np.float64]
 SPAN = 0.1  # [s] over which the change of a rate is told
 JUDGE = "pybullet"  # starts from any state, and is the fastest; MuJoCo's severities are within 1 % (tests/benchmark)
+LANDING_STEPS = 4  # between two frames, of what comes down: where in a step an impact falls must not matter
 ROUNDING = 1e-9  # [-] quotients that differ from a whole number by less are one
 
 
@@ -35,14 +36,16 @@ class Look:
     Attributes:
         excitation: The commands.
         motion: The motion.
+        seen: The poses that the camera shows, shape (T, N, 7).
         simulator: Who made it, and makes it again without the effects.
-        substeps: Its steps between two frames; None for its own choice.
+        substeps: Its steps between two frames.
     """
 
     excitation: Excitation
     motion: Motion
+    seen: Array
     simulator: Simulator
-    substeps: int | None = None
+    substeps: int
 
     def steps(self, scene: Scene) -> list[Motion]:
         """Go one frame from every true state but the last, without effects; motions of two frames."""
@@ -87,21 +90,30 @@ def steady(config: GenerateConfig) -> GenerateConfig:
     How much an effect shows, and in which phases, is a matter of the motion, not of when it is looked at, nor of who
     makes it: the same simulator judges all sets, with and without the effect.
     """
-    own = find_setup(config.scene).scene.time_step
-    frames = config.steps
+    setup, frames = find_setup(config.scene), config.steps
+    own = setup.scene.time_step
     if config.frame_rate is not None:
         frames = math.floor((config.steps - 1) / (config.frame_rate * own) + ROUNDING) + 1
+    parts = LANDING_STEPS if setup.leaves_ground else 1
     return replace(
-        config, substeps=1, frame_rate=None, jitter=0.0, missing=0.0, force_rate=None, steps=frames, simulator=JUDGE
+        config, substeps=parts, frame_rate=None, jitter=0.0, missing=0.0, force_rate=None, steps=frames, simulator=JUDGE
     )
 
 
 def look_at(config: GenerateConfig, index: int, effects: Sequence[Effect]) -> Look:
-    """Draw trajectory `index` with effects; its instants are the frames (see `steady`)."""
+    """Draw trajectory `index` of a steady set (see `steady`) with effects."""
     excitation, motion, _ = draw(config, index, config.protocol, effects)
-    frames = len(excitation.wrench)
-    motion = replace(motion, pose=motion.pose[-frames:], twist=motion.twist[-frames:])
-    return Look(excitation, motion, find_simulator(config.simulator), config.sampling(effects).substeps)
+    assert config.substeps is not None
+    sampling, before = config.sampling(effects), len(motion.pose) - len(excitation.wrench)
+    seen = observed(motion.pose, effects, sampling.stamps(np.arange(-before, len(motion.pose) - before)))
+    frames = before + sampling.frames
+    return Look(
+        replace(excitation, wrench=excitation.wrench[sampling.frames]),
+        replace(motion, pose=motion.pose[frames], twist=motion.twist[frames]),
+        seen[frames],
+        find_simulator(config.simulator),
+        config.substeps,
+    )
 
 
 def _disturbed(scene: Scene, pose: Array, twist: Array, change: Array) -> tuple[Array, Array]:

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from physid.benchmark.sealing.replay import SPAN, Look, difference, length_of, look_at, steady
+from physid.benchmark.sealing.replay import SPAN, Look, axes_of, difference, length_of, look_at, steady
 from physid.data.generation.settings import GenerateConfig
 from physid.physics.effect import Effect
 from physid.scenes.catalogue import find_setup
 from physid.scenes.parameters import with_parameters
 from physid.scenes.scene import Scene
-from physid.simulators.motion import observed
 
 Array = NDArray[np.float64]
 WINDOW = 0.5  # [s] after so long the nominal model starts again from the true state: impacts would amplify anything
@@ -40,10 +39,10 @@ def severity(config: GenerateConfig, effects: Sequence[Effect]) -> float:
     unknown parameters that explain the effects best. What the observed poses differ by, divided by the sensor's noise,
     is d. From d are removed, by least squares, what other initial states change in each segment (`_first_states`, and
     `_followed`) and the changes that unknown parameters make. e is the same for the effect-free engine from first
-    states that differ by a fifth of the noise: where impacts amplify what nobody can know, an effect shows only by what
-    it adds. With means over segments, bodies, frames and coordinates the severity is the root of the median over
-    trajectories of mean d^2 - mean e^2, 0 if that is negative: one impact that falls into another step makes no
-    severity.
+    states that differ by a fifth of the noise, and by up to half a step along the motion: where impacts amplify what
+    nobody can know, or fall into other steps, an effect shows only by what it adds. With means over segments, bodies,
+    frames and coordinates the severity is the root of the median over trajectories of mean d^2 - mean e^2, 0 if that is
+    negative: one impact that falls into another step makes no severity.
 
     Args:
         config: The recording set, noise included.
@@ -52,14 +51,20 @@ def severity(config: GenerateConfig, effects: Sequence[Effect]) -> float:
     Returns:
         Severity [standard deviations of the noise]; 0 without effects.
     """
+    if not effects:
+        return 0.0
     config = steady(config)
     chosen = [index for index, split in enumerate(config.splits()) if split == "fit"][:LOOKS]
     looks = [look_at(config, index, effects) for index in chosen]
     spread = np.array([config.noise.position] * 3 + [config.noise.rotation] * 3) * (UNSEEN if config.video else 1.0)
-    scene = _refitted(config, effects, looks, spread)
-    parts = [
-        _columns(scene, config.unknown, effects, look, spread, index) for index, look in zip(chosen, looks, strict=True)
-    ]
+    # What a camera shows late has its impacts in other brief segments, and no unknown parameter explains that.
+    scenes = {config.true_scene(), _refitted(config, looks, spread)}
+    return min(_left(scene, config.unknown, dict(zip(chosen, looks, strict=True)), spread) for scene in scenes)
+
+
+def _left(scene: Scene, unknown: Sequence[str], looks: Mapping[int, Look], spread: Array) -> float:
+    """Return the severity beside small changes of unknown parameters about their values in a scene."""
+    parts = [_columns(scene, unknown, look, spread, index) for index, look in looks.items()]
     columns = [part[1 + JITTERS :] for part in parts]
     change = _robust([part[: 1 + JITTERS] for part in parts], columns)
     square = np.array(
@@ -71,17 +76,17 @@ def severity(config: GenerateConfig, effects: Sequence[Effect]) -> float:
     return float(np.sqrt(max(0.0, np.median(square[:, 0] - square[:, 1:].mean(1)))))
 
 
-def _refitted(config: GenerateConfig, effects: Sequence[Effect], looks: Sequence[Look], spread: Array) -> Scene:
+def _refitted(config: GenerateConfig, looks: Sequence[Look], spread: Array) -> Scene:
     """Return the scene with the unknown parameters that follow the effects best over a few frames.
 
     Over so few frames impacts amplify nothing, and Gauss-Newton gets there: an effect that is exactly a change of an
     unknown parameter is absorbed exactly, at any size.
     """
     scene = config.true_scene()
-    if not config.unknown or not effects:
+    if not config.unknown:
         return scene
     for _ in range(REFITS):
-        segments = [part for look in looks for part in _brief(scene, config.unknown, effects, look, spread)]
+        segments = [part for look in looks for part in _brief(scene, config.unknown, look, spread)]
         if not segments:
             break
         wanted = CHANGE * _robust([part[:1] for part in segments], [part[1:] for part in segments])[0]
@@ -96,16 +101,15 @@ def _refitted(config: GenerateConfig, effects: Sequence[Effect], looks: Sequence
     return scene
 
 
-def _brief(scene: Scene, unknown: Sequence[str], effects: Sequence[Effect], look: Look, spread: Array) -> list[Array]:
+def _brief(scene: Scene, unknown: Sequence[str], look: Look, spread: Array) -> list[Array]:
     """Return d and the changes by each unknown parameter, (1 + P, n), in each brief segment where these are linear."""
-    seen = observed(look.motion.pose, effects, scene.time_step * np.arange(len(look.motion.pose), dtype=np.float64))
     plain = look.replay(scene, BRIEF)
     scenes = [*_varied(scene, unknown), *_varied(scene, unknown, -CHANGE)]
     varied = (look.replay(each, BRIEF) for each in scenes)
-    rows = [difference(each, plain, scene) / spread for each in (seen, *varied)]
+    rows = [difference(each, plain, scene) / spread for each in (look.seen, *varied)]
     length = length_of(scene, BRIEF)
     segments = []
-    for start in range(0, len(seen) - 1, length):
+    for start in range(0, len(look.seen) - 1, length):
         cut = np.array([_detrended(row[start : start + length], _free(scene)).ravel() for row in rows])
         rise, fall = cut[1 : 1 + len(unknown)], cut[1 + len(unknown) :]
         if np.linalg.norm(rise + fall) <= BENT * np.linalg.norm(rise - fall):
@@ -132,22 +136,20 @@ def _robust(targets: Sequence[Array], columns: Sequence[Array]) -> Array:
     return change
 
 
-def _columns(
-    scene: Scene, unknown: Sequence[str], effects: Sequence[Effect], look: Look, spread: Array, index: int
-) -> Array:
+def _columns(scene: Scene, unknown: Sequence[str], look: Look, spread: Array, index: int) -> Array:
     """Return d of a trajectory, e by each jitter, and the changes by each unknown parameter: shape (1 + J + P, n)."""
-    seen = observed(look.motion.pose, effects, scene.time_step * np.arange(len(look.motion.pose), dtype=np.float64))
     generator = np.random.default_rng(index)
     plain = look.replay(scene, WINDOW)
     bodies = len(scene.bodies)
     draws = [generator.standard_normal((2, bodies, 6)) * _free(scene) for _ in range(JITTERS)]
-    others = [look.replay(scene, WINDOW, JITTER * spread * draw) for draw in draws]
+    jitters = (JITTER * spread * draw + _other_phase(scene, look, generator) for draw in draws)
+    others = [look.replay(scene, WINDOW, jitter) for jitter in jitters]
     others += [look.replay(each, WINDOW) for each in _varied(scene, unknown)]
-    rows = np.array([difference(each, plain, scene) / spread for each in (seen, *others)])
+    rows = np.array([difference(each, plain, scene) / spread for each in (look.seen, *others)])
     states = _first_states(scene, look, plain, spread)
-    followed = _followed(scene, look, seen, states, spread)
+    followed = _followed(scene, look, states, spread)
     cut = []
-    for number, start in enumerate(range(0, len(seen) - 1, length_of(scene, WINDOW))):
+    for number, start in enumerate(range(0, len(look.seen) - 1, length_of(scene, WINDOW))):
         segment, free = _flat(rows, scene, start), _flat(states, scene, start)
         left = segment - np.linalg.lstsq(free.T, segment.T, rcond=None)[0].T @ free
         left[0] = min(left[0], followed[number], key=np.linalg.norm)
@@ -155,17 +157,30 @@ def _columns(
     return np.concatenate(cut, 1)
 
 
-def _followed(scene: Scene, look: Look, seen: Array, states: Array, spread: Array) -> list[Array]:
+def _other_phase(scene: Scene, look: Look, generator: np.random.Generator) -> Array:
+    """Move the initial state of each segment along its motion by up to half a step either way, (W, 2, N, 6).
+
+    A motion that comes a little earlier is the same motion, but its impacts fall into other steps of the simulator.
+    """
+    starts = range(0, len(look.motion.pose) - 1, length_of(scene, WINDOW))
+    twist = look.motion.twist[list(starts)]
+    axes = axes_of(scene)
+    along = np.concatenate([twist[..., 3:] @ axes.T, twist[..., :3] @ axes.T], -1) * _free(scene)
+    share = generator.uniform(-0.5, 0.5, (len(along), 1, 1))
+    return np.stack([scene.time_step / look.substeps * share * along, np.zeros_like(along)], 1)
+
+
+def _followed(scene: Scene, look: Look, states: Array, spread: Array) -> list[Array]:
     """Return what is left of d in each segment when it starts again where the camera sees it start.
 
     A turned camera shows a turned experiment: other initial states follow it exactly, but not to first order. From
     where the camera sees it, steps of Gauss-Newton with the changes `states` (D, T, N, 6) about the true motion go on.
     """
-    initial = range(0, len(seen) - 1, length_of(scene, WINDOW))
-    change, left = _seen_starts(scene, look, seen, initial), [np.array([np.inf])] * len(initial)
+    initial = range(0, len(look.seen) - 1, length_of(scene, WINDOW))
+    change, left = _seen_starts(scene, look, initial), [np.array([np.inf])] * len(initial)
     for _ in range(STEPS):
         again = look.replay(scene, WINDOW, change)
-        wide = difference(seen, again, scene)[None] / spread
+        wide = difference(look.seen, again, scene)[None] / spread
         for number, start in enumerate(initial):
             segment, free = _flat(wide, scene, start)[0], _flat(states, scene, start)
             step = np.linalg.lstsq(free.T, segment, rcond=None)[0]
@@ -175,9 +190,9 @@ def _followed(scene: Scene, look: Look, seen: Array, states: Array, spread: Arra
     return left
 
 
-def _seen_starts(scene: Scene, look: Look, seen: Array, initial: Sequence[int]) -> Array:
+def _seen_starts(scene: Scene, look: Look, initial: Sequence[int]) -> Array:
     """Return by how much initial states that the camera sees differ from the true ones (see `replay`), (W, 2, N, 6)."""
-    true = look.motion.pose
+    seen, true = look.seen, look.motion.pose
 
     def rates(pose: Array) -> Array:
         return difference(pose[1:], pose[:-1], scene) / scene.time_step

@@ -108,7 +108,7 @@ def draw_conclusion(nominal_fit: NominalFit, found: Attribution, generator: torc
         format=FORMAT,
         version=VERSION,
         verdict=verdict,
-        effects=() if chosen is None or covariance is None else _effects(chosen, covariance),
+        effects=() if shown is None or wide is None else _effects(shown, wide),
         group=() if chosen is None else _group(found, chosen),
         confidence=0.0,
         ranking=_ranking(found)[: settings.verdict.most_ranks],

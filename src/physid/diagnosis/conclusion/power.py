@@ -43,9 +43,10 @@ def detectable_sizes(
         for parameter, factor in zip(named[row.names[0]], factors.tolist(), strict=True):
             what = known[row.names[0], parameter]
             typical = abs(what.typical - what.null)
-            reachable = max(abs(what.high - what.null), abs(what.low - what.null))
             size = factor * typical
-            found.append(Detectable(row.names[0], parameter, size if size <= reachable else None, typical, what.unit))
+            found.append(
+                Detectable(row.names[0], parameter, size if size <= what.largest else None, typical, what.unit)
+            )
     return found
 
 

@@ -136,7 +136,7 @@ def _beside(
     lack, rest = find_lack_of_fit(nominal_fit, nominal, generator), find_lack_of_fit(nominal_fit, needed[0], generator)
     whole = complete(nominal, needed[0], lack, rest)
     group = [pair for pair in needed if pair is needed[0] or not distinguishable(nominal, needed[0], pair, rest, whole)]
-    return Attribution(nominal, lack, [*needed, one], needed[0], rest, group, alike(lack, needed[0]))
+    return Attribution(nominal, lack, [*needed, one], needed[0], rest, group, alike(lack, needed[0], needed))
 
 
 def unexplained(found: Attribution) -> bool:
@@ -154,7 +154,7 @@ def _search(nominal_fit: NominalFit, generator: torch.Generator, say: Progress) 
     if lack.p_value > settings.evidence.alpha and not evident(nominal):
         return Attribution(nominal, lack, [], None, None, [])
     singles = compare_candidates(
-        survivors(lack, settings.candidates),
+        survivors(lack, settings),
         lambda names: begin_hypothesis(nominal_fit.experiment, lack.fit, names, settings),
         nominal,
         say,
@@ -177,7 +177,7 @@ def _search(nominal_fit: NominalFit, generator: torch.Generator, say: Progress) 
             tried = _since(best, tried)
     whole = complete(nominal, best, lack, left)
     group = [one for one in tried if one is best or not distinguishable(nominal, best, one, left, whole)]
-    return Attribution(nominal, lack, tried, best, left, group, alike(lack, best))
+    return Attribution(nominal, lack, tried, best, left, group, alike(lack, best, tried))
 
 
 def _best_of(

@@ -5,15 +5,26 @@ from __future__ import annotations
 from itertools import combinations
 
 from physid.diagnosis.selection.comparison import Names
-from physid.diagnosis.settings.selection import CandidateSettings
+from physid.diagnosis.settings.settings import Settings
 from physid.diagnosis.settings.testing import ScoreTestSettings
-from physid.diagnosis.testing import Hypothesis, LackOfFit, gains, joined
+from physid.diagnosis.testing import Hypothesis, LackOfFit, Row, cosine, gains, joined
 
 
-def survivors(lack: LackOfFit, settings: CandidateSettings) -> list[Names]:
-    """Return the effects worth fitting: what a line at the null says of a strong effect may fall short by far."""
-    worth = [row for row in lack.rows if row.gain >= settings.survive * lack.rows[0].gain]
-    return [row.names for row in worth][: settings.most_singles]
+def survivors(lack: LackOfFit, settings: Settings) -> list[Names]:
+    """Return the effects worth fitting: what a line at the null says of a strong effect may fall short by far.
+
+    Laws that start alike, such as a lag and a delay, are told apart by their fits alone: all are fitted, or none.
+    """
+    own, groups = settings.candidates, {group.names: group for group in lack.groups}
+    worth = [row for row in lack.rows if row.gain >= own.survive * lack.rows[0].gain]
+    chosen, visible = worth[: own.most_singles], settings.score_test.visible
+
+    def begins_as(row: Row, one: Row) -> bool:
+        share = cosine(lack.conditional, groups[one.names], one.change, groups[row.names], visible)
+        return share >= settings.equivalence.alike
+
+    further = [row for row in worth[own.most_singles :] if any(begins_as(row, one) for one in chosen)]
+    return [row.names for row in [*chosen, *further]]
 
 
 def ranked_pairs(lack: LackOfFit, settings: ScoreTestSettings) -> list[Names]:

@@ -58,19 +58,19 @@ def contact_free(nominal_fit: NominalFit, generator: torch.Generator, say: Progr
 
 
 def refit_all_segments(nominal_fit: NominalFit, best: Hypothesis) -> Hypothesis:
-    """Fit unknown parameters and initial states to all segments, with the effects that contact-free segments found.
+    """Fit a hypothesis to all segments: effects that contact-free ones found, unknown parameters and initial states.
+
+    Effects and unknown parameters are fitted together: what is not known of one is not known of the other.
 
     Args:
         nominal_fit: The nominal model, fitted to all segments.
         best: The hypothesis, fitted to the contact-free ones.
-
-    Returns:
-        The hypothesis without free parameters of effects: its shared columns are the unknown parameters.
     """
     experiment, point = nominal_fit.experiment, nominal_fit.fit.point.replace(effects=best.fit.point.effects)
     fit = gauss_newton(experiment, try_new_states(experiment, point), NONE)
-    experiment, fit = fit_with_reference(experiment, fit, NONE, best.names, best.settings)
-    return replace(conclude(experiment, fit, (), best.settings), names=best.names)
+    fit = gauss_newton(experiment, fit.point, best.columns)
+    experiment, fit = fit_with_reference(experiment, fit, best.columns, best.names, best.settings)
+    return conclude(experiment, fit, best.names, best.settings)
 
 
 def _own_frames(segments: Segmentation, late: int) -> Tensor:

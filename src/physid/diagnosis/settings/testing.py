@@ -12,7 +12,7 @@ class ScoreTestSettings(Section):
     """What a candidate would gain."""
 
     visible: float = setting(
-        1.0, "standard deviations", "that a typical size must make in a direction that is tested", gt=0
+        1.0, "standard deviations", "that the largest sizes must make in a direction that is tested", gt=0
     )
     steady: bool = setting(True, "", "whether gains count without the impact that says most for them", IMPACTS)
 

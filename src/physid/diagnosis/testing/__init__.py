@@ -1,6 +1,6 @@
 """Tests of a hypothesis: score tests and null distributions, lack of fit, residual wrenches, equivalence."""
 
-from physid.diagnosis.testing.equivalence import alike
+from physid.diagnosis.testing.equivalence import alike, cosine
 from physid.diagnosis.testing.hypothesis import (
     Hypothesis,
     begin_from_finite_sizes,
@@ -9,7 +9,7 @@ from physid.diagnosis.testing.hypothesis import (
     finish_hypothesis,
     refitted_from_new_states,
 )
-from physid.diagnosis.testing.lack_of_fit import LackOfFit, find_lack_of_fit
+from physid.diagnosis.testing.lack_of_fit import LackOfFit, Row, find_lack_of_fit
 from physid.diagnosis.testing.null_tails import Tail
 from physid.diagnosis.testing.residual_wrench import freed, piece_frames
 from physid.diagnosis.testing.score_test import gains, joined
@@ -17,11 +17,13 @@ from physid.diagnosis.testing.score_test import gains, joined
 __all__ = [
     "Hypothesis",
     "LackOfFit",
+    "Row",
     "Tail",
     "alike",
     "begin_from_finite_sizes",
     "begin_hypothesis",
     "conclude",
+    "cosine",
     "find_lack_of_fit",
     "finish_hypothesis",
     "freed",

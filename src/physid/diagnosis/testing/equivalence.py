@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor
 
 from physid.diagnosis.testing.hypothesis import Hypothesis
 from physid.diagnosis.testing.lack_of_fit import LackOfFit
-from physid.diagnosis.testing.score_test import Conditional, Group, condition
+from physid.diagnosis.testing.score_test import Conditional, Group, condition, visible_inverse
 from physid.estimation.least_squares import prior
 
 
-def alike(lack: LackOfFit, best: Hypothesis) -> tuple[str, ...]:
+def alike(lack: LackOfFit, best: Hypothesis, tried: Sequence[Hypothesis] = ()) -> tuple[str, ...]:
     """List the effects that could take the place of a part of the best hypothesis, to first order.
 
     Only contact-free segments count, for where an impact falls in time is beyond a linear model: a clock that runs fast
@@ -20,6 +22,9 @@ def alike(lack: LackOfFit, best: Hypothesis) -> tuple[str, ...]:
     Args:
         lack: The nominal model, linearised with all candidates.
         best: The hypothesis, whose fitted values give the direction of each part.
+        tried: Other fitted hypotheses. Laws that start alike may part at the size that the data want, as a lag and a
+            delay do: one that is fitted with such an effect in place of the part, and leaves more of the contact-free
+            segments, has been told apart.
     """
     experiment, settings = best.experiment, best.settings
     contact_free = (~experiment.predictor.segments.contact).to(torch.float64)
@@ -39,8 +44,20 @@ def alike(lack: LackOfFit, best: Hypothesis) -> tuple[str, ...]:
             continue
         rivals = (group for group in lack.groups if group.names[0] not in best.names)
         visible, least = settings.score_test.visible, settings.equivalence.alike
-        found += [one.names[0] for one in rivals if cosine(calm_of, part, direction, one, visible) >= least]
+        rest = set(best.names) - set(part.names)
+        found += [
+            one.names[0]
+            for one in rivals
+            if cosine(calm_of, part, direction, one, visible) >= least
+            and not any(set(other.names) == rest | set(one.names) and leaves_more(best, other) for other in tried)
+        ]
     return tuple(dict.fromkeys(found))
+
+
+def leaves_more(best: Hypothesis, other: Hypothesis) -> bool:
+    """Return whether another hypothesis fits contact-free segments worse than the best, by more than chance lets it."""
+    calm = ~best.experiment.predictor.segments.contact
+    return float((other.fit.loss - best.fit.loss)[calm].sum()) > best.settings.evidence.least
 
 
 def cosine(given: Conditional, part: Group, direction: Tensor, other: Group, visible: float) -> float:
@@ -51,14 +68,11 @@ def cosine(given: Conditional, part: Group, direction: Tensor, other: Group, vis
         part: The effect.
         direction: Change of its parameters, shape (k,).
         other: The other effect, which may change its parameters at will, as far as they show.
-        visible: From how many standard deviations of a typical size on they do.
+        visible: From how many standard deviations of their largest size on they do.
     """
-    size = other.typical
-    matrix = given.matrix[other.columns][:, other.columns] * size[:, None] * size
-    across = given.matrix[other.columns][:, part.columns] @ direction * size
-    values, axes = torch.linalg.eigh((matrix + matrix.T) / 2)
-    inverse = torch.where(values > visible**2, 1 / values.clamp_min(1e-30), torch.zeros_like(values))
-    made = float(((axes.T @ across).square() * inverse).sum())
+    across = given.matrix[other.columns][:, part.columns] @ direction
+    inverse = visible_inverse(given.matrix[other.columns][:, other.columns], other, visible)
+    made = float(across @ inverse @ across)
     return made / max(_energy(given, part, direction), 1e-30)
 
 

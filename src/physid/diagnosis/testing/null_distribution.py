@@ -40,7 +40,6 @@ class Gain:
         gain: Explained squared residual, in units of the noise.
         steady: What is left of it without the impact that says most for it.
         change: Linear estimate of the parameters, shape (k,).
-        visible: How many standard deviations its typical size makes, along the best direction.
         signal: Steady gain that each parameter makes at its typical size, alone and without noise, shape (k,).
     """
 
@@ -48,7 +47,6 @@ class Gain:
     gain: float
     steady: float
     change: Tensor
-    visible: float
     signal: Tensor
 
 
@@ -88,10 +86,10 @@ class ScoreTest:
         impacts = replace(impacts, vector=impacts.vector[..., None])
         found = []
         for group in self.groups:
-            gain, change, visible = gains(given, group, self.settings.score_test)
+            gain, change = gains(given, group, self.settings.score_test)
             steady = float(steady_gains(given, group, impacts, self.settings.score_test))
             signal = signals(given, group, impacts, self.settings.score_test)
-            found.append(Gain(group.names, float(gain), steady, change[0], float(visible.max()), signal))
+            found.append(Gain(group.names, float(gain), steady, change[0], signal))
         return given, found
 
     def respond(self, null_data: NullSimulations) -> Normal:

@@ -15,11 +15,21 @@ from physid.estimation.prediction import EffectParameter
 
 @dataclass(frozen=True)
 class Group:
-    """The columns that belong to one hypothesis: the parameters of one effect, or of several."""
+    """The columns that belong to one hypothesis: the parameters of one effect, or of several.
+
+    Attributes:
+        names: The effects.
+        columns: Indices among the shared columns, shape (k,).
+        typical: Typical changes from no effect, shape (k,).
+        largest: The largest changes from no effect that the ranges admit, shape (k,).
+        low: Least admissible changes from the present values, shape (k,).
+        high: Largest ones, shape (k,).
+    """
 
     names: tuple[str, ...]
     columns: Tensor
     typical: Tensor
+    largest: Tensor
     low: Tensor
     high: Tensor
 
@@ -30,7 +40,9 @@ class Group:
 
 def joined(groups: Sequence[Group]) -> Group:
     """Return several groups as one hypothesis."""
-    parts = (torch.cat([getattr(one, name) for one in groups]) for name in ("columns", "typical", "low", "high"))
+    parts = (
+        torch.cat([getattr(one, name) for one in groups]) for name in ("columns", "typical", "largest", "low", "high")
+    )
     return Group(tuple(name for one in groups for name in one.names), *parts)
 
 
@@ -49,6 +61,7 @@ def groups_of(terms: Sequence[EffectParameter], offset: int, present: Tensor) ->
                 names=(name,),
                 columns=chosen + offset,
                 typical=torch.tensor([one.typical - one.null for one in known], dtype=torch.float64),
+                largest=torch.tensor([one.largest for one in known], dtype=torch.float64),
                 low=torch.tensor(low, dtype=torch.float64) - present[chosen],
                 high=torch.tensor(high, dtype=torch.float64) - present[chosen],
             )
@@ -97,7 +110,7 @@ def condition(normal: Normal, nuisance: Tensor, ridge: Tensor) -> Conditional:
     )
 
 
-def gains(conditional: Conditional, group: Group, settings: ScoreTestSettings) -> tuple[Tensor, Tensor, Tensor]:
+def gains(conditional: Conditional, group: Group, settings: ScoreTestSettings) -> tuple[Tensor, Tensor]:
     """Compute what a group explains, 2 b . x - x . A x at its best admissible x.
 
     Args:
@@ -106,12 +119,10 @@ def gains(conditional: Conditional, group: Group, settings: ScoreTestSettings) -
         settings: Which directions are visible.
 
     Returns:
-        Gains of the squared residual (K,), the changes (K, k), and how many standard deviations the typical size
-        makes in the directions that the data can see, shape (k,) (0 for the others).
+        Gains of the squared residual (K,), and the changes (K, k).
     """
     matrix = conditional.matrix[group.columns][:, group.columns]
-    gain, change, visible = _best(matrix[None], conditional.vector[group.columns].T, group, settings.visible)
-    return gain, change, visible[0]
+    return _best(matrix[None], conditional.vector[group.columns].T, group, settings.visible)
 
 
 def steady_gains(conditional: Conditional, group: Group, impacts: Normal, settings: ScoreTestSettings) -> Tensor:
@@ -129,7 +140,7 @@ def steady_gains(conditional: Conditional, group: Group, impacts: Normal, settin
     Returns:
         Shape (K,).
     """
-    gain, change, _ = gains(conditional, group, settings)
+    gain, change = gains(conditional, group, settings)
     if len(impacts.vector) == 0 or not settings.steady:
         return gain
     clean = change.new_zeros(impacts.vector.shape[1], len(group.columns))
@@ -170,15 +181,23 @@ def signals(conditional: Conditional, group: Group, impacts: Normal, settings: S
     )
 
 
-def _best(matrix: Tensor, vector: Tensor, group: Group, visible: float) -> tuple[Tensor, Tensor, Tensor]:
-    """Return gains (K,), changes (K, k) and visibility for matrices (K or 1, k, k) and vectors (K, k)."""
-    typical = group.typical
-    matrix, vector = matrix * typical[:, None] * typical, vector * typical
-    values, axes = torch.linalg.eigh((matrix + matrix.mT) / 2)
-    seen = values > visible**2
-    inverse = torch.where(seen, 1 / values.clamp_min(1e-30), torch.zeros_like(values))
-    best = (axes @ (inverse[..., None] * (axes.mT @ vector[..., None])))[..., 0] * typical
+def _best(matrix: Tensor, vector: Tensor, group: Group, visible: float) -> tuple[Tensor, Tensor]:
+    """Return gains (K,) and changes (K, k) for matrices (K or 1, k, k) and vectors (K, k)."""
+    inverse = visible_inverse(matrix, group, visible)
+    best = (inverse @ vector[..., None])[..., 0]
     change = torch.minimum(torch.maximum(best, group.low), group.high)
-    scaled = change / typical
-    gain = 2 * (scaled * vector).sum(-1) - (scaled * (matrix @ scaled[..., None])[..., 0]).sum(-1)
-    return gain.clamp_min(0), change, torch.where(seen, values.clamp_min(0).sqrt(), torch.zeros_like(values))
+    gain = 2 * (change * vector).sum(-1) - (change * (matrix @ change[..., None])[..., 0]).sum(-1)
+    return gain.clamp_min(0), change
+
+
+def visible_inverse(matrix: Tensor, group: Group, visible: float) -> Tensor:
+    """Return the inverse of matrices (..., k, k) in the directions that the data can see, 0 in the others.
+
+    A direction counts if the largest sizes that the ranges admit make so many standard deviations there: how large an
+    effect is in practice says nothing about what these recordings hold.
+    """
+    size = group.largest
+    values, axes = torch.linalg.eigh((matrix + matrix.mT) / 2 * size[:, None] * size)
+    inverse = torch.where(values > visible**2, 1 / values.clamp_min(1e-30), torch.zeros_like(values))
+    found: Tensor = size[:, None] * ((axes * inverse[..., None, :]) @ axes.mT) * size
+    return found
