@@ -17,8 +17,9 @@ from physid.diagnosis.inputs.model_source import read_nominal_model
 from physid.diagnosis.inputs.observations import load_observations
 from physid.diagnosis.reference.nominal_fit import NominalFit, fit_nominal_model
 from physid.diagnosis.selection import attribution as attribute
-from physid.diagnosis.selection.contact_free import contact_free
+from physid.diagnosis.selection.contact_free import contact_free, refit_all_segments
 from physid.diagnosis.settings.settings import Settings
+from physid.diagnosis.testing.hypothesis import begin_hypothesis, columns_of
 from physid.effects import CATALOGUE
 from physid.estimation.prediction.segments import Segmentation
 from physid.physics.layer import SolverError
@@ -44,10 +45,14 @@ def tossed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return recorded(folder, {"viscous_drag": {"coefficient": DRAG}}, **TOSS)
 
 
+@pytest.fixture(scope="module")
+def whole(tossed: Path) -> NominalFit:
+    return nominal_fit(tossed)
+
+
 def test_contact_free_segments_count_alone_without_frames_that_a_late_camera_takes_from_before(
-    tossed: Path,
+    whole: NominalFit,
 ) -> None:
-    whole = nominal_fit(tossed)
     part = contact_free(whole, torch.Generator().manual_seed(0))
     assert part is not None
     segments, kept = (
@@ -63,6 +68,19 @@ def test_contact_free_segments_count_alone_without_frames_that_a_late_camera_tak
         first = min(late, size // 2) if start else 0
         assert not bool(counts[row, start : start + first].any())
         assert bool(counts[row, start + first : start + size].all())
+
+
+def test_what_is_not_known_of_an_effect_is_not_known_of_the_parameters_either(whole: NominalFit) -> None:
+    """In all frames they are fitted together: the covariance of one holds that of the other."""
+    part = contact_free(whole, torch.Generator().manual_seed(0))
+    assert part is not None
+    columns = columns_of(part.experiment.predictor, ("viscous_drag",))
+    start = part.experiment.linearise(part.fit.point, columns)
+    calm = begin_hypothesis(part.experiment, start, ("viscous_drag",), whole.settings)
+    everywhere = refit_all_segments(whole, calm)
+    unknown = len(whole.experiment.predictor.model.unknown)
+    assert everywhere.covariance().shape == (unknown + 2, unknown + 2)  # beside the engine and the drag
+    assert everywhere.values["viscous_drag.coefficient"] == pytest.approx(DRAG, rel=TOLERANCE)
 
 
 def test_where_no_impact_is_there_is_no_such_part(tmp_path: Path) -> None:
