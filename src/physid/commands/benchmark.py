@@ -81,10 +81,7 @@ def benchmark(
     from physid.benchmark.plan import Plan, roles_of, simulators_of
     from physid.workers import running_on
 
-    if so_far and step != "score":
-        raise ValueError(f"--so-far belongs to score, got it with {step}: it would open the labels before their time")
-    if join and step != "calibrate":
-        raise ValueError(f"--join belongs to calibrate, got it with {step}")
+    _check_step(step, so_far, join)
     place = (out if step in ("all", "seal") else None) or bank or Path(f"runs/benchmark/{subject}")
     size = QUICK if quick else Size(sets, trajectories, steps)
     with resumable(), _writing(place, step), running_on(backend, scheduler) as whole_path:
@@ -98,6 +95,14 @@ def benchmark(
         _score(place, (out if step == "score" else None) or place / "score", so_far)
     if step == "calibrate":
         _calibrate([Path(each) for each in str(place).split(",")], join, out)
+
+
+def _check_step(step: str, so_far: bool, join: str) -> None:
+    """Refuse what belongs to another step."""
+    if so_far and step != "score":
+        raise ValueError(f"--so-far belongs to score, got it with {step}: it would open the labels before their time")
+    if join and step != "calibrate":
+        raise ValueError(f"--join belongs to calibrate, got it with {step}")
 
 
 def _writing(place: Path, step: str) -> AbstractContextManager[None]:
@@ -132,10 +137,9 @@ def _score(place: Path, target: Path, so_far: bool) -> None:
 
 def _calibrate(banks: list[Path], join: str, out: Path | None) -> None:
     from physid.benchmark.bank import read_bank
-    from physid.benchmark.scoring.calibrate import calibrate
+    from physid.benchmark.scoring.calibrate import calibrate, earlier_table
     from physid.benchmark.scoring.results import columns
-    from physid.benchmark.scoring.training import TABLE, read_table
 
     target = out or banks[0] / "calibration"
-    known = read_table(TABLE if join == "shipped" else Path(join)) if join else []
+    known = earlier_table(join) if join else []
     print(f"{columns(calibrate([read_bank(each) for each in banks], target, known))}\n\n{target}")

@@ -10,7 +10,7 @@ from physid.benchmark.films import seen_poses
 from physid.benchmark.scoring.baselines import bic_weights
 from physid.benchmark.scoring.judging import MEDIUM, Judged
 from physid.benchmark.scoring.opening import open_judged
-from physid.benchmark.scoring.training import Case, quality, write_training
+from physid.benchmark.scoring.training import TABLE, Case, quality, read_table, write_training
 from physid.diagnosis.document.evidence import NONE, OTHER, UNKNOWN, Evidence, hypothesis
 from physid.diagnosis.posterior.evidence import read_evidence
 
@@ -42,6 +42,11 @@ def calibrate(banks: Sequence[Bank], out: Path, known: Sequence[Case] = ()) -> l
         raise ValueError("calibrate: expected a verdict on a set that is free or of medium severity, found none")
     new = {case.name for case in cases}
     return quality(write_training(out, [*(case for case in known if case.name not in new), *cases]))
+
+
+def earlier_table(name: str) -> list[Case]:
+    """Read the training table of an earlier calibration; `shipped` is the one that ships."""
+    return read_table(TABLE if name == "shipped" else Path(name))
 
 
 def collect(bank: Bank, judged: Iterable[Judged]) -> list[Case]:
