@@ -71,10 +71,8 @@ def benchmark(
         backend: loky for processes of this machine, dask for a cluster (docs/scaling.md).
         scheduler: Address of Dask's scheduler, tcp://HOST:8786.
         again: Diagnose again what failed before.
-        so_far: With score: of the sets that have a verdict already. The labels are open from then on: what is diagnosed
-            later was not sealed any more.
-        join: With calibrate: a training table whose sets count beside those of the banks, training.yaml of an earlier
-            calibration; shipped for the one that ships with physid.
+        so_far: With score: of the sets that have a verdict already. What is diagnosed later was not sealed any more.
+        join: With calibrate: a training.yaml whose sets count too; shipped for the one that ships with physid.
         quiet: Hide the progress bars.
     """
     from physid.benchmark.bank import QUICK, Size
