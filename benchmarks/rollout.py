@@ -3,6 +3,7 @@
     python benchmarks/rollout.py                       everything, some minutes
     python benchmarks/rollout.py --scenes push --batches 64
     python benchmarks/rollout.py --backend reference --batches 16 --steps 30
+    python benchmarks/rollout.py --only effects
     python benchmarks/rollout.py --device cuda --only scenes --batches 4096
 
 Times are CPU times of the process, the median of the repeats after one that warms up, per trajectory of 300 steps; the
@@ -19,7 +20,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 # As `physid` itself does: idle threads of torch would spin and take the cores away. Read when torch loads.
@@ -29,6 +30,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from physid.effects import CATALOGUE, from_values
+from physid.physics.effect import Effect
 from physid.physics.fused.backend import Backend
 from physid.physics.layer import PhysicsLayer
 from physid.physics.parameters import Parameters
@@ -86,6 +89,7 @@ def draw(
     protocol: str = "rich",
     device: str = "cpu",
     integration: Integration | None = None,
+    effects: Sequence[Effect] = (),
 ) -> Work:
     """Draw trajectories of a scene, always the same ones."""
     setup, generator = find_setup(scene), np.random.default_rng(0)
@@ -102,7 +106,8 @@ def draw(
         torch.tensor([[getattr(body, name) for body in known.bodies]], dtype=torch.float64, device=device)
         for name in ("size", "mass", "friction", "restitution")
     )
-    return Work(PhysicsLayer(world, backend=backend), State(pose, twist), wrench, size, mass, friction, restitution)
+    layer = PhysicsLayer(world, effects, backend=backend)
+    return Work(layer, State(pose, twist), wrench, size, mass, friction, restitution)
 
 
 def cpu_time(work: Callable[[], object], repeats: int) -> float:
@@ -148,6 +153,19 @@ def measure_scenes(options: argparse.Namespace) -> None:
             forward, gradient = (share * median_time(call, options.repeats, clock) for call in calls)
             cells = f"{1e3 * forward:.3f} | {1e3 * gradient:.3f} | {1 / forward:.0f} | {1 / gradient:.0f}"
             print(f"| {scene} | {batch} | {cells} |", flush=True)
+
+
+def measure_effects(options: argparse.Namespace) -> None:
+    """Print what each effect that acts at steps costs, at its typical size, beside a rollout without effects."""
+    table(f"Effects in push, B = 64, {options.steps} steps", "effect", "forward [CPU ms]", "with gradient [CPU ms]")
+    kinds = [kind for kind in CATALOGUE if kind.act is not Effect.act]
+    for chosen in ([], *([kind] for kind in kinds)):
+        typical = [
+            from_values(kind.name, {name: q.typical for name, q in kind.quantities().items()}) for kind in chosen
+        ]
+        work = draw("push", 64, options.steps, options.backend, integration=Midpoint(), effects=typical)
+        forward, gradient = (1e3 * cpu_time(call, options.repeats) for call in (work.forward, work.gradient))
+        print(f"| {chosen[0].name if chosen else 'none'} | {forward:.1f} | {gradient:.1f} |", flush=True)
 
 
 def measure_growth(options: argparse.Namespace) -> None:
@@ -217,13 +235,16 @@ def main() -> None:
     parser.add_argument(
         "--device", choices=["cpu", "cuda"], default="cpu", help="cuda: times by the clock, scenes only"
     )
-    parser.add_argument("--only", choices=["scenes", "growth", "threads", "first", "memory"], help="one table")
+    parser.add_argument(
+        "--only", choices=["scenes", "effects", "growth", "threads", "first", "memory"], help="one table"
+    )
     options = parser.parse_args()
     torch.set_num_threads(options.threads)
     tables: dict[str, Callable[[], None]] = {
         "memory": measure_memory,
         "first": measure_first_call,
         "scenes": lambda: measure_scenes(options),
+        "effects": lambda: measure_effects(options),
         "growth": lambda: measure_growth(options),
         "threads": lambda: measure_threads(options),
     }
