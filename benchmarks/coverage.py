@@ -8,7 +8,7 @@
 Each set has its own seed, forces, starts and noise (1 mm and 10 mrad on every pose unless --noise says otherwise, no
 velocities). First guesses are twice the truth, initial states are fitted. "covered" is the share of the intervals that
 hold the truth, with Wilson's 95 % interval; "error / half width" is the median; "bias / s.e." the mean error by the
-standard error, with the standard error of that mean. With rates, trajectories last as long as at 240 Hz, and forces
+standard error, with the standard error of that mean; "worst" the largest error in a set. With rates, trajectories last as long as at 240 Hz, and forces
 change at the rate of --force-rate, another one than that of the poses.
 """
 
@@ -99,8 +99,8 @@ def identify(case: Case, seed: int, made: dict[str, Any], noise: Noise) -> dict[
     return found
 
 
-def row(runs: list[tuple[float, float, float, float]]) -> str:
-    """Return the figures of a parameter, from truth, estimate and interval in each set."""
+def row(runs: list[tuple[float, float, float, float]], first: int) -> str:
+    """Return the figures of a parameter, from truth, estimate and interval in each set; seeds begin at `first`."""
     hits = sum(low <= true <= high for true, _, low, high in runs)
     low, high = wilson(hits, len(runs))
     width = median((high - low) / true for true, _, low, high in runs)
@@ -109,7 +109,8 @@ def row(runs: list[tuple[float, float, float, float]]) -> str:
     errors = [math.log(value / true) / (math.log(high / low) / 2 / within) for true, value, low, high in runs]
     bias, spread = mean(errors), stdev(errors) / math.sqrt(len(errors)) if len(errors) > 1 else math.nan
     shown = f"{hits / len(runs):.1%} | {low:.1%} to {high:.1%} | {width:.2%} | {ratio:.2f}"
-    return f"{len(runs)} | {shown} | {bias:+.2f} +- {spread:.2f}"
+    worst = max(range(len(errors)), key=lambda k: abs(errors[k]))
+    return f"{len(runs)} | {shown} | {bias:+.2f} +- {spread:.2f} | {errors[worst]:+.1f} (seed {first + worst})"
 
 
 def main() -> None:
@@ -131,8 +132,10 @@ def main() -> None:
     closed = options.simulator == "closed_form"
     chosen = options.cases or [name for name, case in CASES.items() if case.closed == closed]
     noise = Noise(position=1e-3 * options.noise, rotation=1e-2 * options.noise)
-    print("| case | rate | parameter | sets | covered | Wilson | width | error / half width | bias / s.e. |")
-    print("|---|---:|---|---:|---:|---|---:|---:|---:|")
+    print(
+        "| case | rate | parameter | sets | covered | Wilson | width | error / half width | bias / s.e. | worst / s.e. |"
+    )
+    print("|---|---:|---|---:|---:|---|---:|---:|---:|---:|")
     for name in chosen:
         for rate in options.rates.split(",") if options.rates else [""]:
             made: dict[str, Any] = {"simulator": options.simulator, "frame_rate": float(rate) if rate else None}
@@ -144,7 +147,7 @@ def main() -> None:
             if not runs:
                 continue
             for parameter in CASES[name].learn:
-                shown = row([run[parameter] for run in runs])
+                shown = row([run[parameter] for run in runs], options.first)
                 print(f"| {name} | {rate or 240} | {parameter} | {shown} |", flush=True)
 
 

@@ -101,6 +101,8 @@ def test_forces_that_come_late_between_two_frames_of_a_slow_camera_leave_nothing
         start = nominal.experiment.linearise(nominal.fit.point, torch.tensor([0]))
         found = finish_hypothesis(begin_hypothesis(nominal.experiment, start, ("force_delay",), settings))
         left[longest] = float(found.fit.loss.sum())
+        short, long = (one.experiment.predictor.timeline.grid.steps.shape[1] for one in (found, nominal))
+        assert (short > long) == bool(longest), "what is late takes shorter steps, the nominal model does not"
         if longest:
             error = float(found.covariance()[-1, -1].sqrt())
             assert found.values["force_delay.delay"] == pytest.approx(0.015, abs=2 * error)

@@ -10,9 +10,10 @@ import torch
 from tests.physics.test_fused import draw
 from torch import Tensor
 
+from physid.effects import CATALOGUE
 from physid.effects.contact.friction_drift import FrictionDrift
 from physid.effects.dynamics.viscous_drag import ViscousDrag
-from physid.estimation.prediction.step_effects import only_steps
+from physid.estimation.prediction.step_effects import acts_late, only_steps
 from physid.physics.effect import Effect, Site, StepInputs, quantity
 from physid.physics.layer import PhysicsLayer, Rollout
 from physid.physics.state import State
@@ -78,3 +79,10 @@ def test_a_step_takes_what_acts_at_it_with_the_values_of_each_world(mixed: Effec
 def test_an_effect_that_only_acts_at_steps_stays_itself() -> None:
     drag = ViscousDrag(SIZES)
     assert only_steps(drag) is drag
+
+
+def test_what_remembers_commands_or_reads_another_clock_acts_late() -> None:
+    """Such effects alone need short steps: all others change forces where the command does."""
+    late = {kind.name for kind in CATALOGUE if acts_late(kind)}
+    assert late == {"force_delay", "force_lag", "observation_latency", "clock_rate"}
+    assert not acts_late(PushedDrag)

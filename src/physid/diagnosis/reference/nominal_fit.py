@@ -29,7 +29,15 @@ from physid.estimation.measurement import (
     estimate_noise,
     outlier_poses,
 )
-from physid.estimation.prediction import NominalModel, Prediction, Predictor, Segmentation, Timeline, Variants, has
+from physid.estimation.prediction import (
+    NominalModel,
+    Prediction,
+    Predictor,
+    Segmentation,
+    Timeline,
+    Variants,
+    acts_late,
+)
 from physid.physics.effect import Effect
 
 DEFAULT = Settings()
@@ -108,16 +116,15 @@ def fit_nominal_model(
     noise = estimate_noise(first.residual, present, observations.error, settings.noise)
     say(Stage.FITTING_NOMINAL)
     experiment, fit, events = _fit_segments(observations, predictor, present, noise, first, settings)
-    chosen, late = None, any(has(kind, "actuate") for kind in candidates)
+    chosen, late = None, any(acts_late(kind) for kind in candidates)
     for _ in range(own.step_choices if _chooses_steps(model) else 0):
         say(Stage.CHOOSING_STEPS)
         noise, experiment = weighed(experiment, fit, present, noise.error, settings)
         near, base = experiment.linearise(fit.point, NONE), observations.timeline
-        least = parts_for_late_forces(experiment, base, settings.steps) if late else None
-        chosen = choose_steps(experiment, near, base, settings.steps, least)
-        experiment, fit, events = _fit_segments(
-            observations, experiment.predictor.at_times(chosen.timeline), present, noise, fit, settings
-        )
+        chosen = choose_steps(experiment, near, base, settings.steps)
+        least = parts_for_late_forces(experiment, base, settings.steps) if late else chosen.parts
+        predictor = experiment.predictor.at_times(chosen.timeline, base.refined(chosen.parts.maximum(least)))
+        experiment, fit, events = _fit_segments(observations, predictor, present, noise, fit, settings)
     experiment, fit, noise = follow(experiment, fit, present, noise.error, settings, say)
     say(Stage.MEASURING_NUMERICS)
     experiment, fit = count_numerics(experiment, fit, settings, generator, say)

@@ -22,7 +22,7 @@ from physid.physics.effect import Effect
 from physid.physics.layer import SolverError
 
 FILE = "prepared.pt"
-LAYOUT = 2  # of what the file holds; another one is not read
+LAYOUT = 3  # of what the file holds; another one is not read
 GRID = ("steps", "wrench", "frame_step", "count")
 WINDOWS = ("trajectory", "start", "size", "contact")
 DECIDING = (
@@ -75,6 +75,8 @@ def fit_or_resume(
     experiment, segments = nominal_fit.experiment, nominal_fit.experiment.predictor.segments
     state = {name: getattr(segments, name) for name in WINDOWS}
     state |= {f"grid.{name}": getattr(experiment.predictor.timeline.grid, name) for name in GRID}
+    if (late := experiment.predictor.late) is not None:
+        state |= {f"late.{name}": getattr(late.grid, name) for name in GRID}
     state |= {f"point.{name}": getattr(nominal_fit.fit.point, name) for name in POINT}
     state |= {name: getattr(experiment, name) for name in ("scale", "engine", "follow")}
     state |= {"frame": experiment.directions.frame, "free": experiment.directions.free, "phases": nominal_fit.phases}
@@ -99,9 +101,12 @@ def _restored(
 ) -> NominalFit:
     """Put the parts together again."""
     segments = Segmentation(*observations.pose.shape[:2], *(state[name] for name in WINDOWS))
-    grid = StepGrid(*(state[f"grid.{name}"] for name in GRID))
-    timeline = dataclasses.replace(observations.timeline, grid=grid)
-    predictor = Predictor(model, timeline, segments, candidates)
+    grids = {
+        kind: dataclasses.replace(observations.timeline, grid=StepGrid(*(state[f"{kind}.{name}"] for name in GRID)))
+        for kind in ("grid", "late")
+        if f"{kind}.steps" in state
+    }
+    predictor = Predictor(model, grids["grid"], segments, candidates, late=grids.get("late"))
     directions = Directions(state["frame"], state["free"])
     experiment = Experiment(
         predictor,

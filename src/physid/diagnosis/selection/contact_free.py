@@ -66,7 +66,8 @@ def refit_all_segments(nominal_fit: NominalFit, best: Hypothesis) -> Hypothesis:
         nominal_fit: The nominal model, fitted to all segments.
         best: The hypothesis, fitted to the contact-free ones.
     """
-    experiment, point = nominal_fit.experiment, nominal_fit.fit.point.replace(effects=best.fit.point.effects)
+    experiment = nominal_fit.experiment.for_effects(best.columns)
+    point = nominal_fit.fit.point.replace(effects=best.fit.point.effects)
     fit = gauss_newton(experiment, try_new_states(experiment, point), NONE)
     fit = gauss_newton(experiment, fit.point, best.columns)
     experiment, fit = fit_with_reference(experiment, fit, best.columns, best.names, best.settings)

@@ -102,6 +102,7 @@ def begin_hypothesis(experiment: Experiment, start: Fit, names: tuple[str, ...],
         settings: How far a few steps are.
     """
     columns = columns_of(experiment.predictor, names)
+    experiment = experiment.for_effects(columns)
     point = _first_step(experiment, start, columns, settings.hypothesis)
     fit = gauss_newton(experiment, point, columns, settings.hypothesis.first_steps)
     return conclude(experiment, fit, names, settings)
@@ -122,7 +123,9 @@ def begin_from_finite_sizes(
     Raises:
         SolverError: If a fit cannot be simulated.
     """
-    predictor, columns = experiment.predictor, columns_of(experiment.predictor, names)
+    columns = columns_of(experiment.predictor, names)
+    experiment = experiment.for_effects(columns)
+    predictor = experiment.predictor
     known = [predictor.terms[k].quantity for k in columns.tolist()]
     typical = torch.tensor([one.typical - one.null for one in known], dtype=torch.float64)
     direction = change / typical

@@ -100,6 +100,11 @@ class Experiment:
         predictor = self.predictor.over(self.predictor.segments.only(chosen), elsewhere)
         return replace(self, predictor=predictor, directions=directions, follow=self.follow[chosen])
 
+    def for_effects(self, columns: Tensor) -> Experiment:
+        """Return the experiment with the steps that effects need, of which some parameters (indices) are at work."""
+        predictor = self.predictor.for_effects(columns)
+        return self if predictor is self.predictor else replace(self, predictor=predictor)
+
     def with_known_states(self) -> Experiment:
         """Return the experiment in which initial states stay as they are."""
         return replace(self, directions=replace(self.directions, free=torch.zeros_like(self.directions.free)))

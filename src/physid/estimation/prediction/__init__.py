@@ -4,7 +4,7 @@ from physid.estimation.prediction.effect_parameters import EffectParameter
 from physid.estimation.prediction.nominal_model import NominalModel
 from physid.estimation.prediction.rollout import Prediction, Predictor, Variants
 from physid.estimation.prediction.segments import CutRule, Segmentation
-from physid.estimation.prediction.step_effects import AtStep, has
+from physid.estimation.prediction.step_effects import AtStep, acts_late, has
 from physid.estimation.prediction.timeline import Timeline
 
 __all__ = [
@@ -17,5 +17,6 @@ __all__ = [
     "Segmentation",
     "Timeline",
     "Variants",
+    "acts_late",
     "has",
 ]

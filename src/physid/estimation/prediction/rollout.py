@@ -15,7 +15,7 @@ from physid.data.observations.step_grid import StepGrid
 from physid.estimation.prediction.effect_parameters import EffectParameter
 from physid.estimation.prediction.nominal_model import NominalModel
 from physid.estimation.prediction.segments import Batch, Segmentation
-from physid.estimation.prediction.step_effects import has, only_steps, with_values
+from physid.estimation.prediction.step_effects import acts_late, has, only_steps, with_values
 from physid.estimation.prediction.timeline import Steps, Timeline
 from physid.physics.contact import PATCH
 from physid.physics.effect import Effect
@@ -101,6 +101,7 @@ class Predictor:
         candidates: Effects whose parameters are the columns Q of `Variants.effects`, in this order.
         most: World-steps that are simulated in one go, which bounds the memory.
         elsewhere: States of frames that are in no segment, shape (R, T, N, 7); None if there are none.
+        late: The timeline where effects act late, with shorter steps; None for the same.
 
     Attributes:
         simulated: How many variants were simulated, in a list of one number that is shared with what `over` returns.
@@ -114,8 +115,10 @@ class Predictor:
         candidates: Sequence[type[Effect]] = (),
         most: int = 400_000,
         elsewhere: Tensor | None = None,
+        late: Timeline | None = None,
     ) -> None:
         self.model = model
+        self.late = late
         self.timeline = timeline
         self.segments = segments
         self.candidates = tuple(candidates)
@@ -136,13 +139,18 @@ class Predictor:
 
         A camera that is late reports what was before a segment.
         """
-        predictor = Predictor(self.model, self.timeline, segments, self.candidates, self._most, elsewhere)
+        predictor = Predictor(self.model, self.timeline, segments, self.candidates, self._most, elsewhere, self.late)
         predictor.simulated = self.simulated
         return predictor
 
-    def at_times(self, timeline: Timeline) -> Predictor:
-        """Return the same with other times, or other steps between the same frames."""
-        return Predictor(self.model, timeline, self.segments, self.candidates, self._most, self._elsewhere)
+    def at_times(self, timeline: Timeline, late: Timeline | None = None) -> Predictor:
+        """Return the same with other times, or other steps between the same frames, and where effects act late."""
+        return Predictor(self.model, timeline, self.segments, self.candidates, self._most, self._elsewhere, late)
+
+    def for_effects(self, columns: Tensor) -> Predictor:
+        """Return the same with the steps that effects need, of which some parameters (indices) are at work."""
+        late = any(acts_late(self.terms[k].effect) for k in columns.tolist())
+        return self if self.late is None or not late else self.at_times(self.late)
 
     def predict(self, variants: Variants) -> Prediction:
         """Simulate all variants.

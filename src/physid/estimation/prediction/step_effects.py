@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import cache
 
+import torch
 from torch import Tensor
 
 from physid.physics.effect import Effect, StepInputs
@@ -37,6 +39,24 @@ def only_steps(effect: Effect) -> Effect:
 def has(kind: type[Effect], hook: str) -> bool:
     """Return whether an effect does something at a hook: actuate, act or observe."""
     return getattr(kind, hook) is not getattr(Effect, hook)
+
+
+@cache
+def acts_late(kind: type[Effect]) -> bool:
+    """Return whether an effect moves changes of a force in time: by what was commanded before, or by a camera's clock.
+
+    Then forces change within the steps that were laid between changes of the command.
+    """
+    if has(kind, "elapse"):
+        return True
+    if not has(kind, "actuate"):
+        return False
+    typical = torch.tensor([[one.typical for one in kind.quantities().values()]], dtype=torch.float64)
+    effect, time = with_values(kind, typical), 0.1 * torch.arange(4, dtype=torch.float64)[None]
+    wrench = torch.arange(1.0, 5.0, dtype=torch.float64)[None, :, None, None].expand(1, 4, 1, 6)
+    other = wrench.clone()
+    other[:, 1] *= -1
+    return bool((effect.actuate(wrench, time)[:, 2:] != effect.actuate(other, time)[:, 2:]).any())
 
 
 def with_values(kind: type[Effect], values: Tensor) -> Effect:
