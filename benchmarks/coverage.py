@@ -8,8 +8,8 @@
 Each set has its own seed, forces, starts and noise (1 mm and 10 mrad on every pose unless --noise says otherwise, no
 velocities). First guesses are twice the truth, initial states are fitted. "covered" is the share of the intervals that
 hold the truth, with Wilson's 95 % interval; "error / half width" is the median; "bias / s.e." the mean error by the
-standard error, with the standard error of that mean; "worst" the largest error in a set. With rates, trajectories last as long as at 240 Hz, and forces
-change at the rate of --force-rate, another one than that of the poses.
+standard error, with the standard error of that mean; "worst" the largest error in a set. With rates, trajectories last
+as long as at 240 Hz, and forces change at the rate of --force-rate, another one than that of the poses.
 """
 
 from __future__ import annotations
@@ -132,9 +132,7 @@ def main() -> None:
     closed = options.simulator == "closed_form"
     chosen = options.cases or [name for name, case in CASES.items() if case.closed == closed]
     noise = Noise(position=1e-3 * options.noise, rotation=1e-2 * options.noise)
-    print(
-        "| case | rate | parameter | sets | covered | Wilson | width | error / half width | bias / s.e. | worst / s.e. |"
-    )
+    print("| case | rate | parameter | sets | covered | Wilson | width | error / half width | bias / s.e. | worst |")
     print("|---|---:|---|---:|---:|---|---:|---:|---:|---:|")
     for name in chosen:
         for rate in options.rates.split(",") if options.rates else [""]:
