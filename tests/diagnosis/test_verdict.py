@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from physid.diagnosis.conclusion.gap import Closing, Interval
-from physid.diagnosis.conclusion.verdict import indistinguishable_from_zero, judge, reconsider
+from physid.diagnosis.conclusion.verdict import closes_most, indistinguishable_from_zero, judge, reconsider
 from physid.diagnosis.selection.attribution import Attribution
 from physid.diagnosis.selection.evidence import both_needed, complete, distinguishable
 from physid.diagnosis.settings.settings import Settings
@@ -83,6 +83,17 @@ def test_an_error_that_few_frames_show_by_chance_contradicts_nothing(values: int
 @pytest.mark.parametrize(("closed", "verdict"), [(0.8, "partial"), (0.5, "unknown")])
 def test_a_part_of_the_cause_closes_most_of_the_gap_under_another_protocol(closed: float, verdict: str) -> None:
     assert judged(found(0.1, 0.001), transfer(2.0, closed)) == verdict
+
+
+@pytest.mark.parametrize(("same", "other", "part"), [(0.8, 0.7, True), (0.8, 0.4, False), (0.1, 0.9, False)])
+def test_a_part_closes_most_of_the_gap_in_all_frames_of_each_protocol(same: float, other: float, part: bool) -> None:
+    known = [transfer(1.5, same), transfer(1.5, other)]
+    assert closes_most(known, SETTINGS.verdict) is part
+    assert closes_most([known[0], None], SETTINGS.verdict) is (same >= 0.6)
+
+
+def test_where_no_protocol_shows_a_gap_nothing_is_a_part_of_it() -> None:
+    assert not closes_most([Closing(FLOOR, FLOOR, None, FLOOR, 90_000), None], SETTINGS.verdict)
 
 
 def test_more_than_a_part_that_is_open_is_unknown() -> None:

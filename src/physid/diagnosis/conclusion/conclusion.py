@@ -15,7 +15,7 @@ from physid.diagnosis.conclusion.materiality import Tolerance, excess_of, share_
 from physid.diagnosis.conclusion.next_experiment import NextExperiment, next_experiment
 from physid.diagnosis.conclusion.parametric_bootstrap import bootstrap_spread
 from physid.diagnosis.conclusion.power import detectable_sizes
-from physid.diagnosis.conclusion.verdict import indistinguishable_from_zero, judge, reconsider
+from physid.diagnosis.conclusion.verdict import closes_most, indistinguishable_from_zero, judge, reconsider
 from physid.diagnosis.document.document import (
     FORMAT,
     SITES,
@@ -90,8 +90,11 @@ def draw_conclusion(nominal_fit: NominalFit, found: Attribution, generator: torc
         covariance = best.covariance() + bootstrap_spread(best, generator)
         if settings.verdict.reconsidered and indistinguishable_from_zero(best, covariance, judged.values()):
             verdict = reconsider(verdict, found.nominal, best)
-    chosen, shown = (best, found.whole_best) if verdict in BLAMING else (None, None)
+    shown = found.whole_best if verdict in BLAMING else None
     closings = closings_of(nominal_fit, found.whole_nominal, shown, generator) if found.contact_free else judged
+    if verdict == "partial" and not closes_most(closings.values(), settings.verdict):
+        verdict, shown = "unknown", None
+    chosen = None if shown is None else best
     if chosen is None:
         closings = {name: _unclosed(one) for name, one in closings.items()}
     parts_closed = {} if shown is None else decompose(nominal_fit, found, closings, generator)

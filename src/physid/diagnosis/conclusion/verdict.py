@@ -64,6 +64,15 @@ def reconsider(verdict: Verdict, nominal: Hypothesis, best: Hypothesis) -> Verdi
     return verdict if improves_held_out(nominal, best) else "none"
 
 
+def closes_most(closings: Iterable[Closing | None], settings: VerdictSettings) -> bool:
+    """Return whether effects close most of the gap in all frames, on each protocol that shows one.
+
+    What closes less is no part of the cause: something else imitates it in the segments that decided.
+    """
+    known = [one for one in closings if one is not None and one.shrink is not None]
+    return bool(known) and all(_open(one, settings) <= settings.partly for one in known)
+
+
 def _carries(transfer: Closing | None, settings: VerdictSettings) -> bool:
     """Return whether another protocol contradicts what was found: a gap is left there, and less than a half closes."""
     if transfer is None or _open(transfer, settings) == 0:
