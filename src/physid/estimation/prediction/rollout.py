@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
-from functools import lru_cache
 from itertools import accumulate
 
 import torch
@@ -14,7 +12,7 @@ from torch import Tensor
 from physid.data.observations.step_grid import StepGrid
 from physid.estimation.prediction.effect_parameters import EffectParameter
 from physid.estimation.prediction.nominal_model import NominalModel
-from physid.estimation.prediction.segments import Batch, Segmentation
+from physid.estimation.prediction.segments import Batch, Segmentation, at_once
 from physid.estimation.prediction.step_effects import acts_late, has, only_steps, with_values
 from physid.estimation.prediction.timeline import Steps, Timeline
 from physid.physics.contact import PATCH
@@ -204,7 +202,7 @@ class Predictor:
             for value, into in parts:
                 batch.put(value.transpose(0, 1), into)
 
-        _at_once(simulate, self.segments.batches)
+        at_once(simulate, self.segments.batches)
         return Prediction(self.observe(state, variants), state, twist, impulse)
 
     def _roll(self, variants: Variants, batch: Batch, steps: Steps, wrench: Tensor, edges: Tensor | None) -> Rollout:
@@ -289,17 +287,3 @@ class Predictor:
             if has(kind, hook) and bool(on[:, columns].any()):
                 found.append((kind, effects[:, columns], on[:, columns].any(1)))
         return found
-
-
-def _at_once(simulate: Callable[[Batch], None], batches: Sequence[Batch]) -> None:
-    """Simulate batches, as many at once as torch uses threads: threads of one batch would wait in each step."""
-    threads, total = torch.get_num_threads(), sum(batch.frame.numel() for batch in batches)
-    parts = [part for batch in batches for part in batch.split(max(1, round(threads * batch.frame.numel() / total)))]
-    parts = sorted(parts, key=lambda part: -part.frame.numel())
-    for _ in map(simulate, parts) if min(threads, len(parts)) == 1 else _pool(threads).map(simulate, parts):
-        pass
-
-
-@lru_cache
-def _pool(threads: int) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(threads, initializer=torch.set_num_threads, initargs=(1,))

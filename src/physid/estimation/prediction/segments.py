@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import pairwise
 
 import torch
@@ -205,3 +207,17 @@ def _runs(mask: Tensor) -> list[tuple[int, int]]:
     """Return (first frame, frames) of the stretches in which a mask (T,) does not change."""
     edges = [0, *((mask[1:] != mask[:-1]).nonzero()[:, 0] + 1).tolist(), len(mask)]
     return [(a, b - a) for a, b in pairwise(edges)]
+
+
+def at_once(simulate: Callable[[Batch], None], batches: Sequence[Batch]) -> None:
+    """Simulate batches, as many at once as torch uses threads: threads of one batch would wait in each step."""
+    threads, total = torch.get_num_threads(), sum(batch.frame.numel() for batch in batches)
+    parts = [part for batch in batches for part in batch.split(max(1, round(threads * batch.frame.numel() / total)))]
+    parts = sorted(parts, key=lambda part: -part.frame.numel())
+    for _ in map(simulate, parts) if min(threads, len(parts)) == 1 else _pool(threads).map(simulate, parts):
+        pass
+
+
+@lru_cache
+def _pool(threads: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(threads, initializer=torch.set_num_threads, initargs=(1,))
