@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 import torch
 
@@ -9,6 +11,7 @@ from physid.diagnosis.reference.null_simulations import p_value
 from physid.diagnosis.settings.testing import ScoreTestSettings
 from physid.diagnosis.testing.score_test import Conditional, Group, condition, gains, steady_gains
 from physid.estimation.least_squares.normal_equations import Normal
+from physid.physics.effect import Quantity
 
 ONE = torch.ones(1, dtype=torch.float64)
 NO_NUISANCE = (torch.zeros(0, dtype=torch.int64), *2 * [torch.zeros(0, 1, dtype=torch.float64)])
@@ -65,6 +68,11 @@ def test_a_direction_counts_from_the_largest_size_that_its_range_admits() -> Non
     seen, unseen = (gains(given, group(0, largest=largest), SETTINGS) for largest in (2.1, 1.9))
     assert [float(each) for each in seen] == pytest.approx([0.25 * 6**2, 6.0])
     assert [float(each) for each in unseen] == [0, 0]
+
+
+def test_a_range_without_an_end_ends_at_a_thousand_typical_sizes() -> None:
+    assert Quantity("N", low=-math.inf, high=math.inf, typical=0.5).largest == 500
+    assert Quantity("N", low=-2.0, high=1.0, typical=0.5, null=0.25).largest == 2.25
 
 
 def test_a_change_stays_in_its_range() -> None:

@@ -19,6 +19,9 @@ from physid.physics.state import State
 Site = Literal["actuation", "dynamics", "contact", "perception"]
 
 
+ENDLESS = 1e3  # typical sizes: no effect is larger
+
+
 @dataclass(frozen=True)
 class Quantity:
     """What a parameter of an effect is: unit, null value, range and a size that is typical in practice."""
@@ -31,8 +34,9 @@ class Quantity:
 
     @property
     def largest(self) -> float:
-        """The largest distance from the null value that the range admits."""
-        return max(self.high - self.null, self.null - self.low)
+        """The largest distance from the null value that the range admits; of one without end so many typical ones."""
+        most = ENDLESS * abs(self.typical - self.null)
+        return max(min(end, most) for end in (self.high - self.null, self.null - self.low))
 
 
 def quantity(unit: str, low: float, high: float, typical: float, null: float = 0.0) -> Tensor:
