@@ -9,7 +9,7 @@ import pytest
 import torch
 from tests.diagnosis.documents import said
 
-from physid.benchmark.scoring.training import OFFSETS, SLOPED, SLOPES, Case, read_table, train
+from physid.benchmark.scoring.training import OFFSETS, REST, SLOPED, SLOPES, Case, read_table, train
 from physid.diagnosis.document.evidence import Evidence
 from physid.diagnosis.inputs import Observations
 from physid.diagnosis.posterior.evidence import bend, evidence_of
@@ -70,7 +70,7 @@ def test_the_coefficients_follow_from_the_table_that_ships() -> None:
 
 
 def test_the_gradient_of_the_log_score_vanishes_at_the_fit_but_for_its_ridge() -> None:
-    """At the largest likelihood, means of features over the truth are those over the probabilities."""
+    """Of p = (1 - e) s + e / m, with s of the true cause, the slope is (1 - e) s (x - mean x) / p."""
     cases = [case for case in read_table() if len(case.truth) == 1]
     weights = train(cases).coefficients.vector()
     difference = np.zeros(len(weights))
@@ -78,7 +78,10 @@ def test_the_gradient_of_the_log_score_vanishes_at_the_fit_but_for_its_ridge() -
         column = features(case.evidence)
         listed = ["none", "unknown", "other", *case.evidence.behind]
         found = np.exp(column @ weights)
-        difference += column[listed.index(case.truth[0])] - found @ column / found.sum()
+        found /= found.sum()
+        place = listed.index(case.truth[0])
+        share = (1 - REST) * found[place]
+        difference += share / (share + REST / len(found)) * (column[place] - found @ column)
     ridge = np.array([SLOPES if name in SLOPED else OFFSETS for name in asdict(shipped().coefficients)])
     assert difference == pytest.approx(ridge * weights, abs=0.05)
 

@@ -72,12 +72,14 @@ def train(cases: Sequence[Case]) -> Posterior:
     if not cases:
         return Posterior(Coefficients(*[0.0] * len(fields(Coefficients))), REST, 0)
     column, used, true = _stacked(cases)
+    spread = REST * true.sum(1, keepdims=True) / used.sum(1, keepdims=True)
     ridge = np.array([SLOPES if one.name in SLOPED else OFFSETS for one in fields(Coefficients)])
 
     def loss(weights: Array) -> tuple[float, Array]:
         found = softmax(np.where(used, column @ weights, -np.inf))
-        right = (found * true).sum(1, keepdims=True)
-        slope = np.einsum("kmf,km->f", column, found - found * true / right)
+        share = (found * true).sum(1, keepdims=True)
+        right = (1 - REST) * share + spread
+        slope = np.einsum("kmf,km->f", column, (1 - REST) * found * (share - true) / right)
         return float(-np.log(right).sum() + (ridge * weights**2).sum() / 2), slope + ridge * weights
 
     weights = optimize.minimize(loss, np.zeros(len(ridge)), jac=True, method="L-BFGS-B").x

@@ -52,7 +52,7 @@ def acts_late(kind: type[Effect]) -> bool:
     if not has(kind, "actuate"):
         return False
     typical = torch.tensor([[one.typical for one in kind.quantities().values()]], dtype=torch.float64)
-    effect, time = with_values(kind, typical), 0.1 * torch.arange(4, dtype=torch.float64)[None]
+    effect, time = with_values(kind, typical), torch.arange(4, dtype=torch.float64)[None]
     wrench = torch.arange(1.0, 5.0, dtype=torch.float64)[None, :, None, None].expand(1, 4, 1, 6)
     other = wrench.clone()
     other[:, 1] *= -1
