@@ -13,7 +13,7 @@ from physid.diagnosis.testing import Hypothesis, LackOfFit, Row, cosine, gains, 
 def survivors(lack: LackOfFit, settings: Settings) -> list[Names]:
     """Return the effects worth fitting: what a line at the null says of a strong effect may fall short by far.
 
-    Laws that start alike, such as a lag and a delay, are told apart by their fits alone: all are fitted, or none.
+    Laws that start alike, such as a lag and a delay, are distinguished by their fits alone: all are fitted, or none.
     """
     own, groups = settings.candidates, {group.names: group for group in lack.groups}
     worth = [row for row in lack.rows if row.gain >= own.survive * lack.rows[0].gain]

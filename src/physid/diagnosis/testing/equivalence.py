@@ -24,7 +24,7 @@ def alike(lack: LackOfFit, best: Hypothesis, tried: Sequence[Hypothesis] = ()) -
         best: The hypothesis, whose fitted values give the direction of each part.
         tried: Other fitted hypotheses. Laws that start alike may part at the size that the data want, as a lag and a
             delay do: one that is fitted with such an effect in place of the part, and leaves more of the contact-free
-            segments, has been told apart.
+            segments, has been distinguished.
     """
     experiment, settings = best.experiment, best.settings
     contact_free = (~experiment.predictor.segments.contact).to(torch.float64)
