@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from tests.benchmark.stub import cheating, failing, ignorant
 
-from physid.benchmark.bank import Bank
+from physid.benchmark.bank import Bank, read_bank
 from physid.benchmark.scoring.calibrate import calibrate
 from physid.benchmark.scoring.results import report
 from physid.benchmark.scoring.scoring import score
@@ -127,6 +127,17 @@ def test_sets_of_an_earlier_table_count_too_and_once(own: Bank, tmp_path: Path) 
     assert read_table(tmp_path / "second" / "training.yaml") == [older, *first]
 
 
+def test_a_bank_is_spent_for_good_and_only_once_all_verdicts_are_there(own: Bank, tmp_path: Path) -> None:
+    words = ["benchmark", "diagnosis", "calibrate", f"--bank={own.folder}", f"--out={tmp_path / 'out'}", "--spent"]
+    before = (own.folder / "bank.yaml").read_bytes()
+    assert main(words) == 2
+    assert (own.folder / "bank.yaml").read_bytes() == before
+    diagnose_bank(own, diagnose=ignorant, quiet=True)
+    assert main(words) == 0
+    assert read_bank(own.folder) == replace(own, purpose="calibration")
+    assert main(words[:-1]) == 0, "from then on it is a calibration bank"
+
+
 def test_a_calibration_bank_without_all_verdicts_is_not_counted(own: Bank, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"found none on 8 \(000, 001, 002, \.\.\.\)"):
         calibrate([replace(own, purpose="calibration")], tmp_path)
@@ -144,6 +155,7 @@ def test_the_command_seals_and_refuses_what_is_out_of_order(tmp_path: Path, caps
         (["seal", f"--out={place}", *tiny, "--seed=4"], "holds a bank of another seed"),
         (["seal", f"--out={place}", "--trajectories=3"], "trajectories must be a whole number of at least 6, got 3"),
         (["score", f"--bank={place}", "--join=shipped"], "--join belongs to calibrate, got it with score"),
+        (["score", f"--bank={place}", "--spent"], "--spent belongs to calibrate, got it with score"),
         (["open"], "expected one of 'all', 'seal', 'diagnose', 'score', 'calibrate', got open"),
     ):
         assert main(["benchmark", "diagnosis", *words]) == 2

@@ -34,6 +34,7 @@ def benchmark(
     again: bool = False,
     so_far: bool = False,
     join: str = "",
+    spent: bool = False,
     quiet: bool = False,
 ) -> None:
     """Check the diagnosis on recordings with hidden effects.
@@ -73,13 +74,15 @@ def benchmark(
         again: Diagnose again what failed before.
         so_far: With score: of the sets that have a verdict already. What is diagnosed later was not sealed any more.
         join: With calibrate: a training.yaml whose sets count too; shipped for the one that ships with physid.
+        spent: With calibrate: take banks to score by, which from then on are calibration banks; no score on them is a
+            withheld one any more.
         quiet: Hide the progress bars.
     """
     from physid.benchmark.bank import QUICK, Size
     from physid.benchmark.plan import Plan, roles_of, simulators_of
     from physid.workers import running_on
 
-    _check_step(step, so_far, join)
+    _check_step(step, so_far, join, spent)
     place = (out if step in ("all", "seal") else None) or bank or Path(f"runs/benchmark/{subject}")
     size = QUICK if quick else Size(sets, trajectories, steps)
     with resumable(), _writing(place, step), running_on(backend, scheduler) as whole_path:
@@ -92,15 +95,17 @@ def benchmark(
     if step in ("all", "score"):
         _score(place, (out if step == "score" else None) or place / "score", so_far)
     if step == "calibrate":
-        _calibrate([Path(each) for each in str(place).split(",")], join, out)
+        _calibrate([Path(each) for each in str(place).split(",")], join, spent, out)
 
 
-def _check_step(step: str, so_far: bool, join: str) -> None:
+def _check_step(step: str, so_far: bool, join: str, spent: bool) -> None:
     """Refuse what belongs to another step."""
     if so_far and step != "score":
         raise ValueError(f"--so-far belongs to score, got it with {step}: it would open the labels before their time")
     if join and step != "calibrate":
         raise ValueError(f"--join belongs to calibrate, got it with {step}")
+    if spent and step != "calibrate":
+        raise ValueError(f"--spent belongs to calibrate, got it with {step}")
 
 
 def _writing(place: Path, step: str) -> AbstractContextManager[None]:
@@ -133,11 +138,13 @@ def _score(place: Path, target: Path, so_far: bool) -> None:
     print(f"{report(score(read_bank(place), target, so_far=so_far))}\n\n{target / 'results.html'}")
 
 
-def _calibrate(banks: list[Path], join: str, out: Path | None) -> None:
+def _calibrate(folders: list[Path], join: str, spent: bool, out: Path | None) -> None:
     from physid.benchmark.bank import read_bank
-    from physid.benchmark.scoring.calibrate import calibrate, earlier_table
+    from physid.benchmark.scoring.calibrate import calibrate, earlier_table, spend
     from physid.benchmark.scoring.results import columns
 
-    target = out or banks[0] / "calibration"
+    target = out or folders[0] / "calibration"
     known = earlier_table(join) if join else []
-    print(f"{columns(calibrate([read_bank(each) for each in banks], target, known))}\n\n{target}")
+    banks = [read_bank(each) for each in folders]
+    banks = [spend(bank) for bank in banks] if spent else banks
+    print(f"{columns(calibrate(banks, target, known))}\n\n{target}")

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
-from physid.benchmark.bank import Bank
+from physid.benchmark.bank import Bank, write_bank
 from physid.benchmark.films import seen_poses
 from physid.benchmark.scoring.baselines import bic_weights
 from physid.benchmark.scoring.judging import MEDIUM, Judged
@@ -35,13 +36,26 @@ def calibrate(banks: Sequence[Bank], out: Path, known: Sequence[Case] = ()) -> l
         if bank.purpose != "calibration":
             raise ValueError(
                 f"{bank.folder} is a bank to {bank.purpose} by: expected a calibration bank; "
-                "make one: physid benchmark diagnosis seal --calibration"
+                "make one: physid benchmark diagnosis seal --calibration; "
+                "or, once it is scored and never to be scored by again, say --spent"
             )
         cases += collect(bank, open_judged(bank)[0])
     if not cases:
         raise ValueError("calibrate: expected a verdict on a set that is free or of medium severity, found none")
     new = {case.name for case in cases}
     return quality(write_training(out, [*(case for case in known if case.name not in new), *cases]))
+
+
+def spend(bank: Bank) -> Bank:
+    """Turn a bank whose verdicts are all there into one for calibration, in its bank.yaml, for good.
+
+    Raises:
+        ValueError: If verdicts are missing: what is diagnosed later would not be sealed any more.
+    """
+    open_judged(bank)
+    spent = replace(bank, purpose="calibration")
+    write_bank(spent)
+    return spent
 
 
 def earlier_table(name: str) -> list[Case]:
