@@ -232,13 +232,15 @@ def film_board(path: Path, look: Look, generator: np.random.Generator, views: in
 
 
 def table_points(look: Look) -> list[list[float]]:
-    """Return points of the table as someone clicks them, to half a pixel: column, row [px], x, y [m]."""
+    """Return points of the table as someone clicks them, to half a pixel: column, row [px], x, y [m].
+
+    Pixel centres are whole numbers, as in image viewers and in OpenCV.
+    """
     places = np.array([[x, y, 0.0] for x in (-0.2, 0.1, 0.4) for y in (-0.2, 0.05, 0.35)])
     ideal = project(places).reshape(-1, 1, 2)
     rays = np.concatenate([cv2.undistortPoints(ideal, intrinsics(), np.zeros(5))[:, 0], np.ones((len(places), 1))], 1)
     seen, _ = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), intrinsics(), np.array(look.distortion))
-    # physid counts pixels from the upper left corner of the image, OpenCV from the middle of the first.
-    return [[*(np.round(2 * (uv + 0.5)) / 2).tolist(), x, y] for uv, (x, y, _) in zip(seen[:, 0], places, strict=True)]
+    return [[*(np.round(2 * uv) / 2).tolist(), x, y] for uv, (x, y, _) in zip(seen[:, 0], places, strict=True)]
 
 
 def encode(path: Path, images: list[np.ndarray], look: Look) -> None:

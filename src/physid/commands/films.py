@@ -28,7 +28,7 @@ def calibrate(
         film: Film, or folder of images.
         corners: Inner corners of the board along its sides; 9x6 for one of ten by seven squares.
         square: Side of a square [m].
-        ground: Points of the ground, rows of column, row [px], x, y (and z) [m].
+        ground: Points of the ground, rows of column, row [px], x, y (and z) [m]; whole numbers are centres of pixels.
         out: The camera file to write; camera.yaml by default.
     """
     import re

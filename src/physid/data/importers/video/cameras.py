@@ -178,7 +178,7 @@ def solve_place(points: Any, matrix: Array, distortion: Array, where: str) -> tu
     """Return rotation and translation of a camera that sees points of the world at points of the image.
 
     Args:
-        points: Rows of column, row [px], x, y and, where it is not zero, z [m].
+        points: Rows of column, row [px], whole numbers at pixel centres, x, y and, where it is not zero, z [m].
         matrix: Camera matrix.
         distortion: Coefficients.
         where: Names the points in messages.
