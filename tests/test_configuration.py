@@ -229,6 +229,27 @@ def test_an_unknown_key_or_class_is_refused_with_the_nearest_one(values: dict[st
         check_keys(Configuration("run", values, allowed=(__name__,)), {"model": None, "trainer": Model})
 
 
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"9" * 100_000: 1},
+        {"trainer": {"9" * 100_000: 1}},
+        {"trainer": {"inner": {"9" * 100_000: {"class_path": "os.getpid"}}}},
+        {"model": {"class_path": f"{__name__}.Model", "init_args": {"9" * 100_000: 1}}},
+        {"model": {"class_path": f"{__name__}.{'M' * 100_000}"}},
+        {"model": {"class_path": f"{'m' * 100_000}.Model"}},
+        {"model": {"class_path": f"torch.{'m' * 100_000}.Model"}},
+        {"model": {"class_path": "9" * 100_000}},
+        {"model": {"class_path": 10**10_000}},
+        {"model": {"class_path": f"{__name__}.Model", "init_args": "9" * 100_000}},
+    ],
+)
+def test_a_message_does_not_grow_with_what_it_quotes(values: dict[str, Any]) -> None:
+    with pytest.raises(ConfigurationError) as caught:
+        check_keys(Configuration("run", values, allowed=(__name__,)), {"model": None, "trainer": Model})
+    assert len(str(caught.value)) < 1000
+
+
 @pytest.mark.parametrize("value", [None, 3, "physid.training.sysid.SysID", {}, {"class_path": 3}, ["x"]])
 def test_a_fit_needs_a_model_and_data_that_name_their_class(value: object) -> None:
     named = {"data": {"class_path": "physid.data.batches.datamodule.RecordingsDataModule"}}

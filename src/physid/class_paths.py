@@ -9,9 +9,15 @@ import re
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+from physid.strict import shown
+
 TRUSTED = ("physid", "torch", "lightning", "torchmetrics")
 """Packages whose classes any configuration may name; to import a module is to run its code."""
 DOTTED = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)+")
+
+
+LONGEST = 500
+"""Letters of the longest dotted path; one of a million would only be quoted."""
 
 
 class ClassPathError(ValueError):
@@ -28,8 +34,8 @@ def require_trusted(path: object, allowed: Sequence[str] = ()) -> None:
     Raises:
         ClassPathError: If it is no dotted path, or lies elsewhere.
     """
-    if not isinstance(path, str) or not re.fullmatch(r"[\w.]+", path):
-        raise ClassPathError(f"expected a dotted path to a class, got {path!r}")
+    if not isinstance(path, str) or not re.fullmatch(r"[\w.]+", path) or len(path) > LONGEST:
+        raise ClassPathError(f"expected a dotted path to a class, got {shown(path)}")
     if "." in path and not _lies_in(path, (*TRUSTED, *allowed)):
         root = path.partition(".")[0]
         raise ClassPathError(

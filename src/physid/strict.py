@@ -13,13 +13,16 @@ MOST_SHOWN = 100
 def nearest(name: str, known: Iterable[str]) -> str:
     """Return '; did you mean "..."?' for the nearest known name, or the list of what is known where none is near."""
     names = [str(one) for one in known]
-    close = difflib.get_close_matches(str(name), names, n=1, cutoff=0.6)
+    close = difflib.get_close_matches(str(name)[:MOST_SHOWN], names, n=1, cutoff=0.6)
     return f'; did you mean "{close[0]}"?' if close else f"; known are {', '.join(names) or 'none'}"
 
 
 def shown(value: object, most: int = MOST_SHOWN) -> str:
     """Return a value as a message can quote it: in one line, cut where it is long."""
-    text = repr(value)
+    try:
+        text = repr(value)
+    except ValueError:  # Python does not write whole numbers of more than some thousand digits
+        return f"a number of {value.bit_length()} bits" if isinstance(value, int) else type(value).__name__
     return text if len(text) <= most else f"{text[:most]}..."
 
 

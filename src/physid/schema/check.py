@@ -11,7 +11,7 @@ from typing import Any
 from physid.class_paths import DOTTED, ClassPathError, load_class, require_trusted
 from physid.configuration import CLASS_KEYS, Configuration, ConfigurationError
 from physid.schema.free_mappings import alternatives, is_mapping, types_of
-from physid.strict import nearest
+from physid.strict import MOST_SHOWN, nearest, quoted, shown
 
 
 def check_fit(configuration: Configuration) -> None:
@@ -114,9 +114,9 @@ def _refuse_unknown(
     for name in values:
         if known and name not in known:
             full = f"{key}.{name}" if key else str(name)
-            shown = full.replace(".init_args", "")
+            plain = full.replace(".init_args", "")
             raise ConfigurationError(
-                f'{configuration.source_of(full)}: unknown key "{shown}"{nearest(str(name), known)}'
+                f"{configuration.source_of(full)}: unknown key {quoted(plain)}{nearest(str(name), known)}"
             )
 
 
@@ -125,19 +125,20 @@ def _load(configuration: Configuration, key: str, path: Any) -> type | None:
     try:
         return load_class(path, configuration.allowed)
     except ClassPathError as error:
-        raise ConfigurationError(f"{configuration.source_of(key)}: {key}: {error}") from None
+        raise ConfigurationError(f"{configuration.source_of(key)}: {key[:MOST_SHOWN]}: {error}") from None
 
 
 def _trusted(configuration: Configuration, key: str, path: str) -> None:
     try:
         require_trusted(path, configuration.allowed)
     except ClassPathError as error:
-        raise ConfigurationError(f"{configuration.source_of(key)}: {key}: {error}") from None
+        raise ConfigurationError(f"{configuration.source_of(key)}: {key[:MOST_SHOWN]}: {error}") from None
 
 
 def _wrong(configuration: Configuration, key: str, wanted: str, found: Any) -> ConfigurationError:
-    shown = f"{str(found)[:60]!r}" if isinstance(found, str) else f"{found!r}"[:60]
-    return ConfigurationError(f"{configuration.source_of(key)}: {key}: expected {wanted}, got {shown}")
+    return ConfigurationError(
+        f"{configuration.source_of(key)}: {key[:MOST_SHOWN]}: expected {wanted}, got {shown(found)}"
+    )
 
 
 def _takes_classes(annotation: Any) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physid.scenes.camera import Camera
-from physid.strict import nearest, whole
+from physid.strict import nearest, quoted, whole
 from physid.typed_files import check_as
 from physid.yaml_files import YamlError, parse_yaml
 
@@ -107,7 +107,7 @@ def read_camera(path: Path) -> Lens:
     allowed = (*MATRIX, *DISTORTION, *(name for pair in SIZES for name in pair), *PLACE, *OTHERS)
     for name in known:
         if name not in allowed:
-            raise ValueError(f'{path}: unknown key "{name}"{nearest(name, allowed)}')
+            raise ValueError(f"{path}: unknown key {quoted(name)}{nearest(name, allowed)}")
     if str(known.get("distortion_model", "")) not in MODELS:
         raise ValueError(
             f"{path}: distortion_model: expected plumb_bob or rational_polynomial, got {known['distortion_model']!r}; "
