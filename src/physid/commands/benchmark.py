@@ -62,10 +62,8 @@ def benchmark(
         seed: Seed of a new bank.
         quick: A tenth: 15 sets of 12 trajectories of 120 frames.
         simulator: Who makes the sets of a new bank: pybullet, mujoco, closed_form, several with commas between them, or
-            all. With others than pybullet frame rates lie between 30 and 240 per second, and every third set has
-            jittered stamps and lost frames.
-        roles: What the sets of a new bank are for, with commas between them: free, catalogue, native, outside, alias,
-            pair; all by default.
+            all. Others than pybullet: 30 to 240 frames per second, jittered stamps and lost frames in every third set.
+        roles: Roles in a new bank, with commas between them; all, or of free, catalogue, native, outside, alias, pair.
         least_severity: How much each hidden effect shows at least, in standard deviations of the noise.
         calibration: Make a calibration bank.
         workers: Processes; -1 for one on each core.
@@ -74,8 +72,7 @@ def benchmark(
         again: Diagnose again what failed before.
         so_far: With score: of the sets that have a verdict already. What is diagnosed later was not sealed any more.
         join: With calibrate: a training.yaml whose sets count too; shipped for the one that ships with physid.
-        spent: With calibrate: take banks to score by, which from then on are calibration banks; no score on them is a
-            withheld one any more.
+        spent: With calibrate: take banks to score by too; from then on no score on them is a withheld one.
         quiet: Hide the progress bars.
     """
     from physid.benchmark.bank import QUICK, Size
