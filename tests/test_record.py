@@ -46,7 +46,9 @@ def test_two_runs_of_a_configuration_give_the_same_figures_to_the_last_digit(
 
 def test_a_record_names_versions_source_data_machine_and_command(recordings: Callable[[str], Path]) -> None:
     made = describe({"data": {"init_args": {"folder": str(recordings("push"))}}, "model": ["no set"]}).to_mapping()
-    assert made["packages"]["torch"] == metadata.version("torch") == torch.__version__
+    assert made["packages"]["torch"] == metadata.version("torch")
+    # A build from PyPI names its kind ("+cu130") in torch alone, not in what pip knows.
+    assert made["packages"]["torch"].split("+")[0] == torch.__version__.split("+")[0]
     assert made["source"]["version"] == metadata.version("physid")
     assert len(made["data"][str(recordings("push"))]) == 64
     assert made["machine"]["cores"] >= 1
