@@ -14,7 +14,7 @@ from tests.data import filmed
 
 from physid.cli import main
 from physid.data.format import RecordingSet
-from physid.data.importers.video.cameras import Lens, read_camera
+from physid.data.importers.video.cameras import Lens, read_camera, solve_place
 from physid.data.importers.video.convert import import_films
 from physid.data.importers.video.films import FilmFile, ImageFolder
 from physid.data.importers.video.shadows import smoothed
@@ -287,6 +287,23 @@ def images_without_rate(place: Path) -> None:
     empty_folder(place)
     for number, image in enumerate(filmed.images(6)):
         Image.fromarray(image).save(place / "a.mp4" / f"{number}.png")
+
+
+@pytest.mark.parametrize(
+    ("last", "message"),
+    [
+        ([40, 31, 0.0, 0.0], "expected points that a camera can see so"),
+        ([40, 31, 0.1, -0.1, 0.0, 11.0, -0.1], "expected 4 or more rows"),
+        ([40, 31, 0.1], "expected 4 or more rows"),
+    ],
+)
+def test_points_that_no_camera_sees_so_are_refused_and_so_is_a_row_with_more_than_its_numbers(
+    last: list[float], message: str
+) -> None:
+    matrix = np.array([[60.0, 0, 31.5], [0, 60, 23.5], [0, 0, 1]])
+    rows = [[31, 23, 0.0, 0.0], [40, 23, 0.1, 0.0], [31, 30, 0.0, -0.1], last]
+    with pytest.raises(ValueError, match=f"camera.yaml: points: {message}"):
+        solve_place(rows, matrix, np.zeros(5), "camera.yaml")
 
 
 @pytest.mark.parametrize(

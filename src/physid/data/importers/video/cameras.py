@@ -189,7 +189,7 @@ def solve_place(points: Any, matrix: Array, distortion: Array, where: str) -> tu
     from physid.data.importers.video.opencv import cv2
 
     try:
-        rows = np.array([[*row, 0.0][:5] for row in points], dtype=float)
+        rows = np.array([[*row, 0.0] if len(row) == 4 else [*row] for row in points], dtype=float)
         sound = rows.ndim == 2 and rows.shape[1] == 5 and bool(np.isfinite(rows).all())
     except (TypeError, ValueError, OverflowError):
         sound = False
@@ -209,12 +209,14 @@ def solve_place(points: Any, matrix: Array, distortion: Array, where: str) -> tu
         distortion,
         flags=cv2.SOLVEPNP_IPPE if np.ptp(rows[:, 4]) == 0 else cv2.SOLVEPNP_SQPNP,
     )
-    again = cv2.projectPoints(rows[:, 2:].copy(), turn, shift, matrix, distortion)[0].reshape(-1, 2)
-    error = float(np.abs(again - rows[:, :2]).max())
-    if not solved or error > 0.02 * float(np.ptp(rows[:, :2])):
+    error = np.inf
+    if solved:
+        again = cv2.projectPoints(rows[:, 2:].copy(), turn, shift, matrix, distortion)[0].reshape(-1, 2)
+        error = float(np.abs(again - rows[:, :2]).max())
+    if error > 0.02 * float(np.ptp(rows[:, :2])):
+        found = f"some that are {error:.1f} px off" if solved else "some that no camera sees so"
         raise ValueError(
-            f"{where}: points: expected points that a camera can see so, got some that are {error:.1f} px off; check "
-            "their order and units"
+            f"{where}: points: expected points that a camera can see so, got {found}; check their order and units"
         )
     turn, shift = cv2.solvePnPRefineLM(rows[:, 2:].copy(), rows[:, :2].copy(), matrix, distortion, turn, shift)
     return np.asarray(cv2.Rodrigues(turn)[0], dtype=float), np.asarray(shift, dtype=float).ravel()
