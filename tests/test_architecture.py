@@ -14,7 +14,7 @@ MOST_LINES = 300
 MOST_LINES_OF_A_FUNCTION = 80
 
 RANKS = {
-    "class_paths": 0,
+    "class_paths": 1,
     "one_writer": 0,
     "strict": 0,
     "typed_files": 1,
