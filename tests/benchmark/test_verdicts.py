@@ -133,6 +133,10 @@ def test_a_bank_is_spent_for_good_and_only_once_all_verdicts_are_there(own: Bank
     assert main(words) == 2
     assert (own.folder / "bank.yaml").read_bytes() == before
     diagnose_bank(own, diagnose=ignorant, quiet=True)
+    open_one = shutil.copytree(own.folder, tmp_path / "open")
+    shutil.rmtree(open_one / "verdicts")
+    assert main([*words[:3], f"--bank={own.folder},{open_one}", *words[4:]]) == 2, "all banks are spent, or none"
+    assert (own.folder / "bank.yaml").read_bytes() == before
     assert main(words) == 0
     assert read_bank(own.folder) == replace(own, purpose="calibration")
     assert main(words[:-1]) == 0, "from then on it is a calibration bank"

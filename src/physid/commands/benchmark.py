@@ -143,5 +143,5 @@ def _calibrate(folders: list[Path], join: str, spent: bool, out: Path | None) ->
     target = out or folders[0] / "calibration"
     known = earlier_table(join) if join else []
     banks = [read_bank(each) for each in folders]
-    banks = [spend(bank) for bank in banks] if spent else banks
+    banks = spend(banks) if spent else banks
     print(f"{columns(calibrate(banks, target, known))}\n\n{target}")

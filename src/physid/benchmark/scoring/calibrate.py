@@ -46,15 +46,17 @@ def calibrate(banks: Sequence[Bank], out: Path, known: Sequence[Case] = ()) -> l
     return quality(write_training(out, [*(case for case in known if case.name not in new), *cases]))
 
 
-def spend(bank: Bank) -> Bank:
-    """Turn a bank whose verdicts are all there into one for calibration, in its bank.yaml, for good.
+def spend(banks: Sequence[Bank]) -> list[Bank]:
+    """Turn banks whose verdicts are all there into ones for calibration, in their bank.yaml, for good; all or none.
 
     Raises:
         ValueError: If verdicts are missing: what is diagnosed later would not be sealed any more.
     """
-    open_judged(bank)
-    spent = replace(bank, purpose="calibration")
-    write_bank(spent)
+    for bank in banks:
+        open_judged(bank)
+    spent = [replace(bank, purpose="calibration") for bank in banks]
+    for bank in spent:
+        write_bank(bank)
     return spent
 
 
