@@ -11,7 +11,8 @@ Four things are looked at:
   reference's formulation whoever solved it; what it calls failed is counted.
 * Energy. Contacts take kinetic energy, T(v+) <= T(v without contacts) at the pose of the step, beside what their rule
   asks for: sum of lambda_n (-c) where they bounce or overlap, and under Midpoint -lambda_t . (mean slip). Of the energy
-  at hand. Under Midpoint, T + V of a whole step is printed too, of rigid bodies apart that turn less than 0.1 rad.
+  at hand. Under Midpoint, T + V of a whole step is printed too, of rigid bodies apart that turn by less than 0.1 rad
+  and move by less than a tenth of their shortest edge.
 * Backends. Compiled steps against those of the torch reference, on a sample.
 * Rest. Stacks of one to three boxes for 10,000 steps: how far they creep and turn.
 """
@@ -56,6 +57,8 @@ PASSIVE = 1e-6
 """Largest part of the energy at hand that a step may create: smoothing makes 1e-8 [-]."""
 SAME = 1e-4
 """Largest difference between the backends, of the fastest velocity at hand [-]."""
+RESOLVED = 0.1
+"""Turn in a step [rad], and way in parts of the shortest edge, from which on a step is too long for what it steps."""
 SAMPLE = 100
 """Worlds of each batch that both backends solve."""
 STILL = 1e-3
@@ -365,7 +368,7 @@ def examine(case: Case, problems: Problems, world: World) -> None:
     case.violation = max(case.violation, float(worst[good].max()))
     case.created = max(case.created, float(created[good].max()))
     if world.midpoint:
-        law = good & plain(problems, world)
+        law = good & plain(problems, step.state, world)
         case.gained = max([case.gained, *gained(problems, step.state)[law].tolist()])
     few = problems.select(torch.arange(SAMPLE))
     other = solve(few, world, SolverSettings(), compiled=False)
@@ -377,12 +380,18 @@ def examine(case: Case, problems: Problems, world: World) -> None:
     case.difference = max(case.difference, float(difference[both].max()))
 
 
-def plain(problems: Problems, world: World) -> Tensor:
-    """Return which worlds `Midpoint` must not give energy: rigid, apart, and turning slowly enough to be resolved."""
+def plain(problems: Problems, after: State, world: World) -> Tensor:
+    """Return which worlds `Midpoint` must not give energy: rigid, apart, and resolved by the step.
+
+    That is, turns of less than `RESOLVED`, and ways of less than this share of the shortest edge, with the velocities
+    before the step and after it.
+    """
     patches = patches_of(problems.state, problems.inputs(world), world)
     gap = torch.stack([torch.where(patch.active, patch.gap, math.inf).amin(1) for patch in patches], 1).amin(1)
-    turning = problems.state.twist[..., :3].norm(dim=-1).amax(1) * problems.step
-    return (gap > 0) & (problems.parameters.restitution == 0).all(1) & (turning < 0.1)
+    twist, edge = torch.cat([problems.state.twist, after.twist], 1), problems.parameters.size.amin((1, 2))
+    turn, way = (twist[..., part].norm(dim=-1).amax(1) * problems.step for part in (slice(0, 3), slice(3, 6)))
+    resolved = (turn < RESOLVED) & (way < RESOLVED * edge)
+    return (gap > 0) & (problems.parameters.restitution == 0).all(1) & resolved
 
 
 def rest(bodies: int, world: World, steps: int, worlds: int) -> tuple[int, int, float, float, float]:

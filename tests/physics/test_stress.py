@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib.util
 import math
 import sys
@@ -64,6 +65,38 @@ def test_the_checks_of_a_solution_see_what_is_wrong(stress: ModuleType) -> None:
         solved = stress.Solved.of(problems, world, pushed)
         worst = solved.violation(step.state, torch.ones(400, dtype=torch.bool), midpoint=False)
         assert float(worst[touching].min()) > stress.HONEST
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize("limit", [12, 15, 18])
+def test_what_the_last_allowed_step_solves_is_not_softened(stress: ModuleType, limit: int, *, compiled: bool) -> None:
+    torch.manual_seed(7)
+    problems, ladder = stress.SCENES["flat box"](), SolverSettings().compliance
+    once, more = (
+        stress.solve(problems, World(), SolverSettings(max_steps=limit, compliance=some), compiled=compiled)
+        for some in (ladder[:1], ladder)
+    )
+    solved = once.converged
+    assert 40 < int(solved.sum()) < 360
+    assert bool(more.converged[solved].all())
+    apart = (once.state.twist - more.state.twist).abs().amax((1, 2)) / (1 + once.state.twist.abs().amax((1, 2)))
+    assert float(apart[solved].max()) < 1e-9
+
+
+def test_stacks_that_land_at_a_million_times_the_speed_of_a_step_are_hardly_softened(stress: ModuleType) -> None:
+    # Contacts that stick are so stiff that what rounding leaves of a velocity is a force: 20 of 400 jammed by that.
+    torch.manual_seed(5)
+    drawn, step = stress.SCENES["stack of three"](), 1e-3
+    twist = torch.zeros_like(drawn.state.twist)
+    twist[..., 3], twist[..., 5] = (share * 1e6 * stress.STANDARD_GRAVITY * step for share in (-0.1, -1))
+    known = dataclasses.replace(
+        drawn.parameters,
+        friction=torch.full_like(drawn.parameters.friction, 1.5),
+        restitution=torch.zeros_like(drawn.parameters.restitution),
+    )
+    problems = stress.Problems(State(drawn.state.pose, twist), known, torch.full_like(drawn.step, step))
+    once = SolverSettings(compliance=SolverSettings().compliance[:1])
+    assert int((~stress.solve(problems, World(), once, compiled=False).converged).sum()) < 8
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)

@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 from scipy.stats import chi2, norm
@@ -16,6 +17,9 @@ from torch import Tensor
 
 from physid.cli import main
 from physid.commands.terminal.summary import summarize
+from physid.data.format import RecordingSet, trajectory_path, write_scene, write_sums
+from physid.data.reading import ECHO, Reading, write_reading
+from physid.data.trajectory import write_trajectory
 from physid.estimation.least_squares.covariance import covariance_of, inflation, reach_of, scatter_of
 from physid.estimation.least_squares.experiment import Fit
 from physid.estimation.least_squares.levenberg_marquardt import NONE
@@ -227,3 +231,37 @@ def test_trajectories_that_fit_alike_count_alike_and_exact_ones_too() -> None:
         equations = NormalEquations()
         equations.collect(losses, Normal(one[..., None], one, losses), one[..., None])
         assert torch.equal(equations.weights, equations.weights[:1].expand(4))
+
+
+@pytest.mark.slow
+def test_an_interval_knows_what_an_unsure_scale_of_films_changes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = ["trajectories=6", "steps=60", "frame_rate=60", "video=false", "split={train: 6}"]
+    assert main(["generate", "--config", "generate/push_rich", "--out", "exact", "--quiet", "--workers=1", *words]) == 0
+    exact, scale = RecordingSet(tmp_path / "exact"), 2e-3
+    scene = dataclasses.replace(exact.scene, camera=find_setup("push").scene.camera)
+    assert scene.camera is not None
+    middle = np.array(scene.camera.target)
+
+    def fitted(name: str, share: float, deviation: float) -> tuple[float, float, float]:
+        for folder in (tmp_path / name, tmp_path / name / ECHO):
+            folder.mkdir()
+            for index, one in enumerate(exact):
+                pose = one.pose.copy()
+                pose[..., :2] += share * (pose[..., :2] - middle[:2])
+                write_trajectory(trajectory_path(folder, index), dataclasses.replace(one, pose=pose, twist=None))
+            write_scene(folder, scene)
+            write_sums(folder)
+        write_reading(tmp_path / name, Reading("films", "", "planar", 0.0, deviation, ""))
+        assert main(["fit", name]) == 0
+        figures = json.loads((tmp_path / "runs" / name / "metrics.json").read_text())
+        return tuple(figures[f"params/block.friction/{word}"] for word in ("estimate", "low", "high"))  # type: ignore[return-value]
+
+    estimate, low, high = fitted("sure", 0.0, 0.0)
+    same, wider_low, wider_high = fitted("unsure", 0.0, scale)
+    moved, *_ = fitted("moved", scale, 0.0)
+    assert same == estimate
+    more = math.sqrt((wider_high - wider_low) ** 2 - (high - low) ** 2) / 2
+    assert more == pytest.approx(norm.ppf(0.95) * abs(moved - estimate), rel=0.1)

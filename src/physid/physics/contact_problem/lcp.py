@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 
 import torch
 from torch import Tensor
@@ -142,11 +142,11 @@ def solve_contacts(
     with torch.no_grad():
         compiled = problem.mass.device.type != "cpu" if settings.compiled is None else settings.compiled
         solution = _follow_path(problem, law, settings, settings.compliance[0], _newton_step(compiled))
-        for compliance in settings.compliance[1:]:
+        for compliance in settings.compliance:  # the first once more: rounding alone may have been in the way
             jammed = ~solution.converged
             if not bool(jammed.any()):
                 break
-            again = _follow_path(problem.select(jammed), law, settings, compliance, _Path.advance)
+            again = _follow_path(problem.select(jammed), law, settings, compliance, partial(_Path.advance, refined=1))
             solution = solution.merge(jammed, again)
     return solution
 
@@ -236,15 +236,15 @@ class _Path:
         heads = product[..., : self.linear + 1] if product.shape[-1] > self.linear else product
         return heads.flatten(1).sum(1) / max(self.pairs, 1)
 
-    def advance(self, active: Tensor) -> None:
-        """Take one predictor-corrector step in the worlds that the mask (B,) names."""
+    def advance(self, active: Tensor, refined: int = 0) -> None:
+        """Take one predictor-corrector step in the worlds that the mask (B,) names; refined, or not (`_direction`)."""
         blocks = self._eliminate()
         gap = self._gap(self.product)
         _, _, dz, dw = self._direction(*blocks, torch.zeros_like(gap))
         length = self._length(dz, dw).clamp_max(1)[:, None, None]
         predicted = self._gap(jordan(self.z + length * dz, self.w + length * dw, self.linear))
         sigma = ((predicted / gap).clamp(0, 1) ** 3).clamp_min(0.1)
-        dv, djoint, dz, dw = self._direction(*blocks, (sigma * gap).clamp_min(self.tau))
+        dv, djoint, dz, dw = self._direction(*blocks, (sigma * gap).clamp_min(self.tau), refined)
         length = (0.99 * self._length(dz, dw)).clamp_max(1) * active
         self.v = self.v + length[:, None] * dv
         self.joint = self.joint + length[:, None] * djoint
@@ -263,17 +263,32 @@ class _Path:
         return arrow_z, inverse, gain, bordered_factor(matrix, problem.joint_jacobian)
 
     def _direction(
-        self, arrow_z: Tensor, inverse: Tensor, gain: Tensor, factor: tuple[Tensor, Tensor], target: Tensor
+        self,
+        arrow_z: Tensor,
+        inverse: Tensor,
+        gain: Tensor,
+        factor: tuple[Tensor, Tensor],
+        target: Tensor,
+        refined: int = 0,
     ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Solve the Newton equations for z o w = target e, from factors that do not depend on the target."""
+        """Solve the Newton equations for z o w = target e, from factors that do not depend on the target.
+
+        Contacts that stick are as stiff as 1 / tau: what rounding leaves of dv they turn into forces. These are looked
+        at, and solved for again, as often as `refined` says (iterative refinement).
+        """
+        problem = self.problem
         wanted = self.target / self.tau * target[:, None, None] - self.product
-        push = (inverse @ wanted[..., None] + gain @ self.slack_error[..., None])[..., 0]
-        force = torch.einsum("bckn,bck->bn", self.problem.jacobian, push @ self.p.T) - self.force_error
-        unknown = torch.linalg.lu_solve(*factor, torch.cat([force, -self.joint_error], 1)[..., None])[..., 0]
-        dv, djoint = unknown.split([force.shape[1], self.joint_error.shape[1]], 1)
-        du = self._relative(dv) @ self.g.T
-        dz = push - (gain @ du[..., None])[..., 0]
-        dw = du + (self.h @ dz[..., None])[..., 0] - self.slack_error
+        dz = (inverse @ wanted[..., None] + gain @ self.slack_error[..., None])[..., 0]
+        dv, djoint = torch.zeros_like(self.v), torch.zeros_like(self.joint)
+        for _ in range(1 + refined):
+            force = torch.einsum("bckn,bck->bn", problem.jacobian, dz @ self.p.T)
+            force = force + torch.einsum("ben,be->bn", problem.joint_jacobian, djoint)
+            force = force - (problem.mass @ dv[..., None])[..., 0] - self.force_error
+            apart = -self.joint_error - torch.einsum("ben,bn->be", problem.joint_jacobian, dv)
+            more = torch.linalg.lu_solve(*factor, torch.cat([force, apart], 1)[..., None])[..., 0]
+            dv, djoint = dv + more[:, : dv.shape[1]], djoint + more[:, dv.shape[1] :]
+            dz = dz - (gain @ (self._relative(more[:, : dv.shape[1]]) @ self.g.T)[..., None])[..., 0]
+        dw = self._relative(dv) @ self.g.T + (self.h @ dz[..., None])[..., 0] - self.slack_error
         return dv, djoint, dz, dw
 
     def _length(self, dz: Tensor, dw: Tensor) -> Tensor:

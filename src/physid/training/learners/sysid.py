@@ -22,6 +22,7 @@ from physid.training.learners.prediction import PredictingModule
 from physid.training.parameters.intervals import Response
 from physid.training.parameters.pose_loss import PoseLoss
 from physid.training.parameters.taking_steps import take_back, take_step, uses_slopes
+from physid.training.parameters.tracked_poses import tracking_error_of
 from physid.training.parameters.trajectories import Trajectories
 
 Batch = Mapping[str, Any]
@@ -154,12 +155,15 @@ class SysID(TrainingModule, PredictingModule):
             index = self.indices(batch)
             return answers.respond_coarsely(lambda points: self.losses_at(batch, points)[0], explaining, index)
         cut, response = answers.respond(explaining, self.tracked)
-        if not self.steps.chooses:
-            return response
-        shift, chosen = self.steps.remaining(self.layer, self.physical, self._coarse_from(cut), cut.noise, response)
-        for name, value in (("mean", chosen.mean), ("most", chosen.largest), ("bias", chosen.bias)):
-            self.log(f"steps/{name}", float(value))
-        return dataclasses.replace(response, shift=shift)
+        shared, tracking = [], tracking_error_of(self.scene, self.trainer.datamodule.recordings.folder, cut)  # type: ignore[attr-defined]
+        if tracking is not None:
+            shared.append(response(tracking.deviation * tracking.stretch))
+        if self.steps.chooses:
+            shift, chosen = self.steps.remaining(self.layer, self.physical, self._coarse_from(cut), cut.noise, response)
+            shared.append(shift)
+            for name, value in (("mean", chosen.mean), ("most", chosen.largest), ("bias", chosen.bias)):
+                self.log(f"steps/{name}", float(value))
+        return dataclasses.replace(response, shared=torch.stack(shared) if shared else None)
 
     def _coarse_from(self, cut: Trajectories) -> Trajectories:
         """Return training segments with the longest steps, from the initial states of others."""

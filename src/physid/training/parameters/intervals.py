@@ -39,14 +39,15 @@ class Response:
         least: Variances that the white noise of the poses alone would cause, shape (P,).
         gain: H^-1 J^T W, by which estimates follow predicted poses, d = -gain r, shape (P, B, T, N, 6); None where
             derivatives mean nothing.
-        shift: What the steps of the engine may still change of the estimates, shape (P,); None for nothing.
+        shared: What a standard deviation of each error that all poses share changes of the estimates, be it one of the
+            steps of the engine or of the scale of films, shape (K, P); None for no such error.
         faint: J^T W J, summed, of a parameter of which nothing is known.
     """
 
     normal: Normal
     least: Tensor
     gain: Tensor | None = None
-    shift: Tensor | None = None
+    shared: Tensor | None = None
     faint: float = 0.0
 
     @classmethod
@@ -91,12 +92,12 @@ class Response:
         return cls(normal.grouped(index.cpu()), torch.zeros_like(here), faint=ROUNDING**2 * len(index))
 
     def covariance(self) -> Tensor:
-        """Estimate the covariance of the estimates (see `covariance_of`), and what the steps may change, squared."""
+        """Estimate the covariance of the estimates (see `covariance_of`), and add that of errors that all share."""
         total = self.normal.matrix.sum(0)
         ridge = ridge_of(total)
         spread = covariance_of(self.normal.solved(ridge), ridge, self.least)
-        if self.shift is not None:
-            spread = spread + torch.outer(self.shift, self.shift)
+        if self.shared is not None:
+            spread = spread + self.shared.T @ self.shared
         return known(spread, total, self.faint)
 
     def deviation(self) -> Tensor:

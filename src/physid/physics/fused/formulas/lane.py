@@ -75,7 +75,8 @@ def check(lane: Record, constants: Record) -> None:
     lane["solved"] = [where(solved, 1.0, 0.0)]
     misled = (count >= WARM_STEPS) | (lane.one("lost") > 0.5) | ((count > 0.0) & (lane.one("length") < SHORT))
     warm = rung < 0.0
-    spent = (warm & misled) | (~warm & (count >= constants.one("max_steps")))
+    # What was solved by the last step that it had is polished too, as the reference does; it is not tried again.
+    spent = ~solved & ((warm & misled) | (~warm & (count >= constants.one("max_steps"))))
     retry = going & spent & (rung + 1.0 < constants.one("rungs"))
     rung = where(retry, rung + 1.0, rung)
     lane["rung"], lane["count"], lane["restart"] = [rung], [where(retry, 0.0, count)], [where(retry, 1.0, 0.0)]
