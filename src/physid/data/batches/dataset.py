@@ -14,7 +14,7 @@ from physid.data.format import RecordingSet
 from physid.data.observations.remarks import warn_of
 from physid.data.observations.step_grid import SHORTEST, mean_wrench
 from physid.data.observations.trajectories import from_recordings
-from physid.data.reading import echo_of
+from physid.data.reading import echo_of, read_reading
 from physid.data.recording import Recording
 
 Item = dict[str, Tensor]
@@ -22,7 +22,7 @@ Video = Literal["none", "all"] | Sequence[int]
 JITTER = 0.02
 """Share of the time step by which the steps of an even log may differ, for what learns from segments or films; where
 steps follow the stamps it is that of the shortest step."""
-OVER_TIME = ("pose", "again", "twist", "wrench", "frames", "shown", "time", "seen", "steps", "step_wrench",
+OVER_TIME = ("pose", "again", "stretch", "twist", "wrench", "frames", "shown", "time", "seen", "steps", "step_wrench",
              "frame_step")  # fmt: skip
 """Filled up along time where lengths differ."""
 OF_STEPS = ("steps", "step_wrench", "count", "time_step")
@@ -36,7 +36,8 @@ class Segments(Dataset[Item]):
 
     * `pose` (n, N, 7), `wrench` (n, N, 6) and, where the set has it, `twist` (n, N, 6), float64; an absent wrench is
       zero, and its last row is not used
-    * of poses that were read from films: `again` (n, N, 7), these poses drawn and read a second time
+    * of poses that were read from films: `again` (n, N, 7), these poses drawn and read a second time, and `stretch`
+      (n, N, 6), what a standard deviation of their scale changes of them, rotation vectors [rad] and positions [m]
     * `length`: frames that are real, for in a batch shorter trajectories are filled up with their last frame
     * `index` and `start`: which trajectory of the set it is, and its first frame there
     * of a whole trajectory that is no even log (stamps that jitter, frames or bodies missing, forces with a clock of
@@ -86,7 +87,7 @@ class Segments(Dataset[Item]):
         self._video = video
         self._draw, self._every, self._decode, self._unposed = draw, every, decode, unposed
         self._numbers: dict[int, Item] = {}
-        self._echo = echo_of(recordings)
+        self._echo, self._reading = echo_of(recordings), read_reading(recordings.folder)
         self._places = self._find_places(trajectories, length, stride)
 
     def _find_places(
@@ -134,8 +135,16 @@ class Segments(Dataset[Item]):
             numbers = _numbers_of(self._recordings, trajectory, self._unposed, even)
             if self._echo is not None:
                 numbers["again"] = torch.from_numpy(self._echo.read(trajectory).pose)
+                numbers["stretch"] = self._stretched(numbers["pose"])
             self._numbers[trajectory] = numbers
         return self._numbers[trajectory]
+
+    def _stretched(self, pose: Tensor) -> Tensor:
+        """Return what a standard deviation of the scale changes of poses (n, N, 7) from films, shape (n, N, 6)."""
+        camera, stretch = self._recordings.scene.camera, torch.zeros_like(pose[..., :6])
+        if self._reading is not None and camera is not None:
+            stretch[..., 3:] = self._reading.stretch_deviation * (pose[..., :3] - pose.new_tensor(camera.target))
+        return stretch
 
     def _choose(self, start: int, frames: int) -> list[int]:
         """Choose the frames of a segment to decode, counted from its start."""

@@ -14,7 +14,6 @@ from physid.estimation.measurement.misfit import SHARE_OF_NOISE, SHARE_OF_SIZE, 
 from physid.estimation.measurement.poses import pose_difference
 from physid.estimation.measurement.tracking_error import TrackingError
 from physid.scenes.scene import Scene
-from physid.training.parameters.tracked_poses import tracking_error_of
 from physid.training.parameters.trajectories import Trajectories
 
 SIGNIFICANT = 3.09
@@ -50,11 +49,10 @@ class Unexplained(L.Callback):
         module: Fitted = pl_module  # type: ignore[assignment]
         predicted, cut = module.fitted()
         tracked: Sequence[tuple[float, float] | None] = (None, None)
-        error = tracking_error_of(module.scene, trainer.datamodule.recordings.folder, cut)  # type: ignore[attr-defined]
-        if error is not None:
-            tracked = left_by_tracking(error, predicted, cut)
+        if cut.again is not None:
+            tracked = left_by_tracking(predicted, cut)
         size = float(module.scene.sizes.max())
-        pixel = module.scene.camera.pixel if error is not None and module.scene.camera is not None else 0.0
+        pixel = module.scene.camera.pixel if cut.again is not None and module.scene.camera is not None else 0.0
         apart, moved = pose_difference(predicted, cut.pose), pose_difference(cut.pose, cut.pose[:, :1])
         figures: dict[str, float] = {}
         turn = 2 * max(SHARE_OF_SIZE, HEADING * pixel / size)  # that moves the ends of the largest edge so far
@@ -71,15 +69,16 @@ class Unexplained(L.Callback):
             pl_module.log(f"fit/{name}", torch.tensor(value, dtype=torch.float64))
 
 
-def left_by_tracking(error: TrackingError, predicted: Tensor, cut: Trajectories) -> list[tuple[float, float]]:
+def left_by_tracking(predicted: Tensor, cut: Trajectories) -> list[tuple[float, float]]:
     """Return what the error of poses that were read from films leaves of a perfect model (see `Misfit.of`).
 
     Args:
-        error: As far as reading again shows it.
         predicted: Poses that a fit predicts, shape (B, T, N, 7).
-        cut: What they are fitted to.
+        cut: What they are fitted to, read once and read again.
     """
+    assert cut.again is not None and cut.stretch is not None
     real = cut.real.to(cut.pose)
+    error = TrackingError(pose_difference(cut.again, cut.pose), cut.stretch, 1.0)
     error = error.sized(pose_difference(cut.pose, predicted), real[..., None].expand(cut.pose.shape[:3]))
     mean, unsure = error.left_by_fit(real)
     return list(zip(mean.tolist(), unsure.tolist(), strict=True))

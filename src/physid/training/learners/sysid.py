@@ -22,7 +22,6 @@ from physid.training.learners.prediction import PredictingModule
 from physid.training.parameters.intervals import Response
 from physid.training.parameters.pose_loss import PoseLoss
 from physid.training.parameters.taking_steps import take_back, take_step, uses_slopes
-from physid.training.parameters.tracked_poses import tracking_error_of
 from physid.training.parameters.trajectories import Trajectories
 
 Batch = Mapping[str, Any]
@@ -155,9 +154,7 @@ class SysID(TrainingModule, PredictingModule):
             index = self.indices(batch)
             return answers.respond_coarsely(lambda points: self.losses_at(batch, points)[0], explaining, index)
         cut, response = answers.respond(explaining, self.tracked)
-        shared, tracking = [], tracking_error_of(self.scene, self.trainer.datamodule.recordings.folder, cut)  # type: ignore[attr-defined]
-        if tracking is not None:
-            shared.append(response(tracking.deviation * tracking.stretch))
+        shared = [] if cut.stretch is None else [response(cut.stretch)]
         if self.steps.chooses:
             shift, chosen = self.steps.remaining(self.layer, self.physical, self._coarse_from(cut), cut.noise, response)
             shared.append(shift)

@@ -19,7 +19,7 @@ from physid.physics.parameters import Parameters
 from physid.physics.state import State, check_shape
 from physid.training.initial_states.twist import twist_from_poses
 
-OVER_TIME = ("pose", "twist", "wrench", "time", "seen", "again")
+OVER_TIME = ("pose", "twist", "wrench", "time", "seen", "again", "stretch")
 
 
 @dataclass(frozen=True)
@@ -39,6 +39,7 @@ class Trajectories:
             frame to frame; None for one step per frame.
         again: Poses that were read from films, drawn and read a second time, shape (B, T, N, 7); None for a sensor of
             poses.
+        stretch: What a standard deviation of the scale of such poses changes of them, shape (B, T, N, 6).
 
     Raises:
         ValueError: If a shape is off, or there are steps without times.
@@ -54,6 +55,7 @@ class Trajectories:
     seen: Tensor | None = None
     grid: StepGrid | None = None
     again: Tensor | None = None
+    stretch: Tensor | None = None
 
     def __post_init__(self) -> None:
         check_shape("pose", self.pose, (None, None, None, 7))
@@ -89,8 +91,8 @@ class Trajectories:
             twist = batch["twist"].double()
         else:
             twist = twist_from_poses(pose, length, time_step, time=time, seen=seen, arrival=arrival)
-        again = batch["again"].double() if "again" in batch else None
-        return cls(pose, twist, batch["wrench"].double(), length, batch["index"], None, time, seen, grid, again)
+        films = [batch[name].double() if name in batch else None for name in ("again", "stretch")]
+        return cls(pose, twist, batch["wrench"].double(), length, batch["index"], None, time, seen, grid, *films)
 
     def __len__(self) -> int:
         return len(self.pose)
