@@ -35,3 +35,12 @@ def cone_length(x: Tensor, dx: Tensor) -> Tensor:
     c = (x[..., 0] ** 2 - x[..., 1:].square().sum(-1)).clamp_min(0)
     divisor = -b + (b**2 - a * c).clamp_min(0).sqrt()
     return torch.where((divisor > 0) & ~((a >= 0) & (b >= 0)), c / divisor, torch.inf)
+
+
+def longest_step(value: Tensor, change: Tensor, linear: int) -> Tensor:
+    """Return the largest a with value + a change in the cones, for C vectors (B, C, m) each; shape (B,)."""
+    limits = [value.new_full((len(value), 1), torch.inf)]
+    limits.append(torch.where(change < 0, -value / change, torch.inf)[..., :linear].flatten(1))
+    if value.shape[-1] > linear:
+        limits.append(cone_length(value[..., linear:], change[..., linear:]))
+    return torch.cat(limits, 1).amin(1)

@@ -16,7 +16,7 @@ from torch.nn.functional import pad
 
 from physid.physics.compiled import compile_or_not
 from physid.physics.contact_problem.bordered import bordered_factor
-from physid.physics.contact_problem.cones import arrow, cone_length, jordan
+from physid.physics.contact_problem.cones import arrow, jordan, longest_step
 from physid.physics.contact_problem.friction import NORMAL, SLIP, Cone, FrictionLaw
 from physid.physics.contact_problem.rounding import allowance, largest_error
 
@@ -252,7 +252,7 @@ class _Path:
         self.w = self.w + length[:, None, None] * dw
         self._evaluate()
 
-    def _eliminate(self) -> tuple[Tensor, Tensor, Tensor, tuple[Tensor, Tensor]]:
+    def _eliminate(self) -> tuple[Tensor, Tensor, tuple[Tensor, Tensor]]:
         """Express dz by du in every contact, and factorise what remains for (dv, d lambda_e)."""
         arrow_z, arrow_w = arrow(self.z, self.linear), arrow(self.w, self.linear)
         inverse, _ = torch.linalg.inv_ex(arrow_z @ self.h + arrow_w)
@@ -260,30 +260,22 @@ class _Path:
         response = self.p @ gain @ self.g
         problem = self.problem
         matrix = problem.mass + torch.einsum("bckn,bckl,bclm->bnm", problem.jacobian, response, problem.jacobian)
-        return arrow_z, inverse, gain, bordered_factor(matrix, problem.joint_jacobian)
+        return inverse, gain, bordered_factor(matrix, problem.joint_jacobian)
 
     def _direction(
-        self,
-        arrow_z: Tensor,
-        inverse: Tensor,
-        gain: Tensor,
-        factor: tuple[Tensor, Tensor],
-        target: Tensor,
-        refined: int = 0,
+        self, inverse: Tensor, gain: Tensor, factor: tuple[Tensor, Tensor], target: Tensor, refined: int = 0
     ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """Solve the Newton equations for z o w = target e, from factors that do not depend on the target.
 
-        Contacts that stick are as stiff as 1 / tau: what rounding leaves of dv they turn into forces. These are looked
-        at, and solved for again, as often as `refined` says (iterative refinement).
+        Contacts that stick turn what rounding leaves of dv into forces; these are solved for again, `refined` times.
         """
         problem = self.problem
         wanted = self.target / self.tau * target[:, None, None] - self.product
         dz = (inverse @ wanted[..., None] + gain @ self.slack_error[..., None])[..., 0]
         dv, djoint = torch.zeros_like(self.v), torch.zeros_like(self.joint)
         for _ in range(1 + refined):
-            force = torch.einsum("bckn,bck->bn", problem.jacobian, dz @ self.p.T)
-            force = force + torch.einsum("ben,be->bn", problem.joint_jacobian, djoint)
-            force = force - (problem.mass @ dv[..., None])[..., 0] - self.force_error
+            force = torch.einsum("bckn,bck->bn", problem.jacobian, dz @ self.p.T) - self.force_error
+            force += torch.einsum("ben,be->bn", problem.joint_jacobian, djoint) - (problem.mass @ dv[..., None])[..., 0]
             apart = -self.joint_error - torch.einsum("ben,bn->be", problem.joint_jacobian, dv)
             more = torch.linalg.lu_solve(*factor, torch.cat([force, apart], 1)[..., None])[..., 0]
             dv, djoint = dv + more[:, : dv.shape[1]], djoint + more[:, dv.shape[1] :]
@@ -293,16 +285,11 @@ class _Path:
 
     def _length(self, dz: Tensor, dw: Tensor) -> Tensor:
         """Return the longest step, at most 2, that stays in the cones, shape (B,)."""
-        both, change = torch.cat([self.z, self.w], 1), torch.cat([dz, dw], 1)
-        ratio = torch.where(change < 0, -both / change, torch.inf)[..., : self.linear]
-        limits = [torch.full_like(self.v[:, :1], 2.0), ratio.flatten(1)]
-        if both.shape[-1] > self.linear:
-            limits.append(cone_length(both[..., self.linear :], change[..., self.linear :]))
-        return torch.cat(limits, 1).amin(1)
+        return longest_step(torch.cat([self.z, self.w], 1), torch.cat([dz, dw], 1), self.linear).clamp_max(2.0)
 
     def response(self) -> tuple[Tensor, Tensor]:
         """Return W = -d impulse / d u (B, C, 3, 3) and d impulse / d mu (B, C, 3) at the solution."""
-        _, _, gain, _ = self._eliminate()
+        _, gain, _ = self._eliminate()
         friction = -(self.p @ gain[..., SLIP, None])[..., 0] * self.z[..., NORMAL, None]
         return self.p @ gain @ self.g, friction
 
