@@ -20,16 +20,20 @@ from physid.training.parameters.trajectories import Trajectories
 JUDGED = 8  # trajectories that suffice to judge what is identifiable
 
 
-def follow(explaining: Explaining, tracked: TrackedFit, *, afresh: bool) -> tuple[Trajectories, int]:
-    """Improve initial states, and return segments from them, which follow the parameters; and how many rollouts.
+def improve(explaining: Explaining, tracked: TrackedFit, *, afresh: bool) -> tuple[Trajectories, int]:
+    """Improve initial states, and return segments from them, and how many rollouts that took.
+
+    The states are constants: at the best ones the gradient of the loss with the states held is that of the loss of
+    which they are fitted anew (envelope theorem). How they follow the parameters is any number where friction stops a
+    start at once, and times what is left of their own slope it would be no small part of the gradient.
 
     Args:
         explaining: The segments.
         tracked: The fit of their initial states.
         afresh: See `TrackedFit.improve`.
     """
-    _, rollouts = tracked.improve(explaining, afresh=afresh)
-    return started(explaining.trajectories, *tracked.follow(explaining.physical.coordinates)), rollouts
+    fit, rollouts = tracked.improve(explaining, afresh=afresh)
+    return started(explaining.trajectories, fit.point.pose[0], fit.point.twist[0]), rollouts
 
 
 def guess(explaining: Explaining, tracked: TrackedFit, short: Trajectories, how: FirstGuess) -> int:

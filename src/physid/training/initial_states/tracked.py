@@ -53,7 +53,7 @@ class _Base:
         return cls(point.pose[0], point.twist[0], response, coordinates, float(fit.loss.sum()))
 
     def moved(self, experiment: Experiment, coordinates: Tensor) -> States:
-        """Return the states, moved along with the coordinates (P,), differentiable by them."""
+        """Return the states, moved along with the coordinates (P,)."""
         change = self.response @ (coordinates.cpu() - self.coordinates)
         pose, twist = experiment.directions.move(self.pose, self.twist, change)
         return pose, twist
@@ -139,11 +139,6 @@ class TrackedFit:
         if self._resumed is not None and torch.equal(self._resumed["index"], cut.index):
             return self._resumed["pose"], self._resumed["twist"]
         return None
-
-    def follow(self, coordinates: Tensor) -> States:
-        """Return the last initial states, moved along with the coordinates (P,), differentiable by them."""
-        assert self._last is not None
-        return _Base.of(self._last[1]).moved(self._last[0], coordinates)
 
     def forget_loss(self) -> None:
         """Let the next fit replace the best one so far, as the loss will be another one."""

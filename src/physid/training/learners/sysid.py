@@ -93,7 +93,7 @@ class SysID(TrainingModule, PredictingModule):
         cut = self.trajectories(batch, self.segment)
         if self.fits_starts(batch):
             self._weigh(batch)
-            cut, rollouts = answers.follow(self._explaining(cut), self.tracked, afresh=self._afresh)
+            cut, rollouts = answers.improve(self._explaining(cut), self.tracked, afresh=self._afresh)
             self.count_evaluations(rollouts)
         predicted = cut.rolled(self.layer, self.physical()).pose
         self._evaluated = predicted.detach(), cut
