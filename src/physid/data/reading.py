@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
+import torch
 import yaml
+from torch import Tensor
 
 from physid.data.files import write_text
 from physid.data.format import RecordingSet
@@ -62,3 +65,18 @@ def echo_of(recordings: RecordingSet) -> RecordingSet | None:
     """Return the poses of a set, drawn and read again; None where they were not read from films."""
     folder = recordings.folder / ECHO
     return RecordingSet(folder) if (folder / "recording.yaml").is_file() else None
+
+
+def stretch_of(pose: Tensor, target: Sequence[float]) -> Tensor:
+    """Return how poses from films change per share by which all places move away from the middle of the view.
+
+    Args:
+        pose: Position [m] and unit quaternion, shape (..., 7).
+        target: Where the view is fixed, world frame [m].
+
+    Returns:
+        Rotation vectors, which are zero, and changes of positions [m], shape (..., 6).
+    """
+    stretch = torch.zeros_like(pose[..., :6])
+    stretch[..., 3:] = pose[..., :3] - pose.new_tensor(target)
+    return stretch

@@ -14,7 +14,7 @@ from physid.data.format import RecordingSet
 from physid.data.observations.remarks import warn_of
 from physid.data.observations.step_grid import SHORTEST, mean_wrench
 from physid.data.observations.trajectories import from_recordings
-from physid.data.reading import echo_of, read_reading
+from physid.data.reading import echo_of, read_reading, stretch_of
 from physid.data.recording import Recording
 
 Item = dict[str, Tensor]
@@ -141,10 +141,10 @@ class Segments(Dataset[Item]):
 
     def _stretched(self, pose: Tensor) -> Tensor:
         """Return what a standard deviation of the scale changes of poses (n, N, 7) from films, shape (n, N, 6)."""
-        camera, stretch = self._recordings.scene.camera, torch.zeros_like(pose[..., :6])
-        if self._reading is not None and camera is not None:
-            stretch[..., 3:] = self._reading.stretch_deviation * (pose[..., :3] - pose.new_tensor(camera.target))
-        return stretch
+        camera, reading = self._recordings.scene.camera, self._reading
+        if reading is None or camera is None:
+            return torch.zeros_like(pose[..., :6])
+        return reading.stretch_deviation * stretch_of(pose, camera.target)
 
     def _choose(self, start: int, frames: int) -> list[int]:
         """Choose the frames of a segment to decode, counted from its start."""

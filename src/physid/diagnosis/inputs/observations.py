@@ -13,7 +13,7 @@ from torch import Tensor
 from physid.data.format import RecordingSet
 from physid.data.observations.step_grid import StepGrid
 from physid.data.observations.trajectories import Trajectories, load_trajectories
-from physid.data.reading import ECHO, echo_of, read_reading
+from physid.data.reading import ECHO, echo_of, read_reading, stretch_of
 from physid.diagnosis.settings.inputs import RoleSettings
 from physid.estimation.measurement import TrackingError
 from physid.estimation.prediction import Timeline
@@ -164,8 +164,7 @@ def _tracking_error(
     camera = observations.scene.camera
     assert camera is not None
     deviation = max(each.stretch_deviation for each in readings if each)
-    middle = torch.tensor(camera.target, dtype=torch.float64)
-    return TrackingError.between(observations.pose, again.pose, middle, deviation)
+    return TrackingError.between(observations.pose, again.pose, stretch_of(observations.pose, camera.target), deviation)
 
 
 def require_same_scene(recordings: RecordingSet, transfer: RecordingSet) -> None:

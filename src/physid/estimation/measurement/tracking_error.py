@@ -39,11 +39,9 @@ class TrackingError:
     sure: float = SURE
 
     @classmethod
-    def between(cls, read: Tensor, again: Tensor, middle: Tensor, deviation: float) -> TrackingError:
-        """Compare poses (R, T, N, 7) with what was read of them; `middle` (3,) is where the view is fixed [m]."""
-        away = torch.zeros_like(read[..., :6])
-        away[..., 3:] = read[..., :3] - middle
-        return cls(pose_difference(again, read), away, deviation)
+    def between(cls, read: Tensor, again: Tensor, stretch: Tensor, deviation: float = 1.0) -> TrackingError:
+        """Compare poses (R, T, N, 7) with what was read of them; `stretch` (R, T, N, 6) as above."""
+        return cls(pose_difference(again, read), stretch, deviation)
 
     def sized(self, residual: Tensor, weight: Tensor) -> TrackingError:
         """Return it with factors at which r_t - (r_{t-1} + r_{t+1}) / 2 is as large as in residuals (R, T, N, 6).

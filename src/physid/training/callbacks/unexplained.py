@@ -78,7 +78,7 @@ def left_by_tracking(predicted: Tensor, cut: Trajectories) -> list[tuple[float, 
     """
     assert cut.again is not None and cut.stretch is not None
     real = cut.real.to(cut.pose)
-    error = TrackingError(pose_difference(cut.again, cut.pose), cut.stretch, 1.0)
+    error = TrackingError.between(cut.pose, cut.again, cut.stretch)
     error = error.sized(pose_difference(cut.pose, predicted), real[..., None].expand(cut.pose.shape[:3]))
     mean, unsure = error.left_by_fit(real)
     return list(zip(mean.tolist(), unsure.tolist(), strict=True))
