@@ -163,6 +163,29 @@ def test_shapes_that_do_not_fit_are_refused() -> None:
         BoxRenderer(OBLIQUE, SIZE)(pose, appearance, background[..., :-1])
 
 
+@pytest.mark.parametrize("corner", [(0, 0), (30, 21), (56, 40)])
+def test_a_part_of_the_view_is_drawn_as_in_the_whole(corner: tuple[int, int]) -> None:
+    """Also where boxes lie across its border, or beside it."""
+    pose, appearance, background = scene()
+    pose, appearance, background = pose.double(), Appearance(appearance.patches.double()), background.double()
+    renderer = BoxRenderer(OBLIQUE, SIZE).double()
+    column, row = corner
+    part = (slice(row, row + 40), slice(column, column + 40))
+    drawn = renderer(pose, appearance, background[:, :, *part], corner=torch.tensor(corner).expand(3, 2))
+    whole = renderer(pose, appearance, background)[..., *part]
+    assert float((drawn - whole).abs().max()) < TOLERANCE
+    assert float((whole - background[:, None, :, *part]).abs().amax((0, 1, 2)).gt(0).float().mean()) > 0.2, "boxes"
+
+
+def test_a_part_beyond_the_view_is_refused() -> None:
+    pose, appearance, background = scene()
+    for corner in ((-1, 0), (57, 0), (0, 41)):
+        with pytest.raises(ValueError, match="expected parts within the view of 96 x 80 pixels"):
+            BoxRenderer(OBLIQUE, SIZE)(
+                pose, appearance, background[..., :40, :40], corner=torch.tensor(corner).expand(3, 2)
+            )
+
+
 def test_hard_edges_leave_pixels_covered_or_not_and_the_same_area() -> None:
     camera = PinholeCamera(64, 64, (0, 0, 3), (0, 0, 0), (0, 1, 0), 40.0)
     half = math.pi / 12

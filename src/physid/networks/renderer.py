@@ -41,7 +41,9 @@ class BoxRenderer(nn.Module):
         self.camera = camera
         self.register_buffer("size", size.float(), persistent=False)
 
-    def forward(self, pose: Tensor, appearance: Appearance, background: Tensor, edge: float = 1.0) -> Tensor:
+    def forward(
+        self, pose: Tensor, appearance: Appearance, background: Tensor, edge: float = 1.0, corner: Tensor | None = None
+    ) -> Tensor:
         """Draw T frames of each of B scenes.
 
         Args:
@@ -49,27 +51,40 @@ class BoxRenderer(nn.Module):
             appearance: What the boxes look like in each scene, or in all; its type is that of the result.
             background: The empty scenes in [0, 1], shape (B, 3, H, W).
             edge: Width of edges [px]; the gradient needs 1, images without anti-aliasing have about 0.
+            corner: Where the backgrounds are only parts of the view: the column and row of the pixel of the view that
+                is the first of each, shape (B, 2). What is drawn is the same part of the whole image.
 
         Returns:
-            Images in [0, 1], shape (B, T, 3, H, W).
+            Images in [0, 1], shape (B, T, 3, H, W), as large as the backgrounds.
 
         Raises:
-            ValueError: If a shape is off or a pose is not finite.
+            ValueError: If a shape is off, a pose is not finite, or a part leaves the view.
         """
         batch = len(background)
         check_shape("pose", pose, (batch, None, len(self.size), 7))
-        check_shape("background", background, (None, 3, self.camera.height, self.camera.width))
+        if corner is None:
+            check_shape("background", background, (None, 3, self.camera.height, self.camera.width))
+            corner = torch.zeros(batch, 2, dtype=torch.long, device=pose.device)
+        else:
+            check_shape("background", background, (None, 3, None, None))
+            check_shape("corner", corner, (batch, 2))
+            beyond = corner + corner.new_tensor([background.shape[-1], background.shape[-2]])
+            if bool((corner < 0).any() or (beyond > corner.new_tensor([self.camera.width, self.camera.height])).any()):
+                raise ValueError(
+                    f"corner: expected parts within the view of {self.camera.width} x {self.camera.height} pixels, got "
+                    f"parts of {background.shape[-1]} x {background.shape[-2]} at {corner.tolist()}"
+                )
         with torch.autocast(pose.device.type, enabled=False):
-            return self._draw(pose.to(appearance.patches), appearance, background, edge)
+            return self._draw(pose.to(appearance.patches), appearance, background, edge, corner)
 
-    def _draw(self, pose: Tensor, appearance: Appearance, background: Tensor, edge: float) -> Tensor:
-        corner, side = self._windows(pose)
+    def _draw(self, pose: Tensor, appearance: Appearance, background: Tensor, edge: float, part: Tensor) -> Tensor:
+        corner, side = self._windows(pose, part[:, None, None], (background.shape[-1], background.shape[-2]))
         faces = visible_faces(self.camera, pose, self.size.to(pose)).shifted(corner.to(pose))
         rows = pixel_rows(side[1], side[0], pose)
         of_face, alpha = coverage(faces, rows, edge)
         colour = _paint(faces, of_face, rows, appearance)
-        window = rows[:, :2].long() + corner[..., None, :]
-        index = window[..., 1] * self.camera.width + window[..., 0]
+        window = rows[:, :2].long() + (corner - part[:, None, None])[..., None, :]
+        index = window[..., 1] * background.shape[-1] + window[..., 0]
         canvas = background.to(pose)[:, None].expand(-1, pose.shape[1], -1, -1, -1).flatten(-2)
         image = _overlay(canvas, colour, alpha, index, self._far_to_near(pose))
         return torch.unflatten(image, -1, background.shape[-2:])
@@ -87,21 +102,23 @@ class BoxRenderer(nn.Module):
         return away.square().sum(-1).argsort(-1, descending=True)
 
     @torch.no_grad()
-    def _windows(self, pose: Tensor) -> tuple[Tensor, tuple[int, int]]:
-        """Find the upper left corners (B, T, N, 2) [px] and the common size of windows that hold every box."""
-        limit = pose.new_tensor([self.camera.width, self.camera.height])
+    def _windows(self, pose: Tensor, first: Tensor, shown: tuple[int, int]) -> tuple[Tensor, tuple[int, int]]:
+        """Find the upper left corners (B, T, N, 2) [px] and the common size of windows that hold every box.
+
+        They lie in the part of the view of `shown` columns and rows that begins at `first`.
+        """
+        view = pose.new_tensor([self.camera.width, self.camera.height])
+        first = first.to(pose)
+        last = first + pose.new_tensor(shown)
         points = corners(pose, self.size.to(pose))
         behind = (self.camera.to_camera(points)[..., 2:] < NEAR).any(-2, keepdim=True)
-        image = self.camera.project(points).where(~behind, limit / 2).clamp(-limit, 2 * limit)
+        image = self.camera.project(points).where(~behind, view / 2).clamp(-view, 2 * view)
         low, high = image.amin(-2) - MARGIN, image.amax(-2) + MARGIN
-        inside = (low.clamp_min(0) < high.clamp_max(1e9)) & (high > 0) & (low < limit)
+        inside = (high > first) & (low < last)
         extent = torch.where(inside.all(-1, keepdim=True), high - low, 0.0).flatten(0, -2).amax(0).tolist()
-        width, height = (
-            min(full, STEP * (int(e) // STEP + 1))
-            for e, full in zip(extent, (self.camera.width, self.camera.height), strict=True)
-        )
-        size = limit.new_tensor([width, height])
-        corner = torch.minimum(((low + high - size) / 2).round().clamp_min(0), limit - size)
+        width, height = (min(full, STEP * (int(e) // STEP + 1)) for e, full in zip(extent, shown, strict=True))
+        size = view.new_tensor([width, height])
+        corner = torch.minimum(torch.maximum(((low + high - size) / 2).round(), first), last - size)
         return corner.long(), (width, height)
 
 

@@ -98,16 +98,17 @@ class Decoder(nn.Module):
             self.patches
         )
 
-    def forward(self, pose: Tensor, background: Tensor, edge: float = 1.0) -> Tensor:
+    def forward(self, pose: Tensor, background: Tensor, edge: float = 1.0, corner: Tensor | None = None) -> Tensor:
         """Draw frames.
 
         Args:
             pose: Poses, shape (B, f, N, 7).
             background: The empty scenes in [0, 1], shape (B, 3, H, W).
             edge: Width of edges [px].
+            corner: Where the backgrounds show only parts of the view (see `BoxRenderer`), shape (B, 2).
 
         Returns:
             Images in [0, 1], shape (B, f, 3, H, W).
         """
-        image: Tensor = self.renderer(pose, Appearance(self.patches), background, edge)
+        image: Tensor = self.renderer(pose, Appearance(self.patches), background, edge, corner)
         return image

@@ -209,30 +209,30 @@ class _Mismatch:
     def __init__(
         self, sigma: float, decoder: Decoder, chart: PoseChart, pose: Tensor, image: Tensor, background: Tensor
     ) -> None:
-        self.decoder, self.chart, self.background = decoder, chart, background
-        self.window = _window(decoder, pose)
+        self.decoder, self.chart = decoder, chart
+        rows, columns = _window(decoder, pose)
+        self.corner = torch.stack([columns[:, 0], rows[:, 0]], -1)
+        self.background = _cut(background, rows, columns)
         self.blur = GaussianBlur(2 * math.ceil(3 * sigma) + 1, sigma)
-        self.seen = self._look(image[:, None])
-        self.content = (self.seen - self._look(background[:, None])).square().sum((-2, -1))
+        self.seen = self._look(_cut(image, rows, columns)[:, None])
+        self.content = (self.seen - self._look(self.background[:, None])).square().sum((-2, -1))
         self.difference = _differences(decoder, chart).to(image)
 
     def of(self, images: Tensor) -> _Mismatch:
         """Return the differences for some of the images, by index or mask."""
         part = copy.copy(self)
         part.background, part.seen, part.content = self.background[images], self.seen[images], self.content[images]
-        part.window = self.window[0][images], self.window[1][images]
+        part.corner = self.corner[images]
         return part
 
     def __call__(self, numbers: Tensor) -> Tensor:
         """Return residuals (M, c, P) of c candidates (M, c, N, K) for each image."""
-        return self._look(self.decoder(self.chart.to_pose(numbers), self.background)) - self.seen
+        drawn = self.decoder(self.chart.to_pose(numbers), self.background, corner=self.corner)
+        return self._look(drawn) - self.seen
 
-    def _look(self, image: Tensor) -> Tensor:
-        """Cut the windows out of images (M, c, 3, H, W), and blur them; (M, c, P)."""
-        rows, columns = self.window
-        each = torch.arange(len(image), device=image.device)[:, None, None]
-        cut = image.movedim((1, 2), (-2, -1))[each, rows[:, :, None], columns[:, None, :]].movedim((-2, -1), (1, 2))
-        blurred: Tensor = self.blur(cut)
+    def _look(self, window: Tensor) -> Tensor:
+        """Blur windows (M, c, 3, h, w); (M, c, P)."""
+        blurred: Tensor = self.blur(window)
         return blurred.flatten(2)
 
     def slope(self, numbers: Tensor) -> Tensor:
@@ -280,6 +280,12 @@ def _window(decoder: Decoder, pose: Tensor) -> tuple[Tensor, Tensor]:
         start = low[:, axis].clamp(0, length - extent).long()
         lines.append(start[:, None] + torch.arange(extent, device=pose.device))
     return lines[0], lines[1]
+
+
+def _cut(image: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
+    """Cut windows, rows (M, h) and columns (M, w), out of images (M, 3, H, W); (M, 3, h, w)."""
+    each = torch.arange(len(image), device=image.device)[:, None, None]
+    return image.movedim(1, -1)[each, rows[:, :, None], columns[:, None, :]].movedim(-1, 1)
 
 
 def _pixels(decoder: Decoder, length: float) -> float:

@@ -71,7 +71,7 @@ class Mixture:
         self.edge = np.zeros(silhouette.shape, dtype=bool)
         if not silhouette.any():
             return
-        near = _window(silhouette)
+        near = surroundings(silhouette)
         image, behind, silhouette = smoothed(even[near], EDGE), smoothed(background[near], EDGE), silhouette[near]
         depth = ndimage.distance_transform_edt(silhouette)
         core = depth >= min(INSIDE, float(depth.max()) / 2)
@@ -105,8 +105,8 @@ class Mixture:
         return np.asarray(ndimage.binary_fill_holes(ndimage.binary_opening(self.body > 0.5)))
 
 
-def _window(silhouette: NDArray[np.bool_]) -> tuple[slice, slice]:
-    """Return rows and columns around the pixels of a mask (H, W)."""
+def surroundings(silhouette: NDArray[np.bool_]) -> tuple[slice, slice]:
+    """Return the rows and columns of the pixels of a mask (H, W), and some around them."""
     found = [np.flatnonzero(silhouette.any(axis)) for axis in (1, 0)]
     rows, columns = (slice(max(0, int(each[0]) - AROUND), int(each[-1]) + AROUND + 1) for each in found)
     return rows, columns

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from physid.data.importers.video.films import Image
-from physid.data.importers.video.shadows import OUTSIDE, SMOOTHING, Mixture, extremes, shaded, smoothed
+from physid.data.importers.video.shadows import OUTSIDE, SMOOTHING, Mixture, extremes, shaded, smoothed, surroundings
 
 MEDIAN = 1.4826  # deviation of a normal variable over its median magnitude
 CLEAR = 6.0
@@ -108,7 +108,17 @@ def silhouettes(even: NDArray[np.generic], background: NDArray[np.generic], coun
     Raises:
         ValueError: If fewer are found.
     """
-    seen, behind = smoothed(even), smoothed(background)
+    return silhouettes_of(even, background, smoothed(even), smoothed(background), count)
+
+
+def silhouettes_of(
+    even: NDArray[np.generic],
+    background: NDArray[np.generic],
+    seen: NDArray[np.float32],
+    behind: NDArray[np.float32],
+    count: int,
+) -> NDArray[np.bool_]:
+    """Find about where the bodies are (see `silhouettes`), where the frame and the background are known smoothed."""
     # White noise that is smoothed so keeps this share of its deviation.
     noise = (
         MEDIAN
@@ -126,8 +136,10 @@ def silhouettes(even: NDArray[np.generic], background: NDArray[np.generic], coun
             f"{int((np.asarray(areas) >= LEAST_AREA).sum())}; begin the film with every body in view and apart, and "
             "name an image of the empty scene (background=empty.png) where a body rests for most of the film"
         )
-    edged = _edged(even, background)
-    return np.stack([_hull((labels == label + 1) & edged) for label in order])
+    chosen = np.isin(labels, order + 1)
+    near = surroundings(chosen)
+    chosen[near] &= _edged(even[near], background[near])
+    return np.stack([_hull((labels == label + 1) & chosen) for label in order])
 
 
 def _edged(even: NDArray[np.generic], background: NDArray[np.generic]) -> NDArray[np.bool_]:
