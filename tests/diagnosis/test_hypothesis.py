@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,14 +11,16 @@ import torch
 
 from diagnosis.sets import recorded
 from physid.data.format import RecordingSet
+from physid.data.reading import stretch_of
 from physid.diagnosis.inputs.model_source import read_nominal_model
-from physid.diagnosis.inputs.observations import load_observations
+from physid.diagnosis.inputs.observations import Observations, load_observations
 from physid.diagnosis.reference.nominal_fit import fit_nominal_model
 from physid.diagnosis.settings.settings import Settings
-from physid.diagnosis.testing.hypothesis import begin_hypothesis, finish_hypothesis
+from physid.diagnosis.testing.hypothesis import Hypothesis, begin_hypothesis, conclude, finish_hypothesis
 from physid.effects import find
 from physid.estimation.least_squares.covariance import predictive_score
 from physid.estimation.least_squares.normal_equations import Normal
+from physid.estimation.measurement.tracking_error import TrackingError
 from physid.physics.layer import PhysicsLayer
 from physid.physics.parameters import Parameters
 from physid.physics.schemes.integration import Midpoint
@@ -84,6 +87,30 @@ def test_a_camera_that_is_turned_far_is_followed(tmp_path: Path) -> None:
     found = begin_hypothesis(nominal_fit.experiment, start, ("camera_yaw",), nominal_fit.settings)
     assert found.values["camera_yaw.angle"] == pytest.approx(0.4, abs=0.02)
     assert float(found.fit.loss.sum()) < 1.2 * float(nominal_fit.experiment.counted().sum())
+
+
+def test_an_interval_knows_what_an_error_that_all_poses_share_moves(tmp_path: Path) -> None:
+    """The scale of films: recordings that are seen larger by it are fitted with parameters that are moved so far."""
+    scale, unknown = 2e-3, ("block.friction",)
+    observations = load_observations(RecordingSet(recorded(tmp_path / "set", unknown=unknown)))
+    model = read_nominal_model(observations.scene, None)
+    common = scale * stretch_of(observations.pose, (0.0, 0.0, 0.0))
+    larger = observations.pose.clone()
+    larger[..., :3] += common[..., 3:]
+
+    def fitted(seen: Observations) -> Hypothesis:
+        fit = fit_nominal_model(seen, model, [], torch.Generator().manual_seed(0))
+        return conclude(fit.experiment, fit.fit, (), fit.settings)
+
+    exact = fitted(observations)
+    moved = float((fitted(replace(observations, pose=larger)).fit.point.nominal - exact.fit.point.nominal)[0, 0])
+    unsure = replace(exact, experiment=exact.experiment.replace(common=common))
+    added = float((unsure.covariance() - exact.covariance())[0, 0])
+    assert added**0.5 == pytest.approx(abs(moved), rel=0.1)
+    noise = 1e-4 * torch.randn((*observations.pose.shape[:3], 6), generator=torch.Generator().manual_seed(1))
+    read = fitted(replace(observations, error=TrackingError(noise.double(), common / scale, scale)))
+    assert read.experiment.common is not None
+    assert torch.equal(read.experiment.common, common)
 
 
 def test_forces_that_come_late_between_two_frames_of_a_slow_camera_leave_nothing(tmp_path: Path) -> None:

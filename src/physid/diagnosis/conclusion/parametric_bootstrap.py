@@ -8,7 +8,6 @@ from torch import Tensor
 from physid.diagnosis.reference.null_simulations import jitter
 from physid.diagnosis.reference.replay import replay
 from physid.diagnosis.testing import Hypothesis
-from physid.estimation.least_squares import prior
 
 
 def bootstrap_spread(hypothesis: Hypothesis, generator: torch.Generator) -> Tensor:
@@ -42,10 +41,7 @@ def bootstrap_spread(hypothesis: Hypothesis, generator: torch.Generator) -> Tens
             hypothesis.settings.replay,
             hypothesis.working,
         )
-        residual = experiment.replace(pose=made).residual(fit.jacobian.base.pose, fit.point)
-        normal = fit.linear.respond(residual, experiment.scale).of(experiment.fitted)
-        matrix = normal.matrix.sum(0) + torch.diag(prior(experiment, hypothesis.columns))
-        error = torch.linalg.solve(matrix, normal.vector.sum(0))[:, 0]
+        error = hypothesis.follow(experiment.replace(pose=made).residual(fit.jacobian.base.pose, fit.point)[0])
         unknown = fit.point.nominal.shape[1]
         error[:unknown] -= (point.nominal - fit.point.nominal)[0]
         errors.append(error)

@@ -198,4 +198,6 @@ def begin(
     experiment, initial = lay_out(
         predictor, observations.pose, scale, observations.fitted, noise.rotation, settings.least_squares
     )
+    if observations.error is not None:
+        experiment = experiment.replace(common=observations.error.common)
     return experiment, best_guess(experiment, initial, nominal, before)

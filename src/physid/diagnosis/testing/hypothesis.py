@@ -67,10 +67,24 @@ class Hypothesis:
         return working_effects(self.experiment.predictor, self.fit.point, self.names)
 
     def covariance(self) -> Tensor:
-        """Estimate the covariance of the shared parameters (see `covariance_of`), shape (P, P)."""
-        fitted = self.normal.of(self.experiment.fitted)
-        own = self.experiment.settings.intervals
-        return covariance_of(fitted, prior(self.experiment, self.columns), settings=own)
+        """Estimate the covariance of the shared parameters, shape (P, P).
+
+        What trajectories scatter tells (see `covariance_of`), and what an error that all of them share moves.
+        """
+        fitted, own = self.normal.of(self.experiment.fitted), self.experiment.settings.intervals
+        covariance = covariance_of(fitted, prior(self.experiment, self.columns), settings=own)
+        if self.experiment.common is None:
+            return covariance
+        moved = self.follow(self.experiment.common)
+        return covariance + torch.outer(moved, moved)
+
+    def follow(self, residual: Tensor) -> Tensor:
+        """Return where one Gauss-Newton step brings the shared parameters, (P,), if residuals were (R, T, N, 6)."""
+        fitted = self.experiment.fitted
+        normal = self.fit.linear.respond(residual[None], self.experiment.scale).of(fitted)
+        matrix = normal.matrix.sum(0) + torch.diag(prior(self.experiment, self.columns))
+        change: Tensor = torch.linalg.solve(matrix, normal.vector.sum(0))[:, 0]
+        return change
 
     def reach(self, covariance: Tensor) -> Tensor:
         """Return how far intervals (of 90 % by default) of the shared parameters reach to either side, shape (P,)."""

@@ -31,6 +31,8 @@ class Experiment:
         follow: Segments in which the reference simulator is followed, shape (K,); where small errors grow fast it
             cannot be.
         settings: What decides in its fits.
+        common: What one standard deviation of an error that all trajectories share does to the observed poses, say of
+            a scale that is not known exactly, (R, T, N, 6); None where there is none.
     """
 
     predictor: Predictor
@@ -41,6 +43,7 @@ class Experiment:
     engine: Tensor
     follow: Tensor
     settings: LeastSquaresSettings = DEFAULT
+    common: Tensor | None = None
 
     def residual(self, predicted: Tensor, point: Variants) -> Tensor:
         """Return observed minus predicted poses, as rotation vectors and positions; (C, R, T, N, 6)."""

@@ -71,6 +71,11 @@ class TrackingError:
         left = without_line(self.track[..., KINDS[1]], torch.ones_like(self.track[..., 0, 0]))
         return self.factors[1] * float(left.square().sum(-1).mean().sqrt())
 
+    @property
+    def common(self) -> Tensor:
+        """What one standard deviation of the scale, which all poses share, does to them, shape (R, T, N, 6)."""
+        return self.deviation * self.stretch
+
     def left_by_fit(self, weight: Tensor) -> tuple[Tensor, Tensor]:
         """Return the mean square that errors leave of a perfect model, and how well that is known.
 
@@ -84,7 +89,7 @@ class TrackingError:
         count = weight.sum(1, keepdim=True).clamp_min(1)
         own, scale = (
             torch.stack([(part[..., kind].square().sum(-1).mean(-1) * weight).sum(1) for kind in KINDS], -1) / count
-            for part in (without_line(value, weight) for value in (self._scaled, self.deviation * self.stretch))
+            for part in (without_line(value, weight) for value in (self._scaled, self.common))
         )
         mean = own.mean(0)
         # What a fit leaves, and what reading again has left, are both means over few trajectories.
