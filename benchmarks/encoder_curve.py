@@ -25,10 +25,10 @@ from physid.data.format import RecordingSet
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig
 from physid.networks.encoder import as_image
-from physid.training.learners.metrics import PoseErrors
 from physid.training.learners.optimisation import DEFAULT_OPTIMIZER, LARGEST_GRADIENT, build_optimizers
 from physid.training.learners.phases import Phases
 from physid.training.learners.supervised import SupervisedID
+from physid.training.parameters.metrics import PoseErrors
 from physid.training.vision import synthetic_images as synthetic_images
 from physid.training.vision.model import VideoModel
 from physid.training.vision.synthetic_images import SyntheticImages

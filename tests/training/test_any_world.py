@@ -19,10 +19,10 @@ from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig, Noise
 from physid.data.recording import Recording
 from physid.training.callbacks.converged import Converged
-from physid.training.initial_states.twist import twist_from_poses
 from physid.training.learners.engine import Engine
 from physid.training.learners.sysid import SysID
 from physid.training.parameters.trajectories import Trajectories
+from physid.training.parameters.twist import twist_from_poses
 
 STEP = SCENE.time_step
 SLIGHT = 2e-3  # of a motion that nothing disturbs: stops and turns fall between frames

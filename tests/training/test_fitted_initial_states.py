@@ -19,10 +19,10 @@ from physid.data.generation.settings import GenerateConfig, Noise
 from physid.physics.rotations import angle_between, exponential, multiply
 from physid.scenes.catalogue import find_setup
 from physid.scenes.lying import lay_down
-from physid.training.identifiability.identifiability import SensorNoise
 from physid.training.initial_states.explaining import started
 from physid.training.initial_states.fitted import fit_states
 from physid.training.learners.sysid import SysID
+from physid.training.parameters.identifiability import SensorNoise
 from physid.training.parameters.pose_loss import PoseLoss
 from physid.training.parameters.trajectories import Trajectories
 

@@ -14,7 +14,6 @@ import pytest
 import torch
 
 from physid.cli import main
-from physid.training.identifiability.identifiability import Identifiability, SensorNoise
 from physid.training.identifiability.planned_experiment import (
     IdentifiabilityConfig,
     IdentifiabilityResult,
@@ -23,6 +22,7 @@ from physid.training.identifiability.planned_experiment import (
 )
 from physid.training.initial_states.slopes import slopes
 from physid.training.learners.engine import Engine
+from physid.training.parameters.identifiability import Identifiability, SensorNoise
 
 CONFIGS = Path(__file__).parents[2] / "configs" / "identifiability"
 BOTH = ("block.mass", "block.friction")

@@ -15,8 +15,8 @@ from physid.scenes.catalogue import find_setup
 from physid.training.learners.supervised import SupervisedID
 from physid.training.parameters.pose_loss import PoseLoss
 from physid.training.parameters.trajectories import Trajectories
-from physid.training.refinement.landing_height import land
 from physid.training.refinement.normal_equations import NormalEquations
+from physid.training.vision.landing_height import land
 from physid.training.vision.model import VideoModel, Vision
 
 PRECISE = partial(PoseEncoder, layers=Layers(fast=False))

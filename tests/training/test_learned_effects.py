@@ -10,10 +10,10 @@ from tests.training.pushed import SCENE, push_batch
 
 from physid.estimation.prediction import NominalModel, Predictor, Variants
 from physid.physics.state import State
-from physid.training.identifiability.identifiability import Identifiability
 from physid.training.learners.engine import Engine
 from physid.training.learners.sysid import SysID
 from physid.training.parameters.gauss_newton import GaussNewton
+from physid.training.parameters.identifiability import Identifiability
 from physid.training.parameters.physical_parameters import PhysicalParameters
 from physid.training.parameters.trajectories import Trajectories
 

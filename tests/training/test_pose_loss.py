@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from torch import Tensor
 
 from physid.estimation.measurement.poses import pose_difference
-from physid.training.learners.metrics import PositionError, RotationError
+from physid.training.parameters.metrics import PositionError, RotationError
 from physid.training.parameters.pose_loss import PoseLoss
 
 CLOSE = 1e-10

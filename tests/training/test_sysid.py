@@ -20,12 +20,12 @@ from torch.utils.data import DataLoader
 from physid.cli import main
 from physid.physics.contact_problem.lcp import SolverSettings
 from physid.physics.layer import PhysicsLayer, SolverError
-from physid.training.learners.base import NonFiniteLossError, OptimizerFactory
 from physid.training.learners.engine import Engine
 from physid.training.learners.sysid import SysID
 from physid.training.parameters.gauss_newton import GaussNewton
 from physid.training.parameters.trajectories import Trajectories
 from physid.training.runs import baselines
+from physid.training.training_module import NonFiniteLossError, OptimizerFactory
 
 FOUND = 1e-3
 SMOOTHED = 1e-6  # contacts act a little across a gap

@@ -10,8 +10,8 @@ from tests.training.pushed import SCENE, push_batch
 from torch import Tensor
 
 from physid.physics.rotations import exponential, multiply
-from physid.training.initial_states.twist import twist_from_poses
 from physid.training.parameters.trajectories import Trajectories
+from physid.training.parameters.twist import twist_from_poses
 
 STEP = 1 / 240
 CLOSE = 1e-8

@@ -178,7 +178,7 @@ def sample(run: Path, *, count: int = 100, out: Path | None = None, seed: int = 
         out: File of the result, .csv, .npz or .yaml; RUN/samples.csv by default.
         seed: Of the draws; the same seed gives the same sets.
     """
-    from physid.training.parameters.posterior import read_posterior
+    from physid.training.parameters import read_posterior
 
     if count < 1:
         raise ValueError(f"--count must be at least 1, got {count}")

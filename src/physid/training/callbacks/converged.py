@@ -9,7 +9,7 @@ import lightning as L
 import torch
 from torch import Tensor
 
-from physid.training.parameters.physical_parameters import PhysicalParameters
+from physid.training.parameters import PhysicalParameters
 
 
 @final

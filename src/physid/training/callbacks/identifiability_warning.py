@@ -8,7 +8,7 @@ from typing import Protocol, final
 import lightning as L
 import torch
 
-from physid.training.identifiability.identifiability import Identifiability, SensorNoise
+from physid.training.parameters import Identifiability, SensorNoise
 
 logger = logging.getLogger("physid")
 

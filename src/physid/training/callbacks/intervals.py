@@ -7,9 +7,7 @@ from typing import Protocol, final
 
 import lightning as L
 
-from physid.training.parameters.intervals import Response
-from physid.training.parameters.physical_parameters import PhysicalParameters
-from physid.training.parameters.posterior import Posterior
+from physid.training.parameters import PhysicalParameters, Posterior, Response
 
 
 class Responding(Protocol):

@@ -18,7 +18,7 @@ from physid.data.truth import Truth, read_truth
 from physid.estimation.measurement.unexplained import unexplained_kinds
 from physid.estimation.prediction.coordinates import Unknown
 from physid.training.callbacks.run_state import RunState
-from physid.training.parameters.physical_parameters import PhysicalParameters
+from physid.training.parameters import PhysicalParameters
 
 BLUE, RED = "tab:blue", "tab:red"
 

@@ -11,8 +11,7 @@ import torch
 from lightning.pytorch.loggers import WandbLogger
 from torch import Tensor
 
-from physid.training.vision.model import VideoModel
-from physid.training.vision.predicted_video import Pixels, compare, foresee, write_film, write_rows
+from physid.training.vision import Pixels, VideoModel, compare, foresee, write_film, write_rows
 
 PAPER = (0, 30, 60, 120, 180)
 """The frames that the paper shows."""

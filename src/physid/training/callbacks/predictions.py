@@ -16,8 +16,7 @@ from physid.data.files import write_text
 from physid.data.format import FOLDER, write_scene, write_sums
 from physid.data.recording import Recording
 from physid.data.trajectory import write_trajectory
-from physid.training.parameters.physical_parameters import PhysicalParameters
-from physid.training.parameters.trajectories import Trajectories
+from physid.training.parameters import PhysicalParameters, Trajectories
 
 PARAMETERS = "parameters.json"
 

@@ -10,11 +10,10 @@ import lightning as L
 import torch
 from torch import Tensor
 
+from physid.estimation.measurement import TrackingError, pose_difference
 from physid.estimation.measurement.misfit import SHARE_OF_NOISE, SHARE_OF_SIZE, Misfit
-from physid.estimation.measurement.poses import pose_difference
-from physid.estimation.measurement.tracking_error import TrackingError
 from physid.scenes.scene import Scene
-from physid.training.parameters.trajectories import Trajectories
+from physid.training.parameters import Trajectories
 
 SIGNIFICANT = 3.09
 """Standard normal: noise alone goes beyond it once in a thousand fits."""

@@ -14,8 +14,7 @@ from physid.scenes.catalogue import find_setup
 from physid.scenes.scene import Scene
 from physid.scenes.setup import Excitation
 from physid.strict import nearest, number, whole
-from physid.training.identifiability.identifiability import ACCEPT, SensorNoise
-from physid.training.parameters.physical_parameters import PhysicalParameters
+from physid.training.parameters import ACCEPT, PhysicalParameters, SensorNoise
 from physid.typed_files import CLOSED, check_as, without_nulls
 
 Range = tuple[float, float]

@@ -17,12 +17,10 @@ from physid.physics.layer import PhysicsLayer
 from physid.physics.state import State
 from physid.scenes.setup import Excitation
 from physid.training.identifiability.experiment import IdentifiabilityConfig
-from physid.training.identifiability.identifiability import Identifiability, percent
 from physid.training.identifiability.plot import draw
-from physid.training.initial_states.slopes import slopes, without_initial_states
+from physid.training.initial_states import slopes, without_initial_states
 from physid.training.learners.engine import Engine
-from physid.training.parameters.physical_parameters import PhysicalParameters
-from physid.training.parameters.trajectories import Trajectories
+from physid.training.parameters import Identifiability, PhysicalParameters, Trajectories, percent
 
 __all__ = ["IdentifiabilityConfig", "IdentifiabilityResult", "analyse", "predict"]
 

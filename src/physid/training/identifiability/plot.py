@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from physid.training.identifiability.identifiability import Identifiability, percent
+from physid.training.parameters import Identifiability, percent
 
 CEILING = 10.0
 """Relative standard deviation at which bars end: an estimate that is off by so much says nothing."""

@@ -17,9 +17,9 @@ import torch
 from physid.data.batches.datamodule import RecordingsDataModule
 from physid.data.files import write_text
 from physid.training.callbacks.identifiability_warning import Judging
-from physid.training.identifiability.identifiability import Identifiability, percent
 from physid.training.identifiability.plot import draw
 from physid.training.learners.sysid import SysID
+from physid.training.parameters import Identifiability, percent
 
 EPOCHS = 4
 """Sensitivities hold near the parameters at which they are computed; a few epochs lead near those of the recordings."""

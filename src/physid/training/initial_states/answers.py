@@ -8,14 +8,12 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-from physid.estimation.least_squares.first_guess import FirstGuess
-from physid.training.identifiability.identifiability import Identifiability, SensorNoise
+from physid.estimation.least_squares import FirstGuess
 from physid.training.initial_states.explaining import Explaining, started
 from physid.training.initial_states.fitted import fit_states, guess_parameters
 from physid.training.initial_states.slopes import slopes, without_initial_states
 from physid.training.initial_states.tracked import TrackedFit
-from physid.training.parameters.intervals import Response
-from physid.training.parameters.trajectories import Trajectories
+from physid.training.parameters import Identifiability, Response, SensorNoise, Trajectories
 
 JUDGED = 8  # trajectories that suffice to judge what is identifiable
 

@@ -10,13 +10,10 @@ from typing import final
 import torch
 from torch import Tensor
 
-from physid.estimation.least_squares.experiment import Experiment, lay_out
-from physid.estimation.least_squares.multi_start import best_guess
-from physid.estimation.prediction.rollout import Predictor, Variants
+from physid.estimation.least_squares import Experiment, best_guess, lay_out
+from physid.estimation.prediction import Predictor, Variants
 from physid.physics.layer import PhysicsLayer
-from physid.training.parameters.physical_parameters import PhysicalParameters
-from physid.training.parameters.pose_loss import PoseLoss
-from physid.training.parameters.trajectories import Trajectories
+from physid.training.parameters import PhysicalParameters, PoseLoss, Trajectories
 
 States = tuple[Tensor, Tensor]
 

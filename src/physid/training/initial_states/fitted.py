@@ -8,14 +8,12 @@ import dataclasses
 import torch
 from torch import Tensor
 
-from physid.estimation.least_squares.experiment import Experiment, Fit
-from physid.estimation.least_squares.first_guess import FirstGuess
-from physid.estimation.least_squares.jacobian import Directions
-from physid.estimation.least_squares.levenberg_marquardt import NONE, gauss_newton
-from physid.estimation.least_squares.settings import LeastSquaresSettings, LineSearchSettings
+from physid.estimation.least_squares import Directions, Experiment, FirstGuess, Fit, LeastSquaresSettings, gauss_newton
+from physid.estimation.least_squares.levenberg_marquardt import NONE
+from physid.estimation.least_squares.settings import LineSearchSettings
 from physid.physics.layer import SolverError
 from physid.training.initial_states.explaining import Explaining, States
-from physid.training.parameters.trajectories import Trajectories
+from physid.training.parameters import Trajectories
 
 MOST = 10
 """Jacobians of one fit."""

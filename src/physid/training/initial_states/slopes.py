@@ -9,9 +9,7 @@ from physid.estimation.least_squares.jacobian import usable_slopes
 from physid.estimation.least_squares.levenberg_marquardt import NONE
 from physid.physics.layer import PhysicsLayer
 from physid.training.initial_states.explaining import Explaining
-from physid.training.parameters.physical_parameters import PhysicalParameters
-from physid.training.parameters.pose_loss import PoseLoss
-from physid.training.parameters.trajectories import Trajectories
+from physid.training.parameters import PhysicalParameters, PoseLoss, Trajectories
 
 
 @torch.no_grad()

@@ -9,14 +9,14 @@ from typing import final
 import torch
 from torch import Tensor
 
-from physid.estimation.least_squares.experiment import Experiment, Fit
-from physid.estimation.least_squares.levenberg_marquardt import NONE, gauss_newton, hardly_gains
-from physid.estimation.least_squares.multi_start import choose, search, try_new_states
-from physid.estimation.prediction.rollout import Variants
+from physid.estimation.least_squares import Experiment, Fit, gauss_newton, search, try_new_states
+from physid.estimation.least_squares.levenberg_marquardt import NONE, hardly_gains
+from physid.estimation.least_squares.multi_start import choose
+from physid.estimation.prediction import Variants
 from physid.physics.layer import SolverError
 from physid.training.initial_states.explaining import Explaining, States, started
 from physid.training.initial_states.fitted import FITTING
-from physid.training.parameters.trajectories import Trajectories
+from physid.training.parameters import Trajectories
 
 IMPROVE = 1
 """Jacobians of the initial states for each step of the parameters."""

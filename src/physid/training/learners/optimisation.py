@@ -13,10 +13,10 @@ from torch import Tensor
 from torch.optim import SGD, AdamW, Optimizer
 
 from physid.data.files import read_tensors
-from physid.training.learners.base import NonFiniteLossError, OptimizerFactory
 from physid.training.learners.phases import Phases, epochs_done, epochs_of
-from physid.training.parameters.physical_parameters import PhysicalParameters
-from physid.training.vision.model import VideoModel
+from physid.training.parameters import PhysicalParameters
+from physid.training.training_module import NonFiniteLossError, OptimizerFactory
+from physid.training.vision import VideoModel
 
 DEFAULT_OPTIMIZER: OptimizerFactory = partial(AdamW, lr=1e-3, weight_decay=1e-2)
 LARGEST_GRADIENT = 1.0

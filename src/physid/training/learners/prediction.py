@@ -11,15 +11,10 @@ import torch
 
 from physid.physics.layer import PhysicsLayer
 from physid.scenes.scene import Scene
-from physid.training.initial_states.explaining import Explaining, started
-from physid.training.initial_states.fitted import fit_states
-from physid.training.initial_states.tracked import TrackedFit
+from physid.training.initial_states import Explaining, TrackedFit, fit_states, started
 from physid.training.learners.engine import Engine
-from physid.training.learners.metrics import PoseErrors
 from physid.training.learners.step_control import StepControl
-from physid.training.parameters.physical_parameters import PhysicalParameters
-from physid.training.parameters.pose_loss import PoseLoss
-from physid.training.parameters.trajectories import Trajectories
+from physid.training.parameters import PhysicalParameters, PoseErrors, PoseLoss, Trajectories
 
 Batch = Mapping[str, Any]
 

@@ -12,15 +12,13 @@ from torch import Tensor
 from physid.networks.blur import BlurSchedule, GaussianBlur
 from physid.networks.encoder import VariationalPoseEncoder, as_image
 from physid.training.callbacks.blur_curriculum import BlurCurriculum
-from physid.training.learners.base import OptimizerFactory
 from physid.training.learners.engine import Engine
 from physid.training.learners.phases import Phase, Phases
 from physid.training.learners.video import Objective, VideoID
-from physid.training.parameters.pose_loss import mean_over_time
-from physid.training.refinement.horizon import Batch, spread
-from physid.training.refinement.refinement import Readings
-from physid.training.vision.model import EncoderFactory, Vision, at_frames, over_time
-from physid.training.vision.pose_cache import PoseCache
+from physid.training.parameters import mean_over_time
+from physid.training.refinement import Batch, Readings, spread
+from physid.training.training_module import OptimizerFactory
+from physid.training.vision import EncoderFactory, PoseCache, Vision, at_frames, over_time
 
 
 @dataclass(frozen=True)

@@ -8,19 +8,12 @@ from typing import Any, final
 import torch
 from torch import Tensor
 
-from physid.estimation.least_squares.discretisation import (
-    ChosenSteps,
-    Judgement,
-    StepChoice,
-    halve_steps,
-    judge_steps,
-)
-from physid.estimation.measurement.sensor_noise import Noise
-from physid.estimation.prediction.timeline import Timeline
+from physid.estimation.least_squares import ChosenSteps, StepChoice
+from physid.estimation.least_squares.discretisation import Judgement, halve_steps, judge_steps
+from physid.estimation.measurement import Noise
+from physid.estimation.prediction import Timeline
 from physid.physics.layer import PhysicsLayer
-from physid.training.parameters.intervals import Response
-from physid.training.parameters.physical_parameters import PhysicalParameters
-from physid.training.parameters.trajectories import Trajectories
+from physid.training.parameters import PhysicalParameters, Response, Trajectories
 
 CHOICE = StepChoice(bias=0.1)
 FIRST = 1 / 480

@@ -10,11 +10,9 @@ from torch import Tensor
 from physid.networks.encoder import PoseEncoder, as_image
 from physid.training.learners.phases import Phase
 from physid.training.learners.video import VideoID
-from physid.training.parameters.pose_loss import mean_over_time
-from physid.training.refinement.horizon import Batch, spread
-from physid.training.refinement.refinement import Readings
-from physid.training.vision.model import at_frames
-from physid.training.vision.synthetic_images import encoding_losses
+from physid.training.parameters import mean_over_time
+from physid.training.refinement import Batch, Readings, spread
+from physid.training.vision import at_frames, encoding_losses
 
 
 @final

@@ -11,18 +11,22 @@ import lightning as L
 import torch
 from torch import Tensor
 
-from physid.estimation.least_squares.first_guess import FirstGuess
-from physid.training.identifiability.identifiability import Identifiability, SensorNoise
-from physid.training.initial_states import answers
-from physid.training.initial_states.explaining import Explaining
-from physid.training.learners.base import OptimizerFactory, TrainingModule
+from physid.estimation.least_squares import FirstGuess
+from physid.training.initial_states import Explaining, answers
 from physid.training.learners.engine import Engine
 from physid.training.learners.judging import judging_callbacks
 from physid.training.learners.prediction import PredictingModule
-from physid.training.parameters.intervals import Response
-from physid.training.parameters.pose_loss import PoseLoss
-from physid.training.parameters.taking_steps import take_back, take_step, uses_slopes
-from physid.training.parameters.trajectories import Trajectories
+from physid.training.parameters import (
+    Identifiability,
+    PoseLoss,
+    Response,
+    SensorNoise,
+    Trajectories,
+    take_back,
+    take_step,
+    uses_slopes,
+)
+from physid.training.training_module import OptimizerFactory, TrainingModule
 
 Batch = Mapping[str, Any]
 AFRESH = 3

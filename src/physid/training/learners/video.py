@@ -18,18 +18,13 @@ from physid.networks.encoder import Encoding, PoseEncoder, VariationalPoseEncode
 from physid.scenes.scene import Scene
 from physid.training.callbacks.parameter_history import ParameterHistory
 from physid.training.callbacks.predicted_film import PredictedFilm
-from physid.training.learners.base import OptimizerFactory, TrainingModule
 from physid.training.learners.engine import Engine
 from physid.training.learners.optimisation import DEFAULT_OPTIMIZER, build_optimizers, take_encoder, take_step
 from physid.training.learners.phases import Phase, Phases, epochs_of
-from physid.training.parameters.physical_parameters import PhysicalParameters
-from physid.training.parameters.pose_loss import PoseLoss, mean_over_time
-from physid.training.parameters.trajectories import Trajectories
-from physid.training.refinement.horizon import Batch, Horizon
-from physid.training.refinement.refinement import Readings, Refinement
-from physid.training.vision.model import EncoderFactory, VideoModel, Vision
-from physid.training.vision.scores import VideoScores
-from physid.training.vision.synthetic_images import SyntheticImages
+from physid.training.parameters import PhysicalParameters, PoseLoss, Trajectories, mean_over_time
+from physid.training.refinement import Batch, Horizon, Readings, Refinement
+from physid.training.training_module import OptimizerFactory, TrainingModule
+from physid.training.vision import EncoderFactory, SyntheticImages, VideoModel, VideoScores, Vision
 
 logger = logging.getLogger("physid")
 SHORT = 1 / 480  # [s] steps that miss little of a stop, and cost a film little beside its images

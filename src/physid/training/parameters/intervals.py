@@ -10,10 +10,8 @@ from typing import final
 import torch
 from torch import Tensor
 
-from physid.estimation.least_squares.covariance import covariance_of, reach_of
-from physid.estimation.least_squares.experiment import Experiment, Fit
-from physid.estimation.least_squares.normal_equations import Normal
-from physid.estimation.measurement.sensor_noise import Noise
+from physid.estimation.least_squares import Experiment, Fit, Normal, covariance_of, reach_of
+from physid.estimation.measurement import Noise
 from physid.estimation.prediction.coordinates import Coordinates
 from physid.training.parameters.pose_loss import PoseLoss
 

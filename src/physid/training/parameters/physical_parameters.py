@@ -9,8 +9,8 @@ from typing import Any, final
 import torch
 from torch import Tensor, nn
 
+from physid.estimation.prediction import NominalModel
 from physid.estimation.prediction.coordinates import Coordinates, is_effect, sorted_out, with_first_sizes
-from physid.estimation.prediction.nominal_model import NominalModel
 from physid.physics.effect import Effect
 from physid.physics.layer import PhysicsLayer
 from physid.physics.parameters import Parameters

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from physid.estimation.measurement.poses import pose_difference
-from physid.estimation.measurement.sensor_noise import Noise
+from physid.estimation.measurement import Noise, pose_difference
 
 MOST_UNEQUAL = 100.0
 """Largest ratio of the two noises [m/rad], or of its inverse, that is believed."""

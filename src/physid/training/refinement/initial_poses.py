@@ -8,16 +8,13 @@ from typing import TYPE_CHECKING, final
 import torch
 from torch import Tensor
 
-from physid.estimation.least_squares.experiment import Experiment, Fit
-from physid.estimation.least_squares.jacobian import Directions
+from physid.estimation.least_squares import Directions, Experiment, Fit
 from physid.networks.chart import PlanarChart
-from physid.training.initial_states.explaining import Explaining, started
-from physid.training.initial_states.fitted import fit_states
-from physid.training.parameters.pose_loss import PoseLoss
-from physid.training.parameters.trajectories import Trajectories
+from physid.training.initial_states import Explaining, fit_states, started
+from physid.training.parameters import PoseLoss, Trajectories
 
 if TYPE_CHECKING:
-    from physid.training.vision.model import VideoModel
+    from physid.training.vision import VideoModel
 
 MOST = 4
 """Steps of a fit; readings are off by a millimetre, and the second step already changes little."""

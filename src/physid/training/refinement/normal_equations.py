@@ -8,15 +8,19 @@ from typing import Protocol, final
 import torch
 from torch import Tensor
 
-from physid.estimation.least_squares.covariance import covariance_of
-from physid.estimation.least_squares.levenberg_marquardt import solve_shared
-from physid.estimation.least_squares.normal_equations import Normal
+from physid.estimation.least_squares import Normal, covariance_of, solve_shared
 from physid.physics.layer import PhysicsLayer
-from physid.training.initial_states.slopes import slopes
-from physid.training.parameters.intervals import RIDGE, ROUNDING, known, normal_of, ridge_of
-from physid.training.parameters.physical_parameters import PhysicalParameters
-from physid.training.parameters.pose_loss import PoseLoss
-from physid.training.parameters.trajectories import Trajectories
+from physid.training.initial_states import slopes
+from physid.training.parameters import (
+    RIDGE,
+    ROUNDING,
+    PhysicalParameters,
+    PoseLoss,
+    Trajectories,
+    known,
+    normal_of,
+    ridge_of,
+)
 
 MISFIT = 3.0
 """Root of a trajectory's loss, relative to the median's, from which on it counts half."""

@@ -13,16 +13,13 @@ from torch import Tensor, nn
 from torch.optim import Optimizer
 
 from physid.networks.chart import PlanarChart
-from physid.training.learners.base import TrainingModule
-from physid.training.parameters.pose_loss import PoseLoss
-from physid.training.parameters.posterior import Posterior
-from physid.training.parameters.trajectories import Trajectories
+from physid.training.parameters import PoseLoss, Posterior, Trajectories
 from physid.training.refinement.horizon import Batch
 from physid.training.refinement.initial_poses import Placing, place
 from physid.training.refinement.kesten_step import KestenStep
-from physid.training.refinement.landing_height import LandingHeight, land
 from physid.training.refinement.normal_equations import NormalEquations
-from physid.training.vision.model import VideoModel
+from physid.training.training_module import TrainingModule
+from physid.training.vision import LandingHeight, VideoModel, land
 
 LARGEST_STEP = 0.5
 """Of the logarithm of a parameter."""

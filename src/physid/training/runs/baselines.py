@@ -10,7 +10,7 @@ from physid.physics.rotations import exponential, multiply, rotate
 from physid.scenes.scene import Scene
 from physid.scenes.setup import Excitation
 from physid.simulators.protocol import find_simulator
-from physid.training.parameters.trajectories import Trajectories
+from physid.training.parameters import Trajectories
 
 FINE = 1 / 960  # [s]
 

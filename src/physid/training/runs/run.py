@@ -27,8 +27,8 @@ from physid.data.files import read_tensors, write_text
 from physid.training.callbacks.learning_rates import LearningRates
 from physid.training.callbacks.progress import Progress
 from physid.training.callbacks.run_state import RunState
-from physid.training.learners.base import LEARNED
 from physid.training.runs.loggers import build_loggers, history_of
+from physid.training.training_module import LEARNED
 from physid.yaml_files import read_yaml
 
 Stage = Literal["validate", "test", "predict"]

@@ -15,9 +15,7 @@ from physid.physics.rotations import to_matrix
 from physid.scenes.scene import Scene
 from physid.training.tracking.films import Filmed, Footage
 from physid.training.tracking.tracker import Reader
-from physid.training.vision.decoder import MODELS, Decoder
-from physid.training.vision.model import ChartName, VideoModel, chart_of
-from physid.training.vision.pose_refinement import PoseRefinement
+from physid.training.vision import MODELS, ChartName, Decoder, PoseRefinement, VideoModel, chart_of
 
 UPRIGHT, LYING = 0.02, 0.01
 """[rad] and share of the height by which a body may be off that counts as upright, and as lying on the ground."""

@@ -21,7 +21,7 @@ from physid.training.tracking.first_frames import first_frames_of
 from physid.training.tracking.light import SteadyLight
 from physid.training.tracking.tracker import Reader
 from physid.training.tracking.tracking_error import TrackingStudy, colour_noise, hard_edged
-from physid.training.vision.model import ChartName
+from physid.training.vision import ChartName
 
 AT_ONCE = 32
 """Films that are read side by side."""

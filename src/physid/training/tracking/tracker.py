@@ -14,10 +14,7 @@ from physid.networks.chart import PlanarChart, PoseChart
 from physid.networks.encoder import as_image
 from physid.scenes.scene import Scene
 from physid.training.tracking.films import Footage
-from physid.training.vision.calibration import Calibration
-from physid.training.vision.decoder import MODELS, Decoder
-from physid.training.vision.model import ChartName, VideoModel, chart_of
-from physid.training.vision.pose_refinement import PoseRefinement
+from physid.training.vision import MODELS, Calibration, ChartName, Decoder, PoseRefinement, VideoModel, chart_of
 
 FOLLOWING = PoseRefinement(steps=12, wider=1.0)
 """From the place where the last two frames put a body; most images are done after two steps, but where a force sets in

@@ -18,14 +18,12 @@ from physid.physics.layer import PhysicsLayer, Rollout
 from physid.physics.parameters import Parameters
 from physid.physics.state import State
 from physid.scenes.scene import Scene
-from physid.training.parameters.physical_parameters import PhysicalParameters
-from physid.training.parameters.pose_loss import PoseLoss
-from physid.training.parameters.trajectories import Trajectories
-from physid.training.refinement.landing_height import land
+from physid.training.parameters import PhysicalParameters, PoseLoss, Trajectories
 from physid.training.vision.calibration import Calibration
 from physid.training.vision.decoder import Decoder, camera_of
 from physid.training.vision.deep_supervision import DeepSupervision
 from physid.training.vision.initial_state import Start
+from physid.training.vision.landing_height import land
 from physid.training.vision.pose_refinement import PoseRefinement
 
 ChartName = Literal["planar", "hovering", "spatial"]

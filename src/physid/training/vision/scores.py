@@ -11,7 +11,7 @@ from torchmetrics.image import PeakSignalNoiseRatio, StructuralSimilarityIndexMe
 
 from physid.networks.encoder import as_image
 from physid.scenes.scene import Scene
-from physid.training.learners.metrics import PoseErrors
+from physid.training.parameters import PoseErrors
 from physid.training.vision.model import Prediction, VideoModel, at_frames
 
 

@@ -7,8 +7,8 @@ from typing import Any, final
 import lightning as L
 import torch
 
-from physid.training.learners.metrics import PoseErrors
 from physid.training.learners.sysid import SysID
+from physid.training.parameters import PoseErrors
 from physid.training.runs import baselines
 
 

@@ -10,13 +10,12 @@ from typing import final
 import torch
 from torch import Tensor
 
-from physid.estimation.measurement.poses import pose_difference
+from physid.estimation.measurement import pose_difference
 from physid.networks.chart import PlanarChart
 from physid.physics.layer import PhysicsLayer
 from physid.physics.parameters import Parameters
 from physid.physics.state import State
-from physid.training.parameters.pose_loss import PoseLoss
-from physid.training.parameters.trajectories import Trajectories
+from physid.training.parameters import PoseLoss, Trajectories
 
 PASSES = 4
 DIFFERENCE = 2e-3

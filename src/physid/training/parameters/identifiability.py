@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Literal, final
 import torch
 from torch import Tensor
 
-from physid.estimation.measurement.sensor_noise import Noise
+from physid.estimation.measurement import Noise
 from physid.estimation.prediction.coordinates import is_effect
 from physid.strict import number
 from physid.typed_files import CLOSED

@@ -13,8 +13,7 @@ from torch.optim import LBFGS, Optimizer
 
 from physid.data.batches.datamodule import RecordingsDataModule
 from physid.inspection.usability import require_usable_set
-from physid.training.parameters.gauss_newton import GaussNewton
-from physid.training.parameters.physical_parameters import PhysicalParameters
+from physid.training.parameters import GaussNewton, PhysicalParameters
 
 LEARNED = "learned"
 OptimizerFactory = Callable[[Iterable[nn.Parameter]], Optimizer]
