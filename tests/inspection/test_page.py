@@ -35,6 +35,8 @@ def test_it_holds_poses_gaps_and_forces(tmp_path: Path) -> None:
     pose[3] = np.nan
     folder = write_set(tmp_path / "set", [dataclasses.replace(one, pose=pose, twist=None), recording(1000, 1)])
     assert main(["show", str(folder), "--out", str(tmp_path / "page.html")]) == 0
+    assert main(["show", str(folder), "--out", str(tmp_path / "page.mp4")]) == 2
+    assert not (tmp_path / "page.mp4").exists(), "a page is no film"
     data = drawn(tmp_path / "page.html")
     first, long = data["trajectories"]
     assert first["pose"][3] == [None]

@@ -11,8 +11,8 @@ from typing import Any
 
 from physid.commands.command import Command
 from physid.configuration import Configuration, ConfigurationError, compose
+from physid.data.files import YAML
 
-YAML = (".yaml", ".yml")
 GROUPS = {"fit": ("sysid", "supervised", "self_supervised")}
 """Folders of shipped configurations of commands whose configurations name their classes."""
 PLUMBING = ("class_path", "init_args", "base")
@@ -165,7 +165,7 @@ def read_model(model: Path, allow: str) -> Path | Mapping[str, Any]:
     from physid.shipped import find_configuration
 
     model = find_configuration(model)
-    given = model.suffix in (".yaml", ".yml")
+    given = model.suffix in YAML
     run = model.parent.parent if model.suffix == ".ckpt" else model
     place = model if given else run / "config.yaml"
     configuration = compose([place], allowed=[each for each in allow.split(",") if each])

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from physid.commands.terminal.screen import frame_bar, resumable
+from physid.data.files import YAML, require_ending
 
 if TYPE_CHECKING:
     from physid.data.format import RecordingSet
@@ -40,6 +41,7 @@ def calibrate(
         raise ValueError(f"calibrate: corners: expected two numbers of at least 3 such as 9x6, got {corners!r}")
     if not square > 0:
         raise ValueError(f"calibrate: square: expected a length above zero [m], got {square:g}")
+    require_ending(out, *YAML)
     found = run(film, (int(sides[1]), int(sides[2])), square, ground)
     found.write(out)
     middle = found.matrix[:2, 2] + 0.5 - [found.width / 2, found.height / 2]

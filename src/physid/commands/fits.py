@@ -178,6 +178,7 @@ def sample(run: Path, *, count: int = 100, out: Path | None = None, seed: int = 
         out: File of the result, .csv, .npz or .yaml; RUN/samples.csv by default.
         seed: Of the draws; the same seed gives the same sets.
     """
+    from physid.data.files import require_ending
     from physid.training.parameters import read_posterior
 
     if count < 1:
@@ -185,8 +186,7 @@ def sample(run: Path, *, count: int = 100, out: Path | None = None, seed: int = 
     if not 0 <= seed < 2**63:
         raise ValueError(f"--seed must be a whole number from 0 to 2^63 - 1, got {seed}")
     target = out or (run if run.is_dir() else run.parent) / "samples.csv"
-    if target.suffix not in KINDS:
-        raise ValueError(f"--out must end in {', '.join(KINDS)}, got {target.name}")
+    require_ending(target, *KINDS)
     known = read_posterior(run)
     drawn = known.sample(count, seed)
     write_samples(target, known.names, drawn)

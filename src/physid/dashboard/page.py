@@ -13,7 +13,7 @@ from physid.dashboard.comparison import charts, tables
 from physid.dashboard.folders import find_runs
 from physid.dashboard.run import empty_run, read_or_damaged
 from physid.dashboard.summary import KINDS, Run, numbers, text_of
-from physid.data.files import write_text
+from physid.data.files import PAGES, require_ending, write_text
 from physid.pages.numbers import plural
 from physid.pages.templates import render as render_page
 
@@ -34,7 +34,9 @@ def write_dashboard(folder: Path, out: Path, *, light: bool = False) -> list[dic
 
     Raises:
         FileNotFoundError: If there is no run in the folder.
+        ValueError: If the name of the file is not that of a page.
     """
+    require_ending(out, *PAGES)
     runs = [read_or_damaged(each, folder, light=light) for each in find_runs(folder)]
     write_text(out, render(runs, folder.resolve().name))
     return runs

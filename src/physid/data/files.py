@@ -10,6 +10,19 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+PAGES, YAML = (".html", ".htm"), (".yaml", ".yml")
+"""How names of files end that hold a page, or a description."""
+
+
+def require_ending(out: Path, *endings: str) -> None:
+    """Refuse a file to write whose name does not say what will be in it.
+
+    Raises:
+        ValueError: If it ends in none of the endings.
+    """
+    if out.suffix.lower() not in endings:
+        raise ValueError(f"--out must end in {', '.join(endings)}, got {out.name}")
+
 
 def write_whole(path: Path, write: Callable[[Path], None]) -> None:
     """Write a file under a temporary name, flush it to the disk, then rename it.

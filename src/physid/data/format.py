@@ -138,7 +138,7 @@ def read_scene(folder: Path) -> Scene:
     if not path.is_file():
         raise FileNotFoundError(
             f"{path}: expected a recording set, found no {DESCRIPTION} there; "
-            "make one with physid generate, or write one (docs/recordings.md)"
+            "make one with physid import or physid generate, or write one (docs/recordings.md)"
         )
     try:
         return read_description(read_yaml(path))

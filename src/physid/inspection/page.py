@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from physid.data.files import write_text
+from physid.data.files import PAGES, require_ending, write_text
 from physid.data.format import RecordingSet
 from physid.data.observations.step_grid import lay_steps
 from physid.data.recording import Recording
@@ -31,8 +31,9 @@ def write_page(recordings: RecordingSet, indices: Sequence[int], path: Path) -> 
         How many trajectories are drawn; those without poses are not.
 
     Raises:
-        ValueError: If none has poses, or a file is damaged.
+        ValueError: If none has poses, a file is damaged, or the name is not that of a page.
     """
+    require_ending(path, *PAGES)
     scene = recordings.scene
     shown = [(index, recordings.read(index)) for index in indices if recordings.has_poses(index)]
     if not shown:
