@@ -428,13 +428,14 @@ def lose(task: Task, folder: Path, whole: float, draw: random.Random) -> list[st
     return complaints(said, process.returncode, {0, 1} if task.cluster is None else {0})
 
 
-def starve(task: Task, folder: Path, name: str, most: int, draw: random.Random) -> list[str] | None:
+def starve(task: Task, folder: Path, name: str, truth: Undisturbed, draw: random.Random) -> list[str] | None:
     """Run with files that may not grow, on a full disk, or where nothing can be written; None if that cannot be."""
-    limit = draw.randrange(0, max(most, 1)) if name == "file size" else None
+    limit = draw.randrange(0, max(truth.longest, 1)) if name == "file size" else None
     place = folder
     if name == "full disk":
         folder.mkdir()
-        mounting = ["mount", "-t", "tmpfs", "-o", f"size={draw.choice([16, 32, 64])}k", "tmpfs", str(folder)]
+        size = min(1024 * draw.choice([16, 32, 64]), max(truth.total // 2, 4096))  # too small for what is written
+        mounting = ["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(folder)]
         if subprocess.run(mounting, capture_output=True, check=False).returncode:
             return None
         place = folder / "result"
@@ -453,13 +454,14 @@ def starve(task: Task, folder: Path, name: str, most: int, draw: random.Random) 
 
 @dataclass(frozen=True)
 class Undisturbed:
-    """What a task does when nothing disturbs it: the digest of each file, the longest file [bytes], the time [s].
+    """What a task does when nothing disturbs it: the digest of each file, the longest and all [bytes], the time [s].
 
     The time is that of a run in which Python starts afresh (True) and of one that is forked (False).
     """
 
     digests: dict[str, str]
     longest: int
+    total: int
     seconds: dict[bool, float]
 
 
@@ -477,7 +479,7 @@ def run(task: Task, work: Path) -> Undisturbed:
         sizes = [path.stat().st_size for path in folder.rglob("*") if path.is_file()]
         digests = snapshot(folder)
         shutil.rmtree(folder)
-    return Undisturbed(digests, max(sizes, default=1), seconds)
+    return Undisturbed(digests, max(sizes, default=1), sum(sizes), seconds)
 
 
 def attack(
@@ -493,7 +495,7 @@ def attack(
     elif name == LOST:
         found = lose(task, folder, truth.seconds[False], draw) if task.workers else None
     else:
-        found = starve(task, folder, name, truth.longest, draw)
+        found = starve(task, folder, name, truth, draw)
     if found is None:
         return 0, []
     process = task.start(folder, afresh=afresh)
