@@ -45,7 +45,7 @@ from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIGS = ROOT / "configs"
-COMMAND = [sys.executable, "-m", "physid.cli"]
+COMMAND = [sys.executable, "-m", "physid"]
 SIGNALS = {"SIGKILL": signal.SIGKILL, "SIGTERM": signal.SIGTERM, "SIGINT": signal.SIGINT}
 STARVED = ("file size", "full disk", "read-only")
 LOST = "lost worker"

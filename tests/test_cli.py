@@ -30,7 +30,7 @@ HEAVY = (
     "omegaconf",
 )
 PUSH = str(Path(__file__).parent.parent / "configs" / "generate" / "push.yaml")
-COMMAND = [sys.executable, "-m", "physid.cli"]
+COMMAND = [sys.executable, "-m", "physid"]
 
 
 def test_help_answers_at_once_and_loads_nothing_heavy() -> None:

@@ -23,7 +23,7 @@ DESCENT = ["model.optimizer.class_path=torch.optim.SGD", "model.optimizer.lr=1e4
 def fit(folder: Path, data: Path, *words: str) -> tuple[dict[str, float], str]:
     """Fit eight trajectories in a process of its own; returns metrics.json and what was printed."""
     budget = ["trainer.max_epochs=3", "trainer.accelerator=cpu", "data.limit=8", f"data.folder={data}"]
-    command = [sys.executable, "-m", "physid.cli", "fit", "--config", str(CONFIG), f"--run-dir={folder}"]
+    command = [sys.executable, "-m", "physid", "fit", "--config", str(CONFIG), f"--run-dir={folder}"]
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "WANDB_MODE": "disabled"}
     done = subprocess.run(
         [*command, *budget, *DESCENT, *words], capture_output=True, text=True, env=environment, check=False
@@ -54,7 +54,7 @@ def test_an_optimizer_that_would_part_the_processes_is_refused(
     words = ["fit", "--config", str(CONFIG), f"--run-dir={tmp_path / 'run'}", f"data.folder={recordings('push')}"]
     spread = ["trainer.strategy=ddp", "trainer.devices=2", "trainer.accelerator=cpu", "trainer.max_epochs=1"]
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "WANDB_MODE": "disabled"}
-    command = [sys.executable, "-m", "physid.cli", *words, *spread]
+    command = [sys.executable, "-m", "physid", *words, *spread]
     done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False, timeout=120)
     assert done.returncode == 2
     assert "GaussNewton needs all trajectories in one process, got 2 processes" in done.stderr

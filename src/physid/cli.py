@@ -287,7 +287,3 @@ def _explain(error: Exception, code: int) -> int:
     cut = "\n".join(line if len(line) <= LONGEST else f"{line[:LONGEST]}..." for line in lines[:MOST_LINES])
     print(f"{styled('physid:', 'red', sys.stderr)} {cut}", file=sys.stderr)
     return code
-
-
-if __name__ == "__main__":
-    program()

@@ -119,7 +119,7 @@ def test_relative_folders_hold_where_worker_processes_outlive_a_call(
 def test_cells_beside_each_other_say_when_they_begin_and_draw_no_bars(tmp_path: Path) -> None:
     cells = ("sysid/push_mass", "sysid/push_friction")
     options = ["--at-once=2", f"--cell={','.join(cells)}", f"--configs={CONFIGS}", f"--out={tmp_path}"]
-    command = [sys.executable, "-m", "physid.cli", "reproduce", *options]
+    command = [sys.executable, "-m", "physid", "reproduce", *options]
     terminal, end = pty.openpty()
     with subprocess.Popen(command, stdout=end, stderr=end) as process:
         os.close(end)
