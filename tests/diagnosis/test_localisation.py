@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -65,6 +66,16 @@ def test_evidence_over_time_is_that_of_one_body_and_no_rounding() -> None:
     table, dofs = over_time(lack, 0, rounding=1e-6)
     assert dofs == ["x", "y"]
     assert table.tolist() == [[0.0, 3.0], [2.0, 0.0]]
+
+
+def test_what_was_tried_explains_all_that_it_gains_over_trajectories() -> None:
+    """Three trajectories that a tried effect predicts better by 60 each count as a row of 180, not of 60."""
+    search = found(1.0, 0.0, 1.0)
+    nominal = SimpleNamespace(**vars(search.nominal) | {"held_out": torch.full((3,), 100.0)})
+    tried = SimpleNamespace(names=("adhesion",), held_out=torch.full((3,), 40.0))
+    shares = sites(replace(search, nominal=cast(Any, nominal), tried=[cast(Any, tried)]), named=True)
+    same = sites(found(1.0, 0.0, math.sqrt(1.8)), named=True)
+    assert shares == same
 
 
 @pytest.mark.parametrize("strength", [1.0, 30.0])  # below and above what the least temperature belongs to

@@ -6,7 +6,8 @@ import pytest
 import torch
 from torch import Tensor
 
-from physid.diagnosis.inputs.events import find_jolts
+from physid.diagnosis.inputs.events import find_events, find_jolts
+from physid.diagnosis.inputs.motion_phases import PHASES
 from physid.diagnosis.settings.inputs import EventSettings
 from physid.estimation.measurement.sensor_noise import (
     Noise,
@@ -17,6 +18,7 @@ from physid.estimation.measurement.sensor_noise import (
     outlier_poses,
 )
 from physid.physics.rotations import exponential
+from physid.scenes.catalogue import SETUPS
 
 FRAMES, STEP, MANY = 120, 1 / 240, 40
 NOISE = Noise(rotation=0.002, position=0.001)
@@ -147,6 +149,24 @@ def test_a_jolt_is_found_where_it_is_and_only_there() -> None:
     assert found[:, 60].all()
     assert not found[:, :50].any()
     assert not found[:, 70:].any()
+
+
+@pytest.mark.parametrize(
+    ("phase", "tilt", "event"),
+    [
+        ("slide_fast", 0.0, False),
+        ("slide_fast", 0.3, True),  # tumbles on an edge
+        ("free_fall", 0.3, False),
+        ("impact", 0.0, True),
+        ("contact_between_objects", 0.0, True),
+    ],
+)
+def test_small_errors_grow_where_a_body_hits_or_stands_on_an_edge(phase: str, tilt: float, event: bool) -> None:
+    pose = moving(1.0, trajectories=1)
+    pose[..., 3:] = exponential(torch.tensor([tilt, 0.0, 0.0], dtype=torch.float64))
+    phases, present = torch.full(pose.shape[:-1], PHASES.index(phase)), torch.ones(pose.shape[:-1])
+    found = find_events(phases, pose, present, NOISE, SETUPS[0].scene, EventSettings())
+    assert found.all() if event else not found.any()
 
 
 @pytest.mark.parametrize(("change", "jolted"), [(0.9, False), (1.15, True)])

@@ -12,6 +12,9 @@ from physid.cli import main
 from physid.data.format import RecordingSet, write_scene
 from physid.diagnosis.diagnose import diagnose
 from physid.diagnosis.document.document import FILE
+from physid.diagnosis.inputs.observations import load_observations
+from physid.diagnosis.inputs.requirements import require_usable
+from physid.diagnosis.settings.settings import Settings
 
 
 @pytest.fixture(scope="module")
@@ -23,6 +26,14 @@ def test_few_trajectories_are_refused(tmp_path: Path) -> None:
     few = recorded(tmp_path / "few", trajectories=2, steps=20)
     with pytest.raises(ValueError, match="at least 3 trajectories"):
         diagnose(RecordingSet(few), tmp_path / "out")
+
+
+def test_sound_recordings_are_not_refused_and_short_ones_are(sound: Path) -> None:
+    observations, settings = load_observations(RecordingSet(sound)), Settings()
+    require_usable(observations, settings.requirements, settings.noise)
+    least = settings.requirements.model_copy(update={"least_frames": observations.pose.shape[1] + 1})
+    with pytest.raises(ValueError, match=f"of {least.least_frames} frames or more"):
+        require_usable(observations, least, settings.noise)
 
 
 def test_a_transfer_set_of_another_body_is_refused(sound: Path, tmp_path: Path) -> None:

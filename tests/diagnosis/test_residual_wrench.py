@@ -5,7 +5,16 @@ from __future__ import annotations
 import pytest
 import torch
 
-from physid.diagnosis.testing.residual_wrench import gain_alone, local_gain
+from physid.diagnosis.inputs.motion_phases import PHASES
+from physid.diagnosis.settings.testing import ResidualWrenchSettings
+from physid.diagnosis.testing.residual_wrench import (
+    DOFS,
+    PLANAR,
+    gain_alone,
+    local_gain,
+    piece_frames,
+    residual_wrenches,
+)
 from physid.estimation.least_squares.normal_equations import Linearised, Part
 from physid.estimation.prediction.segments import Segmentation
 
@@ -25,6 +34,24 @@ def linear() -> Linearised:
         factor = torch.linalg.cholesky(state.mT @ state)
         parts.append(Part(batch, residual, state, shared, factor))
     return Linearised(segments, tuple(parts))
+
+
+@pytest.mark.parametrize("planar", [True, False])
+def test_residual_wrenches_are_unit_forces_and_torques_along_the_axes_of_the_ground(planar: bool) -> None:
+    settings, segments = ResidualWrenchSettings(), Segmentation.equal(2, FRAMES, FRAMES)
+    frame = torch.linalg.qr(torch.randn(3, 3, generator=torch.Generator().manual_seed(2)).double()).Q
+    phases = torch.full((2, FRAMES, BODIES), PHASES.index("slide_fast"))
+    cells, wrench = residual_wrenches(phases, frame, planar, segments, 1 / FRAMES, settings)
+    assert {cell.dof for cell in cells} == set(PLANAR if planar else DOFS)
+    for cell, one in zip(cells, wrench, strict=True):
+        turn, axis = cell.dof.startswith("r"), "xyz".index(cell.dof[-1])
+        unit = frame[axis] * (settings.torque if turn else settings.force)
+        there = (one != 0).any(-1)
+        assert not there[:, :, 1 - cell.body].any(), "on one body"
+        at = one[there]
+        assert torch.allclose(at[:, :3] if turn else at[:, 3:], unit.expand(len(at), 3))
+        assert not (at[:, 3:] if turn else at[:, :3]).any()
+        assert there.sum() == (2 * FRAMES if cell.phase else 2 * piece_frames(settings.piece_time, 1 / FRAMES))
 
 
 def test_a_column_explains_its_projection_after_initial_states(linear: Linearised) -> None:
