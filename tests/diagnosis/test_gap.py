@@ -63,3 +63,7 @@ def test_an_error_is_the_mean_square_with_frames_weighted_by_how_little_numerics
     assert float(position_errors(hypothesis, SimpleNamespace())) == pytest.approx(expected)  # type: ignore[arg-type]
     noise: Any = SimpleNamespace(floor=0.002)
     assert float(position_floors(hypothesis.experiment, noise)) == pytest.approx(0.002**2 * 2 / 1.25)
+    disturbed = scale.clone()
+    disturbed[0, 0] = 500.0
+    both: Any = SimpleNamespace(scale=torch.cat([scale, disturbed]))  # the second has no frame that is not disturbed
+    assert position_floors(both, noise).tolist() == pytest.approx([0.002**2 * 2 / 1.25, 0.002**2 * 2 / 0.5])

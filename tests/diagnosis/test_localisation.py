@@ -78,6 +78,14 @@ def test_what_was_tried_explains_all_that_it_gains_over_trajectories() -> None:
     assert shares == same
 
 
+def test_effects_of_two_sites_share_what_they_explain_together() -> None:
+    search = found(0.0, 0.0, 0.0)
+    nominal = SimpleNamespace(**vars(search.nominal) | {"held_out": torch.full((3,), 1000.0)})
+    tried = SimpleNamespace(names=("viscous_drag", "adhesion"), held_out=torch.zeros(3))
+    shares = sites(replace(search, nominal=cast(Any, nominal), tried=[cast(Any, tried)]), named=True)
+    assert (shares["dynamics"], shares["contact"]) == pytest.approx((0.5, 0.5))
+
+
 @pytest.mark.parametrize("strength", [1.0, 30.0])  # below and above what the least temperature belongs to
 def test_an_explanation_that_falls_behind_weighs_less_by_the_temperature_of_the_best(strength: float) -> None:
     settings = Settings().localisation

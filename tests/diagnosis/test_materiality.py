@@ -41,6 +41,19 @@ def test_an_error_as_large_as_the_noise_is_material_in_positions_and_in_rotation
     assert max(abs(excess.position - shift), abs(excess.rotation - turn)) < 0.3 * max(shift, turn)
 
 
+def test_frames_weigh_as_little_in_an_excess_as_numerics_disturb_them_more() -> None:
+    scale = torch.full((1, 3, 1, 6), 1000.0, dtype=torch.float64)
+    scale[0, 1], scale[0, 2] = 500.0, 0.0  # twice the deviation; not there
+    residual = torch.zeros(1, 3, 1, 6, dtype=torch.float64)
+    residual[0, :, 0, 3] = torch.tensor([0.01, 0.02, 0.04])
+    hypothesis: Any = SimpleNamespace(experiment=SimpleNamespace(scale=scale), fit=SimpleNamespace(residual=residual))
+    noise = Noise(rotation=4e-3, position=1e-3)
+    square = (0.01**2 + 0.25 * 0.02**2 - 2 * noise.floor**2) / 1.25
+    found = excess_of(hypothesis, noise, [torch.ones(1, dtype=torch.bool)])
+    assert found.position == pytest.approx(square**0.5)
+    assert found.rotation == 0.0
+
+
 def test_a_tenth_of_a_millimetre_beside_noise_of_six_is_not_material() -> None:
     assert not Tolerance.of(NOISE, SCENE, MaterialitySettings()).exceeded(excess_of(left(1e-4), NOISE, ALL))
 

@@ -8,9 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import torch
 import yaml
 
 from physid.cli import main
+from physid.data.files import write_tensors
+from physid.diagnosis.inputs.model_source import CHECKPOINT, CONFIG, COORDINATES, read_nominal_model
+from physid.estimation.prediction.coordinates import Coordinates
+from physid.scenes.catalogue import SETUPS
 
 MODEL: dict[str, Any] = {
     "seed_everything": 0,
@@ -54,6 +59,22 @@ def refused(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
     error = capsys.readouterr().err.strip()
     assert len(error.splitlines()) == 1
     return error
+
+
+def test_a_run_and_its_checkpoint_give_what_was_fitted(tmp_path: Path) -> None:
+    scene = SETUPS[0].scene
+    names = ("block.mass", "block.friction")
+    fitted = Coordinates.of(names).to_coordinates(torch.tensor([1.3, 0.2], dtype=torch.float64))
+    write_tensors(tmp_path / CHECKPOINT, {"state_dict": {COORDINATES: fitted}})
+    (tmp_path / CONFIG).write_text(yaml.safe_dump({"model": {"learn": list(names), "values": {"block.mass": 9.0}}}))
+    for source in (tmp_path, tmp_path / CHECKPOINT):
+        model = read_nominal_model(scene, source)
+        assert model.scene.unknown == names
+        body = model.scene.bodies[0]
+        assert (body.mass, body.friction) == pytest.approx((1.3, 0.2))
+    (tmp_path / CONFIG).write_text(yaml.safe_dump({"model": {"learn": ["block.mass"]}}))
+    with pytest.raises(ValueError, match="expected 1 fitted parameters"):
+        read_nominal_model(scene, tmp_path)
 
 
 @pytest.mark.parametrize("path", list(places(MODEL)), ids=".".join)

@@ -33,6 +33,7 @@ def fitted(folder: Path, **changes: object) -> Hypothesis:
 def test_pushes_leave_the_scatter_over_trajectories_alone_and_one_busy_segment_does_not(tmp_path: Path) -> None:
     pushed = fitted(tmp_path / "push")
     assert not bootstrap_spread(pushed, torch.Generator()).any()
+    assert bootstrap_spread(pushed, torch.Generator()).shape == pushed.covariance().shape
     pushed.experiment.predictor.segments.contact[0] = True
     assert bootstrap_spread(pushed, torch.Generator()).any()
 

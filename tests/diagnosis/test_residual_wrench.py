@@ -72,3 +72,6 @@ def test_columns_alone_explain_what_each_explains_without_the_others(linear: Lin
         for column in columns:
             alone = local_gain(linear, column[None], SPREAD, *given)
             torch.testing.assert_close(together[:, column], alone, rtol=1e-9, atol=1e-12)
+    once, twice = (gain_alone(linear, columns, SPREAD, factor * data, scale) for factor in (1.0, 2.0))
+    torch.testing.assert_close(twice, 4 * once)
+    torch.testing.assert_close(gain_alone(linear, columns, SPREAD, 2 * data, scale / 2), once)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -177,6 +178,24 @@ def test_an_effect_that_impacts_let_gain_by_chance_hides_no_other() -> None:
     assert lack(by_chance).p_best > 0.05
     assert lack(by_chance, true).p_best < 0.01
     assert [one.names for one in lack(by_chance, true).significant] == [("length_scale",)]
+
+
+def test_what_is_left_is_as_rare_as_the_rarer_of_two_looks_at_it_and_never_rarer_than_nothing() -> None:
+    quiet = replace(lack(row("viscous_drag", 0.0, 2.0)), free=torch.zeros(300))
+    assert quiet.p_value == 1.0
+    assert replace(quiet, rows=[]).p_best == 1.0
+    one = replace(lack(row("viscous_drag", 60.0, 2.0)), free=torch.zeros(300))
+    assert one.p_free > 0.5 > one.p_best
+    assert one.p_value == pytest.approx(2 * one.p_best)
+
+
+def test_the_more_effects_gain_the_less_chance_gives_it_and_a_loss_is_no_gain() -> None:
+    some = lack(row("viscous_drag", 60.0, 2.0))
+    chances = [some.chance(("viscous_drag",), gain) for gain in (-5.0, 0.0, 5.0, 10.0, 1000.0)]
+    assert chances[0] == chances[1]
+    assert chances == sorted(chances, reverse=True)
+    assert chances[1] > 0.9 > 0.01 > chances[-1]
+    assert some.chance(("viscous_drag",), some.reach(("viscous_drag",))) == pytest.approx(0.01, abs=0.01)
 
 
 @pytest.mark.parametrize(
