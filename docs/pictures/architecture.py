@@ -72,7 +72,7 @@ def read_imports() -> dict[str, set[str]]:
     direct: dict[str, set[str]] = {}
     for path in SOURCE.rglob("*.py"):
         name = path.relative_to(SOURCE).parts[0].removesuffix(".py")
-        if name != "__init__":
+        if name not in ("__init__", "__main__"):
             direct.setdefault(name, set()).update(imported(path))
     direct = {name: {other for other in others if other in direct} - {name} for name, others in direct.items()}
     box = {name: name for name in direct} | {name: group for group, names in GROUPS.items() for name in names}
