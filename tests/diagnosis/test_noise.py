@@ -166,6 +166,7 @@ def test_small_errors_grow_where_a_body_hits_or_stands_on_an_edge(phase: str, ti
     pose[..., 3:] = exponential(torch.tensor([tilt, 0.0, 0.0], dtype=torch.float64))
     phases, present = torch.full(pose.shape[:-1], PHASES.index(phase)), torch.ones(pose.shape[:-1])
     found = find_events(phases, pose, present, NOISE, SETUPS[0].scene, EventSettings())
+    assert found.shape == pose.shape[:2]
     assert found.all() if event else not found.any()
 
 
