@@ -30,6 +30,18 @@ def left(shift: float = 0.0, turn: float = 0.0) -> Any:
 ALL = [torch.ones(FRAMES[0], dtype=torch.bool)]
 
 
+@pytest.mark.parametrize("factor", [0.01, 100.0])
+def test_a_tolerance_is_a_share_of_the_noise_or_of_the_size_whichever_is_more(factor: float) -> None:
+    settings, size = MaterialitySettings(), float(SCENE.sizes.max())
+    noise = Noise(rotation=factor * settings.share_of_size, position=factor * settings.share_of_size * size)
+    found = Tolerance.of(noise, SCENE, settings)
+    if factor < 1:
+        assert (found.position, found.rotation) == (settings.share_of_size * size, 2 * settings.share_of_size)
+    else:
+        expected = settings.share_of_noise * 3**0.5 * noise.position, settings.share_of_noise * 3**0.5 * noise.rotation
+        assert (found.position, found.rotation) == pytest.approx(expected)
+
+
 def test_noise_alone_is_within_the_tolerance() -> None:
     assert not Tolerance.of(NOISE, SCENE, MaterialitySettings()).exceeded(excess_of(left(), NOISE, ALL))
 

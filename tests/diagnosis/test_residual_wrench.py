@@ -36,6 +36,10 @@ def linear() -> Linearised:
     return Linearised(segments, tuple(parts))
 
 
+def test_a_piece_of_a_residual_wrench_lasts_as_long_at_any_rate_and_two_frames_at_least() -> None:
+    assert [piece_frames(0.5, 1 / rate) for rate in (240, 60, 2)] == [120, 30, 2]
+
+
 @pytest.mark.parametrize("planar", [True, False])
 def test_residual_wrenches_are_unit_forces_and_torques_along_the_axes_of_the_ground(planar: bool) -> None:
     settings, segments = ResidualWrenchSettings(), Segmentation.equal(2, FRAMES, FRAMES)

@@ -147,6 +147,15 @@ def test_a_pair_is_needed_if_it_explains_most_of_what_one_effect_leaves(
     assert both_needed(both, nominal, [drag], left_by_drag(missing)) is needed
 
 
+@pytest.mark.parametrize(("factor", "needed"), [(0.9, False), (1.2, True)])
+def test_a_pair_must_gain_over_all_trajectories_together(factor: float, needed: bool) -> None:
+    nominal, both = hypothesis(900, 900), pair([], 100, 100)
+    least = max(SETTINGS.evidence.least, SETTINGS.evidence.same * 1600)
+    drag = hypothesis(100 + factor * least / 2, 100 + factor * least / 2)
+    chance: Any = SimpleNamespace(missing=factor * least, reach=lambda _: 0.0)
+    assert both_needed(both, nominal, [drag], chance) is needed
+
+
 def test_a_pair_must_explain_more_than_a_single_effect_to_be_the_whole() -> None:
     nominal, single, two = hypothesis(1100, 1100), hypothesis(100, 100), pair([], 100, 100)
     stage_of = cast(Any, SimpleNamespace(excess=0.0))
@@ -187,6 +196,16 @@ def test_what_is_left_is_as_rare_as_the_rarer_of_two_looks_at_it_and_never_rarer
     one = replace(lack(row("viscous_drag", 60.0, 2.0)), free=torch.zeros(300))
     assert one.p_free > 0.5 > one.p_best
     assert one.p_value == pytest.approx(2 * one.p_best)
+
+
+def test_what_a_free_wrench_explains_beyond_chance_counts_by_its_margin() -> None:
+    quiet = lack()
+    for excess in (0.5, 1.0):
+        free = torch.zeros(300)
+        free[-1] = float(quiet.null_free.mean()) + excess
+        least = float(quiet.null_free.mean()) + excess / SETTINGS.lack_of_fit.margin
+        share = float((quiet.null_free >= least).double().mean())
+        assert replace(quiet, free=free).p_free == pytest.approx(share, abs=0.01)
 
 
 def test_the_more_effects_gain_the_less_chance_gives_it_and_a_loss_is_no_gain() -> None:
