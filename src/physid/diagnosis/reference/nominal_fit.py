@@ -198,6 +198,5 @@ def begin(
     experiment, initial = lay_out(
         predictor, observations.pose, scale, observations.fitted, noise.rotation, settings.least_squares
     )
-    if observations.error is not None:
-        experiment = experiment.replace(common=observations.error.common)
+    experiment = experiment.replace(common=observations.common)
     return experiment, best_guess(experiment, initial, nominal, before)

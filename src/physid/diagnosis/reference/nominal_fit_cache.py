@@ -117,7 +117,7 @@ def _restored(
         state["engine"],
         state["follow"],
         settings.least_squares,
-        None if observations.error is None else observations.error.common,
+        observations.common,
     )
     fit = experiment.linearise(Variants(*(state[f"point.{name}"] for name in POINT)), NONE)
     rotation, position = map(float, state["noise"])

@@ -69,7 +69,7 @@ class Hypothesis:
     def covariance(self) -> Tensor:
         """Estimate the covariance of the shared parameters, shape (P, P).
 
-        What trajectories scatter tells (see `covariance_of`), and what an error that all of them share moves.
+        By the scatter of trajectories (see `covariance_of`), and by what an error that all of them share changes.
         """
         fitted, own = self.normal.of(self.experiment.fitted), self.experiment.settings.intervals
         covariance = covariance_of(fitted, prior(self.experiment, self.columns), settings=own)

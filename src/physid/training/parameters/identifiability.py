@@ -1,4 +1,4 @@
-"""Which parameters trajectories tell, which only in a combination, and which not at all."""
+"""Which parameters trajectories identify, which only in a combination, and which not at all."""
 
 from __future__ import annotations
 
@@ -164,11 +164,11 @@ class Identifiability:
 
     def alike(self) -> list[tuple[str, str, float]]:
         """Return pairs of parameters, an effect's among them, that are hardly distinguished, and their correlation."""
-        told = self.correlation.tolist()
+        correlation = self.correlation.tolist()
         return [
-            (self.names[i], self.names[j], told[i][j])
+            (self.names[i], self.names[j], correlation[i][j])
             for i, j in itertools.combinations(range(len(self.names)), 2)
-            if abs(told[i][j]) > ALIKE and (is_effect(self.names[i]) or is_effect(self.names[j]))
+            if abs(correlation[i][j]) > ALIKE and (is_effect(self.names[i]) or is_effect(self.names[j]))
         ]
 
     def verdicts(self) -> list[Verdict]:
@@ -209,8 +209,8 @@ class Identifiability:
             lines.append(f"{value:<14.4g}  {percent(spread):>10}  {self._product(torch.tensor(direction))}")
         lines.append("")
         for i, j in itertools.combinations(range(len(self.names)), 2):
-            told = float(self.correlation[i, j])
-            lines.append(f"correlation of {self.names[i]} and {self.names[j]}: {told:+.4f}")
+            correlation = float(self.correlation[i, j])
+            lines.append(f"correlation of {self.names[i]} and {self.names[j]}: {correlation:+.4f}")
         condition = "infinite" if math.isinf(self.condition) else f"{self.condition:.4g}"
         return "\n".join([*lines, f"condition number: {condition}"])
 

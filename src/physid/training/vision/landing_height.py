@@ -1,4 +1,4 @@
-"""Initial heights of bodies that hover, from when they land: a single image hardly tells how far away a body is."""
+"""Initial heights of bodies that hover, from when they land: a single image hardly shows how far away a body is."""
 
 from __future__ import annotations
 
