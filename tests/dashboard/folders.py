@@ -7,8 +7,9 @@ import math
 from pathlib import Path
 from typing import Any
 
-import imageio.v2 as imageio
 import numpy as np
+
+from physid.data.mp4 import write_mp4
 
 CONFIG = """\
 name: {name}
@@ -112,7 +113,7 @@ def write_film(path: Path) -> None:
     frames = np.full((12, 64, 64, 3), 220, np.uint8)
     for index, frame in enumerate(frames):
         frame[20:40, 4 + 3 * index : 24 + 3 * index] = (230, 90, 40)
-    imageio.mimwrite(path, list(frames), fps=12, macro_block_size=1)  # type: ignore[arg-type]
+    assert write_mp4(path, list(frames), 12)
 
 
 def write_runs(root: Path) -> Path:

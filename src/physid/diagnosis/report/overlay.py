@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Sequence
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from physid.data.files import write_whole
 from physid.data.format import DESCRIPTION, RecordingSet
+from physid.data.mp4 import write_mp4
 from physid.data.reading import read_reading
 from physid.diagnosis.conclusion.conclusion import Conclusion
 from physid.diagnosis.conclusion.gap import held_out_parts, position_errors
@@ -74,7 +71,8 @@ def overlay(
     ]
     names = ["nominal model"] + [f"with {' and '.join(map(words, one.names))}" for one in models[1:]]
     which = f"trajectory {sources[row][1]}" + " of the transfer set" * (sources[row][0] is not sources[0][0])
-    return Overlay(which, tuple(names), larger, tuple(stills), _write(out / FILM, panels))
+    film = Film("", out / FILM) if write_mp4(out / FILM, panels, RATE) else None
+    return Overlay(which, tuple(names), larger, tuple(stills), film)
 
 
 def _choose(sources: Sequence[tuple[RecordingSet, int]], observations: Observations, nominal: Hypothesis) -> int | None:
@@ -142,25 +140,3 @@ def _caption(time: float, away: Tensor) -> str:
     """Say when, and how far off the models are (M, N, 6)."""
     errors = away[..., 3:].norm(dim=-1).amax(-1)
     return f"{time:.2f} s: {' → '.join(quantity(float(error), 'm') for error in errors)}"
-
-
-def _write(path: Path, panels: Sequence[Pixels]) -> Film | None:
-    """Write a film, if there is what writes films."""
-    try:
-        import imageio.v2 as imageio
-
-        with TemporaryDirectory() as folder:
-            made = Path(folder) / path.name
-            film: Any = imageio.get_writer(made, fps=RATE, codec="libx264", macro_block_size=16)
-            with film:
-                for panel in panels:
-                    film.append_data(panel)
-            write_whole(path, lambda part: _copy(made, part))
-    except (ImportError, RuntimeError) as error:
-        logging.getLogger(__name__).warning("no film %s: install imageio and imageio-ffmpeg (%s)", path, error)
-        return None
-    return Film("", path)
-
-
-def _copy(source: Path, target: Path) -> None:
-    target.write_bytes(source.read_bytes())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from physid.data.mp4 import write_mp4
 from physid.networks.encoder import as_image
 from physid.training.vision.model import VideoModel, at_frames
 
@@ -60,23 +60,8 @@ def _pixels(panels: Tensor) -> Pixels:
 
 
 def write_film(panels: Pixels, frames_per_second: float, path: Path) -> bool:
-    """Write panels (f, n, H, W, 3) side by side as an mp4 film.
-
-    Returns:
-        Whether it was written; without imageio and its ffmpeg a warning says so instead.
-    """
-    try:
-        import imageio.v2 as imageio
-
-        path.parent.mkdir(parents=True, exist_ok=True)
-        film = imageio.get_writer(path, fps=frames_per_second, codec="libx264", macro_block_size=16)
-    except (ImportError, RuntimeError) as error:
-        logging.getLogger(__name__).warning("no film %s: install imageio and imageio-ffmpeg (%s)", path, error)
-        return False
-    with film:
-        for frame in panels:
-            film.append_data(enlarge(np.concatenate(list(frame), 1)))
-    return True
+    """Write panels (f, n, H, W, 3) side by side as an mp4 film (see `write_mp4`); whether it was written."""
+    return write_mp4(path, [enlarge(np.concatenate(list(frame), 1)) for frame in panels], frames_per_second)
 
 
 def write_rows(panels: Pixels, shown: Sequence[int], wanted: Sequence[int], path: Path) -> None:
