@@ -59,6 +59,7 @@ def test_what_cannot_be_compiled_runs_as_it_is_and_says_so_once(
 
 
 @needs_cuda
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of torch, of its own compiler
 @pytest.mark.parametrize("setup", SETUPS, ids=lambda setup: setup.scene.name)
 def test_a_gpu_gives_what_the_cpu_gives(setup: Setup) -> None:
     (pose, slope), (expected, wanted) = roll(setup, "cuda"), roll(setup, "cpu")

@@ -83,3 +83,15 @@ def test_what_cannot_be_drawn_is_one_line(
     assert main(["sample", str(tmp_path), *words]) != 0
     assert message in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+def test_what_is_not_known_replaces_the_figures_of_an_earlier_epoch() -> None:
+    names, point = ("block.friction", "block.mass"), torch.tensor([-1.6, 0.4], dtype=torch.float64)
+    covariance = torch.tensor([[1e-2, 1e-3], [1e-3, 1e-2]], dtype=torch.float64)
+    blind = covariance.clone()
+    blind[1, 1] = torch.inf
+    known, unknown = (Posterior(names, point, one, 20).logged() for one in (covariance, blind))
+    assert known.keys() == unknown.keys()
+    assert all(value.isfinite() for value in known.values())
+    lost = {name for name, value in unknown.items() if not value.isfinite()}
+    assert lost == {"params/block.mass/low", "params/block.mass/high", "correlation/block.friction/block.mass"}

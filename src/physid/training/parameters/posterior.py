@@ -90,11 +90,15 @@ class Posterior:
         }
 
     def logged(self) -> dict[str, Tensor]:
-        """Return figures of a run: params/NAME/low and /high of 90 % intervals, correlation/NAME/OTHER."""
+        """Return figures of a run: params/NAME/low and /high of 90 % intervals, correlation/NAME/OTHER.
+
+        What is not known is nan: left out, the figure of an earlier epoch would stay.
+        """
         estimates = dict(zip(self.names, self.space.to_values(self.point).tolist(), strict=True))
-        pairs = {f"correlation/{one}/{other}": value for (one, other), value in self.correlations().items()}
-        return logged(intervals(estimates, self.covariance)) | {
-            name: torch.tensor(value, dtype=torch.float64) for name, value in pairs.items()
+        pairs = dict.fromkeys(itertools.combinations(self.names, 2), math.nan) | self.correlations()
+        return logged(dict.fromkeys(self.names, (math.nan, math.nan)) | intervals(estimates, self.covariance)) | {
+            f"correlation/{one}/{other}": torch.tensor(value, dtype=torch.float64)
+            for (one, other), value in pairs.items()
         }
 
     def sample(self, count: int, seed: int = 0) -> Tensor:
