@@ -14,6 +14,7 @@ import torch
 from physid.diagnosis.progress import silent
 from physid.diagnosis.selection import attribution as attribute
 from physid.diagnosis.selection import comparison as compare_candidates
+from physid.diagnosis.selection.candidates import first_pairs
 from physid.diagnosis.settings.settings import Settings
 from physid.physics.layer import SolverError
 
@@ -57,6 +58,26 @@ def test_a_hypothesis_that_cannot_be_looked_at_is_passed_over_and_the_next_one_a
     assert found.best is second
     assert found.group == [second]
     assert found.left is not None
+
+
+@pytest.mark.parametrize(
+    ("most", "chosen"),
+    [
+        (0, []),
+        (1, ["ef"]),
+        (2, ["ad", "ef"]),
+        (5, ["ad", "ac", "ef", "bf", "be"]),
+        (7, ["ad", "ac", "ab", "ef", "bf", "be"]),
+    ],
+)
+def test_half_of_the_pairs_are_the_best_effect_with_what_it_leaves_and_half_the_best_pairs(
+    most: int, chosen: list[str]
+) -> None:
+    ranked: list[Any] = [tuple(pair) for pair in ("ef", "bf", "be", "ab", "ac", "ad")]
+    rows = [SimpleNamespace(names=(name,)) for name in "gdcb"]  # with g the best was no pair of significant effects
+    assert first_pairs(ranked, hypothesis("a"), cast(Any, SimpleNamespace(significant=rows)), most) == [
+        tuple(pair) for pair in chosen
+    ]
 
 
 def test_what_flights_showed_stays_where_what_it_leaves_at_impacts_cannot_be_simulated(

@@ -10,12 +10,14 @@ import torch
 from tests.diagnosis.documents import diagnosis
 
 from physid.diagnosis.conclusion import decomposition
-from physid.diagnosis.conclusion.decomposition import shapley
+from physid.diagnosis.conclusion.decomposition import closings_of, shapley
 from physid.diagnosis.conclusion.gap import Closing, Interval
 from physid.diagnosis.document.document import Split, check_diagnosis
 from physid.diagnosis.document.sentences import how_far_sentence
+from physid.diagnosis.inputs import TRANSFER
 from physid.diagnosis.report.contents import ReportData
 from physid.diagnosis.report.page import render
+from physid.diagnosis.settings.settings import Settings
 
 
 @pytest.mark.parametrize(
@@ -86,3 +88,31 @@ def test_parts_add_up_to_what_closes_on_each_split(names: tuple[str, ...], monke
         assert parts["transfer"] == pytest.approx({"a": 0.12, "b": 0.82})
     no_gap: Any = {"same": Closing(1.0, 1.0, None, 1.0, 9000), "transfer": None}
     assert not decomposition.decompose(nominal_fit, found, no_gap, torch.Generator())
+
+
+def test_each_part_of_the_recordings_closes_by_its_own_errors_and_without_effects_nothing_closes() -> None:
+    """Two trajectories of each part, 20 mm off and 10 mm with an effect, on the transfer protocol 8 and 8 mm."""
+    scale = torch.full((4, 5, 1, 6), 1e3, dtype=torch.float64)
+
+    def off(same: float, transfer: float) -> Any:
+        residual = torch.zeros_like(scale)
+        residual[:2, ..., 4], residual[2:, ..., 4] = same, transfer
+        return SimpleNamespace(experiment=SimpleNamespace(scale=scale), fit=SimpleNamespace(residual=residual))
+
+    transferred = torch.tensor([False, False, True, True])
+    nominal_fit: Any = SimpleNamespace(
+        observations=SimpleNamespace(having=lambda split: transferred == (split == TRANSFER)),
+        noise=SimpleNamespace(floor=4e-3),
+        settings=Settings(),
+    )
+    nominal, effect = off(0.02, 0.008), off(0.01, 0.008)
+    closed = closings_of(nominal_fit, nominal, effect, torch.Generator())
+    unclosed = closings_of(nominal_fit, nominal, None, torch.Generator())
+    for found, after, shares in ((closed, 0.01, (10 / 16, 0.0)), (unclosed, 0.02, (0.0, 0.0))):
+        same, transfer = found["same"], found["transfer"]
+        assert same is not None
+        assert transfer is not None
+        assert (same.before, same.after) == pytest.approx((0.02, after))
+        assert (transfer.before, transfer.after) == pytest.approx((0.008, 0.008))
+        assert [one.shrink and one.shrink.value for one in (same, transfer)] == pytest.approx(shares)
+        assert (same.values, transfer.values) == (30, 30)

@@ -8,8 +8,11 @@ from typing import Any
 import pytest
 import torch
 
-from physid.diagnosis.conclusion.gap import Closing, closing, position_errors, position_floors
+from physid.diagnosis.conclusion.gap import Closing, closing, position_errors, position_floors, residual_wrench_errors
 from physid.diagnosis.settings.conclusion import GapSettings
+from physid.diagnosis.testing.residual_wrench import Cell
+from physid.estimation.least_squares.normal_equations import Linearised, Part
+from physid.estimation.prediction.segments import Segmentation
 
 SETTINGS = GapSettings()
 FLOOR = 1e-6
@@ -67,3 +70,30 @@ def test_an_error_is_the_mean_square_with_frames_weighted_by_how_little_numerics
     disturbed[0, 0] = 500.0
     both: Any = SimpleNamespace(scale=torch.cat([scale, disturbed]))  # the second has no frame that is not disturbed
     assert position_floors(both, noise).tolist() == pytest.approx([0.002**2 * 2 / 1.25, 0.002**2 * 2 / 0.5])
+
+
+def test_what_a_free_force_leaves_of_positions_is_their_mean_square_about_their_mean() -> None:
+    """Four frames; a force that acts in all of them moves x by a constant, one of a phase alone is not used."""
+    noise, frames = 2e-3, 4
+    residual = torch.zeros(1, frames, 1, 6, dtype=torch.float64)
+    residual[0, :, 0, 0] = 7.0  # turns are no errors of position
+    residual[0, :, 0, 3] = torch.tensor([1.0, 3.0, 5.0, 7.0])  # 4 at the mean
+    residual[0, :, 0, 4] = torch.tensor([0.0, 1.0, 0.0, 0.0])
+    moved = torch.zeros(2, 1, frames, 1, 6, dtype=torch.float64)
+    moved[0, ..., 3], moved[1, 0, 1, 0, 4] = 1.0, 1.0
+    segments = Segmentation.equal(1, frames, frames)
+    (batch,) = segments.batches
+    unknown, state = torch.zeros_like(moved[:1]), torch.zeros_like(moved[:1])
+    state[..., 5] = 1.0
+    columns = batch.columns(torch.cat([unknown, moved]))
+    state = batch.columns(state)
+    part = Part(batch, batch.columns(residual[None])[..., 0], state, columns, torch.linalg.cholesky(state.mT @ state))
+    cells = [Cell(0, "x", piece=0), Cell(0, "y", phase="rest")]
+    lack: Any = SimpleNamespace(
+        fit=SimpleNamespace(linear=Linearised(segments, (part,)), residual=residual), cells=cells
+    )
+    spread = SimpleNamespace(residual_wrench=SimpleNamespace(spread=1e6))
+    scale = torch.full_like(residual, 1 / noise)
+    hypothesis: Any = SimpleNamespace(experiment=SimpleNamespace(scale=scale), settings=spread)
+    left = residual_wrench_errors(lack, hypothesis, SimpleNamespace(position=noise))  # type: ignore[arg-type]
+    assert left.tolist() == pytest.approx([noise**2 * (9 + 1 + 1 + 9 + 1) / frames])

@@ -16,7 +16,13 @@ from physid.diagnosis.inputs.model_source import read_nominal_model
 from physid.diagnosis.inputs.observations import Observations, load_observations
 from physid.diagnosis.reference.nominal_fit import fit_nominal_model
 from physid.diagnosis.settings.settings import Settings
-from physid.diagnosis.testing.hypothesis import Hypothesis, begin_hypothesis, conclude, finish_hypothesis
+from physid.diagnosis.testing.hypothesis import (
+    Hypothesis,
+    begin_hypothesis,
+    conclude,
+    finish_hypothesis,
+    refitted_from_new_states,
+)
 from physid.effects import find
 from physid.estimation.least_squares.covariance import predictive_score
 from physid.estimation.least_squares.normal_equations import Normal
@@ -87,6 +93,21 @@ def test_a_camera_that_is_turned_far_is_followed(tmp_path: Path) -> None:
     found = begin_hypothesis(nominal_fit.experiment, start, ("camera_yaw",), nominal_fit.settings)
     assert found.values["camera_yaw.angle"] == pytest.approx(0.4, abs=0.02)
     assert float(found.fit.loss.sum()) < 1.2 * float(nominal_fit.experiment.counted().sum())
+
+
+def test_a_state_from_which_no_step_leads_back_is_found_anew_if_that_is_asked_for(tmp_path: Path) -> None:
+    folder = recorded(tmp_path / "set", trajectories=4, steps=60, split={"fit": 1})
+    observations = load_observations(RecordingSet(folder))
+    model = read_nominal_model(observations.scene, None)
+    right = fit_nominal_model(observations, model, [], torch.Generator().manual_seed(0))
+    twist = right.fit.point.twist.clone()
+    twist[0, 1, :, 2] = 4.0  # [rad/s]
+    wrong = right.experiment.linearise(right.fit.point.replace(twist=twist), torch.zeros(0, dtype=torch.int64))
+    stays = Settings().changed({"hypothesis.new_states": False})
+    asked, left = (conclude(right.experiment, wrong, (), settings) for settings in (right.settings, stays))
+    assert float(wrong.loss[1]) > 1e3 * float(right.fit.loss[1])
+    assert float(refitted_from_new_states(asked).fit.loss.sum()) < 1.02 * float(right.fit.loss.sum())
+    assert refitted_from_new_states(left) is left
 
 
 def test_an_interval_knows_what_an_error_that_all_poses_share_moves(tmp_path: Path) -> None:

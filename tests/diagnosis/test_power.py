@@ -60,6 +60,13 @@ def test_what_a_refit_absorbs_is_never_found() -> None:
     assert detectable_factors(signal, THRESHOLD, Tail(one[0], 2 * one[0]), PROBABILITY).tolist() == [torch.inf]
 
 
+def test_what_shows_a_hundredth_as_much_must_be_ten_times_as_large_to_be_found() -> None:
+    signal = torch.tensor([400.0, 4.0, 0.04, 4e-6], dtype=torch.float64)
+    white = Tail(torch.ones((), dtype=torch.float64), torch.full((), 2.0, dtype=torch.float64))
+    size = (math.sqrt(THRESHOLD) + 1.6448536) / signal.sqrt()  # that quantile of a normal distribution
+    assert detectable_factors(signal, THRESHOLD, white, PROBABILITY).tolist() == pytest.approx(size.tolist())
+
+
 @pytest.mark.parametrize("tolerance", [1e-3, 2e-3])
 def test_with_even_chances_the_size_found_moves_poses_by_the_tolerance(tolerance: float) -> None:
     """A size s of typical t gains l (s / t)^2; each of m frames moved by the tolerance d gains (d / noise)^2."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from diagnosis.sets import recorded, rewritten
@@ -34,6 +35,19 @@ def test_sound_recordings_are_not_refused_and_short_ones_are(sound: Path) -> Non
     least = settings.requirements.model_copy(update={"least_frames": observations.pose.shape[1] + 1})
     with pytest.raises(ValueError, match=f"of {least.least_frames} frames or more"):
         require_usable(observations, least, settings.noise)
+
+
+def test_a_force_that_acts_for_a_while_is_what_sets_a_body_off_and_without_any_they_are_missing(
+    tmp_path: Path,
+) -> None:
+    pushed = recorded(tmp_path / "pushed", protocol="paper", protocol_of_split={}, steps=60, noise={})
+    observations, settings = load_observations(RecordingSet(pushed)), Settings()
+    require_usable(observations, settings.requirements, settings.noise)
+    silent = rewritten(
+        pushed, tmp_path / "silent", lambda _, one: dataclasses.replace(one, wrench=np.zeros_like(one.wrench))
+    )
+    with pytest.raises(ValueError, match="expected the commanded forces"):
+        require_usable(load_observations(RecordingSet(silent)), settings.requirements, settings.noise)
 
 
 def test_a_transfer_set_of_another_body_is_refused(sound: Path, tmp_path: Path) -> None:

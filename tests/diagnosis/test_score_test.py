@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 import torch
 
-from physid.diagnosis.reference.null_simulations import p_value
+from physid.diagnosis.reference.null_simulations import NullSimulations, p_value, with_signs
 from physid.diagnosis.settings.testing import ScoreTestSettings
-from physid.diagnosis.testing.score_test import Conditional, Group, condition, gains, steady_gains
+from physid.diagnosis.testing.score_test import Conditional, Group, condition, gains, groups_of, steady_gains
 from physid.estimation.least_squares.normal_equations import Normal
+from physid.estimation.prediction.segments import Segmentation
 from physid.physics.effect import Quantity
 
 ONE = torch.ones(1, dtype=torch.float64)
@@ -70,6 +73,36 @@ def test_a_direction_counts_from_the_largest_size_that_its_range_admits() -> Non
     assert [float(each) for each in unseen] == [0, 0]
 
 
+def test_what_is_seen_gains_the_same_however_little_is_asked_for_to_see_it() -> None:
+    columns, _ = drawn(1)
+    faint = 0.5 * columns / columns.norm()
+    equations = normal(faint, 6 * faint[:, 0])
+    given = Conditional(equations.matrix[0], equations.vector[0][:, None], *NO_NUISANCE)
+    for visible, largest in ((1.0, 2.1), (0.1, 2.1), (0.1, 0.3), (0.01, 0.03)):
+        found = gains(given, group(0, largest=largest), ScoreTestSettings(visible=visible))
+        assert [float(each) for each in found] == pytest.approx([0.25 * 6**2, 6.0])
+
+
+def test_sizes_of_an_effect_count_from_none_of_it_and_its_range_from_the_present_values() -> None:
+    gain, drift = (
+        Quantity("-", low=0.5, high=2.0, typical=1.2, null=1.0),
+        Quantity("-", low=-3.0, high=4.0, typical=-0.5),
+    )
+    lens, drag = SimpleNamespace(name="lens"), SimpleNamespace(name="drag")
+    terms: list[Any] = [
+        SimpleNamespace(effect=effect, quantity=known) for effect, known in ((lens, gain), (drag, drift), (lens, drift))
+    ]
+    found = groups_of(terms, 3, torch.tensor([1.5, 0.25, 1.0], dtype=torch.float64))
+    expected = {
+        "lens": ([3, 5], [0.2, -0.5], [1.0, 4.0], [-1.0, -4.0], [0.5, 3.0]),
+        "drag": ([4], [-0.5], [4.0], [-3.25], [3.75]),
+    }
+    assert [one.names for one in found] == [(name,) for name in expected]
+    for one, sizes in zip(found, expected.values(), strict=True):
+        for each, size in zip((one.columns, one.typical, one.largest, one.low, one.high), sizes, strict=True):
+            assert each.tolist() == pytest.approx(size)
+
+
 def test_a_range_without_an_end_ends_at_a_thousand_typical_sizes() -> None:
     assert Quantity("N", low=-math.inf, high=math.inf, typical=0.5).largest == 500
     assert Quantity("N", low=-2.0, high=1.0, typical=0.5, null=0.25).largest == 2.25
@@ -89,6 +122,33 @@ def test_the_p_value_counts_and_is_never_zero() -> None:
     assert p_value(1e9, null) == pytest.approx(0.01)
     assert p_value(-1.0, null) == 1.0
     assert p_value(50.0, null) == pytest.approx((1 + 49) / 100)
+
+
+def test_residuals_that_are_put_into_segments_keep_their_size_there_and_have_one_sign_each() -> None:
+    sets, frames, length = 200, 12, 4
+    segments = Segmentation.equal(2, frames, length)
+    generator = torch.Generator().manual_seed(0)
+    null, own = (
+        torch.randn(sets, 2, frames, 1, 6, generator=generator),
+        torch.randn(2, frames, 1, 6, generator=generator),
+    )
+    chosen = torch.tensor([True, False, True, False, True, True])
+    fit: Any = SimpleNamespace(linear=SimpleNamespace(segments=segments), residual=own)
+    put = with_signs(NullSimulations(null), fit, chosen, generator).residual
+    signs = []
+    for row, start, there in zip(segments.trajectory, segments.start, chosen, strict=True):
+        at = slice(int(start), int(start) + length)
+        if not there:
+            assert torch.equal(put[:, row, at], null[:, row, at])
+            continue
+        ratio = (put[:, row, at] / own[row, at]).flatten(1)
+        assert torch.equal(ratio, ratio[:, :1].expand_as(ratio))
+        signs.append(ratio[:, 0])
+    each = torch.stack(signs)
+    assert torch.equal(each.abs(), torch.ones_like(each))
+    together = each @ each.T / sets  # signs of different segments have nothing to do with each other
+    assert torch.allclose(together, torch.eye(len(each)), atol=4 / sets**0.5)
+    assert torch.allclose(each.mean(1), torch.zeros(len(each)), atol=4 / sets**0.5)
 
 
 def impacts(columns: torch.Tensor, data: torch.Tensor, count: int = 5) -> Normal:

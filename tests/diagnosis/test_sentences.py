@@ -85,13 +85,12 @@ def test_of_several_sizes_the_one_that_is_known_best_comes_first() -> None:
     document = diagnosis()
     document["effects"][0]["parameters"] = {
         "x": {"value": 0.1, "low": -0.2, "high": 0.4, "unit": "mm"},
+        "y": {"value": 1.2, "low": 0.2, "high": 1.4, "unit": "mm"},
         "z": {"value": -0.65, "low": -0.75, "high": -0.54, "unit": "mm"},
+        "mass": {"value": 1.0, "low": 0.9, "high": 1.1, "unit": "kg"},
     }
     lines = effect_lines(check_diagnosis(document))
-    assert [line.split(" = ")[0] for line in lines] == [
-        "viscous_drag.z",
-        "viscous_drag.x",
-    ]
+    assert [line.split(" = ")[0] for line in lines] == [f"viscous_drag.{name}" for name in ("mass", "z", "y", "x")]
 
 
 def test_a_gap_close_to_its_floor_has_no_share() -> None:

@@ -39,7 +39,7 @@ def ranked_pairs(lack: LackOfFit, settings: ScoreTestSettings) -> list[Names]:
 
 
 def first_pairs(ranked: list[Names], best: Hypothesis, left: LackOfFit, most: int) -> list[Names]:
-    """Return at most so many pairs: the best with what it leaves, and the best of all pairs by their linear gain."""
+    """Return at most so many pairs: half of them the best effect with what it leaves, half the best by linear gain."""
     further = (tuple(sorted((*best.names, row.names[0]))) for row in left.significant)
     with_best = [names for names in further if names in ranked][: most // 2]
     chosen = [*with_best, *(names for names in ranked if names not in with_best)]
