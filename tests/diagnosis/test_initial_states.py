@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import pytest
 import torch
@@ -43,6 +44,25 @@ def test_a_falling_body_has_the_speed_of_its_fall_however_long_one_looks() -> No
     assert not bool(initial.resting.any())
     assert torch.allclose(initial.twist, torch.zeros_like(initial.twist), atol=1e-6)
     assert len(initial.pose) > len(GuessSettings().spans)
+
+
+@pytest.mark.parametrize(
+    ("gap", "lean", "lies"),
+    [
+        *((0.0, 0.0, True), (0.2, 0.0, True), (0.0, 0.02, True)),
+        *((0.3, 0.0, False), (1.0, 0.0, False), (0.0, 0.04, False), (0.0, 0.4, False)),
+    ],
+)
+def test_a_still_body_lies_on_the_ground_if_it_is_near_to_it_and_flat(gap: float, lean: float, lies: bool) -> None:
+    _, width, height = SCENE.bodies[0].size
+    turned = exponential(torch.tensor([lean, 0.0, 0.0], dtype=torch.float64))
+    pose = torch.zeros(1, 60, 1, 7, dtype=torch.float64)
+    pose[..., 2] = (
+        height * math.cos(lean) + width * math.sin(lean)
+    ) / 2 + gap * height  # over an edge, or another body
+    pose[..., 3:] = turned
+    initial = guess_initial_states(pose, torch.ones(1, 60, 1), EVEN, Segmentation.equal(1, 60, 60), SCENE)
+    assert bool(initial.resting.all()) is lies
 
 
 def test_lost_frames_do_not_make_a_body_faster() -> None:

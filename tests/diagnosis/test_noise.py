@@ -99,6 +99,20 @@ def test_poses_alone_show_the_noise_at_any_times_and_though_an_axis_stands_still
     assert found.rotation == pytest.approx(NOISE.rotation, rel=SHARE)
 
 
+def test_four_frames_of_a_throw_tell_its_noise_and_three_do_not() -> None:
+    throw, white = moving(1.0, -9.81, trajectories=2000)[:, :4], noise(2000, 4, 1)
+    seen = throw.clone()
+    seen[..., :3] += white[..., 3:]
+    seen[..., 3:] = exponential(white[..., :3])
+    found = noise_of_poses(seen, torch.ones(2000, 4, dtype=torch.bool))
+    assert found.position == pytest.approx(NOISE.position, rel=SHARE)
+    assert found.rotation == pytest.approx(NOISE.rotation, rel=SHARE)
+    exact = noise_of_poses(throw, torch.ones(2000, 4, dtype=torch.bool))
+    assert (exact.rotation, exact.position) == NoiseSettings().least
+    few = noise_of_poses(seen[:, :3], torch.ones(2000, 3, dtype=torch.bool))
+    assert (few.rotation, few.position) == NoiseSettings().unseen
+
+
 def test_an_outlying_frame_loses_its_weight_and_a_wrong_stretch_keeps_it() -> None:
     residual = torch.zeros(1, FRAMES, 1, 6, dtype=torch.float64)
     residual[0, 30, 0, 3] = 20 * NOISE.position

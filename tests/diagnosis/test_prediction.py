@@ -28,6 +28,7 @@ def test_threads_do_not_change_a_prediction(tmp_path: Path) -> None:
     many = null.repeat(5)
     many.effects[1:, 0] = torch.linspace(0.1, 0.4, 4, dtype=torch.float64)
     assert len(segments.batches) > 2
+    apart = Variants.join([many[:2], many[2:3], many[3:]])
     threads, predicted = torch.get_num_threads(), []
     try:
         for count in (1, 2, 3):
@@ -39,4 +40,4 @@ def test_threads_do_not_change_a_prediction(tmp_path: Path) -> None:
     for name in ("pose", "twist", "impulse"):
         first, *others = (getattr(each, name) for each in predicted)
         assert bool(first.any())
-        assert all(torch.equal(other, first) for other in others)
+        assert all(torch.equal(other, first) for other in [*others, getattr(predictor.predict(apart), name)])

@@ -53,9 +53,25 @@ class SeenDrift(Effect):
         """Change the friction."""
         return FrictionDrift(self.rate).act(state, inputs)
 
-    def load_observations(self, pose: Tensor, time: Tensor) -> Tensor:
+    def observe(self, pose: Tensor, time: Tensor) -> Tensor:
         """Shift what is seen."""
         return pose + 1.0
+
+
+@final
+@dataclass(frozen=True)
+class LateAlong(Effect):
+    """Forces along x that are held for a step more."""
+
+    name: ClassVar[str] = "late_along"
+    site: ClassVar[Site] = "actuation"
+    share: Tensor = quantity("-", low=0.0, high=1.0, typical=0.5)
+
+    def actuate(self, wrench: Tensor, time: Tensor) -> Tensor:
+        """Mix each force with the one before."""
+        late, share = wrench.clone(), self.share[:, None, None]
+        late[:, 1:, :, 3] = (1 - share) * wrench[:, 1:, :, 3] + share * wrench[:, :-1, :, 3]
+        return late
 
 
 def rolled(effect: Effect) -> Rollout:
@@ -86,3 +102,4 @@ def test_what_remembers_commands_or_reads_another_clock_acts_late() -> None:
     late = {kind.name for kind in CATALOGUE if acts_late(kind)}
     assert late == {"force_delay", "force_lag", "observation_latency", "clock_rate"}
     assert not acts_late(PushedDrag)
+    assert acts_late(LateAlong), "though only in one direction"

@@ -133,3 +133,17 @@ def test_a_camera_with_a_clock_of_its_own_sees_the_motion_at_other_times_in_ever
     )  # a force that comes within a step is held for all of it
     assert torch.allclose(seen, way, rtol=0, atol=step * frames / 8)
     assert float((seen - way).abs().median()) < step / 2
+
+
+def test_a_camera_moves_what_is_seen_in_the_variants_in_which_its_effect_is_at_work() -> None:
+    offsets = torch.tensor([[0.0, 0.0, 0.0], [0.01, 0.0, -0.02], [0.0, 0.03, 0.0]], dtype=torch.float64)
+    timeline = Timeline.regular(forces(20).repeat(2, 1, 1, 1), SCENE.time_step)
+    model, segments = NominalModel(SCENE), Segmentation.equal(2, 20, 10)
+    predictor = Predictor(model, timeline, segments, [find("camera_offset")])
+    still = torch.zeros(1, len(segments), 1, 6, dtype=torch.float64)
+    point = Variants.of_states(REST.expand(1, len(segments), 1, 7), still, model.guess[None], offsets[:1]).repeat(3)
+    found = predictor.predict(point.replace(effects=offsets))
+    assert torch.equal(found.state, found.state[:1].expand_as(found.state))
+    expected = found.state.clone()
+    expected[..., :3] += offsets[:, None, None, None]
+    assert torch.allclose(found.pose, expected, atol=EXACT)

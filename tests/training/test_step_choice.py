@@ -121,6 +121,29 @@ def test_what_the_shortest_steps_leave_is_what_the_closed_form_says() -> None:
     assert shorter.left < 0.4 * chosen.left
 
 
+@pytest.mark.parametrize("parts", [1, 4])
+def test_where_the_error_falls_with_the_step_half_of_it_is_left_to_the_halves(parts: int) -> None:
+    judged, noise = judgement(1e-3), 1e-3
+    chosen = judge_steps(judged, torch.full((COUNT, FRAMES - 1), parts), StepChoice(finest=False))
+    halved = abs(mean_error(judged, parts) - mean_error(judged, 2 * parts)) / noise
+    assert halved > 0.1, "the case must miss something"
+    assert chosen.bias == pytest.approx(halved)
+    assert chosen.left == pytest.approx(halved), "the halves miss as much again"
+
+
+@pytest.mark.parametrize("count", [0, 1, 5])
+def test_what_halving_changes_of_poses_is_a_mean_of_those_that_count(count: int) -> None:
+    judged = judgement(1e-3)
+    counted = torch.zeros_like(judged.counted)
+    counted[:count, -1] = True
+    steps = torch.ones(COUNT, FRAMES - 1, dtype=torch.int64)
+    chosen = judge_steps(dataclasses.replace(judged, counted=counted), steps, StepChoice(finest=False))
+    once, twice = (judged.predict(judged.base.refined(each))[0] for each in (steps, 2 * steps))
+    apart = (once - twice)[:count, -1, 0, :3]
+    assert chosen.error[1] == pytest.approx(float((apart.square().sum() / max(3 * count, 1)).sqrt()))
+    assert (chosen.error[1] > 0) is bool(count)
+
+
 def test_steps_are_short_only_where_blocks_turn_around() -> None:
     judged = judgement(2e-4)
     chosen = halve_steps(judged, StepChoice())
