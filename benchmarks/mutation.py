@@ -63,7 +63,7 @@ SUITES: dict[str, tuple[str, ...]] = {
     "estimation/prediction/rollout.py": ("diagnosis/test_timeline.py", "diagnosis/test_prediction.py"),
     "estimation/measurement/sensor_noise.py": ("diagnosis/test_noise.py",),
     "estimation/measurement/misfit.py estimation/measurement/unexplained.py estimation/measurement/tracking_error.py": (
-        "training/test_unexplained.py",
+        *("training/test_unexplained.py", "diagnosis/test_tracking_error.py"),
     ),
     "estimation/least_squares/multi_start.py": ("diagnosis/test_multi_start.py",),
     "estimation/least_squares/initial_states.py": ("diagnosis/test_initial_states.py",),
@@ -71,7 +71,9 @@ SUITES: dict[str, tuple[str, ...]] = {
         *("diagnosis/test_residual_wrench.py", "diagnosis/test_score_test.py", "diagnosis/test_equivalence.py"),
         *("diagnosis/test_hypothesis.py", "training/test_intervals.py"),
     ),
-    "estimation/least_squares/jacobian.py": ("diagnosis/test_initial_states.py", "diagnosis/test_equivalence.py"),
+    "estimation/least_squares/jacobian.py": (
+        *("diagnosis/test_initial_states.py", "diagnosis/test_equivalence.py", "training/test_identifiability.py"),
+    ),
     "estimation/least_squares/covariance.py": ("training/test_intervals.py", "diagnosis/test_hypothesis.py"),
     "estimation/least_squares/discretisation.py": ("training/test_step_choice.py",),
     "estimation/least_squares/levenberg_marquardt.py estimation/least_squares/line_search.py": (

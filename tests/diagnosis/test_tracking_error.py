@@ -70,15 +70,17 @@ def test_a_first_pose_and_a_velocity_take_up_a_line_and_nothing_else() -> None:
     assert many.floor == pytest.approx((3 * 48 / 50) ** 0.5, rel=0.01)
 
 
-def test_what_errors_leave_of_a_fit_is_a_mean_over_trajectories_as_sure_as_those_agree() -> None:
-    size = torch.tensor([1.0, 2.0, 3.0], dtype=torch.float64)
-    error = error_of(size[:, None, None, None] * white(1, 50).expand(3, -1, -1, -1), sure=0.0)
-    weight = torch.ones(3, 50, dtype=torch.float64)
+@pytest.mark.parametrize("sizes", [[2.0], [1.0, 3.0], [1.0, 2.0, 3.0]])
+def test_what_errors_leave_of_a_fit_is_a_mean_over_trajectories_as_sure_as_those_agree(sizes: list[float]) -> None:
+    size, count = torch.tensor(sizes, dtype=torch.float64), len(sizes)
+    error = error_of(size[:, None, None, None] * white(1, 50).expand(count, -1, -1, -1), sure=0.0)
+    weight = torch.ones(count, 50, dtype=torch.float64)
     mean, unsure = error.left_by_fit(weight)
     base, _ = error_of(white(1, 50), sure=0.0).left_by_fit(weight[:1])
     own = size.square()
     assert torch.allclose(mean, base * own.mean())
-    expected = float((2 * own.var() / 3).sqrt() / own.mean())
+    scatter = float((own - own.mean()).square().sum()) / max(count - 1, 1)  # one alone says nothing of it
+    expected = (2 * scatter / count) ** 0.5 / float(own.mean())
     assert unsure.tolist() == pytest.approx([expected] * 2)
     surer = error_of(error.track, sure=0.1).left_by_fit(weight)[1]
     assert surer.tolist() == pytest.approx([(expected**2 + 0.2**2) ** 0.5] * 2)

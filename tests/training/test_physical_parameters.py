@@ -89,6 +89,17 @@ def test_coordinates_and_values_invert_each_other_and_stay_in_range() -> None:
     assert torch.allclose(space.slopes(point), slope, rtol=1e-7)
 
 
+def test_what_is_fitted_has_its_unit_and_a_pure_number_none() -> None:
+    units = {
+        "block.mass": "kg",
+        "block.friction": "",
+        "block.restitution": "",
+        "viscous_drag.coefficient": "N s/m",
+        "force_gain.gain": "",
+    }
+    assert {one.name: one.unit for one in Coordinates.of(units).unknowns} == units
+
+
 def test_an_interval_of_an_effect_may_hold_zero_and_either_sign() -> None:
     found = intervals({"com_offset.x": 0.001, "viscous_drag.coefficient": 0.0}, 0.04 * torch.eye(2).double())
     reach = 0.2 * float(norm.ppf(0.95))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 import torch
@@ -11,8 +13,10 @@ from torch import Tensor
 
 from physics.worlds import boxes, forces, state
 from physid.data.observations.step_grid import StepGrid
-from physid.estimation.least_squares.discretisation import Judgement, StepChoice, halve_steps, judge_steps
+from physid.estimation.least_squares.discretisation import Judgement, StepChoice, choose_steps, halve_steps, judge_steps
+from physid.estimation.least_squares.normal_equations import Linearised, Part
 from physid.estimation.measurement.poses import pose_difference
+from physid.estimation.prediction.segments import Segmentation
 from physid.estimation.prediction.timeline import Timeline
 from physid.physics.layer import PhysicsLayer
 from physid.physics.schemes.integration import Midpoint
@@ -142,6 +146,36 @@ def test_what_halving_changes_of_poses_is_a_mean_of_those_that_count(count: int)
     apart = (once - twice)[:count, -1, 0, :3]
     assert chosen.error[1] == pytest.approx(float((apart.square().sum() / max(3 * count, 1)).sqrt()))
     assert (chosen.error[1] > 0) is bool(count)
+
+
+def test_steps_count_by_the_standard_errors_by_which_they_move_what_is_fitted() -> None:
+    """Steps of length h put poses off by h times some numbers; halving them moves two parameters as a fit to that."""
+    noise, step, frames = 1e-3, 1 / 60, 12
+    generator = torch.Generator().manual_seed(0)
+    off, *slopes = torch.randn(3, frames, generator=generator, dtype=torch.float64)
+    segments = Segmentation.equal(1, frames, frames)
+    (batch,) = segments.batches
+    state, shared = torch.zeros(1, 1, frames, 1, 6, dtype=torch.float64), torch.zeros(2, 1, frames, 1, 6).double()
+    state[..., 5], shared[:, 0, :, 0, 3] = 1.0, torch.stack(slopes)
+    columns, free = batch.columns(shared / noise), batch.columns(state)
+    part = Part(batch, torch.zeros(1, 6 * frames).double(), free, columns, torch.linalg.cholesky(free.mT @ free))
+
+    def at_times(timeline: Timeline) -> Any:
+        pose, twist = (torch.zeros(1, 1, frames, 1, size, dtype=torch.float64) for size in (7, 6))
+        pose[..., 0], pose[..., 6] = (float(timeline.grid.steps.max()) * off)[:, None], 1.0
+        return SimpleNamespace(predict=lambda _: SimpleNamespace(pose=pose, twist=twist))
+
+    predictor = SimpleNamespace(at_times=at_times, segments=segments)
+    scale, fitted = torch.full((1, frames, 1, 6), 1 / noise, dtype=torch.float64), torch.ones(1, dtype=torch.bool)
+    experiment: Any = SimpleNamespace(predictor=predictor, scale=scale, fitted=fitted)
+    fit: Any = SimpleNamespace(point=SimpleNamespace(nominal=torch.zeros(1, 2)), linear=Linearised(segments, (part,)))
+    base = Timeline.regular(forces(frames, [[0, 0, 0]]), step)
+    chosen = choose_steps(experiment, fit, base, StepChoice(finest=False, defect=1e9, bias=1e9))
+    design = torch.stack(slopes, 1) / noise
+    moved = torch.linalg.lstsq(design, step / 2 * off[:, None] / noise).solution[:, 0]
+    errors = torch.linalg.inv(design.T @ design).diagonal().sqrt()
+    assert chosen.bias == pytest.approx(float((moved / errors).abs().max()))
+    assert chosen.bias > 0.1, "the case must move something"
 
 
 def test_steps_are_short_only_where_blocks_turn_around() -> None:
