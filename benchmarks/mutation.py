@@ -68,11 +68,12 @@ SUITES: dict[str, tuple[str, ...]] = {
     "estimation/least_squares/multi_start.py": ("diagnosis/test_multi_start.py",),
     "estimation/least_squares/initial_states.py": ("diagnosis/test_initial_states.py",),
     "estimation/least_squares/normal_equations.py": (
-        *("diagnosis/test_residual_wrench.py", "diagnosis/test_score_test.py", "diagnosis/test_equivalence.py"),
-        *("diagnosis/test_hypothesis.py", "training/test_intervals.py"),
+        *("diagnosis/test_normal_equations.py", "diagnosis/test_residual_wrench.py", "diagnosis/test_score_test.py"),
+        *("diagnosis/test_equivalence.py", "diagnosis/test_hypothesis.py", "training/test_intervals.py"),
     ),
     "estimation/least_squares/jacobian.py": (
-        *("diagnosis/test_initial_states.py", "diagnosis/test_equivalence.py", "training/test_identifiability.py"),
+        *("diagnosis/test_slopes.py", "diagnosis/test_initial_states.py", "diagnosis/test_equivalence.py"),
+        "training/test_identifiability.py",
     ),
     "estimation/least_squares/covariance.py": ("training/test_intervals.py", "diagnosis/test_hypothesis.py"),
     "estimation/least_squares/discretisation.py": ("training/test_step_choice.py",),

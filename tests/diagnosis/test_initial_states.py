@@ -65,6 +65,16 @@ def test_a_still_body_lies_on_the_ground_if_it_is_near_to_it_and_flat(gap: float
     assert bool(initial.resting.all()) is lies
 
 
+@pytest.mark.parametrize(("share", "lies"), [(0.0, True), (0.4, True), (0.6, False), (3.0, False)])
+def test_a_body_that_rises_as_far_as_half_a_free_fall_does_not_lie(share: float, lies: bool) -> None:
+    settings, pose = GuessSettings(), torch.zeros(1, 60, 1, 7, dtype=torch.float64)
+    looked = (round(settings.spans[0] / SCENE.time_step) - 1) * SCENE.time_step  # [s] from the first frame to the last
+    pose[0, :, 0, 2] = SCENE.bodies[0].size[2] / 2 + share * 9.81 * looked / 2 * EVEN[0]
+    pose[..., 6] = 1.0
+    initial = guess_initial_states(pose, torch.ones(1, 60, 1), EVEN, Segmentation.equal(1, 60, 60), SCENE)
+    assert bool(initial.resting.all()) is lies
+
+
 def test_lost_frames_do_not_make_a_body_faster() -> None:
     kept = torch.randperm(240, generator=torch.Generator().manual_seed(0))[:60].sort().values
     time = (SCENE.time_step * kept.double())[None]

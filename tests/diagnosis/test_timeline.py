@@ -10,6 +10,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from physid.data.observations.step_grid import StepGrid
 from physid.data.observations.trajectories import from_recordings
 from physid.data.recording import Recording
 from physid.effects import find
@@ -66,6 +67,30 @@ def test_mean_wrenches_keep_the_impulse_from_frame_to_frame() -> None:
         for a, b in pairwise(time)
     ]
     assert torch.allclose(mean, torch.tensor(given, dtype=torch.float64), atol=EXACT)
+
+
+@pytest.mark.parametrize(
+    ("late", "rate", "first", "second"),
+    [
+        (0.0, 1.0, [1.0, 2.0, 4.0], [5.0, 7.0]),
+        (0.5, 1.0, [0.5, 1.5, 3.0], [2.5, 6.0]),
+        (-0.5, 1.0, [1.5, 3.0, 4.0], [6.0, 7.0]),
+        (-1.25, 1.0, [2.5, 4.0, 4.0], [7.0, 7.0]),
+        (0.0, 2.0, [1.5, 4.0, 4.0], [6.0, 7.0]),
+    ],
+)
+def test_forces_between_other_times_are_means_none_before_the_first_frame_and_the_last_one_after(
+    late: float, rate: float, first: list[float], second: list[float]
+) -> None:
+    """Forces of 1, 2 and 4 N are held for a second each; another trajectory has 5 and 7 N, and what fills it up."""
+    wrench = torch.zeros(2, 3, 1, 6, dtype=torch.float64)
+    wrench[..., 0, 3] = torch.tensor([[1.0, 2.0, 4.0], [5.0, 7.0, 99.0]])
+    frames = torch.tensor([[0, 1, 2, 3], [0, 1, 2, 2]])
+    grid = StepGrid(torch.ones(2, 3, dtype=torch.float64), wrench, frames, torch.tensor([3, 2]))
+    timeline = Timeline(frames.double(), grid)
+    mean = timeline.wrench_between((rate * timeline.edges - late)[None])[0, ..., 0, 3]
+    assert mean[0].tolist() == pytest.approx(first)
+    assert mean[1, :2].tolist() == pytest.approx(second)
 
 
 @pytest.mark.parametrize("factor", [2, 5])

@@ -122,8 +122,13 @@ def test_curvatures_that_are_no_numbers_or_bend_the_wrong_way_make_parameters_un
     bend, none = torch.tensor([[1.0, 0.0], [0.0, -0.5]]).double().expand(3, 2, 2), torch.zeros(2).double()
     good, wrong = covariance_of(Normal(bend, vector, none), ridge_of(bend.sum(0)), none).diagonal().sqrt().tolist()
     assert 0 < good < 1 < 1e3 < wrong
-    nothing = Normal(bend * math.nan, vector, none)
-    assert covariance_of(nothing, ridge_of(bend.sum(0)), none).isnan().all()
+    three, flat = torch.eye(3).double().repeat(3, 1, 1), torch.zeros(3, 3).double()
+    for place in ((1, 0, 0), (2, 0, 1)):
+        for value in (math.nan, math.inf):
+            matrix, slope = three.clone(), flat.clone()
+            matrix[place], slope[place[:2]] = value, value
+            for nothing in (Normal(matrix, flat, none), Normal(three, slope, none)):
+                assert covariance_of(nothing, torch.ones(3).double(), torch.zeros(3).double()).isnan().all()
 
 
 def test_the_noise_of_an_interval_is_the_smaller_of_that_of_poses_and_of_residuals() -> None:

@@ -7,7 +7,7 @@ import torch
 from scipy.stats import norm
 
 from physid.effects import from_values
-from physid.estimation.prediction.coordinates import Coordinates
+from physid.estimation.prediction.coordinates import Coordinates, Unknown
 from physid.physics.shapes.table import BOX
 from physid.scenes.catalogue import find_setup
 from physid.training.parameters.intervals import intervals
@@ -98,6 +98,15 @@ def test_what_is_fitted_has_its_unit_and_a_pure_number_none() -> None:
         "force_gain.gain": "",
     }
     assert {one.name: one.unit for one in Coordinates.of(units).unknowns} == units
+
+
+def test_a_linear_coordinate_counts_typical_sizes_from_no_effect_whatever_value_that_is() -> None:
+    space = Coordinates((Unknown("lens.gain", "", "linear", 0.5, 3.0, scale=0.2, null=1.0),))
+    values = torch.tensor([[1.0], [1.2], [0.5], [3.0]], dtype=torch.float64)
+    coordinates = torch.tensor([[0.0], [1.0], [-2.5], [10.0]], dtype=torch.float64)
+    assert torch.allclose(space.to_coordinates(values), coordinates, atol=EXACT)
+    assert torch.allclose(space.to_values(coordinates), values, atol=EXACT)
+    assert [float(end) for end in space.ends] == pytest.approx([-2.5, 10.0])
 
 
 def test_an_interval_of_an_effect_may_hold_zero_and_either_sign() -> None:

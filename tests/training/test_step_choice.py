@@ -13,15 +13,24 @@ from torch import Tensor
 
 from physics.worlds import boxes, forces, state
 from physid.data.observations.step_grid import StepGrid
-from physid.estimation.least_squares.discretisation import Judgement, StepChoice, choose_steps, halve_steps, judge_steps
+from physid.estimation.least_squares.discretisation import (
+    Judgement,
+    StepChoice,
+    choose_steps,
+    halve_steps,
+    judge_steps,
+    parts_for_late_forces,
+)
 from physid.estimation.least_squares.normal_equations import Linearised, Part
 from physid.estimation.measurement.poses import pose_difference
+from physid.estimation.prediction.nominal_model import NominalModel
 from physid.estimation.prediction.segments import Segmentation
 from physid.estimation.prediction.timeline import Timeline
 from physid.physics.layer import PhysicsLayer
 from physid.physics.schemes.integration import Midpoint
 from physid.physics.state import State
 from physid.physics.world import World
+from physid.scenes.catalogue import find_setup
 
 G, FRICTION, FORCE, MASS = 9.81, 0.2, -4.0, 1.0
 FRAME, FRAMES, COUNT = 1 / 30, 10, 200
@@ -176,6 +185,36 @@ def test_steps_count_by_the_standard_errors_by_which_they_move_what_is_fitted() 
     errors = torch.linalg.inv(design.T @ design).diagonal().sqrt()
     assert chosen.bias == pytest.approx(float((moved / errors).abs().max()))
     assert chosen.bias > 0.1, "the case must move something"
+
+
+@pytest.mark.parametrize("force", [0.5, 6.0, 40.0])
+@pytest.mark.parametrize("defect", [0.03, 0.1])
+def test_steps_after_a_change_of_the_force_are_as_long_as_forces_allow_that_come_a_tenth_of_a_second_late(
+    force: float, defect: float
+) -> None:
+    step, noise, change, count = 1 / 60, 1e-3, 10, 30
+    choice, scene = StepChoice(defect=defect), find_setup("push").scene
+    (block,) = scene.bodies
+    wrench = torch.zeros(1, count + 1, 1, 6, dtype=torch.float64)
+    wrench[:, change:, 0, 3] = force
+    base = Timeline.regular(wrench, step)
+    scale = torch.full((1, count + 1, 1, 6), 1 / noise, dtype=torch.float64)
+    experiment: Any = SimpleNamespace(predictor=SimpleNamespace(model=NominalModel(scene)), scale=scale)
+
+    def off(parts: int) -> float:  # F h^2 / (8 m), and that of a block which sets off within a step
+        held, part = min(force / block.mass, block.friction * G), step / parts
+        return (force / block.mass * part**2 / 8 + held * part / 4 * choice.reach) / noise
+
+    least = next(2**power for power in range(20) if off(2**power) <= defect)
+    late = torch.arange(count, dtype=torch.float64) - change
+    inside = (late >= 0) & (late * step <= choice.late + 1e-9)
+    expected = torch.where(inside, min(least, int(choice.most(base.grid).max())), 1)
+    assert least > 1, "the case must ask for something"
+    assert parts_for_late_forces(experiment, base, choice).tolist() == [expected.tolist()]
+    for none in (choice.model_copy(update={"late": 0.0}), choice.model_copy(update={"defect": 1e9})):
+        assert bool((parts_for_late_forces(experiment, base, none) == 1).all())
+    steady = Timeline.regular(torch.full_like(wrench, force), step)
+    assert bool((parts_for_late_forces(experiment, steady, choice) == 1).all())
 
 
 def test_steps_are_short_only_where_blocks_turn_around() -> None:

@@ -1,0 +1,56 @@
+"""The linearised experiment against plain least squares on all columns at once."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from physid.estimation.least_squares.normal_equations import Linearised, Part
+from physid.estimation.prediction.segments import Segmentation
+
+TRAJECTORIES, FRAMES, STATES, SHARED = 2, 12, 4, 3
+
+
+@pytest.fixture
+def linear() -> Linearised:
+    """Three segments of each trajectory, with columns of very different lengths."""
+    generator = torch.Generator().manual_seed(0)
+    segments = Segmentation.equal(TRAJECTORIES, FRAMES, 4)
+    parts = []
+    for batch in segments.batches:
+        count, rows = len(batch.segments), 6 * batch.frame.shape[1]
+        residual, state, shared = (
+            torch.randn(count, rows, width, generator=generator, dtype=torch.float64) for width in (1, STATES, SHARED)
+        )
+        state = state * torch.tensor([1e-3, 1.0, 30.0, 1e4], dtype=torch.float64)
+        parts.append(Part(batch, residual[..., 0], state, shared, torch.linalg.cholesky(state.mT @ state)))
+    return Linearised(segments, tuple(parts))
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.3, 100.0])
+def test_a_damped_initial_state_is_held_by_so_much_of_what_its_own_columns_say(
+    linear: Linearised, damping: float
+) -> None:
+    """Marquardt's damping adds rows sqrt(damping) |s_k|, one for each column s_k: no unit of a state matters."""
+    change = torch.tensor([0.5, -1.0, 2.0], dtype=torch.float64)
+    each = damping * (1 + torch.arange(len(linear.segments), dtype=torch.float64))
+    found = linear.state_change(change, each)
+    for part in linear.parts:
+        for k, segment in enumerate(part.batch.segments.tolist()):
+            state, left = part.state[k], part.residual[k] - part.shared[k] @ change
+            held = torch.diag(each[segment].sqrt() * state.norm(dim=0))
+            rows, wanted = torch.cat([state, held]), torch.cat([left, torch.zeros(STATES, dtype=torch.float64)])
+            unit = rows.norm(dim=0)
+            expected = torch.linalg.lstsq(rows / unit, wanted[:, None]).solution[:, 0] / unit
+            assert torch.allclose(found[segment] * unit, expected * unit, rtol=1e-6, atol=1e-9)
+
+
+def test_what_shared_columns_leave_is_the_least_that_any_initial_state_leaves(linear: Linearised) -> None:
+    change = torch.tensor([0.5, -1.0, 2.0], dtype=torch.float64)
+    states = linear.state_change(change, torch.zeros(len(linear.segments), dtype=torch.float64))
+    least = torch.zeros(TRAJECTORIES, dtype=torch.float64)
+    for part in linear.parts:
+        left = part.residual - part.shared @ change
+        left = left - (part.state @ states[part.batch.segments][..., None])[..., 0]
+        least.index_add_(0, part.batch.trajectory, left.square().sum(1))
+    assert torch.allclose(linear.normal().loss(change), least)

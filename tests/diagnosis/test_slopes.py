@@ -1,0 +1,47 @@
+"""Slopes of predictions against the closed form of a block that slides under a constant force."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from physid.effects import find, from_values
+from physid.estimation.least_squares.jacobian import Directions, differentiate
+from physid.estimation.prediction.nominal_model import NominalModel
+from physid.estimation.prediction.rollout import Predictor, Variants
+from physid.estimation.prediction.segments import Segmentation
+from physid.estimation.prediction.timeline import Timeline
+from physid.scenes.catalogue import find_setup
+
+SCENE, FRAMES, SPEED, G = find_setup("push").scene, 30, 1.0, 9.81
+WIND = find("constant_force").quantities()["x"]
+
+
+@pytest.mark.parametrize("force", [1.0, WIND.high, WIND.low])
+def test_slopes_are_those_of_a_slide_also_where_a_parameter_is_as_large_as_it_can_be(force: float) -> None:
+    """Of x = v t + (F / m - mu g) t^2 / 2, less a drag at its null that slows it by c / m of its way's integral."""
+    (block,) = SCENE.bodies
+    speed = SPEED if force > 0 else -SPEED
+    timeline = Timeline.regular(torch.zeros(1, FRAMES, 1, 6, dtype=torch.float64), SCENE.time_step)
+    model = NominalModel(SCENE, (from_values("constant_force", {"x": force}),), sizes=("constant_force.x",))
+    segments = Segmentation.equal(1, FRAMES, FRAMES)
+    predictor = Predictor(model, timeline, segments, [find("viscous_drag")])
+    pose, twist = torch.zeros(1, 1, 1, 7, dtype=torch.float64), torch.zeros(1, 1, 1, 6, dtype=torch.float64)
+    pose[..., 2], pose[..., 6], twist[..., 3] = block.size[2] / 2, 1.0, speed
+    point = Variants.of_states(pose, twist, model.guess[None], predictor.null[None])
+    lies = torch.ones(1, 1, dtype=torch.bool)
+    directions = Directions.of(torch.tensor(SCENE.ground.normal, dtype=torch.float64), lies, lies)
+    push = torch.zeros(1, 1, FRAMES, 1, 6, dtype=torch.float64)
+    push[..., 3] = 1.0
+    slopes = differentiate(predictor, point, directions, torch.tensor([0]), push)
+    time = timeline.time[0]
+    pulled = time**2 / (2 * block.mass)
+    rate = force / block.mass - torch.tensor(speed).sign() * block.friction * G
+    dragged = -(speed * time**2 / 2 + rate * time**3 / 6) / block.mass
+    known = ((WIND.typical * pulled, 1e-5), (dragged, 5e-3), (pulled, 1e-5))  # a drag is held for a step
+    for slope, (expected, within) in zip(slopes.shared, known, strict=True):
+        assert torch.allclose(slope[0, :, 0, 3], expected, rtol=within, atol=1e-8)
+        assert float(slope[0, :, 0, :3].abs().max()) < 1e-6, "it does not turn"
+    along = [slope[0, :, 0, 3] for slope in slopes.state if float(slope[0, -1, 0, 3]) > 1e-3]
+    assert torch.allclose(along[0], torch.ones_like(time), atol=1e-6)
+    assert torch.allclose(along[1], time, atol=1e-6)
