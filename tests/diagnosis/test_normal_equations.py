@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import pytest
 import torch
 
-from physid.estimation.least_squares.normal_equations import Linearised, Part
+from physid.estimation.least_squares.jacobian import Directions
+from physid.estimation.least_squares.normal_equations import Linearised, Part, linearise
+from physid.estimation.least_squares.settings import PriorSettings
 from physid.estimation.prediction.segments import Segmentation
 
 TRAJECTORIES, FRAMES, STATES, SHARED = 2, 12, 4, 3
@@ -54,3 +59,27 @@ def test_what_shared_columns_leave_is_the_least_that_any_initial_state_leaves(li
         left = left - (part.state @ states[part.batch.segments][..., None])[..., 0]
         least.index_add_(0, part.batch.trajectory, left.square().sum(1))
     assert torch.allclose(linear.normal().loss(change), least)
+
+
+def test_other_data_make_the_normal_equations_that_they_would_make_if_they_were_observed(linear: Linearised) -> None:
+    generator = torch.Generator().manual_seed(1)
+    data = torch.randn(2, TRAJECTORIES, FRAMES, 1, 6, generator=generator, dtype=torch.float64)
+    scale = torch.rand(TRAJECTORIES, FRAMES, 1, 6, generator=generator, dtype=torch.float64)
+    found = linear.respond_by_segment(data, scale)
+    for k, residual in enumerate(data):
+        own = linear.observing(residual, scale).by_segment()
+        assert torch.allclose(found.matrix, own.matrix)
+        assert torch.allclose(found.vector[..., k], own.vector)
+        assert torch.allclose(found.square[..., k], own.square)
+
+
+def test_where_nothing_is_seen_an_initial_state_is_as_sure_as_its_prior() -> None:
+    segments, blank = Segmentation.equal(1, FRAMES, FRAMES), torch.zeros(1, FRAMES, 1, 6, dtype=torch.float64)
+    free = torch.zeros(1, 1, dtype=torch.bool)
+    directions = Directions.of(torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64), free, free)
+    columns = torch.ones(len(directions.used), *blank.shape, dtype=torch.float64)
+    jacobian: Any = SimpleNamespace(state=columns, shared=columns[:1])
+    linear = linearise(blank, blank, jacobian, directions, segments, PriorSettings(state=(0.1, 0.3, 5.0, 2.0)))
+    precision = linear.parts[0].factor[0] @ linear.parts[0].factor[0].mT
+    deviations = torch.tensor([0.1, 0.3, 5.0, 2.0], dtype=torch.float64).repeat_interleave(3)
+    assert torch.allclose(precision, torch.diag(deviations**-2))

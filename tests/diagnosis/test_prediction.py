@@ -28,6 +28,7 @@ def test_threads_do_not_change_a_prediction(tmp_path: Path) -> None:
     many = null.repeat(5)
     many.effects[1:, 0] = torch.linspace(0.1, 0.4, 4, dtype=torch.float64)
     assert len(segments.batches) > 2
+    little = Predictor(model, observations.timeline, segments, [find("viscous_drag")], most=1)  # one variant at a time
     apart = Variants.join([many[:2], many[2:3], many[3:]])
     threads, predicted = torch.get_num_threads(), []
     try:
@@ -37,7 +38,10 @@ def test_threads_do_not_change_a_prediction(tmp_path: Path) -> None:
             assert torch.get_num_threads() == count
     finally:
         torch.set_num_threads(threads)
+    whole, few = predictor.predict(apart), little.predict(many)
     for name in ("pose", "twist", "impulse"):
         first, *others = (getattr(each, name) for each in predicted)
         assert bool(first.any())
-        assert all(torch.equal(other, first) for other in [*others, getattr(predictor.predict(apart), name)])
+        assert all(torch.equal(other, first) for other in [*others, getattr(whole, name)])
+        # Worlds that are solved together take as many rounds as the worst of them.
+        assert torch.allclose(getattr(few, name), first, rtol=1e-6, atol=1e-8)

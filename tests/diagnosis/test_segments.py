@@ -95,9 +95,10 @@ def test_cuts_last_as_long_at_any_rate_but_hold_frames_enough_to_see_velocities(
 
 def test_each_segment_has_its_value_on_its_frames() -> None:
     segments = around(40)
-    spread = segments.spread(torch.arange(len(segments)))
+    spread, position = segments.spread(torch.arange(len(segments))), segments.position
     for number, (row, start, size) in enumerate(zip(segments.trajectory, segments.start, segments.size, strict=True)):
         assert (spread[row, start : start + size] == number).all()
+        assert torch.equal(position[row, start : start + size], torch.arange(int(size)))
 
 
 @pytest.mark.parametrize("parts", [1, 2, 3, 100])

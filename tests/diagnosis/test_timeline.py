@@ -104,10 +104,13 @@ def test_refined_steps_keep_frames_and_forces(factor: int) -> None:
 
 def test_impulses_between_frames_are_sums_over_their_steps() -> None:
     timeline = Timeline.regular(forces(20), SCENE.time_step).refined(3)
-    segments = Segmentation.equal(1, 20, 10)
-    steps = timeline.cut(segments.batches[0])
-    ones = torch.ones(2, int(steps.index.shape[1]), 1, dtype=torch.float64)
-    assert torch.equal(steps.between_frames(ones)[:, 0, :-1, 0], torch.full((2, 9), 3.0, dtype=torch.float64))
+    for segments in (Segmentation.equal(1, 20, 10), Segmentation.equal(1, 20, 7)):  # of 10 frames each; of 6 and 7
+        for batch in segments.batches:
+            steps = timeline.cut(batch)
+            ones = torch.ones(len(batch.segments), steps.index.shape[1], 1, dtype=torch.float64)
+            found = steps.between_frames(ones)[:, 0, :, 0]
+            followed = torch.nn.functional.pad(batch.inside[:, 1:], (0, 1))
+            assert torch.equal(found, 3.0 * followed), "none after the last frame, however long other segments are"
 
 
 def test_steps_of_a_segment_begin_with_its_first_frame_and_end_with_its_last() -> None:

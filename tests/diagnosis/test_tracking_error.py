@@ -35,6 +35,12 @@ def test_errors_that_last_spread_as_white_ones_that_disturb_their_means_as_much(
     assert bool(((ratio > 0.92) & (ratio < 1.12)).all()), ratio
 
 
+def test_errors_that_change_their_sign_from_frame_to_frame_spread_as_they_are() -> None:
+    turned = (1 - 2 * (torch.arange(320) % 2)).double()[:, None, None]
+    spread = error_of(DEVIATIONS * turned * white(400, 1).sign()).spread
+    assert torch.allclose(spread, COUNTED, rtol=0.15)
+
+
 def test_a_direction_in_which_nothing_was_read_counts_as_the_second_best() -> None:
     unread = DEVIATIONS * white()
     unread[..., 5] = 0.0

@@ -144,6 +144,24 @@ def test_where_the_error_falls_with_the_step_half_of_it_is_left_to_the_halves(pa
     assert chosen.left == pytest.approx(halved), "the halves miss as much again"
 
 
+def test_steps_are_cut_in_halves_as_often_as_they_may_be_and_not_beyond_the_end_of_a_shorter_trajectory() -> None:
+    judged, choice, end = judgement(2e-4), StepChoice(finest=False, shortest=FRAME / 8), 5
+    asked: set[int] = set()
+
+    def predict(timeline: Timeline) -> tuple[Tensor, Tensor]:
+        asked.update((FRAME / timeline.grid.steps[timeline.grid.real]).round().long().unique().tolist())
+        return judged.predict(timeline)
+
+    grid = judged.base.grid
+    count = torch.where(torch.arange(COUNT) < COUNT // 2, FRAMES - 1, end)
+    shorter = dataclasses.replace(grid, count=count, frame_step=grid.frame_step.minimum(count[:, None]))
+    base = Timeline(judged.base.time, shorter)
+    chosen = halve_steps(dataclasses.replace(judged, base=base, predict=predict), choice)
+    assert asked == {1, 2, 4, 8, 16}
+    assert int(chosen.parts[:, :end].max()) == 8
+    assert bool((chosen.parts[COUNT // 2 :, end:] == 1).all())
+
+
 @pytest.mark.parametrize("count", [0, 1, 5])
 def test_what_halving_changes_of_poses_is_a_mean_of_those_that_count(count: int) -> None:
     judged = judgement(1e-3)

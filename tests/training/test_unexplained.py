@@ -13,7 +13,7 @@ from scipy.ndimage import gaussian_filter1d
 from torch import Tensor
 
 from physid.cli import main
-from physid.estimation.measurement.misfit import Misfit
+from physid.estimation.measurement.misfit import DEVIATION, Misfit
 from physid.estimation.measurement.tracking_error import TrackingError, without_line
 from physid.estimation.measurement.unexplained import lack_of_fit_sentence
 from physid.training.callbacks.unexplained import SIGNIFICANT
@@ -50,6 +50,12 @@ def test_noise_is_measured_beside_a_motion_that_is_missing_and_where_frames_are_
 
 def test_an_offset_that_all_frames_share_is_no_noise() -> None:
     assert Misfit.of(noise(0) + 1e-3, seen()).size == pytest.approx(1e-3 * math.sqrt(3), rel=0.1)
+
+
+def test_the_deviation_is_twice_the_squares_of_the_off_diagonal_entries() -> None:
+    weights = np.array([1.0, -3.0, 3.0, -1.0])  # of a third difference
+    form = np.correlate(weights, weights, "full") / np.square(weights).sum()
+    assert pytest.approx(2 * float(np.square(form).sum() - 1)) == DEVIATION
 
 
 def test_too_few_frames_say_nothing() -> None:

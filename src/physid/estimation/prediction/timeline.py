@@ -104,7 +104,7 @@ class Timeline:
         count = (last - first).clamp_min(1)
         index = first[:, None] + torch.arange(int(count.max()))
         index = index.clamp_max(self.grid.steps.shape[1] - 1)
-        at = (states[rows, batch.frame] - first[:, None]).clamp(max=int(count.max()))
+        at = (states[rows, batch.frame] - first[:, None]).minimum((last - first)[:, None])
         return Steps(
             batch.trajectory, index, count, at, self.grid.steps[rows, index], self.step_time[rows, index][:, 0]
         )
@@ -122,7 +122,7 @@ class Steps:
         trajectory: Whose the segments are, shape (k,).
         index: Steps of the trajectory, shape (k, S); beyond the end of a segment any.
         count: Steps that a segment has, shape (k,).
-        at: After how many of them each frame lies, shape (k, L).
+        at: After how many of them each frame lies, after all of them beyond the end of a segment, shape (k, L).
         length: Of each step [s], shape (k, S).
         start: Time of the first frame [s], shape (k,).
     """
