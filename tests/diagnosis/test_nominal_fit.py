@@ -80,6 +80,21 @@ def test_a_known_jacobian_alone_does_not_make_things_worse_and_takes_no_other(
     assert torch.equal(better.jacobian.state, near.jacobian.state)
 
 
+def test_initial_states_of_what_is_held_out_are_fitted_though_nothing_else_has_to_move(nominal_fit: NominalFit) -> None:
+    experiment, best = nominal_fit.experiment, nominal_fit.fit
+    fitted = torch.ones_like(experiment.fitted)
+    fitted[0] = False
+    experiment = experiment.replace(fitted=fitted)
+    best = gauss_newton(experiment, best.point, torch.tensor([0]))
+    held_out = ~fitted[experiment.predictor.segments.trajectory]
+    pose = best.point.pose.clone()
+    pose[0, held_out, :, 0] += 2e-3
+    moved = experiment.linearise(best.point.replace(pose=pose), torch.tensor([0]))
+    assert float(moved.loss[held_out].sum()) > 2 * float(best.loss[held_out].sum())
+    again = gauss_newton(experiment, moved.point, torch.tensor([0]))
+    assert float(again.loss[held_out].sum()) < 1.02 * float(best.loss[held_out].sum())
+
+
 @pytest.mark.parametrize("effects", [{}, {"observation_latency": {"latency": 0.02}}], ids=["still", "late camera"])
 def test_what_a_step_predicts_need_not_be_predicted_again(
     nominal_fit: NominalFit, effects: dict[str, dict[str, float]]

@@ -57,6 +57,7 @@ def test_the_load_is_weight_less_what_lifts() -> None:
     lift = torch.tensor([0.0, 0, 0, 0, 0, 3.0]).double().expand(3, 2, 6)
     load = normal_load(PROBE.inputs.replace(wrench=lift))
     assert torch.allclose(load, 9.81 * PROBE.inputs.mass - 3.0)
+    assert not normal_load(PROBE.inputs.replace(wrench=100 * lift)).any()
 
 
 def test_a_rolling_body_does_not_slip() -> None:
@@ -81,6 +82,13 @@ def test_anisotropic_friction_is_high_along_the_grain_and_low_across() -> None:
     assert torch.allclose(oblique, torch.full((3, 2), 1.3).double(), atol=1e-5)
 
 
+@pytest.mark.parametrize("name", ["anisotropic_friction", "body_anisotropic_friction"])
+def test_a_grain_fades_out_below_a_centimetre_a_second(name: str) -> None:
+    for speed, share in ((0.0, 0.0), (0.005, 0.2), (0.01, 0.5), (0.03, 0.9)):  # v^2 / (v^2 + (0.01 m/s)^2)
+        factor = acted(name, {"along": 0.3}, sliding([speed, 0.0, 0.0])).ground_friction
+        assert torch.allclose(factor, UP.new_tensor(1 + 0.3 * share).expand(3, 2))
+
+
 @pytest.mark.parametrize("yaw", [0.0, 0.4, 2.0])
 def test_the_grain_of_a_sole_turns_with_the_body(yaw: float) -> None:
     values = {"along": 0.3, "oblique": -0.2}
@@ -102,6 +110,9 @@ def test_a_friction_gradient_follows_the_place() -> None:
 def test_a_friction_drift_follows_the_time() -> None:
     factor = acted("friction_drift", {"rate": 0.4}).ground_friction
     assert torch.allclose(factor, (1 + 0.4 * PROBE.inputs.time)[:, None].expand(3, 2))
+    later = PROBE.inputs.replace(time=UP.new_tensor([0.5, 2.0, 9.0]))
+    worn = from_values("friction_drift", {"rate": -0.4}).act(PROBE.state, later).ground_friction
+    assert torch.allclose(worn, UP.new_tensor([0.8, 0.2, 0.0])[:, None].expand(3, 2))
 
 
 def test_torsional_friction_opposes_a_fast_spin_with_r_mu_n_on_the_ground_alone() -> None:

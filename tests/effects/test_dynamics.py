@@ -95,6 +95,9 @@ def test_no_box_turns_harder_than_with_its_mass_in_its_corners() -> None:
     assert torch.allclose(torch.tensor([y + z, x + z, x + y]).double(), (1 + known.high) * body.inertia[0, 0])
 
 
-def test_a_drifting_mass_grows_in_proportion_to_time() -> None:
-    after = acted("mass_drift", {"rate": 0.5})
-    assert torch.allclose(after.mass, PROBE.inputs.mass * (1 + 0.5 * PROBE.inputs.time[:, None]))
+def test_a_drifting_mass_grows_in_proportion_to_time_with_its_moments_and_never_vanishes() -> None:
+    inputs = PROBE.inputs.replace(time=torch.tensor([0.0, 1.0, 9.0]).double())
+    for rate, shares in ((0.5, [1.0, 1.5, 5.5]), (-0.4, [1.0, 0.6, 0.05])):
+        after, share = from_values("mass_drift", {"rate": rate}).act(PROBE.state, inputs), torch.tensor(shares).double()
+        assert torch.allclose(after.mass, PROBE.inputs.mass * share[:, None])
+        assert torch.allclose(after.inertia, PROBE.inputs.inertia * share[:, None, None])

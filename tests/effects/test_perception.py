@@ -121,6 +121,12 @@ def test_frames_that_fill_up_a_shorter_trajectory_make_nothing_of_nothing() -> N
     time = FRAMES.clamp_max(7.0)[None]
     between = at_times(steady(FRAMES), time, time - 0.4)
     assert bool(between.isfinite().all())
+    filled = steady(time[0])  # with the last pose
+    for beyond in (0.4, 30.0):
+        assert torch.allclose(at_times(filled, time, 7.0 + torch.tensor([[beyond]]).double()), filled[:, -1:])
+    for short in (torch.tensor([0.0, 1.0, 1.0]).double(), torch.tensor([0.0, 0.0, 1.0]).double()):
+        wanted = torch.tensor([0.3, 0.6]).double()
+        assert torch.allclose(at_times(steady(short), short[None], wanted[None]), steady(wanted), atol=TOLERANCE)
 
 
 def test_a_quaternion_and_its_negative_are_resampled_alike() -> None:
