@@ -50,7 +50,8 @@ def test_touch_is_whole_on_the_ground_and_nothing_above_three_millimetres() -> N
 def test_nothing_touches_where_there_is_no_ground() -> None:
     inputs = PROBE.inputs.replace(ground_offset=torch.tensor(-math.inf, dtype=torch.float64))
     assert not touching(PROBE.state, inputs).any()
-    assert slip(PROBE.state, inputs).isfinite().all()
+    across = PROBE.state.velocity * UP.new_tensor([1.0, 1.0, 0.0])
+    assert torch.allclose(slip(PROBE.state, inputs), across)
 
 
 def test_the_load_is_weight_less_what_lifts() -> None:
@@ -65,6 +66,9 @@ def test_a_rolling_body_does_not_slip() -> None:
     height, twist = state.position[..., 2], torch.zeros(3, 2, 6).double()
     twist[..., 1], twist[..., 3] = 2.0, 2.0 * height
     assert slip(state.replace(twist=twist), PROBE.inputs).abs().max() < 1e-12
+    raised = PROBE.inputs.replace(ground_offset=UP.new_tensor(0.3))
+    above = torch.cat([state.position + 0.3 * UP, state.quaternion], -1)
+    assert slip(state.replace(pose=above, twist=twist), raised).abs().max() < 1e-12
 
 
 def test_stribeck_friction_is_raised_at_rest_and_bare_at_speed() -> None:
@@ -121,6 +125,8 @@ def test_torsional_friction_opposes_a_fast_spin_with_r_mu_n_on_the_ground_alone(
     wanted = -0.02 * inputs.friction * normal_load(inputs)
     torque = acted("torsional_friction", {"radius": 0.02}, lifted(0.0).replace(twist=twist)).wrench - inputs.wrench
     assert torch.allclose(torque[..., 2], wanted)
+    slow = acted("torsional_friction", {"radius": 0.02}, lifted(0.0).replace(twist=twist / 500))  # half of 0.2 rad/s
+    assert torch.allclose((slow.wrench - inputs.wrench)[..., 2], math.tanh(0.5) * wanted)
     flying = acted("torsional_friction", {"radius": 0.02}, lifted(0.1).replace(twist=twist))
     assert torch.equal(flying.wrench, inputs.wrench)
 

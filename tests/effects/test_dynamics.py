@@ -47,6 +47,14 @@ def test_quadratic_drag_slows_a_body_hyperbolically() -> None:
     assert math.isclose(float(velocity), 3.0 / (1 + 4.0 / 2 * 3.0 * 0.1), rel_tol=2e-3)
 
 
+def test_quadratic_drag_is_a_force_of_c_v_squared_however_slow_a_body_is() -> None:
+    for speed in (0.0, 1e-6, 0.01, 0.5, 30.0):
+        twist = torch.tensor([0.0, 0.0, 0.0, 0.6 * speed, -0.8 * speed, 0.0], dtype=torch.float64).expand(3, 2, 6)
+        inputs = PROBE.inputs.replace(wrench=torch.zeros_like(PROBE.inputs.wrench))
+        drag = from_values("quadratic_drag", {"coefficient": 2.0}).act(PROBE.state.replace(twist=twist), inputs)
+        assert torch.allclose(drag.wrench[..., 3:], -2.0 * speed * twist[..., 3:], rtol=1e-12, atol=0)
+
+
 def test_a_constant_force_pulls_all_bodies_alike() -> None:
     wanted = torch.tensor([1.0, -2.0, 0.0]).double().expand(3, 2, 3)
     assert torch.allclose(added_force("constant_force", {"x": 1.0, "y": -2.0}), wanted)
@@ -56,6 +64,8 @@ def test_gravity_on_tilted_ground_keeps_its_size_and_leans_downhill() -> None:
     gravity = acted("ground_tilt", {"x": 0.1}).gravity
     wanted = 9.81 * torch.tensor([0.0, -math.sin(0.1), -math.cos(0.1)]).double()
     assert torch.allclose(gravity, wanted.expand(3, 2, 3))
+    about_y = 9.81 * torch.tensor([math.sin(0.1), 0.0, -math.cos(0.1)]).double()
+    assert torch.allclose(acted("ground_tilt", {"y": 0.1}).gravity, about_y.expand(3, 2, 3))
 
 
 def test_a_gravity_error_scales_gravity() -> None:
