@@ -71,6 +71,19 @@ def test_an_interval_is_that_of_white_noise_where_trajectories_scatter_like_it()
     assert inflation(ratio, freedom).diff().lt(0).all()
 
 
+@pytest.mark.parametrize("tail", [0.1, 1.0, 3.0])
+@pytest.mark.parametrize("freedom", [3.0, 10.0])
+def test_far_beyond_white_noise_an_interval_is_students_with_two_tails_more_degrees_of_freedom(
+    tail: float, freedom: float
+) -> None:
+    """A density of f^-(1 + tail) and a chi-square of n degrees make an inverse gamma distribution of f."""
+    ratio, settings = 1e4, IntervalSettings(white=1e-9, tail=tail)
+    found = float(inflation(torch.tensor([ratio]).double(), torch.tensor([freedom]).double(), settings))
+    degrees = freedom + 2 * tail
+    expected = ratio * freedom / degrees * (student.ppf(0.95, degrees) / norm.ppf(0.95)) ** 2
+    assert found == pytest.approx(expected, rel=1e-2)
+
+
 @pytest.mark.parametrize("extra", [1.0, 2.0, 10.0, 1e3])
 @pytest.mark.parametrize("freedom", [5.0, 9.0, 23.0])
 def test_intervals_hold_the_truth_as_often_as_they_say_whatever_disturbs_the_estimates(
