@@ -85,8 +85,15 @@ class Cli(LightningCLI):
             )
 
     def instantiate_trainer(self, **kwargs: Any) -> L.Trainer:
-        """Build the Trainer with what the run folder decides."""
-        trainer: L.Trainer = super().instantiate_trainer(**kwargs, **self._fixed)
+        """Build the Trainer with what the run folder decides.
+
+        Raises:
+            ValueError: If the Trainer refuses a setting, say an accelerator that this machine lacks.
+        """
+        try:
+            trainer: L.Trainer = super().instantiate_trainer(**kwargs, **self._fixed)
+        except (MisconfigurationException, TypeError, ValueError) as error:
+            raise ValueError(f"trainer: {error}") from None
         return trainer
 
 
