@@ -1,11 +1,13 @@
 """How the encoder's errors fall with the number of imagined images it has learned from.
 
     python benchmarks/encoder_curve.py                      with deep supervision, as it ships
-    python benchmarks/encoder_curve.py --features constant  which counts as much to the end
+    python benchmarks/encoder_curve.py --scene collide      of two blocks (slide: of one that falls)
+    python benchmarks/encoder_curve.py --encoder paper      with the paper's layers
+    python benchmarks/encoder_curve.py --features constant  features count as much to the end
     python benchmarks/encoder_curve.py --features off       the encoder's own outputs alone
     python benchmarks/encoder_curve.py --edges soft         no images with hard edges
 
-Films of `push` are made first: 16 give the look of the block, 16 others what the encoder has to read. Errors are means
+Films are made first: 16 give the look of the blocks, 16 others what the encoder has to read. Errors are means
 over 512 imagined images, and over 10 frames of each of these films; positions in percent of the block.
 """
 
@@ -24,16 +26,19 @@ from physid.configuration import compose
 from physid.data.format import RecordingSet
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig
-from physid.networks.encoder import as_image
+from physid.networks.encoder import PoseEncoder, as_image
+from physid.networks.voting import VotingPoseEncoder
 from physid.training.learners.optimisation import DEFAULT_OPTIMIZER, LARGEST_GRADIENT, build_optimizers
 from physid.training.learners.phases import Phases
 from physid.training.learners.supervised import SupervisedID
 from physid.training.parameters.metrics import PoseErrors
 from physid.training.vision import synthetic_images as synthetic_images
-from physid.training.vision.model import VideoModel
+from physid.training.vision.model import ChartName, EncoderFactory, VideoModel, Vision
 from physid.training.vision.synthetic_images import SyntheticImages
 
-CONFIG = Path(__file__).parents[1] / "configs" / "generate" / "push.yaml"
+CONFIGS = Path(__file__).parents[1] / "configs" / "generate"
+CHARTS: dict[str, ChartName] = {"push": "planar", "slide": "hovering", "collide": "planar"}
+ENCODERS: dict[str, EncoderFactory] = {"voting": VotingPoseEncoder, "paper": PoseEncoder}
 LOOKED_AT = 16
 FRAMES = range(0, 300, 30)
 BATCH = 32
@@ -63,9 +68,10 @@ def errors(films: RecordingSet, model: VideoModel, image: Tensor, background: Te
     return f"{100 * found['position_error']:8.1f} % {found['rotation_error']:6.1f} deg"
 
 
-def learn(films: RecordingSet, images: int, *, features: bool) -> None:
+def learn(films: RecordingSet, encoder: EncoderFactory, images: int, *, features: bool) -> None:
     """Learn from imagined images and print a line now and then."""
-    model = SupervisedID(["block.friction"]).attach(films.scene).model
+    vision = Vision(chart=CHARTS[films.scene.name])
+    model = SupervisedID(["block.friction"], encoder=encoder, vision=vision).attach(films.scene).model
     model.look_at(films, list(range(LOOKED_AT)))
     seen = recorded(films)
     background = seen[1][:1]
@@ -94,22 +100,26 @@ def learn(films: RecordingSet, images: int, *, features: bool) -> None:
 def main() -> None:
     """Parse the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scene", choices=CHARTS, default="push")
+    parser.add_argument("--encoder", choices=ENCODERS, default="voting")
     parser.add_argument("--images", type=int, default=24576)
     parser.add_argument("--features", choices=("on", "constant", "off"), default="on")
     parser.add_argument("--edges", choices=("both", "soft"), default="both")
     options = parser.parse_args()
     torch.manual_seed(0)
     torch.set_num_threads(1)
+    config = CONFIGS / f"{options.scene}.yaml"
     with tempfile.TemporaryDirectory() as place:
         generate(
-            GenerateConfig.from_mapping(compose([str(CONFIG)], ["trajectories=32"], reads=GenerateConfig).values),
-            Path(place) / "push",
+            GenerateConfig.from_mapping(compose([str(config)], ["trajectories=32"], reads=GenerateConfig).values),
+            Path(place) / "films",
             1,
         )
         hard = synthetic_images.HARD if options.edges == "both" else 1.0
         constant = {"unknown_share": lambda *_: 1.0} if options.features == "constant" else {}
         with mock.patch.multiple(synthetic_images, HARD=hard, **constant):
-            learn(RecordingSet(Path(place) / "push"), options.images, features=options.features != "off")
+            films, encoder = RecordingSet(Path(place) / "films"), ENCODERS[options.encoder]
+            learn(films, encoder, options.images, features=options.features != "off")
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ from physid.cli import main
 from physid.data.format import RecordingSet, write_scene
 from physid.data.recording import Recording
 from physid.data.trajectory import write_trajectory
+from physid.networks.voting import VotingPoseEncoder
 from physid.training.learners.engine import Engine
 from physid.training.learners.optimisation import take_encoder
 from physid.training.learners.self_supervised import SelfSupervisedID
@@ -208,7 +209,7 @@ def test_a_run_begins_with_the_encoder_of_another_one_of_its_kind(films: Path, t
     assert main(["fit", "--config", config, f"--run-dir={run}", f"data.folder={films}", *TINY]) == 0
     checkpoint, scene = run / "checkpoints" / "last.ckpt", RecordingSet(films).scene
     learned = torch.load(checkpoint, weights_only=True)["state_dict"]
-    model = SupervisedID(["block.mass"]).attach(scene).model
+    model = SupervisedID(["block.mass"], encoder=VotingPoseEncoder).attach(scene).model
     take_encoder(model, checkpoint)
     assert all(
         torch.equal(value, learned[f"model.encoder.{name}"]) for name, value in model.encoder.state_dict().items()
@@ -254,16 +255,18 @@ def test_the_blur_goes_all_the_way_over_the_epochs_whose_loss_compares_images(
     assert kernels == sorted(kernels, reverse=True)
 
 
-@pytest.mark.parametrize("encoder", ["PoseEncoder", "VariationalPoseEncoder"])
+@pytest.mark.parametrize(
+    "encoder", ["encoder.PoseEncoder", "encoder.VariationalPoseEncoder", "voting.VotingPoseEncoder"]
+)
 @pytest.mark.parametrize("method", ["supervised", "self_supervised"])
-def test_either_method_takes_either_encoder_and_a_distribution_has_its_price(
+def test_either_method_takes_any_encoder_and_a_distribution_has_its_price(
     method: str, encoder: str, films: Path, tmp_path: Path
 ) -> None:
     run, config = tmp_path / "run", str(CONFIGS / method / "push_friction.yaml")
-    slot = f"model.encoder={{class_path: physid.networks.encoder.{encoder}}}"
+    slot = f"model.encoder={{class_path: physid.networks.{encoder}}}"
     assert main(["fit", "--config", config, f"--run-dir={run}", f"data.folder={films}", *TINY, slot]) == 0
     figures = json.loads((run / "metrics.json").read_text())
-    assert (figures.get("train/divergence", 0.0) > 0) == (encoder == "VariationalPoseEncoder")
+    assert (figures.get("train/divergence", 0.0) > 0) == (encoder == "encoder.VariationalPoseEncoder")
     assert figures["test/encoded_position_error"] < MISSED
     assert figures["params/block.friction/by_gradient_estimate"] != figures["params/block.friction/estimate"]
 

@@ -97,40 +97,54 @@ class Layers:
             raise ValueError(f"layers.initial_weights must be scaled or torch, got {self.initial_weights!r}")
 
 
+def convolutions(first: int, last: int) -> nn.Sequential:
+    """Build some of the paper's convolutions (its tables S.1 and S.2), ELU after each, channels last in memory."""
+    layers: list[nn.Module] = []
+    for channels, wider, kernel, stride in CONVOLUTIONS[first:last]:
+        kind = GatheredConv2d if channels >= DEEP else nn.Conv2d
+        layers += [kind(channels, wider, kernel, stride), nn.ELU()]
+    built = nn.Sequential(*layers)
+    built.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+    return built
+
+
+@torch.no_grad()
+def scale_weights(network: nn.Module) -> None:
+    """Draw weights as He et al. (2015) say, so that the signal of a small object does not fade on its way."""
+    for module in network.modules():
+        if isinstance(module, nn.Conv2d | nn.Linear):
+            nn.init.kaiming_normal_(module.weight)
+            if module.bias is not None:
+                nn.init.zeros_(module.bias)
+
+
+def in_fast_precision(device: str, fast: bool | None) -> torch.autocast:
+    """Compute in bfloat16 within, if asked for; None where the device has units for it (see `has_bfloat16`)."""
+    return torch.autocast(device, torch.bfloat16, enabled=has_bfloat16(device) if fast is None else fast)
+
+
 @final
 class _Base(nn.Module):
     """The paper's layers (its tables S.1 and S.2), from four channels to the latent numbers, ELU between them.
 
     The convolutions, nearly all of the work, may run in bfloat16; the connected layers do not, since an output in
-    bfloat16 would resolve no more than a quarter of a pixel. Scaled weights start as He et al. (2015) say, so that the
-    signal of a small object does not fade on its way, and half of the first connected units with equal weights at all
-    places: how a body is turned does not depend on where it is.
+    bfloat16 would resolve no more than a quarter of a pixel. Scaled weights start as `scale_weights` says, and half of
+    the first connected units with equal weights at all places: how a body is turned does not depend on where it is.
     """
 
     def __init__(self, height: int, width: int, latent: int, layers: Layers) -> None:
         super().__init__()
-        convolutions: list[nn.Module] = []
-        for channels, wider, kernel, stride in CONVOLUTIONS:
-            kind = GatheredConv2d if channels >= DEEP else nn.Conv2d
-            convolutions += [kind(channels, wider, kernel, stride), nn.ELU()]
-        self.convolutions = nn.Sequential(*convolutions, nn.Flatten())
+        self.convolutions = nn.Sequential(*convolutions(0, len(CONVOLUTIONS)), nn.Flatten())
         wide, self.last = features(height, width), nn.Linear(HIDDEN, latent)
         first = nn.Linear(wide, HIDDEN)
         self.connected = nn.Sequential(first, nn.ELU(), nn.Linear(HIDDEN, HIDDEN), nn.ELU())
         self.fast = layers.fast
         if layers.initial_weights == "scaled":
-            self._scale(first)
+            scale_weights(self)
+            with torch.no_grad():
+                placed = first.weight.view(HIDDEN, CONVOLUTIONS[-1][1], -1)
+                placed[: HIDDEN // 2] = placed[: HIDDEN // 2].mean(-1, keepdim=True)
         self.convolutions.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-
-    @torch.no_grad()
-    def _scale(self, first: nn.Linear) -> None:
-        for module in self.modules():
-            if isinstance(module, nn.Conv2d | nn.Linear):
-                nn.init.kaiming_normal_(module.weight)
-                if module.bias is not None:
-                    nn.init.zeros_(module.bias)
-        placed = first.weight.view(HIDDEN, CONVOLUTIONS[-1][1], -1)
-        placed[: HIDDEN // 2] = placed[: HIDDEN // 2].mean(-1, keepdim=True)
 
     def forward(self, image: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Turn images (B, 4, H, W) into latent numbers (B, latent); the fourth channel is 0 where all others are.
@@ -140,9 +154,7 @@ class _Base(nn.Module):
         """
         device = image.device.type
         occupied = image[:, -1] != 0
-        image = image.contiguous(memory_format=torch.channels_last)
-        half = has_bfloat16(device) if self.fast is None else self.fast
-        with torch.autocast(device, torch.bfloat16, enabled=half):
+        with in_fast_precision(device, self.fast):
             layers = list(self.convolutions)
             early, late = nn.Sequential(*layers[: 2 * EARLY]), nn.Sequential(*layers[2 * EARLY :])
             detail = convolve_focused(early, image, occupied)
@@ -185,42 +197,47 @@ class Encoder(nn.Module, ABC):
 
     Args:
         chart: What the outputs mean.
-        height: Image height [px].
-        width: Image width [px].
-        outputs: How many numbers the last of the paper's layers gives.
-        layers: How these begin and compute.
+        layers: How the layers begin and compute.
     """
 
     variational = False
 
-    def __init__(self, chart: PoseChart, height: int, width: int, outputs: int, layers: Layers) -> None:
+    def __init__(self, chart: PoseChart, layers: Layers) -> None:
         super().__init__()
         self.chart, self.raw_colours = chart, layers.raw_colours
-        self.base = _Base(height, width, outputs, layers)
 
     def forward(self, image: Tensor, background: Tensor) -> Encoding:
         """Encode images (B, 3, H, W) in [0, 1], given the empty scene (B or 1, 3, H, W)."""
-        output, early, late = self.base(with_difference(image, background, raw=self.raw_colours))
-        flat, divergence = self.interpret(output)
+        given = with_difference(image, background, raw=self.raw_colours).contiguous(memory_format=torch.channels_last)
+        flat, divergence, early, late = self.read(given)
         numbers = flat.unflatten(-1, (self.chart.bodies, self.chart.numbers))
         return Encoding(self.chart.to_pose(numbers), numbers, divergence, early, late)
 
     @abstractmethod
-    def interpret(self, output: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the raw numbers (B, N K) that the layers' output (B, outputs) stands for, and its divergence (B,)."""
+    def read(self, image: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Read the raw numbers (B, N K), their divergence (B,), and `Encoding.early` and `.late` from (B, 4, H, W)."""
 
 
 @final
 class PoseEncoder(Encoder):
-    """Reads poses straight from the last layer, as the paper does with supervision; arguments as of `Encoder`."""
+    """Reads poses straight from the last layer, as the paper does with supervision.
+
+    Args:
+        chart: What the outputs mean.
+        height: Image height [px].
+        width: Image width [px].
+        layers: How the layers begin and compute.
+    """
 
     def __init__(self, chart: PoseChart, height: int = 128, width: int = 128, layers: Layers = Layers()) -> None:
-        super().__init__(chart, height, width, chart.bodies * chart.numbers, layers)
+        super().__init__(chart, layers)
+        self.base = _Base(height, width, chart.bodies * chart.numbers, layers)
         _start_in_the_middle(self.base.last, chart)
 
-    def interpret(self, output: Tensor) -> tuple[Tensor, Tensor]:
+    def read(self, image: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """Take the output as it is; it has no distribution."""
-        return output, output.new_zeros(len(output))
+        output, early, late = self.base(image)
+        return output, output.new_zeros(len(output)), early, late
 
 
 @final
@@ -228,7 +245,7 @@ class VariationalPoseEncoder(Encoder):
     """Reads a latent distribution from single images and the poses from a sample of it, by a fully connected layer.
 
     In training z = mean + exp(log_variance / 2) noise (the reparameterisation of Kingma & Welling 2014), otherwise
-    z = mean. Arguments as of `Encoder`; `latent` is the length of z.
+    z = mean. Arguments as of `PoseEncoder`; `latent` is the length of z.
     """
 
     variational = True
@@ -236,16 +253,18 @@ class VariationalPoseEncoder(Encoder):
     def __init__(
         self, chart: PoseChart, height: int = 128, width: int = 128, layers: Layers = Layers(), *, latent: int = 16
     ) -> None:
-        super().__init__(chart, height, width, 2 * latent, layers)
+        super().__init__(chart, layers)
+        self.base = _Base(height, width, 2 * latent, layers)
         self.head = nn.Linear(latent, chart.bodies * chart.numbers)
         _start_in_the_middle(self.head, chart)
 
-    def interpret(self, output: Tensor) -> tuple[Tensor, Tensor]:
+    def read(self, image: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """Draw from the distribution, or take its mean."""
+        output, early, late = self.base(image)
         mean, log_variance = output.chunk(2, -1)
         latent = mean + torch.exp(log_variance / 2) * torch.randn_like(mean) if self.training else mean
         with torch.autocast(output.device.type, enabled=False):
-            return self.head(latent), gaussian_divergence(mean, log_variance)
+            return self.head(latent), gaussian_divergence(mean, log_variance), early, late
 
 
 def gaussian_divergence(mean: Tensor, log_variance: Tensor) -> Tensor:
