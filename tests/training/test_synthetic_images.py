@@ -7,8 +7,8 @@ from physid.networks.encoder import Encoding
 from physid.scenes.catalogue import find_setup
 from physid.training.learners.optimisation import DEFAULT_OPTIMIZER, build_optimizers
 from physid.training.learners.supervised import SupervisedID
-from physid.training.vision.model import VideoModel
-from physid.training.vision.synthetic_images import SyntheticImages, encoding_losses
+from physid.training.vision.model import VideoModel, chart_of
+from physid.training.vision.synthetic_images import SMOOTH, SyntheticImages, encoding_losses, place_errors
 
 BACKGROUND = torch.full((4, 3, 128, 128), 0.7)
 SIZE = 0.25  # [m]
@@ -60,6 +60,20 @@ def test_some_hundreds_of_images_teach_where_a_body_is() -> None:
     )
     assert last["imagined_position"] < 0.3 * first["imagined_position"]
     assert last["imagined_features"] < 0.8 * first["imagined_features"]
+
+
+def test_the_best_answer_is_the_mean_of_places_and_the_median_of_heights() -> None:
+    scene = find_setup("slide").scene
+    hovering, lying = chart_of(scene, "hovering"), chart_of(find_setup("push").scene, "planar")
+    up = torch.tensor(scene.ground.normal)
+    across = torch.linalg.cross(up, torch.tensor([0.0, 1.0, 0.0]))
+    axes, known = torch.stack([up, across / across.norm()]), torch.tensor([0.0, 0.0, 0.0, 0.05, 0.15])
+    answers = torch.linspace(0.0, 0.15, 301)
+    error = (answers[:, None] - known)[..., None] * axes[:, None, None, :]
+    height, place = answers[place_errors(hovering, error).mean(-1).argmin(1)].tolist()
+    assert height < SMOOTH
+    assert place == pytest.approx(float(known.mean()), abs=0.001)
+    torch.testing.assert_close(place_errors(lying, error), error.square().sum(-1))
 
 
 @pytest.mark.parametrize("wrong", [0.0, 0.4, math.pi])

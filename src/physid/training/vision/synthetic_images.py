@@ -15,6 +15,10 @@ from physid.training.vision.model import VideoModel
 
 HARD = 0.125
 """Width of hard edges [px]: simulators draw without anti-aliasing, cameras with soft edges; an encoder learns both."""
+HEIGHT = 0.04
+"""Price of an error of a height [m]: as much as its square at four centimetres, more below."""
+SMOOTH = 0.005
+"""Error of a height below which it counts by its square after all [m]."""
 PLACES = 3.0
 """Weight of positions: a tenth of a block is to cost about as much as some six degrees of its heading."""
 FROM_FEATURES = 0.3
@@ -130,16 +134,31 @@ def encoding_losses(model: VideoModel, encoding: Encoding, pose: Tensor, rotatio
         rotation_weight: Weight of rotations [m^2].
 
     Returns:
-        Losses (B, f), summed over bodies: position 3 |p^ - p|^2 [m^2], rotation, the squared error of its numbers, and
-        features, that of the rotation as early layers see it (see `DeepSupervision`), times `unknown_share`.
+        Losses (B, f), summed over bodies: position, 3 times `place_errors` [m^2], rotation, the squared error of its
+        numbers, and features, that of the rotation as early layers see it (see `DeepSupervision`), times
+        `unknown_share`.
     """
     pose = pose.to(encoding.pose)
-    place = PLACES * (encoding.pose[..., :3] - pose[..., :3]).square().sum((-2, -1))
+    place = PLACES * place_errors(model.chart, encoding.pose[..., :3] - pose[..., :3]).sum(-1)
     numbers, turning = model.chart.to_numbers(pose), model.chart.turning
     turn = (encoding.numbers - numbers)[..., turning].square().sum((-2, -1))
     features = unknown_share(turn, model.chart.bodies) * model.supervision(model.chart, encoding, numbers)
     turn, features = FROM_FEATURES * rotation_weight * turn, rotation_weight * features
     return {"position": place, "rotation": turn, "features": features}
+
+
+def place_errors(chart: PoseChart, error: Tensor) -> Tensor:
+    """Return what errors (..., N, 3) of positions cost [m^2], their squares; of heights d, HEIGHT |d|, smooth near 0.
+
+    A single image hardly says how high a body hovers. By the square the best answer is the mean of all heights that it
+    may have, right for none of them; by the absolute value it is their median, the ground where most bodies lie.
+    """
+    if not (isinstance(chart, PlanarChart) and chart.hovering):
+        return error.square().sum(-1)
+    normal = chart.normal.to(error)
+    height = (error * normal).sum(-1)
+    across = error - height[..., None] * normal
+    return across.square().sum(-1) + HEIGHT * ((height.square() + SMOOTH**2).sqrt() - SMOOTH)
 
 
 def unknown_share(error: Tensor, bodies: int) -> Tensor:
