@@ -72,6 +72,14 @@ def test_gradients_reach_every_weight_and_features_have_the_widths_of_the_paper(
     assert encoding.divergence.tolist() == [0.0, 0.0]
 
 
+def test_images_smaller_than_what_a_place_sees_are_refused() -> None:
+    with pytest.raises(
+        ValueError, match="frames of 28 x 128 px are too small for the encoder; use at least 29 x 29 px"
+    ):
+        VotingPoseEncoder(CHART, 28, 128)
+    assert VotingPoseEncoder(CHART, 29, 128).grid.shape == (2, 1, 13)
+
+
 def test_a_few_hundred_images_teach_where_a_body_is() -> None:
     torch.manual_seed(0)
     chart = PlanarChart(CAMERA, (0, 0, 1), 0.0, [0.2])

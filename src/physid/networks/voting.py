@@ -42,6 +42,9 @@ class VotingPoseEncoder(Encoder):
         height: Image height [px].
         width: Image width [px].
         layers: How the layers begin and compute.
+
+    Raises:
+        ValueError: If images are smaller than what a place sees.
     """
 
     grid: Tensor
@@ -63,6 +66,10 @@ class VotingPoseEncoder(Encoder):
             for weight in (self.votes.weight, last.weight):
                 weight.mul_(INITIAL_SPREAD)
         field, stride = field_of(list(self.convolutions))
+        if min(height, width) < field:
+            raise ValueError(
+                f"frames of {height} x {width} px are too small for the encoder; use at least {field} x {field} px"
+            )
         rows, columns = (
             (field + 2 * torch.arange(0, length - field + 1, stride)) / length - 1 for length in (height, width)
         )

@@ -29,8 +29,6 @@ def gauss_newton(
     start: Variants | Fit,
     effects: Tensor,
     steps: int | None = None,
-    *,
-    exact: bool = True,
 ) -> Fit:
     """Minimise the squared residuals over initial states, unknown parameters and some parameters of effects.
 
@@ -44,7 +42,6 @@ def gauss_newton(
         start: First point; or a fit nearby, whose Jacobian serves for the first steps.
         effects: Indices of the free parameters of effects, shape (E,).
         steps: Most Jacobians before the last one; 0 for that of `start` alone; None for what the settings say.
-        exact: Whether to linearise where the last of them has led, if that is not where it was taken.
 
     Returns:
         The best point found, linearised there, or so near that nothing was left to gain.
@@ -65,7 +62,7 @@ def gauss_newton(
             gain = float((fit.loss - step.loss)[counts].sum())
             if float((fit.loss - step.loss).sum()) > 0:
                 break
-        helps = gain > 0 or bool((step.loss < fit.loss).any())
+        helps = bool((step.loss < fit.loss).any())
         followed = float((fit.loss - step.loss)[~counts].sum())
         little = hardly_gains(max(gain, followed), float(step.loss.sum()), limits.converged)
         if helps and (age == 0 or gain + followed > 0):
@@ -79,7 +76,7 @@ def gauss_newton(
             little = True
         if little or age > limits.chords:
             if made == steps:
-                return experiment.linearise(fit.point, effects) if steps and exact else fit
+                return experiment.linearise(fit.point, effects) if steps else fit
             fit, age, made = experiment.linearise(fit.point, effects), 0, made + 1
 
 
