@@ -125,20 +125,23 @@ def _load(configuration: Configuration, key: str, path: Any) -> type | None:
     try:
         return load_class(path, configuration.allowed)
     except ClassPathError as error:
-        raise ConfigurationError(f"{configuration.source_of(key)}: {key[:MOST_SHOWN]}: {error}") from None
+        raise _error(configuration, key, str(error)) from None
 
 
 def _trusted(configuration: Configuration, key: str, path: str) -> None:
     try:
         require_trusted(path, configuration.allowed)
     except ClassPathError as error:
-        raise ConfigurationError(f"{configuration.source_of(key)}: {key[:MOST_SHOWN]}: {error}") from None
+        raise _error(configuration, key, str(error)) from None
 
 
 def _wrong(configuration: Configuration, key: str, wanted: str, found: Any) -> ConfigurationError:
-    return ConfigurationError(
-        f"{configuration.source_of(key)}: {key[:MOST_SHOWN]}: expected {wanted}, got {shown(found)}"
-    )
+    return _error(configuration, key, f"expected {wanted}, got {shown(found)}")
+
+
+def _error(configuration: Configuration, key: str, message: str) -> ConfigurationError:
+    """Name the file, or the command line, and the key that a message is about."""
+    return ConfigurationError(f"{configuration.source_of(key)}: {key[:MOST_SHOWN]}: {message}")
 
 
 def _takes_classes(annotation: Any) -> bool:
