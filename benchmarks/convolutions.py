@@ -3,7 +3,7 @@
     python benchmarks/convolutions.py
 
 Forward and backward of each layer with channels last, in single precision and, where the CPU has units for it, in
-bfloat16, on windows of the size that bodies of 20 pixels need (see `physid.networks.focus`), in turns; processor time
+bfloat16, on windows of the size that bodies of 20 pixels need (see `convolve_focused`), in turns; processor time
 of one thread, medians.
 """
 
@@ -17,8 +17,8 @@ from itertools import product
 import torch
 from torch import Tensor, nn
 
+from physid.networks.convolutions import GatheredConv2d
 from physid.networks.encoder import CONVOLUTIONS
-from physid.networks.gathered import GatheredConv2d
 from physid.networks.precision import has_bfloat16
 
 WINDOWS = (45, 37, 17, 13, 5)

@@ -2,7 +2,7 @@ import pytest
 import torch
 from torch import nn
 
-from physid.networks.focus import convolve_focused, field_of
+from physid.networks.convolutions import convolve_focused, field_of
 
 TOLERANCE = 1e-5
 LAYERS = nn.Sequential(

@@ -6,8 +6,8 @@ import pytest
 import torch
 from torch import nn
 
+from physid.networks.convolutions import GatheredConv2d, _Gathered
 from physid.networks.encoder import CONVOLUTIONS, DEEP
-from physid.networks.gathered import GatheredConv2d, _Gathered
 
 TOLERANCE = {True: 0.02, False: 1e-5}  # of the largest number, in bfloat16, which keeps 8 bits, or single precision
 DEEP_ONES = [layer for layer in CONVOLUTIONS if layer[0] >= DEEP]

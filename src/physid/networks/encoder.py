@@ -11,8 +11,7 @@ import torch
 from torch import Tensor, nn
 
 from physid.networks.chart import PoseChart
-from physid.networks.focus import convolve_focused
-from physid.networks.gathered import GatheredConv2d
+from physid.networks.convolutions import GatheredConv2d, convolve_focused
 from physid.networks.precision import has_bfloat16
 
 CONVOLUTIONS = ((4, 64, 5, 2), (64, 128, 5, 2), (128, 256, 5, 2), (256, 256, 5, 2), (256, 128, 3, 1))
@@ -97,15 +96,13 @@ class Layers:
             raise ValueError(f"layers.initial_weights must be scaled or torch, got {self.initial_weights!r}")
 
 
-def convolutions(first: int, last: int) -> nn.Sequential:
-    """Build some of the paper's convolutions (its tables S.1 and S.2), ELU after each, channels last in memory."""
+def build_convolutions(first: int, last: int) -> nn.Sequential:
+    """Build some of the paper's convolutions (its tables S.1 and S.2), ELU after each."""
     layers: list[nn.Module] = []
     for channels, wider, kernel, stride in CONVOLUTIONS[first:last]:
         kind = GatheredConv2d if channels >= DEEP else nn.Conv2d
         layers += [kind(channels, wider, kernel, stride), nn.ELU()]
-    built = nn.Sequential(*layers)
-    built.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-    return built
+    return nn.Sequential(*layers)
 
 
 @torch.no_grad()
@@ -134,7 +131,7 @@ class _Base(nn.Module):
 
     def __init__(self, height: int, width: int, latent: int, layers: Layers) -> None:
         super().__init__()
-        self.convolutions = nn.Sequential(*convolutions(0, len(CONVOLUTIONS)), nn.Flatten())
+        self.convolutions = nn.Sequential(*build_convolutions(0, len(CONVOLUTIONS)), nn.Flatten())
         wide, self.last = features(height, width), nn.Linear(HIDDEN, latent)
         first = nn.Linear(wide, HIDDEN)
         self.connected = nn.Sequential(first, nn.ELU(), nn.Linear(HIDDEN, HIDDEN), nn.ELU())

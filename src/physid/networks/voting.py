@@ -8,17 +8,17 @@ import torch
 from torch import Tensor, nn
 
 from physid.networks.chart import PoseChart
+from physid.networks.convolutions import convolve_focused, field_of
 from physid.networks.encoder import (
     CONVOLUTIONS,
     EARLY,
     INITIAL_SPREAD,
     Encoder,
     Layers,
-    convolutions,
+    build_convolutions,
     in_fast_precision,
     scale_weights,
 )
-from physid.networks.focus import convolve_focused, field_of
 
 VOTING = CONVOLUTIONS[-1][1]
 """Channels from which a place votes: as many as the paper's last convolution has."""
@@ -54,7 +54,8 @@ class VotingPoseEncoder(Encoder):
     def __init__(self, chart: PoseChart, height: int = 128, width: int = 128, layers: Layers = Layers()) -> None:
         super().__init__(chart, layers)
         self.fast = layers.fast
-        self.convolutions = convolutions(0, EARLY)
+        self.convolutions = build_convolutions(0, EARLY)
+        self.convolutions.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         seen, count = CONVOLUTIONS[EARLY - 1][1], chart.bodies * chart.numbers
         self.hidden = nn.Sequential(nn.Conv2d(seen, VOTING, 1), nn.ELU(), nn.Conv2d(VOTING, VOTING, 1), nn.ELU())
         self.votes = nn.Conv2d(VOTING, count + chart.bodies, 1)
