@@ -62,7 +62,27 @@ def test_where_one_place_has_all_weight_its_own_position_is_read() -> None:
     torch.testing.assert_close(encoder.grid[:, 0, 0], torch.tensor([14.5 / 64 - 1, 14.5 / 48 - 1]))
 
 
-@pytest.mark.parametrize("chart", [CHART, SpatialChart(CAMERA, 2)], ids=["planar", "spatial"])
+def test_no_body_is_read_far_below_the_ground_and_the_rest_is_read_as_before() -> None:
+    """A height of -0.2 becomes -0.01; above the ground, and in all other numbers, nothing changes."""
+    chart = PlanarChart(CAMERA, (0, 0, 1), 0.0, [0.2], hovering=True)
+    encoder, image = VotingPoseEncoder(chart, 96, 128), shown((32, 48))
+    with torch.no_grad():
+        for value in (*encoder.correction.parameters(), *encoder.votes.parameters()):
+            value.zero_()
+        read = []
+        for height in (-0.2, 0.0, 0.2):
+            encoder.correction[-1].bias[:] = torch.tensor([-0.3, 0.1, -0.4, -0.5, height])
+            read.append(encoder(image, BACKGROUND).numbers[0, 0])
+    assert [float(one[4]) for one in read] == pytest.approx([-0.01, 0.0, 0.2])
+    middle = torch.cat([encoder.grid.flatten(1).mean(1), chart.neutral()[2:4]])
+    for one in read:
+        torch.testing.assert_close(one[:4], middle + torch.tensor([-0.3, 0.1, -0.4, -0.5]))
+
+
+HOVERING = PlanarChart(CAMERA, (0, 0, 1), 0.0, [0.2, 0.2], hovering=True)
+
+
+@pytest.mark.parametrize("chart", [CHART, HOVERING, SpatialChart(CAMERA, 2)], ids=["planar", "hovering", "spatial"])
 def test_gradients_reach_every_weight_and_features_have_the_widths_of_the_paper(chart: PoseChart) -> None:
     encoder = VotingPoseEncoder(chart, 96, 128)
     encoding: Encoding = encoder(shown((30, 40), (40, 70)), BACKGROUND)

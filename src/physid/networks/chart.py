@@ -20,11 +20,13 @@ class PoseChart(nn.Module, ABC):
     Attributes:
         numbers: K.
         turning: Which of them stand for the rotation.
+        heights: Which of them are heights above the ground, below which no body is; an empty slice if none are.
         symmetries: What is invisible about each body's rotation; N = len(symmetries).
     """
 
     numbers: int
     turning: slice
+    heights: slice
     symmetries: tuple[Symmetry, ...]
 
     @property
@@ -99,6 +101,7 @@ class PlanarChart(PoseChart):
         self.hovering = hovering
         self.turning = slice(2, 4)
         self.numbers = 5 if hovering else 4
+        self.heights = slice(4, self.numbers)
         up = torch.tensor(normal, dtype=torch.float64)
         right, down, forward = camera.rotation
         eye = torch.tensor(camera.position, dtype=torch.float64)
@@ -175,7 +178,7 @@ class SpatialChart(PoseChart):
     def __init__(self, camera: PinholeCamera, bodies: int) -> None:
         super().__init__()
         self.symmetries = (Symmetry.NONE,) * bodies
-        self.numbers, self.turning = 9, slice(3, 9)
+        self.numbers, self.turning, self.heights = 9, slice(3, 9), slice(0)
         axis = torch.tensor(camera.target, dtype=torch.float64) - torch.tensor(camera.position, dtype=torch.float64)
         self.depth = float(axis.norm())
         self.camera = camera

@@ -22,6 +22,8 @@ from physid.networks.encoder import (
 
 VOTING = CONVOLUTIONS[-1][1]
 """Channels from which a place votes: as many as the paper's last convolution has."""
+BELOW = 0.05
+"""Of a height below the ground: bodies rest on it. What is read below is nearly zero, yet has a slope to learn by."""
 CORRECTION = 64
 """Units of the layer that corrects what is voted, by where all bodies are."""
 
@@ -35,7 +37,8 @@ class VotingPoseEncoder(Encoder):
     must. The votes are averaged by weights that the places give themselves, w = softmax(a): number k of a body is
     sum_p w_p (g_p + v_p), with g_p the place itself for the first two numbers of the chart and the neutral pose for
     the others. Votes are those of Peng et al. (2019), the mean over a softmax is that of Levine et al. (2016). What
-    depends on where a body is, such as how a height moves it in the image, a small connected layer adds.
+    depends on where a body is, such as how a height moves it in the image, a small connected layer adds. Where bodies
+    may hover, none is below the ground: heights below it are shortened to a twentieth.
 
     Args:
         chart: What the outputs mean.
@@ -50,6 +53,7 @@ class VotingPoseEncoder(Encoder):
     grid: Tensor
     apart: Tensor
     neutral: Tensor
+    below: Tensor
 
     def __init__(self, chart: PoseChart, height: int = 128, width: int = 128, layers: Layers = Layers()) -> None:
         super().__init__(chart, layers)
@@ -77,6 +81,9 @@ class VotingPoseEncoder(Encoder):
         self.register_buffer("grid", torch.stack(torch.meshgrid(columns, rows, indexing="xy")), persistent=False)
         self.register_buffer("apart", torch.tensor([[2 * stride / width], [2 * stride / height]]), persistent=False)
         self.register_buffer("neutral", chart.neutral()[2:], persistent=False)
+        below = torch.ones(chart.bodies, chart.numbers)
+        below[:, chart.heights] = BELOW
+        self.register_buffer("below", below.flatten(), persistent=False)
 
     def read(self, image: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """Average the votes of all places; they have no distribution."""
@@ -91,4 +98,5 @@ class VotingPoseEncoder(Encoder):
             others = self.neutral[:, None] + votes[:, :, 2:]
             voted = (own.softmax(-1) * torch.cat([place, others], 2)).sum(-1).flatten(1)
             flat = voted + self.correction(voted)
+            flat = torch.where(flat < 0, self.below * flat, flat)
         return flat, flat.new_zeros(len(flat)), detail.float().sum((-2, -1)), seen.sum((-2, -1))
