@@ -71,13 +71,14 @@ def test_a_verdict_is_right_exactly_or_within_its_group(
     assert one.flagged == (verdict.verdict != "none")
 
 
-def test_site_and_phase_are_those_of_the_largest_share_and_the_strongest_cell() -> None:
+def test_site_and_phase_are_those_of_the_largest_share() -> None:
     document = diagnosis()
+    document["where"]["phase"] = {"impact": 0.4, "coast": 0.6}
     one = judge("000", check_diagnosis(document), label())
     assert one.site is True
     assert one.phase is True
     document["where"]["site"] = {"perception": 0.0, "actuation": 0.9, "dynamics": 0.1, "contact": 0.0}
-    document["where"]["cells"][0]["phase"] = "impact"
+    document["where"]["phase"] = {"impact": 0.6, "coast": 0.4}
     other = judge("000", check_diagnosis(document), label())
     assert other.site is False
     assert other.phase is False

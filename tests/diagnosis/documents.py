@@ -30,6 +30,7 @@ NAMED: dict[str, Any] = {
             {"phase": "coast", "body": "block", "dof": "x", "evidence": 11.2},
             {"phase": "slide_fast", "body": "block", "dof": "rz", "evidence": 0.4},
         ],
+        "phase": {"coast": 0.9, "slide_fast": 0.1},
     },
     "gap": {
         "unit": "m",

@@ -1,4 +1,4 @@
-"""Where a gap lies when no effect is named: the site whose effects explain most together."""
+"""Where a gap lies: the site whose effects explain most together, the phases in which effects act."""
 
 from __future__ import annotations
 
@@ -10,13 +10,16 @@ from typing import Any, cast
 import pytest
 import torch
 
-from physid.diagnosis.conclusion.localisation import over_time, sites
+from physid.diagnosis.conclusion.localisation import Place, over_time, phases, sites, work_of
+from physid.diagnosis.inputs.model_source import read_nominal_model
 from physid.diagnosis.selection.attribution import Attribution
 from physid.diagnosis.settings.settings import Settings
 from physid.diagnosis.testing.lack_of_fit import Row
 from physid.diagnosis.testing.null_tails import together
 from physid.diagnosis.testing.score_test import Conditional, Group
-from physid.effects import CATALOGUE
+from physid.effects import CATALOGUE, find
+from physid.estimation.prediction import Predictor, Segmentation, Timeline, Variants
+from physid.scenes.setups.push import PUSH
 
 STRENGTH = 100.0  # squared residual that a typical size makes
 NAMES = ("viscous_drag", "tether", "adhesion")  # two of the dynamics, one of contact
@@ -95,3 +98,60 @@ def test_an_explanation_that_falls_behind_weighs_less_by_the_temperature_of_the_
     ratio = math.exp((behind - best) / (2 * temperature))
     nothing = math.exp(-best / (2 * temperature))  # the tether, which explains nothing
     assert shares["contact"] == pytest.approx(ratio / (1 + ratio + nothing), abs=2e-4)
+
+
+DRAG, SPEED, STEP = 0.4, 1.0, 1 / 240  # [N s/m], [m/s], [s]
+
+
+def coasting(name: str, size: float, frames: int = 241) -> tuple[Any, Any]:
+    """Return recordings and the hypothesis that one effect acts, of a block that slides along x until it rests."""
+    model, kind = read_nominal_model(PUSH.scene, None), find(name)
+    wrench = torch.zeros(1, frames, 1, 6, dtype=torch.float64)
+    timeline = Timeline.regular(wrench, STEP)
+    whole = Segmentation.whole(torch.tensor([frames]), frames)
+    predictor = Predictor(model, timeline, whole, [find("tether"), kind])
+    pose = torch.tensor([[0.0, 0.0, PUSH.scene.bodies[0].size[2] / 2, 0.0, 0.0, 0.0, 1.0]], dtype=torch.float64)
+    twist = torch.tensor([[0.0, 0.0, 0.0, SPEED, 0.0, 0.0]], dtype=torch.float64)
+    columns = torch.tensor([len(predictor.terms) - 1])
+    effects = predictor.null[None].clone()
+    effects[0, columns] = size
+    point = Variants.of_states(pose[None, None], twist[None, None], model.guess[None], effects)
+    jacobian = SimpleNamespace(base=predictor.predict(point))
+    hypothesis = SimpleNamespace(
+        fit=SimpleNamespace(point=point, jacobian=jacobian),
+        experiment=SimpleNamespace(predictor=predictor),
+        columns=columns,
+    )
+    observations = SimpleNamespace(timeline=timeline, scene=PUSH.scene)
+    return SimpleNamespace(observations=observations, settings=Settings()), hypothesis
+
+
+def test_the_work_of_a_drag_is_the_energy_of_what_it_takes_from_the_velocity_in_a_step() -> None:
+    """In each step the drag changes the velocity by c v dt / m, whatever friction does beside it."""
+    _, hypothesis = coasting("viscous_drag", DRAG)
+    work, speed = work_of(hypothesis)[0, :, 0], hypothesis.fit.jacobian.base.twist[0, 0, :, 0, 3]
+    mass, moving = PUSH.scene.bodies[0].mass, speed > 0.05
+    expected = mass / 2 * (DRAG * speed * STEP / mass).square()
+    assert 100 < int(moving.sum()) < len(speed) - 1
+    assert torch.allclose(work[moving], expected[moving], rtol=0.05)
+    assert float(work[speed.abs() < 1e-6].max()) < 1e-12
+    assert float(work[-1]) == 0, "no step follows the last frame"
+
+
+def test_a_drag_is_at_work_where_the_block_coasts() -> None:
+    shares = phases([Place("impact", "block", "x", 9.0, 1.0)], *coasting("viscous_drag", DRAG))
+    assert next(iter(shares)) == "coast"
+    assert shares["coast"] > 0.99
+    assert sum(shares.values()) == pytest.approx(1)
+
+
+@pytest.mark.parametrize(("name", "size"), [("observation_latency", 0.01), ("clock_rate", 0.1)])
+def test_what_only_the_camera_sees_is_at_work_nowhere(name: str, size: float) -> None:
+    assert phases([Place("coast", "block", "x", 9.0, 1.0)], *coasting(name, size)) == {}
+
+
+def test_where_nothing_is_named_the_squares_of_the_evidence_are_divided() -> None:
+    places = [Place("coast", "block", dof, evidence, 0.0) for dof, evidence in (("x", 3.0), ("y", 4.0))]
+    shares = phases([*places, Place("impact", "block", "z", 5.0, 0.0)], cast(Any, None), None)
+    assert shares == pytest.approx({"coast": 0.5, "impact": 0.5})
+    assert phases([], cast(Any, None), None) == {}

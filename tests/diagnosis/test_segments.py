@@ -112,3 +112,14 @@ def test_parts_of_a_batch_are_all_of_it_with_the_longest_segments_first(parts: i
             rows = [batch.segments.tolist().index(segment) for segment in part.segments.tolist()]
             assert torch.equal(part.frame, batch.frame[rows])
             assert torch.equal(part.trajectory, batch.trajectory[rows])
+
+
+@pytest.mark.parametrize("frames", [2, 7, 8])
+def test_pairs_from_both_first_frames_hold_every_step_once(frames: int) -> None:
+    steps = torch.zeros(3, frames - 1)
+    for first in (0, 1):
+        pairs = Segmentation.pairs(3, frames, first)
+        steps[pairs.trajectory, pairs.start] += 1
+        assert (pairs.size == 2).all()
+        assert (pairs.start + 1 < frames).all()
+    assert (steps == 1).all()

@@ -20,6 +20,7 @@ from torch.utils.data import DataLoader
 from physid.cli import main
 from physid.physics.contact_problem.lcp import SolverSettings
 from physid.physics.layer import PhysicsLayer, SolverError
+from physid.training.callbacks.intervals import left_to_go
 from physid.training.learners.engine import Engine
 from physid.training.learners.sysid import SysID
 from physid.training.parameters.gauss_newton import GaussNewton
@@ -85,6 +86,34 @@ def test_an_estimate_that_the_trajectories_does_not_identify_comes_with_a_warnin
     caplog.clear()
     trainer(tmp_path, 1).fit(SysID(), OneBatch(push_batch(frames=60)))
     assert "not at all" not in caplog.text
+
+
+@pytest.mark.filterwarnings("ignore::lightning.fabric.utilities.warnings.PossibleUserWarning")
+@pytest.mark.filterwarnings("ignore:.isinstance.treespec")
+@pytest.mark.parametrize(
+    ("optimizer", "epochs", "warned"), [(partial(Adam, lr=0.02), 8, True), (GaussNewton, 6, False)]
+)
+def test_a_fit_that_ends_on_its_way_comes_with_a_warning(
+    optimizer: OptimizerFactory, epochs: int, warned: bool, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    run = trainer(tmp_path, epochs)
+    run.fit(SysID(values={"block.friction": 2 * TRUE_FRICTION}, optimizer=optimizer), OneBatch(push_batch()))
+    assert ("block.friction has not settled" in caplog.text) == warned
+    assert (float(run.callback_metrics["params/block.friction/left_to_go"]) > 1) == warned
+
+
+@pytest.mark.parametrize("ratio", [0.0, 0.3, 0.54, 0.9])
+def test_what_steps_that_shrink_alike_have_left_is_known(ratio: float) -> None:
+    end, scale = torch.tensor([2.0, -1.0]).double(), torch.tensor([1.0, -3.0]).double()
+    path = [end + scale * ratio**k for k in (0, 1, 2)]
+    assert torch.allclose(left_to_go(path), (path[-1] - end).abs(), atol=1e-12)
+
+
+def test_steps_that_do_not_shrink_and_a_single_one_leave_nine_times_the_last() -> None:
+    there, back, again = torch.tensor([0.0]), torch.tensor([0.1]), torch.tensor([-0.2])
+    assert left_to_go([there, back, again]).item() == pytest.approx(9 * 0.3)
+    assert left_to_go([there, back]).item() == pytest.approx(9 * 0.1)
+    assert left_to_go([there, there]).item() == left_to_go([there, there, there]).item() == 0
 
 
 def test_the_gradient_of_the_loss_agrees_with_differences() -> None:

@@ -125,8 +125,9 @@ def _site(document: Diagnosis, label: Label) -> bool:
 
 
 def _phase(document: Diagnosis, label: Label) -> bool:
-    cells = document.where.cells
-    return bool(cells) and max(cells, key=lambda cell: cell.evidence).phase in label.phases
+    """Tell whether the phase with the largest share is one in which the effects act."""
+    shares = document.where.phase
+    return bool(shares) and max(shares, key=lambda phase: shares[phase]) in label.phases
 
 
 def _effect_coverage(document: Diagnosis, label: Label) -> tuple[bool, ...]:

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from physid.diagnosis.conclusion.decomposition import closings_of, decompose
 from physid.diagnosis.conclusion.gap import Closing, floor_of, held_out_parts
-from physid.diagnosis.conclusion.localisation import places, sites
+from physid.diagnosis.conclusion.localisation import phases, places, sites
 from physid.diagnosis.conclusion.materiality import Tolerance, excess_of, share_closed, unexplained_size
 from physid.diagnosis.conclusion.next_experiment import NextExperiment, next_experiment
 from physid.diagnosis.conclusion.parametric_bootstrap import bootstrap_spread
@@ -118,6 +118,7 @@ def draw_conclusion(nominal_fit: NominalFit, found: Attribution, generator: torc
         where=Where(
             dict.fromkeys(SITES, 0.0) if verdict == "none" else sites(found, chosen is not None),
             () if verdict == "none" else tuple(cells[: settings.verdict.most_cells]),
+            {} if verdict == "none" else phases(where, nominal_fit, shown),
         ),
         gap=_gap(floor_of(nominal_fit.noise), allowed, closings),
         shrink=Shrink(_share(closings["same"]), _share(closings["transfer"]), parts_closed),

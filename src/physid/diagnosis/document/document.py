@@ -128,18 +128,27 @@ class Cell:
 
 @dataclass(frozen=True)
 class Where:
-    """Shares of the evidence by site, and the cells of the map, strongest first."""
+    """Shares by site, the cells of the map, strongest first, and shares by phase.
+
+    Attributes:
+        site: Shares of the evidence.
+        cells: Of the map.
+        phase: Shares of what the blamed effects do to the motion, or of the evidence where nothing is blamed; empty
+            where effects only change what is seen, and in older files.
+    """
 
     __pydantic_config__: ClassVar[Any] = CLOSED
     site: dict[Site, Probability]
     cells: tuple[Cell, ...]
+    phase: dict[Phase, Probability] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if set(self.site) != set(SITES):
             raise ValueError(f"site: expected the keys {', '.join(SITES)}, found {', '.join(self.site) or 'none'}")
-        total = sum(self.site.values())
-        if total != 0 and abs(total - 1) > SUM_TOLERANCE:
-            raise ValueError(f"site: expected shares with sum 1 (or all 0), found sum {total:g}")
+        for name, shares in (("site", self.site.values()), ("phase", self.phase.values())):
+            total = sum(shares)
+            if total != 0 and abs(total - 1) > SUM_TOLERANCE:
+                raise ValueError(f"{name}: expected shares with sum 1 (or all 0), found sum {total:g}")
 
 
 @dataclass(frozen=True)

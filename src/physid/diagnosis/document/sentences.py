@@ -12,6 +12,7 @@ from physid.pages.numbers import capital, figure, interval, join, p_value, perce
 MOST_LINES = 10
 MOST_PARAMETERS = 3  # of effects, and as many refitted ones, that the terminal shows
 MOST_CELLS = 2
+LEAST_PHASE = 0.05
 MOST_HIDDEN = 6
 SPLIT_NAMES: dict[Split, str] = {"same": "same protocol", "transfer": "transfer protocol"}
 LABEL_WIDTH = 9
@@ -89,9 +90,12 @@ def undetectable(diagnosis: Diagnosis) -> list[str]:
 
 
 def where_sentence(diagnosis: Diagnosis) -> str:
-    """Say which site the evidence points to, and in which cells it is strongest."""
+    """Say which site the evidence points to, and when blamed effects are at work or in which cells it is strongest."""
     shares = sorted(diagnosis.where.site.items(), key=lambda item: -item[1])
     site = ", ".join(f"{name} {percent(share)}" for name, share in shares[:2] if share >= 0.005)
+    if diagnosis.blamed and diagnosis.where.phase:
+        acting = [(name, share) for name, share in diagnosis.where.phase.items() if share >= LEAST_PHASE]
+        return f"{site}; at work in " + ", ".join(f"{words(name)} {percent(share)}" for name, share in acting)
     cells = sorted(diagnosis.where.cells, key=lambda cell: -cell.evidence)[:MOST_CELLS]
     alone = [f" (explains {share} of the gap)" if (share := cell_share(diagnosis, cell)) else "" for cell in cells]
     places = [f"{words(cell.phase)}, {cell.body} {cell.dof}" for cell in cells]

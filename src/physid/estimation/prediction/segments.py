@@ -111,6 +111,14 @@ class Segmentation:
         return cls._of([[(a, b - a, False) for a, b in pairwise(edges)]] * trajectories, frames)
 
     @classmethod
+    def pairs(cls, trajectories: int, frames: int, first: int) -> Segmentation:
+        """Cut all trajectories into pairs of a frame and the next, from the frame `first` on; one may be left over."""
+        start = torch.arange(first, frames - 1, 2)
+        row = torch.arange(trajectories).repeat_interleave(len(start))
+        size = torch.full((len(row),), 2)
+        return cls(trajectories, frames, row, start.repeat(trajectories), size, torch.zeros(len(row)).bool())
+
+    @classmethod
     def whole(cls, length: Tensor, frames: int) -> Segmentation:
         """Leave trajectories of the lengths (R,) whole, of T frames with the padding."""
         count = len(length)
