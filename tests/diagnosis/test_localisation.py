@@ -103,19 +103,28 @@ def test_an_explanation_that_falls_behind_weighs_less_by_the_temperature_of_the_
 DRAG, SPEED, STEP = 0.4, 1.0, 1 / 240  # [N s/m], [m/s], [s]
 
 
-def coasting(name: str, size: float, frames: int = 241) -> tuple[Any, Any]:
-    """Return recordings and the hypothesis that one effect acts, of a block that slides along x until it rests."""
+def coasting(name: str, size: float, frames: int = 241, height: float = 0.0, pieces: int = 1) -> tuple[Any, Any]:
+    """Return recordings and the hypothesis that one effect acts, of a block that slides along x until it rests.
+
+    It falls before if it starts at a height, and its motion may be predicted in pieces.
+    """
     model, kind = read_nominal_model(PUSH.scene, None), find(name)
     wrench = torch.zeros(1, frames, 1, 6, dtype=torch.float64)
     timeline = Timeline.regular(wrench, STEP)
     whole = Segmentation.whole(torch.tensor([frames]), frames)
     predictor = Predictor(model, timeline, whole, [find("tether"), kind])
-    pose = torch.tensor([[0.0, 0.0, PUSH.scene.bodies[0].size[2] / 2, 0.0, 0.0, 0.0, 1.0]], dtype=torch.float64)
+    pose = torch.tensor(
+        [[0.0, 0.0, height + PUSH.scene.bodies[0].size[2] / 2, 0.0, 0.0, 0.0, 1.0]], dtype=torch.float64
+    )
     twist = torch.tensor([[0.0, 0.0, 0.0, SPEED, 0.0, 0.0]], dtype=torch.float64)
     columns = torch.tensor([len(predictor.terms) - 1])
     effects = predictor.null[None].clone()
     effects[0, columns] = size
     point = Variants.of_states(pose[None, None], twist[None, None], model.guess[None], effects)
+    if pieces > 1:
+        whole, segments = predictor.predict(point), Segmentation.equal(1, frames, -(-frames // pieces))
+        predictor, at = predictor.over(segments), (segments.trajectory, segments.start)
+        point = point.replace(pose=whole.state[0][at][None], twist=whole.twist[0][at][None])
     jacobian = SimpleNamespace(base=predictor.predict(point))
     hypothesis = SimpleNamespace(
         fit=SimpleNamespace(point=point, jacobian=jacobian),
@@ -129,7 +138,7 @@ def coasting(name: str, size: float, frames: int = 241) -> tuple[Any, Any]:
 def test_the_work_of_a_drag_is_the_energy_of_what_it_takes_from_the_velocity_in_a_step() -> None:
     """In each step the drag changes the velocity by c v dt / m, whatever friction does beside it."""
     _, hypothesis = coasting("viscous_drag", DRAG)
-    work, speed = work_of(hypothesis)[0, :, 0], hypothesis.fit.jacobian.base.twist[0, 0, :, 0, 3]
+    work, speed = work_of(hypothesis)[0][0, :, 0], hypothesis.fit.jacobian.base.twist[0, 0, :, 0, 3]
     mass, moving = PUSH.scene.bodies[0].mass, speed > 0.05
     expected = mass / 2 * (DRAG * speed * STEP / mass).square()
     assert 100 < int(moving.sum()) < len(speed) - 1
@@ -143,6 +152,16 @@ def test_a_drag_is_at_work_where_the_block_coasts() -> None:
     assert next(iter(shares)) == "coast"
     assert shares["coast"] > 0.99
     assert sum(shares.values()) == pytest.approx(1)
+
+
+def test_a_contact_effect_is_never_at_work_in_free_fall_wherever_segments_end() -> None:
+    """Impulses of a segment end with its last frame: the step to the next one, here at a hit, is looked at too."""
+    nominal_fit, hypothesis = coasting("friction_drift", 0.5, frames=60, height=0.05, pieces=12)
+    _, stepped = work_of(hypothesis)
+    hit = int(stepped.impulse[0, 0].sum(-1).argmax())
+    assert hit % 5 == 4, "the last frame of a segment"
+    assert not bool(hypothesis.fit.jacobian.base.impulse[0, 0, hit].any())
+    assert list(phases([], nominal_fit, hypothesis)) == ["impact", "coast"]
 
 
 @pytest.mark.parametrize(("name", "size"), [("observation_latency", 0.01), ("clock_rate", 0.1)])

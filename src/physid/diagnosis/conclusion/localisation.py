@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import cast
 
 import torch
@@ -15,12 +15,14 @@ from physid.diagnosis.inputs import phases_of
 from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.selection.attribution import Attribution
 from physid.diagnosis.testing import Hypothesis, LackOfFit, gains, joined
-from physid.estimation.prediction import Segmentation, Variants, has
+from physid.estimation.prediction import Prediction, Segmentation, Variants, has
 from physid.physics.effect import Site
 from physid.scenes.scene import Scene
 
 LEAST_WORK = 1e-12
 """What is no work at all but the engine's rounding [J]."""
+LEAST_SHARE = 1e-4
+"""Of a phase; less is left out."""
 
 
 @dataclass(frozen=True)
@@ -88,33 +90,37 @@ def phases(found: Sequence[Place], nominal_fit: NominalFit, shown: Hypothesis | 
         for place in found:
             sums[place.phase] += place.evidence**2
     else:
-        work = work_of(shown)
-        code = phases_of(
-            shown.fit.jacobian.base,
-            nominal_fit.observations.timeline,
-            nominal_fit.observations.scene,
-            nominal_fit.settings.phases,
-        )
+        work, stepped = work_of(shown)
+        observations = nominal_fit.observations
+        code = phases_of(stepped, observations.timeline, observations.scene, nominal_fit.settings.phases)
         for phase in PHASES:
             sums[phase] = float(work[code == CODES.index(phase)].sum())
     total = sum(sums.values())
     if total <= LEAST_WORK:
         return {}
-    return {phase: each / total for phase, each in sorted(sums.items(), key=lambda row: -row[1]) if each > 0}
+    return {
+        phase: each / total
+        for phase, each in sorted(sums.items(), key=lambda row: -row[1])
+        if each > LEAST_SHARE * total
+    }
 
 
-def work_of(hypothesis: Hypothesis) -> Tensor:
-    """Return the kinetic energy of what effects change from each frame to the next [J], shape (R, T, N)."""
+def work_of(hypothesis: Hypothesis) -> tuple[Tensor, Prediction]:
+    """Compute the kinetic energy of what effects change from each frame to the next.
+
+    Returns:
+        It [J], shape (R, T, N), and the hypothesis' prediction with the impulses of all these steps, those from the end
+        of a segment to the next one too.
+    """
     point, predictor = hypothesis.fit.point, hypothesis.experiment.predictor
     base = hypothesis.fit.jacobian.base
     without = point.effects.clone()
     for k in hypothesis.columns.tolist():
-        if any(
-            has(predictor.terms[k].effect, hook) for hook in ("act", "actuate")
-        ):  # a camera or a clock moves nothing
+        # A camera or a clock moves nothing.
+        if any(has(predictor.terms[k].effect, hook) for hook in ("act", "actuate")):
             without[0, k] = predictor.null[k]
     trajectories, frames, bodies = base.twist.shape[1:4]
-    work = base.twist.new_zeros(trajectories, frames, bodies)
+    work, impulse = base.twist.new_zeros(trajectories, frames, bodies), torch.zeros_like(base.impulse)
     mass, moment = _inertia(predictor.model.scene)
     for first in (0, 1):
         pairs = Segmentation.pairs(trajectories, frames, first)
@@ -125,10 +131,12 @@ def work_of(hypothesis: Hypothesis) -> Tensor:
             point.nominal.expand(2, -1),
             torch.cat([point.effects, without]),
         )
-        twist = predictor.over(pairs, base.state[0]).predict(variants).twist[:, pairs.trajectory, pairs.start + 1]
+        stepped = predictor.over(pairs, base.state[0]).predict(variants)
+        twist = stepped.twist[:, pairs.trajectory, pairs.start + 1]
         square = (twist[0] - twist[1]).square()
         work[at] = (moment * square[..., :3].sum(-1) + mass * square[..., 3:].sum(-1)) / 2
-    return work
+        impulse[0][at] = stepped.impulse[0][at]
+    return work, replace(base, impulse=impulse)
 
 
 def _inertia(scene: Scene) -> tuple[Tensor, Tensor]:
