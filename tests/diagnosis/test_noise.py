@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from physid.diagnosis.inputs.events import find_events, find_jolts
+from physid.diagnosis.inputs.events import find_events, find_jolts, smooth_path
 from physid.diagnosis.inputs.motion_phases import PHASES
 from physid.diagnosis.settings.inputs import EventSettings
 from physid.estimation.measurement.sensor_noise import (
@@ -17,6 +17,7 @@ from physid.estimation.measurement.sensor_noise import (
     noise_of_poses,
     outlier_poses,
 )
+from physid.estimation.prediction import Segmentation
 from physid.physics.rotations import exponential
 from physid.scenes.catalogue import SETUPS
 
@@ -152,17 +153,90 @@ def test_a_fall_across_lost_frames_and_uneven_stamps_makes_no_outlier() -> None:
     assert outlier_poses(pose, there, time).nonzero().tolist() == [[4, 42, 0]]
 
 
+def jolts(pose: Tensor, time: Tensor, noise: Noise = NOISE, smooth: Tensor | None = None) -> Tensor:
+    """Return the jolted frames of one body, where every frame is there."""
+    step = float(time.diff(dim=1).median())
+    path = torch.zeros_like(pose[..., :6]) if smooth is None else smooth
+    return find_jolts(pose, torch.ones(pose.shape[:-1]), time, path, noise, step, EventSettings())[:, :, 0]
+
+
+def even(frames: int, step: float, trajectories: int = 1) -> Tensor:
+    return (step * torch.arange(frames, dtype=torch.float64)).expand(trajectories, -1)
+
+
 def test_a_jolt_is_found_where_it_is_and_only_there() -> None:
-    smooth = moving(1.0)
-    there = torch.ones(smooth.shape[:-1])
-    assert not find_jolts(smooth, there, NOISE, STEP, EventSettings()).any()
-    hit = smooth.clone()
+    still = moving(1.0)
+    time = even(FRAMES, STEP, len(still))
+    assert not jolts(still, time).any()
+    hit = still.clone()
     late = (torch.arange(FRAMES, dtype=torch.float64) - 60).clamp_min(0) * STEP
     hit[..., 0, 0] -= 2.0 * late
-    found = find_jolts(hit, there, NOISE, STEP, EventSettings())[:, :, 0]
+    found = jolts(hit, time)
     assert found[:, 60].all()
     assert not found[:, :50].any()
     assert not found[:, 70:].any()
+
+
+def falling(time: Tensor, speed: float = 3.0, bounce: float | None = None) -> tuple[Tensor, Tensor]:
+    """Return poses and twists of a body that falls and drifts, and bounces at half of the time."""
+    pose, twist = (torch.zeros(*time.shape, 1, size, dtype=torch.float64) for size in (7, 6))
+    pose[..., 6] = 1
+    pose[..., 0, 0], twist[..., 0, 3] = speed * time, speed
+    pose[..., 0, 2], twist[..., 0, 5] = -9.81 / 2 * time**2, -9.81 * time
+    if bounce is not None:
+        after = (time - time[:, -1:] / 2).clamp_min(0)
+        pose[..., 0, 2] += bounce * after
+        twist[..., 0, 5] += bounce * (after > 0)
+    return pose, twist
+
+
+@pytest.mark.parametrize("rate", [30, 60, 120, 240])
+@pytest.mark.parametrize("bounce", [None, 2.0])
+def test_gravity_is_no_jolt_however_slow_the_camera_and_a_bounce_is(rate: int, bounce: float | None) -> None:
+    """Between lines of 0.1 s, as of six frames at 60 per second, gravity changes a velocity by 1 m/s."""
+    drawn = torch.rand(4, 40, generator=torch.Generator().manual_seed(3), dtype=torch.float64)
+    kept = torch.rand(40, generator=torch.Generator().manual_seed(4)) > 0.1  # frames are lost, stamps uneven
+    time = ((torch.arange(40) + 0.4 * drawn) / rate)[:, kept]
+    pose, _ = falling(time, bounce=bounce)
+    segments = Segmentation.equal(4, time.shape[1], 9)
+    phases = torch.full(pose.shape[:-1], PHASES.index("free_fall"))
+    # The model falls, but does not bounce, and starts anew in each segment.
+    smooth = smooth_path(falling(time)[1] + 5.0 * segments.start[0], phases, time, segments)
+    found = jolts(pose, time, smooth=smooth)
+    assert bool(found.any(1).all()) == (bounce is not None)
+    if bounce is not None:
+        off = (time - time[:, -1:] / 2).abs() * rate
+        assert float(off[found].max()) < max(3, 0.025 * rate) + 2
+
+
+def test_what_a_model_moves_smoothly_is_neither_its_impacts_nor_where_it_starts_anew() -> None:
+    time = even(41, 1 / 60, 2)
+    _, twist = falling(time)
+    segments = Segmentation.equal(2, 41, 10)
+    jumping = twist + segments.position.eq(0).cumsum(1)[..., None, None] * torch.tensor([0, 0, 0, 0.7, 0, 0]).double()
+    phases = torch.full(twist.shape[:-1], PHASES.index("free_fall"))
+    phases[:, 20:23], jumping[:, 21:, 0, 5] = PHASES.index("impact"), jumping[:, 21:, 0, 5] + 4.0
+    smooth = smooth_path(jumping, phases, time, segments)
+    expected = torch.zeros_like(smooth)
+    expected[..., 0, 5] = -9.81 / 2 * time**2
+    assert torch.allclose(smooth, expected, atol=1e-9)
+    assert not smooth_path(jumping, torch.full_like(phases, PHASES.index("impact")), time, segments).any()
+
+
+def test_frames_that_are_not_there_make_no_jolt_and_hide_none() -> None:
+    time = even(60, 1 / 60)
+    pose, _ = falling(time, speed=4.0)
+    pose[..., 0, 2] = 0.0
+    present = torch.ones(pose.shape[:-1])
+    for lost in (0, 17, 18, 40):
+        present[0, lost], pose[0, lost] = 0, torch.tensor([9.0, 9.0, 9.0, 0.0, 0.0, 0.0, 1.0], dtype=torch.float64)
+    there = torch.zeros_like(pose[..., :6])
+    arguments = (time, there, NOISE, 1 / 60, EventSettings())
+    assert not find_jolts(pose, present, *arguments).any()
+    pose[0, 30:, 0, 1] += 2.0 * (time[0, 30:] - time[0, 30])
+    found = find_jolts(pose, present, *arguments).nonzero()[:, 1]
+    assert 30 in found
+    assert int((found - 30).abs().max()) <= 2
 
 
 @pytest.mark.parametrize(
@@ -179,7 +253,8 @@ def test_small_errors_grow_where_a_body_hits_or_stands_on_an_edge(phase: str, ti
     pose = moving(1.0, trajectories=1)
     pose[..., 3:] = exponential(torch.tensor([tilt, 0.0, 0.0], dtype=torch.float64))
     phases, present = torch.full(pose.shape[:-1], PHASES.index(phase)), torch.ones(pose.shape[:-1])
-    found = find_events(phases, pose, present, NOISE, SETUPS[0].scene, EventSettings())
+    time, smooth = even(FRAMES, STEP), torch.zeros_like(pose[..., :6])
+    found = find_events(phases, pose, present, time, smooth, NOISE, SETUPS[0].scene, EventSettings())
     assert found.shape == pose.shape[:2]
     assert found.all() if event else not found.any()
 
@@ -190,7 +265,7 @@ def test_a_change_of_velocity_is_a_jolt_from_the_least_one_or_from_six_deviation
     change: float, jolted: bool, spread: float, step: float
 ) -> None:
     settings = EventSettings()
-    reach = settings.reach
+    reach = max(settings.fewest, round(settings.reach / step))
     chance = spread * (24 / (reach**3 - reach)) ** 0.5 / step
     limit = max(settings.jolt_speed, settings.jolt * chance)
     pose = torch.zeros(1, FRAMES, 1, 7, dtype=torch.float64)
@@ -198,5 +273,5 @@ def test_a_change_of_velocity_is_a_jolt_from_the_least_one_or_from_six_deviation
     # Lines through the frames on either side of an edge between two frames differ by all of the change.
     after = (torch.arange(FRAMES, dtype=torch.float64) - 59.5).clamp_min(0) * step
     pose[0, :, 0, 1] = change * limit * after
-    found = find_jolts(pose, torch.ones(1, FRAMES, 1), Noise(1e-9, spread), step, settings)
+    found = jolts(pose, even(FRAMES, step), Noise(1e-9, spread))
     assert bool(found.any()) is jolted

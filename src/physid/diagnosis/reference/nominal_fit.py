@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from physid.diagnosis.inputs import Observations, find_events, phases_of
+from physid.diagnosis.inputs import Observations, find_events, phases_of, smooth_path
 from physid.diagnosis.progress import Progress, Stage, silent
 from physid.diagnosis.reference.following import count_numerics, follow, weighed
 from physid.diagnosis.settings.settings import Settings
@@ -163,8 +163,10 @@ def _fit_segments(
     """
 
     def events_of(fit: Fit) -> Tensor:
-        phases = phases_of(fit.jacobian.base, observations.timeline, model.scene, settings.phases)
-        return find_events(phases, observations.pose, present, noise, model.scene, settings.events)
+        base, time = fit.jacobian.base, observations.timeline.time
+        phases = phases_of(base, observations.timeline, model.scene, settings.phases)
+        smooth = smooth_path(base.twist[0], phases, time, predictor.segments)
+        return find_events(phases, observations.pose, present, time, smooth, noise, model.scene, settings.events)
 
     model = predictor.model
     events = events_of(fit)

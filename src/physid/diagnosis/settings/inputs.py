@@ -35,7 +35,8 @@ class EventSettings(Section):
     """Frames at which small errors grow fast."""
 
     tilted: float = setting(0.05, "rad", "lean of a body that touches the ground with an edge", FLIGHTS, gt=0)
-    reach: int = setting(6, "frames", "before and after a frame, whose velocities are compared", ge=2)
+    reach: float = setting(0.025, "s", "before and after a frame, in which velocities are compared", gt=0)
+    fewest: int = setting(3, "frames", "before and after a frame at least, however slow the camera", ge=2)
     jolt: float = setting(6.0, "standard deviations", "by which a velocity changes that was jolted", gt=0)
     jolt_spin: float = setting(1.5, "rad/s", "least change that is a jolt", gt=0)
     jolt_speed: float = setting(0.5, "m/s", "least change that is a jolt", gt=0)
