@@ -38,9 +38,9 @@ def phases_of(prediction: Prediction, timeline: Timeline, scene: Scene, settings
     """
     bodies = len(scene.bodies)
     wrench = timeline.wrench
-    weight = torch.tensor([body.mass for body in scene.bodies], dtype=wrench.dtype)
+    mass = torch.tensor([body.mass for body in scene.bodies], dtype=wrench.dtype)
     length = timeline.time.diff(dim=1, append=timeline.time[:, -1:] + scene.time_step).clamp_min(1e-9)
-    weight = weight * torch.tensor(scene.gravity, dtype=wrench.dtype).norm() * length[..., None]
+    weight = mass * torch.tensor(scene.gravity, dtype=wrench.dtype).norm() * length[..., None]
     normal = prediction.impulse[0].unflatten(-1, (-1, PATCH)).sum(-1)
     ground, between = normal[..., :bodies] / weight, _touching_others(normal, bodies)
     # The last frame of a segment has no step after it and continues the one before.
@@ -56,7 +56,8 @@ def phases_of(prediction: Prediction, timeline: Timeline, scene: Scene, settings
     code = torch.where(still, torch.where(pushed, PHASES.index("stick"), PHASES.index("rest")), code)
     code = torch.where(_switched(wrench, scene.time_step, settings), PHASES.index("force_switch"), code)
     code = torch.where(ground < settings.light, PHASES.index("free_fall"), code)
-    code = torch.where(_spread(ground > settings.hard, settings.impact_frames), PHASES.index("impact"), code)
+    hit = (ground - 1) * weight / mass > settings.hard
+    code = torch.where(_spread(hit, settings.impact_frames), PHASES.index("impact"), code)
     touching = _spread(between / weight > settings.light, settings.impact_frames)
     return torch.where(touching, PHASES.index("contact_between_objects"), code)
 

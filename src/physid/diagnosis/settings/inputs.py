@@ -24,7 +24,12 @@ class PhaseSettings(Section):
     still_spin: float = setting(0.05, "rad/s", "spin below which it is", gt=0)
     slow: float = setting(0.3, "m/s", "speed that parts slow from fast sliding", gt=0)
     light: float = setting(0.02, "weights", "contact force below which a body flies", gt=0)
-    hard: float = setting(3.0, "weights", "contact force from which on a contact is an impact", gt=0)
+    hard: float = setting(
+        2 * 9.81 / 240,
+        "m/s",
+        "that a contact changes a velocity by, beyond the weight, from which on it is an impact",
+        gt=0,
+    )
     impact_frames: int = setting(2, "frames", "that a contact event lasts in the map", ge=1)
     switch: float = setting(0.3, "share", "of the largest command; a larger change of it is a switch", gt=0)
     switch_time: float = setting(0.02, "s", "that a switch lasts in the map", gt=0)
