@@ -10,7 +10,8 @@ from typing import Any, cast
 import pytest
 import torch
 
-from physid.diagnosis.conclusion.localisation import Place, over_time, phases, sites, work_of
+from physid.diagnosis.conclusion.localisation import Place, over_time, sites
+from physid.diagnosis.conclusion.where import phase_shares, work_of
 from physid.diagnosis.inputs.model_source import read_nominal_model
 from physid.diagnosis.selection.attribution import Attribution
 from physid.diagnosis.settings.settings import Settings
@@ -148,7 +149,7 @@ def test_the_work_of_a_drag_is_the_energy_of_what_it_takes_from_the_velocity_in_
 
 
 def test_a_drag_is_at_work_where_the_block_coasts() -> None:
-    shares = phases([Place("impact", "block", "x", 9.0, 1.0)], *coasting("viscous_drag", DRAG))
+    shares = phase_shares([Place("impact", "block", "x", 9.0, 1.0)], *coasting("viscous_drag", DRAG))
     assert next(iter(shares)) == "coast"
     assert shares["coast"] > 0.99
     assert sum(shares.values()) == pytest.approx(1)
@@ -161,16 +162,16 @@ def test_a_contact_effect_is_never_at_work_in_free_fall_wherever_segments_end() 
     hit = int(stepped.impulse[0, 0].sum(-1).argmax())
     assert hit % 5 == 4, "the last frame of a segment"
     assert not bool(hypothesis.fit.jacobian.base.impulse[0, 0, hit].any())
-    assert list(phases([], nominal_fit, hypothesis)) == ["impact", "coast"]
+    assert list(phase_shares([], nominal_fit, hypothesis)) == ["impact", "coast"]
 
 
 @pytest.mark.parametrize(("name", "size"), [("observation_latency", 0.01), ("clock_rate", 0.1)])
 def test_what_only_the_camera_sees_is_at_work_nowhere(name: str, size: float) -> None:
-    assert phases([Place("coast", "block", "x", 9.0, 1.0)], *coasting(name, size)) == {}
+    assert phase_shares([Place("coast", "block", "x", 9.0, 1.0)], *coasting(name, size)) == {}
 
 
 def test_where_nothing_is_named_the_squares_of_the_evidence_are_divided() -> None:
     places = [Place("coast", "block", dof, evidence, 0.0) for dof, evidence in (("x", 3.0), ("y", 4.0))]
-    shares = phases([*places, Place("impact", "block", "z", 5.0, 0.0)], cast(Any, None), None)
+    shares = phase_shares([*places, Place("impact", "block", "z", 5.0, 0.0)], cast(Any, None), None)
     assert shares == pytest.approx({"coast": 0.5, "impact": 0.5})
-    assert phases([], cast(Any, None), None) == {}
+    assert phase_shares([], cast(Any, None), None) == {}

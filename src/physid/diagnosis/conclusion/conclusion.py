@@ -10,18 +10,16 @@ from torch import Tensor
 
 from physid.diagnosis.conclusion.decomposition import closings_of, decompose
 from physid.diagnosis.conclusion.gap import Closing, floor_of, held_out_parts
-from physid.diagnosis.conclusion.localisation import phases, places, sites
 from physid.diagnosis.conclusion.materiality import Tolerance, excess_of, share_closed, unexplained_size
 from physid.diagnosis.conclusion.next_experiment import NextExperiment, next_experiment
 from physid.diagnosis.conclusion.parametric_bootstrap import bootstrap_spread
 from physid.diagnosis.conclusion.power import detectable_sizes
 from physid.diagnosis.conclusion.verdict import closes_most, indistinguishable_from_zero, judge, reconsider
+from physid.diagnosis.conclusion.where import locate, nowhere
 from physid.diagnosis.document.document import (
     FORMAT,
-    SITES,
     VERSION,
     Allowed,
-    Cell,
     Diagnosis,
     Errors,
     Estimate,
@@ -34,7 +32,6 @@ from physid.diagnosis.document.document import (
     Shrink,
     Split,
     Verdict,
-    Where,
 )
 from physid.diagnosis.document.rounding import rounded
 from physid.diagnosis.posterior.evidence import with_probabilities
@@ -99,14 +96,7 @@ def draw_conclusion(nominal_fit: NominalFit, found: Attribution, generator: torc
         closings = {name: _unclosed(one) for name, one in closings.items()}
     parts_closed = {} if shown is None else decompose(nominal_fit, found, closings, generator)
     wide = covariance if shown is chosen or shown is None else shown.covariance() + bootstrap_spread(shown, generator)
-    bodies = [body.name for body in nominal_fit.observations.scene.bodies]
-    where = places(found.lack, bodies, settings.localisation.rounding)
     further = None if chosen is None else next_experiment(nominal_fit, found)
-    cells = (
-        []
-        if verdict == "none"
-        else [Cell(one.phase, one.body, one.dof, one.evidence) for one in where if one.evidence > 0]
-    )
     diagnosis = Diagnosis(
         format=FORMAT,
         version=VERSION,
@@ -115,11 +105,7 @@ def draw_conclusion(nominal_fit: NominalFit, found: Attribution, generator: torc
         group=() if chosen is None else _group(found, chosen),
         confidence=0.0,
         ranking=_ranking(found)[: settings.verdict.most_ranks],
-        where=Where(
-            dict.fromkeys(SITES, 0.0) if verdict == "none" else sites(found, chosen is not None),
-            () if verdict == "none" else tuple(cells[: settings.verdict.most_cells]),
-            {} if verdict == "none" else phases(where, nominal_fit, shown),
-        ),
+        where=nowhere() if verdict == "none" else locate(nominal_fit, found, shown),
         gap=_gap(floor_of(nominal_fit.noise), allowed, closings),
         shrink=Shrink(_share(closings["same"]), _share(closings["transfer"]), parts_closed),
         parameters=_parameters(found.whole_nominal, shown, wide),

@@ -98,13 +98,9 @@ class Minor:
 
 @dataclass(frozen=True)
 class Detectable:
-    """The least size of one parameter of an effect that would have been found.
+    """The least size of one parameter of an effect, beside null for the others, that would have been found.
 
-    Attributes:
-        effect: Its name; parameter: name of its parameter; the others of the effect are null.
-        size: Away from null; None where no size within the effect's range would have been found.
-        typical: A size that is typical in practice, away from null.
-        unit: Of both.
+    Sizes, `typical` in practice too, are distances from null; None where none within the range would have been found.
     """
 
     __pydantic_config__: ClassVar[Any] = CLOSED
@@ -128,13 +124,9 @@ class Cell:
 
 @dataclass(frozen=True)
 class Where:
-    """Shares by site, the cells of the map, strongest first, and shares by phase.
+    """Shares of the evidence by site, the cells of the map, strongest first, and shares by phase of what effects do.
 
-    Attributes:
-        site: Shares of the evidence.
-        cells: Of the map.
-        phase: Shares of what the blamed effects do to the motion, or of the evidence where nothing is blamed; empty
-            where effects only change what is seen, and in older files.
+    Phases divide the evidence where nothing is blamed. There are none where effects only change what is seen.
     """
 
     __pydantic_config__: ClassVar[Any] = CLOSED
@@ -145,9 +137,8 @@ class Where:
     def __post_init__(self) -> None:
         if set(self.site) != set(SITES):
             raise ValueError(f"site: expected the keys {', '.join(SITES)}, found {', '.join(self.site) or 'none'}")
-        for name, shares in (("site", self.site.values()), ("phase", self.phase.values())):
-            total = sum(shares)
-            if total != 0 and abs(total - 1) > SUM_TOLERANCE:
+        for name, shares in (("site", self.site), ("phase", self.phase)):
+            if (total := sum(shares.values())) and abs(total - 1) > SUM_TOLERANCE:
                 raise ValueError(f"{name}: expected shares with sum 1 (or all 0), found sum {total:g}")
 
 

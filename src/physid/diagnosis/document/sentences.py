@@ -12,7 +12,7 @@ from physid.pages.numbers import capital, figure, interval, join, p_value, perce
 MOST_LINES = 10
 MOST_PARAMETERS = 3  # of effects, and as many refitted ones, that the terminal shows
 MOST_CELLS = 2
-LEAST_PHASE = 0.05
+LEAST_PHASE = 0.05  # share of a phase that is said
 MOST_HIDDEN = 6
 SPLIT_NAMES: dict[Split, str] = {"same": "same protocol", "transfer": "transfer protocol"}
 LABEL_WIDTH = 9
@@ -93,6 +93,7 @@ def where_sentence(diagnosis: Diagnosis) -> str:
     """Say which site the evidence points to, and when blamed effects are at work or in which cells it is strongest."""
     shares = sorted(diagnosis.where.site.items(), key=lambda item: -item[1])
     site = ", ".join(f"{name} {percent(share)}" for name, share in shares[:2] if share >= 0.005)
+    site = site or "no site stands out"
     if diagnosis.blamed and diagnosis.where.phase:
         acting = [(name, share) for name, share in diagnosis.where.phase.items() if share >= LEAST_PHASE]
         return f"{site}; at work in " + ", ".join(f"{words(name)} {percent(share)}" for name, share in acting)
@@ -100,7 +101,7 @@ def where_sentence(diagnosis: Diagnosis) -> str:
     alone = [f" (explains {share} of the gap)" if (share := cell_share(diagnosis, cell)) else "" for cell in cells]
     places = [f"{words(cell.phase)}, {cell.body} {cell.dof}" for cell in cells]
     strongest = "; ".join(f"{place}{share}" for place, share in zip(places, alone, strict=True))
-    parts = [site or "no site stands out", f"strongest in {strongest}" if strongest else ""]
+    parts = [site, f"strongest in {strongest}" if strongest else ""]
     return "; ".join(part for part in parts if part)
 
 

@@ -121,9 +121,8 @@ def find_jolts(
     square = (weight * moment.square()).sum(-1)
     slope = (weight * moment * path.unfold(1, reach, 1)).sum(-1) / square.clamp_min(1e-30)
     change = (slope[:, reach:] - slope[:, :-reach]).unflatten(-1, (2, 3)).norm(dim=-1)
-    # Where fewer than two frames are left, nothing is known.
-    spread = torch.where(square > 0, square, torch.zeros_like(square)).rsqrt().square()
-    chance = (spread[:, reach:] + spread[:, :-reach]).sqrt()
+    variance = 1 / square  # infinite where fewer than two frames are left
+    chance = (variance[:, reach:] + variance[:, :-reach]).sqrt()
     level = torch.tensor([noise.rotation, noise.position], dtype=pose.dtype)
     least = torch.tensor([settings.jolt_spin, settings.jolt_speed], dtype=pose.dtype)
     limit = (settings.jolt * level * chance).maximum(least)
