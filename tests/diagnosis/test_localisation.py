@@ -172,6 +172,7 @@ def test_what_only_the_camera_sees_is_at_work_nowhere(name: str, size: float) ->
 
 def test_where_nothing_is_named_the_squares_of_the_evidence_are_divided() -> None:
     places = [Place("coast", "block", dof, evidence, 0.0) for dof, evidence in (("x", 3.0), ("y", 4.0))]
-    shares = phase_shares([*places, Place("impact", "block", "z", 5.0, 0.0)], cast(Any, None), None)
+    nominal_fit = cast(Any, SimpleNamespace(settings=Settings()))
+    shares = phase_shares([*places, Place("impact", "block", "z", 5.0, 0.0)], nominal_fit, None)
     assert shares == pytest.approx({"coast": 0.5, "impact": 0.5})
-    assert phase_shares([], cast(Any, None), None) == {}
+    assert phase_shares([], nominal_fit, None) == {}

@@ -18,11 +18,6 @@ from physid.diagnosis.testing import Hypothesis
 from physid.estimation.prediction import Prediction, Segmentation, Variants, has
 from physid.physics.layer import SolverError
 
-LEAST_WORK = 1e-12
-"""What is no work at all but the engine's rounding [J]."""
-LEAST_SHARE = 1e-4
-"""Of a phase; less is left out."""
-
 
 def nowhere() -> Where:
     """Return what is said where there is no gap."""
@@ -62,7 +57,7 @@ def phase_shares(found: Sequence[Place], nominal_fit: NominalFit, shown: Hypothe
         Shares with sum 1, the largest first; nothing where effects only change what is seen, where nothing stands out,
         or where a step without the effects cannot be simulated.
     """
-    sums = dict.fromkeys(PHASES, 0.0)
+    settings, sums = nominal_fit.settings, dict.fromkeys(PHASES, 0.0)
     if shown is None:
         for place in found:
             sums[place.phase] += place.evidence**2
@@ -72,16 +67,16 @@ def phase_shares(found: Sequence[Place], nominal_fit: NominalFit, shown: Hypothe
         except SolverError:
             return {}
         observations = nominal_fit.observations
-        code = phases_of(stepped, observations.timeline, observations.scene, nominal_fit.settings.phases)
+        code = phases_of(stepped, observations.timeline, observations.scene, settings.phases)
         for phase in PHASES:
             sums[phase] = float(work[code == CODES.index(phase)].sum())
     total = sum(sums.values())
-    if total <= LEAST_WORK:
+    if total <= settings.localisation.work:
         return {}
     return {
         phase: each / total
         for phase, each in sorted(sums.items(), key=lambda row: -row[1])
-        if each > LEAST_SHARE * total
+        if each > settings.localisation.share * total
     }
 
 

@@ -86,7 +86,7 @@ class VerdictSettings(Section):
 
 
 class SiteSettings(Section):
-    """How sites are weighed."""
+    """How sites are weighed, and phases are divided."""
 
     named: float = setting(0.01, "share", "of the best gain that divides a weight by e, where effects are named", gt=0)
     unnamed: float = setting(
@@ -94,6 +94,8 @@ class SiteSettings(Section):
     )
     least: float = setting(2.0, "squared residuals", "that divide a weight by e at least", gt=0)
     rounding: float = setting(1e-6, "squared residuals", "gain of a cell that is nothing but rounding", ge=0)
+    work: float = setting(1e-12, "J", "that effects do in all, or less, is the engine's rounding and none", ge=0)
+    share: float = setting(1e-4, "share", "of a phase below which it is left out", ge=0, lt=1)
 
 
 class NextExperimentSettings(Section):
