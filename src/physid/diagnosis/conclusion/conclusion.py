@@ -87,7 +87,7 @@ def draw_conclusion(nominal_fit: NominalFit, found: Attribution, generator: torc
         covariance = best.covariance() + bootstrap_spread(best, generator)
         if settings.verdict.reconsidered and indistinguishable_from_zero(best, covariance, judged.values()):
             verdict = reconsider(verdict, found.nominal, best)
-    shown = found.whole_best if verdict in BLAMING else None
+    shown = found.reported(nominal_fit) if verdict in BLAMING else None
     closings = closings_of(nominal_fit, found.whole_nominal, shown, generator) if found.contact_free else judged
     if verdict == "partial" and not closes_most(closings.values(), settings.verdict):
         verdict, shown = "unknown", None

@@ -11,7 +11,7 @@ from physid.diagnosis.progress import Progress, Stage, silent
 from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.selection.candidates import first_pairs, ranked_pairs, survivors, swapped_pairs
 from physid.diagnosis.selection.comparison import by_prediction, compare_candidates
-from physid.diagnosis.selection.contact_free import contact_free, refit_all_segments
+from physid.diagnosis.selection.contact_free import contact_free, refit_all_segments, with_own_steps
 from physid.diagnosis.selection.evidence import (
     both_needed,
     complete,
@@ -71,6 +71,14 @@ class Attribution:
     def whole_best(self) -> Hypothesis | None:
         """The best hypothesis, in all segments."""
         return self.best if self.refit_all_segments is None else self.refit_all_segments[1]
+
+    def reported(self, nominal_fit: NominalFit) -> Hypothesis | None:
+        """Return that with the steps that it needs itself; as it is where these cannot be simulated."""
+        one = self.whole_best
+        try:
+            return None if one is None else with_own_steps(nominal_fit, one)
+        except SolverError:
+            return one
 
 
 def attribute(nominal_fit: NominalFit, generator: torch.Generator, say: Progress = silent) -> Attribution:

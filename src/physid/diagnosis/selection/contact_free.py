@@ -12,9 +12,9 @@ from physid.diagnosis.reference.discrepancy import fit_with_reference
 from physid.diagnosis.reference.nominal_fit import NONE, NominalFit, begin
 from physid.diagnosis.reference.null_simulations import floors
 from physid.diagnosis.testing import Hypothesis, conclude
-from physid.estimation.least_squares import gauss_newton, try_new_states
+from physid.estimation.least_squares import choose_steps, gauss_newton, try_new_states
 from physid.estimation.measurement import frame_weights
-from physid.estimation.prediction import Segmentation
+from physid.estimation.prediction import Segmentation, acts_late
 
 
 def contact_free(nominal_fit: NominalFit, generator: torch.Generator, say: Progress = silent) -> NominalFit | None:
@@ -72,6 +72,27 @@ def refit_all_segments(nominal_fit: NominalFit, best: Hypothesis) -> Hypothesis:
     fit = gauss_newton(experiment, fit.point, best.columns)
     experiment, fit = fit_with_reference(experiment, fit, best.columns, best.names, best.settings)
     return conclude(experiment, fit, best.names, best.settings)
+
+
+def with_own_steps(nominal_fit: NominalFit, one: Hypothesis) -> Hypothesis:
+    """Fit a hypothesis again with the steps that it needs itself, where nobody says how recordings were integrated.
+
+    Steps were chosen by the nominal model, whose misfit hides what they change; an effect that explains that has
+    standard errors of which the same steps may change much.
+
+    Args:
+        nominal_fit: The nominal model, and the steps that it chose.
+        one: A hypothesis, fitted; one with an effect that acts late has short steps already, and is returned as it is.
+    """
+    predictor = one.experiment.predictor
+    if nominal_fit.steps is None or any(acts_late(predictor.terms[k].effect) for k in one.columns.tolist()):
+        return one
+    base, first = nominal_fit.observations.timeline, nominal_fit.steps.parts
+    chosen = choose_steps(one.experiment, one.fit, base, one.settings.steps, first)
+    if torch.equal(chosen.parts, first):
+        return one
+    experiment = one.experiment.replace(predictor=predictor.at_times(chosen.timeline))
+    return conclude(experiment, gauss_newton(experiment, one.fit.point, one.columns), one.names, one.settings)
 
 
 def _own_frames(segments: Segmentation, late: int) -> Tensor:
