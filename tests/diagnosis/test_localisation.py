@@ -156,7 +156,7 @@ def test_a_drag_is_at_work_where_the_block_coasts() -> None:
 
 
 def test_a_contact_effect_is_never_at_work_in_free_fall_wherever_segments_end() -> None:
-    """Impulses of a segment end with its last frame: the step to the next one, here at a hit, is looked at too."""
+    """Impulses of a segment end with its last frame: the step to the next one, here at a hit, is simulated too."""
     nominal_fit, hypothesis = coasting("friction_drift", 0.5, frames=60, height=0.05, pieces=12)
     _, stepped = work_of(hypothesis)
     hit = int(stepped.impulse[0, 0].sum(-1).argmax())

@@ -125,7 +125,7 @@ def _site(document: Diagnosis, label: Label) -> bool:
 
 
 def _phase(document: Diagnosis, label: Label) -> bool:
-    """Tell whether the phase with the largest share is one in which the effects act."""
+    """Return whether the phase with the largest share is one in which the effects act."""
     shares = document.where.phase
     return bool(shares) and max(shares, key=lambda phase: shares[phase]) in label.phases
 

@@ -43,10 +43,14 @@ def find_events(
     normal = torch.tensor(scene.ground.normal, dtype=pose.dtype)
     along = (normal @ to_matrix(pose[..., 3:])).abs().amax(-1)
     tilted = torch.acos(along.clamp(-1, 1)) > settings.tilted
-    hot = torch.stack([phases == PHASES.index(name) for name in HOT]).any(0)
     flying = phases == PHASES.index("free_fall")
     jolts = find_jolts(pose, present, time, smooth, noise, scene.time_step, settings)
-    return (hot | (tilted & ~flying) | jolts).any(-1)
+    return (_hot(phases) | (tilted & ~flying) | jolts).any(-1)
+
+
+def _hot(phases: Tensor) -> Tensor:
+    """Return where a model says that a body hits the ground or another body, shape (R, T, N)."""
+    return torch.stack([phases == PHASES.index(name) for name in HOT]).any(0)
 
 
 def smooth_path(twist: Tensor, phases: Tensor, time: Tensor, segments: Segmentation) -> Tensor:
@@ -65,8 +69,7 @@ def smooth_path(twist: Tensor, phases: Tensor, time: Tensor, segments: Segmentat
     """
     length = time.diff(dim=1)[..., None, None].clamp_min(1e-9)
     acceleration = twist.diff(dim=1) / length
-    hot = torch.stack([phases == PHASES.index(name) for name in HOT]).any(0)[:, :-1]
-    known = ~hot & (segments.position[:, 1:, None] > 0)
+    known = ~_hot(phases)[:, :-1] & (segments.position[:, 1:, None] > 0)
     # A step that says nothing continues the last one that does, or the first.
     steps = torch.arange(known.shape[1])[None, :, None].expand_as(known)
     last = torch.where(known, steps, -1).cummax(1).values

@@ -15,7 +15,7 @@ from physid.training.parameters import PhysicalParameters, Posterior, Response
 
 logger = logging.getLogger("physid")
 LARGEST_RATIO = 0.9
-"""Of a step to the one before: slower ones cannot be told from those that do not shrink."""
+"""Of a step to the one before: slower ones cannot be distinguished from those that do not shrink."""
 
 
 class Responding(Protocol):
