@@ -7,6 +7,7 @@ import torch
 
 from physid.effects import find, from_values
 from physid.estimation.least_squares.jacobian import Directions, differentiate
+from physid.estimation.least_squares.normal_equations import linearise
 from physid.estimation.prediction.nominal_model import NominalModel
 from physid.estimation.prediction.rollout import Predictor, Variants
 from physid.estimation.prediction.segments import Segmentation
@@ -45,3 +46,33 @@ def test_slopes_are_those_of_a_slide_also_where_a_parameter_is_as_large_as_it_ca
     along = [slope[0, :, 0, 3] for slope in slopes.state if float(slope[0, -1, 0, 3]) > 1e-3]
     assert torch.allclose(along[0], torch.ones_like(time), atol=1e-6)
     assert torch.allclose(along[1], time, atol=1e-6)
+
+
+def test_no_collision_tells_where_along_the_ground_a_camera_stands() -> None:
+    """All that happens is the same elsewhere on the ground; above it, it is not."""
+    scene, frames = find_setup("collide").scene, 90
+    predictor = Predictor(
+        NominalModel(scene),
+        Timeline.regular(torch.zeros(1, frames, 2, 6, dtype=torch.float64), scene.time_step),
+        Segmentation.equal(1, frames, frames),
+        [find("camera_offset")],
+    )
+    pose, twist = torch.zeros(1, 1, 2, 7, dtype=torch.float64), torch.zeros(1, 1, 2, 6, dtype=torch.float64)
+    pose[..., 2] = torch.tensor([body.size[2] / 2 for body in scene.bodies], dtype=torch.float64)
+    pose[..., 6] = 1.0
+    turned = torch.tensor(0.15, dtype=torch.float64)  # half of the angle: a corner is hit, off the middle
+    pose[..., 1, 5], pose[..., 1, 6] = turned.sin(), turned.cos()
+    pose[..., 1, 0], pose[..., 1, 1] = sum(body.size[0] for body in scene.bodies) / 2 + 0.08, 0.1
+    twist[..., 0, 3] = 2.0
+    point = Variants.of_states(pose, twist, torch.zeros(1, 0, dtype=torch.float64), predictor.null[None])
+    lies = torch.ones(1, 2, dtype=torch.bool)
+    directions = Directions.of(torch.tensor(scene.ground.normal, dtype=torch.float64), lies)
+    jacobian = differentiate(predictor, point, directions, torch.arange(len(predictor.terms)))
+    assert float(jacobian.base.twist[0, 0, -1, 1, :3].abs().max()) > 0.1, "the second block is to turn"
+    scale = torch.full((1, frames, 2, 6), 1e4, dtype=torch.float64)
+    linear = linearise(torch.zeros_like(scale), scale, jacobian, directions, predictor.segments)
+    seen = (jacobian.shared * scale).square().sum((1, 2, 3, 4))
+    left = linear.normal().matrix.sum(0).diagonal() / seen
+    names = [term.name for term in predictor.terms]
+    assert float(left[[names.index("x"), names.index("y")]].max()) < 1e-8, "no more than the prior of initial states"
+    assert float(left[names.index("z")]) > 0.5, "blocks that lie on the ground do not follow"

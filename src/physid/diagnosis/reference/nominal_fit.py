@@ -122,7 +122,7 @@ def fit_nominal_model(
         noise, experiment = weighed(experiment, fit, present, noise.error, settings)
         near, base = experiment.linearise(fit.point, NONE), observations.timeline
         chosen = choose_steps(experiment, near, base, settings.steps)
-        least = parts_for_late_forces(experiment, base, settings.steps) if late else chosen.parts
+        least = parts_for_late_forces(experiment, base, settings.steps, near.jacobian.base.twist[0]) if late else chosen.parts
         predictor = experiment.predictor.at_times(chosen.timeline, base.refined(chosen.parts.maximum(least)))
         experiment, fit, events = _fit_segments(observations, predictor, present, noise, fit, settings)
     experiment, fit, noise = follow(experiment, fit, present, noise.error, settings, say)

@@ -148,7 +148,7 @@ def halve_steps(judgement: Judgement, choice: StepChoice | None = None, first: T
     return chosen
 
 
-def parts_for_late_forces(experiment: Experiment, base: Timeline, choice: StepChoice) -> Tensor:
+def parts_for_late_forces(experiment: Experiment, base: Timeline, choice: StepChoice, twist: Tensor) -> Tensor:
     """Cut steps so short that forces which act late may change within one, shape (R, S).
 
     An engine holds the mean wrench for a whole step of length h. A change by F at any other moment of it moves a body
@@ -156,7 +156,13 @@ def parts_for_late_forces(experiment: Experiment, base: Timeline, choice: StepCh
     moment of inertia. A body at rest is another case: it sets off when the force overcomes friction, not its mean, and
     then has a velocity that is off by mu g h / 4 on average over the moments of a change by F = 2 mu m g, always to the
     same side. Both together shall be no more than `defect`, the velocity after `reach`, wherever a wrench has changed
-    within the time `late` before.
+    within the time `late` before; the second only where the body comes to rest or turns back within `late`.
+
+    Args:
+        experiment: What is explained.
+        base: The frames with the longest steps that there may be.
+        choice: When steps are short enough.
+        twist: Predicted at the frames, shape (R, T, N, 6).
     """
     model, noise = experiment.predictor.model, _noise(experiment)
     bodies, gravity = model.scene.bodies, math.hypot(*model.world.gravity)
@@ -170,14 +176,19 @@ def parts_for_late_forces(experiment: Experiment, base: Timeline, choice: StepCh
     sets_off = torch.minimum(change[..., 1], held) / noise[3:].amax()
     jump = (change / noise.unflatten(0, (2, 3)).amax(-1)).amax((2, 3))
     window = max(1, int(choice.late / float(grid.steps[grid.real].median()))) + 1
+    rests = _rests(twist[..., 3:], held * base.time.diff(dim=1).median(), base)
 
     def lasting(value: Tensor) -> Tensor:
         before = torch.nn.functional.pad(value, (window, 0))[:, None]
         return torch.nn.functional.max_pool1d(before, window, 1)[:, 0]
 
+    def near(value: Tensor) -> Tensor:
+        around = torch.nn.functional.pad(value.mT, (window, window))
+        return torch.nn.functional.max_pool1d(around, 2 * window + 1, 1).mT
+
     # Of the whole step, in standard deviations of the sensor; of parts x of it the first goes as x^2, the second as x.
     moved = 0.5 * lasting(jump) * (0.5 * grid.steps).square()
-    faster = lasting(sets_off.amax(2)) * grid.steps * choice.reach / 4
+    faster = lasting((sets_off * near(rests)[:, 1:]).amax(2)) * grid.steps * choice.reach / 4
     share = 2 * choice.defect / (faster + (faster.square() + 4 * moved * choice.defect).sqrt())
     power = share.reciprocal().clamp_min(1).log2().ceil().long()
     return torch.minimum(2**power, most)
@@ -228,6 +239,20 @@ def judge_steps(judgement: Judgement, parts: Tensor, choice: StepChoice) -> Chos
         float(beyond.abs().max()) if len(beyond) else 0.0,
         parts,
     )
+
+
+def _rests(velocity: Tensor, slow: Tensor, base: Timeline) -> Tensor:
+    """Return 1 in steps (R, S, N) that begin or end slower than twice `slow` (N,) [m/s], or turn back; 0 elsewhere.
+
+    Args:
+        velocity: At the frames, shape (R, T, N, 3).
+        slow: What friction takes away from frame to frame.
+        base: Frames and steps.
+    """
+    still = velocity.norm(dim=-1) <= 2 * slow
+    back = (velocity[:, 1:] * velocity[:, :-1]).sum(-1) <= 0
+    found = torch.cat([back | still[:, 1:] | still[:, :-1], still[:, -1:]], 1).double()
+    return found.gather(1, base.owner[..., None].expand(-1, -1, found.shape[2]))
 
 
 def _noise(experiment: Experiment) -> Tensor:

@@ -15,6 +15,7 @@ from physid.scenes.lying import turn_flat
 
 DEFAULT = DifferenceSettings()
 SHIFTS = 6  # turns and shifts come before spins and speeds
+ALONG = slice(3, 5)  # shifts along the ground
 STEEP = 0.9  # a ground whose normal has more than this along x takes its first tangent from y
 SLOPES = (1e-3, 2.5e-4)  # two of them, far apart: where trajectories bend in between, a slope says nothing ...
 BEND = 0.1  # ... that is where a trajectory's derivative changes by more than this share
@@ -24,6 +25,10 @@ FAINT = 1e-5  # [m, rad] derivatives below this say nothing, whether they change
 @dataclass(frozen=True)
 class Directions:
     """Which changes of the initial states are free.
+
+    Shifts of the first body along the ground take the other bodies with them. Nothing else then changes but the place
+    where all of it happens, so that this difference is exact, however an impact bends all others: what a camera that
+    stands elsewhere sees is told from no initial state.
 
     Attributes:
         frame: Ground axes (tangent, tangent, normal) as rows, shape (3, 3).
@@ -95,7 +100,8 @@ class Directions:
         Args:
             pose: Shape (..., K, N, 7).
             twist: Shape (..., K, N, 6).
-            change: Amount along each column, shape (..., K, D); what is not free does not move.
+            change: Amount along each column, shape (..., K, D); what is not free does not move. Shifts along the ground
+                are those of the first body, and of the others relative to it.
 
         Returns:
             New poses and twists.
@@ -103,6 +109,7 @@ class Directions:
         full = torch.zeros(*change.shape[:-1], *self.free.shape[1:], dtype=change.dtype)
         for column, (body, k) in enumerate(self.used):
             full[..., body, k] = change[..., column] * self.free[:, body, k]
+        full[..., 1:, ALONG] += full[..., :1, ALONG] * self.free[:, 1:, ALONG]
         world = full.unflatten(-1, (4, 3)) @ self.frame
         turn, shift, spin, speed = world.unbind(-2)
         quaternion = multiply(exponential(turn), pose[..., 3:].expand(*turn.shape[:-1], 4))
