@@ -122,8 +122,11 @@ def fit_nominal_model(
         noise, experiment = weighed(experiment, fit, present, noise.error, settings)
         near, base = experiment.linearise(fit.point, NONE), observations.timeline
         chosen = choose_steps(experiment, near, base, settings.steps)
-        least = parts_for_late_forces(experiment, base, settings.steps, near.jacobian.base.twist[0]) if late else chosen.parts
-        predictor = experiment.predictor.at_times(chosen.timeline, base.refined(chosen.parts.maximum(least)))
+        least = chosen.parts
+        if late:
+            predicted = near.jacobian.base.twist[0]
+            least = least.maximum(parts_for_late_forces(experiment, base, settings.steps, predicted))
+        predictor = experiment.predictor.at_times(chosen.timeline, base.refined(least))
         experiment, fit, events = _fit_segments(observations, predictor, present, noise, fit, settings)
     experiment, fit, noise = follow(experiment, fit, present, noise.error, settings, say)
     say(Stage.MEASURING_NUMERICS)
