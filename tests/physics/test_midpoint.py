@@ -214,6 +214,27 @@ def test_a_box_comes_to_rest_as_deep_in_a_compliant_ground_as_its_weight_presses
         assert float(rollout.pose[0, -1, 0, 2] - 0.1) == pytest.approx(-compliance * G / 4, rel=1e-3)
         assert float(rollout.twist[0, -1].abs().max()) < 1e-6
 
+@pytest.mark.parametrize(
+    ("compliance", "mass", "backend"), [(6e-4, 2.0, "fused"), (1e-4, 0.5, "fused"), (6e-4, 2.0, "reference")]
+)
+def test_a_box_sinks_into_a_compliant_ground_as_a_critically_damped_spring(
+    compliance: float, mass: float, backend: str
+) -> None:
+    """z = -s (1 - (1 + w t) exp(-w t)) with s = m g C / 4 and w = 2 / sqrt(C m), to the first order of the step."""
+    soft = ContactCompliance(torch.tensor([compliance], dtype=torch.float64))
+    rate, deep, off = 2 / (compliance * mass) ** 0.5, compliance * mass * G / 4, []
+    for count in (30, 60):
+        time = torch.linspace(0, 6 / rate, count + 1, dtype=torch.float64)
+        layer = PhysicsLayer(world(1 / float(time[1])), [soft], backend=backend)  # type: ignore[arg-type]
+        with torch.no_grad():
+            rollout = layer.rollout(state([[0, 0, 0.1]]), forces(count, [[0.0, 0, 0]]), boxes(mass=[mass]))
+        sunk = 0.1 - rollout.pose[0, :, 0, 2]
+        known = deep * (1 - (1 + rate * time) * torch.exp(-rate * time))
+        off.append(float((sunk - known).abs().max()) / deep)
+        assert bool((sunk.diff() > -1e-9).all()), "it never comes back up"
+    assert off[1] < 0.06
+    assert off[1] < 0.6 * off[0]
+
 
 @pytest.mark.parametrize("rate", [60, 240])
 def test_a_box_on_a_box_stays_where_it_is(rate: int) -> None:

@@ -15,7 +15,7 @@ from physid.physics.contact_problem.lcp import ContactProblem, SolverSettings, s
 from physid.physics.effect import StepInputs
 from physid.physics.joints import equations_of
 from physid.physics.rotations import exponential, multiply, normalize, rotate, to_matrix
-from physid.physics.schemes.impact import FINE, STANDARD_GRAVITY, bending, demand, late, stuck
+from physid.physics.schemes.impact import FINE, STANDARD_GRAVITY, bending, damping_time, demand, late, stuck
 from physid.physics.schemes.motion import drift, drifted, moved
 from physid.physics.schemes.turning import turned, turning
 from physid.physics.shapes.table import find_patches
@@ -143,16 +143,17 @@ def build_problem(
     mass, momentum = _newton_euler(state, twist, arm, inputs, world, h)
     mass, momentum = mass / mean_mass[:, None, None, None], momentum / (mean_mass * unit)[:, None, None]
     free = torch.linalg.solve(mass, momentum).flatten(1)
-    correction = (1.0 if world.midpoint else world.contact.correction) * mean_mass / h**2
     rows, offsets, frictions, compliances, modes, shares, slips = [], [], [], [], [], [], []
     for k, patch in enumerate(patches):
         jacobian = _patch_jacobian(patch, state.position + arm)
         velocity = torch.einsum("bckn,bn->bck", jacobian, twist.flatten(1) / unit[:, None]) * unit[:, None, None]
         free_speed = torch.einsum("bckn,bn->bck", jacobian, free)[..., 0] * unit[:, None]
         friction, restitution, compliance = _pair(patch, inputs)
+        damped = damping_time(compliance, inputs.mass[:, patch.second])
+        correction = (h / (h + damped) if world.midpoint else world.contact.correction) * mean_mass / h**2
         reach = REACH + 2 * h[:, None] * free_speed.detach().abs()
         exists = patch.active & world.contact.exists(patch.gap, reach)
-        material = friction, restitution, compliance * mean_mass
+        material = friction, restitution, compliance * mean_mass, damped
         bodies_ = state.position + arm, twist, free.unflatten(1, (bodies, 6)) * unit[:, None, None]
         offset, slip, share, patch = _demand(patch, (velocity, free_speed), world, material, bodies_, h, exists)
         patches[k] = patch
@@ -184,22 +185,22 @@ def _demand(
     patch: Patch,
     velocities: tuple[Tensor, Tensor],
     world: World,
-    material: tuple[Tensor, Tensor, Tensor],
+    material: tuple[Tensor, Tensor, Tensor, Tensor],
     bodies: tuple[Tensor, Tensor, Tensor],
     h: Tensor,
     exists: Tensor,
 ) -> tuple[Tensor, Tensor, Tensor, Patch]:
     """Return offset, slip [m/s] and share of the contacts of a patch, and the patch (see `schemes.impact`).
 
-    `velocities` are those before and the normal ones without contact, `material` friction, restitution and give per
-    gravity, `bodies` their centres, and twists before and without contact.
+    `velocities` are those before and the normal ones without contact, `material` friction, restitution, give per
+    gravity and the time of the damper, `bodies` their centres, and twists before and without contact.
     """
-    friction, restitution, give = material
+    friction, restitution, give, time = material
     if world.midpoint:
         bend = bending(patch, *bodies[:2])
         lies = exists & (patch.gap + h[:, None] * velocities[1] / 2 < 0)
         turns = turning(patch, *bodies[1:], friction, h[:, None], lies)
-        stiffness = restitution, give * STANDARD_GRAVITY
+        stiffness = restitution, give * STANDARD_GRAVITY, time
         wanted = demand(patch, velocities, bend, stiffness, h[:, None], exists)
         patch = dataclasses.replace(patch, together=wanted.together)
         slip = turned(wanted.slip, stuck(bend, h[:, None]), turns, wanted.hit)

@@ -15,7 +15,9 @@ contact, so that it begins with the gap x = y - h u / 2 and would end with y + h
   this holds of y - h^2 b / 8, u - h b / 2 and f + h b / 2, those at the ends of the step; sticking too ends at rest.
 * Friction opposes the mean slip where it is fast, and the slip at the end where it may stop. Under a body that lies on
   the ground alone friction turns with the slip within the step (`schemes.turning`).
-* A compliant contact takes an impact where it is reached; in overlap it is a spring, and never hit.
+* A compliant contact takes an impact where it is reached; in overlap it is a spring of stiffness 1 / C with a damper of
+  t / C, C f = -(y + h u+) - t u+, and never hit. With t = sqrt(C m) and m the mass of the body, one that stands on four
+  corners is damped critically.
 * Contacts of a face that all are reached in the step stop together, and share the load as those that lie flat do.
 """
 
@@ -51,6 +53,9 @@ LOADS = 20.0
 """Overlap up to so many times that which the mean weight causes in a compliant contact is the contact's own [-]."""
 
 
+BRIEF = 1e-4
+"""Times t of a damper below this are shorter still, so that t(C) = sqrt(C m) has a slope at C = 0 [s]."""
+
 SHARPNESS = 32
 """Exponent p of the smooth maximum of shares, sum w^(p + 1) / sum w^p [-]: a mean where they are equal, as in a face
 that lands flat, so that no corner of four is preferred by rounding."""
@@ -80,6 +85,16 @@ class Impact:
     hit: Tensor
 
 
+def damping_time(compliance: Tensor, mass: Tensor) -> Tensor:
+    """Return t of a compliant contact [s], sqrt(C m + t0^2) - t0 with t0 = `BRIEF`; shape (B,).
+
+    Args:
+        compliance: C [m/N], shape (B,).
+        mass: m of the body on the ground [kg], shape (B,).
+    """
+    return (compliance * mass + BRIEF**2).sqrt() - BRIEF
+
+
 def bending(patch: Patch, centres: Tensor, twist: Tensor) -> Tensor:
     """Return the acceleration w x (w x r) of the points of a body on the ground, in the patch's frame, shape (B, 4, 3).
 
@@ -103,7 +118,7 @@ def demand(
     patch: Patch,
     velocities: tuple[Tensor, Tensor],
     bend: Tensor,
-    material: tuple[Tensor, Tensor],
+    material: tuple[Tensor, Tensor, Tensor],
     step: Tensor,
     exists: Tensor,
 ) -> Impact:
@@ -113,11 +128,11 @@ def demand(
         patch: Where they touch; its gap is y.
         velocities: In the patch's frame that before the step, shape (B, 4, 3), and f, shape (B, 4) [m/s].
         bend: See `bending` [m/s^2].
-        material: e, and the static deflection under the mean weight [m], shapes (B,).
+        material: e, the static deflection under the mean weight [m], and t [s], shapes (B,).
         step: h [s], shape (B or 1, 1).
         exists: Which contacts there are, shape (B, 4).
     """
-    restitution, give = material[0][:, None], material[1][:, None]
+    restitution, give, time = (value[:, None] for value in material)
     gap = patch.gap - step**2 * bend[..., 0] / 8
     u, f = velocities[0][..., 0] - step * bend[..., 0] / 2, velocities[1] + step * bend[..., 0] / 2
     change = f - u
@@ -149,7 +164,7 @@ def demand(
     slow = torch.where(
         gap > 0,
         torch.where(reached, 1.0, 2.0) * gap / step,
-        torch.maximum(gap / step, -PUSH * STANDARD_GRAVITY * step - LOADS * give / step),
+        torch.maximum(gap / (step + time), -PUSH * STANDARD_GRAVITY * step - LOADS * give / (step + time)),
     )
     offset = torch.where(hit, -still, slow) + step * bend[..., 0] / 2
     slip = _slip(velocities[0], bend, hit, step)

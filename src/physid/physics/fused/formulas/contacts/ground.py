@@ -5,10 +5,11 @@ from __future__ import annotations
 from functools import reduce
 from itertools import product
 
-from physid.compiler.graph import Value, most, total, where
+from physid.compiler.graph import Value, most, root, total, where
 from physid.compiler.section import Record
 from physid.physics.fused.formulas.algebra import add, apply, dot, rows, scale, transpose
 from physid.physics.fused.formulas.contacts.touch import Material, Touch, write_patch
+from physid.physics.schemes.impact import BRIEF
 
 NO_GROUND = -1e300
 """A ground lower than this is none [m]."""
@@ -48,7 +49,10 @@ def touch_ground(
         signs = patch["choice"][3 * k : 3 * k + 3]
         points.append(add(body["pose"][:3], apply(axes, [s * h for s, h in zip(signs, half, strict=True)])))
     h = constants.one("step")
-    compliance = body.one("compliance") * constants.one("correction") * shared.one("mean_mass") / (h * h)
+    yields = body.one("compliance")
+    time = root(yields * body.one("mass") + BRIEF**2) - BRIEF
+    correction = h / (h + time) if midpoint else constants.one("correction")
+    compliance = yields * correction * shared.one("mean_mass") / (h * h)
     touch = Touch(
         points=points,
         gaps=[dot(point, shared["ground_normal"]) - ground for point in points],
@@ -60,6 +64,7 @@ def touch_ground(
         friction=body.one("friction") * body.one("ground_friction"),
         restitution=most(body.one("restitution") + body.one("ground_restitution"), 0.0),
         compliance=compliance,
+        correction=correction,
     )
     write_patch(patch, constants, touch, material, [body], midpoint=midpoint, alone=alone)
     patch["other_arm"], patch["lever"] = [0.0] * 12, [0.0] * 4

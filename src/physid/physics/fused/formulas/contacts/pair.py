@@ -38,6 +38,7 @@ def touch_boxes(
         friction=first.one("friction") * second.one("friction") * shared.one("body_friction"),
         restitution=most(restitution, 0.0),
         compliance=length.like(0.0),
+        correction=length.like(1.0),
     )
     exists = write_patch(patch, constants, touch, material, [second, first], midpoint=midpoint)
     flat = first_ground.one("flatness") * second_ground.one("flatness")

@@ -81,11 +81,12 @@ class Touch:
 
 @dataclass(frozen=True)
 class Material:
-    """Friction, restitution, and compliance in units of the solver, of what touches."""
+    """Of what touches: friction, restitution, compliance in units of the solver, and h / (h + t) of its damper."""
 
     friction: Value
     restitution: Value
     compliance: Value
+    correction: Value
 
 
 def write_patch(
@@ -163,7 +164,8 @@ def _midpoint_rule(
         exists = (gap < REACH + 2.0 * h * size(free)) & active
         contacts.append(Contact(gap, velocity, free, bend, exists))
     width = FLATNESS * touch.scale
-    offsets, share, hit, together = demand(contacts, material.restitution, material.compliance, constants, width)
+    yielding = material.compliance, material.correction
+    offsets, share, hit, together = demand(contacts, material.restitution, yielding, constants, width)
     slips = [slip(contact, hit, constants) for contact in contacts]
     if alone:
         (body,) = bodies

@@ -49,17 +49,18 @@ def stuck(contact: Contact, constants: Record) -> Vector:
 
 
 def demand(
-    touches: Sequence[Contact], restitution: Value, compliance: Value, constants: Record, width: Value
+    touches: Sequence[Contact], restitution: Value, yielding: tuple[Value, Value], constants: Record, width: Value
 ) -> tuple[Vector, Value, Value, Value]:
     """Return c of every contact [m/s], the share W of the step, whether there is an impact, and whether of all at once.
 
     Args:
         touches: The contacts.
         restitution: e.
-        compliance: In units of the solver.
+        yielding: The compliance in units of the solver, and h / (h + t).
         constants: Of the world.
         width: See `physid.physics.schemes.impact.demand`.
     """
+    compliance, correction = yielding
     h, fall = constants.one("step"), STANDARD_GRAVITY * constants.one("step")
     found, shares, impacts, ends = [], [], [], []
     for one in touches:
@@ -93,7 +94,7 @@ def demand(
         still = f - end / divisor
         still = where(reached, still, least(still, 0.0))
         still = where(leaves, most(still, leaving), still)
-        pushed = most(gap / h, -(PUSH * fall) - LOADS * fall * compliance)
+        pushed = most(correction * gap / h, -(PUSH * fall) - LOADS * fall * compliance)
         slow = where(gap > 0.0, where(reached, 1.0, 2.0) * (gap / h), pushed)
         offsets.append(where(hit, -still, slow) + 0.5 * h * one.bend[0])
     return offsets, where(hit, largest, 0.5), where(hit, 1.0, 0.0), together
