@@ -32,7 +32,7 @@ CASES: dict[str, tuple[str, ...]] = {
     "push, nothing": ("push_rich",),
     "toss, nothing": ("toss_rich", "steps=90"),
     "collide, nothing": ("collide_rich",),
-    "slide, nothing": ("slide_rich", "steps=60"),
+    "slide, nothing": ("slide", "steps=75"),
     "push, drag of 0.6 N s/m": ("push_rich", f"{DRAG}=0.6"),
     "push, friction gradient of 0.3 1/m": ("push_rich", "effects.friction_gradient.x=0.3"),
     "push, latency of 20 ms": ("push_rich", f"{LATE}=0.02"),

@@ -15,7 +15,6 @@ from physid.scenes.lying import turn_flat
 
 DEFAULT = DifferenceSettings()
 SHIFTS = 6  # turns and shifts come before spins and speeds
-ALONG = slice(3, 5)  # shifts along the ground
 STEEP = 0.9  # a ground whose normal has more than this along x takes its first tangent from y
 SLOPES = (1e-3, 2.5e-4)  # two of them, far apart: where trajectories bend in between, a slope says nothing ...
 BEND = 0.1  # ... that is where a trajectory's derivative changes by more than this share
@@ -109,7 +108,7 @@ class Directions:
         full = torch.zeros(*change.shape[:-1], *self.free.shape[1:], dtype=change.dtype)
         for column, (body, k) in enumerate(self.used):
             full[..., body, k] = change[..., column] * self.free[:, body, k]
-        full[..., 1:, ALONG] += full[..., :1, ALONG] * self.free[:, 1:, ALONG]
+        full[..., 1:, 3:5] += full[..., :1, 3:5] * self.free[:, 1:, 3:5]  # shifts along the ground
         world = full.unflatten(-1, (4, 3)) @ self.frame
         turn, shift, spin, speed = world.unbind(-2)
         quaternion = multiply(exponential(turn), pose[..., 3:].expand(*turn.shape[:-1], 4))
