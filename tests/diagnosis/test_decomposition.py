@@ -47,6 +47,9 @@ def test_the_report_opens_with_the_gap_cut_into_causes_and_rest() -> None:
     for expected in ("viscous drag <b>50 %", "tether <b>30 %", "not explained <b>20 %", "viscous drag <b>104 %"):
         assert expected in cut
     assert cut.count("not explained") == 2, "in the bar and its legend; nothing is left on the transfer protocol"
+    assert cut.count("More than 100 %: the error ends below the floor") == 1
+    document["shrink"]["parts"] = {"same": {"viscous_drag": 0.5, "tether": 0.3}, "transfer": {"viscous_drag": 1.004}}
+    assert "More than 100 %" not in render(check_diagnosis(document), ReportData())
     assert how_far_sentence(said, "same").endswith("closed (70 % to 90 %): viscous drag 50 % and tether 30 %")
 
 
