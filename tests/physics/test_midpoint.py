@@ -214,6 +214,7 @@ def test_a_box_comes_to_rest_as_deep_in_a_compliant_ground_as_its_weight_presses
         assert float(rollout.pose[0, -1, 0, 2] - 0.1) == pytest.approx(-compliance * G / 4, rel=1e-3)
         assert float(rollout.twist[0, -1].abs().max()) < 1e-6
 
+
 @pytest.mark.parametrize(
     ("compliance", "mass", "backend"), [(6e-4, 2.0, "fused"), (1e-4, 0.5, "fused"), (6e-4, 2.0, "reference")]
 )

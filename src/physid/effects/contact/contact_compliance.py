@@ -14,8 +14,8 @@ from physid.physics.state import State
 class ContactCompliance(Effect):
     """C' = C + k: each contact with the ground sinks in by C times its force, as a spring of stiffness 1 / C.
 
-    Where recordings do not say how they were integrated, a body of mass m on four corners is damped critically: a damper
-    of sqrt(C m) / C beside each spring (docs/decisions/0065-a-ground-that-yields.md).
+    Where recordings do not say how they were integrated, a body of mass m on four corners is damped critically: by a
+    damper of sqrt(C m) / C beside each spring (docs/decisions/0065-a-ground-that-yields.md).
 
     Attributes:
         compliance: k [m/N].
