@@ -49,7 +49,7 @@ def find_events(
 
 
 def _hot(phases: Tensor) -> Tensor:
-    """Return where a model says that a body hits the ground or another body, shape (R, T, N)."""
+    """Return where the model predicts an impact or a contact between bodies, shape (R, T, N)."""
     return torch.stack([phases == PHASES.index(name) for name in HOT]).any(0)
 
 

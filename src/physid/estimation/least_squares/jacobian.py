@@ -26,8 +26,8 @@ class Directions:
     """Which changes of the initial states are free.
 
     Shifts of the first body along the ground take the other bodies with them. Nothing else then changes but the place
-    where all of it happens, so that this difference is exact, however an impact bends all others: what a camera that
-    stands elsewhere sees is told from no initial state.
+    where all of it happens, so that this difference is exact, however an impact bends all others: the place of a
+    camera along the ground cannot be distinguished from initial states.
 
     Attributes:
         frame: Ground axes (tangent, tangent, normal) as rows, shape (3, 3).
