@@ -29,7 +29,7 @@ from physid.benchmark.plan import Plan
 from physid.benchmark.scoring.intervals import wilson
 from physid.benchmark.scoring.judging import MEDIUM, Judged, judge
 from physid.benchmark.sealing.seal import seal
-from physid.data.format import RecordingSet
+from physid.data import RecordingSet
 from physid.diagnosis.conclusion.conclusion import draw_conclusion
 from physid.diagnosis.document.document import Diagnosis
 from physid.diagnosis.inputs.model_source import read_nominal_model

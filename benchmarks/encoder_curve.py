@@ -23,10 +23,10 @@ import torch
 from torch import Tensor
 
 from physid.configuration import compose
-from physid.data.format import RecordingSet
+from physid.data import RecordingSet
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig
-from physid.networks.encoder import PoseEncoder, as_image
+from physid.networks import PoseEncoder, as_image
 from physid.networks.voting import VotingPoseEncoder
 from physid.training.learners.optimisation import DEFAULT_OPTIMIZER, LARGEST_GRADIENT, build_optimizers
 from physid.training.learners.phases import Phases

@@ -294,7 +294,7 @@ def make(folder: Path, films: int, look: Look, seconds: float = 3.0, seed: int =
 def run(folder: Path) -> dict[str, float]:
     """Import, track and fit the films by the command line; return errors in pixels, and the friction."""
     from physid.cli import main
-    from physid.data.format import RecordingSet
+    from physid.data import RecordingSet
 
     films, read, fitted = folder / "set", folder / "read", folder / "fit"
     commands, camera = [], folder / "camera.yaml"

@@ -19,8 +19,7 @@ import pybullet
 from physid.data.generation.draw import draw
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig
-from physid.scenes.scene import Scene
-from physid.scenes.setup import Excitation
+from physid.scenes import Excitation, Scene
 from physid.simulators.bullet.camera import GROUND_HALF_WIDTH, Studio, matrices
 from physid.simulators.bullet.engine import Engine
 from physid.simulators.bullet.paint import ground_mesh, ground_tile

@@ -15,10 +15,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from physid.physics.layer import PhysicsLayer
-from physid.physics.parameters import Parameters
-from physid.physics.state import State
-from physid.physics.world import World
+from physid.physics import Parameters, PhysicsLayer, State, World
 
 TIME_STEP = 1 / 240
 

@@ -30,10 +30,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from physid.physics.layer import PhysicsLayer
-from physid.physics.parameters import Parameters
-from physid.physics.state import State
-from physid.physics.world import Plane, World
+from physid.physics import Parameters, PhysicsLayer, Plane, State, World
 
 Array = NDArray[np.float64]
 STEP, STEPS, G = 1 / 240, 300, 9.81

@@ -16,8 +16,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from physid.data import RecordingSet
 from physid.data.files import write_text
-from physid.data.format import RecordingSet
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig
 from physid.diagnosis.diagnose import diagnose

@@ -27,7 +27,7 @@ from physid.data.batches.datamodule import RecordingsDataModule
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig
 from physid.physics.rotations import exponential, multiply
-from physid.scenes.catalogue import find_setup
+from physid.scenes import find_setup
 from physid.training.learners.supervised import SupervisedID
 from physid.training.learners.video import Objective
 from physid.training.parameters.pose_loss import PoseLoss

@@ -20,12 +20,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from physid.scenes.catalogue import find_setup
-from physid.scenes.scene import Body, Ground, Scene
-from physid.scenes.setup import Excitation
+from physid.scenes import Body, Excitation, Ground, Scene, find_setup
 from physid.scenes.setups.placing import on_ground
-from physid.simulators.motion import Motion
-from physid.simulators.protocol import find_simulator
+from physid.simulators import Motion, find_simulator
 
 Array = NDArray[np.float64]
 FRAMES, G = 241, 9.81

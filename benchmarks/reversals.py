@@ -11,11 +11,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from physid.physics.layer import PhysicsLayer
-from physid.physics.parameters import Parameters
+from physid.physics import Parameters, PhysicsLayer, State, World
 from physid.physics.schemes.integration import Midpoint
-from physid.physics.state import State
-from physid.physics.world import World
 
 CASES = ((0.0, 0.0, 0.0), (0.002, 0.0, 0.0), (0.02, 0.0, 0.0), (0.2, 0.0, 0.0), (0.02, 1.0, 0.0), (0.0, 0.0, 1.0))
 CASES += ((0.0, 0.0, 5.0), (0.05, 1.0, 1.0))

@@ -31,14 +31,10 @@ import torch
 from torch import Tensor
 
 from physid.effects import CATALOGUE, from_values
-from physid.physics.effect import Effect
+from physid.physics import Effect, Parameters, PhysicsLayer, Plane, State, World
 from physid.physics.fused.backend import Backend
-from physid.physics.layer import PhysicsLayer
-from physid.physics.parameters import Parameters
 from physid.physics.schemes.integration import Integration, Midpoint, SemiImplicit
-from physid.physics.state import State
-from physid.physics.world import Plane, World
-from physid.scenes.catalogue import find_setup
+from physid.scenes import find_setup
 
 STEPS = 300
 FIRST_CALL = """

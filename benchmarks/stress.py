@@ -30,21 +30,17 @@ from itertools import product
 import torch
 from torch import Tensor
 
+from physid.physics import Parameters, PhysicsLayer, State, StepInputs, World
 from physid.physics.case import nominal_inputs
 from physid.physics.contact import Patch
 from physid.physics.contact_problem.lcp import ContactProblem, SolverSettings
-from physid.physics.effect import StepInputs
 from physid.physics.fused.stepping import Stepper
-from physid.physics.layer import PhysicsLayer
-from physid.physics.parameters import Parameters
 from physid.physics.rotations import rotate, to_matrix
 from physid.physics.schemes.impact import FINE, STANDARD_GRAVITY
 from physid.physics.schemes.integration import Integration, Midpoint, SemiImplicit
 from physid.physics.schemes.motion import drifted
 from physid.physics.shapes.table import find_patches
-from physid.physics.state import State
 from physid.physics.step import Step, advance, build_problem
-from physid.physics.world import World
 
 BATCH = 2500
 SCHEMES: dict[str, Integration] = {"semi-implicit": SemiImplicit(), "midpoint": Midpoint()}

@@ -28,7 +28,8 @@ import torch
 from physid.data.batches.datamodule import RecordingsDataModule
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig
-from physid.networks.encoder import Layers, PoseEncoder
+from physid.networks import PoseEncoder
+from physid.networks.encoder import Layers
 from physid.training.learners.phases import Phases
 from physid.training.learners.supervised import SupervisedID
 from physid.training.learners.video import Objective

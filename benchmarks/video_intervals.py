@@ -24,8 +24,8 @@ from physid.configuration import compose
 from physid.data.batches.datamodule import RecordingsDataModule
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig
-from physid.networks.encoder import as_image
-from physid.scenes.scene import Scene
+from physid.networks import as_image
+from physid.scenes import Scene
 from physid.training.learners.supervised import SupervisedID
 from physid.training.learners.video import Objective
 from physid.training.parameters.intervals import intervals

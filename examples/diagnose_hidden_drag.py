@@ -7,7 +7,7 @@ Run it: python examples/diagnose_hidden_drag.py
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from physid.data.format import RecordingSet
+from physid.data import RecordingSet
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig, Noise
 from physid.diagnosis.diagnose import diagnose

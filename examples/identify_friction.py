@@ -7,11 +7,8 @@ its path is PyBullet's. Run it: python examples/identify_friction.py
 import numpy as np
 import torch
 
-from physid.physics.layer import PhysicsLayer
-from physid.physics.parameters import Parameters
-from physid.physics.state import State
-from physid.physics.world import World
-from physid.scenes.catalogue import find_setup
+from physid.physics import Parameters, PhysicsLayer, State, World
+from physid.scenes import find_setup
 from physid.simulators.bullet.world import simulate
 
 STEPS = 200

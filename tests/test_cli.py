@@ -144,7 +144,7 @@ def test_a_long_message_of_the_parser_becomes_one_line() -> None:
 
 
 def test_generate_makes_a_recording_set_that_can_be_read(recordings: Callable[[str], Path]) -> None:
-    from physid.data.format import RecordingSet
+    from physid.data import RecordingSet
 
     made = RecordingSet(recordings("push"))
     assert (len(made), made.scene.name) == (10, "push")

@@ -10,7 +10,7 @@ import pytest
 
 from physid.cli import main
 from physid.configuration import compose
-from physid.data.format import RecordingSet
+from physid.data import RecordingSet
 
 CONFIGS = Path(__file__).parent.parent / "configs"
 TINY_FIT = ["trainer.max_epochs=1", "data.limit=2", "trainer.accelerator=cpu"]

@@ -156,7 +156,7 @@ def given(page: str, recordings: Callable[[str], Path]) -> dict[str, Any]:
         wrenches = torch.zeros(1, 5, 1, 6, dtype=torch.float64)
         return {"pose": pose, "wrenches": wrenches, "size": sizes, "mass": one, "friction": 0.2 * one}
     if page == "docs/networks.md":
-        from physid.scenes.catalogue import find_setup
+        from physid.scenes import find_setup
 
         scene = find_setup("push").scene
         assert scene.camera is not None

@@ -11,7 +11,7 @@ import pytest
 from tests.data.sets import recording, write_set
 
 from physid.cli import main
-from physid.data.format import RecordingSet
+from physid.data import RecordingSet
 
 
 @pytest.fixture

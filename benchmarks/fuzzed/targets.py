@@ -129,7 +129,7 @@ def feed_fit(draw: random.Random, place: Path) -> object:
 def feed_model(draw: random.Random, place: Path) -> object:
     """Read a nominal model from a configuration's content."""
     from physid.diagnosis.inputs.model_source import read_nominal_model
-    from physid.scenes.catalogue import find_setup
+    from physid.scenes import find_setup
 
     model = {
         "class_path": "physid.training.learners.sysid.SysID",
@@ -166,7 +166,7 @@ def feed_forces(draw: random.Random, place: Path) -> object:
     import numpy as np
 
     from physid.data.forces import read_forces
-    from physid.scenes.catalogue import find_setup
+    from physid.scenes import find_setup
 
     array = io.BytesIO()
     np.save(array, np.zeros((5, 1, 6)))
@@ -246,7 +246,7 @@ MAPPING: dict[str, Any] = {
 
 def feed_log(draw: random.Random, place: Path) -> object:
     """Convert a log, guess its mapping, and read the set that came of it."""
-    from physid.data.format import RecordingSet
+    from physid.data import RecordingSet
     from physid.data.importers.convert import import_logs
     from physid.data.importers.guess import guess_mapping
 
@@ -281,7 +281,7 @@ def feed_mapping(draw: random.Random, place: Path) -> object:
 
 def feed_recordings(draw: random.Random, place: Path) -> object:
     """Read a recording set, its description or an HDF5 file changed."""
-    from physid.data.format import RecordingSet
+    from physid.data import RecordingSet
 
     shutil.copytree(_set(), place / "set")
     files = [path for path in sorted((place / "set").rglob("*")) if path.is_file()]
@@ -402,8 +402,8 @@ EFFECT = """\
 from dataclasses import dataclass
 from typing import ClassVar, final
 from torch import Tensor
-from physid.physics.effect import Effect, Site, StepInputs, quantity
-from physid.physics.state import State
+from physid.physics import Effect, Site, StepInputs, quantity
+from physid.physics import State
 
 @final
 @dataclass(frozen=True)
@@ -449,7 +449,7 @@ def feed_effect(draw: random.Random, place: Path) -> object:
 
 def feed_scene(draw: random.Random, place: Path) -> object:
     """Read a scene of one's own."""
-    from physid.scenes.catalogue import find_setup
+    from physid.scenes import find_setup
 
     body = "{name: brick, size: [0.24, 0.115, 0.071], mass: 1.9, friction: 0.45}"
     text = f"scene: brick\nlike: push\ntime_step: 0.01\ngravity: [0, 0, -9.81]\nbodies: [{body}]\n"

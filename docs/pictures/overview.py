@@ -20,15 +20,11 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
 
 from physid.cli import main as physid
-from physid.data.format import RecordingSet
-from physid.networks.camera import PinholeCamera
-from physid.physics.layer import PhysicsLayer
-from physid.physics.parameters import Parameters
+from physid.data import RecordingSet
+from physid.networks import PinholeCamera
+from physid.physics import Parameters, PhysicsLayer, State, World
 from physid.physics.rotations import rotate
-from physid.physics.state import State
-from physid.physics.world import World
-from physid.scenes.catalogue import find_setup
-from physid.scenes.scene import Scene
+from physid.scenes import Scene, find_setup
 from physid.simulators.bullet.camera import Studio
 
 ROOT = Path(__file__).parent.parent.parent

@@ -135,7 +135,7 @@ def source() -> Source:
 
 def recording_sets(values: Any) -> Iterator[str]:
     """Yield every string in a configuration that names the folder of a recording set."""
-    from physid.data.format import DESCRIPTION
+    from physid.data import DESCRIPTION
 
     if isinstance(values, Mapping):
         for value in values.values():

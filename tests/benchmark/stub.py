@@ -6,7 +6,7 @@ from pathlib import Path
 
 from tests.diagnosis.documents import said
 
-from physid.data.format import RecordingSet
+from physid.data import RecordingSet
 from physid.diagnosis.document.document import Diagnosis, write_diagnosis
 
 

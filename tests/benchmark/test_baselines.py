@@ -12,11 +12,11 @@ from diagnosis.documents import said
 from physid.benchmark.scoring.accelerations import samples
 from physid.benchmark.scoring.baselines import FITTED, SPLITS, answers, free_residual, sparse_regression
 from physid.benchmark.sealing.invent import SPLIT
-from physid.data.format import RecordingSet
+from physid.data import RecordingSet
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig, Noise
 from physid.effects import from_values
-from physid.physics.effect import Effect
+from physid.physics import Effect
 
 NOISE = 1e-4  # [m]
 SMOOTH = 0.03  # [m/s^2] what a cubic through 0.2 s misses, in the median

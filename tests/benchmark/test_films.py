@@ -22,8 +22,8 @@ from physid.benchmark.sealing.invent import inventions
 from physid.benchmark.sealing.seal import seal
 from physid.benchmark.sealing.severity import severity
 from physid.benchmark.verdicts import diagnose_bank
+from physid.data import RecordingSet
 from physid.data.files import write_text
-from physid.data.format import RecordingSet
 from physid.data.generation.settings import GenerateConfig, Noise
 from physid.effects import from_values
 

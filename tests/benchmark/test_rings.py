@@ -11,10 +11,10 @@ from physid.benchmark.sealing.native import NATIVE
 from physid.benchmark.sealing.outside import OUTSIDE
 from physid.effects import CATALOGUE
 from physid.effects.laws import batch_equals_loop, null_is_identity
-from physid.physics.effect import Effect
-from physid.scenes.catalogue import SETUPS, find_setup
+from physid.physics import Effect
+from physid.scenes import SETUPS, find_setup
+from physid.simulators import observed
 from physid.simulators.bullet.world import simulate
-from physid.simulators.motion import observed
 from physid.simulators.native import Native
 
 STEPS = 160  # by then a toss has bounced

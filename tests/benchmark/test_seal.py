@@ -21,12 +21,12 @@ from physid.benchmark.sealing.invent import in_view, inventions
 from physid.benchmark.sealing.native import NATIVE
 from physid.benchmark.sealing.outside import OUTSIDE
 from physid.benchmark.sealing.seal import make, seal, seal_all
-from physid.data.format import RecordingSet
+from physid.data import RecordingSet
 from physid.data.generation.draw import draw
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig
 from physid.effects import CATALOGUE, find
-from physid.physics.effect import Effect
+from physid.physics import Effect
 
 MANY = Size(sets=150)
 

@@ -9,7 +9,7 @@ from physid.benchmark.sealing.acting import acting_phases
 from physid.benchmark.sealing.severity import severity
 from physid.data.generation.settings import GenerateConfig, Noise
 from physid.effects import from_values
-from physid.physics.effect import Effect
+from physid.physics import Effect
 
 EXACT, LINEAR = 1e-6, 0.05
 FAINT = 0.1  # below it nothing shows

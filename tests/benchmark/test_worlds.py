@@ -18,10 +18,10 @@ from physid.benchmark.sealing.hidden import ROLES, candidates, cells
 from physid.benchmark.sealing.replay import steady
 from physid.benchmark.sealing.seal import seal
 from physid.benchmark.sealing.severity import severity
-from physid.data.format import RecordingSet
+from physid.data import RecordingSet
 from physid.data.generation.settings import GenerateConfig, Noise
 from physid.effects import from_values
-from physid.simulators.protocol import SIMULATORS
+from physid.simulators import SIMULATORS
 
 ALIKE = 0.05  # [-] by which severities by two simulators differ, where nothing hits anything
 MIXED = Plan("score", 3, Size(sets=96, trajectories=6, steps=60), simulators_of("all"))

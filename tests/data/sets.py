@@ -4,11 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from physid.data.format import trajectory_path, write_scene, write_sums
-from physid.data.recording import Recording
-from physid.data.trajectory import write_trajectory
-from physid.scenes.catalogue import find_setup
-from physid.scenes.scene import Scene
+from physid.data import Recording, trajectory_path, write_scene, write_sums, write_trajectory
+from physid.scenes import Scene, find_setup
 
 FRAMES, SIZE = 8, 16
 SCENE = find_setup("push").scene

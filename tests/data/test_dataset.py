@@ -7,9 +7,9 @@ import pytest
 import torch
 from tests.data.sets import FRAMES, recording, write_set
 
+from physid.data import RecordingSet
 from physid.data.batches.datamodule import RecordingsDataModule
 from physid.data.batches.dataset import Segments, collate
-from physid.data.format import RecordingSet
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig
 

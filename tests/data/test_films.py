@@ -13,7 +13,7 @@ from PIL import Image
 from tests.data import filmed
 
 from physid.cli import main
-from physid.data.format import RecordingSet
+from physid.data import RecordingSet
 from physid.data.importers.video.cameras import Lens, read_camera, solve_place
 from physid.data.importers.video.convert import import_films
 from physid.data.importers.video.films import FilmFile, ImageFolder

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from physid.data.forces import read_forces
-from physid.scenes.catalogue import find_setup
+from physid.scenes import find_setup
 
 SCENE = find_setup("collide").scene
 

@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 from tests.data.sets import FRAMES, SCENE, SIZE, recording, write_set
 
+from physid.data import Recording, RecordingSet, read_trajectory, trajectory_path, write_trajectory
 from physid.data.files import write_whole
-from physid.data.format import RecordingSet, trajectory_path
-from physid.data.recording import Recording
-from physid.data.trajectory import read_film, read_trajectory, write_trajectory
+from physid.data.trajectory import read_film
 
 
 @pytest.fixture

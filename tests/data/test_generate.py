@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from physid.data.format import RecordingSet
+from physid.data import RecordingSet
 from physid.data.generation.draw import draw
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig, Noise
 from physid.data.truth import read_truth
 from physid.effects import from_values
+from physid.scenes import Integration
 from physid.scenes.camera import Camera
-from physid.scenes.scene import Integration
 
 SMALL = GenerateConfig("push", trajectories=6, steps=20, video=False, unknown=("block.friction",))
 FILM = dataclasses.replace(SMALL, trajectories=2, steps=5, video=True)

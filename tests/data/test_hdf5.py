@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from tests.data.sets import recording
 
-from physid.data.trajectory import read_film, read_labels, read_trajectory, write_trajectory
+from physid.data import read_trajectory, write_trajectory
+from physid.data.trajectory import read_film, read_labels
 
 SMALL = 8 << 20  # bytes
 

@@ -11,7 +11,7 @@ import pytest
 from tests.data.logs import Truth
 
 from physid.cli import main
-from physid.data.format import RecordingSet
+from physid.data import RecordingSet
 from physid.data.importers.guess import guess_mapping
 
 parquet = pytest.importorskip("pyarrow.parquet", reason="needs physid[lerobot]")

@@ -10,12 +10,11 @@ from scipy.spatial.transform import Rotation
 from tests.data.logs import Truth, write_csv, write_y_up
 
 from physid.cli import main
-from physid.data.format import RecordingSet
+from physid.data import Recording, RecordingSet
 from physid.data.importers.convert import import_logs
 from physid.data.importers.finding import find_logs
 from physid.data.importers.mapping_files import read_mapping
 from physid.data.observations.trajectories import load_trajectories
-from physid.data.recording import Recording
 
 BODY = {"size": [0.1, 0.1, 0.05], "mass": 0.4, "friction": 0.3}
 COLUMNS = {"time": "t", "position": ["x", "y", "z"], "quaternion": ["qx", "qy", "qz", "qw"]} | BODY

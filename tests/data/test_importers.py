@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from physid.data.format import RecordingSet
+from physid.data import RecordingSet
 from physid.data.importers.cube_tosses import import_cube_tosses
 from physid.scenes.camera import corners
 from physid.scenes.rotations import conjugate, multiply, to_vector

@@ -9,10 +9,9 @@ import torch
 from numpy.typing import NDArray
 from tests.data.sets import SCENE, recording, write_set
 
-from physid.data.format import RecordingSet
+from physid.data import Recording, RecordingSet
 from physid.data.observations.step_grid import SHORTEST, lay_steps
 from physid.data.observations.trajectories import Trajectories, from_recordings, load_trajectories
-from physid.data.recording import Recording
 
 STEP = 1 / 60
 Array = NDArray[np.float64]

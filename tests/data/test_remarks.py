@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 from tests.data.sets import SCENE, write_set
 
 from physid.cli import main
+from physid.data import Recording, RecordingSet
 from physid.data.batches.dataset import Segments
-from physid.data.format import RecordingSet
 from physid.data.observations.remarks import NEXT, TURN, pace_of, remarks_on
 from physid.data.observations.trajectories import load_trajectories
-from physid.data.recording import Recording
 from physid.scenes.rotations import from_vector
 
 STEP, EDGE = SCENE.time_step, float(SCENE.sizes.min())

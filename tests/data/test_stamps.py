@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from physid.data import Recording
 from physid.data.observations.remarks import remarks_on
 from physid.data.observations.stamps import check_clocks, rhythm_of
-from physid.data.recording import Recording
 
 SIZES = np.array([[0.3, 0.2, 0.2]])
 RATE = 60.0

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from tests.data.sets import SCENE, SIZE, recording, write_set
 
+from physid.data import Recording
 from physid.data.batches.datamodule import RecordingsDataModule
-from physid.data.recording import Recording
 
 CAMERA = dataclasses.replace(SCENE.camera, width=SIZE, height=SIZE) if SCENE.camera else None
 

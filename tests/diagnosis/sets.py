@@ -12,17 +12,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from physid.data.format import RecordingSet, trajectory_path, write_scene, write_sums
+from physid.data import Recording, RecordingSet, trajectory_path, write_scene, write_sums, write_trajectory
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig, Noise
-from physid.data.recording import Recording
-from physid.data.trajectory import write_trajectory
-from physid.physics.effect import Effect, Site, StepInputs, quantity
-from physid.physics.state import State
+from physid.physics import Effect, Site, State, StepInputs, quantity
 from physid.scenes.rotations import from_vector, multiply
 from physid.scenes.setups.push import PUSH
+from physid.simulators import observed
 from physid.simulators.bullet.world import simulate
-from physid.simulators.motion import observed
 
 NOISE = Noise(position=0.0005, rotation=0.002)
 FRICTION = 0.12

@@ -16,7 +16,7 @@ from physid.diagnosis.selection import attribution as attribute
 from physid.diagnosis.selection import comparison as compare_candidates
 from physid.diagnosis.selection.candidates import first_pairs
 from physid.diagnosis.settings.settings import Settings
-from physid.physics.layer import SolverError
+from physid.physics import SolverError
 
 
 def hypothesis(*names: str, loss: float = 1.0) -> Any:

@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from diagnosis.sets import recorded
-from physid.data.format import RecordingSet
+from physid.data import RecordingSet
 from physid.diagnosis.diagnose import diagnose
 from physid.diagnosis.inputs.model_source import read_nominal_model
 from physid.diagnosis.inputs.observations import load_observations
@@ -22,7 +22,7 @@ from physid.diagnosis.settings.settings import Settings
 from physid.diagnosis.testing.hypothesis import begin_hypothesis, columns_of
 from physid.effects import CATALOGUE
 from physid.estimation.prediction.segments import Segmentation
-from physid.physics.layer import SolverError
+from physid.physics import SolverError
 
 DRAG, TOLERANCE = 0.6, 0.1
 TOSS: Mapping[str, Any] = {

@@ -14,7 +14,7 @@ import torch
 
 from diagnosis.sets import FRICTION, Vortex, recorded, recorded_with, rewritten, with_wild_poses
 from physid.cli import main
-from physid.data.format import RecordingSet
+from physid.data import RecordingSet
 from physid.diagnosis.diagnose import diagnose
 from physid.diagnosis.document.document import FILE, read_diagnosis
 from physid.diagnosis.document.sentences import MOST_LINES, caveat, summary_lines

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from diagnosis.sets import recorded
-from physid.data.format import RecordingSet
+from physid.data import RecordingSet
 from physid.diagnosis.inputs.model_source import read_nominal_model
 from physid.diagnosis.inputs.observations import load_observations
 from physid.diagnosis.reference import discrepancy as settling

@@ -103,7 +103,7 @@ def test_phases_degrees_of_freedom_and_sites_are_those_of_the_pipeline() -> None
 
     from physid.diagnosis.inputs import motion_phases as phases
     from physid.diagnosis.testing import residual_wrench as residual_wrench
-    from physid.physics.effect import Site
+    from physid.physics import Site
 
     assert phases.PHASES == PHASES
     assert set(residual_wrench.DOFS) == set(DOFS)

@@ -19,7 +19,7 @@ from physid.estimation.prediction.nominal_model import NominalModel
 from physid.estimation.prediction.rollout import Predictor, Variants
 from physid.estimation.prediction.segments import Segmentation
 from physid.estimation.prediction.timeline import Timeline
-from physid.scenes.catalogue import find_setup
+from physid.scenes import find_setup
 
 ALIKE, VISIBLE = Settings().equivalence.alike, Settings().score_test.visible
 ONE = torch.ones(1, dtype=torch.float64)

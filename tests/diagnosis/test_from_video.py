@@ -10,11 +10,10 @@ import pytest
 import torch
 
 from physid.cli import main
-from physid.data.format import RecordingSet, trajectory_path, write_scene, write_sums
+from physid.data import RecordingSet, trajectory_path, write_scene, write_sums, write_trajectory
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig
 from physid.data.reading import ECHO, FILE, read_reading
-from physid.data.trajectory import write_trajectory
 from physid.diagnosis.document.document import read_diagnosis
 from physid.diagnosis.inputs.observations import load_observations
 from physid.estimation.measurement.sensor_noise import Noise, estimate_noise

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from diagnosis.sets import recorded
-from physid.data.format import RecordingSet
+from physid.data import RecordingSet
 from physid.data.reading import stretch_of
 from physid.diagnosis.inputs.model_source import read_nominal_model
 from physid.diagnosis.inputs.observations import Observations, load_observations
@@ -27,11 +27,8 @@ from physid.effects import find
 from physid.estimation.least_squares.covariance import predictive_score
 from physid.estimation.least_squares.normal_equations import Normal
 from physid.estimation.measurement.tracking_error import TrackingError
-from physid.physics.layer import PhysicsLayer
-from physid.physics.parameters import Parameters
+from physid.physics import Parameters, PhysicsLayer, State, World
 from physid.physics.schemes.integration import Midpoint
-from physid.physics.state import State
-from physid.physics.world import World
 
 NO_RIDGE = torch.zeros(1, dtype=torch.float64)
 

@@ -11,7 +11,7 @@ import torch
 from physid.diagnosis.conclusion.materiality import Excess, Tolerance, excess_of, share_closed, unexplained_size
 from physid.diagnosis.settings.conclusion import MaterialitySettings
 from physid.estimation.measurement.sensor_noise import Noise
-from physid.scenes.catalogue import find_setup
+from physid.scenes import find_setup
 
 NOISE = Noise(rotation=4e-3, position=6e-4)
 SCENE = find_setup("push").scene

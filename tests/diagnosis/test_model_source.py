@@ -15,7 +15,7 @@ from physid.cli import main
 from physid.data.files import write_tensors
 from physid.diagnosis.inputs.model_source import CHECKPOINT, CONFIG, COORDINATES, read_nominal_model
 from physid.estimation.prediction.coordinates import Coordinates
-from physid.scenes.catalogue import SETUPS
+from physid.scenes import SETUPS
 
 MODEL: dict[str, Any] = {
     "seed_everything": 0,

@@ -19,7 +19,7 @@ from physid.estimation.measurement.sensor_noise import (
 )
 from physid.estimation.prediction import Segmentation
 from physid.physics.rotations import exponential
-from physid.scenes.catalogue import SETUPS
+from physid.scenes import SETUPS
 
 FRAMES, STEP, MANY = 120, 1 / 240, 40
 NOISE = Noise(rotation=0.002, position=0.001)

@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from diagnosis.documents import said
-from physid.data.format import RecordingSet
+from physid.data import RecordingSet
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig
 from physid.diagnosis.inputs.observations import Observations, load_observations

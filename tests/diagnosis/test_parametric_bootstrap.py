@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from diagnosis.sets import recorded
-from physid.data.format import RecordingSet
+from physid.data import RecordingSet
 from physid.diagnosis.conclusion.parametric_bootstrap import bootstrap_spread
 from physid.diagnosis.inputs.model_source import read_nominal_model
 from physid.diagnosis.inputs.observations import load_observations

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from diagnosis.sets import recorded
-from physid.data.format import RecordingSet
+from physid.data import RecordingSet
 from physid.diagnosis.conclusion.power import detectable_factors, detectable_sizes
 from physid.diagnosis.diagnose import diagnose
 from physid.diagnosis.settings.testing import ScoreTestSettings

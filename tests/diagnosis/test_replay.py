@@ -14,8 +14,7 @@ from physid.estimation.prediction.nominal_model import NominalModel
 from physid.estimation.prediction.rollout import Variants
 from physid.estimation.prediction.segments import Segmentation
 from physid.estimation.prediction.timeline import Timeline
-from physid.scenes.catalogue import find_setup
-from physid.scenes.scene import Integration
+from physid.scenes import Integration, find_setup
 
 TOSS = find_setup("toss").scene
 STEP = 1e-3

@@ -10,7 +10,7 @@ import pytest
 
 from diagnosis.sets import recorded, rewritten
 from physid.cli import main
-from physid.data.format import RecordingSet, write_scene
+from physid.data import RecordingSet, write_scene
 from physid.diagnosis.diagnose import diagnose
 from physid.diagnosis.document.document import FILE
 from physid.diagnosis.inputs.observations import load_observations

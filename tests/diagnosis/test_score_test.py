@@ -14,7 +14,7 @@ from physid.diagnosis.settings.testing import ScoreTestSettings
 from physid.diagnosis.testing.score_test import Conditional, Group, condition, gains, groups_of, steady_gains
 from physid.estimation.least_squares.normal_equations import Normal
 from physid.estimation.prediction.segments import Segmentation
-from physid.physics.effect import Quantity
+from physid.physics import Quantity
 
 ONE = torch.ones(1, dtype=torch.float64)
 NO_NUISANCE = (torch.zeros(0, dtype=torch.int64), *2 * [torch.zeros(0, 1, dtype=torch.float64)])

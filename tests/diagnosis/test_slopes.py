@@ -12,7 +12,7 @@ from physid.estimation.prediction.nominal_model import NominalModel
 from physid.estimation.prediction.rollout import Predictor, Variants
 from physid.estimation.prediction.segments import Segmentation
 from physid.estimation.prediction.timeline import Timeline
-from physid.scenes.catalogue import find_setup
+from physid.scenes import find_setup
 
 SCENE, FRAMES, SPEED, G = find_setup("push").scene, 30, 1.0, 9.81
 WIND = find("constant_force").quantities()["x"]

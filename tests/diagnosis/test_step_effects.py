@@ -14,10 +14,8 @@ from physid.effects import CATALOGUE
 from physid.effects.contact.friction_drift import FrictionDrift
 from physid.effects.dynamics.viscous_drag import ViscousDrag
 from physid.estimation.prediction.step_effects import acts_late, only_steps
-from physid.physics.effect import Effect, Site, StepInputs, quantity
-from physid.physics.layer import PhysicsLayer, Rollout
-from physid.physics.state import State
-from physid.scenes.catalogue import find_setup
+from physid.physics import Effect, PhysicsLayer, Rollout, Site, State, StepInputs, quantity
+from physid.scenes import find_setup
 
 SIZES = torch.linspace(0.1, 0.4, 4, dtype=torch.float64)
 

@@ -10,16 +10,15 @@ import pytest
 import torch
 from torch import Tensor
 
+from physid.data import Recording
 from physid.data.observations.step_grid import StepGrid
 from physid.data.observations.trajectories import from_recordings
-from physid.data.recording import Recording
 from physid.effects import find
 from physid.estimation.prediction.nominal_model import NominalModel
 from physid.estimation.prediction.rollout import Predictor, Variants
 from physid.estimation.prediction.segments import Segmentation
 from physid.estimation.prediction.timeline import Timeline
-from physid.scenes.catalogue import find_setup
-from physid.scenes.scene import Scene
+from physid.scenes import Scene, find_setup
 
 SCENE = find_setup("push").scene
 REST = torch.tensor([0.0, 0.0, SCENE.sizes[0, 2] / 2, 0, 0, 0, 1], dtype=torch.float64)

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from physid.effects import CATALOGUE, describe, find, from_values, laws
 from physid.effects.probe import Probe, draw_probe
-from physid.physics.effect import Effect, Site, quantity
+from physid.physics import Effect, Site, quantity
 
 RELATIVE = 1e-5
 STEP = 1e-6

@@ -9,10 +9,9 @@ from torch import Tensor
 from physid.effects import from_values
 from physid.effects.probe import draw_probe
 from physid.effects.touch import FAR, NEAR, lowest_gap, normal_load, slip, touching
-from physid.physics.effect import StepInputs
+from physid.physics import State, StepInputs
 from physid.physics.rotations import rotate
 from physid.physics.shapes.box import corner_signs
-from physid.physics.state import State
 
 PROBE = draw_probe()
 UP = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)

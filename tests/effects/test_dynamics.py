@@ -7,11 +7,7 @@ from torch import Tensor
 
 from physid.effects import CATALOGUE, from_values
 from physid.effects.probe import draw_probe
-from physid.physics.effect import StepInputs
-from physid.physics.layer import PhysicsLayer
-from physid.physics.parameters import Parameters
-from physid.physics.state import State
-from physid.physics.world import World
+from physid.physics import Parameters, PhysicsLayer, State, StepInputs, World
 
 PROBE = draw_probe()
 SMALL_STEP = 1e-3

@@ -13,14 +13,10 @@ import torch
 from numpy.typing import NDArray
 
 from physid.effects import CATALOGUE, find, from_values
+from physid.physics import Effect, Parameters, PhysicsLayer, Plane, State, World
 from physid.physics.contact import ContactRule, Penetrating, Split
-from physid.physics.effect import Effect
-from physid.physics.layer import PhysicsLayer
-from physid.physics.parameters import Parameters
-from physid.physics.state import State
-from physid.physics.world import Plane, World
-from physid.scenes.scene import Body, Ground, Scene
-from physid.scenes.setup import REST_DEPTH, Excitation
+from physid.scenes import Body, Excitation, Ground, Scene
+from physid.scenes.setup import REST_DEPTH
 from physid.simulators.bullet.world import simulate
 
 Array = NDArray[np.float64]

@@ -14,12 +14,10 @@ from scipy.spatial.transform import Rotation
 from tests.data.sets import write_set
 
 from physid.cli import main
-from physid.data.format import RecordingSet
-from physid.data.recording import Recording
+from physid.data import Recording, RecordingSet
 from physid.inspection.kinematics import noise_of
 from physid.inspection.report import inspect
-from physid.scenes.catalogue import find_setup
-from physid.scenes.scene import Ground, Scene
+from physid.scenes import Ground, Scene, find_setup
 from physid.simulators.bullet.world import simulate
 
 FRAMES, PROTOCOLS, SOME = {"toss": 360}, {"toss": "paper", "slide": "paper"}, 6

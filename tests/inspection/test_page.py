@@ -13,8 +13,7 @@ import pytest
 from tests.data.sets import SCENE, recording, write_set
 
 from physid.cli import main
-from physid.data.format import RecordingSet
-from physid.data.recording import Recording
+from physid.data import Recording, RecordingSet
 from physid.inspection.page import MOST_FRAMES, write_page
 from physid.pages.templates import ICON
 

@@ -11,9 +11,8 @@ import pytest
 from tests.diagnosis.sets import recorded, rewritten
 
 from physid.cli import main
-from physid.data.format import RecordingSet
+from physid.data import Recording, RecordingSet
 from physid.data.observations.trajectories import load_trajectories
-from physid.data.recording import Recording
 from physid.inspection.report import inspect
 from physid.inspection.usability import Motion, mistakes_in, require_usable, require_usable_set
 

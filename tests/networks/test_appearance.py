@@ -5,14 +5,12 @@ import numpy as np
 import pytest
 import torch
 
+from physid.networks import PinholeCamera, PlanarChart, as_image
 from physid.networks.appearance import Appearance, cut_appearance
-from physid.networks.camera import PinholeCamera
-from physid.networks.chart import PlanarChart
-from physid.networks.encoder import as_image
 from physid.networks.renderer import BoxRenderer
 from physid.physics.rotations import exponential, multiply
+from physid.scenes import Scene
 from physid.scenes.camera import Camera
-from physid.scenes.scene import Scene
 from physid.scenes.setups.collide import SCENE as COLLIDE
 from physid.scenes.setups.push import SCENE as PUSH
 from physid.scenes.setups.slide import SCENE as SLIDE

@@ -5,7 +5,8 @@ import pytest
 import torch
 from torch.nn import functional
 
-from physid.networks.blur import Blur, BlurSchedule, GaussianBlur, blur_matrix
+from physid.networks import BlurSchedule, GaussianBlur
+from physid.networks.blur import Blur, blur_matrix
 
 TOLERANCE = 1e-12
 

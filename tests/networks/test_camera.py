@@ -5,7 +5,7 @@ import pybullet
 import pytest
 import torch
 
-from physid.networks.camera import PinholeCamera
+from physid.networks import PinholeCamera
 
 TOLERANCE = 1e-9
 TILTED = PinholeCamera(160, 120, (0.4, -1.0, 1.5), (0.1, 0.2, 0.0), (0.0, 0.0, 1.0), 50.0)

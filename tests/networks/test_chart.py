@@ -4,8 +4,7 @@ import pytest
 import torch
 from tests.networks.residual import rotation_residual
 
-from physid.networks.camera import PinholeCamera
-from physid.networks.chart import PlanarChart, PoseChart, SpatialChart
+from physid.networks import PinholeCamera, PlanarChart, PoseChart, SpatialChart
 from physid.networks.symmetry import Symmetry
 from physid.physics.rotations import exponential, rotate
 

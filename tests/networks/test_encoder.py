@@ -5,18 +5,8 @@ import torch
 from torch import nn
 from torch.distributions import Normal, kl_divergence
 
-from physid.networks.camera import PinholeCamera
-from physid.networks.chart import PlanarChart
-from physid.networks.encoder import (
-    CONTRAST,
-    Layers,
-    PoseEncoder,
-    VariationalPoseEncoder,
-    as_image,
-    features,
-    gaussian_divergence,
-    with_difference,
-)
+from physid.networks import PinholeCamera, PlanarChart, PoseEncoder, VariationalPoseEncoder, as_image
+from physid.networks.encoder import CONTRAST, Layers, features, gaussian_divergence, with_difference
 
 TOLERANCE = 1e-5
 MUCH = 2.0

@@ -4,8 +4,8 @@ import pytest
 import torch
 from scipy.spatial import ConvexHull
 
+from physid.networks import PinholeCamera
 from physid.networks.appearance import Appearance, pixel_rows
-from physid.networks.camera import PinholeCamera
 from physid.networks.faces import corners, coverage, visible_faces
 from physid.networks.renderer import BoxRenderer
 from physid.physics.rotations import exponential

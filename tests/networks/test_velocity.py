@@ -3,7 +3,7 @@ import torch
 
 from physid.networks.symmetry import Symmetry
 from physid.networks.velocity import velocity_from_poses
-from physid.physics.parameters import Parameters
+from physid.physics import Parameters
 from physid.physics.rotations import exponential, multiply
 
 TOLERANCE = 1e-9

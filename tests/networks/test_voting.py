@@ -6,10 +6,9 @@ import pytest
 import torch
 from torch import Tensor, nn
 
+from physid.networks import Encoding, PinholeCamera, PlanarChart, PoseChart, SpatialChart
 from physid.networks.appearance import Appearance
-from physid.networks.camera import PinholeCamera
-from physid.networks.chart import PlanarChart, PoseChart, SpatialChart
-from physid.networks.encoder import Encoding, Layers
+from physid.networks.encoder import Layers
 from physid.networks.renderer import BoxRenderer
 from physid.networks.voting import VotingPoseEncoder
 

@@ -12,13 +12,9 @@ from torch import Tensor
 from physics.worlds import boxes, forces, repeat, state
 from physid.effects import laws
 from physid.effects.dynamics.viscous_drag import ViscousDrag
-from physid.physics.effect import Effect, StepInputs, quantity
+from physid.physics import Effect, Parameters, PhysicsLayer, State, StepInputs, World, quantity
 from physid.physics.guards.unread import ReadError, plain, unread
-from physid.physics.layer import PhysicsLayer
-from physid.physics.parameters import Parameters
 from physid.physics.schemes.integration import Integration, Midpoint, SemiImplicit
-from physid.physics.state import State
-from physid.physics.world import World
 
 BACKENDS = ("reference", "fused")
 SCHEMES = (SemiImplicit(), Midpoint())

@@ -7,12 +7,10 @@ import pytest
 import torch
 
 from physics.worlds import boxes, forces, state
+from physid.physics import PhysicsLayer, Plane, State, World
 from physid.physics.contact import ContactRule, Penetrating, Speculative, Split
 from physid.physics.contact_problem.friction import Cone, FrictionLaw, Pyramid
-from physid.physics.layer import PhysicsLayer
 from physid.physics.rotations import to_matrix
-from physid.physics.state import State
-from physid.physics.world import Plane, World
 
 H = 1 / 240
 G = 9.81

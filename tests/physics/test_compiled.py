@@ -7,13 +7,10 @@ import torch
 from tests.physics.test_fused import GRADIENT, STATE, draw
 from torch import Tensor
 
+from physid.physics import Parameters, PhysicsLayer, State
 from physid.physics.compiled import compile_or_not
 from physid.physics.contact_problem import lcp
-from physid.physics.layer import PhysicsLayer
-from physid.physics.parameters import Parameters
-from physid.physics.state import State
-from physid.scenes.catalogue import SETUPS
-from physid.scenes.setup import Setup
+from physid.scenes import SETUPS, Setup
 
 needs_cuda = pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
 

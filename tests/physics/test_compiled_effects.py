@@ -14,12 +14,10 @@ from physid.compiler.traced import Traced, TracingError, elements, loads
 from physid.effects import CATALOGUE
 from physid.effects.dynamics.quadratic_drag import QuadraticDrag
 from physid.effects.dynamics.viscous_drag import ViscousDrag
-from physid.effects.loading import with_own
+from physid.effects.loading import own_effects
 from physid.estimation.prediction import AtStep
-from physid.physics.effect import Effect
+from physid.physics import Effect, PhysicsLayer, World
 from physid.physics.fused import effects as compiled
-from physid.physics.layer import PhysicsLayer
-from physid.physics.world import World
 
 OUTSIDE = "src/physid/benchmark/sealing/outside.py"
 FORMULAS: dict[str, Callable[[Tensor], Tensor]] = {
@@ -102,7 +100,7 @@ def test_every_effect_of_the_catalogue_is_compiled(kind: type[Effect]) -> None:
 
 
 def test_an_effect_of_ones_own_that_takes_sines_is_compiled_and_agrees() -> None:
-    (kind,) = [kind for kind in with_own([f"{OUTSIDE}:Washboard"]) if kind.name == "washboard"]
+    (kind,) = own_effects([f"{OUTSIDE}:Washboard"])
     compiled._KNOWN.clear()
     effect = kind(depth=torch.tensor([0.4, -0.3], dtype=torch.float64))
     torch.testing.assert_close(rolled(effect), rolled(effect, "reference"), rtol=0, atol=1e-9)

@@ -10,16 +10,11 @@ from torch import Tensor
 
 from physid.effects import CATALOGUE
 from physid.effects.dynamics.viscous_drag import ViscousDrag
+from physid.physics import Effect, Parameters, PhysicsLayer, Plane, Rollout, SolverError, State, World
 from physid.physics.contact import ContactRule, Penetrating, Speculative, Split
 from physid.physics.contact_problem.lcp import SolverSettings
-from physid.physics.effect import Effect
 from physid.physics.fused.records import Shape
-from physid.physics.layer import PhysicsLayer, Rollout, SolverError
-from physid.physics.parameters import Parameters
-from physid.physics.state import State
-from physid.physics.world import Plane, World
-from physid.scenes.catalogue import SETUPS
-from physid.scenes.setup import Setup
+from physid.scenes import SETUPS, Setup
 
 STATE = 1e-9
 GRADIENT = 1e-7

@@ -13,12 +13,9 @@ import torch
 from physid.compiler import machine
 from physid.compiler.control import Code
 from physid.compiler.emit import LANES
+from physid.physics import Parameters, PhysicsLayer, State, World
 from physid.physics.contact_problem.friction import Pyramid
 from physid.physics.fused import backend
-from physid.physics.layer import PhysicsLayer
-from physid.physics.parameters import Parameters
-from physid.physics.state import State
-from physid.physics.world import World
 
 ROOT = Path(__file__).parents[2]
 WITH_THE_OTHER_WIDTH = """

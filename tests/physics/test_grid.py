@@ -12,12 +12,9 @@ from torch import Tensor
 from physics.worlds import boxes, forces, repeat, state
 from physid.effects.contact.friction_drift import FrictionDrift
 from physid.effects.dynamics.viscous_drag import ViscousDrag
-from physid.physics.effect import Effect
-from physid.physics.layer import PhysicsLayer, Rollout
+from physid.physics import Effect, PhysicsLayer, Rollout, State, World
 from physid.physics.schemes.integration import Integration, Midpoint, SemiImplicit
-from physid.physics.state import State
-from physid.physics.world import World
-from physid.scenes.catalogue import find_setup
+from physid.scenes import find_setup
 
 BACKENDS = ("reference", "fused")
 SIZE = torch.tensor([0.3], dtype=torch.float64)

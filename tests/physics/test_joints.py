@@ -7,12 +7,10 @@ import pytest
 import torch
 
 from physics.worlds import boxes, forces, state
+from physid.physics import PhysicsLayer, State, World
 from physid.physics.joints import Axis, Fixed, Joint, Point, Slider
-from physid.physics.layer import PhysicsLayer
 from physid.physics.rotations import exponential, rotate
 from physid.physics.schemes.integration import Midpoint
-from physid.physics.state import State
-from physid.physics.world import World
 
 G = 9.81
 

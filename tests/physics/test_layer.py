@@ -11,12 +11,9 @@ import torch
 from physics.worlds import boxes, forces, repeat, state
 from physid.effects.actuation.force_gain import ForceGain
 from physid.effects.dynamics.viscous_drag import ViscousDrag
+from physid.physics import Parameters, PhysicsLayer, Plane, SolverError, State, World
 from physid.physics.contact_problem.lcp import SolverSettings
-from physid.physics.layer import PhysicsLayer, SolverError
-from physid.physics.parameters import Parameters
 from physid.physics.rotations import exponential, multiply, rotate
-from physid.physics.state import State
-from physid.physics.world import Plane, World
 
 
 def _benchmark(name: str) -> ModuleType:

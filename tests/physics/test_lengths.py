@@ -11,9 +11,8 @@ from torch import Tensor
 
 from physid.effects.contact.friction_drift import FrictionDrift
 from physid.effects.dynamics.viscous_drag import ViscousDrag
-from physid.physics.effect import Effect
-from physid.physics.layer import PhysicsLayer, Rollout
-from physid.scenes.catalogue import find_setup
+from physid.physics import Effect, PhysicsLayer, Rollout
+from physid.scenes import find_setup
 
 LENGTHS = torch.tensor([20, 3, 7, 7, 1, 12, 2, 9, 5, 5, 4])
 STEPS = int(LENGTHS.max())

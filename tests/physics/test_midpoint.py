@@ -12,14 +12,11 @@ from torch import Tensor
 from physics.worlds import boxes, forces, state
 from physid.effects.contact.contact_compliance import ContactCompliance
 from physid.effects.dynamics.tether import Tether
+from physid.physics import Parameters, PhysicsLayer, Plane, Rollout, State, World
 from physid.physics.contact import Split
-from physid.physics.layer import PhysicsLayer, Rollout
-from physid.physics.parameters import Parameters
 from physid.physics.rotations import exponential, rotate, to_matrix
 from physid.physics.schemes.integration import Midpoint, SemiImplicit
 from physid.physics.schemes.turning import slip_after
-from physid.physics.state import State
-from physid.physics.world import Plane, World
 
 G = 9.81
 BACKENDS = ("reference", "fused")

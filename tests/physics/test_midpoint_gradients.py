@@ -13,14 +13,10 @@ from torch import Tensor
 from physid.effects.contact.friction_drift import FrictionDrift
 from physid.effects.dynamics.tether import Tether
 from physid.effects.dynamics.viscous_drag import ViscousDrag
-from physid.physics.effect import Effect
-from physid.physics.layer import PhysicsLayer
-from physid.physics.parameters import Parameters
+from physid.physics import Effect, Parameters, PhysicsLayer, Plane, State, World
 from physid.physics.rotations import exponential
 from physid.physics.schemes.integration import Midpoint
-from physid.physics.state import State
-from physid.physics.world import Plane, World
-from physid.scenes.catalogue import SETUPS
+from physid.scenes import SETUPS
 
 DIFFERENCE = 1e-6  # step of central differences
 AGREES = 2e-5  # what they leave of a derivative, relative to the largest of its kind

@@ -14,17 +14,14 @@ from tests.physics.worlds import DTYPE, forces, state
 from torch import Tensor
 
 from physid.effects.touch import lowest_gap
+from physid.physics import Parameters, PhysicsLayer, Plane, Rollout, State, World
 from physid.physics.case import nominal_inputs
 from physid.physics.contact import Patch
 from physid.physics.fused import backend
-from physid.physics.layer import PhysicsLayer, Rollout
-from physid.physics.parameters import Parameters
 from physid.physics.schemes.integration import Integration, Midpoint, SemiImplicit
 from physid.physics.shapes.box import Box
 from physid.physics.shapes.shape import Finder, Placed, Shape
 from physid.physics.shapes.sphere import Sphere
-from physid.physics.state import State
-from physid.physics.world import Plane, World
 
 G = 9.81
 SCHEMES = pytest.mark.parametrize("scheme", [SemiImplicit(), Midpoint()], ids=["semi-implicit", "midpoint"])

@@ -13,15 +13,12 @@ import pytest
 import torch
 
 from physics.worlds import DTYPE, boxes, forces, state
+from physid.physics import Parameters, PhysicsLayer, SolverError, State, World
 from physid.physics.contact_problem.lcp import SolverSettings
-from physid.physics.layer import PhysicsLayer, SolverError
-from physid.physics.parameters import Parameters
 from physid.physics.rotations import conjugate, rotate
 from physid.physics.schemes.impact import LARGEST, late
 from physid.physics.schemes.integration import Midpoint, SemiImplicit
 from physid.physics.schemes.motion import drift
-from physid.physics.state import State
-from physid.physics.world import World
 
 SCRIPT = Path(__file__).parents[2] / "benchmarks" / "stress.py"
 SCHEMES = [SemiImplicit(), Midpoint()]

@@ -5,8 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from physid.physics.parameters import Parameters
-from physid.physics.state import State
+from physid.physics import Parameters, State
 
 DTYPE = torch.float64
 

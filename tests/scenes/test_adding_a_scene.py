@@ -10,9 +10,8 @@ import pytest
 
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig
-from physid.scenes.catalogue import find_setup
-from physid.scenes.setup import Setup
-from physid.simulators.protocol import find_simulator
+from physid.scenes import Setup, find_setup
+from physid.simulators import find_simulator
 
 GUIDE = (Path(__file__).parents[2] / "docs" / "adding_a_scene.md").read_text()
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from physid.data.generation.settings import GenerateConfig
+from physid.scenes import SETUPS, Excitation, find_setup
 from physid.scenes.camera import corners
-from physid.scenes.catalogue import SETUPS, find_setup
-from physid.scenes.setup import REST_DEPTH, Excitation
+from physid.scenes.setup import REST_DEPTH
 from physid.strict import nearest
 
 STEPS, DRAWS = 300, 40

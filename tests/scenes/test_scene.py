@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 import yaml
 
-from physid.scenes.catalogue import SETUPS, find_setup
+from physid.scenes import SETUPS, Body, Integration, bodies_of, find_setup, with_parameters
 from physid.scenes.description import describe, read_description
-from physid.scenes.parameters import bodies_of, with_parameters
-from physid.scenes.scene import SEMI_IMPLICIT_EULER, Body, Integration
+from physid.scenes.scene import SEMI_IMPLICIT_EULER
 
 SAMPLE = yaml.safe_load("""
 format: physid-recordings

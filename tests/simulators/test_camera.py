@@ -6,8 +6,7 @@ import numpy as np
 import pybullet
 import pytest
 
-from physid.scenes.catalogue import find_setup
-from physid.scenes.scene import Scene
+from physid.scenes import Scene, find_setup
 from physid.scenes.setups.placing import on_ground
 from physid.simulators.bullet import camera as studio
 from physid.simulators.bullet.camera import Studio

@@ -10,16 +10,13 @@ import torch
 from physid.effects.actuation.force_gain import ForceGain
 from physid.effects.contact.friction_drift import FrictionDrift
 from physid.effects.dynamics.viscous_drag import ViscousDrag
-from physid.scenes.catalogue import find_setup
+from physid.scenes import Body, Excitation, Ground, Scene, find_setup
 from physid.scenes.rotations import conjugate, rotate
-from physid.scenes.scene import Body, Ground, Scene
-from physid.scenes.setup import Excitation
 from physid.scenes.setups.placing import on_ground
+from physid.simulators import Motion, find_simulator
 from physid.simulators.closed_form.flight import spin
 from physid.simulators.closed_form.path import Path, time_of_meeting
 from physid.simulators.closed_form.world import simulate_all
-from physid.simulators.motion import Motion
-from physid.simulators.protocol import find_simulator
 
 EXACT = 1e-12
 FINE = 2e-5  # [m] between the closed form and MuJoCo: MuJoCo's bodies rest 1e-5 m deep

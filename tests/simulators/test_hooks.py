@@ -12,15 +12,13 @@ import torch
 
 from physid.effects.actuation.force_gain import ForceGain
 from physid.effects.dynamics.viscous_drag import ViscousDrag
-from physid.physics.effect import Effect, Site, StepInputs
-from physid.physics.state import State
-from physid.scenes.scene import Body, Ground, Scene
-from physid.scenes.setup import Excitation
+from physid.physics import Effect, Site, State, StepInputs
+from physid.scenes import Body, Excitation, Ground, Scene
 from physid.scenes.setups.placing import on_ground
+from physid.simulators import Motion, observed
 from physid.simulators.bullet import engine
 from physid.simulators.bullet.hooks import split_products
 from physid.simulators.bullet.world import AT_ONCE, simulate, simulate_all
-from physid.simulators.motion import Motion, observed
 
 TOLERANCE = 1e-8  # [m], [m/s]
 H, G, STEPS = 1 / 240, 9.81, 200

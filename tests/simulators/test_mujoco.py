@@ -8,15 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from physid.scenes import Body, Excitation, Ground, Scene, find_setup
 from physid.scenes.camera import corners
-from physid.scenes.catalogue import find_setup
 from physid.scenes.rotations import conjugate, rotate
-from physid.scenes.scene import Body, Ground, Scene
-from physid.scenes.setup import REST_DEPTH, Excitation
+from physid.scenes.setup import REST_DEPTH
 from physid.scenes.setups.placing import on_ground
-from physid.simulators.motion import Motion
+from physid.simulators import Motion, find_simulator
 from physid.simulators.mujoco.world import simulate_all
-from physid.simulators.protocol import find_simulator
 
 H, G, STEPS, SUBSTEPS = 1 / 60, 9.81, 61, 17
 SLIDING = 1e-6  # [m] of a slide of a metre

@@ -14,12 +14,10 @@ from tests.effects.test_engines_agree import EXCITED_BY
 from physid.effects import find, from_values
 from physid.effects.actuation.force_gain import ForceGain
 from physid.effects.dynamics.viscous_drag import ViscousDrag
-from physid.physics.effect import Effect, Site, StepInputs
-from physid.physics.state import State
-from physid.scenes.scene import Body, Ground, Scene
-from physid.scenes.setup import Excitation
+from physid.physics import Effect, Site, State, StepInputs
+from physid.scenes import Body, Excitation, Ground, Scene
 from physid.scenes.setups.placing import on_ground
-from physid.simulators.protocol import find_simulator
+from physid.simulators import find_simulator
 
 Array = NDArray[np.float64]
 H, G, STEPS = 1 / 240, 9.81, 60

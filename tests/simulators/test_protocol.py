@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from physid.scenes.catalogue import find_setup
-from physid.simulators.protocol import SIMULATORS, Simulator, find_simulator
+from physid.scenes import find_setup
+from physid.simulators import SIMULATORS, Simulator, find_simulator
 
 NAMES = [simulator.name for simulator in SIMULATORS]
 APART = 1e-3  # [m] between references after a quarter of a second

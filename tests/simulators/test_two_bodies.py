@@ -7,12 +7,8 @@ import pybullet
 import pytest
 import torch
 
-from physid.physics.layer import PhysicsLayer
-from physid.physics.parameters import Parameters
-from physid.physics.state import State
-from physid.physics.world import World
-from physid.scenes.catalogue import find_setup
-from physid.scenes.setup import Excitation
+from physid.physics import Parameters, PhysicsLayer, State, World
+from physid.scenes import Excitation, find_setup
 from physid.scenes.setups.placing import on_ground
 from physid.simulators.bullet.engine import Engine
 from physid.simulators.bullet.world import simulate

@@ -6,12 +6,12 @@ import math
 import numpy as np
 import pytest
 
+from physid.scenes import Body, Excitation, Ground, Scene
 from physid.scenes.rotations import rotate
-from physid.scenes.scene import Body, Ground, Scene
-from physid.scenes.setup import REST_DEPTH, Excitation
+from physid.scenes.setup import REST_DEPTH
 from physid.scenes.setups.placing import on_ground
+from physid.simulators import Motion
 from physid.simulators.bullet.world import simulate
-from physid.simulators.motion import Motion
 
 TOLERANCE = 1e-8  # [m], [m/s]
 H, G, STEPS = 1 / 240, 9.81, 300

@@ -7,10 +7,9 @@ from typing import Any
 
 import torch
 
-from physid.physics.layer import PhysicsLayer
-from physid.physics.state import State
-from physid.scenes.catalogue import find_setup
-from physid.scenes.scene import SEMI_IMPLICIT_EULER, Integration, Scene
+from physid.physics import PhysicsLayer, State
+from physid.scenes import Integration, Scene, find_setup
+from physid.scenes.scene import SEMI_IMPLICIT_EULER
 from physid.training.learners.engine import Engine
 from physid.training.parameters.physical_parameters import PhysicalParameters
 

@@ -12,12 +12,11 @@ import torch
 from tests.data.sets import SCENE, recording, write_set
 from tests.training.pushed import SCENE as MADE
 
+from physid.data import Recording, RecordingSet
 from physid.data.batches.datamodule import RecordingsDataModule
 from physid.data.batches.dataset import Segments, collate
-from physid.data.format import RecordingSet
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig, Noise
-from physid.data.recording import Recording
 from physid.training.callbacks.converged import Converged
 from physid.training.learners.engine import Engine
 from physid.training.learners.sysid import SysID

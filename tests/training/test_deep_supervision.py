@@ -2,9 +2,7 @@ import math
 
 import torch
 
-from physid.networks.camera import PinholeCamera
-from physid.networks.chart import PlanarChart, SpatialChart
-from physid.networks.encoder import Encoding
+from physid.networks import Encoding, PinholeCamera, PlanarChart, SpatialChart
 from physid.training.vision.deep_supervision import HARMONICS, DeepSupervision, rotation_features
 
 CAMERA = PinholeCamera(128, 128, (0, 0, 3), (0, 0, 0), (0, 1, 0), 40.0)

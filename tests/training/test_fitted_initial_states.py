@@ -17,7 +17,7 @@ from physid.data.batches.datamodule import RecordingsDataModule
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig, Noise
 from physid.physics.rotations import angle_between, exponential, multiply
-from physid.scenes.catalogue import find_setup
+from physid.scenes import find_setup
 from physid.scenes.lying import lay_down
 from physid.training.initial_states.explaining import started
 from physid.training.initial_states.fitted import fit_states

@@ -11,11 +11,11 @@ import pytest
 import torch
 from torch import Tensor
 
-from physid.networks.encoder import Layers, PoseEncoder
+from physid.networks import PoseEncoder
+from physid.networks.encoder import Layers
+from physid.physics import State
 from physid.physics.rotations import exponential, multiply
-from physid.physics.state import State
-from physid.scenes.catalogue import find_setup
-from physid.scenes.scene import Integration
+from physid.scenes import Integration, find_setup
 from physid.training.initial_states.slopes import slopes
 from physid.training.learners.supervised import SupervisedID
 from physid.training.learners.video import Objective

@@ -17,16 +17,15 @@ from torch import Tensor
 
 from physid.cli import main
 from physid.commands.terminal.summary import summarize
-from physid.data.format import RecordingSet, trajectory_path, write_scene, write_sums
+from physid.data import RecordingSet, trajectory_path, write_scene, write_sums, write_trajectory
 from physid.data.reading import ECHO, Reading, write_reading
-from physid.data.trajectory import write_trajectory
 from physid.estimation.least_squares.covariance import covariance_of, inflation, reach_of, scatter_of
 from physid.estimation.least_squares.experiment import Fit
 from physid.estimation.least_squares.levenberg_marquardt import NONE
 from physid.estimation.least_squares.normal_equations import Normal, linearise
 from physid.estimation.least_squares.settings import IntervalSettings
 from physid.estimation.measurement.sensor_noise import Noise
-from physid.scenes.catalogue import find_setup
+from physid.scenes import find_setup
 from physid.training.initial_states.explaining import Explaining
 from physid.training.learners.sysid import SysID
 from physid.training.parameters.intervals import Response, intervals, normal_of, ridge_of

@@ -9,9 +9,10 @@ import pytest
 import torch
 from torch import Tensor
 
-from physid.networks.encoder import Layers, PoseEncoder
-from physid.physics.state import State
-from physid.scenes.catalogue import find_setup
+from physid.networks import PoseEncoder
+from physid.networks.encoder import Layers
+from physid.physics import State
+from physid.scenes import find_setup
 from physid.training.learners.supervised import SupervisedID
 from physid.training.parameters.pose_loss import PoseLoss
 from physid.training.parameters.trajectories import Trajectories

@@ -9,7 +9,7 @@ import torch
 from tests.training.pushed import SCENE, push_batch
 
 from physid.estimation.prediction import NominalModel, Predictor, Variants
-from physid.physics.state import State
+from physid.physics import State
 from physid.training.learners.engine import Engine
 from physid.training.learners.sysid import SysID
 from physid.training.parameters.gauss_newton import GaussNewton

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from physid.estimation.least_squares.levenberg_marquardt import NONE, gauss_newton
 from physid.estimation.prediction.rollout import Prediction, Predictor, Variants
-from physid.physics.layer import SolverError
+from physid.physics import SolverError
 from physid.training.initial_states.explaining import Explaining
 from physid.training.learners.sysid import SysID
 from physid.training.parameters.gauss_newton import GaussNewton

@@ -136,7 +136,7 @@ def test_whole_trajectories_of_hits_are_predicted_as_well_as_in_the_paper(tmp_pa
 
 
 def test_squares_relative_to_the_empty_scene_are_one_where_nothing_is_drawn() -> None:
-    from physid.scenes.catalogue import find_setup
+    from physid.scenes import find_setup
 
     module = SelfSupervisedID(["block.friction"]).attach(find_setup("push").scene)
     background = torch.rand(2, 3, 128, 128)

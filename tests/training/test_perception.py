@@ -10,11 +10,10 @@ import pytest
 import torch
 
 from physid.cli import main
-from physid.data.format import RecordingSet
+from physid.data import RecordingSet
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig, Noise
-from physid.physics.layer import PhysicsLayer
-from physid.physics.world import World
+from physid.physics import PhysicsLayer, World
 from physid.training.learners.engine import Engine
 from physid.training.learners.self_supervised import SelfSupervisedID
 from physid.training.parameters.trajectories import Trajectories

@@ -9,7 +9,7 @@ from scipy.stats import norm
 from physid.effects import from_values
 from physid.estimation.prediction.coordinates import Coordinates, Unknown
 from physid.physics.shapes.table import BOX
-from physid.scenes.catalogue import find_setup
+from physid.scenes import find_setup
 from physid.training.parameters.intervals import intervals
 from physid.training.parameters.physical_parameters import PhysicalParameters
 

@@ -4,8 +4,7 @@ import pytest
 import torch
 
 from physid.physics.rotations import angle_between
-from physid.scenes.catalogue import find_setup
-from physid.scenes.scene import Scene
+from physid.scenes import Scene, find_setup
 from physid.training.vision import pose_refinement as pose_refinement
 from physid.training.vision.decoder import Decoder
 from physid.training.vision.model import chart_of

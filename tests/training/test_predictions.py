@@ -10,9 +10,7 @@ import numpy as np
 import pytest
 
 from physid.cli import main
-from physid.data.format import RecordingSet, trajectory_path, write_scene
-from physid.data.recording import Recording
-from physid.data.trajectory import write_trajectory
+from physid.data import Recording, RecordingSet, trajectory_path, write_scene, write_trajectory
 
 CONFIG = Path(__file__).parents[2] / "configs" / "sysid" / "push_friction.yaml"
 TRACKED = 1e-4  # [m] over the 16 frames of the tiny recordings

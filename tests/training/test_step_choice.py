@@ -26,11 +26,9 @@ from physid.estimation.measurement.poses import pose_difference
 from physid.estimation.prediction.nominal_model import NominalModel
 from physid.estimation.prediction.segments import Segmentation
 from physid.estimation.prediction.timeline import Timeline
-from physid.physics.layer import PhysicsLayer
+from physid.physics import PhysicsLayer, State, World
 from physid.physics.schemes.integration import Midpoint
-from physid.physics.state import State
-from physid.physics.world import World
-from physid.scenes.catalogue import find_setup
+from physid.scenes import find_setup
 
 G, FRICTION, FORCE, MASS = 9.81, 0.2, -4.0, 1.0
 FRAME, FRAMES, COUNT = 1 / 30, 10, 200

@@ -3,8 +3,8 @@ import math
 import pytest
 import torch
 
-from physid.networks.encoder import Encoding
-from physid.scenes.catalogue import find_setup
+from physid.networks import Encoding
+from physid.scenes import find_setup
 from physid.training.learners.optimisation import DEFAULT_OPTIMIZER, build_optimizers
 from physid.training.learners.supervised import SupervisedID
 from physid.training.vision.model import VideoModel, chart_of

@@ -18,8 +18,8 @@ from torch.optim import LBFGS, Adam
 from torch.utils.data import DataLoader
 
 from physid.cli import main
+from physid.physics import PhysicsLayer, SolverError
 from physid.physics.contact_problem.lcp import SolverSettings
-from physid.physics.layer import PhysicsLayer, SolverError
 from physid.training.callbacks.intervals import left_to_go
 from physid.training.learners.engine import Engine
 from physid.training.learners.sysid import SysID

@@ -12,14 +12,12 @@ import torch
 from torch import Tensor
 
 from physid.cli import main
-from physid.data.format import RecordingSet, trajectory_path, write_scene, write_sums
+from physid.data import Recording, RecordingSet, trajectory_path, write_scene, write_sums, write_trajectory
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig
 from physid.data.reading import ECHO, read_reading
-from physid.data.recording import Recording
-from physid.data.trajectory import write_trajectory
+from physid.networks import as_image
 from physid.networks.appearance import Appearance
-from physid.networks.encoder import as_image
 from physid.physics.rotations import conjugate, logarithm, multiply
 from physid.simulators.bullet.camera import Studio
 from physid.training.runs.run import CHECKPOINT, restore

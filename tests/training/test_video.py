@@ -12,9 +12,7 @@ import pytest
 import torch
 
 from physid.cli import main
-from physid.data.format import RecordingSet, write_scene
-from physid.data.recording import Recording
-from physid.data.trajectory import write_trajectory
+from physid.data import Recording, RecordingSet, write_scene, write_trajectory
 from physid.networks.voting import VotingPoseEncoder
 from physid.training.learners.engine import Engine
 from physid.training.learners.optimisation import take_encoder

@@ -5,9 +5,8 @@ from __future__ import annotations
 import dataclasses
 from pathlib import Path
 
-from physid.data.format import RecordingSet, write_sums
+from physid.data import RecordingSet, write_sums, write_trajectory
 from physid.data.generation.settings import GenerateConfig, Noise
-from physid.data.trajectory import write_trajectory
 
 EVERY, FIRST = 15, 7  # of each role every fifteenth set, from the eighth on
 SCENES = ("push",)  # where bodies lie on the ground: there no initial pose is needed to find them

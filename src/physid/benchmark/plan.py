@@ -12,7 +12,7 @@ from physid.benchmark.bank import Purpose, Size
 from physid.benchmark.films import is_film
 from physid.benchmark.sealing.hidden import ROLES, SHARES, Role, candidates, cells
 from physid.data.batches.splits import assign_splits
-from physid.simulators.protocol import SIMULATORS, find_simulator
+from physid.simulators import SIMULATORS, find_simulator
 from physid.strict import nearest, number, quoted
 
 FAMILIES: Mapping[Purpose, int] = {"score": 1, "calibration": 2}

@@ -14,8 +14,8 @@ from typing import Any, ClassVar
 
 from physid.benchmark.bank import SEALED, Bank
 from physid.benchmark.films import with_poses
+from physid.data import RecordingSet
 from physid.data.files import write_text
-from physid.data.format import RecordingSet
 from physid.diagnosis.document.document import FILE, Diagnosis
 from physid.typed_files import CLOSED
 

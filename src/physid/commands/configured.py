@@ -57,7 +57,7 @@ def configure(
 
 def _examine(command: Command, recordings: Path) -> str:
     """Return the name of a recording set that has poses."""
-    from physid.data.format import RecordingSet
+    from physid.data import RecordingSet
     from physid.shipped import names
 
     if recordings.suffix in YAML or (str(recordings) in names() and not recordings.exists()):

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 if TYPE_CHECKING:
     from tqdm import tqdm
 
-    from physid.diagnosis.document.document import Diagnosis
-    from physid.diagnosis.progress import Stage
+    from physid.diagnosis import Diagnosis, Stage
 
 BAR, LONGEST = "{desc} {percentage:3.0f}% {bar:20} {elapsed}", 44
 
@@ -73,12 +72,10 @@ def diagnose(
     from physid.commands.configured import read_model
     from physid.commands.films import read_poses
     from physid.commands.terminal.screen import resumable
-    from physid.data.format import RecordingSet
+    from physid.data import RecordingSet
+    from physid.diagnosis import Settings, parse_changes, summary_lines
     from physid.diagnosis.diagnose import diagnose as run
-    from physid.diagnosis.document.sentences import summary_lines
-    from physid.diagnosis.settings.settings import Settings, parse_changes
-    from physid.effects import CATALOGUE
-    from physid.effects.loading import with_own
+    from physid.effects.loading import own_effects
     from physid.record import write_record
 
     changes = parse_changes(set or []) | ({} if tolerance is None else {"materiality.tolerance": tolerance})
@@ -87,7 +84,7 @@ def diagnose(
     sets = {"read": RecordingSet(recordings)} | ({} if transfer is None else {"read_transfer": RecordingSet(transfer)})
     if from_video or encoder or not all(each.any_poses() for each in sets.values()):
         sets = {name: read_poses(each.folder, folder / name, encoder, limit, quiet) for name, each in sets.items()}
-    own = with_own([place for place in effects.split(",") if place])[len(CATALOGUE) :]
+    own = own_effects([place for place in effects.split(",") if place])
     with resumable(), tqdm(total=100, bar_format=BAR, disable=quiet or None) as bar:
         options: dict[str, Any] = {"transfer": sets.get("read_transfer"), "limit": limit, "seed": seed}
         options |= {"model": model and read_model(model, allow), "effects": own, "settings": settings}
@@ -100,9 +97,7 @@ def diagnose(
 
 def _log(folder: Path, wandb: str, config: Mapping[str, Any], found: Diagnosis) -> None:
     """Set a diagnosis to wandb."""
-    from physid.diagnosis.conclusion.metrics import figures_of
-    from physid.diagnosis.report.overlay import FILM
-    from physid.diagnosis.report.page import REPORT
+    from physid.diagnosis import FILM, REPORT, figures_of
     from physid.training.runs.loggers import log_result
 
     ranking = [(" + ".join(row.effects), row.score, row.p_value) for row in found.ranking]

@@ -9,7 +9,7 @@ from physid.commands.terminal.screen import frame_bar, resumable
 from physid.data.files import YAML, require_ending
 
 if TYPE_CHECKING:
-    from physid.data.format import RecordingSet
+    from physid.data import RecordingSet
 
 
 def calibrate(
@@ -96,7 +96,7 @@ def track(
 
 def read_poses(films: Path, into: Path, encoder: Path | None, limit: int | None, quiet: bool) -> RecordingSet:
     """Read poses from films, once, and return the set that has them (see `track`)."""
-    from physid.data.format import RecordingSet
+    from physid.data import RecordingSet
     from physid.one_writer import one_writer
     from physid.training.tracking.track import track as run
 

@@ -18,7 +18,7 @@ def check(recordings: Path, *, limit: int | None = None) -> None:
         recordings: Folder of the recording set.
         limit: Use the first LIMIT trajectories only.
     """
-    from physid.data.format import RecordingSet
+    from physid.data import RecordingSet
     from physid.inspection.report import UnsoundError, inspect
 
     found = inspect(RecordingSet(recordings), limit)
@@ -42,7 +42,7 @@ def show(recordings: Path, *, out: Path | None = None, limit: int = 12) -> None:
         out: The HTML file to write; runs/show/NAME.html by default.
         limit: Use the first LIMIT trajectories only.
     """
-    from physid.data.format import RecordingSet
+    from physid.data import RecordingSet
     from physid.inspection.page import write_page
 
     known = RecordingSet(recordings)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from physid.scenes.scene import Scene
+from physid.scenes import Scene
 from physid.strict import MOST_SHOWN, nearest, quoted
 
 COMPONENTS = ("torque_x", "torque_y", "torque_z", "force_x", "force_y", "force_z")

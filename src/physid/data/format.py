@@ -13,8 +13,8 @@ from physid.data.files import sha256, write_text
 from physid.data.observations.stamps import check_clocks
 from physid.data.recording import Recording
 from physid.data.trajectory import has_dataset, read_film, read_labels, read_trajectory
+from physid.scenes import Scene
 from physid.scenes.description import describe, read_description
-from physid.scenes.scene import Scene
 from physid.yaml_files import YamlError, read_yaml
 
 __all__ = ["Recording", "RecordingSet", "trajectory_path", "write_scene", "write_sums"]

@@ -10,7 +10,7 @@ from typing import Any
 
 import torch
 
-from physid.data.format import RecordingSet
+from physid.data import RecordingSet
 from physid.diagnosis.conclusion.conclusion import draw_conclusion
 from physid.diagnosis.conclusion.fitted_model import save_model
 from physid.diagnosis.document.document import Diagnosis
@@ -22,7 +22,7 @@ from physid.diagnosis.selection.attribution import attribute
 from physid.diagnosis.settings.settings import Settings
 from physid.effects import candidates_beside
 from physid.one_writer import one_writer
-from physid.physics.effect import Effect
+from physid.physics import Effect
 
 DEFAULT = Settings()
 

@@ -9,7 +9,7 @@ import torch
 
 from physid.effects import actuation, contact, dynamics, perception
 from physid.effects.table import Row, rows_of
-from physid.physics.effect import Effect, Quantity
+from physid.physics import Effect, Quantity
 from physid.strict import nearest
 
 CATALOGUE: tuple[type[Effect], ...] = (*actuation.EFFECTS, *dynamics.EFFECTS, *contact.EFFECTS, *perception.EFFECTS)

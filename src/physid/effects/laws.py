@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from physid.effects.probe import draw_probe
-from physid.physics.effect import Effect, Site, widths_of
+from physid.physics import Effect, Site, widths_of
 from physid.physics.guards.unread import ReadError, unread
 
 HOOKS = ("actuate", "act", "observe")

@@ -11,7 +11,7 @@ from types import ModuleType
 
 from physid.effects import CATALOGUE
 from physid.effects.laws import check
-from physid.physics.effect import Effect
+from physid.physics import Effect
 
 
 def load(place: str) -> type[Effect]:
@@ -42,13 +42,13 @@ def load(place: str) -> type[Effect]:
     return effect
 
 
-def with_own(places: Sequence[str]) -> tuple[type[Effect], ...]:
-    """Return the catalogue, followed by the effects of files (see `load`).
+def own_effects(places: Sequence[str]) -> tuple[type[Effect], ...]:
+    """Return the effects of files (see `load`).
 
     Raises:
         ValueError: If an effect cannot be loaded, or two have the same name.
     """
-    effects = (*CATALOGUE, *(load(place) for place in places))
+    effects = tuple(load(place) for place in places)
     names = [effect.name for effect in effects]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from physid.physics.effect import Effect, StepInputs
+from physid.physics import Effect, State, StepInputs
 from physid.physics.rotations import exponential
 from physid.physics.shapes.box import Box
-from physid.physics.state import State
 
 TIME_STEP = 1 / 240
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 from dataclasses import dataclass
 
-from physid.physics.effect import Effect
+from physid.physics import Effect
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from physid.physics.effect import StepInputs
+from physid.physics import State, StepInputs
 from physid.physics.shapes.table import reach
-from physid.physics.state import State
 
 NEAR = 1e-3  # [m] a body at most this far away touches; bodies at rest stay within 0.01 mm in both engines
 FAR = 3e-3  # [m] a body at least this far away does not

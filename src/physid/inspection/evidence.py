@@ -8,12 +8,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from physid.data import Recording
 from physid.data.observations.trajectories import from_recordings
-from physid.data.recording import Recording
 from physid.estimation.measurement import UNSEEN, Noise
 from physid.inspection.kinematics import Kinematics, kinematics_of, noise_of, window_for
 from physid.inspection.usability import Motion
-from physid.scenes.scene import Scene
+from physid.scenes import Scene
 
 Array = NDArray[np.float64]
 FREE = 0.05  # share of the weight below which a force is none

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from physid.data.format import RecordingSet
+from physid.data import RecordingSet
 from physid.data.observations.stamps import rhythm_of
 from physid.inspection.energy import energy_over_time
 from physid.inspection.evidence import Evidence

@@ -8,10 +8,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from physid.data.recording import Recording
+from physid.data import Recording
 from physid.estimation.measurement import Noise, NoiseSettings, noise_of_poses, outlier_poses, pose_difference
+from physid.scenes import Scene
 from physid.scenes.camera import corners
-from physid.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 WINDOW, LONGEST, LASTING = 7, 41, 0.15  # frames of a local parabola: at least, at most; [s] at most

@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from physid.data import Recording, RecordingSet
 from physid.data.files import PAGES, require_ending, write_text
-from physid.data.format import RecordingSet
 from physid.data.observations.step_grid import lay_steps
-from physid.data.recording import Recording
 from physid.pages.templates import render
 from physid.scenes.camera import corners
 

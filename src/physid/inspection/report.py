@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from physid.data.format import RecordingSet
+from physid.data import Recording, RecordingSet
 from physid.data.observations.remarks import remarks_on
-from physid.data.recording import Recording
 from physid.inspection.evidence import Evidence
 from physid.inspection.facts import facts_of
 from physid.inspection.finding import Finding

@@ -8,12 +8,11 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from physid.data.format import RecordingSet
+from physid.data import Recording, RecordingSet
 from physid.data.observations.trajectories import Trajectories, from_recordings
-from physid.data.recording import Recording
 from physid.estimation.measurement import NoiseSettings, outlier_poses
 from physid.inspection.finding import Finding
-from physid.scenes.scene import Scene
+from physid.scenes import Scene
 from physid.setting import Section, setting
 
 

@@ -10,8 +10,8 @@ from torch.nn import functional
 
 from physid.networks.camera import PinholeCamera
 from physid.networks.faces import TANGENTS, coverage, visible_faces
+from physid.physics import check_shape
 from physid.physics.rotations import rotate
-from physid.physics.state import check_shape
 
 FEWEST_PIXELS = 6.0
 """A face that covers fewer pixels than this in the first frame gets one colour instead of a patch."""

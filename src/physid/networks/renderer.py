@@ -11,7 +11,7 @@ from torch.nn import functional
 from physid.networks.appearance import Appearance, pixel_rows
 from physid.networks.camera import PinholeCamera
 from physid.networks.faces import NEAR, Faces, corners, coverage, visible_faces
-from physid.physics.state import check_shape
+from physid.physics import check_shape
 
 MARGIN = 2
 """Pixels kept around a box when only its surroundings are drawn."""

@@ -9,9 +9,8 @@ import torch
 from torch import Tensor
 
 from physid.networks.symmetry import Symmetry, nearest
-from physid.physics.parameters import Parameters
+from physid.physics import Parameters, check_shape
 from physid.physics.rotations import conjugate, logarithm, multiply, rotate
-from physid.physics.state import check_shape
 
 
 @dataclass(frozen=True)

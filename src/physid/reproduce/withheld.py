@@ -34,7 +34,7 @@ class Withheld(Cell):
     def run(self, configs: Path, data: Path, folder: Path) -> list[Result]:
         """Generate, diagnose and compare with what was hidden (see `Cell.run`)."""
         from physid.configuration import compose
-        from physid.data.format import RecordingSet
+        from physid.data import RecordingSet
         from physid.data.generation.generate import generate
         from physid.data.generation.settings import GenerateConfig
         from physid.diagnosis.diagnose import diagnose

@@ -7,7 +7,7 @@ from typing import Any, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from physid.scenes.scene import Scene
+from physid.scenes import Scene
 
 
 class Studio(Protocol):

@@ -8,7 +8,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from physid.scenes.setup import Excitation
+from physid.scenes import Excitation
 
 Array = NDArray[np.float64]
 State = TypeVar("State", covariant=True)

@@ -10,10 +10,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from physid.physics.effect import Effect, StepInputs, widths_of
+from physid.physics import Effect, State, StepInputs, widths_of
 from physid.physics.shapes.table import reach
-from physid.physics.state import State
-from physid.scenes.scene import Body, Scene
+from physid.scenes import Body, Scene
 
 Array = NDArray[np.float64]
 SHARED = tuple(widths_of("ground"))  # the fields of StepInputs that all worlds of a batch share

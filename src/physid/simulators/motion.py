@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from physid.scenes.scene import Scene
-from physid.scenes.setup import Excitation
+from physid.scenes import Excitation, Scene
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from physid.physics.effect import Effect
+    from physid.physics import Effect
 
 Array = NDArray[np.float64]
 ROUNDING = 1e-9  # [-] times that differ by no more are the same
@@ -61,7 +60,7 @@ def observed(pose: Array, effects: Sequence[Effect], time: Array) -> Array:
 
 def between_frames(effect: Effect) -> bool:
     """Return whether an effect changes what acts, or when poses are taken, between two frames."""
-    from physid.physics.effect import Effect
+    from physid.physics import Effect
 
     return type(effect).actuate is not Effect.actuate or type(effect).elapse is not Effect.elapse
 

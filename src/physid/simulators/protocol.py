@@ -8,12 +8,11 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Protocol
 
-from physid.scenes.scene import Scene
-from physid.scenes.setup import Excitation
+from physid.scenes import Excitation, Scene
 from physid.strict import nearest
 
 if TYPE_CHECKING:
-    from physid.physics.effect import Effect
+    from physid.physics import Effect
     from physid.simulators.motion import Motion
 
 BULLET_STEP = 1 / 240  # [s] the longest step that is asked of PyBullet

@@ -14,7 +14,7 @@ from physid.simulators.motion import between_frames
 from physid.simulators.protocol import Simulator
 
 if TYPE_CHECKING:
-    from physid.physics.effect import Effect
+    from physid.physics import Effect
 
 Indices = NDArray[np.intp]
 FINE = 1e-3  # [s] between instants where something happens between the frames

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter
 from scipy.signal import savgol_filter
 
-from physid.data.format import RecordingSet
-from physid.data.recording import Recording
-from physid.scenes.scene import Scene
+from physid.data import Recording, RecordingSet
+from physid.scenes import Scene
 from physid.scenes.setups.placing import span
 
 Array = NDArray[np.float64]

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from physid.benchmark.scoring.accelerations import Samples, samples
 from physid.benchmark.scoring.judging import NO_GAP
-from physid.data.format import RecordingSet
+from physid.data import RecordingSet
 from physid.diagnosis.document.document import Diagnosis
 from physid.effects import CATALOGUE
-from physid.scenes.scene import Scene
+from physid.scenes import Scene
 
 Array = NDArray[np.float64]
 NATS = 5.0  # gain of the logarithm of the likelihood that an uncalibrated search takes for a discovery

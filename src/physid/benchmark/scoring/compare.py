@@ -10,7 +10,7 @@ from physid.benchmark.labels import Label
 from physid.benchmark.scoring.baselines import METHODS, Answer, answers
 from physid.benchmark.scoring.figures import Figure, middle, share
 from physid.benchmark.scoring.judging import MEDIUM, STRONG, Judged
-from physid.data.format import RecordingSet
+from physid.data import RecordingSet
 from physid.diagnosis.document.document import FILE, read_diagnosis
 
 HEADER = ("method", "false alarms %", "flagged %", "exact %", "unknown %", "closed, same", "closed, transfer")

@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 
 from physid.benchmark.sealing.replay import Look, look_at, steady
 from physid.data.generation.settings import GenerateConfig
-from physid.physics.effect import Effect
+from physid.physics import Effect
+from physid.scenes import Excitation, Scene
 from physid.scenes.rotations import rotate
-from physid.scenes.scene import Scene
-from physid.scenes.setup import Excitation
-from physid.simulators.motion import Motion
+from physid.simulators import Motion
 
 Array = NDArray[np.float64]
 SHARE = 0.2  # part of an effect's work that a phase must hold to be named

@@ -11,10 +11,10 @@ import torch
 from physid.benchmark.sealing.native import NATIVE
 from physid.benchmark.sealing.outside import OUTSIDE
 from physid.effects import CATALOGUE, find
-from physid.physics.effect import Effect
-from physid.scenes.catalogue import SETUPS
+from physid.physics import Effect
+from physid.scenes import SETUPS
+from physid.simulators import find_simulator
 from physid.simulators.native import Native
-from physid.simulators.protocol import find_simulator
 
 Role = Literal["free", "catalogue", "native", "outside", "alias", "pair"]
 ROLES: tuple[Role, ...] = get_args(Role)

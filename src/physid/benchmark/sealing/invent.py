@@ -17,9 +17,9 @@ from physid.benchmark.sealing.hidden import ROLES, Hidden, Role, build, candidat
 from physid.benchmark.sealing.severity import severity
 from physid.data.generation.draw import draw
 from physid.data.generation.settings import GenerateConfig, Noise
-from physid.physics.effect import Effect
-from physid.scenes.catalogue import find_setup
-from physid.simulators.protocol import find_simulator
+from physid.physics import Effect
+from physid.scenes import find_setup
+from physid.simulators import find_simulator
 
 SPLIT = {"fit": 4, "select": 2, "report_same": 2, "report_transfer": 4}
 UNKNOWN: Mapping[str, tuple[tuple[str, ...], ...]] = {

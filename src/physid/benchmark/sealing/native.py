@@ -11,7 +11,7 @@ from typing import ClassVar, final
 
 from torch import Tensor
 
-from physid.physics.effect import Effect, Site, quantity
+from physid.physics import Effect, Site, quantity
 from physid.simulators.native import Settings
 
 

@@ -10,8 +10,7 @@ import torch
 from torch import Tensor
 
 from physid.effects.actuation.force_delay import with_end
-from physid.physics.effect import Effect, Site, StepInputs, quantity
-from physid.physics.state import State
+from physid.physics import Effect, Site, State, StepInputs, quantity
 
 UP = (0.0, 0.0, 1.0)
 GUST, SWAY = 0.5, 0.4  # [s] periods

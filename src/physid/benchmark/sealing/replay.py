@@ -13,14 +13,11 @@ from numpy.typing import NDArray
 from physid.data.generation.draw import draw
 from physid.data.generation.settings import GenerateConfig
 from physid.estimation.measurement import pose_difference
-from physid.physics.effect import Effect
-from physid.scenes.catalogue import find_setup
+from physid.physics import Effect
+from physid.scenes import Excitation, Scene, find_setup
 from physid.scenes.rotations import from_vector, multiply
-from physid.scenes.scene import Scene
-from physid.scenes.setup import Excitation
 from physid.scenes.setups.placing import span
-from physid.simulators.motion import Motion, observed
-from physid.simulators.protocol import Simulator, find_simulator
+from physid.simulators import Motion, Simulator, find_simulator, observed
 
 Array = NDArray[np.float64]
 SPAN = 0.1  # [s] over which the change of a rate is told

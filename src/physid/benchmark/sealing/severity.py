@@ -9,10 +9,8 @@ from numpy.typing import NDArray
 
 from physid.benchmark.sealing.replay import SPAN, Look, axes_of, difference, length_of, look_at, steady
 from physid.data.generation.settings import GenerateConfig
-from physid.physics.effect import Effect
-from physid.scenes.catalogue import find_setup
-from physid.scenes.parameters import with_parameters
-from physid.scenes.scene import Scene
+from physid.physics import Effect
+from physid.scenes import Scene, find_setup, with_parameters
 
 Array = NDArray[np.float64]
 WINDOW = 0.5  # [s] after so long the nominal model starts again from the true state: impacts would amplify anything

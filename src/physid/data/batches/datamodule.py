@@ -9,12 +9,12 @@ import torch
 from lightning.pytorch import LightningDataModule
 from torch.utils.data import DataLoader
 
+from physid.data import RecordingSet
 from physid.data.batches.dataset import Item, Segments, Video, collate
 from physid.data.batches.films import Films
 from physid.data.batches.video import check_video
 from physid.data.forces import read_forces
-from physid.data.format import RecordingSet
-from physid.scenes.scene import Scene
+from physid.scenes import Scene
 
 
 class RecordingsDataModule(LightningDataModule):

@@ -10,12 +10,11 @@ import torch
 from torch import Tensor
 from torch.utils.data import Dataset
 
-from physid.data.format import RecordingSet
+from physid.data import Recording, RecordingSet
 from physid.data.observations.remarks import warn_of
 from physid.data.observations.step_grid import SHORTEST, mean_wrench
 from physid.data.observations.trajectories import from_recordings
 from physid.data.reading import echo_of, read_reading, stretch_of
-from physid.data.recording import Recording
 
 Item = dict[str, Tensor]
 Video = Literal["none", "all"] | Sequence[int]

@@ -8,8 +8,8 @@ from typing import final
 import torch
 from torch import Tensor
 
+from physid.data import RecordingSet
 from physid.data.batches.dataset import Item
-from physid.data.format import RecordingSet
 
 
 @final

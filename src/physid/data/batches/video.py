@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from physid.data.format import RecordingSet
-from physid.scenes.scene import Scene
+from physid.data import RecordingSet
+from physid.scenes import Scene
 
 LEAST_PIXELS = 4  # a body of fewer pixels cannot be cut out
 

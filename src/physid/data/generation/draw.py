@@ -11,15 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physid.data.generation.settings import GenerateConfig, Noise
-from physid.scenes.catalogue import find_setup
+from physid.scenes import Excitation, find_setup
 from physid.scenes.rotations import from_vector, multiply
-from physid.scenes.setup import Excitation
-from physid.simulators.motion import ROUNDING, Motion, earliest
-from physid.simulators.protocol import find_simulator
-from physid.simulators.sampling import Sampling
+from physid.simulators import Motion, Sampling, find_simulator
+from physid.simulators.motion import ROUNDING, earliest
 
 if TYPE_CHECKING:
-    from physid.physics.effect import Effect
+    from physid.physics import Effect
 
 Array = NDArray[np.float64]
 MOST_REDRAWS = 200

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from physid.data.format import DESCRIPTION, read_scene, trajectory_path, write_scene, write_sums
+from physid.data import DESCRIPTION, trajectory_path, write_scene, write_sums
+from physid.data.format import read_scene
 from physid.data.generation.record import record
 from physid.data.generation.settings import GenerateConfig
 from physid.data.truth import FILE, Truth, read_truth, write_truth
 
 if TYPE_CHECKING:
-    from physid.physics.effect import Effect
+    from physid.physics import Effect
 
 
 @dataclass(frozen=True)

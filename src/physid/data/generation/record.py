@@ -7,16 +7,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from physid.data.format import trajectory_path
+from physid.data import Recording, trajectory_path, write_trajectory
 from physid.data.generation.draw import MOST_REDRAWS, add_noise, draw
 from physid.data.generation.settings import GenerateConfig
-from physid.data.recording import Recording
-from physid.data.trajectory import write_trajectory
+from physid.simulators import observed
 from physid.simulators.filming import film
-from physid.simulators.motion import observed, taken
+from physid.simulators.motion import taken
 
 if TYPE_CHECKING:
-    from physid.physics.effect import Effect
+    from physid.physics import Effect
 
 
 def record(config: GenerateConfig, folder: Path, index: int, split: str, extra: tuple[Effect, ...]) -> int:

@@ -8,18 +8,16 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from physid.data import SPLITS
 from physid.data.batches.splits import assign_splits
-from physid.data.recording import SPLITS
-from physid.scenes.catalogue import find_setup
-from physid.scenes.parameters import bodies_of, with_parameters
-from physid.scenes.scene import Integration, Scene
-from physid.simulators.protocol import find_simulator
-from physid.simulators.sampling import MOST_JITTER, Sampling, sample
+from physid.scenes import Integration, Scene, bodies_of, find_setup, with_parameters
+from physid.simulators import Sampling, find_simulator
+from physid.simulators.sampling import MOST_JITTER, sample
 from physid.strict import nearest, number, quoted, whole
 from physid.typed_files import CLOSED, check_as, without_nulls
 
 if TYPE_CHECKING:
-    from physid.physics.effect import Effect
+    from physid.physics import Effect
 
 MOST_MISSING = 0.9  # [-] of the frames, so that a few are left
 

@@ -9,17 +9,15 @@ from typing import Any
 
 import numpy as np
 
+from physid.data import Recording, read_trajectory, trajectory_path, write_scene, write_sums, write_trajectory
 from physid.data.batches.splits import assign_splits
-from physid.data.format import trajectory_path, write_scene, write_sums
 from physid.data.importers.finding import force_logs
 from physid.data.importers.mapping import GUESSED_FRICTION, LogMap
 from physid.data.importers.reading_logs import Forces, Poses, read_forces, read_poses
 from physid.data.importers.sets import Imported, new_set
 from physid.data.importers.tables.files import read_table
 from physid.data.observations.stamps import check_clocks, rhythm_of
-from physid.data.recording import Recording
-from physid.data.trajectory import read_trajectory, write_trajectory
-from physid.scenes.scene import Scene
+from physid.scenes import Scene
 
 ROUND, NEAR = 3, 5e-3  # digits of a nominal rate, and how near to the stamps' own such a round one must be
 FRICTION_NOTE = f"{GUESSED_FRICTION:g} is a first guess, and it is unknown, for the mapping does not say it"

@@ -8,12 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from physid.data import UNIT_TOLERANCE, Recording, trajectory_path, write_scene, write_sums, write_trajectory
 from physid.data.batches.splits import assign_splits
-from physid.data.format import trajectory_path, write_scene, write_sums
-from physid.data.recording import UNIT_TOLERANCE, Recording
-from physid.data.trajectory import write_trajectory
+from physid.scenes import Body, Ground, Scene
 from physid.scenes.rotations import rotate
-from physid.scenes.scene import Body, Ground, Scene
 
 if TYPE_CHECKING:
     from torch import Tensor

@@ -11,11 +11,12 @@ import numpy as np
 from annotated_types import Ge, Gt
 from numpy.typing import NDArray
 
+from physid.data import SPLITS
 from physid.data.importers.rotations import axes_of, check_sequence
 from physid.data.importers.units import UNITS, factor_of
-from physid.data.recording import SPLITS
+from physid.scenes import Body, Ground
 from physid.scenes.camera import Triple
-from physid.scenes.scene import GRAVITY, Body, Ground
+from physid.scenes.scene import GRAVITY
 from physid.strict import nearest, quoted
 from physid.typed_files import CLOSED, check_as, without_nulls
 

@@ -13,12 +13,11 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from physid.data import Recording, trajectory_path, write_scene, write_sums
 from physid.data.batches.splits import assign_splits
 from physid.data.files import write_text
-from physid.data.format import trajectory_path, write_scene, write_sums
-from physid.data.recording import Recording
 from physid.data.trajectory import write_film
-from physid.scenes.scene import Scene
+from physid.scenes import Scene
 
 MAPPING = "import.yaml"  # the mapping as it was used, beside what it gave
 

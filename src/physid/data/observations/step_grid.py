@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from physid.physics.state import check_shape
+from physid.physics import check_shape
 
 Array = NDArray[np.float64]
 SHORTEST = 1e-3

@@ -15,7 +15,7 @@ from physid.data.format import RecordingSet
 from physid.data.observations.remarks import warn_of
 from physid.data.observations.step_grid import SHORTEST, StepGrid, lay_steps, stacked
 from physid.data.recording import UNIT_TOLERANCE, Recording
-from physid.physics.state import check_shape
+from physid.physics import check_shape
 
 Array = NDArray[np.float64]
 

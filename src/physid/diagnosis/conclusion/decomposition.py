@@ -19,7 +19,7 @@ from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.selection.attribution import Attribution
 from physid.diagnosis.selection.contact_free import refit_all_segments
 from physid.diagnosis.testing import Hypothesis, begin_hypothesis, finish_hypothesis
-from physid.physics.layer import SolverError
+from physid.physics import SolverError
 
 Closings = Mapping[Split, Closing | None]
 

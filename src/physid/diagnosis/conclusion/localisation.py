@@ -11,7 +11,7 @@ from torch import Tensor
 from physid.diagnosis.document.document import SITES, Dof, Phase
 from physid.diagnosis.selection.attribution import Attribution
 from physid.diagnosis.testing import LackOfFit, gains, joined
-from physid.physics.effect import Site
+from physid.physics import Site
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from torch import Tensor
 from physid.diagnosis.settings.conclusion import MaterialitySettings
 from physid.diagnosis.testing import Hypothesis, LackOfFit
 from physid.estimation.measurement import Noise
-from physid.scenes.scene import Scene
+from physid.scenes import Scene
 
 
 @dataclass(frozen=True)

@@ -15,9 +15,8 @@ from physid.diagnosis.selection.attribution import Attribution
 from physid.diagnosis.testing import Hypothesis
 from physid.estimation.least_squares import Experiment, gauss_newton
 from physid.estimation.prediction import Predictor, Segmentation, Timeline, Variants
-from physid.physics.layer import SolverError
-from physid.scenes.catalogue import SETUPS
-from physid.scenes.setup import Excitation, Setup
+from physid.physics import SolverError
+from physid.scenes import SETUPS, Excitation, Setup
 
 # What splits those that no force profile of a scene can: docs/diagnosis.md.
 REMEDIES: tuple[tuple[frozenset[str], str], ...] = (

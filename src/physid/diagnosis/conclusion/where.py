@@ -16,7 +16,7 @@ from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.selection.attribution import Attribution
 from physid.diagnosis.testing import Hypothesis
 from physid.estimation.prediction import Prediction, Segmentation, Variants, has
-from physid.physics.layer import SolverError
+from physid.physics import SolverError
 
 
 def nowhere() -> Where:

@@ -11,7 +11,7 @@ from annotated_types import Ge, Le, MinLen
 
 from physid.data.files import write_text
 from physid.diagnosis.document.evidence import Evidence
-from physid.physics.effect import Site
+from physid.physics import Site
 from physid.typed_files import CLOSED, check_as, read_json_as
 
 FILE = "diagnosis.json"

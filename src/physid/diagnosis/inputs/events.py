@@ -10,7 +10,7 @@ from physid.diagnosis.settings.inputs import EventSettings
 from physid.estimation.measurement import Noise, pose_difference
 from physid.estimation.prediction import Segmentation
 from physid.physics.rotations import to_matrix
-from physid.scenes.scene import Scene
+from physid.scenes import Scene
 
 HOT = ("impact", "contact_between_objects")
 

@@ -12,8 +12,7 @@ from torch import Tensor
 from physid.data.files import read_tensors
 from physid.estimation.prediction import NominalModel
 from physid.estimation.prediction.coordinates import Coordinates, is_effect, sorted_out, with_first_sizes
-from physid.scenes.parameters import with_parameters
-from physid.scenes.scene import Scene
+from physid.scenes import Scene, with_parameters
 from physid.strict import number, shown, whole
 from physid.yaml_files import read_yaml
 

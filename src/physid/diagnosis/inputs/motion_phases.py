@@ -8,7 +8,7 @@ from torch import Tensor
 from physid.diagnosis.settings.inputs import PhaseSettings
 from physid.estimation.prediction import Prediction, Timeline
 from physid.physics.contact import PATCH
-from physid.scenes.scene import Scene
+from physid.scenes import Scene
 
 PHASES = (
     "rest",

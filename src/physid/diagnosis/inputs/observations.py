@@ -10,14 +10,14 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from physid.data.format import RecordingSet
+from physid.data import RecordingSet
 from physid.data.observations.step_grid import StepGrid
 from physid.data.observations.trajectories import Trajectories, load_trajectories
 from physid.data.reading import ECHO, echo_of, read_reading, stretch_of
 from physid.diagnosis.settings.inputs import RoleSettings
 from physid.estimation.measurement import TrackingError
 from physid.estimation.prediction import Timeline
-from physid.scenes.scene import Scene
+from physid.scenes import Scene
 
 FIT, SELECT, SAME, PROBE, TRANSFER = "fit", "select", "same", "probe", "transfer"
 ROLES = {

@@ -10,7 +10,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from physid.data.format import RecordingSet
+from physid.data import RecordingSet
 from physid.diagnosis.document.document import FILE, Diagnosis, read_diagnosis
 from physid.diagnosis.document.evidence import Evidence, hypothesis
 from physid.diagnosis.inputs import Observations, load_observations

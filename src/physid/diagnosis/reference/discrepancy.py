@@ -14,7 +14,7 @@ from physid.diagnosis.settings.settings import Settings
 from physid.estimation.least_squares import Experiment, Fit, clamp_effects, gauss_newton
 from physid.estimation.measurement import pose_difference
 from physid.estimation.prediction import Predictor, Segmentation, Variants
-from physid.physics.effect import Effect
+from physid.physics import Effect
 
 
 def fit_with_reference(

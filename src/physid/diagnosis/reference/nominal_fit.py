@@ -38,7 +38,7 @@ from physid.estimation.prediction import (
     Variants,
     acts_late,
 )
-from physid.physics.effect import Effect
+from physid.physics import Effect
 
 DEFAULT = Settings()
 NONE = torch.zeros(0, dtype=torch.int64)

@@ -18,8 +18,7 @@ from physid.diagnosis.settings.settings import Settings
 from physid.estimation.least_squares import Directions, Experiment
 from physid.estimation.measurement import Noise
 from physid.estimation.prediction import NominalModel, Predictor, Segmentation, Variants
-from physid.physics.effect import Effect
-from physid.physics.layer import SolverError
+from physid.physics import Effect, SolverError
 
 FILE = "prepared.pt"
 LAYOUT = 3  # of what the file holds; another one is not read

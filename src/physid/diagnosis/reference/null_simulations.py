@@ -13,7 +13,7 @@ from physid.diagnosis.settings.settings import Settings
 from physid.estimation.least_squares import Experiment, Fit, Part, prior, try_losses
 from physid.estimation.measurement import Noise
 from physid.estimation.prediction import Variants
-from physid.physics.effect import Effect
+from physid.physics import Effect
 
 
 @dataclass(frozen=True)

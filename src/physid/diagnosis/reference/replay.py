@@ -15,11 +15,10 @@ from torch.nn.functional import pad
 from physid.diagnosis.settings.reference import ReplaySettings
 from physid.effects.resampling import at_times
 from physid.estimation.prediction import AtStep, NominalModel, Segmentation, Timeline, Variants, has
-from physid.physics.effect import Effect
+from physid.physics import Effect
 from physid.physics.rotations import exponential, multiply
-from physid.scenes.scene import Scene
-from physid.scenes.setup import Excitation
-from physid.simulators.protocol import find_simulator
+from physid.scenes import Excitation, Scene
+from physid.simulators import find_simulator
 
 
 @dataclass(frozen=True)

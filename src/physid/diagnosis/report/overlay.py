@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from physid.data.format import DESCRIPTION, RecordingSet
+from physid.data import DESCRIPTION, RecordingSet
 from physid.data.mp4 import write_mp4
 from physid.data.reading import read_reading
 from physid.diagnosis.conclusion.conclusion import Conclusion
@@ -20,8 +20,8 @@ from physid.diagnosis.report.outlines import Pixels, Points, draw_panel, to_webp
 from physid.diagnosis.testing import Hypothesis
 from physid.pages.numbers import quantity, words
 from physid.physics.rotations import exponential, multiply
+from physid.scenes import Scene
 from physid.scenes.camera import corners
-from physid.scenes.scene import Scene
 
 FILM = "model_over_film.mp4"
 RATE, MOST_FRAMES = 30, 240  # frames per second of the film, and at most

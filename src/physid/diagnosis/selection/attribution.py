@@ -29,7 +29,7 @@ from physid.diagnosis.testing import (
     conclude,
     find_lack_of_fit,
 )
-from physid.physics.layer import SolverError
+from physid.physics import SolverError
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from physid.diagnosis.progress import Progress, Stage
 from physid.diagnosis.reference.discrepancy import fit_with_reference
 from physid.diagnosis.testing import Hypothesis, conclude, finish_hypothesis, refitted_from_new_states
-from physid.physics.layer import SolverError
+from physid.physics import SolverError
 
 Names = tuple[str, ...]
 

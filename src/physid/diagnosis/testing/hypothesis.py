@@ -30,7 +30,7 @@ from physid.estimation.least_squares import (
     try_new_states,
 )
 from physid.estimation.prediction import Predictor, Variants, has
-from physid.physics.effect import Effect
+from physid.physics import Effect
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from physid.effects.actuation.force_lag import ForceLag
 from physid.effects.actuation.force_misalignment import ForceMisalignment
 from physid.effects.actuation.force_offset import ForceOffset
 from physid.effects.actuation.force_saturation import ForceSaturation
-from physid.physics.effect import Effect
+from physid.physics import Effect
 
 EFFECTS: tuple[type[Effect], ...] = (
     ForceGain,

@@ -5,7 +5,7 @@ from typing import ClassVar, final
 
 from torch import Tensor
 
-from physid.physics.effect import Effect, Site, quantity
+from physid.physics import Effect, Site, quantity
 
 
 @final

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from physid.effects.actuation.force_delay import with_end
-from physid.physics.effect import Effect, Site, quantity
+from physid.physics import Effect, Site, quantity
 
 
 @final

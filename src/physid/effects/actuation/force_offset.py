@@ -6,9 +6,8 @@ from typing import ClassVar, final
 import torch
 from torch import Tensor
 
-from physid.physics.effect import Effect, Site, StepInputs, quantity
+from physid.physics import Effect, Site, State, StepInputs, quantity
 from physid.physics.rotations import rotate
-from physid.physics.state import State
 
 
 @final

@@ -14,7 +14,7 @@ from physid.effects.contact.object_friction import ObjectFriction
 from physid.effects.contact.object_restitution import ObjectRestitution
 from physid.effects.contact.stribeck_friction import StribeckFriction
 from physid.effects.contact.torsional_friction import TorsionalFriction
-from physid.physics.effect import Effect
+from physid.physics import Effect
 
 EFFECTS: tuple[type[Effect], ...] = (
     StribeckFriction,

@@ -6,8 +6,7 @@ from typing import ClassVar, final
 from torch import Tensor
 
 from physid.effects.touch import grain, slip
-from physid.physics.effect import Effect, Site, StepInputs, quantity
-from physid.physics.state import State
+from physid.physics import Effect, Site, State, StepInputs, quantity
 
 
 @final

@@ -6,9 +6,8 @@ from typing import ClassVar, final
 from torch import Tensor
 
 from physid.effects.touch import grain, slip
-from physid.physics.effect import Effect, Site, StepInputs, quantity
+from physid.physics import Effect, Site, State, StepInputs, quantity
 from physid.physics.rotations import to_matrix
-from physid.physics.state import State
 
 
 @final

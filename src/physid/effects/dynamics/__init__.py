@@ -11,7 +11,7 @@ from physid.effects.dynamics.mass_drift import MassDrift
 from physid.effects.dynamics.quadratic_drag import QuadraticDrag
 from physid.effects.dynamics.tether import Tether
 from physid.effects.dynamics.viscous_drag import ViscousDrag
-from physid.physics.effect import Effect
+from physid.physics import Effect
 
 EFFECTS: tuple[type[Effect], ...] = (
     ViscousDrag,

@@ -9,7 +9,7 @@ from physid.effects.perception.length_scale import LengthScale
 from physid.effects.perception.lens_distortion import LensDistortion
 from physid.effects.perception.object_size import ObjectSize
 from physid.effects.perception.observation_latency import ObservationLatency
-from physid.physics.effect import Effect
+from physid.physics import Effect
 
 EFFECTS: tuple[type[Effect], ...] = (
     LengthScale,

@@ -6,7 +6,7 @@ from typing import ClassVar, final
 import torch
 from torch import Tensor
 
-from physid.physics.effect import Effect, Site, quantity
+from physid.physics import Effect, Site, quantity
 
 
 @final

@@ -6,7 +6,7 @@ from typing import ClassVar, final
 from torch import Tensor
 
 from physid.effects.resampling import at_times
-from physid.physics.effect import Effect, Site, quantity
+from physid.physics import Effect, Site, quantity
 
 
 @final

@@ -11,8 +11,8 @@ from physid.estimation.least_squares.settings import GuessSettings
 from physid.estimation.prediction.segments import Segmentation
 from physid.physics.rotations import conjugate, exponential, logarithm, multiply
 from physid.physics.shapes.table import reach
+from physid.scenes import Scene
 from physid.scenes.lying import lay_down, turn_flat
-from physid.scenes.scene import Scene
 
 DEFAULT = GuessSettings()
 

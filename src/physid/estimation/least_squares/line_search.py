@@ -11,7 +11,7 @@ from torch import Tensor
 from physid.estimation.least_squares.experiment import Experiment, Fit
 from physid.estimation.least_squares.prior import clamp_effects
 from physid.estimation.prediction.rollout import Prediction, Predictor, Variants
-from physid.physics.layer import SolverError
+from physid.physics import SolverError
 
 
 @dataclass(frozen=True)

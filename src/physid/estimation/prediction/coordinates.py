@@ -13,9 +13,10 @@ from torch import Tensor
 
 from physid.effects import CATALOGUE, find, from_values
 from physid.estimation.prediction.effect_parameters import EffectParameter
-from physid.physics.effect import Effect
+from physid.physics import Effect
+from physid.scenes import Scene
 from physid.scenes.parameters import highest_value, unit_of
-from physid.scenes.scene import HIGHEST_RESTITUTION, Scene
+from physid.scenes.scene import HIGHEST_RESTITUTION
 from physid.strict import nearest, quoted
 
 Kind = Literal["logarithm", "linear"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from physid.physics.effect import Effect, Quantity
+from physid.physics import Effect, Quantity
 
 
 @dataclass(frozen=True)

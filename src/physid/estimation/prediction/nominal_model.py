@@ -9,13 +9,10 @@ import torch
 from torch import Tensor
 
 from physid.estimation.prediction.coordinates import Coordinates
+from physid.physics import Effect, Parameters, Plane, World, with_sizes
 from physid.physics.contact import ContactRule, Speculative, Split
-from physid.physics.effect import Effect, with_sizes
-from physid.physics.parameters import Parameters
 from physid.physics.schemes.integration import Midpoint, SemiImplicit
-from physid.physics.world import Plane, World
-from physid.scenes.parameters import bodies_of, with_parameters
-from physid.scenes.scene import Scene
+from physid.scenes import Scene, bodies_of, with_parameters
 
 
 @dataclass(frozen=True)

@@ -15,10 +15,8 @@ from physid.estimation.prediction.nominal_model import NominalModel
 from physid.estimation.prediction.segments import Batch, Segmentation, at_once
 from physid.estimation.prediction.step_effects import acts_late, has, only_steps, with_values
 from physid.estimation.prediction.timeline import Steps, Timeline
+from physid.physics import Effect, PhysicsLayer, Rollout, State
 from physid.physics.contact import PATCH
-from physid.physics.effect import Effect
-from physid.physics.layer import PhysicsLayer, Rollout
-from physid.physics.state import State
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,7 @@ from functools import cache
 import torch
 from torch import Tensor
 
-from physid.physics.effect import Effect, StepInputs
-from physid.physics.state import State
+from physid.physics import Effect, State, StepInputs
 
 
 @dataclasses.dataclass(frozen=True)

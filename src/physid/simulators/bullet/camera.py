@@ -11,9 +11,9 @@ import pybullet
 from numpy.typing import NDArray
 from PIL import Image
 
+from physid.scenes import Scene
 from physid.scenes.camera import Camera
 from physid.scenes.rotations import between
-from physid.scenes.scene import Scene
 from physid.scenes.setups.placing import UP
 from physid.simulators.bullet.paint import block_atlas, block_mesh, dressed_atlas, ground_mesh, ground_tile
 

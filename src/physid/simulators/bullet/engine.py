@@ -11,8 +11,8 @@ import numpy as np
 import pybullet
 from numpy.typing import NDArray
 
+from physid.scenes import Body, Scene
 from physid.scenes.rotations import between, rotate
-from physid.scenes.scene import Body, Scene
 from physid.scenes.setup import REST_DEPTH
 from physid.scenes.setups.placing import UP
 from physid.simulators.native import Settings

@@ -9,9 +9,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from physid.physics.effect import Effect, StepInputs
+from physid.physics import Effect, StepInputs
 from physid.physics.rotations import rotate
-from physid.scenes.scene import Scene
+from physid.scenes import Scene
 from physid.simulators.bullet.engine import Engine, Rows
 from physid.simulators.inputs import ChangingInputs
 from physid.simulators.native import Native

@@ -10,14 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from physid.scenes.scene import Scene
-from physid.scenes.setup import Excitation
+from physid.scenes import Excitation, Scene
 from physid.simulators.bullet.engine import Engine, Rows
 from physid.simulators.in_step import longest_first, step_all
 from physid.simulators.motion import Motion, actuated, check_finite, check_fit
 
 if TYPE_CHECKING:
-    from physid.physics.effect import Effect
+    from physid.physics import Effect
     from physid.simulators.bullet.hooks import Hooks
 
 Array = NDArray[np.float64]

@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from physid.scenes import Excitation, Scene
 from physid.scenes.camera import corners
 from physid.scenes.rotations import between, rotate
-from physid.scenes.scene import Scene
-from physid.scenes.setup import REST_DEPTH, Excitation
+from physid.scenes.setup import REST_DEPTH
 from physid.simulators.closed_form.flight import fly, spin
 from physid.simulators.closed_form.line import Line
 from physid.simulators.motion import Motion, actuated, check_fit
 
 if TYPE_CHECKING:
-    from physid.physics.effect import Effect
+    from physid.physics import Effect
 
 Array = NDArray[np.float64]
 ALIKE = 1e-9  # [-], [rad] directions that differ by rounding only
@@ -49,7 +49,7 @@ def simulate_all(
 
 def _drag_of(effects: Sequence[Effect]) -> float:
     """Return the coefficient of viscous drag [N s/m], and refuse what else acts at the step."""
-    from physid.physics.effect import Effect
+    from physid.physics import Effect
 
     drag = 0.0
     for effect in effects:

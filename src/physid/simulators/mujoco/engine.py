@@ -13,8 +13,8 @@ import numpy as np
 from mujoco import mjtDisableBit
 from numpy.typing import NDArray
 
+from physid.scenes import Scene
 from physid.scenes.rotations import between, conjugate, rotate
-from physid.scenes.scene import Scene
 from physid.scenes.setup import REST_DEPTH
 from physid.scenes.setups.placing import UP
 from physid.simulators.mujoco.contact import LEAST_FRICTION, SOFTER, Solution, solve

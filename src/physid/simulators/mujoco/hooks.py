@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from physid.physics.effect import Effect, StepInputs
-from physid.scenes.scene import Scene
+from physid.physics import Effect, StepInputs
+from physid.scenes import Scene
 from physid.simulators.inputs import ChangingInputs
 from physid.simulators.mujoco.engine import Engine, poses_and_twists
 

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from physid.scenes.scene import Body, Scene
+from physid.scenes import Body, Scene
 
 Array = NDArray[np.float64]
 GROUND = "ground"  # name of the plane; the boxes are called box0, box1, ...

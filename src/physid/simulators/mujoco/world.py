@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from physid.scenes.scene import Scene
-from physid.scenes.setup import Excitation
+from physid.scenes import Excitation, Scene
 from physid.simulators.in_step import longest_first, step_all
 from physid.simulators.motion import Motion, actuated, check_finite, check_fit
 from physid.simulators.mujoco.engine import Engine, poses_and_twists
 
 if TYPE_CHECKING:
-    from physid.physics.effect import Effect
+    from physid.physics import Effect
 
 Array = NDArray[np.float64]
 
@@ -47,7 +46,7 @@ def simulate_all(
 
 def _acts(effect: Effect) -> bool:
     """Tell whether an effect changes the inputs of a step, or a simulator's own settings."""
-    from physid.physics.effect import Effect
+    from physid.physics import Effect
 
     return type(effect).act is not Effect.act or hasattr(effect, "settings")
 

@@ -6,7 +6,7 @@ from typing import final
 
 import lightning as L
 
-from physid.networks.blur import BlurSchedule, GaussianBlur
+from physid.networks import BlurSchedule, GaussianBlur
 
 
 @final

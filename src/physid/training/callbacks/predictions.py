@@ -12,10 +12,9 @@ from typing import Any, final
 import lightning as L
 import numpy as np
 
+from physid.data import Recording, write_scene, write_sums, write_trajectory
 from physid.data.files import write_text
-from physid.data.format import FOLDER, write_scene, write_sums
-from physid.data.recording import Recording
-from physid.data.trajectory import write_trajectory
+from physid.data.format import FOLDER
 from physid.training.parameters import PhysicalParameters, Trajectories
 
 PARAMETERS = "parameters.json"

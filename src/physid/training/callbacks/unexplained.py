@@ -12,7 +12,7 @@ from torch import Tensor
 
 from physid.estimation.measurement import TrackingError, pose_difference
 from physid.estimation.measurement.misfit import SHARE_OF_NOISE, SHARE_OF_SIZE, Misfit
-from physid.scenes.scene import Scene
+from physid.scenes import Scene
 from physid.training.parameters import Trajectories
 
 SIGNIFICANT = 3.09

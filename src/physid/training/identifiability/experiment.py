@@ -9,10 +9,8 @@ from typing import Any, ClassVar, Literal, final, get_args
 
 import numpy as np
 
-from physid.physics.effect import Effect
-from physid.scenes.catalogue import find_setup
-from physid.scenes.scene import Scene
-from physid.scenes.setup import Excitation
+from physid.physics import Effect
+from physid.scenes import Excitation, Scene, find_setup
 from physid.strict import nearest, number, whole
 from physid.training.parameters import ACCEPT, PhysicalParameters, SensorNoise
 from physid.typed_files import CLOSED, check_as, without_nulls

@@ -13,9 +13,8 @@ import numpy as np
 import torch
 
 from physid.data.files import write_text
-from physid.physics.layer import PhysicsLayer
-from physid.physics.state import State
-from physid.scenes.setup import Excitation
+from physid.physics import PhysicsLayer, State
+from physid.scenes import Excitation
 from physid.training.identifiability.experiment import IdentifiabilityConfig
 from physid.training.identifiability.plot import draw
 from physid.training.initial_states import slopes, without_initial_states

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from physid.estimation.least_squares import Experiment, best_guess, lay_out
 from physid.estimation.prediction import Predictor, Variants
-from physid.physics.layer import PhysicsLayer
+from physid.physics import PhysicsLayer
 from physid.training.parameters import PhysicalParameters, PoseLoss, Trajectories
 
 States = tuple[Tensor, Tensor]

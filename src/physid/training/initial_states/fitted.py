@@ -11,7 +11,7 @@ from torch import Tensor
 from physid.estimation.least_squares import Directions, Experiment, FirstGuess, Fit, LeastSquaresSettings, gauss_newton
 from physid.estimation.least_squares.levenberg_marquardt import NONE
 from physid.estimation.least_squares.settings import LineSearchSettings
-from physid.physics.layer import SolverError
+from physid.physics import SolverError
 from physid.training.initial_states.explaining import Explaining, States
 from physid.training.parameters import Trajectories
 

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from physid.estimation.least_squares.jacobian import usable_slopes
 from physid.estimation.least_squares.levenberg_marquardt import NONE
-from physid.physics.layer import PhysicsLayer
+from physid.physics import PhysicsLayer
 from physid.training.initial_states.explaining import Explaining
 from physid.training.parameters import PhysicalParameters, PoseLoss, Trajectories
 

@@ -13,7 +13,7 @@ from physid.estimation.least_squares import Experiment, Fit, gauss_newton, searc
 from physid.estimation.least_squares.levenberg_marquardt import NONE, hardly_gains
 from physid.estimation.least_squares.multi_start import choose
 from physid.estimation.prediction import Variants
-from physid.physics.layer import SolverError
+from physid.physics import SolverError
 from physid.training.initial_states.explaining import Explaining, States, started
 from physid.training.initial_states.fitted import FITTING
 from physid.training.parameters import Trajectories

@@ -6,13 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from physid.effects import from_values
+from physid.physics import Effect, PhysicsLayer, Plane, World
 from physid.physics.contact import ContactRule, Speculative
 from physid.physics.contact_problem.friction import Cone, FrictionLaw
-from physid.physics.effect import Effect
-from physid.physics.layer import PhysicsLayer
 from physid.physics.schemes.integration import Integration, Midpoint, SemiImplicit
-from physid.physics.world import Plane, World
-from physid.scenes.scene import Scene
+from physid.scenes import Scene
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from typing import Any, Literal, Self
 import lightning as L
 import torch
 
-from physid.physics.layer import PhysicsLayer
-from physid.scenes.scene import Scene
+from physid.physics import PhysicsLayer
+from physid.scenes import Scene
 from physid.training.initial_states import Explaining, TrackedFit, fit_states, started
 from physid.training.learners.engine import Engine
 from physid.training.learners.step_control import StepControl

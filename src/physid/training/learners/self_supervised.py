@@ -9,8 +9,7 @@ from typing import final
 import lightning as L
 from torch import Tensor
 
-from physid.networks.blur import BlurSchedule, GaussianBlur
-from physid.networks.encoder import VariationalPoseEncoder, as_image
+from physid.networks import BlurSchedule, GaussianBlur, VariationalPoseEncoder, as_image
 from physid.training.callbacks.blur_curriculum import BlurCurriculum
 from physid.training.learners.engine import Engine
 from physid.training.learners.phases import Phase, Phases

@@ -12,7 +12,7 @@ from physid.estimation.least_squares import ChosenSteps, StepChoice
 from physid.estimation.least_squares.discretisation import Judgement, halve_steps, judge_steps
 from physid.estimation.measurement import Noise
 from physid.estimation.prediction import Timeline
-from physid.physics.layer import PhysicsLayer
+from physid.physics import PhysicsLayer
 from physid.training.parameters import PhysicalParameters, Response, Trajectories
 
 CHOICE = StepChoice(bias=0.1)

@@ -7,7 +7,7 @@ from typing import final
 import torch
 from torch import Tensor
 
-from physid.networks.encoder import PoseEncoder, as_image
+from physid.networks import PoseEncoder, as_image
 from physid.training.learners.phases import Phase
 from physid.training.learners.video import VideoID
 from physid.training.parameters import mean_over_time

@@ -14,8 +14,8 @@ import torch
 from torch import Tensor
 from torch.optim import Optimizer
 
-from physid.networks.encoder import Encoding, PoseEncoder, VariationalPoseEncoder
-from physid.scenes.scene import Scene
+from physid.networks import Encoding, PoseEncoder, VariationalPoseEncoder
+from physid.scenes import Scene
 from physid.training.callbacks.parameter_history import ParameterHistory
 from physid.training.callbacks.predicted_film import PredictedFilm
 from physid.training.learners.engine import Engine

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor, nn
 from torch.optim import Optimizer
 
-from physid.physics.layer import SolverError
+from physid.physics import SolverError
 
 Closure = Callable[[], Any]
 HALVED = 1.0

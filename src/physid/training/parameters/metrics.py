@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from torchmetrics import Metric
 
 from physid.physics.rotations import angle_between
-from physid.scenes.scene import Scene
+from physid.scenes import Scene
 from physid.training.parameters.pose_loss import mean_over_time
 
 

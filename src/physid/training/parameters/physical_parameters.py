@@ -11,11 +11,8 @@ from torch import Tensor, nn
 
 from physid.estimation.prediction import NominalModel
 from physid.estimation.prediction.coordinates import Coordinates, is_effect, sorted_out, with_first_sizes
-from physid.physics.effect import Effect
-from physid.physics.layer import PhysicsLayer
-from physid.physics.parameters import Parameters
-from physid.scenes.parameters import bodies_of, with_parameters
-from physid.scenes.scene import Scene
+from physid.physics import Effect, Parameters, PhysicsLayer
+from physid.scenes import Scene, bodies_of, with_parameters
 
 EARLIER = "logarithm"  # what checkpoints called the coordinates while all of them were logarithms
 

@@ -13,9 +13,7 @@ from torch import Tensor
 from physid.data.observations.step_grid import StepGrid
 from physid.estimation.measurement import Noise, estimate_noise, noise_of_poses, pose_difference
 from physid.estimation.prediction import Timeline
-from physid.physics.layer import PhysicsLayer, Rollout, SolverError
-from physid.physics.parameters import Parameters
-from physid.physics.state import State, check_shape
+from physid.physics import Parameters, PhysicsLayer, Rollout, SolverError, State, check_shape
 from physid.training.parameters.twist import twist_from_poses
 
 OVER_TIME = ("pose", "twist", "wrench", "time", "seen", "again", "stretch")

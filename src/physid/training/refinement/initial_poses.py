@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from physid.estimation.least_squares import Directions, Experiment, Fit
-from physid.networks.chart import PlanarChart
+from physid.networks import PlanarChart
 from physid.training.initial_states import Explaining, fit_states, started
 from physid.training.parameters import PoseLoss, Trajectories
 

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from physid.estimation.least_squares import Normal, covariance_of, solve_shared
-from physid.physics.layer import PhysicsLayer
+from physid.physics import PhysicsLayer
 from physid.training.initial_states import slopes
 from physid.training.parameters import (
     RIDGE,

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor, nn
 from torch.optim import Optimizer
 
-from physid.networks.chart import PlanarChart
+from physid.networks import PlanarChart
 from physid.training.parameters import PoseLoss, Posterior, Trajectories
 from physid.training.refinement.horizon import Batch
 from physid.training.refinement.initial_poses import Placing, place

@@ -7,9 +7,8 @@ import torch
 from torch import Tensor
 
 from physid.physics.rotations import exponential, multiply, rotate
-from physid.scenes.scene import Scene
-from physid.scenes.setup import Excitation
-from physid.simulators.protocol import find_simulator
+from physid.scenes import Excitation, Scene
+from physid.simulators import find_simulator
 from physid.training.parameters import Trajectories
 
 FINE = 1 / 960  # [s]

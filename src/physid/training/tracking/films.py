@@ -11,9 +11,8 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from physid.data.format import RecordingSet
-from physid.data.recording import Recording
-from physid.scenes.scene import Scene
+from physid.data import Recording, RecordingSet
+from physid.scenes import Scene
 from physid.simulators.filming import open_studio
 
 Image = NDArray[np.uint8]

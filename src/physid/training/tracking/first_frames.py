@@ -9,10 +9,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from physid.networks.chart import PlanarChart, PoseChart
-from physid.networks.encoder import as_image
+from physid.networks import PlanarChart, PoseChart, as_image
 from physid.physics.rotations import to_matrix
-from physid.scenes.scene import Scene
+from physid.scenes import Scene
 from physid.training.tracking.films import Filmed, Footage
 from physid.training.tracking.tracker import Reader
 from physid.training.vision import MODELS, ChartName, Decoder, PoseRefinement, VideoModel, chart_of

@@ -10,11 +10,10 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
+from physid.data import DESCRIPTION, RecordingSet, trajectory_path, write_scene, write_sums, write_trajectory
 from physid.data.batches.video import check_video
-from physid.data.format import DESCRIPTION, RecordingSet, trajectory_path, write_scene, write_sums
 from physid.data.reading import ECHO, Reading, read_reading, write_reading
-from physid.data.trajectory import write_trajectory
-from physid.scenes.scene import Scene
+from physid.scenes import Scene
 from physid.training.runs.run import CHECKPOINT, restore
 from physid.training.tracking.films import Drawn, Filmed, Footage, Recorded
 from physid.training.tracking.first_frames import first_frames_of

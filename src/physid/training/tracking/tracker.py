@@ -10,9 +10,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from physid.networks.chart import PlanarChart, PoseChart
-from physid.networks.encoder import as_image
-from physid.scenes.scene import Scene
+from physid.networks import PlanarChart, PoseChart, as_image
+from physid.scenes import Scene
 from physid.training.tracking.films import Footage
 from physid.training.vision import MODELS, Calibration, ChartName, Decoder, PoseRefinement, VideoModel, chart_of
 

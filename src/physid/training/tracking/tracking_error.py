@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import interpolate, normalize
 
-from physid.networks.chart import PlanarChart, PoseChart
+from physid.networks import PlanarChart, PoseChart
 from physid.physics.rotations import conjugate, exponential, multiply
 from physid.training.tracking.films import FirstSight
 

@@ -7,8 +7,7 @@ from typing import final
 import torch
 from torch import Tensor, nn
 
-from physid.networks.camera import PinholeCamera
-from physid.networks.chart import PoseChart
+from physid.networks import PinholeCamera, PoseChart
 
 SHARED = 3
 """Errors that all poses share: a scale, and an offset to the right and down."""

@@ -9,12 +9,11 @@ from typing import final
 import torch
 from torch import Tensor, nn
 
-from physid.data.format import RecordingSet
+from physid.data import RecordingSet
+from physid.networks import PinholeCamera, as_image
 from physid.networks.appearance import Appearance, cut_appearance
-from physid.networks.camera import PinholeCamera
-from physid.networks.encoder import as_image
 from physid.networks.renderer import BoxRenderer
-from physid.scenes.scene import Scene
+from physid.scenes import Scene
 
 MODELS = 16
 """First frames that the appearance is cut from: enough to see every side of every body in some of them."""

@@ -7,8 +7,8 @@ from typing import final
 import torch
 from torch import Tensor, nn
 
-from physid.networks.chart import PlanarChart, PoseChart
-from physid.networks.encoder import CONVOLUTIONS, EARLY, Encoding
+from physid.networks import Encoding, PlanarChart, PoseChart
+from physid.networks.encoder import CONVOLUTIONS, EARLY
 
 HARMONICS = (1, 2, 4)
 PLACES = 12.0

@@ -8,10 +8,8 @@ import torch
 from torch import Tensor
 
 from physid.networks.velocity import velocity_from_poses
-from physid.physics.layer import PhysicsLayer
-from physid.physics.parameters import Parameters
+from physid.physics import Parameters, PhysicsLayer, State
 from physid.physics.rotations import conjugate, rotate
-from physid.physics.state import State
 
 PASSES = 2
 """How often effective wrenches are measured: from mean velocities first, then from the velocities found."""

@@ -11,10 +11,8 @@ import torch
 from torch import Tensor
 
 from physid.estimation.measurement import pose_difference
-from physid.networks.chart import PlanarChart
-from physid.physics.layer import PhysicsLayer
-from physid.physics.parameters import Parameters
-from physid.physics.state import State
+from physid.networks import PlanarChart
+from physid.physics import Parameters, PhysicsLayer, State
 from physid.training.parameters import PoseLoss, Trajectories
 
 PASSES = 4

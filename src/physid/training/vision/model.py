@@ -11,13 +11,10 @@ from typing import Any, Literal, final
 import torch
 from torch import Tensor, nn
 
-from physid.data.format import RecordingSet
-from physid.networks.chart import PlanarChart, PoseChart, SpatialChart
-from physid.networks.encoder import Encoder, Encoding, as_image
-from physid.physics.layer import PhysicsLayer, Rollout
-from physid.physics.parameters import Parameters
-from physid.physics.state import State
-from physid.scenes.scene import Scene
+from physid.data import RecordingSet
+from physid.networks import Encoder, Encoding, PlanarChart, PoseChart, SpatialChart, as_image
+from physid.physics import Parameters, PhysicsLayer, Rollout, State
+from physid.scenes import Scene
 from physid.training.parameters import PhysicalParameters, PoseLoss, Trajectories
 from physid.training.vision.calibration import Calibration
 from physid.training.vision.decoder import Decoder, camera_of

@@ -8,7 +8,7 @@ from typing import Any, final
 import torch
 from torch import Tensor, nn
 
-from physid.networks.encoder import as_image
+from physid.networks import as_image
 from physid.training.vision.model import VideoModel
 
 

@@ -11,8 +11,7 @@ from typing import final
 import torch
 from torch import Tensor
 
-from physid.networks.blur import GaussianBlur
-from physid.networks.chart import PlanarChart, PoseChart
+from physid.networks import GaussianBlur, PlanarChart, PoseChart
 from physid.training.vision.decoder import Decoder
 
 AT_ONCE = 32

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from physid.data.mp4 import write_mp4
-from physid.networks.encoder import as_image
+from physid.networks import as_image
 from physid.training.vision.model import VideoModel, at_frames
 
 Pixels = NDArray[np.uint8]

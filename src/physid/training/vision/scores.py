@@ -9,8 +9,8 @@ import torch
 from torch import Tensor, nn
 from torchmetrics.image import PeakSignalNoiseRatio, StructuralSimilarityIndexMeasure
 
-from physid.networks.encoder import as_image
-from physid.scenes.scene import Scene
+from physid.networks import as_image
+from physid.scenes import Scene
 from physid.training.parameters import PoseErrors
 from physid.training.vision.model import Prediction, VideoModel, at_frames
 

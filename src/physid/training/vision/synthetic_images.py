@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from physid.networks.chart import PlanarChart, PoseChart
-from physid.networks.encoder import Encoding
+from physid.networks import Encoding, PlanarChart, PoseChart
 from physid.physics.rotations import normalize, to_matrix
 from physid.training.vision.model import VideoModel
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from physid.data import Recording
 from physid.data.importers.finding import force_logs
 from physid.data.importers.reading_logs import read_force_log
 from physid.data.importers.sets import Imported, new_set, write_films
@@ -25,7 +26,6 @@ from physid.data.importers.video.survey import (
     survey,
 )
 from physid.data.observations.stamps import check_clocks
-from physid.data.recording import Recording
 
 Image = NDArray[np.uint8]
 MOST_BYTES, MOST_IMAGES = 256_000_000, 41

@@ -9,7 +9,7 @@ from typing import Any, final
 from physid.data.importers.convert import FRICTION_NOTE
 from physid.data.importers.mapping import OF_BODY, OF_SET, LogMap
 from physid.data.importers.video.cameras import Lens, read_camera
-from physid.scenes.scene import Scene
+from physid.scenes import Scene
 from physid.strict import nearest, number, quoted
 
 OF_FILM = ("camera", "background", "rate")
