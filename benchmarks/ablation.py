@@ -3,8 +3,8 @@
     python benchmarks/ablation.py --work /tmp/ablation --workers 2 --minutes 14
     python benchmarks/ablation.py --work /tmp/ablation --table
 
-Two small banks, sealed as `physid benchmark diagnosis seal` does: of PyBullet, whose steps are known, and of MuJoCo,
-with hidden effects of medium severity and up. Each set is diagnosed with all heuristics, then without each of them; a
+Small banks, sealed as `physid benchmark diagnosis seal` does: of PyBullet, whose steps are known, of MuJoCo and of closed
+forms, with hidden effects of medium severity and up. Each set is diagnosed with all heuristics, then without each of them; a
 run that is stopped goes on where it was. Sets that have not seen every variant do not count. *Acted*: in how many sets
 any figure of the diagnosis differs in any digit.
 """
@@ -47,9 +47,11 @@ from physid.effects import CATALOGUE
 PLANS = {
     "pybullet": Plan("score", 40417, Size(8, trajectories=8, steps=80), least=MEDIUM),
     "mujoco": Plan("score", 90731, Size(8, trajectories=8, steps=80), ("mujoco",), least=MEDIUM),
+
+
 }
-"""Of seeds that no other bank has. PyBullet records every step of its own; MuJoCo 30 to 240 frames a second, some with
-jitter and lost frames, and recording.yaml does not say who made them."""
+"""Of seeds that no other bank has. PyBullet records every step of its own; the others 30 to 240 frames a second, some
+with jitter and lost frames, and recording.yaml does not say who made them."""
 
 WITHOUT: Mapping[str, Mapping[str, Any]] = {
     "all heuristics": {},

@@ -18,6 +18,7 @@ from physid.diagnosis.document.document import Diagnosis, check_diagnosis
 
 DRAG = Part("viscous_drag", "dynamics", {"coefficient": 0.2}, 2.0)
 GAIN = Part("force_gain", "actuation", {"gain": 0.1}, 2.0)
+YAW = Part("camera_yaw", "perception", {"angle": 0.1}, 2.0)
 FREE = Label("free", "push", "rich")
 
 
@@ -61,6 +62,8 @@ def said(verdict: str, *names: str, group: tuple[str, ...] = ()) -> Diagnosis:
         (label("pair", DRAG, GAIN), said("named", "force_gain"), False, False),
         (label("pair", DRAG, GAIN), said("group", "force_gain", "tether", group=("viscous_drag",)), False, True),
         (label("pair", DRAG, GAIN), said("group", "force_gain", group=("viscous_drag",)), False, False),
+        (label("triple", DRAG, GAIN, YAW), said("named", "camera_yaw", "force_gain", "viscous_drag"), True, True),
+        (label("triple", DRAG, GAIN, YAW), said("named", "camera_yaw", "viscous_drag"), False, False),
     ],
 )
 def test_a_verdict_is_right_exactly_or_within_its_group(
@@ -69,6 +72,19 @@ def test_a_verdict_is_right_exactly_or_within_its_group(
     one = judge("000", verdict, truth)
     assert (one.exact, one.grouped) == (exact, grouped)
     assert one.flagged == (verdict.verdict != "none")
+
+
+@pytest.mark.parametrize(
+    ("verdict", "parts"),
+    [
+        (said("named", "camera_yaw", "viscous_drag"), 2),
+        (said("group", "camera_yaw", "tether", group=("viscous_drag",)), 2),
+        (said("named", "viscous_drag", "tether"), 1),
+        (said("unknown"), 0),
+    ],
+)
+def test_of_three_effects_those_count_that_are_blamed_or_in_the_group(verdict: Diagnosis, parts: int) -> None:
+    assert judge("000", verdict, label("triple", DRAG, GAIN, YAW)).parts == parts
 
 
 def test_site_and_phase_are_those_of_the_largest_share() -> None:
@@ -176,12 +192,13 @@ def test_confidence_is_calibrated_if_it_is_the_share_of_right_verdicts() -> None
 
 def test_every_figure_but_the_longest_time_has_an_interval() -> None:
     seconds = Spent(3.0, 2.0)
-    pair = label("pair", DRAG, GAIN)
+    pair, triple = label("pair", DRAG, GAIN), label("triple", DRAG, GAIN, YAW)
     judged = [
         *(judge("0", said("none"), FREE, seconds), judge("1", said("unknown"), FREE, seconds)),
         *(judge("2", check_diagnosis(diagnosis()), label(), seconds), judge("3", said("none"), label(), seconds)),
         judge("4", said("unknown"), label("outside", right=()), seconds),
         judge("5", said("named", "force_gain", "viscous_drag"), pair, seconds),
+        judge("6", said("named", "force_gain", "viscous_drag"), triple, seconds),
     ]
     for figure in figures(judged):
         # All have the same severity here: no curve can be laid through them.

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from physid.benchmark.sealing.hidden import CONFUSIONS, Hidden, candidates
+from physid.benchmark.sealing.hidden import CONFUSIONS, Hidden, Role, candidates
 from physid.benchmark.sealing.native import NATIVE
 from physid.benchmark.sealing.outside import OUTSIDE
 from physid.effects import CATALOGUE
@@ -62,9 +62,12 @@ def test_the_rings_share_no_name_and_kin_stands_in_the_catalogue() -> None:
         assert set(getattr(kind, "kin")) <= known  # noqa: B009
 
 
-def test_a_pair_holds_nothing_that_its_scene_does_not_identify_apart() -> None:
+@pytest.mark.parametrize(("role", "count"), [("pair", 2), ("triple", 3)])
+def test_effects_together_are_of_different_sites_and_identified_apart_by_their_scene(role: Role, count: int) -> None:
     near = {name for one in CONFUSIONS if one.scene == "push" and "rich" in one.protocols for name in one.effects}
-    named = {kind.name for hidden in candidates("pair", "push", "rich") for kind in hidden.kinds}
+    hidden = candidates(role, "push", "rich")
+    named = {kind.name for one in hidden for kind in one.kinds}
+    assert all(len({*one.sites}) == len(one.kinds) == count for one in hidden)
     assert near
     assert named
     assert not near & named

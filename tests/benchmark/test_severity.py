@@ -91,8 +91,9 @@ def test_an_effect_that_is_only_seen_changes_no_motion() -> None:
     assert acting_phases(config(), [effect("camera_yaw", angle=0.3)]) == []
 
 
-def test_drag_acts_while_nothing_pushes() -> None:
-    assert "coast" in acting_phases(config(steps=200), [effect("viscous_drag", coefficient=1.0)])
+def test_drag_acts_where_the_body_is_fast_and_in_a_trajectory_that_coasts_while_nothing_pushes() -> None:
+    assert acting_phases(config(steps=200), [effect("viscous_drag", coefficient=1.0)])[0] == "slide_fast"
+    assert "coast" in acting_phases(config(steps=200, trajectories=1), [effect("viscous_drag", coefficient=1.0)])
     assert not np.isnan(severity(config(), [effect("viscous_drag", coefficient=1.0)]))
 
 

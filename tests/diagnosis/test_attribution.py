@@ -14,7 +14,7 @@ import torch
 from physid.diagnosis.progress import silent
 from physid.diagnosis.selection import attribution as attribute
 from physid.diagnosis.selection import comparison as compare_candidates
-from physid.diagnosis.selection.candidates import first_pairs
+from physid.diagnosis.selection.candidates import first_combinations
 from physid.diagnosis.settings.settings import Settings
 from physid.physics import SolverError
 
@@ -75,7 +75,7 @@ def test_half_of_the_pairs_are_the_best_effect_with_what_it_leaves_and_half_the_
 ) -> None:
     ranked: list[Any] = [tuple(pair) for pair in ("ef", "bf", "be", "ab", "ac", "ad")]
     rows = [SimpleNamespace(names=(name,)) for name in "gdcb"]  # with g the best was no pair of significant effects
-    assert first_pairs(ranked, hypothesis("a"), cast(Any, SimpleNamespace(significant=rows)), most) == [
+    assert first_combinations(ranked, hypothesis("a"), cast(Any, SimpleNamespace(significant=rows)), most) == [
         tuple(pair) for pair in chosen
     ]
 

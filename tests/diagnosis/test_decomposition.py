@@ -32,9 +32,21 @@ from physid.diagnosis.settings.settings import Settings
 def test_what_both_close_is_divided_by_the_mean_over_both_orders(
     one: float, other: float, both: float, parts: tuple[float, float]
 ) -> None:
-    assert shapley(one, other, both) == pytest.approx(parts)
-    assert shapley(other, one, both) == pytest.approx(parts[::-1])
-    assert sum(parts) == pytest.approx(both)
+    found = shapley({frozenset("a"): one, frozenset("b"): other, frozenset("ab"): both}, ("a", "b"))
+    assert found == pytest.approx(dict(zip("ab", parts, strict=True)))
+    assert sum(found.values()) == pytest.approx(both)
+
+
+def test_what_three_close_is_divided_by_the_mean_over_all_orders() -> None:
+    """The value of many by the laws of Shapley: parts add up, a dummy has none, those that do alike share alike."""
+    values = {frozenset(some): 0.0 for some in ("a", "b", "c")} | {frozenset("ab"): 0.8, frozenset("abc"): 0.9}
+    values |= {frozenset("ac"): 0.1, frozenset("bc"): 0.1}
+    found = shapley(values, "abc")
+    assert sum(found.values()) == pytest.approx(0.9)
+    assert found["a"] == pytest.approx(found["b"])
+    assert found["c"] == pytest.approx((0.9 - 0.8) / 3 + 0.1 / 6 + 0.1 / 6)
+    dummy = {some: (0.5 if "a" in some else 0.0) + (0.3 if "b" in some else 0.0) for some in values}
+    assert shapley(dummy, "abc") == pytest.approx({"a": 0.5, "b": 0.3, "c": 0.0})
 
 
 def test_the_report_opens_with_the_gap_cut_into_causes_and_rest() -> None:

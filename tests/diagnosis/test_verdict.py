@@ -12,7 +12,7 @@ import torch
 from physid.diagnosis.conclusion.gap import Closing, Interval
 from physid.diagnosis.conclusion.verdict import closes_most, indistinguishable_from_zero, judge, reconsider
 from physid.diagnosis.selection.attribution import Attribution
-from physid.diagnosis.selection.evidence import both_needed, complete, distinguishable
+from physid.diagnosis.selection.evidence import all_needed, complete, distinguishable
 from physid.diagnosis.settings.settings import Settings
 from physid.diagnosis.testing.hypothesis import Hypothesis
 from physid.diagnosis.testing.lack_of_fit import LackOfFit, Row
@@ -144,7 +144,7 @@ def test_a_pair_is_needed_if_it_explains_most_of_what_one_effect_leaves(
     missing: float, behind: float, absent: list[str], needed: bool
 ) -> None:
     nominal, drag, both = hypothesis(900, 900), hypothesis(100 + behind, 100), pair(absent, 100, 100)
-    assert both_needed(both, nominal, [drag], left_by_drag(missing)) is needed
+    assert all_needed(both, nominal, [drag], left_by_drag(missing)) is needed
 
 
 @pytest.mark.parametrize(("factor", "needed"), [(0.9, False), (1.2, True)])
@@ -153,7 +153,7 @@ def test_a_pair_must_gain_over_all_trajectories_together(factor: float, needed: 
     least = max(SETTINGS.evidence.least, SETTINGS.evidence.same * 1600)
     drag = hypothesis(100 + factor * least / 2, 100 + factor * least / 2)
     chance: Any = SimpleNamespace(missing=factor * least, reach=lambda _: 0.0)
-    assert both_needed(both, nominal, [drag], chance) is needed
+    assert all_needed(both, nominal, [drag], chance) is needed
 
 
 def test_a_pair_must_explain_more_than_a_single_effect_to_be_the_whole() -> None:
@@ -162,6 +162,9 @@ def test_a_pair_must_explain_more_than_a_single_effect_to_be_the_whole() -> None
     assert complete(nominal, single, stage_of, left(20.0, 0.001))
     assert not complete(nominal, two, stage_of, left(20.0, 0.001))
     assert complete(nominal, two, stage_of, left(5.0, 0.001))
+    three = SimpleNamespace(**{**vars(two), "names": ("tether", "viscous_drag", "force_gain")})
+    assert not complete(nominal, cast(Any, three), stage_of, left(5.0, 0.001))
+    assert complete(nominal, cast(Any, three), stage_of, left(2.0, 0.001))
 
 
 def test_a_hair_is_left_by_laws_that_differ_a_little_and_is_no_part() -> None:

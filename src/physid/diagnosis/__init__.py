@@ -1,7 +1,6 @@
 """The diagnosis of a sim-to-real gap: which effect a nominal model lacks, where, and how far the gap closes with it."""
 
 from physid.diagnosis.conclusion.metrics import figures_of
-from physid.diagnosis.diagnose import diagnose
 from physid.diagnosis.document.document import Diagnosis, read_diagnosis
 from physid.diagnosis.document.sentences import summary_lines
 from physid.diagnosis.progress import Progress, Stage
@@ -16,7 +15,6 @@ __all__ = [
     "Progress",
     "Settings",
     "Stage",
-    "diagnose",
     "figures_of",
     "parse_changes",
     "read_diagnosis",

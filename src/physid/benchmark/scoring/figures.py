@@ -17,6 +17,7 @@ from physid.benchmark.scoring.intervals import (
     wilson,
 )
 from physid.benchmark.scoring.judging import BINS, MEDIUM, STRONG, Judged, bin_of
+from physid.benchmark.sealing.hidden import TOGETHER
 
 PERCENT = "%"
 
@@ -77,10 +78,12 @@ def figures(judged: Sequence[Judged]) -> list[Figure]:
     free = [one for one in judged if one.label.role == "free"]
     hidden = [one for one in judged if one.label.role != "free"]
     shown = [one for one in hidden if one.label.severity >= MEDIUM]
-    known = [one for one in shown if one.label.right and one.label.role != "pair"]
+    known = [one for one in shown if one.label.right and one.label.role not in TOGETHER]
     plain = [one for one in known if one.label.role in ("catalogue", "native")]
     alone = [one for one in hidden if not one.label.right and one.label.severity >= STRONG]
-    pairs = [one for one in judged if one.label.role == "pair" and one.least >= MEDIUM]
+    pairs, triples = (
+        [one for one in judged if one.label.role == role and one.least >= MEDIUM] for role in ("pair", "triple")
+    )
     gaps = [one for one in shown if one.label.right]
     effects = [hit for one in judged for hit in one.covered[0]]
     others = [hit for one in judged for hit in one.covered[1]]
@@ -98,6 +101,7 @@ def figures(judged: Sequence[Judged]) -> list[Figure]:
         middle("closed on the same protocol", _known(one.same for one in gaps), "-"),
         middle("closed on transfer", _known(one.transfer for one in gaps), "-", ">= 0.85", ">= 0.95"),
         share("both parts of a pair", (one.grouped for one in pairs), ">= 60", ">= 80"),
+        share("two of three", (one.parts >= 2 for one in triples), ">= 60", ">= 80"),
         _calibration(judged),
         _power(hidden),
         middle("time per diagnosis", _known(one.seconds for one in judged), "s", "<= 300", "<= 30"),
@@ -189,7 +193,7 @@ def _table(
 def reliability(judged: Sequence[Judged]) -> list[tuple[float, bool]]:
     """Return confidence and whether the verdict was right, of all sets that are free, or medium and up.
 
-    A pair is right if both of its effects are there.
+    Several effects are right if all of them are there.
     """
     clear = (one for one in judged if one.label.role == "free" or one.label.severity >= MEDIUM)
     return [(one.confidence, one.grouped and not one.astray) for one in clear if one.verdict != "failed"]

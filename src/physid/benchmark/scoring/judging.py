@@ -59,6 +59,11 @@ class Judged:
         return self.verdict not in ("none", "failed")
 
     @property
+    def parts(self) -> int:
+        """How many of the hidden effects are among those that were blamed, or in their group."""
+        return len({part.name for part in self.label.effects} & {*self.named, *self.group})
+
+    @property
     def least(self) -> float:
         """The severity of the weakest effect in the set; 0 without effects."""
         return min((part.severity for part in self.label.effects), default=0.0)

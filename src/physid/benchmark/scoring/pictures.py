@@ -32,7 +32,8 @@ def draw_confusion(judged: Sequence[Judged]) -> Canvas:
         empty = _canvas(7.0, 1.2)
         empty.text(0.5, 0.5, "no effect-free set and none of medium severity", ha="center", va="center", color=INK)
         return empty
-    order = {role: place for place, role in enumerate(("free", "catalogue", "alias", "pair", "native", "outside"))}
+    listed = ("free", "catalogue", "alias", "pair", "triple", "native", "outside")
+    order = {role: place for place, role in enumerate(listed)}
     rows = sorted({(order[one.label.role], one.label.role, truth_of(one)) for one in clear})
     said = {one.answer for one in clear}
     last = [word for word in ("none", "unknown", "failed") if word in said or word != "failed"]

@@ -29,8 +29,9 @@ of all frames were switches, none is."""
 def acting_phases(config: GenerateConfig, effects: Sequence[Effect]) -> list[str]:
     """Name the phases in which effects change the motion.
 
-    From every true state the effect-free simulator goes to the next frame; what the velocities differ by, as kinetic
-    energy of that difference, is summed by phase. Phases that hold at least a fifth are named.
+    From every true state of the fitted trajectories the effect-free simulator goes to the next frame; what the
+    velocities differ by, as kinetic energy of that difference, is summed by phase. Phases that hold at least a fifth
+    are named.
 
     Args:
         config: The recording set.
@@ -41,10 +42,12 @@ def acting_phases(config: GenerateConfig, effects: Sequence[Effect]) -> list[str
     """
     work: dict[str, float] = {}
     config = steady(config)
-    look, scene = look_at(config, config.splits().index("fit"), effects), config.true_scene()
-    names = phases(scene, look.excitation, look.motion).ravel().tolist()
-    for name, value in zip(names, _change(scene, look).flat, strict=True):
-        work[name] = work.get(name, 0.0) + float(value)
+    scene = config.true_scene()
+    for index in (index for index, split in enumerate(config.splits()) if split == "fit"):
+        look = look_at(config, index, effects)
+        names = phases(scene, look.excitation, look.motion).ravel().tolist()
+        for name, value in zip(names, _change(scene, look).flat, strict=True):
+            work[name] = work.get(name, 0.0) + float(value)
     total = sum(work.values())
     strongest = sorted(work, key=lambda name: -work[name])
     return [name for name in strongest if total > NOTHING and work[name] >= SHARE * total]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Literal, get_args
 
 import torch
@@ -16,10 +17,14 @@ from physid.scenes import SETUPS
 from physid.simulators import find_simulator
 from physid.simulators.native import Native
 
-Role = Literal["free", "catalogue", "native", "outside", "alias", "pair"]
+Role = Literal["free", "catalogue", "native", "outside", "alias", "pair", "triple"]
 ROLES: tuple[Role, ...] = get_args(Role)
-SHARES: Mapping[Role, float] = {"free": 10, "catalogue": 18, "native": 7, "outside": 7, "alias": 4, "pair": 4}
+SHARES: Mapping[Role, float] = {
+    "free": 10, "catalogue": 18, "native": 7, "outside": 7, "alias": 4, "pair": 4, "triple": 2,
+}  # fmt: skip
 """How the sets of a bank are dealt out."""
+TOGETHER: Mapping[Role, int] = {"pair": 2, "triple": 3}
+"""How many effects are hidden together, each of another site."""
 
 
 @dataclass(frozen=True)
@@ -95,15 +100,15 @@ def candidates(role: Role, scene: str, protocol: str, simulator: str = "pybullet
         return [Hidden("alias", (find(name),)) for one in fitting for name in one.effects]
     near = {name for one in CONFUSIONS if one.scene == scene and protocol in one.protocols for name in one.effects}
     clear = [kind for kind in CATALOGUE if kind.name not in near and _makes(simulator, kind)]
-    if role == "pair" and find_simulator(simulator).from_any_state:
+    if role in TOGETHER and find_simulator(simulator).from_any_state:
         return [
-            Hidden("pair", (one, two))
-            for index, one in enumerate(clear)
-            for two in clear[index + 1 :]
-            if one.site != two.site and not confused(one.name, two.name)
+            Hidden(role, kinds)
+            for kinds in combinations(clear, TOGETHER[role])
+            if len({kind.site for kind in kinds}) == len(kinds)
+            and not any(confused(one.name, two.name) for one, two in combinations(kinds, 2))
         ]
-    kinds: Mapping[Role, Sequence[type[Effect]]] = {"catalogue": clear, "native": NATIVE, "outside": OUTSIDE}
-    return [Hidden(role, (kind,)) for kind in kinds.get(role, ()) if _makes(simulator, kind)]
+    single: Mapping[Role, Sequence[type[Effect]]] = {"catalogue": clear, "native": NATIVE, "outside": OUTSIDE}
+    return [Hidden(role, (kind,)) for kind in single.get(role, ()) if _makes(simulator, kind)]
 
 
 def _makes(simulator: str, kind: type[Effect]) -> bool:

@@ -34,6 +34,7 @@ SEVERITIES: Mapping[Role, tuple[float, float]] = {
     "outside": (0.2, 8.0),
     "alias": (0.3, 8.0),
     "pair": (0.4, 6.0),
+    "triple": (0.4, 6.0),
 }
 POSITION, ROTATION = (3e-4, 1.5e-3), (1e-3, 5e-3)  # [m], [rad] noise of the sensor
 GUESS = (0.6, 1.7)  # first guess of an unknown parameter over its true value

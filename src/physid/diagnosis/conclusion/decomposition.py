@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from itertools import combinations, permutations
+from math import factorial
 
 import torch
 
@@ -44,9 +46,9 @@ def decompose(
 ) -> dict[Split, dict[str, float]]:
     """Divide the share of the gap that closes among the effects that are blamed.
 
-    With v(A) the share that A closes alone and v(AB) that of both, A closes v(A) if it comes first and v(AB) - v(B) if
-    it comes last. Its part is the mean of the two (Shapley 1953); the parts of both add up to v(AB). Each effect is
-    refitted alone for that.
+    With v(S) the share that the effects S close together, an effect adds v(S + A) - v(S) where it comes after S. Its
+    part is the mean over all orders (Shapley 1953); parts add up to what all close. Each choice of effects is refitted
+    for that.
 
     Args:
         nominal_fit: The recordings and the fitted nominal model.
@@ -55,40 +57,56 @@ def decompose(
         generator: Randomness of intervals, which are not used here.
 
     Returns:
-        The part of each effect, by split; empty where there is no gap to divide, where an effect alone cannot be
-        simulated, and for more than two effects.
+        The part of each effect, by split; empty where there is no gap to divide, and where a choice of effects cannot
+        be simulated.
     """
     best = found.best
     whole = {split: one.shrink.value for split, one in together.items() if one is not None and one.shrink is not None}
     if best is None or not whole:
         return {}
-    if len(best.names) == 1:
-        return {split: {best.names[0]: share} for split, share in whole.items()}
-    alone = [_alone(nominal_fit, found, name) for name in best.names]
-    if len(alone) != 2 or None in alone:
-        return {}
-    one, other = (closings_of(nominal_fit, found.whole_nominal, each, generator) for each in alone)
+    closed: dict[frozenset[str], Closings] = {}
+    for some in (chosen for size in range(1, len(best.names)) for chosen in combinations(best.names, size)):
+        fitted = _of_effects(nominal_fit, found, some)
+        if fitted is None:
+            return {}
+        closed[frozenset(some)] = closings_of(nominal_fit, found.whole_nominal, fitted, generator)
     return {
-        split: dict(zip(best.names, shapley(_value(one[split]), _value(other[split]), share), strict=True))
+        split: shapley(
+            {some: _value(one[split]) for some, one in closed.items()} | {frozenset(best.names): share}, best.names
+        )
         for split, share in whole.items()
     }
 
 
-def shapley(one: float, other: float, both: float) -> tuple[float, float]:
-    """Return the parts of two that close so much alone, and together: the means over the two orders."""
-    return (one + both - other) / 2, (other + both - one) / 2
+def shapley(values: Mapping[frozenset[str], float], names: Sequence[str]) -> dict[str, float]:
+    """Return the part of each, the mean over all orders of what it adds to those before it.
+
+    phi_A = sum over S without A of |S|! (n - |S| - 1)! / n! (v(S + A) - v(S)), with v of nobody 0.
+
+    Args:
+        values: v of each choice of names but the empty one.
+        names: All n names.
+    """
+    parts = dict.fromkeys(names, 0.0)
+    for order in permutations(names):
+        before = 0.0
+        for count, name in enumerate(order, 1):
+            after = values[frozenset(order[:count])]
+            parts[name] += (after - before) / factorial(len(names))
+            before = after
+    return parts
 
 
 def _value(one: Closing | None) -> float:
     return 0.0 if one is None or one.shrink is None else one.shrink.value
 
 
-def _alone(nominal_fit: NominalFit, found: Attribution, name: str) -> Hypothesis | None:
-    """Return the hypothesis of one effect of a pair, in all segments; None where it cannot be simulated."""
+def _of_effects(nominal_fit: NominalFit, found: Attribution, names: Sequence[str]) -> Hypothesis | None:
+    """Return the hypothesis of some of the effects, in all segments; None where it cannot be simulated."""
     try:
         experiment, settings = found.nominal.experiment, nominal_fit.settings
-        tried = next((one for one in found.tried if one.names == (name,)), None)
-        alone = tried or finish_hypothesis(begin_hypothesis(experiment, found.lack.fit, (name,), settings))
-        return refit_all_segments(nominal_fit, alone) if found.contact_free else alone
+        tried = next((one for one in found.tried if {*one.names} == {*names}), None)
+        fitted = tried or finish_hypothesis(begin_hypothesis(experiment, found.lack.fit, tuple(names), settings))
+        return refit_all_segments(nominal_fit, fitted) if found.contact_free else fitted
     except SolverError:
         return None

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import torch
 
 from physid.diagnosis.progress import Progress, Stage, silent
 from physid.diagnosis.reference.nominal_fit import NominalFit
-from physid.diagnosis.selection.candidates import first_pairs, ranked_pairs, survivors, swapped_pairs
-from physid.diagnosis.selection.comparison import by_prediction, compare_candidates
+from physid.diagnosis.selection.candidates import exchanges, first_combinations, one_more, survivors
+from physid.diagnosis.selection.comparison import Names, by_prediction, compare_candidates
 from physid.diagnosis.selection.contact_free import contact_free, refit_all_segments, with_own_steps
 from physid.diagnosis.selection.evidence import (
-    both_needed,
+    all_needed,
     complete,
     distinguishable,
     evident,
@@ -28,7 +30,9 @@ from physid.diagnosis.testing import (
     begin_hypothesis,
     conclude,
     find_lack_of_fit,
+    finish_hypothesis,
 )
+from physid.estimation.least_squares import Experiment, Fit
 from physid.physics import SolverError
 
 
@@ -94,7 +98,7 @@ def attribute(nominal_fit: NominalFit, generator: torch.Generator, say: Progress
     if quiet is not None:
         found = _search(quiet, generator, say)
         if found.best is not None or unexplained(found):
-            return _with_second(nominal_fit, _with_all_frames(nominal_fit, found, say), generator, say)
+            return _with_further(nominal_fit, _with_all_frames(nominal_fit, found, say), generator, say)
     return _search(nominal_fit, generator, say)
 
 
@@ -110,40 +114,46 @@ def _with_all_frames(nominal_fit: NominalFit, found: Attribution, say: Progress)
     )
 
 
-def _with_second(nominal_fit: NominalFit, found: Attribution, generator: torch.Generator, say: Progress) -> Attribution:
-    """Look in all segments for a second effect: it may act at impacts alone, or move all that a camera sees."""
-    one = found.whole_best
-    looked = found.contact_free and nominal_fit.settings.attribution.at_impacts > 0
-    if not looked or one is None or len(one.names) > 1:
+def _with_further(
+    nominal_fit: NominalFit, found: Attribution, generator: torch.Generator, say: Progress
+) -> Attribution:
+    """Look in all segments for further effects: they may act at impacts alone, or move all that a camera sees."""
+    settings, best = nominal_fit.settings, found.whole_best
+    if not found.contact_free or settings.attribution.at_impacts == 0:
         return found
-    say(Stage.EXAMINING_IMPACTS, one.names[0])
-    try:
-        return _beside(nominal_fit, found, one, generator, say) or found
-    except SolverError:
-        return found  # what cannot be simulated does not undo what contact-free segments showed
+    while best is not None and len(best.names) < settings.candidates.most_effects:
+        say(Stage.EXAMINING_IMPACTS, " + ".join(best.names))
+        try:
+            more = _beside(nominal_fit, found, best, generator, say)
+        except SolverError:
+            return found  # what cannot be simulated does not undo what contact-free segments showed
+        if more is None:
+            return found
+        found, best = more, more.best
+    return found
 
 
 def _beside(
     nominal_fit: NominalFit, found: Attribution, one: Hypothesis, generator: torch.Generator, say: Progress
 ) -> Attribution | None:
-    """Return the best pair of an effect and another that are both needed in all segments; None if there is none."""
+    """Return the best of effects with one more, where all are needed in all segments; None if there is none."""
     nominal, settings = found.whole_nominal, nominal_fit.settings
     left = find_lack_of_fit(nominal_fit, one, generator)
     further = sorted(left.significant, key=lambda row: -row.deviation())[: settings.attribution.at_impacts]
     if left.p_value > settings.evidence.alpha or not further:
         return None
-    pairs = compare_candidates(
+    fitted = compare_candidates(
         [(*one.names, *row.names) for row in further],
         lambda names: begin_hypothesis(one.experiment, left.fit, names, settings),
         one,
         say,
     )
-    needed = [pair for pair in pairs if sound(nominal, pair, left) and both_needed(pair, nominal, [one], left)]
+    needed = [more for more in fitted if sound(nominal, more, left) and all_needed(more, nominal, [one], left)]
     if not needed:
         return None
     lack, rest = find_lack_of_fit(nominal_fit, nominal, generator), find_lack_of_fit(nominal_fit, needed[0], generator)
     whole = complete(nominal, needed[0], lack, rest)
-    group = [pair for pair in needed if pair is needed[0] or not distinguishable(nominal, needed[0], pair, rest, whole)]
+    group = [more for more in needed if more is needed[0] or not distinguishable(nominal, needed[0], more, rest, whole)]
     return Attribution(nominal, lack, [*needed, one], needed[0], rest, group, alike(lack, needed[0], needed))
 
 
@@ -174,15 +184,17 @@ def _search(nominal_fit: NominalFit, generator: torch.Generator, say: Progress) 
         best, left = _best_of(nominal_fit, nominal, lack, singles, generator, say)
     if best is None or left is None:
         return Attribution(nominal, lack, [], None, None, [])
-    tried = singles = [one for one in _since(best, singles) if sound(nominal, one, lack)]
-    if left.p_value <= settings.evidence.alpha and left.missing > settings.attribution.second * explained(
-        nominal, best, lack
-    ):
-        tried = by_prediction([*singles, *_needed_pairs(nominal_fit, nominal, lack, singles, left, say)])
-        if tried[0] is not best:
-            best, left = _best_of(nominal_fit, nominal, lack, tried, generator, say)
-            assert best is not None and left is not None
-            tried = _since(best, tried)
+    tried = [one for one in _since(best, singles) if sound(nominal, one, lack)]
+    while len(best.names) < settings.candidates.most_effects and _leaves(nominal, best, lack, left):
+        fewer = [one for one in tried if len(one.names) == len(best.names)]
+        tried = by_prediction([*tried, *_of_one_more(nominal_fit, nominal, lack, fewer, left, say)])
+        if tried[0] is best:
+            break
+        best, left = _best_of(nominal_fit, nominal, lack, tried, generator, say)
+        assert best is not None and left is not None
+        tried = _since(best, tried)
+        if len(best.names) == len(fewer[0].names):
+            break
     whole = complete(nominal, best, lack, left)
     group = [one for one in tried if one is best or not distinguishable(nominal, best, one, left, whole)]
     return Attribution(nominal, lack, tried, best, left, group, alike(lack, best, tried))
@@ -237,28 +249,50 @@ def _from_finite_sizes(
     return list(best.values())
 
 
-def _needed_pairs(
+def _leaves(nominal: Hypothesis, best: Hypothesis, lack: LackOfFit, left: LackOfFit) -> bool:
+    """Return whether the best leaves enough to look for one effect more."""
+    settings = nominal.settings
+    if left.p_value > settings.evidence.alpha:
+        return False
+    return left.missing > settings.attribution.further * explained(nominal, best, lack)
+
+
+def _of_one_more(
     nominal_fit: NominalFit,
     nominal: Hypothesis,
     lack: LackOfFit,
-    singles: list[Hypothesis],
+    fewer: list[Hypothesis],
     left: LackOfFit,
     say: Progress,
 ) -> list[Hypothesis]:
-    """Fit pairs, and then those that share one effect with the best of them; return the pairs that are needed."""
-    best, settings = singles[0], nominal_fit.settings
+    """Fit combinations of one effect more than the best of `fewer`; exchange effects of the best as long as it helps.
 
-    def begin(names: tuple[str, ...]) -> Hypothesis:
-        if set(best.names) < set(names):
-            return begin_hypothesis(best.experiment, left.fit, names, settings)
-        return begin_hypothesis(nominal_fit.experiment, lack.fit, names, settings)
+    Returns:
+        Those of which all effects are needed.
+    """
+    best, settings, experiment = fewer[0], nominal_fit.settings, nominal_fit.experiment
+    known = {frozenset(one.names): one for one in fewer}
+    starts: dict[Names, tuple[Experiment, Fit]] = {}
 
-    most, ranked = settings.candidates.most_pairs, ranked_pairs(lack, settings.score_test)
-    pairs = compare_candidates(first_pairs(ranked, best, left, most), begin, best, say)
-    needed = [pair for pair in pairs if both_needed(pair, nominal, singles, left)]
-    if not needed or not settings.candidates.swapped:
-        return needed
-    further = compare_candidates(
-        swapped_pairs(ranked, needed[0], [pair.names for pair in pairs], most), begin, best, say
-    )
-    return [*needed, *(pair for pair in further if both_needed(pair, nominal, singles, left))]
+    def begin(names: Names) -> Hypothesis:
+        beside = (best.experiment, left.fit) if set(best.names) < set(names) else (experiment, lack.fit)
+        one, start = starts.get(names, beside)
+        return begin_hypothesis(one, start, names, settings)
+
+    def without(one: Hypothesis) -> Iterator[Hypothesis]:
+        for names in combinations(one.names, len(one.names) - 1):
+            with suppress(SolverError):
+                if frozenset(names) not in known:
+                    known[frozenset(names)] = finish_hypothesis(begin(names))
+                yield known[frozenset(names)]
+
+    most = settings.candidates.most_combinations
+    ranked = one_more(lack, best.names, settings.score_test)
+    fitted = compare_candidates(first_combinations(ranked, best, left, most), begin, best, say)
+    goes_on = settings.candidates.exchanged and bool(fitted)
+    while goes_on:
+        first = fitted[0]
+        starts = exchanges([*without(first)], {frozenset(one.names) for one in fitted}, most)
+        fitted = by_prediction([*fitted, *compare_candidates([*starts], begin, best, say)])
+        goes_on = fitted[0] is not first
+    return [more for more in fitted if all_needed(more, nominal, [*known.values()], left)]

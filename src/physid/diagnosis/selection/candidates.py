@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
 from itertools import combinations
 
 from physid.diagnosis.selection.comparison import Names
 from physid.diagnosis.settings.settings import Settings
 from physid.diagnosis.settings.testing import ScoreTestSettings
-from physid.diagnosis.testing import Hypothesis, LackOfFit, Row, cosine, gains, joined
+from physid.diagnosis.testing import Hypothesis, LackOfFit, Row, cosine, gains, joined, score_test_of
+from physid.estimation.least_squares import Experiment, Fit
 
 
 def survivors(lack: LackOfFit, settings: Settings) -> list[Names]:
@@ -27,25 +29,54 @@ def survivors(lack: LackOfFit, settings: Settings) -> list[Names]:
     return [row.names for row in [*chosen, *further]]
 
 
-def ranked_pairs(lack: LackOfFit, settings: ScoreTestSettings) -> list[Names]:
-    """Return all pairs of effects that are significant alone, those with the largest linear gain first."""
+def one_more(lack: LackOfFit, best: Names, settings: ScoreTestSettings) -> list[Names]:
+    """Return combinations of one effect more than the best has, those with the largest linear gain first.
+
+    They are made of effects that are significant alone, and share all effects of the best with it, or all but one.
+    """
     alone = {row.names[0] for row in lack.significant}
     groups = [group for group in lack.groups if group.names[0] in alone]
-    both = {
-        tuple(sorted((one.names[0], two.names[0]))): float(gains(lack.conditional, joined((one, two)), settings)[0])
-        for one, two in combinations(groups, 2)
+    joint = {
+        tuple(sorted(group.names[0] for group in chosen)): chosen
+        for chosen in combinations(groups, len(best) + 1)
+        if len({*best} & {group.names[0] for group in chosen}) >= len(best) - 1
     }
-    return sorted(both, key=lambda names: -both[names])
+    gained = {names: float(gains(lack.conditional, joined(chosen), settings)[0]) for names, chosen in joint.items()}
+    return sorted(gained, key=lambda names: -gained[names])
 
 
-def first_pairs(ranked: list[Names], best: Hypothesis, left: LackOfFit, most: int) -> list[Names]:
-    """Return at most so many pairs: half of them the best effect with what it leaves, half the best by linear gain."""
+def first_combinations(ranked: list[Names], best: Hypothesis, left: LackOfFit, most: int) -> list[Names]:
+    """Return at most so many: half of them the best with an effect that it leaves, half the first by linear gain."""
     further = (tuple(sorted((*best.names, row.names[0]))) for row in left.significant)
     with_best = [names for names in further if names in ranked][: most // 2]
     chosen = [*with_best, *(names for names in ranked if names not in with_best)]
     return chosen[:most]
 
 
-def swapped_pairs(ranked: list[Names], pair: Hypothesis, tried: list[Names], most: int) -> list[Names]:
-    """Return pairs that share one effect with a pair, `most` of them: alone, the other may stand for a part of both."""
-    return [names for names in ranked if len({*names, *pair.names}) == 3 and names not in tried][:most]
+def exchanges(
+    without: Sequence[Hypothesis], tried: Collection[frozenset[str]], most: int
+) -> dict[Names, tuple[Experiment, Fit]]:
+    """Return combinations that a combination becomes if one effect is exchanged for another, most explained first.
+
+    Two effects that act together can look like a third, which then stands where one of them belongs. Beside the other
+    effects alone the score test shows the right one; at the nominal model, far from all of them, it may not.
+
+    Args:
+        without: The combination without each of its effects, fitted.
+        tried: Combinations that are known.
+        most: At most so many are returned.
+
+    Returns:
+        Their names, with the experiment and the fit without the exchanged effect, linearised with all effects.
+    """
+    found: list[tuple[float, Names, Hypothesis, Fit]] = []
+    for base in without:
+        test = score_test_of(base)
+        left = float(base.fit.loss[base.experiment.fitted[base.experiment.predictor.segments.trajectory]].sum())
+        rows = test.observed()[1]
+        found += [(row.gain - left, tuple(sorted((*base.names, *row.names))), base, test.fit) for row in rows]
+    starts: dict[Names, tuple[Experiment, Fit]] = {}
+    for _, names, base, fit in sorted(found, key=lambda one: -one[0]):
+        if frozenset(names) not in tried and len(starts) < most:
+            starts.setdefault(names, (base.experiment, fit))
+    return starts

@@ -1,6 +1,8 @@
-"""Which evidence is enough: for a gap, for an effect, for a second one, and to tell rivals apart."""
+"""Which evidence is enough: for a gap, for an effect, for one more, and to tell rivals apart."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 from torch import Tensor
 
@@ -21,10 +23,10 @@ def explained(nominal: Hypothesis, best: Hypothesis, lack: LackOfFit) -> float:
 def complete(nominal: Hypothesis, best: Hypothesis, lack: LackOfFit, left: LackOfFit) -> bool:
     """Return whether the best leaves nothing, or so little that laws which differ by a hair account for it.
 
-    Two effects follow a foreign law more closely than one: of a pair less may be left.
+    More effects follow a foreign law more closely than one: the more are blamed, the less may be left.
     """
     settings = nominal.settings.evidence
-    closed = settings.closed if len(best.names) == 1 else settings.closed_by_pair
+    closed = settings.closed * settings.closed_by_more ** (len(best.names) - 1)
     return left.p_value > settings.alpha or left.missing < closed * explained(nominal, best, lack)
 
 
@@ -79,17 +81,23 @@ def distinguishable(
     return float(worse.sum()) > least
 
 
-def both_needed(pair: Hypothesis, nominal: Hypothesis, singles: list[Hypothesis], left: LackOfFit) -> bool:
-    """Return whether a pair accounts for most of what the best single effect leaves, and for more than each part alone.
+def all_needed(more: Hypothesis, nominal: Hypothesis, fewer: Sequence[Hypothesis], left: LackOfFit) -> bool:
+    """Return whether effects account for most of what one fewer leave, and for more than each choice of one fewer does.
 
-    Neither part may have sizes that are known no better than that they may be null.
+    None may have sizes that are known no better than that they may be null.
+
+    Args:
+        more: The effects.
+        nominal: The model without effects.
+        fewer: Hypotheses of one effect fewer, the best first.
+        left: What the best of these leaves.
     """
     settings = nominal.settings.evidence
-    if gain(singles[0], pair) < settings.second_explains * left.missing or pair.absent(pair.covariance()):
+    if gain(fewer[0], more) < settings.further_explains * left.missing or more.absent(more.covariance()):
         return False
-    least = max(settings.least, settings.same * float((nominal.held_out - pair.held_out).sum()))
+    least = max(settings.least, settings.same * float((nominal.held_out - more.held_out).sum()))
     return all(
-        float((one.held_out - pair.held_out).sum()) > least and gain(one, pair) > left.reach(pair.names)
-        for one in singles
-        if one.names[0] in pair.names
+        float((one.held_out - more.held_out).sum()) > least and gain(one, more) > left.reach(more.names)
+        for one in fewer
+        if set(one.names) < set(more.names)
     )

@@ -20,8 +20,14 @@ class CandidateSettings(Section):
 
     survive: float = setting(0.1, "share", "of the best gain that a candidate needs to be fitted", ge=0, le=1)
     most_singles: int = setting(10, "effects", "most that are fitted alone", ge=1)
-    most_pairs: int = setting(5, "pairs", "most that are fitted at a time; 0 looks for no second effect", ge=0)
-    swapped: bool = setting(True, "", "whether pairs that share one effect with the best pair are tried", FLIGHTS)
+    most_effects: int = setting(5, "effects", "most that are blamed together", ge=1)
+    most_combinations: int = setting(5, "hypotheses", "of one effect more, most that are fitted at a time", ge=1)
+    exchanged: bool = setting(
+        True,
+        "",
+        "whether each effect of the best combination is exchanged for what explains most in its place",
+        "decision 66",
+    )
 
 
 class ComparisonSettings(Section):
@@ -37,7 +43,7 @@ class ComparisonSettings(Section):
 class AttributionSettings(Section):
     """When more is tried."""
 
-    second: float = setting(0.01, "share", "of the gap from which on a second effect is looked for", ge=0)
+    further: float = setting(0.01, "share", "of the gap from which on one effect more is looked for", ge=0)
     multi_start: int = setting(
         6, "effects", "fitted again from finite sizes where the best leaves a gap; 0 for none", FLIGHTS, ge=0
     )
@@ -59,7 +65,7 @@ class EvidenceSettings(Section):
         2.0, "noise variances", "mean squared residual that no null simulation reaches; 1e9 for none", gt=0
     )
     closed: float = setting(0.02, "share", "of the gap that may be left without a second look", FLIGHTS, ge=0)
-    closed_by_pair: float = setting(0.005, "share", "the same where two effects are blamed", FLIGHTS, ge=0)
-    second_explains: float = setting(
-        0.5, "share", "of what one effect leaves that a second one must explain", FLIGHTS, ge=0
+    closed_by_more: float = setting(
+        0.25, "share", "of that, for each further effect that is blamed", "decision 66", ge=0, le=1
     )
+    further_explains: float = setting(0.5, "share", "of what effects leave that one more must explain", FLIGHTS, ge=0)

@@ -9,7 +9,7 @@ from physid.diagnosis.testing.hypothesis import (
     finish_hypothesis,
     refitted_from_new_states,
 )
-from physid.diagnosis.testing.lack_of_fit import LackOfFit, Row, find_lack_of_fit
+from physid.diagnosis.testing.lack_of_fit import LackOfFit, Row, find_lack_of_fit, score_test_of
 from physid.diagnosis.testing.null_tails import Tail
 from physid.diagnosis.testing.residual_wrench import freed, piece_frames
 from physid.diagnosis.testing.score_test import gains, joined
@@ -31,4 +31,5 @@ __all__ = [
     "joined",
     "piece_frames",
     "refitted_from_new_states",
+    "score_test_of",
 ]

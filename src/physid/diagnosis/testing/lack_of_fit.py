@@ -139,6 +139,25 @@ class LackOfFit:
         return together([row.tail for row in self.rows if row.names[0] in names])
 
 
+def score_test_of(hypothesis: Hypothesis, wrenches: Tensor | None = None) -> ScoreTest:
+    """Return the score test of all effects that a hypothesis lacks, beside what it has.
+
+    Args:
+        hypothesis: What is fitted.
+        wrenches: Residual wrenches, whose columns follow those of the effects in the linearised fit.
+    """
+    experiment = hypothesis.experiment
+    terms = experiment.predictor.terms
+    fit = experiment.linearise(hypothesis.fit.point, torch.arange(len(terms)), wrenches)
+    offset = fit.point.nominal.shape[1] + 1
+    groups = [
+        group for group in groups_of(terms, offset, fit.point.effects[0]) if group.names[0] not in hypothesis.names
+    ]
+    nuisance = torch.cat([torch.arange(offset), offset + hypothesis.columns])
+    ridge = prior(experiment, hypothesis.columns)
+    return ScoreTest(experiment, fit, groups, offset + len(terms), nuisance, ridge, hypothesis.settings)
+
+
 def find_lack_of_fit(nominal_fit: NominalFit, hypothesis: Hypothesis, generator: torch.Generator) -> LackOfFit:
     """Look at what a hypothesis leaves unexplained.
 
@@ -158,17 +177,8 @@ def find_lack_of_fit(nominal_fit: NominalFit, hypothesis: Hypothesis, generator:
         predictor.model.scene.time_step,
         settings.residual_wrench,
     )
-    count = len(predictor.terms)
-    fit = experiment.linearise(hypothesis.fit.point, torch.arange(count), wrenches)
-    offset = fit.point.nominal.shape[1] + 1
-    groups = [
-        group
-        for group in groups_of(predictor.terms, offset, fit.point.effects[0])
-        if group.names[0] not in hypothesis.names
-    ]
-    nuisance = torch.cat([torch.arange(offset), offset + hypothesis.columns])
-    ridge = prior(experiment, hypothesis.columns)
-    test = ScoreTest(experiment, fit, groups, offset + count, nuisance, ridge, settings)
+    test = score_test_of(hypothesis, wrenches)
+    fit, groups, count = test.fit, test.groups, test.count
 
     null_data = draw_null_simulations(
         experiment, hypothesis.fit, nominal_fit.noise, hypothesis.working, settings, generator
@@ -176,7 +186,7 @@ def find_lack_of_fit(nominal_fit: NominalFit, hypothesis: Hypothesis, generator:
     response = test.respond(null_data)
     chance = test.chance(null_data, response, generator)
     cleaned = test.cleaned(null_data, response)
-    free = torch.tensor([offset + count + k for k, cell in enumerate(cells) if cell.piece is not None])
+    free = torch.tensor([count + k for k, cell in enumerate(cells) if cell.piece is not None])
     counted = experiment.fitted[segments.trajectory] & _sound(
         experiment, hypothesis.fit, settings.null_distribution.bad
     )
@@ -199,7 +209,7 @@ def find_lack_of_fit(nominal_fit: NominalFit, hypothesis: Hypothesis, generator:
         conditional,
         groups,
         counted,
-        _cell_gains(fit, offset + count + torch.arange(len(cells)), spread, some, experiment.scale),
+        _cell_gains(fit, count + torch.arange(len(cells)), spread, some, experiment.scale),
         settings.lack_of_fit,
     )
 
