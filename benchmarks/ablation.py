@@ -47,8 +47,6 @@ from physid.effects import CATALOGUE
 PLANS = {
     "pybullet": Plan("score", 40417, Size(8, trajectories=8, steps=80), least=MEDIUM),
     "mujoco": Plan("score", 90731, Size(8, trajectories=8, steps=80), ("mujoco",), least=MEDIUM),
-
-
 }
 """Of seeds that no other bank has. PyBullet records every step of its own; the others 30 to 240 frames a second, some
 with jitter and lost frames, and recording.yaml does not say who made them."""
@@ -57,9 +55,10 @@ WITHOUT: Mapping[str, Mapping[str, Any]] = {
     "all heuristics": {},
     "contact-free segments first": {"contact_free.first": False},
     "frames a late camera took from before": {"contact_free.late": 0},
-    "pairs": {"candidates.most_pairs": 0},
-    "pairs with one effect swapped": {"candidates.swapped": False},
-    "second effect at impacts": {"attribution.at_impacts": 0},
+    "several effects": {"candidates.most_effects": 1},
+    "more than two effects": {"candidates.most_effects": 2},
+    "effects exchanged": {"candidates.exchanged": False},
+    "further effects at impacts": {"attribution.at_impacts": 0},
     "starts from finite sizes": {"attribution.multi_start": 0},
     "curved steps": {"hypothesis.curved": []},
     "new initial states of hypotheses": {"hypothesis.new_states": False},
@@ -71,15 +70,13 @@ WITHOUT: Mapping[str, Mapping[str, Any]] = {
     "weights of contact segments": {"nominal_fit.own_weights": False},
     "steps chosen by halving": {"nominal_fit.step_choices": 0},
     "following the simulator": {"nominal_fit.follows": False},
-    "Aitken's extrapolation": {"discrepancy.steady": 0},
     "candidates refitted with the simulator": {"comparison.most_refitted": 0},
     "floors of the numerics": {"null_simulations.floor_replays": 0},
     "bad impacts apart": {"null_distribution.bad": 1e8},
-    "wild bootstrap": {"null_distribution.random_signs": False},
     "steady gain": {"score_test.steady": False},
     "margin": {"lack_of_fit.margin": 1},
     "evident gaps": {"evidence.evident": 1e8},
-    "laws that differ by a hair": {"evidence.closed": 0, "evidence.closed_by_pair": 0},
+    "laws that differ by a hair": {"evidence.closed": 0},
     "numerics between rivals": {"evidence.same": 0},
     "equivalent signatures": {"equivalence.alike": 2},
     "probes": {"roles.probes_from": 1000},
@@ -91,17 +88,17 @@ WITHOUT: Mapping[str, Mapping[str, Any]] = {
 """Heuristics, and the settings that switch each of them off."""
 COMMON = {"next_experiment.drawn": 1}  # what to record next changes no verdict, and takes time
 FOREIGN = {"steps chosen by halving"}
-KNOWN = {"following the simulator", "Aitken's extrapolation"}
+KNOWN = {"following the simulator"}
 """Act only where recording.yaml does not say, or says, how recordings were integrated."""
 TRANSFER = {"probes", "veto of the transfer protocol"}
 """Act only where there is another protocol."""
 CONTACT = {
-    "contact-free segments first", "frames a late camera took from before", "second effect at impacts",
-    "bad impacts apart", "wild bootstrap", "steady gain", "weights of contact segments", "scatter of replays",
+    "contact-free segments first", "frames a late camera took from before", "further effects at impacts",
+    "bad impacts apart", "steady gain", "weights of contact segments", "scatter of replays",
 }  # fmt: skip
 """Act only where something is hit."""
 FITTED = {
-    "pairs", "pairs with one effect swapped", "second effect at impacts", "starts from finite sizes",
+    "several effects", "more than two effects", "effects exchanged", "further effects at impacts", "starts from finite sizes",
     "curved steps", "new initial states of hypotheses",
     "candidates refitted with the simulator", "laws that differ by a hair", "numerics between rivals",
     "equivalent signatures", "scatter of replays", "hollow effects dropped",

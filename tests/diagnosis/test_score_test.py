@@ -9,11 +9,10 @@ from typing import Any
 import pytest
 import torch
 
-from physid.diagnosis.reference.null_simulations import NullSimulations, p_value, with_signs
+from physid.diagnosis.reference.null_simulations import p_value
 from physid.diagnosis.settings.testing import ScoreTestSettings
 from physid.diagnosis.testing.score_test import Conditional, Group, condition, gains, groups_of, steady_gains
 from physid.estimation.least_squares.normal_equations import Normal
-from physid.estimation.prediction.segments import Segmentation
 from physid.physics import Quantity
 
 ONE = torch.ones(1, dtype=torch.float64)
@@ -122,33 +121,6 @@ def test_the_p_value_counts_and_is_never_zero() -> None:
     assert p_value(1e9, null) == pytest.approx(0.01)
     assert p_value(-1.0, null) == 1.0
     assert p_value(50.0, null) == pytest.approx((1 + 49) / 100)
-
-
-def test_residuals_that_are_put_into_segments_keep_their_size_there_and_have_one_sign_each() -> None:
-    sets, frames, length = 200, 12, 4
-    segments = Segmentation.equal(2, frames, length)
-    generator = torch.Generator().manual_seed(0)
-    null, own = (
-        torch.randn(sets, 2, frames, 1, 6, generator=generator),
-        torch.randn(2, frames, 1, 6, generator=generator),
-    )
-    chosen = torch.tensor([True, False, True, False, True, True])
-    fit: Any = SimpleNamespace(linear=SimpleNamespace(segments=segments), residual=own)
-    put = with_signs(NullSimulations(null), fit, chosen, generator).residual
-    signs = []
-    for row, start, there in zip(segments.trajectory, segments.start, chosen, strict=True):
-        at = slice(int(start), int(start) + length)
-        if not there:
-            assert torch.equal(put[:, row, at], null[:, row, at])
-            continue
-        ratio = (put[:, row, at] / own[row, at]).flatten(1)
-        assert torch.equal(ratio, ratio[:, :1].expand_as(ratio))
-        signs.append(ratio[:, 0])
-    each = torch.stack(signs)
-    assert torch.equal(each.abs(), torch.ones_like(each))
-    together = each @ each.T / sets  # signs of different segments have nothing to do with each other
-    assert torch.allclose(together, torch.eye(len(each)), atol=4 / sets**0.5)
-    assert torch.allclose(each.mean(1), torch.zeros(len(each)), atol=4 / sets**0.5)
 
 
 def impacts(columns: torch.Tensor, data: torch.Tensor, count: int = 5) -> Normal:

@@ -9,9 +9,8 @@ from torch import Tensor
 
 from physid.diagnosis.progress import Progress, Stage, silent
 from physid.diagnosis.reference.replay import replay
-from physid.diagnosis.settings.reference import DiscrepancySettings
 from physid.diagnosis.settings.settings import Settings
-from physid.estimation.least_squares import Experiment, Fit, clamp_effects, gauss_newton
+from physid.estimation.least_squares import Experiment, Fit, gauss_newton
 from physid.estimation.measurement import pose_difference
 from physid.estimation.prediction import Predictor, Segmentation, Variants
 from physid.physics import Effect
@@ -28,8 +27,7 @@ def fit_with_reference(
     """Fit and replay in turn until both agree on how far the reference simulator leaves the prediction.
 
     A segment takes a new initial state only if it then explains the segment better with the replay of that very state;
-    where it does not, the next round tries a shorter step. Shared parameters that keep creeping in one direction are
-    extrapolated (Aitken 1926).
+    where it does not, the next round tries a shorter step.
 
     An impact may go another way for a hair. That is no evidence against an effect: the gap between the engines that is
     known of the model without it stands in each segment that the replays explain worse.
@@ -55,16 +53,11 @@ def fit_with_reference(
     if names:
         both = [one.losses(best)[0] for one in (experiment, experiment.replace(engine=engine))]
         engine, loss = _by_segment(segments, both[1] < both[0], engine, experiment.engine), torch.minimum(*both)
-    path: list[Tensor] = []
     for turn in range(limits.rounds):
         before = float(loss.clamp_max(1e12).sum())
         known = experiment.replace(engine=engine)
         fit = gauss_newton(known, known.at(best, fit), effects, steps=0 if turn else limits.first_steps)
         trial = between(best, fit.point, stride)
-        path.append(_shared(trial, effects))
-        if (further := _aitken(path, limits)) is not None:
-            trial = _with_shared(experiment.predictor, trial, effects, further)
-            path.clear()
         fit = experiment.at(trial, fit)
         say(Stage.REPLAYING_NOMINAL)
         fresh = _renewed(experiment, fit, names, settings).engine
@@ -136,30 +129,3 @@ def _by_segment(segments: Segmentation, mask: Tensor, first: Tensor, second: Ten
         row = batch.trajectory[:, None].expand_as(batch.frame)[rows]
         chosen[row, batch.frame[rows]] = first[row, batch.frame[rows]]
     return chosen
-
-
-def _shared(point: Variants, effects: Tensor) -> Tensor:
-    return torch.cat([point.nominal[0], point.engine[0], point.effects[0, effects]])
-
-
-def _with_shared(predictor: Predictor, point: Variants, effects: Tensor, shared: Tensor) -> Variants:
-    unknown = point.nominal.shape[1]
-    values = point.effects.clone()
-    values[0, effects] = shared[unknown + 1 :]
-    return point.replace(
-        nominal=shared[None, :unknown],
-        engine=shared[None, unknown : unknown + 1],
-        effects=clamp_effects(predictor, values),
-    )
-
-
-def _aitken(path: list[Tensor], settings: DiscrepancySettings) -> Tensor | None:
-    """Extrapolate three points that creep in one direction, x + d r / (1 - r) with r the ratio of the last steps."""
-    if len(path) < 3:
-        return None
-    first, second = path[-2] - path[-3], path[-1] - path[-2]
-    length = first.abs().clamp_min(1e-9)
-    ratio = float((second / length * (first / length)).sum() / (first / length).square().sum())
-    if not settings.creeping < ratio < settings.steady:
-        return None
-    return path[-1] + second * ratio / (1 - ratio)

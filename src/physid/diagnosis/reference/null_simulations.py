@@ -58,22 +58,6 @@ def draw_null_simulations(
     return NullSimulations(torch.cat(residuals))
 
 
-def with_signs(null_data: NullSimulations, fit: Fit, chosen: Tensor, generator: torch.Generator) -> NullSimulations:
-    """Put the residuals of a fit into some segments (a mask of shape (K,)), each segment's with a random sign.
-
-    This is the wild bootstrap (Wu 1986): what an effect does to all impacts has the same sign everywhere, what chaos
-    does has not. It holds whatever makes these segments fit badly.
-    """
-    segments, residuals = fit.linear.segments, null_data.residual.clone()
-    signs = 2.0 * torch.randint(2, (len(residuals), len(segments)), generator=generator) - 1
-    for batch in segments.batches:
-        inside = batch.inside & chosen[batch.segments, None]
-        rows, frames = batch.trajectory[:, None].expand_as(batch.frame)[inside], batch.frame[inside]
-        own = signs[:, batch.segments[:, None].expand_as(batch.frame)[inside]].to(residuals.dtype)
-        residuals[:, rows, frames] = own[..., None, None] * fit.residual[rows, frames]
-    return NullSimulations(residuals)
-
-
 def noiseless(
     experiment: Experiment,
     fit: Fit,

@@ -39,8 +39,6 @@ class DiscrepancySettings(Section):
     rounds: int = setting(5, "replays", "most of one fit", ge=1)
     settled: float = setting(0.1, "standard deviations", "of the loss; less change ends the rounds", gt=0)
     shorter: float = setting(0.4, "-", "factor of a step of an initial state that did not help", gt=0, lt=1)
-    creeping: float = setting(0.2, "-", "least ratio of successive steps that is extrapolated (Aitken)", ge=0, lt=1)
-    steady: float = setting(0.85, "-", "largest ratio that is; 0 extrapolates nothing", ge=0, lt=1)
     first_steps: int = setting(2, "steps", "most Gauss-Newton steps before the first replay", ge=0)
     last_steps: int = setting(6, "steps", "most Gauss-Newton steps after the last replay", ge=0)
 
@@ -75,4 +73,3 @@ class NullDistributionSettings(Section):
     bad: float = setting(
         2.0, "noise variances", "mean squared residual that the numerics of an impact do not explain", IMPACTS, gt=0
     )
-    random_signs: bool = setting(True, "", "whether impacts that fit badly take random signs (wild bootstrap)", IMPACTS)

@@ -184,7 +184,7 @@ def find_lack_of_fit(nominal_fit: NominalFit, hypothesis: Hypothesis, generator:
         experiment, hypothesis.fit, nominal_fit.noise, hypothesis.working, settings, generator
     )
     response = test.respond(null_data)
-    chance = test.chance(null_data, response, generator)
+    chance = test.chance(response)
     cleaned = test.cleaned(null_data, response)
     free = torch.tensor([count + k for k, cell in enumerate(cells) if cell.piece is not None])
     counted = experiment.fitted[segments.trajectory] & _sound(

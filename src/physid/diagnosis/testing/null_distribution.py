@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from physid.diagnosis.reference.null_simulations import NullSimulations, with_signs
+from physid.diagnosis.reference.null_simulations import NullSimulations
 from physid.diagnosis.settings.settings import Settings
 from physid.diagnosis.testing.null_tails import Tail
 from physid.diagnosis.testing.score_test import Conditional, Group, condition, gains, signals, steady_gains
@@ -105,25 +105,13 @@ class ScoreTest:
         )
         return replace(response, vector=share[:, None] * response.vector, square=share * response.square)
 
-    def chance(self, null_data: NullSimulations, response: Normal, generator: torch.Generator) -> NullDistribution:
-        """Return what chance gives: as null simulations say, and where impacts fit badly as random signs say, if more.
-
-        Args:
-            null_data: Null simulations.
-            response: Their normal equations by segment.
-            generator: Randomness of the signs.
-        """
-        given, test, own = self._given(response), self.settings.score_test, self.settings.null_distribution
+    def chance(self, response: Normal) -> NullDistribution:
+        """Return what chance gives, by the normal equations of null simulations by segment."""
+        given, test = self._given(response), self.settings.score_test
         each = torch.stack([gains(given, group, test)[0] for group in self.groups])
         impacts = response.select(torch.arange(self.count)).of(self.impacts)
         steady = torch.stack([steady_gains(given, group, impacts, test) for group in self.groups])
         tail, steady_tail = Tail.of(each), Tail.of(steady)
-        bad = self.experiment.predictor.segments.contact & (self.experiment.misfit(self.fit.point) > own.bad)
-        if own.random_signs and bool(bad.any()):
-            signed = with_signs(null_data, self.fit, bad, generator)
-            wild = self._given(self.fit.linear.respond_by_segment(signed.residual, self.experiment.scale))
-            by_sign = Tail.of(torch.stack([gains(wild, group, test)[0] for group in self.groups]))
-            tail, steady_tail = tail.widened(by_sign), steady_tail.widened(by_sign)
         return NullDistribution(
             tail, steady_tail, tail.deviation(each.T).amax(1), steady_tail.deviation(steady.T).amax(1)
         )

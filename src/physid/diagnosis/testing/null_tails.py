@@ -44,10 +44,6 @@ class Tail:
         root = deviation / (3 * shape.sqrt()) + 1 - 1 / (9 * shape)
         return self.mean * root.clamp_min(0) ** 3
 
-    def widened(self, other: Tail) -> Tail:
-        """Return the longer of two tails, by mean and by variance."""
-        return Tail(self.mean.maximum(other.mean), self.variance.maximum(other.variance))
-
     def __getitem__(self, place: int) -> Tail:
         return Tail(self.mean[place], self.variance[place])
 
