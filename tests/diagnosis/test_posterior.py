@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import asdict, replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from tests.diagnosis.documents import said
 from physid.benchmark.scoring.training import OFFSETS, REST, SLOPED, SLOPES, Case, read_table, train
 from physid.diagnosis.document.evidence import Evidence
 from physid.diagnosis.inputs import Observations
-from physid.diagnosis.posterior.evidence import bend, evidence_of
+from physid.diagnosis.posterior.evidence import _group, bend, evidence_of
 from physid.diagnosis.posterior.posterior import confidence, features, shipped
 from physid.diagnosis.settings.settings import Settings
 from physid.estimation.prediction import Timeline
@@ -137,3 +139,13 @@ def test_the_evidence_is_that_of_the_document() -> None:
     assert set(found.said) == set(document.group)
     assert found.behind[document.ranking[0].effects[0]] == 0
     assert found.gap == pytest.approx((0.021**2 - 0.0014**2) ** 0.5 / 0.0004)
+
+
+def test_a_group_of_several_effects_allows_what_was_fitted_and_a_twin_in_the_place_of_any() -> None:
+    """Of a and b the search fitted b with c as well, and never d, whose signature is that of one of them."""
+    row = SimpleNamespace
+    fitted = [row(effects=("a", "b")), row(effects=("b", "c")), row(effects=("b", "e")), row(effects=("c",))]
+    document: Any = row(blamed=("a", "b"), group=("a", "b", "c", "d"), ranking=fitted)
+    assert _group(document) == ["a + b", "b + c", "b + d", "a + d"]
+    alone: Any = row(blamed=("a",), group=("a", "c", "d"), ranking=[row(effects=("a",)), row(effects=("c",))])
+    assert _group(alone) == ["a", "c", "d"]

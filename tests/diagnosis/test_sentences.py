@@ -56,6 +56,26 @@ def test_two_effects_are_named_together_and_told_from_their_group() -> None:
     document["group"].append("ground_tilt")
     expected = "Viscous drag and ground tilt cause the gap; these recordings cannot tell them from quadratic drag."
     assert verdict_sentence(check_diagnosis(document)) == expected
+    document["ranking"].append({"effects": ["ground_tilt", "quadratic_drag"], "score": 402.0, "p_value": 0.005})
+    assert verdict_sentence(check_diagnosis(document)) == expected.replace("them", "viscous drag")
+
+
+def test_each_of_several_effects_has_a_size_in_the_summary_before_any_has_two() -> None:
+    def size(value: float, reach: float) -> dict[str, object]:
+        return {"value": value, "low": value - reach, "high": value + reach, "unit": "m"}
+
+    document = diagnosis()
+    document["effects"][0]["parameters"] = {"x": size(1.0, 0.01), "y": size(1.0, 0.02)}
+    for name, reach in (("camera_offset", 0.1), ("com_offset", 0.2)):
+        parameters = {"x": size(1.0, reach), "z": size(0.5, reach)}
+        document["effects"].append({"name": name, "site": "dynamics", "parameters": parameters})
+    document["group"] = [one["name"] for one in document["effects"]]
+    lines = effect_lines(check_diagnosis(document))
+    wanted = ["viscous_drag.x", "camera_offset.x", "com_offset.x", "viscous_drag.y", "camera_offset.z", "com_offset.z"]
+    assert [line.split(" = ")[0] for line in lines] == wanted
+    summary = summary_lines(check_diagnosis(document))
+    assert sum(" = " in line for line in summary) == 3
+    assert any("and 3 parameters more" in line for line in summary)
 
 
 @pytest.mark.parametrize("transfer", [True, False])

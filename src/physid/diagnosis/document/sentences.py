@@ -36,8 +36,11 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     if several:
         cause, part = ("cause", "cause part of") if certified else ("account for", "account for part of")
     if diagnosis.verdict == "group" and several:
-        others = [words(name) for name in diagnosis.group if name not in diagnosis.blamed]
-        return f"{named} {cause} the gap; these recordings cannot tell them from {join(others, 'or')}."
+        others = [name for name in diagnosis.group if name not in diagnosis.blamed]
+        rivals = join(map(words, others), "or")
+        replaced = {_replaced(diagnosis, other) for other in others}
+        one = replaced.pop() if len(replaced) == 1 else None
+        return f"{named} {cause} the gap; these recordings cannot tell {words(one) if one else 'them'} from {rivals}."
     if diagnosis.verdict == "group":
         group = join((words(name) for name in diagnosis.group), "or")
         verb = "is caused" if certified else "is accounted for"
@@ -49,6 +52,15 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
         "partial": f"{named} {part} the gap; something is left that no candidate explains.",
         "unknown": "There is a gap between model and recordings, and no candidate explains it.",
     }[diagnosis.verdict]
+
+
+def _replaced(diagnosis: Diagnosis, rival: str) -> str | None:
+    """Return the blamed effect in whose place a rival predicts best; None where no ranked hypothesis shows one."""
+    for row in diagnosis.ranking:
+        away = {*diagnosis.blamed} - {*row.effects}
+        if {*row.effects} - {*diagnosis.blamed} == {rival} and len(away) == 1:
+            return away.pop()
+    return None
 
 
 def caveat(diagnosis: Diagnosis) -> str:
@@ -106,14 +118,20 @@ def where_sentence(diagnosis: Diagnosis) -> str:
 
 
 def effect_lines(diagnosis: Diagnosis) -> list[str]:
-    """Give the size of each parameter of the blamed effects, with its interval; what is known best comes first."""
+    """Give the size of each parameter of the blamed effects, with its interval.
+
+    What is known best comes first: of each effect, then of what is left.
+    """
     sizes = [
-        (f"{effect.name}.{name} = {estimate(value)}", abs(value.value) / max(value.high - value.low, 1e-12))
+        (effect.name, f"{effect.name}.{name} = {estimate(value)}", value.value / max(value.high - value.low, 1e-12))
         for effect in diagnosis.effects
         for name, value in effect.parameters.items()
     ]
-    known = [line for line, _ in sorted(sizes, key=lambda size: -size[1])]
-    return known or [effect.name for effect in diagnosis.effects]
+    known = [(name, line) for name, line, _ in sorted(sizes, key=lambda size: -abs(size[2]))]
+    first = dict(reversed(known)).values()
+    lines = [line for _, line in known]
+    ordered = [*(line for line in lines if line in first), *(line for line in lines if line not in first)]
+    return ordered or [effect.name for effect in diagnosis.effects]
 
 
 def how_far_sentence(diagnosis: Diagnosis, split: Split) -> str:
@@ -159,7 +177,7 @@ def summary_lines(diagnosis: Diagnosis) -> list[str]:
         diagnosis: The document.
 
     Returns:
-        At most ten lines.
+        At most ten lines, and one more for each further effect.
     """
     sure = f"(confidence {percent(diagnosis.confidence)})"
     lines = _labelled("Verdict", [f"{diagnosis.verdict}: {verdict_sentence(diagnosis)} {sure}"])
@@ -170,14 +188,15 @@ def summary_lines(diagnosis: Diagnosis) -> list[str]:
     lines += _labelled("Note", [caveat(diagnosis)] if caveat(diagnosis) else [])
     lines += _labelled("Refitted", _refitted(diagnosis))
     lines += _labelled("Next", [diagnosis.next_experiment] if diagnosis.next_experiment else [])
-    return lines[:MOST_LINES]
+    return lines[: MOST_LINES + max(0, len(diagnosis.effects) - 1)]
 
 
 def _which(diagnosis: Diagnosis) -> list[str]:
     """Give the sizes of the effects; without any, the best candidate and its p-value."""
     sizes = effect_lines(diagnosis)
     if sizes:
-        shown = sizes[: MOST_PARAMETERS - 1] if len(sizes) > MOST_PARAMETERS else sizes
+        most = max(MOST_PARAMETERS, len(diagnosis.effects) + 1)
+        shown = sizes[: most - 1] if len(sizes) > most else sizes
         return [*shown, *[f"and {len(sizes) - len(shown)} parameters more"] * (len(shown) < len(sizes))]
     if not diagnosis.ranking:
         return ["no candidate stands out"]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from itertools import combinations
 from pathlib import Path
 
 import torch
@@ -43,7 +42,7 @@ def evidence_of(document: Diagnosis, observations: Observations, settings: Setti
     floor = document.gap.floor
     beyond = math.sqrt(max(document.gap.same.before**2 - floor**2, 0.0))
     present = inliers(observations, settings.noise)
-    group = [hypothesis(names) for names in combinations(document.group, len(document.blamed))]
+    group = _group(document)
     return Evidence(
         said=tuple(group) if document.blamed else (document.verdict,),
         behind=_behind(document, group if document.blamed else [], settings),
@@ -51,6 +50,20 @@ def evidence_of(document: Diagnosis, observations: Observations, settings: Setti
         bend=bend(observations.pose[..., :3], present > 0, observations.timeline.time, floor),
         poses=int(observations.present.sum()),
     )
+
+
+def _group(document: Diagnosis) -> list[str]:
+    """Return the hypotheses that the verdict allows: what is blamed, and what the search fitted of the group's effects.
+
+    An effect that no such hypothesis holds has the signature of one that is blamed, and may stand for any of them.
+    """
+    blamed = document.blamed
+    ranked = [one.effects for one in document.ranking if len(one.effects) == len(blamed)]
+    allowed = [blamed, *(names for names in ranked if {*names} <= {*document.group})]
+    known = {name for names in allowed for name in names}
+    for rival in (name for name in document.group if name not in known):
+        allowed += [(*(name for name in blamed if name != one), rival) for one in blamed]
+    return list(dict.fromkeys(map(hypothesis, allowed)))
 
 
 def _behind(document: Diagnosis, group: list[str], settings: Settings) -> dict[str, float]:

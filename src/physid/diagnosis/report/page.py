@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from physid.data.files import write_text
-from physid.diagnosis.document.document import DOFS, FILE, PHASES, SITES, SPLITS, Diagnosis, Split
+from physid.diagnosis.document.document import DOFS, FILE, PHASES, SPLITS, Diagnosis, Split
 from physid.diagnosis.document.sentences import (
     SPLIT_NAMES,
     caveat,
@@ -31,6 +31,7 @@ REPORT = "report.html"
 MOST_BYTES = 16_000_000  # of one film; a page beyond this does not open well on a phone
 MOST_LISTED = 2  # further members of a group that the answers name
 MOST_RANKED = 10
+NEAR_SITE = 0.5  # share of the first site's share from which on another one stands beside it
 CAUSES = {
     "none": "no effect",
     "other": "another effect of the catalogue",
@@ -161,10 +162,11 @@ def _causes(said: Diagnosis) -> list[tuple[str, float, bool]]:
 
 
 def _site(said: Diagnosis) -> str:
-    """Name the site with the largest share."""
-    best = max(SITES, key=lambda site: said.where.site[site])
-    if said.where.site[best] > 0:
-        return capital(best)
+    """Name the site with the largest share, and those that come near it: all of several effects, or one of a group."""
+    shares = sorted(said.where.site.items(), key=lambda item: -item[1])
+    near = [site for site, share in shares if share > NEAR_SITE * shares[0][1]]
+    if near:
+        return capital(join(near, "and" if len(said.blamed) > 1 else "or"))
     return "Nowhere" if said.verdict == "none" else "No site"
 
 

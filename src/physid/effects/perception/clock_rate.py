@@ -12,7 +12,7 @@ from physid.physics import Effect, Site, quantity
 @final
 @dataclass(frozen=True)
 class ClockRate(Effect):
-    """P'(t) = P((1 + k) t) for the pose P, between frames at constant acceleration (see `at_times`).
+    """P'(t) = P((1 + k) t) for the pose P, between frames at constant acceleration.
 
     For k > 0 the camera sees more time pass than its clock says; the last poses continue at constant velocity.
 

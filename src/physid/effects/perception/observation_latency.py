@@ -12,7 +12,7 @@ from physid.physics import Effect, Site, quantity
 @final
 @dataclass(frozen=True)
 class ObservationLatency(Effect):
-    """P'(t) = P(t - d) for the pose P, between frames at constant acceleration (see `at_times`).
+    """P'(t) = P(t - d) for the pose P, between frames at constant acceleration.
 
     At d = 0 the derivative is minus the velocity at the end of the last step.
 
