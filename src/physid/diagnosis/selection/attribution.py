@@ -11,7 +11,7 @@ import torch
 
 from physid.diagnosis.progress import Progress, Stage, silent
 from physid.diagnosis.reference.nominal_fit import NominalFit
-from physid.diagnosis.selection.candidates import exchanges, first_combinations, one_more, survivors
+from physid.diagnosis.selection.candidates import Start, exchanges, first_combinations, one_more, survivors
 from physid.diagnosis.selection.comparison import Names, by_prediction, compare_candidates
 from physid.diagnosis.selection.contact_free import contact_free, refit_all_segments, with_own_steps
 from physid.diagnosis.selection.evidence import (
@@ -32,7 +32,6 @@ from physid.diagnosis.testing import (
     find_lack_of_fit,
     finish_hypothesis,
 )
-from physid.estimation.least_squares import Experiment, Fit
 from physid.physics import SolverError
 
 
@@ -272,7 +271,7 @@ def _of_one_more(
     """
     best, settings, experiment = fewer[0], nominal_fit.settings, nominal_fit.experiment
     known = {frozenset(one.names): one for one in fewer}
-    starts: dict[Names, tuple[Experiment, Fit]] = {}
+    starts: dict[Names, Start] = {}
 
     def begin(names: Names) -> Hypothesis:
         beside = (best.experiment, left.fit) if set(best.names) < set(names) else (experiment, lack.fit)

@@ -11,6 +11,9 @@ from physid.diagnosis.settings.testing import ScoreTestSettings
 from physid.diagnosis.testing import Hypothesis, LackOfFit, Row, cosine, gains, joined, score_test_of
 from physid.estimation.least_squares import Experiment, Fit
 
+Start = tuple[Experiment, Fit]
+"""What is explained, and a fit of it that is linearised with all effects."""
+
 
 def survivors(lack: LackOfFit, settings: Settings) -> list[Names]:
     """Return the effects worth fitting: what a line at the null says of a strong effect may fall short by far.
@@ -53,9 +56,7 @@ def first_combinations(ranked: list[Names], best: Hypothesis, left: LackOfFit, m
     return chosen[:most]
 
 
-def exchanges(
-    without: Sequence[Hypothesis], tried: Collection[frozenset[str]], most: int
-) -> dict[Names, tuple[Experiment, Fit]]:
+def exchanges(without: Sequence[Hypothesis], tried: Collection[frozenset[str]], most: int) -> dict[Names, Start]:
     """Return combinations that a combination becomes if one effect is exchanged for another, most explained first.
 
     Two effects that act together can look like a third, which then stands where one of them belongs. Beside the other
@@ -75,7 +76,7 @@ def exchanges(
         left = float(base.fit.loss[base.experiment.fitted[base.experiment.predictor.segments.trajectory]].sum())
         rows = test.observed()[1]
         found += [(row.gain - left, tuple(sorted((*base.names, *row.names))), base, test.fit) for row in rows]
-    starts: dict[Names, tuple[Experiment, Fit]] = {}
+    starts: dict[Names, Start] = {}
     for _, names, base, fit in sorted(found, key=lambda one: -one[0]):
         if frozenset(names) not in tried and len(starts) < most:
             starts.setdefault(names, (base.experiment, fit))
