@@ -63,7 +63,7 @@ def benchmark(
         quick: A tenth: 15 sets of 12 trajectories of 120 frames.
         simulator: Who makes the sets of a new bank: pybullet, mujoco, closed_form, several with commas between them, or
             all. Others than pybullet: 30 to 240 frames per second, jittered stamps and lost frames in every third set.
-        roles: Roles in a new bank, all or of free, catalogue, native, outside, alias, pair, triple, with commas between.
+        roles: Roles in a new bank; all, or of free, catalogue, native, outside, alias, pair, triple, commas between.
         least_severity: How much each hidden effect shows at least, in standard deviations of the noise.
         calibration: Make a calibration bank.
         workers: Processes; -1 for one on each core.

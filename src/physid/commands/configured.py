@@ -11,7 +11,6 @@ from typing import Any
 
 from physid.commands.command import Command
 from physid.configuration import Configuration, ConfigurationError, compose
-from physid.data.files import YAML
 
 GROUPS = {"fit": ("sysid", "supervised", "self_supervised")}
 """Folders of shipped configurations of commands whose configurations name their classes."""
@@ -58,6 +57,7 @@ def configure(
 def _examine(command: Command, recordings: Path) -> str:
     """Return the name of a recording set that has poses."""
     from physid.data import RecordingSet
+    from physid.data.files import YAML
     from physid.shipped import names
 
     if recordings.suffix in YAML or (str(recordings) in names() and not recordings.exists()):
@@ -161,6 +161,7 @@ def _text(value: Any) -> str:
 
 def read_model(model: Path, allow: str) -> Path | Mapping[str, Any]:
     """Check the configuration of a nominal model, key by key; return it, or the run or checkpoint with its values."""
+    from physid.data.files import YAML
     from physid.schema.check import check_fit
     from physid.shipped import find_configuration
 

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from physid.commands.terminal.screen import frame_bar, resumable
-from physid.data.files import YAML, require_ending
 
 if TYPE_CHECKING:
     from physid.data import RecordingSet
@@ -34,6 +33,7 @@ def calibrate(
     """
     import re
 
+    from physid.data.files import YAML, require_ending
     from physid.data.importers.video.calibrate import calibrate as run
 
     sides = re.fullmatch(r"(\d+)[xX*,](\d+)", corners)
