@@ -124,6 +124,26 @@ def test_an_effect_outside_the_catalogue_is_unknown_until_its_law_is_given(folde
 
 
 @pytest.mark.slow
+def test_three_effects_that_another_simulator_adds_are_named_with_their_sizes(folder: Path) -> None:
+    """Two effects may look like a third: each is exchanged for what explains most beside the others."""
+    hidden = {"viscous_drag": {"coefficient": 0.6}, "friction_gradient": {"x": 0.3}, "force_gain": {"gain": 0.15}}
+    world: dict[str, Any] = {"simulator": "mujoco", "frame_rate": 60, "steps": 75, "trajectories": 10}
+    found = diagnose(
+        RecordingSet(recorded(folder / "three", hidden, **world, split={"fit": 6, "select": 2, "report_same": 2})),
+        folder / "of_three",
+    )
+    assert found.verdict == "named"
+    assert {*found.blamed} == {*hidden}
+    sizes = {effect.name: effect.parameters for effect in found.effects}
+    for name, parameters in hidden.items():
+        for key, value in parameters.items():
+            assert sizes[name][key].value == pytest.approx(value, rel=0.03)
+    parts = found.shrink.parts["same"]
+    assert {*parts} == {*hidden}
+    assert sum(parts.values()) == pytest.approx(1, abs=0.05)
+
+
+@pytest.mark.slow
 def test_what_one_mass_does_not_identify_apart_is_a_group(folder: Path) -> None:
     found = diagnose(
         RecordingSet(recorded(folder / "tilted", {"ground_tilt": {"x": 0.03, "y": 0.02}})), folder / "tilt"
