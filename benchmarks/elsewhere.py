@@ -40,6 +40,13 @@ CASES: dict[str, tuple[str, ...]] = {
     "toss at 30 Hz, jitter 20 %, latency of 40 ms": (
         "toss_rich", "frame_rate=30", "steps=45", "jitter=0.2", f"{LATE}=0.04",
     ),
+    "push, drag, friction gradient and late forces at once": (
+        "push_rich", f"{DRAG}=0.6", "effects.friction_gradient.x=0.3", "effects.force_delay.delay=0.02",
+    ),
+    "toss, quadratic drag of 0.3 kg/m, length scale of 3 % and centre of mass off by 10 mm at once": (
+        "toss_rich", "steps=90", "effects.quadratic_drag.coefficient=0.3", "effects.length_scale.change=0.03",
+        "effects.com_offset.x=0.01",
+    ),
     "push by PyBullet at 60 Hz, as recording.yaml says, latency of 20 ms": (
         "push_rich", "simulator=pybullet", f"{LATE}=0.02",
     ),
