@@ -13,8 +13,8 @@ import torch
 
 from physid.diagnosis.progress import silent
 from physid.diagnosis.selection import attribution as attribute
-from physid.diagnosis.selection import candidates
 from physid.diagnosis.selection import comparison as compare_candidates
+from physid.diagnosis.selection import several
 from physid.diagnosis.settings.settings import Settings
 from physid.physics import SolverError
 
@@ -75,9 +75,9 @@ def test_half_of_the_pairs_are_the_best_effect_with_what_it_leaves_and_half_the_
 ) -> None:
     ranked: list[Any] = [tuple(pair) for pair in ("ef", "bf", "be", "ab", "ac", "ad")]
     rows = [SimpleNamespace(names=(name,)) for name in "gdcb"]  # with g the best was no pair of significant effects
-    assert candidates.first_combinations(
-        ranked, hypothesis("a"), cast(Any, SimpleNamespace(significant=rows)), most
-    ) == [tuple(pair) for pair in chosen]
+    assert several.first_combinations(ranked, hypothesis("a"), cast(Any, SimpleNamespace(significant=rows)), most) == [
+        tuple(pair) for pair in chosen
+    ]
 
 
 def test_what_has_one_effect_more_shares_all_effects_of_the_best_or_all_but_one(
@@ -85,13 +85,13 @@ def test_what_has_one_effect_more_shares_all_effects_of_the_best_or_all_but_one(
 ) -> None:
     """Of five effects that are significant alone, and a sixth that is not, by the sum of what they are worth."""
     worth = dict(zip("abcde", (1.0, 2.0, 4.0, 8.0, 16.0), strict=True))
-    monkeypatch.setattr(candidates, "joined", lambda chosen: [group.names[0] for group in chosen])
-    monkeypatch.setattr(candidates, "gains", lambda _matrix, names, _settings: [sum(worth[name] for name in names)])
+    monkeypatch.setattr(several, "joined", lambda chosen: [group.names[0] for group in chosen])
+    monkeypatch.setattr(several, "gains", lambda _matrix, names, _settings: [sum(worth[name] for name in names)])
     rows = [SimpleNamespace(names=(name,)) for name in "abcde"]
     stage: Any = SimpleNamespace(significant=rows, groups=[*rows, SimpleNamespace(names=("f",))], conditional=None)
 
     def ranked(best: str) -> list[str]:
-        return ["".join(names) for names in candidates.one_more(stage, tuple(best), Settings().score_test)]
+        return ["".join(names) for names in several.one_more(stage, tuple(best), Settings().score_test)]
 
     assert ranked("a") == ["de", "ce", "be", "ae", "cd", "bd", "ad", "bc", "ac", "ab"]
     assert ranked("ab") == ["bde", "ade", "bce", "ace", "abe", "bcd", "acd", "abd", "abc"]
@@ -113,12 +113,12 @@ def test_an_exchange_starts_from_what_explains_most_and_tries_nothing_twice(monk
         return one
 
     tests: dict[str, Any] = {}
-    monkeypatch.setattr(candidates, "score_test_of", lambda one: tests[one.names[0]])
+    monkeypatch.setattr(several, "score_test_of", lambda one: tests[one.names[0]])
     bases = [without("a", 10.0, b=9.5, c=1.0, d=9.0), without("b", 4.0, a=3.5, c=2.0, d=2.0)]
-    starts = candidates.exchanges(bases, {frozenset("ab"), frozenset("bc")}, 2)
+    starts = several.exchanges(bases, {frozenset("ab"), frozenset("bc")}, 2)
     assert [*starts] == [("a", "d"), ("b", "d")]
     assert [fit for _, fit in starts.values()] == ["beside a", "beside b"]
-    assert [*candidates.exchanges(bases, set(), 9)] == [("a", "b"), ("a", "d"), ("b", "c"), ("b", "d"), ("a", "c")]
+    assert [*several.exchanges(bases, set(), 9)] == [("a", "b"), ("a", "d"), ("b", "c"), ("b", "d"), ("a", "c")]
 
 
 def test_what_flights_showed_stays_where_what_it_leaves_at_impacts_cannot_be_simulated(

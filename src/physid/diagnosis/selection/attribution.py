@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 
 import torch
 
 from physid.diagnosis.progress import Progress, Stage, silent
 from physid.diagnosis.reference.nominal_fit import NominalFit
-from physid.diagnosis.selection.candidates import Start, exchanges, first_combinations, one_more, survivors
-from physid.diagnosis.selection.comparison import Names, by_prediction, compare_candidates
+from physid.diagnosis.selection.comparison import by_prediction, compare_candidates, survivors
 from physid.diagnosis.selection.contact_free import contact_free, refit_all_segments, with_own_steps
 from physid.diagnosis.selection.evidence import (
     all_needed,
     complete,
     distinguishable,
     evident,
-    explained,
     sound,
 )
+from physid.diagnosis.selection.several import leaves, of_one_more
 from physid.diagnosis.testing import (
     Hypothesis,
     LackOfFit,
@@ -30,7 +27,6 @@ from physid.diagnosis.testing import (
     begin_hypothesis,
     conclude,
     find_lack_of_fit,
-    finish_hypothesis,
 )
 from physid.physics import SolverError
 
@@ -184,9 +180,9 @@ def _search(nominal_fit: NominalFit, generator: torch.Generator, say: Progress) 
     if best is None or left is None:
         return Attribution(nominal, lack, [], None, None, [])
     tried = [one for one in _since(best, singles) if sound(nominal, one, lack)]
-    while len(best.names) < settings.candidates.most_effects and _leaves(nominal, best, lack, left):
+    while len(best.names) < settings.candidates.most_effects and leaves(nominal, best, lack, left):
         fewer = [one for one in tried if len(one.names) == len(best.names)]
-        tried = by_prediction([*tried, *_of_one_more(nominal_fit, nominal, lack, fewer, left, say)])
+        tried = by_prediction([*tried, *of_one_more(nominal_fit, nominal, lack, fewer, left, generator, say)])
         if tried[0] is best:
             break
         best, left = _best_of(nominal_fit, nominal, lack, tried, generator, say)
@@ -246,52 +242,3 @@ def _from_finite_sizes(
     for one in by_prediction([*singles, *again]):
         best.setdefault(one.names, one)
     return list(best.values())
-
-
-def _leaves(nominal: Hypothesis, best: Hypothesis, lack: LackOfFit, left: LackOfFit) -> bool:
-    """Return whether the best leaves enough to look for one effect more."""
-    settings = nominal.settings
-    if left.p_value > settings.evidence.alpha:
-        return False
-    return left.missing > settings.attribution.further * explained(nominal, best, lack)
-
-
-def _of_one_more(
-    nominal_fit: NominalFit,
-    nominal: Hypothesis,
-    lack: LackOfFit,
-    fewer: list[Hypothesis],
-    left: LackOfFit,
-    say: Progress,
-) -> list[Hypothesis]:
-    """Fit combinations of one effect more than the best of `fewer`; exchange effects of the best as long as it helps.
-
-    Returns:
-        Those of which all effects are needed.
-    """
-    best, settings, experiment = fewer[0], nominal_fit.settings, nominal_fit.experiment
-    known = {frozenset(one.names): one for one in fewer}
-    starts: dict[Names, Start] = {}
-
-    def begin(names: Names) -> Hypothesis:
-        beside = (best.experiment, left.fit) if set(best.names) < set(names) else (experiment, lack.fit)
-        one, start = starts.get(names, beside)
-        return begin_hypothesis(one, start, names, settings)
-
-    def without(one: Hypothesis) -> Iterator[Hypothesis]:
-        for names in combinations(one.names, len(one.names) - 1):
-            with suppress(SolverError):
-                if frozenset(names) not in known:
-                    known[frozenset(names)] = finish_hypothesis(begin(names))
-                yield known[frozenset(names)]
-
-    most = settings.candidates.most_combinations
-    ranked = one_more(lack, best.names, settings.score_test)
-    fitted = compare_candidates(first_combinations(ranked, best, left, most), begin, best, say)
-    goes_on = settings.candidates.exchanged and bool(fitted)
-    while goes_on:
-        first = fitted[0]
-        starts = exchanges([*without(first)], {frozenset(one.names) for one in fitted}, most)
-        fitted = by_prediction([*fitted, *compare_candidates([*starts], begin, best, say)])
-        goes_on = fitted[0] is not first
-    return [more for more in fitted if all_needed(more, nominal, [*known.values()], left)]

@@ -1,4 +1,4 @@
-"""Comparing candidates: each is fitted, those far behind are dropped, the best are refitted with the reference."""
+"""Comparing candidates: those worth it are fitted, those far behind dropped, the best refitted with the reference."""
 
 from __future__ import annotations
 
@@ -6,7 +6,16 @@ from collections.abc import Callable, Sequence
 
 from physid.diagnosis.progress import Progress, Stage
 from physid.diagnosis.reference.discrepancy import fit_with_reference
-from physid.diagnosis.testing import Hypothesis, conclude, finish_hypothesis, refitted_from_new_states
+from physid.diagnosis.settings.settings import Settings
+from physid.diagnosis.testing import (
+    Hypothesis,
+    LackOfFit,
+    Row,
+    conclude,
+    cosine,
+    finish_hypothesis,
+    refitted_from_new_states,
+)
 from physid.physics import SolverError
 
 Names = tuple[str, ...]
@@ -70,3 +79,20 @@ def _fitted_with_reference(one: Hypothesis, say: Progress) -> Hypothesis:
     except SolverError:
         return one
     return conclude(experiment, fit, one.names, one.settings)
+
+
+def survivors(lack: LackOfFit, settings: Settings) -> list[Names]:
+    """Return the effects worth fitting: what a line at the null says of a strong effect may fall short by far.
+
+    Laws that start alike, such as a lag and a delay, are distinguished by their fits alone: all are fitted, or none.
+    """
+    own, groups = settings.candidates, {group.names: group for group in lack.groups}
+    worth = [row for row in lack.rows if row.gain >= own.survive * lack.rows[0].gain]
+    chosen, visible = worth[: own.most_singles], settings.score_test.visible
+
+    def begins_as(row: Row, one: Row) -> bool:
+        share = cosine(lack.conditional, groups[one.names], one.change, groups[row.names], visible)
+        return share >= settings.equivalence.alike
+
+    further = [row for row in worth[own.most_singles :] if any(begins_as(row, one) for one in chosen)]
+    return [row.names for row in [*chosen, *further]]
