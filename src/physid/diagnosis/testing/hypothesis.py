@@ -195,7 +195,8 @@ def _first_step(experiment: Experiment, start: Fit, columns: Tensor, settings: H
     counts = experiment.fitted[experiment.predictor.segments.trajectory]
     promised = (normal.square - normal.loss(change))[experiment.fitted].sum()
     kept = float((start.loss - step.loss)[counts].sum()) > settings.kept * float(promised)
-    if kept or not _seen(experiment, columns):
+    added = columns[start.point.effects[0, columns] == experiment.predictor.null[columns]]
+    if kept or not _seen(experiment, added):
         return step.point
     found: list[Step | Fit] = [step, *_carried_along(experiment, start, columns, change[always:], settings)]
     return min(found, key=lambda one: float(one.loss[counts].sum())).point
