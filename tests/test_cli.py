@@ -72,7 +72,7 @@ def test_the_help_of_a_command_teaches_it(command: Command, capsys: pytest.Captu
         (["generate", "--config", PUSH, "stpes=3"], 'unknown key "stpes"; did you mean "steps"?'),
         (["generate", "--config", PUSH, "steps=many"], "steps: expected a whole number, found 'many'"),
         (["generate", "--config", PUSH, "scene=pusk"], 'unknown scene "pusk"; did you mean "push"?'),
-        (["benchmark", "diagnosis", "--so-far"], "--so-far belongs to score, got it with all"),
+        (["benchmark", "diagnosis", "--so-far"], "--so-far belongs to score and to calibrate --spent, got it with all"),
         (["generate", "--config", PUSH, "--worker", "2"], 'no option --worker; did you mean "--workers"?'),
         (["generate", "--config", PUSH, "--workers=two"], "generate: workers: expected int, got two"),
         (["generate", "--config", PUSH, "stray"], "unrecognized arguments: stray; physid generate --help shows what"),

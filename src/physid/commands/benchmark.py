@@ -70,7 +70,7 @@ def benchmark(
         backend: loky for processes of this machine, dask for a cluster (docs/scaling.md).
         scheduler: Address of Dask's scheduler, tcp://HOST:8786.
         again: Diagnose again what failed before.
-        so_far: With score: of the sets that have a verdict already. What is diagnosed later was not sealed any more.
+        so_far: With score, or calibrate --spent: of the sets that have a verdict already; later ones are not sealed.
         join: With calibrate: a training.yaml whose sets count too; shipped for the one that ships with physid.
         spent: With calibrate: take banks to score by too; from then on no score on them is a withheld one.
         quiet: Hide the progress bars.
@@ -92,13 +92,16 @@ def benchmark(
     if step in ("all", "score"):
         _score(place, (out if step == "score" else None) or place / "score", so_far)
     if step == "calibrate":
-        _calibrate([Path(each) for each in str(place).split(",")], join, spent, out)
+        _calibrate([Path(each) for each in str(place).split(",")], join, spent, so_far, out)
 
 
 def _check_step(step: str, so_far: bool, join: str, spent: bool) -> None:
     """Refuse what belongs to another step."""
-    if so_far and step != "score":
-        raise ValueError(f"--so-far belongs to score, got it with {step}: it would open the labels before their time")
+    if so_far and step != "score" and not (step == "calibrate" and spent):
+        raise ValueError(
+            f"--so-far belongs to score and to calibrate --spent, got it with {step}: "
+            "it would open the labels before their time"
+        )
     if join and step != "calibrate":
         raise ValueError(f"--join belongs to calibrate, got it with {step}")
     if spent and step != "calibrate":
@@ -135,7 +138,7 @@ def _score(place: Path, target: Path, so_far: bool) -> None:
     print(f"{report(score(read_bank(place), target, so_far=so_far))}\n\n{target / 'results.html'}")
 
 
-def _calibrate(folders: list[Path], join: str, spent: bool, out: Path | None) -> None:
+def _calibrate(folders: list[Path], join: str, spent: bool, so_far: bool, out: Path | None) -> None:
     from physid.benchmark.bank import read_bank
     from physid.benchmark.scoring.calibrate import calibrate, earlier_table, spend
     from physid.benchmark.scoring.results import columns
@@ -143,5 +146,5 @@ def _calibrate(folders: list[Path], join: str, spent: bool, out: Path | None) ->
     target = out or folders[0] / "calibration"
     known = earlier_table(join) if join else []
     banks = [read_bank(each) for each in folders]
-    banks = spend(banks) if spent else banks
+    banks = spend(banks, so_far) if spent else banks
     print(f"{columns(calibrate(banks, target, known))}\n\n{target}")

@@ -10,7 +10,7 @@ from physid.benchmark.bank import Bank, write_bank
 from physid.benchmark.films import seen_poses
 from physid.benchmark.scoring.baselines import bic_weights
 from physid.benchmark.scoring.judging import MEDIUM, Judged
-from physid.benchmark.scoring.opening import open_judged
+from physid.benchmark.scoring.opening import diagnosed, open_judged
 from physid.benchmark.scoring.training import TABLE, Case, quality, read_table, write_training
 from physid.diagnosis.document.evidence import NONE, OTHER, UNKNOWN, Evidence, hypothesis
 from physid.diagnosis.posterior.evidence import read_evidence
@@ -46,18 +46,25 @@ def calibrate(banks: Sequence[Bank], out: Path, known: Sequence[Case] = ()) -> l
     return quality(write_training(out, [*(case for case in known if case.name not in new), *cases]))
 
 
-def spend(banks: Sequence[Bank]) -> list[Bank]:
+def spend(banks: Sequence[Bank], so_far: bool = False) -> list[Bank]:
     """Turn banks whose verdicts are all there into ones for calibration, in their bank.yaml, for good; all or none.
+
+    Args:
+        banks: The banks.
+        so_far: Whether one verdict of each is enough.
+
+    Returns:
+        They, as far as they have verdicts.
 
     Raises:
         ValueError: If verdicts are missing: what is diagnosed later would not be sealed any more.
     """
     for bank in banks:
-        open_judged(bank)
+        open_judged(diagnosed(bank) if so_far else bank)
     spent = [replace(bank, purpose="calibration") for bank in banks]
     for bank in spent:
         write_bank(bank)
-    return spent
+    return [diagnosed(bank) for bank in spent]
 
 
 def earlier_table(name: str) -> list[Case]:
