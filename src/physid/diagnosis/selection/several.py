@@ -100,8 +100,8 @@ def of_one_more(
 ) -> list[Hypothesis]:
     """Fit combinations of one effect more than the best of `fewer`.
 
-    As long as the best of them leaves something, or not all of its effects are needed, its effects are exchanged, each
-    once at most.
+    As long as the best of them leaves something, or not all of its effects are needed, one of its effects is exchanged,
+    at most as many times as it has effects.
 
     Returns:
         Those of which all effects are needed.
