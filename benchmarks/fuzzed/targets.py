@@ -433,7 +433,7 @@ WRONG = (
 
 def feed_effect(draw: random.Random, place: Path) -> object:
     """Load an effect from a file; the file is code, so only its words are changed, from a list, or it is cut."""
-    from physid.effects.loading import with_own
+    from physid.effects.loading import own_effects
 
     text = EFFECT
     for old, new in draw.sample(WRONG, draw.choice((0, 1, 1, 1, 2, 3))):
@@ -444,7 +444,7 @@ def feed_effect(draw: random.Random, place: Path) -> object:
     named = draw.choice(
         ("own.py:Brake", "own.py:Brake", "own.py:Brake", "own.py", ":Brake", "own.py:Effect", "x.py:Brake")
     )
-    return with_own([named])
+    return own_effects([named])
 
 
 def feed_scene(draw: random.Random, place: Path) -> object:
