@@ -98,7 +98,7 @@ def test_what_has_one_effect_more_shares_all_effects_of_the_best_or_all_but_one(
     assert ranked("abc") == ["bcde", "acde", "abde", "abce", "abcd"]
 
 
-def test_an_exchange_starts_from_what_explains_most_and_tries_nothing_twice(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_exchange_is_ranked_by_what_it_explains_and_tries_nothing_twice(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without b, a leaves 10 and d explains 9 of it; without a, b leaves 4, of which c explains 2 and d as much."""
 
     def without(name: str, loss: float, **gained: float) -> Any:
@@ -115,10 +115,29 @@ def test_an_exchange_starts_from_what_explains_most_and_tries_nothing_twice(monk
     tests: dict[str, Any] = {}
     monkeypatch.setattr(several, "score_test_of", lambda one: tests[one.names[0]])
     bases = [without("a", 10.0, b=9.5, c=1.0, d=9.0), without("b", 4.0, a=3.5, c=2.0, d=2.0)]
-    starts = several.exchanges(bases, {frozenset("ab"), frozenset("bc")}, 2)
-    assert [*starts] == [("a", "d"), ("b", "d")]
-    assert [fit for _, fit in starts.values()] == ["beside a", "beside b"]
-    assert [*several.exchanges(bases, set(), 9)] == [("a", "b"), ("a", "d"), ("b", "c"), ("b", "d"), ("a", "c")]
+    fits, both = several.Fitted(hypothesis(), SimpleNamespace(), bases), hypothesis("a", "b")
+    assert fits.exchanges(both, {frozenset("ab"), frozenset("bc")}, 2) == [("a", "d"), ("b", "d")]
+    assert fits.exchanges(both, set(), 9) == [("a", "b"), ("a", "d"), ("b", "c"), ("b", "d"), ("a", "c")]
+
+
+def test_a_combination_begins_at_the_best_hypothesis_of_most_effects_that_it_holds(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Only what is new has to be found then; with nothing that it holds it begins at the nominal model."""
+    begun: list[tuple[str, tuple[str, ...]]] = []
+    monkeypatch.setattr(several, "score_test_of", lambda one: SimpleNamespace(fit="".join(one.names)))
+    monkeypatch.setattr(several, "begin_hypothesis", lambda _one, start, names, _set: begun.append((start, names)))
+
+    def fitted(score: float, *names: str) -> Any:
+        one = hypothesis(*names)
+        one.held_out = torch.tensor([score])
+        return one
+
+    known = [fitted(3.0, "a"), fitted(2.0, "b"), fitted(5.0, "a", "c"), fitted(1.0, "d")]
+    fits = several.Fitted(fitted(9.0), cast(Any, "nominal"), known)
+    for names in ("ab", "abc", "ad", "ef", "abd"):
+        fits.begin(tuple(names))
+    assert [start for start, _ in begun] == ["b", "ac", "d", "nominal", "d"]
 
 
 def test_what_flights_showed_stays_where_what_it_leaves_at_impacts_cannot_be_simulated(

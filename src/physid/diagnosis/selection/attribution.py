@@ -18,7 +18,7 @@ from physid.diagnosis.selection.evidence import (
     evident,
     sound,
 )
-from physid.diagnosis.selection.several import leaves, of_one_more
+from physid.diagnosis.selection.several import leaves, of_one_more, with_twins
 from physid.diagnosis.testing import (
     Hypothesis,
     LackOfFit,
@@ -181,15 +181,20 @@ def _search(nominal_fit: NominalFit, generator: torch.Generator, say: Progress) 
         return Attribution(nominal, lack, [], None, None, [])
     tried = [one for one in _since(best, singles) if sound(nominal, one, lack)]
     while len(best.names) < settings.candidates.most_effects and leaves(nominal, best, lack, left):
-        fewer = [one for one in tried if len(one.names) == len(best.names)]
-        tried = by_prediction([*tried, *of_one_more(nominal_fit, nominal, lack, fewer, left, generator, say)])
+        count = len(best.names)
+        tried = by_prediction([*tried, *of_one_more(nominal_fit, nominal, lack, tried, left, generator, say)])
         if tried[0] is best:
             break
         best, left = _best_of(nominal_fit, nominal, lack, tried, generator, say)
         assert best is not None and left is not None
         tried = _since(best, tried)
-        if len(best.names) == len(fewer[0].names):
+        if len(best.names) == count:
             break
+    tried = with_twins(lack, nominal, tried, say)
+    if tried[0] is not best:
+        best, left = _best_of(nominal_fit, nominal, lack, tried, generator, say)
+        assert best is not None and left is not None
+        tried = _since(best, tried)
     whole = complete(nominal, best, lack, left)
     group = [one for one in tried if one is best or not distinguishable(nominal, best, one, left, whole)]
     return Attribution(nominal, lack, tried, best, left, group, alike(lack, best, tried))

@@ -89,7 +89,7 @@ def all_needed(more: Hypothesis, nominal: Hypothesis, fewer: Sequence[Hypothesis
     Args:
         more: The effects.
         nominal: The model without effects.
-        fewer: Hypotheses of one effect fewer, the best first.
+        fewer: Hypotheses of fewer effects, the best first.
         left: What the best of these leaves.
     """
     settings = nominal.settings.evidence

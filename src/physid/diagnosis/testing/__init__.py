@@ -1,6 +1,6 @@
 """Tests of a hypothesis: score tests and null distributions, lack of fit, residual wrenches, equivalence."""
 
-from physid.diagnosis.testing.equivalence import alike, cosine
+from physid.diagnosis.testing.equivalence import alike, cosine, twins
 from physid.diagnosis.testing.hypothesis import (
     Hypothesis,
     begin_from_finite_sizes,
@@ -10,6 +10,7 @@ from physid.diagnosis.testing.hypothesis import (
     refitted_from_new_states,
 )
 from physid.diagnosis.testing.lack_of_fit import LackOfFit, Row, find_lack_of_fit, score_test_of
+from physid.diagnosis.testing.null_distribution import ScoreTest
 from physid.diagnosis.testing.null_tails import Tail
 from physid.diagnosis.testing.residual_wrench import freed, piece_frames
 from physid.diagnosis.testing.score_test import gains, joined
@@ -18,6 +19,7 @@ __all__ = [
     "Hypothesis",
     "LackOfFit",
     "Row",
+    "ScoreTest",
     "Tail",
     "alike",
     "begin_from_finite_sizes",
@@ -32,4 +34,5 @@ __all__ = [
     "piece_frames",
     "refitted_from_new_states",
     "score_test_of",
+    "twins",
 ]

@@ -14,7 +14,12 @@ from physid.estimation.least_squares import prior
 
 
 def alike(lack: LackOfFit, best: Hypothesis, tried: Sequence[Hypothesis] = ()) -> tuple[str, ...]:
-    """List the effects that could take the place of a part of the best hypothesis, to first order.
+    """List the effects that could take the place of a part of the best hypothesis, see `twins`."""
+    return tuple(dict.fromkeys(rival for _, rival in twins(lack, best, tried)))
+
+
+def twins(lack: LackOfFit, best: Hypothesis, tried: Sequence[Hypothesis] = ()) -> list[tuple[str, str]]:
+    """List parts of the best hypothesis, each with an effect that could take its place, to first order.
 
     Only contact-free segments count, for where an impact falls in time is beyond a linear model: a clock that runs fast
     and a stronger gravity are one in every flight, and differ in impacts that fall into another step.
@@ -46,12 +51,12 @@ def alike(lack: LackOfFit, best: Hypothesis, tried: Sequence[Hypothesis] = ()) -
         visible, least = settings.score_test.visible, settings.equivalence.alike
         rest = set(best.names) - set(part.names)
         found += [
-            one.names[0]
+            (part.names[0], one.names[0])
             for one in rivals
             if cosine(calm_of, part, direction, one, visible) >= least
             and not any(set(other.names) == rest | set(one.names) and leaves_more(best, other) for other in tried)
         ]
-    return tuple(dict.fromkeys(found))
+    return found
 
 
 def leaves_more(best: Hypothesis, other: Hypothesis) -> bool:
