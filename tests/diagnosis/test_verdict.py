@@ -176,7 +176,22 @@ def lack(*rows: Row) -> LackOfFit:
     """Return a stage whose null simulations deviate by 3 at most."""
     null = torch.linspace(0, 3, 300)
     nothing, settings = cast(Any, None), SETTINGS.lack_of_fit
-    return LackOfFit(nothing, [], list(rows), null, null, null, null, nothing, [], null > 0, null, settings)
+    fitted = torch.tensor([True, False])
+    return LackOfFit(
+        nothing,
+        [],
+        list(rows),
+        null,
+        null,
+        torch.zeros(2),
+        torch.stack([null, torch.zeros(300)]),
+        nothing,
+        [],
+        fitted,
+        torch.ones(2, dtype=torch.bool),
+        null,
+        settings,
+    )
 
 
 def row(name: str, gain: float, scale: float) -> Row:
@@ -193,22 +208,37 @@ def test_an_effect_that_impacts_let_gain_by_chance_hides_no_other() -> None:
 
 
 def test_what_is_left_is_as_rare_as_the_rarer_of_two_looks_at_it_and_never_rarer_than_nothing() -> None:
-    quiet = replace(lack(row("viscous_drag", 0.0, 2.0)), free=torch.zeros(300))
+    quiet = lack(row("viscous_drag", 0.0, 2.0))
     assert quiet.p_value == 1.0
     assert replace(quiet, rows=[]).p_best == 1.0
-    one = replace(lack(row("viscous_drag", 60.0, 2.0)), free=torch.zeros(300))
+    one = lack(row("viscous_drag", 60.0, 2.0))
     assert one.p_free > 0.5 > one.p_best
     assert one.p_value == pytest.approx(2 * one.p_best)
 
 
 def test_what_a_free_wrench_explains_beyond_chance_counts_by_its_margin() -> None:
     quiet = lack()
+    null = quiet.null_free[0]
     for excess in (0.5, 1.0):
-        free = torch.zeros(300)
-        free[-1] = float(quiet.null_free.mean()) + excess
-        least = float(quiet.null_free.mean()) + excess / SETTINGS.lack_of_fit.margin
-        share = float((quiet.null_free >= least).double().mean())
+        free = torch.tensor([float(null.mean()) + excess, 0.0])
+        least = float(null.mean()) + excess / SETTINGS.lack_of_fit.margin
+        share = float((null >= least).double().mean())
         assert replace(quiet, free=free).p_free == pytest.approx(share, abs=0.01)
+
+
+@pytest.mark.parametrize(("held_out", "there"), [(0.5, False), (1.5, False), (3.0, True), (3.5, True)])
+def test_a_gap_that_a_free_wrench_shows_is_there_in_held_out_trajectories_as_well(held_out: float, there: bool) -> None:
+    """Both scatter by the same law about 1.5, independently; what chance gives one it does not give the sum."""
+    quiet = lack()
+    null = torch.stack(
+        [quiet.null_free[0], quiet.null_free[0][torch.randperm(300, generator=torch.Generator().manual_seed(0))]]
+    )
+    beyond = SETTINGS.lack_of_fit.margin * 1.5
+    free = torch.tensor([1.5 + beyond, held_out])
+    found = replace(quiet, free=free, null_free=null)
+    assert found.excess == pytest.approx(beyond, abs=1e-5)
+    assert (found.p_free <= 0.02) == there
+    assert replace(found, sound=found.counted).p_free <= 0.02
 
 
 def test_the_more_effects_gain_the_less_chance_gives_it_and_a_loss_is_no_gain() -> None:

@@ -51,10 +51,11 @@ class LackOfFit:
         null_best: The largest deviation of a gain in each null simulation (Westfall and Young 1993), shape (Z,).
         null_steady: The same of steady gains.
         free: What a free residual wrench explains, by segment, shape (K,).
-        null_free: The same for null simulations: fitted trajectories together, shape (Z,).
+        null_free: The same for null simulations, shape (K, Z).
         conditional: Normal equations of all effects after the nuisances.
         groups: Columns of the effects.
         counted: Segments of the fitted trajectories that a free residual wrench may speak about, shape (K,).
+        sound: The same of all trajectories, shape (K,).
         cell_gain: What a residual wrench in each cell alone explains, by segment, beyond the mean of null simulations;
             in the order of `cells`, shape (F, K).
         settings: By which margin chance must be exceeded.
@@ -70,6 +71,7 @@ class LackOfFit:
     conditional: Conditional
     groups: list[Group]
     counted: Tensor
+    sound: Tensor
     cell_gain: Tensor
     settings: LackOfFitSettings
 
@@ -86,7 +88,7 @@ class LackOfFit:
     @property
     def excess(self) -> float:
         """The same beyond what it explains in null simulations."""
-        return self.left - float(self.null_free.mean())
+        return self._excess(self.counted)
 
     @property
     def missing(self) -> float:
@@ -113,8 +115,19 @@ class LackOfFit:
 
     @property
     def p_free(self) -> float:
-        """How often null simulations leave as much to a free residual wrench, with the same margin."""
-        return p_value(float(self.null_free.mean()) + self.excess / self.settings.margin, self.null_free)
+        """How often null simulations leave as much to a free residual wrench, with the same margin.
+
+        In the fitted trajectories, or in all of them, whichever is more often: a gap is there as well where nothing was
+        fitted.
+        """
+        return max(self._p_free(self.counted), self._p_free(self.sound))
+
+    def _p_free(self, segments: Tensor) -> float:
+        null = self.null_free[segments].sum(0)
+        return p_value(float(null.mean()) + self._excess(segments) / self.settings.margin, null)
+
+    def _excess(self, segments: Tensor) -> float:
+        return float(self.free[segments].sum() - self.null_free[segments].sum(0).mean())
 
     @property
     def limit(self) -> float:
@@ -187,9 +200,7 @@ def find_lack_of_fit(nominal_fit: NominalFit, hypothesis: Hypothesis, generator:
     chance = test.chance(response)
     cleaned = test.cleaned(null_data, response)
     free = torch.tensor([count + k for k, cell in enumerate(cells) if cell.piece is not None])
-    counted = experiment.fitted[segments.trajectory] & _sound(
-        experiment, hypothesis.fit, settings.null_distribution.bad
-    )
+    sound = _sound(experiment, hypothesis.fit, settings.null_distribution.bad)
     spread, some = settings.residual_wrench.spread, cleaned[:: settings.lack_of_fit.cell_draws]
     conditional, gained = test.observed()
     steady = torch.tensor([gain.steady for gain in gained], dtype=torch.float64)
@@ -205,10 +216,11 @@ def find_lack_of_fit(nominal_fit: NominalFit, hypothesis: Hypothesis, generator:
         chance.best,
         chance.steady,
         local_gain(fit.linear, free, spread)[:, 0],
-        local_gain(fit.linear, free, spread, cleaned, experiment.scale)[counted].sum(0),
+        local_gain(fit.linear, free, spread, cleaned, experiment.scale),
         conditional,
         groups,
-        counted,
+        sound & experiment.fitted[segments.trajectory],
+        sound,
         _cell_gains(fit, count + torch.arange(len(cells)), spread, some, experiment.scale),
         settings.lack_of_fit,
     )
