@@ -139,6 +139,19 @@ def test_a_step_of_the_shared_loop_to_where_there_is_no_solution_is_shortened(mo
     assert float(fit.loss.sum()) < float(experiment.losses(point).sum())
 
 
+@pytest.mark.parametrize(("between", "found"), [(2e-3, 1.5), (1e-5, 2.0), (-1e-5, 0.0)])
+def test_the_difference_between_two_engines_is_no_measure_of_what_a_camera_stands_aside(
+    between: float, found: float
+) -> None:
+    """All heights are 3 mm off: 1.5 times what the engines differ by, or 300 times, which no engine can be."""
+    experiment, point = pushed(TRUE_FRICTION).begin()
+    pose, engine = experiment.pose.clone(), torch.zeros_like(experiment.engine)
+    pose[..., 2] += 3e-3
+    engine[..., 5] = between
+    fit = gauss_newton(experiment.replace(pose=pose, engine=engine), point, NONE, 6)
+    assert float(fit.point.engine) == pytest.approx(found, abs=0.01)
+
+
 def test_a_search_on_a_lattice_overlooks_ripples() -> None:
     def rippled(point: Tensor) -> Tensor:
         bowl = (point - torch.tensor([0.4, -0.7])).square().sum(-1)

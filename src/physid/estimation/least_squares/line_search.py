@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from physid.estimation.least_squares.experiment import Experiment, Fit
-from physid.estimation.least_squares.prior import clamp_effects
+from physid.estimation.least_squares.prior import clamp_effects, clamp_engine
 from physid.estimation.prediction.rollout import Prediction, Predictor, Variants
 from physid.physics import SolverError
 
@@ -114,7 +114,7 @@ def _moved(
         twist,
         coordinates.within(many.nominal + shared[:, :unknown].clamp(-largest, largest)),
         clamp_effects(experiment.predictor, values),
-        many.engine + shared[:, unknown : unknown + 1],
+        clamp_engine(experiment, many.engine + shared[:, unknown : unknown + 1]),
     )
 
 

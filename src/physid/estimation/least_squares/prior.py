@@ -19,7 +19,17 @@ def prior(experiment: Experiment, effects: Tensor) -> Tensor:
     for index in effects.tolist():
         known = predictor.terms[index].quantity
         sizes.append(1 / (settings.effect * (known.typical - known.null)) ** 2)
-    return torch.cat([unknown, torch.ones(1, dtype=torch.float64), torch.tensor(sizes, dtype=torch.float64)])
+    engine = torch.full((1,), settings.engine**-2, dtype=torch.float64)
+    return torch.cat([unknown, engine, torch.tensor(sizes, dtype=torch.float64)])
+
+
+def clamp_engine(experiment: Experiment, share: Tensor) -> Tensor:
+    """Keep the share of the difference between two engines in its range.
+
+    Where they differ by a hair in all frames, hundreds of such differences would be what a camera stands aside.
+    """
+    most = experiment.settings.prior.engine
+    return share.clamp(1 - most, 1 + most)
 
 
 def clamp_effects(predictor: Predictor, values: Tensor) -> Tensor:

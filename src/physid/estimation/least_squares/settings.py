@@ -77,6 +77,9 @@ class PriorSettings(Section):
 
     parameter: float = setting(3.0, "-", "deviation of the logarithm of an unknown parameter: a factor of 20", gt=0)
     effect: float = setting(10.0, "typical sizes", "deviation of a parameter of an effect", gt=0)
+    engine: float = setting(
+        1.0, "share", "of the difference between two engines: its deviation from 1, and the most that it leaves 1", gt=0
+    )
     state: tuple[float, float, float, float] = setting(
         (0.2, 0.2, 5.0, 2.0), "rad, m, rad/s, m/s", "deviations of an initial state from its guess"
     )
