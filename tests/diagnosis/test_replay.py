@@ -20,35 +20,66 @@ TOSS = find_setup("toss").scene
 STEP = 1e-3
 FINE_ENOUGH = 2e-5  # [m] a fiftieth of what a millisecond is at 1 m/s
 SPEED = 2.0
+SLID_ENOUGH = 2e-4  # [m] a tenth of what a millisecond is at that speed
+REFERENCES = [Reference("pybullet", STEP, staggered=True), Reference("mujoco", 2 * STEP)]
+
+
+def replayed(reference: Reference, height: float, velocity: tuple[float, float, float], time: Tensor) -> Tensor:
+    """Return the positions of a box by a reference, at uneven times (T,); shape (T, 3)."""
+    frames = len(time)
+    timeline = Timeline.regular(torch.zeros(1, frames, 1, 6, dtype=torch.float64), 1 / 60)
+    grid = dataclasses.replace(timeline.grid, steps=time[None].diff(dim=1))
+    model = NominalModel(TOSS)
+    pose = torch.tensor([0.0, 0.0, height, 0, 0, 0, 1], dtype=torch.float64).expand(1, 1, 1, 7)
+    twist = torch.tensor([0.0, 0, 0, *velocity], dtype=torch.float64).expand(1, 1, 1, 6)
+    nothing = torch.zeros(1, 0, dtype=torch.float64)
+    point = Variants(pose, twist, model.guess[None], nothing, torch.zeros(1, 1, dtype=torch.float64))
+    segments = Segmentation.equal(1, frames, frames)
+    seen = replay(model, Timeline(time[None], grid), segments, point, ReplaySettings(), reference=reference)
+    return seen[0, :, 0, :3]
 
 
 def flown(reference: Reference) -> tuple[Tensor, Tensor]:
     """Return the heights of a box in flight by a reference and by g t^2 / 2, at uneven times."""
-    time = torch.tensor([[0.0, 0.0163, 0.0341, 0.0498, 0.0671, 0.08333]], dtype=torch.float64)
-    timeline = Timeline.regular(torch.zeros(1, 6, 1, 6, dtype=torch.float64), 1 / 60)
-    grid = dataclasses.replace(timeline.grid, steps=time.diff(dim=1))
-    model = NominalModel(TOSS)
-    pose = torch.tensor([0.0, 0.0, 3.0, 0, 0, 0, 1], dtype=torch.float64).expand(1, 1, 1, 7)
-    twist = torch.tensor([0.0, 0, 0, 0, 0, SPEED], dtype=torch.float64).expand(1, 1, 1, 6)
-    nothing = torch.zeros(1, 0, dtype=torch.float64)
-    point = Variants(pose, twist, model.guess[None], nothing, torch.zeros(1, 1, dtype=torch.float64))
-    seen = replay(
-        model, Timeline(time, grid), Segmentation.equal(1, 6, 6), point, ReplaySettings(), reference=reference
-    )
-    return seen[0, :, 0, 2], 3 + SPEED * time[0] - 9.81 * time[0] ** 2 / 2
+    time = torch.tensor([0.0, 0.0163, 0.0341, 0.0498, 0.0671, 0.08333], dtype=torch.float64)
+    height = replayed(reference, 3.0, (0.0, 0.0, SPEED), time)[:, 2]
+    return height, 3 + SPEED * time - 9.81 * time**2 / 2
 
 
-@pytest.mark.parametrize("reference", [Reference("pybullet", STEP, lags=True), Reference("mujoco", 2 * STEP)])
+@pytest.mark.parametrize("reference", REFERENCES)
 def test_a_reference_flies_a_parabola_at_any_stamps(reference: Reference) -> None:
     pytest.importorskip(reference.name)
     height, parabola = flown(reference)
     assert (height - parabola).abs().max() < FINE_ENOUGH
 
 
-def test_positions_of_semi_implicit_steps_run_ahead_by_half_a_step_unless_they_are_put_back() -> None:
+def test_positions_of_semi_implicit_steps_run_ahead_by_half_a_step_unless_they_start_half_a_step_earlier() -> None:
     height, parabola = flown(Reference("pybullet", STEP))
     ahead = -9.81 * 0.08333 * STEP / 2
     assert float((height - parabola)[-1]) == pytest.approx(ahead, rel=0.05)
+
+
+@pytest.mark.parametrize("reference", REFERENCES)
+def test_a_box_that_was_dropped_rests_on_the_ground(reference: Reference) -> None:
+    """What semi-implicit positions run ahead by in the fall ends with it."""
+    pytest.importorskip(reference.name)
+    half = TOSS.bodies[0].size[2] / 2
+    time = torch.linspace(0, 1.5, 46, dtype=torch.float64) + 0.002 * torch.tensor([0.0, 1.0]).repeat(23)
+    height = replayed(reference, half + 0.4, (0.0, 0.0, 0.0), time)[:, 2]
+    assert (height[-3:] - half).abs().max() < FINE_ENOUGH
+    assert float(height.min()) > half - SPEED * STEP
+
+
+@pytest.mark.parametrize("reference", REFERENCES)
+def test_a_box_slides_to_a_stop_by_coulombs_law(reference: Reference) -> None:
+    pytest.importorskip(reference.name)
+    friction, half = TOSS.bodies[0].friction, TOSS.bodies[0].size[2] / 2
+    stops = SPEED / (friction * 9.81)
+    time = torch.tensor([0.0, 0.11, 0.23, 0.5, 0.8, 1.4], dtype=torch.float64) * stops
+    place = replayed(reference, half, (SPEED, 0.0, 0.0), time)[:, 0]
+    moving = time.clamp_max(stops)
+    slid = SPEED * moving - friction * 9.81 * moving**2 / 2
+    assert (place - slid).abs().max() < SLID_ENOUGH
 
 
 def test_recordings_of_a_known_simulator_are_replayed_with_its_own_steps() -> None:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 
+import numpy as np
 import torch
 from torch import Tensor
 from torch.nn.functional import pad
@@ -16,7 +17,6 @@ from physid.diagnosis.settings.reference import ReplaySettings
 from physid.effects.resampling import at_times
 from physid.estimation.prediction import AtStep, NominalModel, Segmentation, Timeline, Variants, has
 from physid.physics import Effect
-from physid.physics.rotations import exponential, multiply
 from physid.scenes import Excitation, Scene
 from physid.simulators import find_simulator
 
@@ -28,13 +28,13 @@ class Reference:
     Attributes:
         name: Of the simulator, see `physid.simulators.protocol`.
         step: Its steps [s].
-        lags: Whether its positions run ahead of the velocities by half a step, and are to be put back: a semi-implicit
-            step x+ = x + h v+ does so, which matters where the recordings did not come from the same steps.
+        staggered: Whether its velocities stand for the middle of a step, as those of a semi-implicit step x+ = x + h v+
+            do: it then starts with that of half a step earlier, and is of second order but for impacts.
     """
 
     name: str
     step: float
-    lags: bool = False
+    staggered: bool = False
 
 
 def references_of(scene: Scene, settings: ReplaySettings) -> tuple[Reference, ...]:
@@ -53,7 +53,7 @@ def references_of(scene: Scene, settings: ReplaySettings) -> tuple[Reference, ..
     if len(scene.bodies) > 1 and "mujoco" in there:
         there = ["mujoco"]
     steps = {name: scene.time_step / math.ceil(scene.time_step / fine[name] - 1e-9) for name in there}
-    return tuple(Reference(name, step, lags=name == "pybullet") for name, step in steps.items())
+    return tuple(Reference(name, step, staggered=name == "pybullet") for name, step in steps.items())
 
 
 def replay(
@@ -105,10 +105,11 @@ def replay(
         initial.append(Excitation(point.pose[0, segment].numpy(), point.twist[0, segment].numpy(), held))
         places.append((row, first, size, stamps, fine))
     clocks = [float(stamps[0]) for *_, stamps, _ in places]
+    if reference.staggered:
+        initial = _half_a_step_earlier(reference, scene, initial, steps, clocks, settings)
     motions = find_simulator(reference.name).simulate(scene, initial, steps, 1, clocks)
     for (row, first, size, stamps, fine), motion in zip(places, motions, strict=True):
-        pose, twist = torch.from_numpy(motion.pose), torch.from_numpy(motion.twist)
-        pose = _put_back(pose, twist, reference.step, settings) if reference.lags else pose
+        pose = torch.from_numpy(motion.pose)
         pose = at_times(pose[None], fine[None], stamps[None])[0] if len(fine) > 1 else pose
         seen[row, first : first + size] = pose
     for effect in (*known, *(effect for effect in effects if not has(type(effect), "elapse"))):
@@ -130,20 +131,27 @@ def _interpolated(values: Tensor, time: Tensor, wanted: Tensor) -> Tensor:
     return torch.lerp(values[right - 1], values[right], share)
 
 
-def _put_back(pose: Tensor, twist: Tensor, step: float, settings: ReplaySettings) -> Tensor:
-    """Take off the half step by which semi-implicit positions run ahead, but for what impacts changed.
+def _half_a_step_earlier(
+    reference: Reference,
+    scene: Scene,
+    initial: Sequence[Excitation],
+    effects: Sequence[Effect],
+    clocks: Sequence[float],
+    settings: ReplaySettings,
+) -> list[Excitation]:
+    """Give initial states the velocities of half a step earlier, v - h a / 2 with the first step's acceleration a.
 
-    With x+ = x + h v+ a constant acceleration a gives x0 + v0 t + a t (t + h) / 2, which is ahead of the truth by
-    h (v - v0) / 2. The velocity of an impact changes at once, somewhere in its step: there nothing runs ahead.
-
-    Args:
-        pose: Shape (T, N, 7).
-        twist: Shape (T, N, 6).
-        step: h [s].
-        settings: From which change of a velocity on it was an impact.
+    With x+ = x + h v+ a constant acceleration gives x0 + v0 t + a t (t + h) / 2 from a velocity v0, which runs ahead of
+    the truth by h a t / 2: the velocities are those of the middles of steps (leapfrog). Where a body hits something in
+    the first step, a is gravity.
     """
-    change = twist.diff(dim=0)
-    smooth = change[..., 3:].norm(dim=-1, keepdim=True) <= settings.jump * settings.gravity * step
-    ahead = pad((change * smooth).cumsum(0), (0, 0, 0, 0, 1, 0)) * (step / 2)
-    turned = multiply(exponential(-ahead[..., :3]), pose[..., 3:])
-    return torch.cat([pose[..., :3] - ahead[..., 3:], turned], -1)
+    first = [dataclasses.replace(one, wrench=one.wrench[:2]) for one in initial]
+    free = np.array([0.0, 0.0, 0.0, *scene.gravity]) * reference.step
+    earlier = []
+    for one, motion in zip(
+        initial, find_simulator(reference.name).simulate(scene, first, effects, 1, clocks), strict=True
+    ):
+        change = motion.twist[1] - motion.twist[0] if len(motion.twist) > 1 else np.zeros_like(one.twist)
+        hit = np.linalg.norm(change[:, 3:], axis=1) > settings.jump * settings.gravity * reference.step
+        earlier.append(dataclasses.replace(one, twist=one.twist - np.where(hit[:, None], free, change) / 2))
+    return earlier
