@@ -36,6 +36,7 @@ from physid.diagnosis.document.document import (
 from physid.diagnosis.document.rounding import rounded
 from physid.diagnosis.posterior.evidence import with_probabilities
 from physid.diagnosis.reference.nominal_fit import NominalFit
+from physid.diagnosis.residual_law import ResidualLaws, find_residual_laws
 from physid.diagnosis.selection.attribution import Attribution
 from physid.diagnosis.selection.comparison import gain
 from physid.diagnosis.testing import Hypothesis
@@ -97,6 +98,7 @@ def draw_conclusion(nominal_fit: NominalFit, found: Attribution, generator: torc
     parts_closed = {} if shown is None else decompose(nominal_fit, found, closings, generator)
     wide = covariance if shown is chosen or shown is None else shown.covariance() + bootstrap_spread(shown, generator)
     further = None if chosen is None else next_experiment(nominal_fit, found)
+    laws = _residual_laws(nominal_fit, found, verdict)
     diagnosis = Diagnosis(
         format=FORMAT,
         version=VERSION,
@@ -105,7 +107,7 @@ def draw_conclusion(nominal_fit: NominalFit, found: Attribution, generator: torc
         group=() if chosen is None else _group(found, chosen),
         confidence=0.0,
         ranking=_ranking(found)[: settings.verdict.most_ranks],
-        where=nowhere() if verdict == "none" else locate(nominal_fit, found, shown),
+        where=nowhere() if verdict == "none" else locate(nominal_fit, found, shown, laws.gains),
         gap=_gap(floor_of(nominal_fit.noise), allowed, closings),
         shrink=Shrink(_share(closings["same"]), _share(closings["transfer"]), parts_closed),
         parameters=_parameters(found.whole_nominal, shown, wide),
@@ -113,12 +115,20 @@ def draw_conclusion(nominal_fit: NominalFit, found: Attribution, generator: torc
         minor=tuple(minor),
         detectable=tuple(detectable_sizes(found.left or found.lack, terms, nominal_fit.noise, allowed, settings)),
         settings=settings.to_mapping(),
+        residual=laws.described,
         excess=found.lack.missing,
         null_simulations=len(found.lack.null_best),
     )
     return Conclusion(
         rounded(with_probabilities(diagnosis, nominal_fit.observations, settings)), chosen, shown, further
     )
+
+
+def _residual_laws(nominal_fit: NominalFit, found: Attribution, verdict: Verdict) -> ResidualLaws:
+    """Describe what is left: by effects that are blamed for a part, or by the model if none is."""
+    if verdict == "partial" and found.best is not None and found.left is not None:
+        return find_residual_laws(nominal_fit, found.best, found.left)
+    return find_residual_laws(nominal_fit, found.nominal, found.lack) if verdict == "unknown" else ResidualLaws()
 
 
 def _unclosed(one: Closing | None) -> Closing | None:

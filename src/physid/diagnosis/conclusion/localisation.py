@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import cast
 
@@ -10,7 +11,7 @@ from torch import Tensor
 
 from physid.diagnosis.document.document import SITES, Dof, Phase
 from physid.diagnosis.selection.attribution import Attribution
-from physid.diagnosis.testing import LackOfFit, gains, joined
+from physid.diagnosis.testing import LackOfFit
 from physid.physics import Site
 
 
@@ -77,20 +78,20 @@ def _shown(gains: Tensor, rounding: float) -> Tensor:
     return torch.where(gains > rounding, gains, torch.zeros_like(gains))
 
 
-def sites(found: Attribution, named: bool) -> dict[Site, float]:
+def sites(found: Attribution, named: bool, laws: Mapping[Site, float]) -> dict[Site, float]:
     """Weigh the sites by how well they explain the gap.
 
-    Where effects are named, a site stands for its best one; where none is, for all of its effects together, since what
-    the catalogue lacks is nearest to what is made in the same place. An explanation that falls d behind the best, in
-    squared residual, weighs exp(-d / (2 T)) with a temperature T of 1 % of the best gain (10 % where nothing is named)
-    and at least 2, so that near ties share.
+    Where effects are named, a site stands for its best one; where none is, for its best residual law. An explanation
+    that falls d behind the best, in squared residual, weighs exp(-d / (2 T)) with a temperature T of 1 % of the best
+    gain (10 % where nothing is named) and at least 2, so that near ties share.
 
     Args:
         found: What the search found.
         named: Whether effects are named.
+        laws: By how much the best residual law of each site predicts better.
     """
     settings = found.nominal.settings.localisation
-    explained = _hypotheses(found) if named else _whole_sites(found)
+    explained = _hypotheses(found) if named else [([site], gain) for site, gain in laws.items()]
     share = settings.named if named else settings.unnamed
     best = max((gain for _, gain in explained), default=0.0)
     weights = dict.fromkeys(SITES, 0.0)
@@ -112,16 +113,3 @@ def _hypotheses(found: Attribution) -> list[tuple[list[Site], float]]:
     explained = {row.names: row.gain for row in found.lack.rows}
     explained |= {one.names: base - float(one.held_out.sum()) for one in found.tried}
     return [([kinds[name] for name in names], gain) for names, gain in explained.items()]
-
-
-def _whole_sites(found: Attribution) -> list[tuple[list[Site], float]]:
-    """List what all effects of a site explain together, at any size, beyond what they explain by chance."""
-    lack, kinds, settings = found.lack, _kinds(found), found.nominal.settings.score_test
-    listed: list[tuple[list[Site], float]] = []
-    for site in SITES:
-        groups = [group for group in lack.groups if kinds[group.names[0]] == site]
-        if groups:
-            chance = sum(float(row.tail.mean) for row in lack.rows if kinds[row.names[0]] == site)
-            gain = float(gains(lack.conditional, joined(groups).unbounded(), settings)[0])
-            listed.append(([site], max(0.0, gain - chance)))
-    return listed

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import torch
@@ -16,7 +16,7 @@ from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.selection.attribution import Attribution
 from physid.diagnosis.testing import Hypothesis
 from physid.estimation.prediction import Prediction, Segmentation, Variants, has
-from physid.physics import SolverError
+from physid.physics import Site, SolverError
 
 
 def nowhere() -> Where:
@@ -24,19 +24,20 @@ def nowhere() -> Where:
     return Where(dict.fromkeys(SITES, 0.0), (), {})
 
 
-def locate(nominal_fit: NominalFit, found: Attribution, shown: Hypothesis | None) -> Where:
+def locate(nominal_fit: NominalFit, found: Attribution, shown: Hypothesis | None, laws: Mapping[Site, float]) -> Where:
     """Say where the gap lies.
 
     Args:
         nominal_fit: The recordings.
         found: What the search found.
         shown: The hypothesis whose effects are blamed; None where none are.
+        laws: By how much the best residual law of each site predicts better, where none are.
     """
     settings, bodies = nominal_fit.settings, nominal_fit.observations.scene.bodies
     listed = places(found.lack, [body.name for body in bodies], settings.localisation.rounding)
     cells = [Cell(one.phase, one.body, one.dof, one.evidence) for one in listed if one.evidence > 0]
     shares = phase_shares(listed, nominal_fit, shown)
-    return Where(sites(found, shown is not None), tuple(cells[: settings.verdict.most_cells]), shares)
+    return Where(sites(found, shown is not None, laws), tuple(cells[: settings.verdict.most_cells]), shares)
 
 
 def phase_shares(found: Sequence[Place], nominal_fit: NominalFit, shown: Hypothesis | None) -> dict[Phase, float]:

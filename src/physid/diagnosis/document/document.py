@@ -11,6 +11,7 @@ from annotated_types import Ge, Le, MinLen
 
 from physid.data.files import write_text
 from physid.diagnosis.document.evidence import Evidence
+from physid.diagnosis.document.residual_law import ResidualLaw
 from physid.physics import Site
 from physid.typed_files import CLOSED, check_as, read_json_as
 
@@ -207,6 +208,7 @@ class Diagnosis:
         detectable: Which size of each effect, beside those blamed, would have been found.
         settings: What decided: thresholds by section and name; empty where the file does not say.
         causes: Probability of each cause (see `Evidence`), the most probable first; evidence: what they follow from.
+        residual: What a better model would have to add, where no effect explains all of the gap.
         excess: Size of the gap as scores measure it; None in older files.
         null_simulations: How many; seconds: how long it took.
     """
@@ -229,6 +231,7 @@ class Diagnosis:
     settings: dict[str, dict[str, Any]] = field(default_factory=dict)
     causes: dict[Text, Probability] = field(default_factory=dict)
     evidence: Evidence | None = None
+    residual: tuple[ResidualLaw, ...] = ()
     excess: Positive | None = None
     null_simulations: int | None = None
     seconds: Positive | None = field(default=None, compare=False)
@@ -262,7 +265,7 @@ class Diagnosis:
 
     def to_mapping(self) -> dict[str, Any]:
         """Return the content of the file as plain values; what is optional and not known is left out."""
-        optional = ("settings", "causes", "evidence", "excess", "null_simulations", "seconds")
+        optional = ("settings", "causes", "evidence", "residual", "excess", "null_simulations", "seconds")
         return {name: value for name, value in asdict(self).items() if value or name not in optional}
 
 

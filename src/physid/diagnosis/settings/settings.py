@@ -63,6 +63,7 @@ class Settings(Section):
     score_test: testing.ScoreTestSettings = testing.ScoreTestSettings()
     lack_of_fit: testing.LackOfFitSettings = testing.LackOfFitSettings()
     residual_wrench: testing.ResidualWrenchSettings = testing.ResidualWrenchSettings()
+    residual_law: testing.ResidualLawSettings = testing.ResidualLawSettings()
     hypothesis: testing.HypothesisSettings = testing.HypothesisSettings()
     equivalence: testing.EquivalenceSettings = testing.EquivalenceSettings()
     contact_free: selection.ContactFreeSettings = selection.ContactFreeSettings()

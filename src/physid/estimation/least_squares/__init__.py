@@ -1,6 +1,6 @@
 """Weighted nonlinear least squares with initial states profiled out (variable projection), by Levenberg-Marquardt."""
 
-from physid.estimation.least_squares.covariance import covariance_of, predictive_score, reach_of
+from physid.estimation.least_squares.covariance import covariance_of, left_out, predictive_score, reach_of
 from physid.estimation.least_squares.discretisation import (
     ChosenSteps,
     StepChoice,
@@ -37,6 +37,7 @@ __all__ = [
     "covariance_of",
     "gauss_newton",
     "lay_out",
+    "left_out",
     "parts_for_late_forces",
     "predictive_score",
     "prior",

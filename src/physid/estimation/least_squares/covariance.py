@@ -34,17 +34,33 @@ def predictive_score(normal: Normal, fitted: Tensor, ridge: Tensor) -> Tensor:
     Returns:
         Shape (R,).
     """
-    among = fitted.to(normal.matrix.dtype)
-    others = among * (1 - torch.eye(len(among)).to(among))
-    known = torch.einsum("rs,spq->rpq", others, normal.matrix) + torch.diag(ridge)
-    wanted = others @ normal.vector * among[:, None]
-    change = torch.linalg.solve(known, wanted)
+    known, change = _without_each(normal, fitted, ridge)
     slope = normal.vector - (normal.matrix @ change[..., None])[..., 0]
     together = known + normal.matrix
     followed = (slope * torch.linalg.solve(together, slope)).sum(-1)
     volume = torch.linalg.slogdet(together).logabsdet - torch.linalg.slogdet(known).logabsdet
     score: Tensor = normal.loss(change) - followed + volume
     return score
+
+
+def left_out(normal: Normal, fitted: Tensor, ridge: Tensor) -> Tensor:
+    """Return how parameters change for each trajectory if it is left out of the fitted ones, (R, P).
+
+    Args:
+        normal: Normal equations by trajectory, at the fit.
+        fitted: Which of them were fitted to, shape (R,).
+        ridge: Prior of the parameters, shape (P,).
+    """
+    return _without_each(normal, fitted, ridge)[1]
+
+
+def _without_each(normal: Normal, fitted: Tensor, ridge: Tensor) -> tuple[Tensor, Tensor]:
+    """Return the matrices (R, P, P) of the fitted trajectories without each, and the changes (R, P) that follow."""
+    among = fitted.to(normal.matrix.dtype)
+    others = among * (1 - torch.eye(len(among)).to(among))
+    known = torch.einsum("rs,spq->rpq", others, normal.matrix) + torch.diag(ridge)
+    wanted = others @ normal.vector * among[:, None]
+    return known, torch.linalg.solve(known, wanted)
 
 
 def scatter_of(normal: Normal, ridge: Tensor, settings: IntervalSettings = DEFAULT) -> tuple[Tensor, Tensor, Tensor]:
