@@ -104,7 +104,7 @@ SUITES: dict[str, tuple[str, ...]] = {
     "diagnosis/conclusion/gap.py": ("diagnosis/test_gap.py",),
     "diagnosis/conclusion/power.py": ("diagnosis/test_power.py",),
     "diagnosis/conclusion/decomposition.py": ("diagnosis/test_decomposition.py",),
-    "diagnosis/conclusion/parametric_bootstrap.py": ("diagnosis/test_parametric_bootstrap.py",),
+    "diagnosis/testing/parametric_bootstrap.py": ("diagnosis/test_parametric_bootstrap.py",),
     "diagnosis/document/sentences.py": ("diagnosis/test_sentences.py", "diagnosis/test_document.py"),
 }
 """The tests of each module, or of all that match one of several patterns."""

@@ -9,7 +9,7 @@ import torch
 
 from diagnosis.sets import recorded
 from physid.data import RecordingSet
-from physid.diagnosis.conclusion.parametric_bootstrap import bootstrap_spread
+from physid.diagnosis.testing.parametric_bootstrap import bootstrap_spread
 from physid.diagnosis.inputs.model_source import read_nominal_model
 from physid.diagnosis.inputs.observations import load_observations
 from physid.diagnosis.reference.nominal_fit import fit_nominal_model

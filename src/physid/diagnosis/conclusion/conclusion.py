@@ -12,7 +12,6 @@ from physid.diagnosis.conclusion.decomposition import closings_of, decompose
 from physid.diagnosis.conclusion.gap import Closing, floor_of, held_out_parts
 from physid.diagnosis.conclusion.materiality import Tolerance, excess_of, share_closed, unexplained_size
 from physid.diagnosis.conclusion.next_experiment import NextExperiment, next_experiment
-from physid.diagnosis.conclusion.parametric_bootstrap import bootstrap_spread
 from physid.diagnosis.conclusion.power import detectable_sizes
 from physid.diagnosis.conclusion.verdict import closes_most, indistinguishable_from_zero, judge, reconsider
 from physid.diagnosis.conclusion.where import locate, nowhere
@@ -39,7 +38,7 @@ from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.residual_law import ResidualLaws, find_residual_laws
 from physid.diagnosis.selection.attribution import Attribution
 from physid.diagnosis.selection.comparison import gain
-from physid.diagnosis.testing import Hypothesis
+from physid.diagnosis.testing import Hypothesis, bootstrap_spread
 
 BLAMING: tuple[Verdict, ...] = ("named", "group", "partial")
 """Verdicts that name effects."""

@@ -143,7 +143,9 @@ def _beside(
         one,
         say,
     )
-    needed = [more for more in fitted if sound(nominal, more, left) and all_needed(more, nominal, [one], left)]
+    needed = [
+        more for more in fitted if sound(nominal, more, left) and all_needed(more, nominal, [one], left, generator)
+    ]
     if not needed:
         return None
     lack, rest = find_lack_of_fit(nominal_fit, nominal, generator), find_lack_of_fit(nominal_fit, needed[0], generator)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import torch
 from torch import Tensor
 
 from physid.diagnosis.selection.comparison import gain
-from physid.diagnosis.testing import Hypothesis, LackOfFit
+from physid.diagnosis.testing import Hypothesis, LackOfFit, bootstrap_spread
 
 
 def sound(nominal: Hypothesis, one: Hypothesis, lack: LackOfFit) -> bool:
@@ -81,23 +82,31 @@ def distinguishable(
     return float(worse.sum()) > least
 
 
-def all_needed(more: Hypothesis, nominal: Hypothesis, fewer: Sequence[Hypothesis], left: LackOfFit) -> bool:
+def all_needed(
+    more: Hypothesis,
+    nominal: Hypothesis,
+    fewer: Sequence[Hypothesis],
+    left: LackOfFit,
+    generator: torch.Generator,
+) -> bool:
     """Return whether effects account for most of what one fewer leave, and for more than each choice of one fewer does.
 
-    None may have sizes that are known no better than that they may be null.
+    None may have sizes that are known no better than that they may be null, by noise or by what impacts amplify.
 
     Args:
         more: The effects.
         nominal: The model without effects.
         fewer: Hypotheses of fewer effects, the best first.
         left: What the best of these leaves.
+        generator: Randomness of the replays that tell what impacts amplify.
     """
     settings = nominal.settings.evidence
     if gain(fewer[0], more) < settings.further_explains * left.missing or more.absent(more.covariance()):
         return False
     least = max(settings.least, settings.same * float((nominal.held_out - more.held_out).sum()))
-    return all(
+    better = all(
         float((one.held_out - more.held_out).sum()) > least and gain(one, more) > left.reach(more.names)
         for one in fewer
         if set(one.names) < set(more.names)
     )
+    return better and not more.absent(more.covariance() + bootstrap_spread(more, generator))

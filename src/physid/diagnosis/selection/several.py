@@ -154,7 +154,7 @@ def of_one_more(
         return False
 
     def needed(one: Hypothesis) -> bool:
-        return all_needed(one, nominal, [*fits.known.values()], left)
+        return all_needed(one, nominal, [*fits.known.values()], left, generator)
 
     most = settings.candidates.most_combinations
     ranked = one_more(lack, best.names, settings.score_test)

@@ -12,6 +12,7 @@ from physid.diagnosis.testing.hypothesis import (
 from physid.diagnosis.testing.lack_of_fit import LackOfFit, Row, find_lack_of_fit, score_test_of
 from physid.diagnosis.testing.null_distribution import ScoreTest
 from physid.diagnosis.testing.null_tails import Tail
+from physid.diagnosis.testing.parametric_bootstrap import bootstrap_spread
 from physid.diagnosis.testing.residual_wrench import freed, piece_frames
 from physid.diagnosis.testing.score_test import gains, joined
 
@@ -24,6 +25,7 @@ __all__ = [
     "alike",
     "begin_from_finite_sizes",
     "begin_hypothesis",
+    "bootstrap_spread",
     "conclude",
     "cosine",
     "find_lack_of_fit",

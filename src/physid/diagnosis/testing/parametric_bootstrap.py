@@ -7,7 +7,7 @@ from torch import Tensor
 
 from physid.diagnosis.reference.null_simulations import jitter
 from physid.diagnosis.reference.replay import replay
-from physid.diagnosis.testing import Hypothesis
+from physid.diagnosis.testing.hypothesis import Hypothesis
 
 
 def bootstrap_spread(hypothesis: Hypothesis, generator: torch.Generator) -> Tensor:
