@@ -60,6 +60,7 @@ ROOMS = {
         "inputs",
         "reference",
         "testing",
+        "residual_law",
         "selection",
         "posterior",
         "conclusion",

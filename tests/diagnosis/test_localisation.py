@@ -45,21 +45,17 @@ def found(*sizes: float) -> Attribution:
     return Attribution(cast(Any, nominal), cast(Any, lack), [], None, None, [])
 
 
-def test_two_effects_of_one_site_outweigh_a_stronger_one_of_another_where_nothing_is_named() -> None:
-    shares = sites(found(0.9, 0.9, 1.0), named=False)
-    assert shares["dynamics"] > 0.8 > shares["contact"]
-    assert sites(found(0.9, 0.9, 1.0), named=True)["contact"] > 0.9
-
-
-def test_without_a_name_sizes_beyond_the_ranges_count() -> None:
-    shares = sites(found(3.0, 0.0, 2.0), named=False)
-    assert shares["dynamics"] > shares["contact"]
-
-
-def test_shares_make_up_a_whole_and_sites_without_effects_have_none() -> None:
-    shares = sites(found(1.0, 0.0, 1.0), named=False)
+def test_where_nothing_is_named_a_site_stands_for_its_best_residual_law() -> None:
+    """At a temperature of a tenth of the best gain; whatever the effects of the catalogue explain."""
+    shares = sites(found(0.9, 0.9, 1.0), False, {"perception": 900.0, "contact": 700.0, "dynamics": 0.0})
+    assert list(shares) == ["perception", "actuation", "dynamics", "contact"]
+    assert shares["contact"] / shares["perception"] == pytest.approx(math.exp(-200 / 180), rel=1e-2)
+    assert shares["actuation"] == 0 < shares["dynamics"] < 0.01
     assert abs(sum(shares.values()) - 1) < 1e-3
-    assert shares["perception"] == shares["actuation"] == 0
+
+
+def test_where_no_law_explains_the_gap_no_site_stands_out() -> None:
+    assert not any(sites(found(0.9, 0.9, 1.0), False, {}).values())
 
 
 def test_evidence_over_time_is_that_of_one_body_and_no_rounding() -> None:
@@ -77,8 +73,8 @@ def test_what_was_tried_explains_all_that_it_gains_over_trajectories() -> None:
     search = found(1.0, 0.0, 1.0)
     nominal = SimpleNamespace(**vars(search.nominal) | {"held_out": torch.full((3,), 100.0)})
     tried = SimpleNamespace(names=("adhesion",), held_out=torch.full((3,), 67.0))
-    shares = sites(replace(search, nominal=cast(Any, nominal), tried=[cast(Any, tried)]), named=True)
-    assert shares == sites(found(1.0, 0.0, math.sqrt(0.99)), named=True)
+    shares = sites(replace(search, nominal=cast(Any, nominal), tried=[cast(Any, tried)]), True, {})
+    assert shares == sites(found(1.0, 0.0, math.sqrt(0.99)), True, {})
     assert 0.1 < shares["contact"] < 0.5
 
 
@@ -86,7 +82,7 @@ def test_effects_of_two_sites_share_what_they_explain_together() -> None:
     search = found(3.0, 0.0, 0.0)  # the drag alone explains as much as with the other
     nominal = SimpleNamespace(**vars(search.nominal) | {"held_out": torch.full((3,), 300.0)})
     tried = SimpleNamespace(names=("viscous_drag", "adhesion"), held_out=torch.zeros(3))
-    shares = sites(replace(search, nominal=cast(Any, nominal), tried=[cast(Any, tried)]), named=True)
+    shares = sites(replace(search, nominal=cast(Any, nominal), tried=[cast(Any, tried)]), True, {})
     assert (shares["dynamics"], shares["contact"]) == pytest.approx((0.75, 0.25))
 
 
@@ -94,7 +90,7 @@ def test_effects_of_two_sites_share_what_they_explain_together() -> None:
 def test_an_explanation_that_falls_behind_weighs_less_by_the_temperature_of_the_best(strength: float) -> None:
     settings = Settings().localisation
     best, behind = STRENGTH * strength**2, STRENGTH * (0.97 * strength) ** 2
-    shares = sites(found(strength, 0.0, 0.97 * strength), named=True)
+    shares = sites(found(strength, 0.0, 0.97 * strength), True, {})
     temperature = max(settings.least, settings.named * best)
     ratio = math.exp((behind - best) / (2 * temperature))
     nothing = math.exp(-best / (2 * temperature))  # the tether, which explains nothing

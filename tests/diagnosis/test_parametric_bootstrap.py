@@ -9,11 +9,11 @@ import torch
 
 from diagnosis.sets import recorded
 from physid.data import RecordingSet
-from physid.diagnosis.testing.parametric_bootstrap import bootstrap_spread
 from physid.diagnosis.inputs.model_source import read_nominal_model
 from physid.diagnosis.inputs.observations import load_observations
 from physid.diagnosis.reference.nominal_fit import fit_nominal_model
 from physid.diagnosis.testing.hypothesis import Hypothesis, conclude
+from physid.diagnosis.testing.parametric_bootstrap import bootstrap_spread
 from physid.effects import find
 
 MOST = 0.5  # of a parameter: no clean data mislead an estimate further

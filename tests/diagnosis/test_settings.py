@@ -17,7 +17,7 @@ from physid.diagnosis.settings.settings import Settings, parse_changes
 ROOT = Path(pipeline.__file__).parent.parent
 ROOMS = (
     "estimation/measurement", "estimation/prediction", "estimation/least_squares", "diagnosis/inputs",
-    "diagnosis/reference", "diagnosis/testing", "diagnosis/selection", "diagnosis/posterior",
+    "diagnosis/reference", "diagnosis/testing", "diagnosis/residual_law", "diagnosis/selection", "diagnosis/posterior",
     "diagnosis/conclusion",
 )  # fmt: skip
 """Where a diagnosis decides; `document` and `report` only present it."""

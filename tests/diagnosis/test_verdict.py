@@ -11,6 +11,7 @@ import torch
 
 from physid.diagnosis.conclusion.gap import Closing, Interval
 from physid.diagnosis.conclusion.verdict import closes_most, indistinguishable_from_zero, judge, reconsider
+from physid.diagnosis.selection import evidence
 from physid.diagnosis.selection.attribution import Attribution
 from physid.diagnosis.selection.evidence import all_needed, complete, distinguishable
 from physid.diagnosis.settings.settings import Settings
@@ -122,8 +123,15 @@ def test_where_something_is_left_a_rival_must_be_worse_in_all_trajectories(whole
 
 def pair(absent: list[str], *held_out: float) -> Any:
     one = hypothesis(*held_out)
-    one.names, one.covariance, one.absent = ("tether", "viscous_drag"), lambda: None, lambda _: absent
+    one.names, one.covariance, one.absent = ("tether", "viscous_drag"), lambda: 0.0, lambda _: absent
     return one
+
+
+@pytest.fixture
+def calm(monkeypatch: pytest.MonkeyPatch) -> torch.Generator:
+    """Let impacts amplify nothing."""
+    monkeypatch.setattr(evidence, "bootstrap_spread", lambda *_: 0.0)
+    return torch.Generator()
 
 
 def left_by_drag(missing: float) -> Any:
@@ -141,19 +149,29 @@ def left_by_drag(missing: float) -> Any:
     ],
 )
 def test_a_pair_is_needed_if_it_explains_most_of_what_one_effect_leaves(
-    missing: float, behind: float, absent: list[str], needed: bool
+    calm: torch.Generator, missing: float, behind: float, absent: list[str], needed: bool
 ) -> None:
     nominal, drag, both = hypothesis(900, 900), hypothesis(100 + behind, 100), pair(absent, 100, 100)
-    assert all_needed(both, nominal, [drag], left_by_drag(missing)) is needed
+    assert all_needed(both, nominal, [drag], left_by_drag(missing), calm) is needed
 
 
 @pytest.mark.parametrize(("factor", "needed"), [(0.9, False), (1.2, True)])
-def test_a_pair_must_gain_over_all_trajectories_together(factor: float, needed: bool) -> None:
+def test_a_pair_must_gain_over_all_trajectories_together(calm: torch.Generator, factor: float, needed: bool) -> None:
     nominal, both = hypothesis(900, 900), pair([], 100, 100)
     least = max(SETTINGS.evidence.least, SETTINGS.evidence.same * 1600)
     drag = hypothesis(100 + factor * least / 2, 100 + factor * least / 2)
     chance: Any = SimpleNamespace(missing=factor * least, reach=lambda _: 0.0)
-    assert all_needed(both, nominal, [drag], chance) is needed
+    assert all_needed(both, nominal, [drag], chance, calm) is needed
+
+
+@pytest.mark.parametrize("amplified", [0.0, 1.0])
+def test_an_effect_that_impacts_may_feign_is_not_needed(monkeypatch: pytest.MonkeyPatch, amplified: float) -> None:
+    """Noise alone would let its size be known."""
+    monkeypatch.setattr(evidence, "bootstrap_spread", lambda *_: amplified)
+    nominal, drag, both = hypothesis(900, 900), hypothesis(250, 100), pair([], 100, 100)
+    both.absent = lambda spread: ["tether"] if spread > 0.5 else []
+    needed = all_needed(both, nominal, [drag], left_by_drag(200.0), torch.Generator())
+    assert needed == (amplified < 0.5)
 
 
 def test_a_pair_must_explain_more_than_a_single_effect_to_be_the_whole() -> None:

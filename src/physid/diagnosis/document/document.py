@@ -200,16 +200,13 @@ class Diagnosis:
         format: Name of the format; version: its version; verdict: what is said of the gap.
         effects: What is blamed; group: effects that cannot be distinguished, the blamed ones included.
         confidence: Calibrated probability that the verdict is right: that of the causes that it allows, together.
-        ranking: The candidates, best first.
-        where: Where the gap lies.
-        gap: Errors before and after; shrink: the share of the gap that closes.
+        ranking: The candidates, best first; minor: what was significant and is not blamed.
+        where: Where the gap lies; gap: errors before and after; shrink: the share of the gap that closes.
         parameters: The unknown parameters by name; next_experiment: what would distinguish the members of a group.
-        minor: What was significant and is not blamed.
         detectable: Which size of each effect, beside those blamed, would have been found.
         settings: What decided: thresholds by section and name; empty where the file does not say.
         causes: Probability of each cause (see `Evidence`), the most probable first; evidence: what they follow from.
-        residual: What a better model would have to add, where no effect explains all of the gap.
-        excess: Size of the gap as scores measure it; None in older files.
+        residual: What a better model would have to add; excess: size of the gap as scores measure it, if known.
         null_simulations: How many; seconds: how long it took.
     """
 

@@ -23,9 +23,11 @@ class ResidualLaw:
         variable_unit: Of that.
         region: Where it acts.
         at: Values of the variable, increasing, shape (B,); a single 0 without one.
-        size: Its size there; linear in between.
+        size: Its size there; linear in between. Of a shift only what initial states do not follow is known.
         low: Lower ends of the 90 % intervals; high: upper ones.
         unit: Of sizes.
+        moves: How far it moves predicted positions, but for what initial states follow, root mean square over frames
+            [m].
         explains: Which share of what the model leaves it explains, with the laws before it, in trajectories that it was
             not fitted to.
         gain: By how much it predicts these better [squared residuals].
@@ -42,6 +44,7 @@ class ResidualLaw:
     low: Annotated[tuple[float, ...], MinLen(1)]
     high: Annotated[tuple[float, ...], MinLen(1)]
     unit: Text
+    moves: Annotated[float, Ge(0)]
     explains: Annotated[float, Ge(0), Le(1)]
     gain: float
 

@@ -6,6 +6,8 @@ import math
 from collections.abc import Sequence
 
 from physid.diagnosis.document.document import Cell, Diagnosis, Estimate, Split
+from physid.diagnosis.document.residual_sentences import law_name as law_name
+from physid.diagnosis.document.residual_sentences import residual_sentences as residual_sentences
 from physid.diagnosis.settings.conclusion import GapSettings
 from physid.pages.numbers import capital, figure, interval, join, p_value, percent, quantity, words
 
@@ -177,18 +179,19 @@ def summary_lines(diagnosis: Diagnosis) -> list[str]:
         diagnosis: The document.
 
     Returns:
-        At most ten lines, and one more for each further effect.
+        At most ten lines, and one more for each further effect or residual law.
     """
     sure = f"(confidence {percent(diagnosis.confidence)})"
     lines = _labelled("Verdict", [f"{diagnosis.verdict}: {verdict_sentence(diagnosis)} {sure}"])
     lines += _labelled("Where", [where_sentence(diagnosis)])
     lines += _labelled("Which", _which(diagnosis))
+    lines += _labelled("Missing", residual_sentences(diagnosis.residual))
     splits = [split for split in SPLIT_NAMES if diagnosis.errors(split) is not None]
     lines += _labelled("How far", [how_far_sentence(diagnosis, split) for split in splits])
     lines += _labelled("Note", [caveat(diagnosis)] if caveat(diagnosis) else [])
     lines += _labelled("Refitted", _refitted(diagnosis))
     lines += _labelled("Next", [diagnosis.next_experiment] if diagnosis.next_experiment else [])
-    return lines[: MOST_LINES + max(0, len(diagnosis.effects) - 1)]
+    return lines[: MOST_LINES + max(0, len(diagnosis.effects) - 1) + len(diagnosis.residual)]
 
 
 def _which(diagnosis: Diagnosis) -> list[str]:

@@ -9,6 +9,7 @@ import numpy as np
 from markupsafe import Markup
 
 from physid.diagnosis.document.document import SPLITS, Diagnosis, Estimate, Share
+from physid.diagnosis.document.residual_law import ResidualLaw
 from physid.diagnosis.document.sentences import SPLIT_NAMES
 from physid.diagnosis.report.contents import LEVELS, Curve, ReportData, TimeMap
 from physid.pages.figures import CODES, SMALL, Series, drawing, line_chart, ticks, titled
@@ -111,6 +112,23 @@ def closing(said: Diagnosis) -> Markup | None:
         axes.set(xlim=(0, 1), ylim=(len(shares) - 0.5, -0.5))
         axes.set_xticks([0, 0.5, 1], [percent(value) for value in (0, 0.5, 1)])
     return titled(made[0], "Share of the gap that closes")
+
+
+def residual_law(law: ResidualLaw) -> Markup | None:
+    """Draw the size of a residual law over its variable, with its 90 % interval; None for a constant, and for a shift.
+
+    Of a shift initial states follow what is steady or drifts, anew in each segment.
+    """
+    if law.variable is None or law.kind == "shift":
+        return None
+    with drawing(named=True) as (axes, made):
+        axes.fill_between(law.at, law.low, law.high, color=CODES["free"], alpha=0.25, linewidth=0)
+        axes.plot(law.at, law.size, color=CODES["free"], marker="o", markersize=3)
+        axes.axhline(0, color=CODES["floor"], linewidth=1, linestyle=(0, (4, 3)))
+        axes.set_xlabel(f"{law.variable} [{law.variable_unit}]")
+        axes.margins(x=0.01)
+        ticks(axes, "y", in_unit(law.unit))
+    return titled(made[0], f"Size over {law.variable}")
 
 
 def time_map(picture: TimeMap | None) -> Markup | None:

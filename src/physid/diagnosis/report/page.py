@@ -14,12 +14,14 @@ from physid.diagnosis.document.sentences import (
     decided,
     explained,
     how_far_sentence,
+    law_name,
+    residual_sentences,
     undetectable,
     verdict_sentence,
     where_sentence,
 )
 from physid.diagnosis.report.contents import Curve, Film, ReportData, TimeMap
-from physid.diagnosis.report.drawings import LINES, closing, error_curves, error_levels, sizes, time_map
+from physid.diagnosis.report.drawings import LINES, closing, error_curves, error_levels, residual_law, sizes, time_map
 from physid.diagnosis.settings.conclusion import GapSettings, PosteriorSettings
 from physid.pages.numbers import capital, figure, join, p_value, percent, words
 from physid.pages.templates import data_uri
@@ -104,6 +106,10 @@ def render(said: Diagnosis, data: ReportData) -> str:
         unrepeated="repeatability" in data.levels and data.levels["repeatability"] is None,
         shares=shares,
         closing=closing(said),
+        missing=[
+            (capital(law_name(law)), sentence, residual_law(law))
+            for law, sentence in zip(said.residual, residual_sentences(said.residual), strict=True)
+        ],
         beyond=any((share := said.share(split)) and share.value > 1 for split in SPLITS),
         hidden=undetectable(said),
         probability=percent(said.settings["power"]["probability"]) if "power" in said.settings else "",
@@ -135,14 +141,17 @@ def _answers(said: Diagnosis) -> list[tuple[str, str, str]]:
 def _cut(said: Diagnosis, data: ReportData, split: Split) -> list[tuple[str, float, str]]:
     """Cut the gap on a split into what each effect closes and the rest: name, share, and style; empty without a gap.
 
-    Where no effect is blamed, a free residual wrench stands for what a better law of motion could close.
+    Where no effect is blamed, residual laws, or else a free residual wrench, stand for what a better model could close.
     """
     error, floor = said.errors(split), said.gap.floor
     no_gap = decided(said, "gap", "no_gap", GapSettings().no_gap)
     closed_by = [(words(name), share) for name, share in said.shrink.parts.get(split, {}).items()]
     wrench = data.residual_wrench.get(split)
-    if said.verdict == "unknown" and error is not None and wrench is not None and error.before > no_gap * floor:
-        closed_by = [("a free force and torque", (error.before - wrench) / (error.before - floor))]
+    if said.verdict == "unknown" and error is not None and error.before > no_gap * floor:
+        before = [0.0, *(law.explains for law in said.residual)]
+        closed_by = [(law_name(law), law.explains - old) for law, old in zip(said.residual, before, strict=False)]
+        if not closed_by and wrench is not None:
+            closed_by = [("a free force and torque", (error.before - wrench) / (error.before - floor))]
     if not closed_by:
         return []
     parts = [(name, share, f"part-{place}") for place, (name, share) in enumerate(closed_by)]

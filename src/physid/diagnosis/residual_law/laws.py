@@ -8,7 +8,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from physid.diagnosis.residual_law.motion import Direction, Kind, Region, Variable
+from physid.diagnosis.inputs import PHASES
+from physid.diagnosis.reference.nominal_fit import NominalFit
+from physid.diagnosis.residual_law.motion import Direction, Kind, Region, Variable, directions_of, variables_of
+from physid.diagnosis.testing import Hypothesis, LackOfFit
 from physid.physics import Site
 
 
@@ -64,7 +67,26 @@ def hats(value: Tensor, knots: Tensor) -> Tensor:
     )
 
 
-def laws_of(
+def list_laws(nominal_fit: NominalFit, hypothesis: Hypothesis, lack: LackOfFit) -> list[Law]:
+    """List the laws that the motion lets one ask for."""
+    settings, experiment = nominal_fit.settings, hypothesis.experiment
+    prediction, timeline = lack.fit.jacobian.base, experiment.predictor.timeline
+    segments, frame = experiment.predictor.segments, experiment.directions.frame
+    planar = not bool(experiment.directions.free[..., 0].any())
+    pieces = max(settings.residual_law.time, settings.residual_wrench.piece_time)
+    seen = segments.spread(lack.sound)[..., None] & (experiment.scale[..., 0] > 0)
+    return _combined(
+        directions_of(prediction, timeline, frame, planar, settings.phases.still_speed),
+        variables_of(prediction, timeline, frame, planar, settings.phases.still_speed),
+        nominal_fit.phases == PHASES.index("free_fall"),
+        seen,
+        settings.residual_law.knots,
+        {"force": pieces, "torque": pieces, "shift": settings.residual_law.time},
+        settings.residual_wrench.seldom,
+    )
+
+
+def _combined(
     directions: Sequence[Direction],
     variables: Sequence[Variable],
     flying: Tensor,

@@ -86,6 +86,8 @@ class Regression:
         self._own = Normal(sound[:, None, None] * own.matrix, sound[:, None] * own.vector, sound * own.square)
         states = experiment.directions.free.flatten(1).sum(1)
         self.expected = float(((experiment.counted() - states).clamp_min(0) * sound).sum())
+        seen = (experiment.scale[..., 0] > 0).any(2)[None].double()
+        self.frames = max(float((self._segments.sum_frames(seen)[0] * sound).sum()), 1.0)
         step = experiment.predictor.model.scene.time_step
         frames = piece_frames(self.settings.residual_wrench.piece_time, step)
         self._piece = self._segments.position // frames

@@ -6,14 +6,9 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-import torch
-from torch import Tensor
-
 from physid.diagnosis.document.residual_law import ResidualLaw
-from physid.diagnosis.inputs import PHASES
 from physid.diagnosis.reference.nominal_fit import NominalFit
-from physid.diagnosis.residual_law.laws import Law, knots_of, laws_of
-from physid.diagnosis.residual_law.motion import directions_of, variables_of
+from physid.diagnosis.residual_law.laws import Law, knots_of, list_laws
 from physid.diagnosis.residual_law.regression import Regression, Solution
 from physid.diagnosis.testing import Hypothesis, LackOfFit
 from physid.estimation.least_squares import covariance_of, reach_of
@@ -50,7 +45,7 @@ def find_residual_laws(nominal_fit: NominalFit, hypothesis: Hypothesis, lack: La
     Returns:
         At most `settings.residual_law.most`; none where no law predicts better than chance lets the best of all.
     """
-    settings, laws = nominal_fit.settings, _laws(nominal_fit, hypothesis, lack)
+    settings, laws = nominal_fit.settings, list_laws(nominal_fit, hypothesis, lack)
     regression = Regression(hypothesis, lack, laws)
     chosen: list[Law] = []
     before = solution = regression.solve([])
@@ -69,30 +64,16 @@ def find_residual_laws(nominal_fit: NominalFit, hypothesis: Hypothesis, lack: La
         steps.append((solution.score - best.score, explains))
         chosen.append(law)
         solution = best
-    return ResidualLaws(tuple(_described(regression, solution, chosen, steps)), gains if chosen else {})
-
-
-def _laws(nominal_fit: NominalFit, hypothesis: Hypothesis, lack: LackOfFit) -> list[Law]:
-    """List the laws that the motion lets one ask for."""
-    settings, experiment = nominal_fit.settings, hypothesis.experiment
-    prediction, timeline = lack.fit.jacobian.base, experiment.predictor.timeline
-    segments, frame = experiment.predictor.segments, experiment.directions.frame
-    planar = not bool(experiment.directions.free[..., 0].any())
-    pieces = max(settings.residual_law.time, settings.residual_wrench.piece_time)
-    seen = segments.spread(lack.sound)[..., None] & (experiment.scale[..., 0] > 0)
-    return laws_of(
-        directions_of(prediction, timeline, frame, planar, settings.phases.still_speed),
-        variables_of(prediction, timeline, frame, planar, settings.phases.still_speed),
-        nominal_fit.phases == PHASES.index("free_fall"),
-        seen,
-        settings.residual_law.knots,
-        {"force": pieces, "torque": pieces, "shift": settings.residual_law.time},
-        settings.residual_wrench.seldom,
-    )
+    described = _described(regression, solution, chosen, steps, nominal_fit.noise.position)
+    return ResidualLaws(tuple(described), gains if chosen else {})
 
 
 def _described(
-    regression: Regression, solution: Solution, laws: Sequence[Law], steps: Sequence[tuple[float, float]]
+    regression: Regression,
+    solution: Solution,
+    laws: Sequence[Law],
+    steps: Sequence[tuple[float, float]],
+    noise: float,
 ) -> list[ResidualLaw]:
     """Give laws their sizes with intervals, in the order in which they were found."""
     own = regression.settings
@@ -100,11 +81,11 @@ def _described(
         solution.normal.of(regression.fitted), solution.ridge, settings=own.least_squares.intervals
     )
     first = len(solution.ridge) - len(solution.sizes)
-    covariance = covariance[first:, first:]
+    covariance, energy = covariance[first:, first:], solution.normal.matrix.sum(0)[first:, first:]
     found = []
     for (law, places), (gain, explains) in zip(knots_of(laws), steps, strict=True):
         size, known = solution.sizes[places], covariance[places, places]
-        size, known = _shown(size, known, own.hypothesis.confidence)
+        moved = float(size @ energy[places, places] @ size) / regression.frames
         away = reach_of(known, own.hypothesis.confidence)
         found.append(
             ResidualLaw(
@@ -118,19 +99,9 @@ def _described(
                 low=tuple((size - away).tolist()),
                 high=tuple((size + away).tolist()),
                 unit=UNITS[law.direction.kind],
+                moves=noise * max(moved, 0.0) ** 0.5,
                 explains=explains,
                 gain=gain,
             )
         )
     return found
-
-
-def _shown(size: Tensor, covariance: Tensor, confidence: float) -> tuple[Tensor, Tensor]:
-    """Leave out what the data do not show: principal directions of the covariance in which sizes may be zero.
-
-    A camera that drifts at a steady speed is one in whose picture bodies are faster: no shift is known but for that.
-    """
-    variance, axes = torch.linalg.eigh(covariance)
-    along = size @ axes
-    kept = (along.abs() > reach_of(torch.diag(variance.clamp_min(0)), confidence)).to(size)
-    return axes @ (kept * along), (axes * (kept * variance)) @ axes.T
