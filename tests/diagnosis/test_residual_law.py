@@ -52,7 +52,7 @@ def test_a_force_across_the_velocity_is_found_with_its_law(across: ResidualLaws)
     for speed, low, high in zip(law.at, law.low, law.high, strict=True):
         assert low < STRENGTH * speed < high
     assert law.size[-1] == pytest.approx(STRENGTH * law.at[-1], rel=0.25)
-    assert "to its left that grows with the speed" in residual_sentences([law])[0]
+    assert "(to its left) that grows with the speed" in residual_sentences([law])[0]
 
 
 def test_its_site_is_the_dynamics(across: ResidualLaws) -> None:
@@ -104,10 +104,10 @@ def law(**changes: Any) -> ResidualLaw:
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({}, "a force across the velocity, to its left that grows with the speed, 0.410 (0.370 to 0.450) N at 1 m/s"),
+        ({}, "a force across the velocity (to its left) that grows with the speed, 0.410 (0.370 to 0.450) N at 1 m/s"),
         (
             {"size": (0.0, -0.2, -0.41), "low": (-0.01, -0.22, -0.45), "high": (0.01, -0.18, -0.37)},
-            "to its right that grows with the speed, 0.410 (0.370 to 0.450) N at 1 m/s",
+            "to its right) that grows with the speed, 0.410 (0.370 to 0.450) N at 1 m/s",
         ),
         (
             {"direction": "along the velocity", "size": (-0.4, -0.2, -0.1), "low": (-0.5,) * 3, "high": (-0.1,) * 3},

@@ -55,7 +55,7 @@ def _direction(law: ResidualLaw, value: float) -> tuple[str, bool]:
     """Say along what it acts where it is largest, and whether a negative size is said by the words."""
     if law.direction.startswith("across "):
         side = "left" if value > 0 else "right"
-        return f"{law.direction}, to its {side}", value < 0
+        return f"{law.direction} (to its {side})", value < 0
     if value < 0 and law.direction in ("along the velocity", "along the command", "along the spin"):
         return law.direction.replace("along", "against"), True
     return law.direction, False

@@ -149,8 +149,9 @@ def _cut(said: Diagnosis, data: ReportData, split: Split) -> list[tuple[str, flo
     wrench = data.residual_wrench.get(split)
     if said.verdict == "unknown" and error is not None and error.before > no_gap * floor:
         before = [0.0, *(law.explains for law in said.residual)]
-        closed_by = [(law_name(law), law.explains - old) for law, old in zip(said.residual, before, strict=False)]
-        if not closed_by and wrench is not None:
+        laws = said.residual if split == SPLITS[0] else ()  # judged in all trajectories at once
+        closed_by = [(law_name(law), law.explains - old) for law, old in zip(laws, before, strict=False)]
+        if not said.residual and wrench is not None:
             closed_by = [("a free force and torque", (error.before - wrench) / (error.before - floor))]
     if not closed_by:
         return []

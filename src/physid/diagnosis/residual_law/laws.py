@@ -102,7 +102,7 @@ def _combined(
         variables: What sizes may depend on.
         flying: Where a body flies, shape (R, T, N).
         seen: Frames that are judged, shape (R, T, N).
-        knots: Of a function, at quantiles of the variable.
+        knots: Of a function, in the middles of as many equal parts of the frames.
         times: [s] between the knots of functions of time, which may swing.
         seldom: Share of the frames below which a region or a direction does not count.
     """
@@ -137,7 +137,7 @@ def _knots(variable: Variable, active: Tensor, count: int, apart: float) -> Tens
     if variable.swings:
         first, last = float(values.min()), float(values.max())
         return torch.linspace(first, last, max(2, round((last - first) / apart) + 1), dtype=torch.float64)
-    places = values.quantile(torch.linspace(0, 1, count, dtype=values.dtype))
+    places = values.quantile((torch.arange(count, dtype=values.dtype) + 0.5) / count)
     span = float(places[-1] - places[0])
     distinct = torch.cat([places.new_ones(1, dtype=torch.bool), places.diff() > span / count**2])
     return places[distinct]
