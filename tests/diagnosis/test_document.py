@@ -77,6 +77,14 @@ def test_a_fault_is_named_with_its_place_what_was_expected_and_what_came(name: s
     assert message in str(caught.value)
 
 
+def test_a_residual_law_has_as_many_sizes_and_ends_as_places() -> None:
+    document = diagnosis("unknown")
+    assert check_diagnosis(document).to_mapping()["residual"][0]["size"] == (0.04, 0.2, 0.41)
+    document["residual"][0]["high"].pop()
+    with pytest.raises(ValueError, match=r"residual\[0\]: at, size, low, high: expected as many values in each"):
+        check_diagnosis(document)
+
+
 def test_all_faults_are_named_at_once() -> None:
     document = diagnosis() | {"confidence": 2, "verdict": "?"}
     with pytest.raises(ValueError, match=r"(?s)verdict: .*confidence: "):

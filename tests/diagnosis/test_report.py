@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import re
 import shutil
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ import pytest
 
 from diagnosis.documents import diagnosis, said
 from physid.diagnosis.document.document import VERDICTS, check_diagnosis
+from physid.diagnosis.document.residual_sentences import residual_sentences
 from physid.diagnosis.document.sentences import verdict_sentence
 from physid.diagnosis.report import page as report_page
 from physid.diagnosis.report.page import Curve, Film, ReportData, TimeMap, render, write_report
@@ -194,3 +196,22 @@ def test_on_a_phone_nothing_sticks_out_in_light_and_dark(tmp_path: Path, scheme:
         browser.close()
     assert not trouble
     assert (sum(int(part) for part in re.findall(r"\d+", color)) > 600) == (scheme == "light")
+
+
+def test_what_is_missing_is_said_drawn_and_cut_out_of_the_gap() -> None:
+    """A force has a curve, a shift has none; both are parts of the gap on held-out trajectories of one protocol."""
+    page = render(said("unknown"), pictures())
+    text = text_of(page)
+    assert "What is missing" in text
+    for sentence in residual_sentences(said("unknown").residual):
+        assert sentence in text
+    assert page.count("Size over speed") == 1
+    assert "Size over time" not in page
+    for part in ("a force across the velocity 83 %", "a shift of the picture along x 12 %", "not explained 5 %"):
+        assert text.count(part) == 1
+    assert "What is missing" not in text_of(render(said("named"), pictures()))
+
+
+def test_without_a_law_a_free_wrench_says_what_a_better_model_could_close() -> None:
+    text = text_of(render(replace(said("unknown"), residual=()), pictures()))
+    assert "a free force and torque" in text

@@ -59,7 +59,8 @@ def find_residual_laws(nominal_fit: NominalFit, hypothesis: Hypothesis, lack: La
         for each, one in tried if not chosen else ():
             gains[one.site] = max(gains.get(one.site, 0.0), before.score - each.score)
         explains = min(max((before.loss - best.loss) / left, 0.0), 1.0)
-        if law is None or solution.score - best.score < least or explains < settings.residual_law.explains:
+        further = explains - (steps[-1][1] if steps else 0.0)
+        if law is None or solution.score - best.score < least or further < settings.residual_law.explains:
             break
         steps.append((solution.score - best.score, explains))
         chosen.append(law)

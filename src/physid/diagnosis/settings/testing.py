@@ -68,7 +68,7 @@ class ResidualLawSettings(Section):
 
     most: int = setting(2, "laws", "most that are described; 0 for none", ge=0)
     explains: float = setting(
-        0.1, "share", "of what is left that they must explain in trajectories they were not fitted to", ge=0, le=1
+        0.1, "share", "of what is left that each must explain, in trajectories it was not fitted to", ge=0, le=1
     )
     knots: int = setting(5, "knots", "of the function of a variable that is a law's size", ge=2)
     time: float = setting(0.08, "s", "between knots of a function of time; a force has at most one to a piece", gt=0)
