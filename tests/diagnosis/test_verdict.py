@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from physid.diagnosis.conclusion.gap import Closing, Interval
-from physid.diagnosis.conclusion.verdict import closes_most, indistinguishable_from_zero, judge, reconsider
+from physid.diagnosis.conclusion.verdict import in_all_frames, indistinguishable_from_zero, judge, reconsider
 from physid.diagnosis.selection import evidence
 from physid.diagnosis.selection.attribution import Attribution
 from physid.diagnosis.selection.evidence import all_needed, complete, distinguishable
@@ -87,15 +87,20 @@ def test_a_part_of_the_cause_closes_most_of_the_gap_under_another_protocol(close
     assert judged(found(0.1, 0.001), transfer(2.0, closed)) == verdict
 
 
-@pytest.mark.parametrize(("same", "other", "part"), [(0.8, 0.7, True), (0.8, 0.4, False), (0.1, 0.9, False)])
-def test_a_part_closes_most_of_the_gap_in_all_frames_of_each_protocol(same: float, other: float, part: bool) -> None:
+@pytest.mark.parametrize("verdict", ["named", "group", "partial"])
+@pytest.mark.parametrize(("same", "other", "most"), [(0.8, 0.7, True), (0.8, 0.4, False), (0.1, 0.9, False)])
+def test_what_is_blamed_closes_most_of_the_gap_in_all_frames_of_each_protocol(
+    verdict: Any, same: float, other: float, most: bool
+) -> None:
     known = [transfer(1.5, same), transfer(1.5, other)]
-    assert closes_most(known, SETTINGS.verdict) is part
-    assert closes_most([known[0], None], SETTINGS.verdict) is (same >= 0.6)
+    assert in_all_frames(verdict, known, SETTINGS.verdict) == (verdict if most else "unknown")
+    assert in_all_frames(verdict, [known[0], None], SETTINGS.verdict) == (verdict if same >= 0.6 else "unknown")
 
 
-def test_where_no_protocol_shows_a_gap_nothing_is_a_part_of_it() -> None:
-    assert not closes_most([Closing(FLOOR, FLOOR, None, FLOOR, 90_000), None], SETTINGS.verdict)
+def test_where_no_protocol_shows_a_gap_nothing_is_a_part_of_it_and_a_whole_stays() -> None:
+    nothing = [Closing(FLOOR, FLOOR, None, FLOOR, 90_000), None]
+    said: list[Any] = ["partial", "named", "none", "unknown"]
+    assert [in_all_frames(one, nothing, SETTINGS.verdict) for one in said] == ["unknown", "named", "none", "unknown"]
 
 
 def test_more_than_a_part_that_is_open_is_unknown() -> None:

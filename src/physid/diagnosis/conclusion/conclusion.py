@@ -13,7 +13,7 @@ from physid.diagnosis.conclusion.gap import Closing, floor_of, held_out_parts
 from physid.diagnosis.conclusion.materiality import Tolerance, excess_of, share_closed, unexplained_size
 from physid.diagnosis.conclusion.next_experiment import NextExperiment, next_experiment
 from physid.diagnosis.conclusion.power import detectable_sizes
-from physid.diagnosis.conclusion.verdict import closes_most, indistinguishable_from_zero, judge, reconsider
+from physid.diagnosis.conclusion.verdict import BLAMING, in_all_frames, indistinguishable_from_zero, judge, reconsider
 from physid.diagnosis.conclusion.where import locate, nowhere
 from physid.diagnosis.document.document import (
     FORMAT,
@@ -39,9 +39,6 @@ from physid.diagnosis.residual_law import ResidualLaws, find_residual_laws
 from physid.diagnosis.selection.attribution import Attribution
 from physid.diagnosis.selection.comparison import gain
 from physid.diagnosis.testing import Hypothesis, bootstrap_spread
-
-BLAMING: tuple[Verdict, ...] = ("named", "group", "partial")
-"""Verdicts that name effects."""
 
 
 @dataclass(frozen=True)
@@ -89,8 +86,8 @@ def draw_conclusion(nominal_fit: NominalFit, found: Attribution, generator: torc
             verdict = reconsider(verdict, found.nominal, best)
     shown = found.reported(nominal_fit) if verdict in BLAMING else None
     closings = closings_of(nominal_fit, found.whole_nominal, shown, generator) if found.contact_free else judged
-    if verdict == "partial" and not closes_most(closings.values(), settings.verdict):
-        verdict, shown = "unknown", None
+    verdict = in_all_frames(verdict, closings.values(), settings.verdict)
+    shown = shown if verdict in BLAMING else None
     chosen = None if shown is None else best
     if chosen is None:
         closings = {name: _unclosed(one) for name, one in closings.items()}

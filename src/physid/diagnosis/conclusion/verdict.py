@@ -13,6 +13,9 @@ from physid.diagnosis.selection.evidence import complete, explained, improves_he
 from physid.diagnosis.settings.conclusion import VerdictSettings
 from physid.diagnosis.testing import Hypothesis
 
+BLAMING: tuple[Verdict, ...] = ("named", "group", "partial")
+"""Verdicts that name effects."""
+
 
 def judge(found: Attribution, transfer: Closing | None, *, before: bool, after: bool) -> Verdict:
     """Turn what the search found into a verdict.
@@ -64,13 +67,22 @@ def reconsider(verdict: Verdict, nominal: Hypothesis, best: Hypothesis) -> Verdi
     return verdict if improves_held_out(nominal, best) else "none"
 
 
-def closes_most(closings: Iterable[Closing | None], settings: VerdictSettings) -> bool:
-    """Return whether effects close most of the gap in all frames, on each protocol that shows one.
+def in_all_frames(verdict: Verdict, closings: Iterable[Closing | None], settings: VerdictSettings) -> Verdict:
+    """Return the verdict once the gap is seen in all frames: blamed effects close most of it on each protocol.
 
-    What closes less is no part of the cause: something else imitates it in the segments that decided.
+    What closes less is no part of the cause: something else imitates it in the segments that decided. Where no protocol
+    shows a gap, nothing is a part of it.
+
+    Args:
+        verdict: By the segments that decided.
+        closings: How far gaps close in all frames; None where a protocol is missing.
+        settings: How much may be left.
     """
+    if verdict not in BLAMING:
+        return verdict
     known = [one for one in closings if one is not None and one.shrink is not None]
-    return bool(known) and all(_open(one, settings) <= settings.partly for one in known)
+    closed = all(_open(one, settings) <= settings.partly for one in known)
+    return verdict if closed and (known or verdict != "partial") else "unknown"
 
 
 def _carries(transfer: Closing | None, settings: VerdictSettings) -> bool:
