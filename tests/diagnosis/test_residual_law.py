@@ -122,7 +122,7 @@ def law(**changes: Any) -> ResidualLaw:
             {"kind": "shift", "direction": "along x", "variable": "time", "unit": "m"},
             "a shift of the picture along x that changes with the time, by 1.8 mm; it explains 83 %",
         ),
-        ({"variable": "x", "variable_unit": "m"}, "that grows with the x, 0.410 (0.370 to 0.450) N at x = 1 m"),
+        ({"variable": "x", "variable_unit": "m"}, "that grows with x, 0.410 (0.370 to 0.450) N at x = 1 m"),
     ],
 )
 def test_a_law_is_said_in_one_sentence(changes: dict[str, Any], said: str) -> None:

@@ -43,7 +43,7 @@ def law_phrase(law: ResidualLaw) -> str:
         value, low, high = -value, -high, -low
     region = "" if law.region == "everywhere" else f" {law.region}"
     if law.kind == "shift":
-        return f"{name} {law.direction} that changes with the {law.variable}, by {quantity(law.moves, 'm')}"
+        return f"{name} {law.direction} that changes with {_variable(law)}, by {quantity(law.moves, 'm')}"
     size = interval(value, low, high, law.unit)
     if law.variable is None:
         return f"{name} {direction}{region}, {size}"
@@ -64,16 +64,21 @@ def _direction(law: ResidualLaw, value: float) -> tuple[str, bool]:
 def _how(law: ResidualLaw) -> str:
     """Say how the size depends on the variable; one that may be zero is."""
     known = zip(law.size, law.low, law.high, strict=True)
-    size, name = [0.0 if low <= 0 <= high else value for value, low, high in known], law.variable
+    size, name = [0.0 if low <= 0 <= high else value for value, low, high in known], _variable(law)
     first, last, most = abs(size[0]), abs(size[-1]), max(map(abs, size))
     changes = sum(one * other < 0 for one, other in pairwise(size))
     if changes >= SWINGS:
-        return f"swings with the {name}"
+        return f"swings with {name}"
     if changes == 0 and last == most and last > GROWS * first:
-        return f"grows with the {name}"
+        return f"grows with {name}"
     if changes == 0 and first == most and first > GROWS * last:
-        return f"falls with the {name}"
-    return f"changes with the {name}"
+        return f"falls with {name}"
+    return f"changes with {name}"
+
+
+def _variable(law: ResidualLaw) -> str:
+    """Name the variable in a sentence: "the speed", "x"."""
+    return f"the {law.variable}" if law.variable and len(law.variable) > 1 else str(law.variable)
 
 
 def _at(law: ResidualLaw, value: float) -> str:
