@@ -72,6 +72,7 @@ WITHOUT: Mapping[str, Mapping[str, Any]] = {
     "weights of contact segments": {"nominal_fit.own_weights": False},
     "steps chosen by halving": {"nominal_fit.step_choices": 0},
     "following the simulator": {"nominal_fit.follows": False},
+    "bound on the difference of two engines": {"least_squares.prior.engine": 1e6},
     "candidates refitted with the simulator": {"comparison.most_refitted": 0},
     "floors of the numerics": {"null_simulations.floor_replays": 0},
     "bad impacts apart": {"null_distribution.bad": 1e8},
@@ -107,7 +108,7 @@ FITTED = {
     "equivalent signatures", "scatter of replays", "hollow effects dropped",
 }  # fmt: skip
 """Act only where candidates are fitted, which takes a gap that is significant."""
-CONCLUDING = ("posterior", "parametric_bootstrap", "gap", "materiality", "verdict", "localisation", "next_experiment")
+CONCLUDING = ("posterior", "residual_law", "gap", "materiality", "verdict", "localisation", "next_experiment")
 """Sections of the settings that only the conclusion reads."""
 
 

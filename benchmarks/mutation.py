@@ -92,6 +92,7 @@ SUITES: dict[str, tuple[str, ...]] = {
     "diagnosis/testing/lack_of_fit.py": (
         *("diagnosis/test_localisation.py", "diagnosis/test_verdict.py", "diagnosis/test_diagnose.py"),
     ),
+    "diagnosis/residual_law/*.py": ("diagnosis/test_residual_law.py",),
     "diagnosis/testing/hypothesis.py": ("diagnosis/test_hypothesis.py", "diagnosis/test_finite_sizes.py"),
     "diagnosis/selection/*.py": (
         *("diagnosis/test_verdict.py", "diagnosis/test_attribution.py", "diagnosis/test_contact_free.py"),
@@ -105,6 +106,7 @@ SUITES: dict[str, tuple[str, ...]] = {
     "diagnosis/conclusion/power.py": ("diagnosis/test_power.py",),
     "diagnosis/conclusion/decomposition.py": ("diagnosis/test_decomposition.py",),
     "diagnosis/testing/parametric_bootstrap.py": ("diagnosis/test_parametric_bootstrap.py",),
+    "diagnosis/document/residual_sentences.py": ("diagnosis/test_residual_law.py",),
     "diagnosis/document/sentences.py": ("diagnosis/test_sentences.py", "diagnosis/test_document.py"),
 }
 """The tests of each module, or of all that match one of several patterns."""

@@ -11,6 +11,7 @@ from torch import Tensor
 from physid.diagnosis.inputs import PHASES
 from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.residual_law.motion import Direction, Kind, Region, Variable, directions_of, variables_of
+from physid.diagnosis.settings.testing import ResidualLawSettings
 from physid.diagnosis.testing import Hypothesis, LackOfFit
 from physid.physics import Site
 
@@ -80,7 +81,7 @@ def list_laws(nominal_fit: NominalFit, hypothesis: Hypothesis, lack: LackOfFit) 
         variables_of(prediction, timeline, frame, planar, settings.phases.still_speed),
         nominal_fit.phases == PHASES.index("free_fall"),
         seen,
-        settings.residual_law.knots,
+        settings.residual_law,
         {"force": pieces, "torque": pieces, "shift": settings.residual_law.time},
         settings.residual_wrench.seldom,
     )
@@ -91,7 +92,7 @@ def _combined(
     variables: Sequence[Variable],
     flying: Tensor,
     seen: Tensor,
-    knots: int,
+    settings: ResidualLawSettings,
     times: Mapping[Kind, float],
     seldom: float,
 ) -> list[Law]:
@@ -102,7 +103,7 @@ def _combined(
         variables: What sizes may depend on.
         flying: Where a body flies, shape (R, T, N).
         seen: Frames that are judged, shape (R, T, N).
-        knots: Of a function, in the middles of as many equal parts of the frames.
+        settings: How many knots functions have.
         times: [s] between the knots of functions of time, which may swing.
         seldom: Share of the frames below which a region or a direction does not count.
     """
@@ -125,19 +126,23 @@ def _combined(
                 defined = active & variable.defined
                 if float(defined.sum()) <= seldom * frames:
                     continue
-                places = _knots(variable, defined, knots, times[direction.kind])
+                places = _knots(variable, defined, settings, times[direction.kind])
                 if len(places) > 1:
                     found.append(Law(direction, variable, region, defined, places))
     return found
 
 
-def _knots(variable: Variable, active: Tensor, count: int, apart: float) -> Tensor:
-    """Return where a function of a variable bends; one value alone if the variable does not change."""
-    values = variable.value[active]
+def _knots(variable: Variable, active: Tensor, settings: ResidualLawSettings, apart: float) -> Tensor:
+    """Return where a function of a variable bends; one value alone if the variable does not change.
+
+    Times are equally far apart, other knots in the middles of as many equal parts of the frames.
+    """
+    values, count = variable.value[active].sort().values, settings.knots
     if variable.swings:
-        first, last = float(values.min()), float(values.max())
-        return torch.linspace(first, last, max(2, round((last - first) / apart) + 1), dtype=torch.float64)
-    places = values.quantile((torch.arange(count, dtype=values.dtype) + 0.5) / count)
+        first, last = float(values[0]), float(values[-1])
+        times = min(max(2, round((last - first) / apart) + 1), settings.most_knots)
+        return torch.linspace(first, last, times, dtype=torch.float64)
+    places = values[((torch.arange(count) + 0.5) / count * len(values)).long()]
     span = float(places[-1] - places[0])
     distinct = torch.cat([places.new_ones(1, dtype=torch.bool), places.diff() > span / count**2])
     return places[distinct]

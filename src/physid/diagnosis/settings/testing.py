@@ -71,4 +71,5 @@ class ResidualLawSettings(Section):
         0.1, "share", "of what is left that each must explain, in trajectories it was not fitted to", ge=0, le=1
     )
     knots: int = setting(5, "knots", "of the function of a variable that is a law's size", ge=2)
+    most_knots: int = setting(120, "knots", "of a function of time; longer trajectories have them further apart", ge=2)
     time: float = setting(0.08, "s", "between knots of a function of time; a force has at most one to a piece", gt=0)
