@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 import torch
+from torch import Tensor
 
 from diagnosis.sets import recorded
 from physid.data import RecordingSet
@@ -13,6 +14,7 @@ from physid.diagnosis.reference.nominal_fit import NONE, NominalFit, fit_nominal
 from physid.effects import find
 from physid.estimation.least_squares.multi_start import carried, guesses, search, try_new_states, varied
 from physid.estimation.least_squares.settings import MultiStartSettings
+from physid.estimation.prediction import Predictor, Variants
 
 NEAR = 1.1  # times the loss at the best initial state
 
@@ -107,3 +109,19 @@ def test_initial_states_follow_a_turned_camera_so_that_it_sees_what_it_saw(nomin
     now, before = predictor.predict(found).pose[0], nominal_fit.fit.jacobian.base.pose[0]
     first = (predictor.segments.trajectory, start)
     assert torch.allclose(now[first], before[first], atol=2e-3)
+
+
+def test_a_lens_that_folds_the_picture_throws_no_state_away(
+    nominal_fit: NominalFit, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Beyond the fold nothing is seen where it was: undoing it again and again ran off to 1e135 m."""
+
+    def folded(_: Predictor, state: Tensor, _point: Variants) -> Tensor:
+        place = state[..., :3]
+        return torch.cat([place * (1 - 4 * place.square().sum(-1, keepdim=True)), state[..., 3:]], -1)
+
+    experiment, fit = nominal_fit.experiment, nominal_fit.fit
+    monkeypatch.setattr(Predictor, "observe", folded)
+    found = carried(experiment, fit, fit.point)
+    assert float(found.pose[..., :3].abs().max()) < 2 * float(fit.point.pose[..., :3].abs().max()) + 1
+    assert experiment.losses(found).isfinite().all()

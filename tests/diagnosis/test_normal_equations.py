@@ -12,6 +12,7 @@ from physid.estimation.least_squares.jacobian import Directions
 from physid.estimation.least_squares.normal_equations import Linearised, Part, linearise
 from physid.estimation.least_squares.settings import PriorSettings
 from physid.estimation.prediction.segments import Segmentation
+from physid.physics import SolverError
 
 TRAJECTORIES, FRAMES, STATES, SHARED = 2, 12, 4, 3
 
@@ -83,3 +84,15 @@ def test_where_nothing_is_seen_an_initial_state_is_as_sure_as_its_prior() -> Non
     precision = linear.parts[0].factor[0] @ linear.parts[0].factor[0].mT
     deviations = torch.tensor([0.1, 0.3, 5.0, 2.0], dtype=torch.float64).repeat_interleave(3)
     assert torch.allclose(precision, torch.diag(deviations**-2))
+
+
+@pytest.mark.parametrize("which", ["state", "shared"])
+def test_what_is_not_finite_is_no_linear_model(which: str) -> None:
+    segments, seen = Segmentation.equal(1, FRAMES, FRAMES), torch.ones(1, FRAMES, 1, 6, dtype=torch.float64)
+    free = torch.zeros(1, 1, dtype=torch.bool)
+    directions = Directions.of(torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64), free, free)
+    columns = torch.ones(len(directions.used), *seen.shape, dtype=torch.float64)
+    jacobian = SimpleNamespace(state=columns, shared=columns[:1].clone())
+    getattr(jacobian, which)[0, 0, 3] = torch.nan
+    with pytest.raises(SolverError, match="expected finite changes"):
+        linearise(seen, seen, jacobian, directions, segments)  # type: ignore[arg-type]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import product
 
@@ -30,7 +31,7 @@ from physid.estimation.least_squares import (
     try_new_states,
 )
 from physid.estimation.prediction import Predictor, Variants, has
-from physid.physics import Effect
+from physid.physics import Effect, SolverError
 
 
 @dataclass(frozen=True)
@@ -215,12 +216,15 @@ def _carried_along(
     A camera that is turned moves and turns all that it reports: initial states follow along a curve, and a line leaves
     it at once.
     """
-    predictor, found = experiment.predictor, []
+    predictor = experiment.predictor
+    found: list[Fit] = []
     for share, nominal in product(settings.curved, (start.point.nominal, predictor.model.guess[None])):
         effects = start.point.effects.clone()
         effects[0, columns] += share * change
         there = start.point.replace(nominal=nominal, effects=clamp_effects(predictor, effects))
-        found.append(gauss_newton(experiment, carried(experiment, start, there), columns[:0], settings.curved_steps))
+        with suppress(SolverError):
+            point = carried(experiment, start, there)
+            found.append(gauss_newton(experiment, point, columns[:0], settings.curved_steps))
     return found
 
 

@@ -55,7 +55,8 @@ def guesses(experiment: Experiment, point: Variants) -> Variants:
 def carried(experiment: Experiment, fit: Fit, point: Variants) -> Variants:
     """Return a point with initial states from which the camera sees what a fit predicts, where that explains more.
 
-    The point's effects act on what is seen: s is found from p = observe(s) by s <- s + p - observe(s).
+    The point's effects act on what is seen: s is found from p = observe(s) by s <- s + p - observe(s), as long as that
+    comes nearer. A lens that folds the picture has no such s beyond the fold.
 
     Args:
         experiment: What to explain.
@@ -63,9 +64,12 @@ def carried(experiment: Experiment, fit: Fit, point: Variants) -> Variants:
         point: Its initial states, and the effects and unknown parameters that are tried.
     """
     seen = fit.jacobian.base.pose
-    state = seen
+    state, off = seen, pose_difference(seen, experiment.predictor.observe(seen, point))
     for _ in range(experiment.settings.multi_start.undo):
-        state = _shifted(state, pose_difference(seen, experiment.predictor.observe(state, point)))
+        moved = _shifted(state, off)
+        left = pose_difference(seen, experiment.predictor.observe(moved, point))
+        nearer = left.norm(dim=-1, keepdim=True) < off.norm(dim=-1, keepdim=True)
+        state, off = torch.where(nearer, moved, state), torch.where(nearer, left, off)
     return choose(experiment, _guessed(experiment, point, state[0], torch.ones_like(state[0, ..., 0])))
 
 

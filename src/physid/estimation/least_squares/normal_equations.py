@@ -11,6 +11,7 @@ from torch import Tensor
 from physid.estimation.least_squares.jacobian import Directions, Jacobian
 from physid.estimation.least_squares.settings import PriorSettings
 from physid.estimation.prediction.segments import Batch, Segmentation
+from physid.physics import SolverError
 
 DEFAULT = PriorSettings()
 
@@ -198,12 +199,17 @@ def linearise(
         directions: Free changes of the initial states.
         segments: How trajectories are cut.
         settings: How far an initial state may move from its guess.
+
+    Raises:
+        SolverError: If the prediction, or its change, is not finite.
     """
     spread = torch.tensor([settings.state[k // 3] for _, k in directions.used], dtype=residual.dtype)
     parts = []
     for batch in segments.batches:
         state, shared = (batch.columns(columns * scale) for columns in (jacobian.state, jacobian.shared))
         gram = state.mT @ state
+        if not bool(gram.isfinite().all() and shared.isfinite().all()):
+            raise SolverError("prediction: expected finite changes at these states and parameters, found others")
         ridge = 1 / spread**2 + 1e-9 * gram.diagonal(dim1=-2, dim2=-1)
         factor = torch.linalg.cholesky(gram + torch.diag_embed(ridge))
         parts.append(Part(batch, batch.columns((residual * scale)[None])[..., 0], state, shared, factor))
