@@ -98,6 +98,8 @@ def test_site_and_phase_are_those_of_the_largest_share() -> None:
     other = judge("000", check_diagnosis(document), label())
     assert other.site is False
     assert other.phase is False
+    document["where"]["site"] = dict.fromkeys(document["where"]["site"], 0.0)
+    assert judge("000", check_diagnosis(document), label()).site is False, "no site is not the first of the list"
     assert judge("000", said("none"), label()).site is None
     assert judge("000", check_diagnosis(document), FREE).phase is None
 

@@ -126,6 +126,8 @@ def judge(name: str, document: Diagnosis, label: Label, spent: Spent | None = No
 
 def _site(document: Diagnosis, label: Label) -> bool:
     shares = document.where.site
+    if not any(shares.values()):
+        return False  # a gap of which nothing is said is not where the effect is
     return max(SITES, key=lambda site: shares[site]) in {part.site for part in label.effects}
 
 
