@@ -122,6 +122,10 @@ def law(**changes: Any) -> ResidualLaw:
             {"kind": "shift", "direction": "along x", "variable": "time", "unit": "m"},
             "a shift of the picture along x that changes with the time, by 1.8 mm; it explains 83 %",
         ),
+        (
+            {"low": (-0.5,) * 3, "high": (0.5,) * 3},
+            "across the velocity that changes with the speed, of no sure size; it",
+        ),
         ({"variable": "x", "variable_unit": "m"}, "that grows with x, 0.410 (0.370 to 0.450) N at x = 1 m"),
     ],
 )

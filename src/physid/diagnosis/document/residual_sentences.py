@@ -34,14 +34,17 @@ def residual_sentences(laws: Sequence[ResidualLaw]) -> list[str]:
 
 
 def law_phrase(law: ResidualLaw) -> str:
-    """Say what acts, on what its size depends, and how large it is where it is surely largest."""
+    """Say what acts, on what its size depends, and how large it is where it is surely largest, if it is anywhere."""
     peak = max(range(len(law.size)), key=lambda k: max(law.low[k], -law.high[k]))
     value, low, high = law.size[peak], law.low[peak], law.high[peak]
     name = NOUNS[law.kind]
+    region = "" if law.region == "everywhere" else f" {law.region}"
+    if law.kind != "shift" and low <= 0 <= high:
+        depends = "" if law.variable is None else f" that changes with {_variable(law)}"
+        return f"{name} {law.direction}{region}{depends}, of no sure size"
     direction, turned = _direction(law, value)
     if turned:
         value, low, high = -value, -high, -low
-    region = "" if law.region == "everywhere" else f" {law.region}"
     if law.kind == "shift":
         return f"{name} {law.direction} that changes with {_variable(law)}, by {quantity(law.moves, 'm')}"
     size = interval(value, low, high, law.unit)

@@ -90,7 +90,7 @@ class SiteSettings(Section):
 
     named: float = setting(0.01, "share", "of the best gain that divides a weight by e, where effects are named", gt=0)
     unnamed: float = setting(
-        0.1, "share", "the same between whole sites, where none is", "decision 0011, calibration bank 607", gt=0
+        0.1, "share", "the same between the best residual laws of sites, where none is named", gt=0
     )
     least: float = setting(2.0, "squared residuals", "that divide a weight by e at least", gt=0)
     rounding: float = setting(1e-6, "squared residuals", "gain of a cell that is nothing but rounding", ge=0)

@@ -27,7 +27,7 @@ class Experiment:
         scale: One over the standard deviation of the noise times the root of the weight, shape (R, T, N, 6).
         fitted: Trajectories that determine shared parameters (the others only have their initial states fitted), (R,).
         directions: Free changes of initial states.
-        engine: How far the reference simulator leaves this one (a shared column with a prior of 0 +- 1), (R, T, N, 6).
+        engine: How far the reference simulator leaves this one, a shared column (see `PriorSettings`), (R, T, N, 6).
         follow: Segments in which the reference simulator is followed, shape (K,); where small errors grow fast it
             cannot be.
         settings: What decides in its fits.
