@@ -113,6 +113,7 @@ def law(**changes: Any) -> ResidualLaw:
             {"direction": "along the velocity", "size": (-0.4, -0.2, -0.1), "low": (-0.5,) * 3, "high": (-0.1,) * 3},
             "a force against the velocity that falls with the speed, 0.40 (0.10 to 0.50) N at 0 m/s",
         ),
+        ({"size": (-0.4, 0.0, 0.2), "low": (-0.5, -0.1, 0.1), "high": (-0.3, 0.1, 0.3)}, "that changes with the speed"),
         ({"size": (0.3, 0.5, 0.3), "region": "in contact"}, "in contact that changes with the speed"),
         (
             {"at": (0.0,), "size": (0.4,), "low": (0.3,), "high": (0.5,), "variable": None, "direction": "along x"},

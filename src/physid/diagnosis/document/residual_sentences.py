@@ -69,7 +69,7 @@ def _how(law: ResidualLaw) -> str:
     known = zip(law.size, law.low, law.high, strict=True)
     size, name = [0.0 if low <= 0 <= high else value for value, low, high in known], _variable(law)
     first, last, most = abs(size[0]), abs(size[-1]), max(map(abs, size))
-    changes = sum(one * other < 0 for one, other in pairwise(size))
+    changes = sum(one * other < 0 for one, other in pairwise(filter(None, size)))
     if changes >= SWINGS:
         return f"swings with {name}"
     if changes == 0 and last == most and last > GROWS * first:
