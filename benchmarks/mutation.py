@@ -100,7 +100,7 @@ SUITES: dict[str, tuple[str, ...]] = {
     ),
     "diagnosis/posterior/*.py": ("diagnosis/test_posterior.py",),
     "diagnosis/conclusion/verdict.py": ("diagnosis/test_verdict.py",),
-    "diagnosis/conclusion/materiality.py": ("diagnosis/test_materiality.py",),
+    "diagnosis/selection/materiality.py": ("diagnosis/test_materiality.py",),
     "diagnosis/conclusion/localisation.py": ("diagnosis/test_localisation.py",),
     "diagnosis/conclusion/gap.py": ("diagnosis/test_gap.py",),
     "diagnosis/conclusion/power.py": ("diagnosis/test_power.py",),

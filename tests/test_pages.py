@@ -63,6 +63,8 @@ OTHERS = [
 ]
 OTHERS += ["pip", "sbatch", "sleep", "srun", "torchrun", "wandb"]
 TUTORIALS = ("tutorial_csv.md", "tutorial_mp4.md")  # tests/test_tutorials.py runs them as they stand
+RUN = [page for page in PAGES if page.parent.name != "decisions" and page.name not in TUTORIALS]
+# Commands of decision records are those of the code of their day: they are history, and are not run.
 LONG = ("--quick",)  # left out, since it would win over what keeps a command short
 # Several processes: tests/test_workers.py and tests/test_processes.py run these.
 SPREAD = ("--backend", "--scheduler", "trainer.strategy=")
@@ -208,7 +210,7 @@ def run(words: list[str], recordings: Callable[[str], Path]) -> int:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "page",
-    [page for page in PAGES if any(block.kind != "text" for block in blocks(page)) and page.name not in TUTORIALS],
+    [page for page in RUN if any(block.kind != "text" for block in blocks(page))],
     ids=lambda page: page.relative_to(ROOT).as_posix(),
 )
 def test_what_a_page_shows_runs_from_top_to_bottom(page: Path, place: Path, recordings: Callable[[str], Path]) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import torch
 
-from physid.diagnosis.conclusion.materiality import Excess, Tolerance, excess_of, share_closed, unexplained_size
+from physid.diagnosis.selection.materiality import Excess, Tolerance, excess_of, share_closed, unexplained_size
 from physid.diagnosis.settings.conclusion import MaterialitySettings
 from physid.estimation.measurement.sensor_noise import Noise
 from physid.scenes import find_setup

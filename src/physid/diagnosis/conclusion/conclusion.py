@@ -9,8 +9,7 @@ import torch
 from torch import Tensor
 
 from physid.diagnosis.conclusion.decomposition import closings_of, decompose
-from physid.diagnosis.conclusion.gap import Closing, floor_of, held_out_parts
-from physid.diagnosis.conclusion.materiality import Tolerance, excess_of, share_closed, unexplained_size
+from physid.diagnosis.conclusion.gap import Closing, floor_of
 from physid.diagnosis.conclusion.next_experiment import NextExperiment, next_experiment
 from physid.diagnosis.conclusion.power import detectable_sizes
 from physid.diagnosis.conclusion.verdict import BLAMING, in_all_frames, indistinguishable_from_zero, judge, reconsider
@@ -38,6 +37,7 @@ from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.residual_law import ResidualLaws, find_residual_laws
 from physid.diagnosis.selection.attribution import Attribution
 from physid.diagnosis.selection.comparison import gain
+from physid.diagnosis.selection.materiality import Tolerance, excess_left, is_material, share_closed, tolerance_of
 from physid.diagnosis.testing import Hypothesis, bootstrap_spread
 
 
@@ -68,18 +68,14 @@ def draw_conclusion(nominal_fit: NominalFit, found: Attribution, generator: torc
     """
     settings, terms = nominal_fit.settings, found.nominal.experiment.predictor.terms
     judged = closings_of(nominal_fit, found.nominal, found.best, generator)
-    allowed = Tolerance.of(nominal_fit.noise, nominal_fit.observations.scene, settings.materiality)
-    parts = [*held_out_parts(nominal_fit.observations).values()]
-    best, covariance = found.best, None
-    excess = [excess_of(one, nominal_fit.noise, parts) for one in (found.nominal, best or found.nominal)]
-    before, after = (
-        allowed.exceeded(each) or (lack is not None and unexplained_size(lack, nominal_fit.noise) > allowed.position)
-        for each, lack in zip(excess, (found.lack, found.left), strict=True)
-    )
+    allowed, best, covariance = tolerance_of(nominal_fit), found.best, None
+    before = is_material(nominal_fit, found.nominal, found.lack)
+    after = is_material(nominal_fit, best or found.nominal, found.left)
     verdict = judge(found, judged["transfer"], before=before, after=after)
     minor = []
     if best is not None and not before:
-        minor = [Minor(best.names, found.lack.chance(best.names, gain(found.nominal, best)), share_closed(*excess))]
+        closes = share_closed(*(excess_left(nominal_fit, one) for one in (found.nominal, best)))
+        minor = [Minor(best.names, found.lack.chance(best.names, gain(found.nominal, best)), closes)]
     if verdict in BLAMING and best is not None:
         covariance = best.covariance() + bootstrap_spread(best, generator)
         if settings.verdict.reconsidered and indistinguishable_from_zero(best, covariance, judged.values()):

@@ -10,7 +10,7 @@ from scipy.stats import chi2
 from torch import Tensor
 
 from physid.diagnosis.document.document import Split
-from physid.diagnosis.inputs import SAME, SELECT, TRANSFER, Observations
+from physid.diagnosis.inputs import Observations
 from physid.diagnosis.settings.conclusion import GapSettings
 from physid.diagnosis.testing import Hypothesis, LackOfFit, freed
 from physid.estimation.least_squares import Experiment
@@ -153,9 +153,6 @@ def closing(
 
 
 def held_out_parts(observations: Observations) -> dict[Split, Tensor]:
-    """Return which trajectories report on the same protocol (held-out ones, else `select`) and on the transfer."""
-    same = observations.having(SAME)
-    return {
-        "same": same if bool(same.any()) else observations.having(SELECT),
-        "transfer": observations.having(TRANSFER),
-    }
+    """Return which trajectories report on each split."""
+    same, transfer = observations.reported
+    return {"same": same, "transfer": transfer}

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-from physid.diagnosis.conclusion.materiality import Tolerance
 from physid.diagnosis.document.document import Detectable
+from physid.diagnosis.selection.materiality import Tolerance
 from physid.diagnosis.settings.settings import Settings
 from physid.diagnosis.testing import LackOfFit, Tail
 from physid.estimation.measurement import Noise

@@ -78,6 +78,12 @@ class Observations:
         """Trajectories that determine parameters, shape (R,)."""
         return self.having(FIT) | self.having(SELECT) | self.having(PROBE)
 
+    @property
+    def reported(self) -> tuple[Tensor, Tensor]:
+        """Trajectories that report on the same protocol (held-out ones, else `select`), and on the transfer, (R,)."""
+        same = self.having(SAME)
+        return same if bool(same.any()) else self.having(SELECT), self.having(TRANSFER)
+
     def having(self, role: str) -> Tensor:
         """Return which trajectories play a part, shape (R,)."""
         return torch.tensor([each == role for each in self.roles])

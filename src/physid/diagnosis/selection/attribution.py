@@ -18,6 +18,7 @@ from physid.diagnosis.selection.evidence import (
     evident,
     sound,
 )
+from physid.diagnosis.selection.materiality import is_material
 from physid.diagnosis.selection.several import leaves, of_one_more, with_twins
 from physid.diagnosis.testing import (
     Hypothesis,
@@ -83,6 +84,9 @@ class Attribution:
 def attribute(nominal_fit: NominalFit, generator: torch.Generator, say: Progress = silent) -> Attribution:
     """Search the catalogue for what the nominal model lacks: first where the motion is calm, then everywhere.
 
+    Contact-free segments decide alone where they show a material gap and what causes it. A gap there whose cause they
+    do not confirm, and one too small to matter, may be the faint side of what acts at impacts.
+
     Args:
         nominal_fit: The fitted nominal model.
         generator: Randomness of null simulations.
@@ -90,11 +94,15 @@ def attribute(nominal_fit: NominalFit, generator: torch.Generator, say: Progress
     """
     first = nominal_fit.settings.contact_free.first
     quiet = contact_free(nominal_fit, generator, say) if first else None
-    if quiet is not None:
-        found = _search(quiet, generator, say)
-        if found.best is not None or unexplained(found):
-            return _with_further(nominal_fit, _with_all_frames(nominal_fit, found, say), generator, say)
-    return _search(nominal_fit, generator, say)
+    if quiet is None:
+        return _search(nominal_fit, generator, say)
+    calm = _search(quiet, generator, say)
+    if calm.best is not None and is_material(nominal_fit, calm.nominal, calm.lack):
+        return _with_further(nominal_fit, _with_all_frames(nominal_fit, calm, say), generator, say)
+    found = _search(nominal_fit, generator, say)
+    if found.best is None and (calm.best is not None or unexplained(calm)):
+        return _with_all_frames(nominal_fit, calm, say)
+    return found
 
 
 def _with_all_frames(nominal_fit: NominalFit, found: Attribution, say: Progress) -> Attribution:

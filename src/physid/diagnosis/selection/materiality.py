@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.settings.conclusion import MaterialitySettings
 from physid.diagnosis.testing import Hypothesis, LackOfFit
 from physid.estimation.measurement import Noise
@@ -63,6 +64,29 @@ class Excess:
 
     position: float
     rotation: float
+
+
+def tolerance_of(nominal_fit: NominalFit) -> Tolerance:
+    """Return the tolerance of a diagnosis."""
+    return Tolerance.of(nominal_fit.noise, nominal_fit.observations.scene, nominal_fit.settings.materiality)
+
+
+def excess_left(nominal_fit: NominalFit, one: Hypothesis) -> Excess:
+    """Return the excess of a hypothesis over trajectories that nothing was fitted to, on the worse of the protocols."""
+    return excess_of(one, nominal_fit.noise, nominal_fit.observations.reported)
+
+
+def is_material(nominal_fit: NominalFit, one: Hypothesis, lack: LackOfFit | None) -> bool:
+    """Return whether a hypothesis leaves more than the tolerance, or a better model would move positions by more.
+
+    Args:
+        nominal_fit: The recordings.
+        one: The hypothesis; of some segments alone if it was fitted to these.
+        lack: What it leaves unexplained; None where that is not known.
+    """
+    allowed = tolerance_of(nominal_fit)
+    missing = 0.0 if lack is None else unexplained_size(lack, nominal_fit.noise)
+    return allowed.exceeded(excess_left(nominal_fit, one)) or missing > allowed.position
 
 
 def excess_of(hypothesis: Hypothesis, noise: Noise, parts: Iterable[Tensor]) -> Excess:
