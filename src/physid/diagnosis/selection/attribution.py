@@ -84,8 +84,9 @@ class Attribution:
 def attribute(nominal_fit: NominalFit, generator: torch.Generator, say: Progress = silent) -> Attribution:
     """Search the catalogue for what the nominal model lacks: first where the motion is calm, then everywhere.
 
-    Contact-free segments decide alone where they show a material gap and what causes it. A gap there whose cause they
-    do not confirm, and one too small to matter, may be the faint side of what acts at impacts.
+    Contact-free segments decide alone where they show a material gap and all of its cause. A gap there that nothing
+    explains, or a cause in part, and one too small to matter may be the faint side of what acts at impacts: all
+    segments decide if what they show leaves nothing.
 
     Args:
         nominal_fit: The fitted nominal model.
@@ -97,24 +98,46 @@ def attribute(nominal_fit: NominalFit, generator: torch.Generator, say: Progress
     if quiet is None:
         return _search(nominal_fit, generator, say)
     calm = _search(quiet, generator, say)
-    if calm.best is not None and is_material(nominal_fit, calm.nominal, calm.lack):
-        return _with_further(nominal_fit, _with_all_frames(nominal_fit, calm, say), generator, say)
-    found = _search(nominal_fit, generator, say)
-    if found.best is None and (calm.best is not None or unexplained(calm)):
-        return _with_all_frames(nominal_fit, calm, say)
-    return found
+    material = is_material(nominal_fit, calm.nominal, calm.lack)
+    if not (material and _whole(calm)):
+        found = _search(nominal_fit, generator, say)
+        if _whole(found) or not _shows(calm) or (not material and _shows(found)):
+            return found
+    return _with_further(nominal_fit, _with_all_frames(nominal_fit, calm, say), generator, say)
+
+
+def _shows(found: Attribution) -> bool:
+    """Return whether a search shows a gap."""
+    return found.best is not None or unexplained(found)
+
+
+def _whole(found: Attribution) -> bool:
+    """Return whether the best of a search leaves nothing."""
+    if found.best is None or found.left is None:
+        return False
+    return complete(found.nominal, found.best, found.lack, found.left)
 
 
 def _with_all_frames(nominal_fit: NominalFit, found: Attribution, say: Progress) -> Attribution:
-    """Fit what contact-free segments showed to all frames; where that cannot be simulated, it stays as it is."""
+    """Fit what contact-free segments showed to all frames; where that cannot be simulated, it stays as it is.
+
+    Of a group, that hypothesis is the best which all frames fit best: impacts tell apart what flights do not. None is
+    dropped for it.
+    """
     say(Stage.FITTING_ALL_FRAMES)
-    try:
-        best = None if found.best is None else refit_all_segments(nominal_fit, found.best)
-    except SolverError:
-        return found
-    return replace(
-        found, refit_all_segments=(conclude(nominal_fit.experiment, nominal_fit.fit, (), nominal_fit.settings), best)
-    )
+    fitted: list[tuple[Hypothesis, Hypothesis]] = []
+    for one in found.group if found.best is not None else ():
+        try:
+            fitted.append((one, refit_all_segments(nominal_fit, one)))
+        except SolverError:
+            if one is found.best:
+                return found
+    nominal = conclude(nominal_fit.experiment, nominal_fit.fit, (), nominal_fit.settings)
+    if not fitted:
+        return replace(found, refit_all_segments=(nominal, None))
+    best, whole = min(fitted, key=lambda both: float(both[1].held_out.sum()))
+    group = [best, *(one for one in found.group if one is not best)]
+    return replace(found, best=best, group=group, refit_all_segments=(nominal, whole))
 
 
 def _with_further(
