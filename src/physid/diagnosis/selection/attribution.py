@@ -84,9 +84,9 @@ class Attribution:
 def attribute(nominal_fit: NominalFit, generator: torch.Generator, say: Progress = silent) -> Attribution:
     """Search the catalogue for what the nominal model lacks: first where the motion is calm, then everywhere.
 
-    Contact-free segments decide alone where they show a material gap and all of its cause. A gap there that nothing
-    explains, or a cause in part, and one too small to matter may be the faint side of what acts at impacts: all
-    segments decide if what they show leaves nothing.
+    Contact-free segments decide alone where they show a material gap and all of its cause, or a gap that nothing
+    explains, which impacts will not explain either. A part of a cause there, and one too small to matter, may be the
+    faint side of what acts at impacts: then all segments decide, if what they show is more.
 
     Args:
         nominal_fit: The fitted nominal model.
@@ -99,16 +99,12 @@ def attribute(nominal_fit: NominalFit, generator: torch.Generator, say: Progress
         return _search(nominal_fit, generator, say)
     calm = _search(quiet, generator, say)
     material = is_material(nominal_fit, calm.nominal, calm.lack)
-    if not (material and _whole(calm)):
+    if not material or not (_whole(calm) or unexplained(calm)):
         found = _search(nominal_fit, generator, say)
-        if _whole(found) or not _shows(calm) or (not material and _shows(found)):
+        faint = found.best is None or (material and not _whole(found))
+        if calm.best is None or not faint:
             return found
     return _with_further(nominal_fit, _with_all_frames(nominal_fit, calm, say), generator, say)
-
-
-def _shows(found: Attribution) -> bool:
-    """Return whether a search shows a gap."""
-    return found.best is not None or unexplained(found)
 
 
 def _whole(found: Attribution) -> bool:
@@ -121,12 +117,12 @@ def _whole(found: Attribution) -> bool:
 def _with_all_frames(nominal_fit: NominalFit, found: Attribution, say: Progress) -> Attribution:
     """Fit what contact-free segments showed to all frames; where that cannot be simulated, it stays as it is.
 
-    Of a group, that hypothesis is the best which all frames fit best: impacts tell apart what flights do not. None is
-    dropped for it.
+    Of the first of a group, that hypothesis is the best which all frames fit best: impacts tell apart what flights do
+    not. None is dropped for it.
     """
     say(Stage.FITTING_ALL_FRAMES)
     fitted: list[tuple[Hypothesis, Hypothesis]] = []
-    for one in found.group if found.best is not None else ():
+    for one in found.group[: max(1, nominal_fit.settings.comparison.most_refitted)]:
         try:
             fitted.append((one, refit_all_segments(nominal_fit, one)))
         except SolverError:

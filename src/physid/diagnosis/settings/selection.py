@@ -18,7 +18,6 @@ class ContactFreeSettings(Section):
 class CandidateSettings(Section):
     """Which hypotheses are worth fitting."""
 
-    survive: float = setting(0.1, "share", "of the best gain that a candidate needs to be fitted", ge=0, le=1)
     most_singles: int = setting(10, "effects", "most that are fitted alone", ge=1)
     most_effects: int = setting(3, "effects", "most that are blamed together", "decision 66", ge=1)
     most_combinations: int = setting(5, "hypotheses", "of one effect more, most that are fitted at a time", ge=1)
