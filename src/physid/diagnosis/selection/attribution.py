@@ -86,7 +86,7 @@ def attribute(nominal_fit: NominalFit, generator: torch.Generator, say: Progress
 
     Contact-free segments decide alone where they show a material gap and all of its cause, or a gap that nothing
     explains, which impacts will not explain either. A part of a cause there, and one too small to matter, may be the
-    faint side of what acts at impacts: then all segments decide, if what they show is more.
+    faint side of what acts at impacts: then all segments decide, if what they find leaves nothing.
 
     Args:
         nominal_fit: The fitted nominal model.
@@ -101,8 +101,7 @@ def attribute(nominal_fit: NominalFit, generator: torch.Generator, say: Progress
     material = is_material(nominal_fit, calm.nominal, calm.lack)
     if not material or not (_whole(calm) or unexplained(calm)):
         found = _search(nominal_fit, generator, say)
-        faint = found.best is None or (material and not _whole(found))
-        if calm.best is None or not faint:
+        if calm.best is None or _whole(found):
             return found
     return _with_further(nominal_fit, _with_all_frames(nominal_fit, calm, say), generator, say)
 
