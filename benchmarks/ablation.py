@@ -39,7 +39,8 @@ from physid.diagnosis.inputs.requirements import require_usable
 from physid.diagnosis.progress import Stage
 from physid.diagnosis.reference.nominal_fit import NominalFit, fit_nominal_model
 from physid.diagnosis.reference.nominal_fit_cache import DECIDING
-from physid.diagnosis.selection.attribution import Attribution, attribute
+from physid.diagnosis.selection.attribution import attribute
+from physid.diagnosis.selection.search import Attribution
 from physid.diagnosis.settings.settings import Settings
 from physid.diagnosis.testing.hypothesis import Hypothesis
 from physid.effects import CATALOGUE

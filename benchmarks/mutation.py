@@ -96,11 +96,10 @@ SUITES: dict[str, tuple[str, ...]] = {
     "diagnosis/testing/hypothesis.py": ("diagnosis/test_hypothesis.py", "diagnosis/test_finite_sizes.py"),
     "diagnosis/selection/*.py": (
         *("diagnosis/test_verdict.py", "diagnosis/test_attribution.py", "diagnosis/test_contact_free.py"),
-        "diagnosis/test_diagnose.py",
+        *("diagnosis/test_materiality.py", "diagnosis/test_diagnose.py"),
     ),
     "diagnosis/posterior/*.py": ("diagnosis/test_posterior.py",),
     "diagnosis/conclusion/verdict.py": ("diagnosis/test_verdict.py",),
-    "diagnosis/selection/materiality.py": ("diagnosis/test_materiality.py",),
     "diagnosis/conclusion/localisation.py": ("diagnosis/test_localisation.py",),
     "diagnosis/conclusion/gap.py": ("diagnosis/test_gap.py",),
     "diagnosis/conclusion/power.py": ("diagnosis/test_power.py",),

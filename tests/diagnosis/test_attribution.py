@@ -12,9 +12,8 @@ import pytest
 import torch
 
 from physid.diagnosis.progress import silent
-from physid.diagnosis.selection import attribution as attribute
+from physid.diagnosis.selection import attribution, further, search, several
 from physid.diagnosis.selection import comparison as compare_candidates
-from physid.diagnosis.selection import several
 from physid.diagnosis.settings.settings import Settings
 from physid.physics import SolverError
 
@@ -42,7 +41,6 @@ def test_a_hypothesis_that_cannot_be_looked_at_is_passed_over_and_the_next_one_a
         return lack(0.001 if one is nominal else 1.0)
 
     for name, stand_in in (
-        ("contact_free", lambda *_: None),
         ("conclude", lambda *_: nominal),
         ("find_lack_of_fit", find_lack_of_fit),
         ("survivors", lambda *_: [first.names, second.names]),
@@ -53,8 +51,9 @@ def test_a_hypothesis_that_cannot_be_looked_at_is_passed_over_and_the_next_one_a
         ("distinguishable", lambda *_: False),
         ("alike", lambda *_: ()),
     ):
-        monkeypatch.setattr(attribute, name, stand_in)
-    found = attribute.attribute(cast(Any, hypothesis()), torch.Generator())
+        monkeypatch.setattr(search, name, stand_in)
+    monkeypatch.setattr(attribution, "contact_free", lambda *_: None)
+    found = attribution.attribute(cast(Any, hypothesis()), torch.Generator())
     assert found.best is second
     assert found.group == [second]
     assert found.left is not None
@@ -147,19 +146,79 @@ def test_what_flights_showed_stays_where_what_it_leaves_at_impacts_cannot_be_sim
         raise SolverError("no solution")
 
     drag = hypothesis("drag")
-    named = attribute.Attribution(hypothesis(), lack(0.001), [drag], drag, lack(1.0), [drag])
-    for name, stand_in in (
-        ("contact_free", lambda *_: "calm windows"),
-        ("_search", lambda *_: named),
-        ("refit_all_segments", lambda *_: drag),
-        ("conclude", lambda *_: hypothesis()),
-        ("find_lack_of_fit", fails),
+    named = search.Attribution(hypothesis(), lack(0.001), [drag], drag, lack(1.0), [drag])
+    for module, name, stand_in in (
+        (attribution, "contact_free", lambda *_: "calm windows"),
+        (attribution, "search", lambda *_: named),
+        (attribution, "is_material", lambda *_: True),
+        (attribution, "refit_all_segments", lambda *_: drag),
+        (attribution, "conclude", lambda *_: hypothesis()),
+        (further, "find_lack_of_fit", fails),
     ):
-        monkeypatch.setattr(attribute, name, stand_in)
-    found = attribute.attribute(cast(Any, hypothesis()), torch.Generator())
+        monkeypatch.setattr(module, name, stand_in)
+    found = attribution.attribute(cast(Any, hypothesis()), torch.Generator())
     assert found.contact_free
     assert found.whole_best is drag
     assert found.best is drag
+
+
+NOTHING, UNEXPLAINED, PART, WHOLE = "nothing", "unexplained", "part", "whole"
+
+
+@pytest.mark.parametrize(
+    ("calm", "material", "everywhere", "decides"),
+    [
+        (WHOLE, True, WHOLE, "calm"),
+        (UNEXPLAINED, True, WHOLE, "calm"),
+        (PART, True, WHOLE, "all"),
+        (PART, True, PART, "calm"),
+        (WHOLE, False, WHOLE, "all"),
+        (WHOLE, False, UNEXPLAINED, "calm"),
+        (PART, False, NOTHING, "calm"),
+        (UNEXPLAINED, False, PART, "all"),
+        (NOTHING, False, PART, "all"),
+    ],
+)
+def test_contact_free_segments_decide_alone_what_they_explain_whole_or_not_at_all_if_it_matters(
+    calm: str, material: bool, everywhere: str, decides: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def shown(what: str) -> Any:
+        effect = hypothesis("effect") if what in (PART, WHOLE) else None
+        left = None if effect is None else lack(1.0 if what == WHOLE else 0.001)
+        gap = lack(1.0 if what == NOTHING else 0.001)
+        gap.missing, gap.excess = 100.0, 100.0
+        if left is not None:
+            left.missing = 0.0 if what == WHOLE else 90.0
+        return search.Attribution(hypothesis(), gap, [], effect, left, [effect] if effect else [])
+
+    found = {"calm windows": shown(calm), "all windows": shown(everywhere)}
+    for name, stand_in in (
+        ("contact_free", lambda *_: "calm windows"),
+        ("search", lambda fit, *_: found["calm windows" if fit == "calm windows" else "all windows"]),
+        ("is_material", lambda *_: material),
+        ("_with_all_frames", lambda _, one, __: one),
+        ("further_effects", lambda _, one, *__: one),
+    ):
+        monkeypatch.setattr(attribution, name, stand_in)
+    monkeypatch.setattr(search, "evident", lambda _: False)
+    answer = attribution.attribute(cast(Any, hypothesis()), torch.Generator())
+    assert answer is found["calm windows" if decides == "calm" else "all windows"]
+
+
+def test_of_a_group_that_hypothesis_is_shown_which_all_frames_fit_best_and_none_is_dropped(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    size, offset = hypothesis("object_size"), hypothesis("camera_offset")
+    everywhere = {"object_size": 5.0, "camera_offset": 1.0}
+    monkeypatch.setattr(
+        attribution, "refit_all_segments", lambda _, one: hypothesis(*one.names, loss=everywhere[one.names[0]])
+    )
+    monkeypatch.setattr(attribution, "conclude", lambda *_: hypothesis())
+    calm = search.Attribution(hypothesis(), lack(0.001), [size, offset], size, lack(1.0), [size, offset])
+    found = attribution._with_all_frames(cast(Any, hypothesis()), calm, lambda *_: None)
+    assert found.best is offset
+    assert found.whole_best.names == ("camera_offset",)
+    assert found.group == [offset, size]
 
 
 def test_a_hypothesis_that_the_reference_simulator_cannot_follow_stays_as_it_was_fitted(

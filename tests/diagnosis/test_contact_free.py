@@ -16,8 +16,9 @@ from physid.diagnosis.diagnose import diagnose
 from physid.diagnosis.inputs.model_source import read_nominal_model
 from physid.diagnosis.inputs.observations import load_observations
 from physid.diagnosis.reference.nominal_fit import NominalFit, fit_nominal_model
-from physid.diagnosis.selection import attribution as attribute
+from physid.diagnosis.selection import attribution
 from physid.diagnosis.selection.contact_free import contact_free, refit_all_segments
+from physid.diagnosis.selection.search import Attribution
 from physid.diagnosis.settings.settings import Settings
 from physid.diagnosis.testing.hypothesis import begin_hypothesis, columns_of
 from physid.effects import CATALOGUE
@@ -106,11 +107,14 @@ def test_what_cannot_be_simulated_in_all_frames_stays_as_contact_free_segments_s
     def fails(*_: object) -> None:
         raise SolverError("no solution")
 
-    monkeypatch.setattr(attribute, "refit_all_segments", fails)
-    monkeypatch.setattr(attribute, "contact_free", lambda *_: "calm windows")
-    named = attribute.Attribution(*[cast(Any, name) for name in ("nominal", "stage", "tried", "best", "left", "group")])
-    monkeypatch.setattr(attribute, "_search", lambda *_: named)
-    assert attribute.attribute(cast(Any, SimpleNamespace(settings=Settings())), torch.Generator()) is named
+    monkeypatch.setattr(attribution, "refit_all_segments", fails)
+    monkeypatch.setattr(attribution, "contact_free", lambda *_: "calm windows")
+    best = cast(Any, "best")
+    named = Attribution(*[cast(Any, name) for name in ("nominal", "stage", "tried")], best, cast(Any, "left"), [best])
+    monkeypatch.setattr(attribution, "search", lambda *_: named)
+    monkeypatch.setattr(attribution, "is_material", lambda *_: True)
+    monkeypatch.setattr(attribution, "leaves_nothing", lambda _: True)
+    assert attribution.attribute(cast(Any, SimpleNamespace(settings=Settings())), torch.Generator()) is named
     assert not named.contact_free
 
 

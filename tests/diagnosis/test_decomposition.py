@@ -15,7 +15,6 @@ from physid.diagnosis.conclusion.decomposition import closings_of, shapley
 from physid.diagnosis.conclusion.gap import Closing, Interval
 from physid.diagnosis.document.document import Split, check_diagnosis
 from physid.diagnosis.document.sentences import how_far_sentence
-from physid.diagnosis.inputs import TRANSFER
 from physid.diagnosis.report.contents import ReportData
 from physid.diagnosis.report.page import render
 from physid.diagnosis.settings.settings import Settings
@@ -117,7 +116,7 @@ def test_each_part_of_the_recordings_closes_by_its_own_errors_and_without_effect
 
     transferred = torch.tensor([False, False, True, True])
     nominal_fit: Any = SimpleNamespace(
-        observations=SimpleNamespace(having=lambda split: transferred == (split == TRANSFER)),
+        observations=SimpleNamespace(reported=(~transferred, transferred)),
         noise=SimpleNamespace(floor=4e-3),
         settings=Settings(),
     )

@@ -13,7 +13,7 @@ import torch
 from physid.diagnosis.conclusion.localisation import Place, over_time, sites
 from physid.diagnosis.conclusion.where import phase_shares, work_of
 from physid.diagnosis.inputs.model_source import read_nominal_model
-from physid.diagnosis.selection.attribution import Attribution
+from physid.diagnosis.selection.search import Attribution
 from physid.diagnosis.settings.settings import Settings
 from physid.diagnosis.testing.lack_of_fit import Row
 from physid.diagnosis.testing.null_tails import together

@@ -12,8 +12,8 @@ import torch
 from physid.diagnosis.conclusion.gap import Closing, Interval
 from physid.diagnosis.conclusion.verdict import in_all_frames, indistinguishable_from_zero, judge, reconsider
 from physid.diagnosis.selection import evidence
-from physid.diagnosis.selection.attribution import Attribution
 from physid.diagnosis.selection.evidence import all_needed, complete, distinguishable
+from physid.diagnosis.selection.search import Attribution
 from physid.diagnosis.settings.settings import Settings
 from physid.diagnosis.testing.hypothesis import Hypothesis
 from physid.diagnosis.testing.lack_of_fit import LackOfFit, Row

@@ -12,7 +12,7 @@ from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.report.figures import draw
 from physid.diagnosis.report.overlay import overlay
 from physid.diagnosis.report.page import write_report
-from physid.diagnosis.selection.attribution import Attribution
+from physid.diagnosis.selection.search import Attribution
 
 NEXT = "next_experiment.yaml"
 

@@ -35,9 +35,9 @@ from physid.diagnosis.document.rounding import rounded
 from physid.diagnosis.posterior.evidence import with_probabilities
 from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.residual_law import ResidualLaws, find_residual_laws
-from physid.diagnosis.selection.attribution import Attribution
 from physid.diagnosis.selection.comparison import gain
 from physid.diagnosis.selection.materiality import Tolerance, excess_left, is_material, share_closed, tolerance_of
+from physid.diagnosis.selection.search import Attribution
 from physid.diagnosis.testing import Hypothesis, bootstrap_spread
 
 

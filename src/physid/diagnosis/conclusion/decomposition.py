@@ -18,8 +18,8 @@ from physid.diagnosis.conclusion.gap import (
 )
 from physid.diagnosis.document.document import Split
 from physid.diagnosis.reference.nominal_fit import NominalFit
-from physid.diagnosis.selection.attribution import Attribution
 from physid.diagnosis.selection.contact_free import refit_all_segments
+from physid.diagnosis.selection.search import Attribution
 from physid.diagnosis.testing import Hypothesis, begin_hypothesis, finish_hypothesis
 from physid.physics import SolverError
 

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from physid.diagnosis.document.document import SITES, Dof, Phase
-from physid.diagnosis.selection.attribution import Attribution
+from physid.diagnosis.selection.search import Attribution
 from physid.diagnosis.testing import LackOfFit
 from physid.physics import Site
 

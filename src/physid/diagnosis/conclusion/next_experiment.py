@@ -11,7 +11,7 @@ import yaml
 
 from physid.diagnosis.inputs import FIT, Observations
 from physid.diagnosis.reference.nominal_fit import NominalFit, begin
-from physid.diagnosis.selection.attribution import Attribution
+from physid.diagnosis.selection.search import Attribution
 from physid.diagnosis.testing import Hypothesis
 from physid.estimation.least_squares import Experiment, gauss_newton
 from physid.estimation.prediction import Predictor, Segmentation, Timeline, Variants

@@ -8,8 +8,8 @@ from torch import Tensor
 
 from physid.diagnosis.conclusion.gap import Closing
 from physid.diagnosis.document.document import Verdict
-from physid.diagnosis.selection.attribution import Attribution, unexplained
 from physid.diagnosis.selection.evidence import complete, explained, improves_held_out
+from physid.diagnosis.selection.search import Attribution, unexplained
 from physid.diagnosis.settings.conclusion import VerdictSettings
 from physid.diagnosis.testing import Hypothesis
 

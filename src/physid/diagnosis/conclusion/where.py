@@ -13,7 +13,7 @@ from physid.diagnosis.document.document import PHASES, SITES, Cell, Phase, Where
 from physid.diagnosis.inputs import PHASES as CODES
 from physid.diagnosis.inputs import phases_of
 from physid.diagnosis.reference.nominal_fit import NominalFit
-from physid.diagnosis.selection.attribution import Attribution
+from physid.diagnosis.selection.search import Attribution
 from physid.diagnosis.testing import Hypothesis
 from physid.estimation.prediction import Prediction, Segmentation, Variants, has
 from physid.physics import Site, SolverError

@@ -12,7 +12,7 @@ from physid.diagnosis.conclusion.gap import floor_of, held_out_parts, position_f
 from physid.diagnosis.conclusion.localisation import over_time
 from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.report.contents import Curve, ReportData, TimeMap
-from physid.diagnosis.selection.attribution import Attribution
+from physid.diagnosis.selection.search import Attribution
 from physid.diagnosis.testing import Hypothesis, LackOfFit, piece_frames
 from physid.pages.numbers import percent
 
