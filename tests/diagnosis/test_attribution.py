@@ -205,6 +205,18 @@ def test_contact_free_segments_decide_alone_what_they_explain_whole_or_not_at_al
     assert answer is found["calm windows" if decides == "calm" else "all windows"]
 
 
+@pytest.mark.parametrize(("share", "there"), [(0.49, True), (0.51, False)])
+def test_a_free_wrench_has_half_of_what_chance_is_allowed_and_what_is_evident_needs_none(
+    share: float, there: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    chance = lack(share * Settings().evidence.alpha)
+    found = search.Attribution(hypothesis(), chance, [], None, None, [])
+    monkeypatch.setattr(search, "evident", lambda _: False)
+    assert search.unexplained(found) == there
+    monkeypatch.setattr(search, "evident", lambda _: True)
+    assert search.unexplained(found)
+
+
 def test_of_a_group_that_hypothesis_is_shown_which_all_frames_fit_best_and_none_is_dropped(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

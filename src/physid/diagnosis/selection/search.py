@@ -75,9 +75,12 @@ class Attribution:
 
 
 def unexplained(found: Attribution) -> bool:
-    """Return whether a gap is beyond doubt although no effect was confirmed."""
+    """Return whether a gap is beyond doubt although no effect was confirmed.
+
+    A free wrench is one of the two looks of `LackOfFit.p_value`: it has half of what chance is allowed.
+    """
     alpha = found.nominal.settings.evidence.alpha
-    return found.best is None and (found.lack.p_free <= alpha or evident(found.nominal))
+    return found.best is None and (2 * found.lack.p_free <= alpha or evident(found.nominal))
 
 
 def leaves_nothing(found: Attribution) -> bool:
