@@ -241,6 +241,6 @@ def test_a_hypothesis_that_the_reference_simulator_cannot_follow_stays_as_it_was
 
     fitted = hypothesis("drag", loss=0.1)
     monkeypatch.setattr(compare_candidates, "finish_hypothesis", lambda one: one)
-    monkeypatch.setattr(compare_candidates, "refitted_from_new_states", lambda one: one)
+    monkeypatch.setattr(compare_candidates, "refitted_from_new_states", lambda one, _: one)
     monkeypatch.setattr(compare_candidates, "fit_with_reference", fails)
     assert compare_candidates.compare_candidates([fitted.names], lambda _: fitted, hypothesis(), silent) == [fitted]

@@ -47,6 +47,30 @@ def test_a_wrong_initial_state_is_found_again_and_the_others_stay(nominal_fit: N
     assert torch.equal(found.twist[0, well], wrong.point.twist[0, well])
 
 
+def test_a_rival_that_found_the_motion_leads_to_it_through_another_camera_and_a_worse_one_changes_nothing(
+    nominal_fit: NominalFit,
+) -> None:
+    """The camera stands 5 cm aside: where the rival saw a body, this one has to be 5 cm away from what it sees."""
+    experiment, right, shift = nominal_fit.experiment, nominal_fit.fit, torch.zeros(7, dtype=torch.float64)
+    shift[0] = 0.05
+    alone = MultiStartSettings(doubtful=1e9, draws=0)
+    moved = experiment.replace(
+        pose=experiment.pose + shift, settings=experiment.settings.model_copy(update={"multi_start": alone})
+    )
+    aside = right.point.replace(effects=0.05 * torch.eye(5, dtype=torch.float64)[:1])
+    seen = moved.linearise(right.point.replace(pose=right.point.pose + shift), NONE)  # the rival knows of no camera
+    twist = aside.twist.clone()
+    twist[0, 1, :, 2] = 4.0  # [rad/s]
+    wrong = moved.linearise(aside.replace(twist=twist), NONE)
+    assert float(wrong.loss[1]) > 1e3 * float(right.loss[1])
+    assert search(moved, wrong) is wrong.point
+    found = search(moved, wrong, seen)
+    assert float(moved.losses(found)[0, 1]) < NEAR * float(right.loss[1])
+    assert float((found.pose - aside.pose)[0, 1, :, :3].norm(dim=-1).max()) < 2e-3
+    best = moved.linearise(aside, NONE)
+    assert float(moved.losses(search(moved, best, wrong)).sum()) <= float(best.loss.sum())
+
+
 def test_where_all_fits_nothing_is_searched(nominal_fit: NominalFit) -> None:
     count = nominal_fit.experiment.predictor.segments.size * 6
     assert (nominal_fit.fit.loss < MultiStartSettings().doubtful * count).all()

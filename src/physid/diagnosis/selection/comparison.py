@@ -46,7 +46,8 @@ def compare_candidates(
     for one in fitted[: settings.most_refitted]:
         if settled and gain(one, settled[0]) > settings.near * gain(before, settled[0]):
             break
-        settled.append(_fitted_with_reference(one, say))
+        rivals = [each for each in (before, *settled, *fitted[len(settled) :]) if each is not one]
+        settled.append(_fitted_with_reference(one, by_prediction(rivals)[0], say))
     return by_prediction([*settled, *fitted[len(settled) :]])
 
 
@@ -70,11 +71,11 @@ def _finished(one: Hypothesis, say: Progress) -> Hypothesis:
         return one
 
 
-def _fitted_with_reference(one: Hypothesis, say: Progress) -> Hypothesis:
+def _fitted_with_reference(one: Hypothesis, rival: Hypothesis, say: Progress) -> Hypothesis:
     """Fit a hypothesis with the numerics of the reference simulator; where these cannot be simulated it stays."""
     say(Stage.REPLAYING, " + ".join(one.names))
     try:
-        again = refitted_from_new_states(one)
+        again = refitted_from_new_states(one, rival)
         experiment, fit = fit_with_reference(again.experiment, again.fit, again.columns, again.names, one.settings)
     except SolverError:
         return one

@@ -165,10 +165,16 @@ def finish_hypothesis(begun: Hypothesis) -> Hypothesis:
     return conclude(experiment, fit, begun.names, begun.settings)
 
 
-def refitted_from_new_states(one: Hypothesis) -> Hypothesis:
-    """Fit a hypothesis again with new initial states where it fits badly; the better fit is returned."""
+def refitted_from_new_states(one: Hypothesis, rival: Hypothesis | None = None) -> Hypothesis:
+    """Fit a hypothesis again with new initial states where it fits badly; the better fit is returned.
+
+    Args:
+        one: The hypothesis.
+        rival: Another one. Segments that it explains better are fitted from the motion that it found as well: rivals
+            are to be compared by their laws, and not by who found the better initial states.
+    """
     own = one.settings.hypothesis
-    point = search(one.experiment, one.fit) if own.new_states else one.fit.point
+    point = search(one.experiment, one.fit, None if rival is None else rival.fit) if own.new_states else one.fit.point
     if point is one.fit.point:
         return one
     fit = gauss_newton(one.experiment, point, one.columns, own.new_states_steps)

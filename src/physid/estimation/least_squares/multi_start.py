@@ -63,14 +63,19 @@ def carried(experiment: Experiment, fit: Fit, point: Variants) -> Variants:
         fit: A fit, with other effects.
         point: Its initial states, and the effects and unknown parameters that are tried.
     """
-    seen = fit.jacobian.base.pose
+    state = _from_seen(experiment, fit.jacobian.base.pose, point)
+    return choose(experiment, _guessed(experiment, point, state[0], torch.ones_like(state[0, ..., 0])))
+
+
+def _from_seen(experiment: Experiment, seen: Tensor, point: Variants) -> Tensor:
+    """Return the poses of which a camera with the effects of a point sees these, (1, R, T, N, 7), as near as it can."""
     state, off = seen, pose_difference(seen, experiment.predictor.observe(seen, point))
     for _ in range(experiment.settings.multi_start.undo):
         moved = _shifted(state, off)
         left = pose_difference(seen, experiment.predictor.observe(moved, point))
         nearer = left.norm(dim=-1, keepdim=True) < off.norm(dim=-1, keepdim=True)
         state, off = torch.where(nearer, moved, state), torch.where(nearer, left, off)
-    return choose(experiment, _guessed(experiment, point, state[0], torch.ones_like(state[0, ..., 0])))
+    return state
 
 
 def _shifted(pose: Tensor, off: Tensor) -> Tensor:
@@ -106,19 +111,36 @@ def try_new_states(experiment: Experiment, point: Variants) -> Variants:
     return choose(experiment, guesses(experiment, point), point)
 
 
-def search(experiment: Experiment, fit: Fit) -> Variants:
+def search(experiment: Experiment, fit: Fit, rival: Fit | None = None) -> Variants:
     """Look for initial states that no step by a slope leads to, and keep what explains a segment better.
 
-    Those of badly fitted segments are fitted from new guesses, and those of all segments are varied (`varied`). Where
-    most segments fit badly it is the model that is wrong, and nothing is tried.
+    Those of badly fitted segments are fitted from new guesses, those that a rival explains better from the motion that
+    it found, and those of all segments are varied (`varied`). Where most segments fit badly it is the model that is
+    wrong, and nothing is tried.
+
+    Args:
+        experiment: What to explain.
+        fit: Where.
+        rival: Another fit of the same segments, with other effects.
     """
     segments, settings = experiment.predictor.segments, experiment.settings.multi_start
     count = segments.sum_frames((experiment.scale > 0).sum((2, 3))[None].double())[0]
     doubtful = fit.loss > settings.doubtful * count
     if float(doubtful.double().mean()) > settings.most:
         return fit.point
-    point = _refitted(experiment, fit, doubtful.nonzero()[:, 0]) if bool(doubtful.any()) else fit.point
+    point = _refitted(experiment, fit, doubtful, guesses(experiment, fit.point)) if bool(doubtful.any()) else fit.point
+    if rival is not None and bool((rival.loss < fit.loss).any()):
+        there = experiment.at(point, fit)
+        point = _refitted(experiment, there, rival.loss < there.loss, _in_motion_of(rival, experiment, point))
     return varied(experiment, fit, point)
+
+
+def _in_motion_of(rival: Fit, experiment: Experiment, point: Variants) -> Variants:
+    """Return the point itself, and with the initial states of another fit, as a camera with the point's effects saw."""
+    segments = experiment.predictor.segments
+    begun = _from_seen(experiment, rival.jacobian.base.pose, point)[:, segments.trajectory, segments.start]
+    pose, twist = experiment.directions.level(begun, rival.point.twist)
+    return point.repeat(2).replace(pose=torch.cat([point.pose, pose]), twist=torch.cat([point.twist, twist]))
 
 
 def varied(experiment: Experiment, fit: Fit, point: Variants) -> Variants:
@@ -147,15 +169,16 @@ def varied(experiment: Experiment, fit: Fit, point: Variants) -> Variants:
     return choose(experiment, many, point)
 
 
-def _refitted(experiment: Experiment, fit: Fit, chosen: Tensor) -> Variants:
-    """Fit the initial states of some segments (indices) from new guesses.
+def _refitted(experiment: Experiment, fit: Fit, chosen: Tensor, many: Variants) -> Variants:
+    """Fit the initial states of some segments, a mask (K,), from all but the first of several.
 
     A wrong initial state and wrong parameters may hold each other, so that neither moves alone: the guess has to be
     fitted before it is compared.
     """
-    settings = experiment.settings.multi_start
+    settings, chosen = experiment.settings.multi_start, chosen.nonzero()[:, 0]
+    if not len(chosen):
+        return fit.point
     alone = experiment.with_known_parameters().only(chosen, fit.jacobian.base.state[0])
-    many = guesses(experiment, fit.point)
     found, losses = [fit.point], [fit.loss]
     for k in range(1, len(many)):
         tried = gauss_newton(alone, _of(many[k : k + 1], chosen), fit.effects[:0], settings.rounds)
