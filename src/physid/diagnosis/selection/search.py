@@ -37,8 +37,8 @@ class Attribution:
         left: What the best leaves unexplained; None if nothing is missing.
         group: Hypotheses that predict as well as the best, itself included.
         alike: Effects whose signature is that of a part of the best wherever the motion is calm.
-        everywhere: The nominal model and the best fitted to all segments, where contact-free ones alone were searched;
-            the effects are as these say.
+        refit_all_segments: The nominal model and the best fitted to all segments, where contact-free ones alone were
+            searched.
     """
 
     nominal: Hypothesis
