@@ -110,7 +110,7 @@ SUITES: dict[str, tuple[str, ...]] = {
 }
 """The tests of each module, or of all that match one of several patterns."""
 SLOW = (
-    *("h5py", "imageio", "joblib", "jsonargparse", "lightning", "matplotlib.pyplot", "mujoco", "omegaconf", "pybullet"),
+    *("h5py", "joblib", "jsonargparse", "lightning", "matplotlib.pyplot", "mujoco", "omegaconf", "pybullet"),
     *("pydantic", "scipy.optimize", "scipy.stats", "torch", "tqdm", "yaml"),
 )
 """What is imported before, once for all; pytest itself must still see hypothesis come."""
