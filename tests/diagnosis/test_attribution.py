@@ -149,7 +149,7 @@ def test_what_flights_showed_stays_where_what_it_leaves_at_impacts_cannot_be_sim
     named = search.Attribution(hypothesis(), lack(0.001), [drag], drag, lack(1.0), [drag])
     for module, name, stand_in in (
         (attribution, "contact_free", lambda *_: "calm windows"),
-        (attribution, "search", lambda *_: named),
+        (attribution, "search_catalogue", lambda *_: named),
         (attribution, "is_material", lambda *_: True),
         (attribution, "refit_all_segments", lambda *_: drag),
         (attribution, "conclude", lambda *_: hypothesis()),
@@ -194,7 +194,7 @@ def test_contact_free_segments_decide_alone_what_they_explain_whole_or_not_at_al
     found = {"calm windows": shown(calm), "all windows": shown(everywhere)}
     for name, stand_in in (
         ("contact_free", lambda *_: "calm windows"),
-        ("search", lambda fit, *_: found["calm windows" if fit == "calm windows" else "all windows"]),
+        ("search_catalogue", lambda fit, *_: found["calm windows" if fit == "calm windows" else "all windows"]),
         ("is_material", lambda *_: material),
         ("_with_all_frames", lambda _, one, __: one),
         ("further_effects", lambda _, one, *__: one),

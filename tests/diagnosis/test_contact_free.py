@@ -111,7 +111,7 @@ def test_what_cannot_be_simulated_in_all_frames_stays_as_contact_free_segments_s
     monkeypatch.setattr(attribution, "contact_free", lambda *_: "calm windows")
     best = cast(Any, "best")
     named = Attribution(*[cast(Any, name) for name in ("nominal", "stage", "tried")], best, cast(Any, "left"), [best])
-    monkeypatch.setattr(attribution, "search", lambda *_: named)
+    monkeypatch.setattr(attribution, "search_catalogue", lambda *_: named)
     monkeypatch.setattr(attribution, "is_material", lambda *_: True)
     monkeypatch.setattr(attribution, "leaves_nothing", lambda _: True)
     assert attribution.attribute(cast(Any, SimpleNamespace(settings=Settings())), torch.Generator()) is named

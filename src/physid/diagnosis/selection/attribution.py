@@ -11,7 +11,7 @@ from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.selection.contact_free import contact_free, refit_all_segments
 from physid.diagnosis.selection.further import further_effects
 from physid.diagnosis.selection.materiality import is_material
-from physid.diagnosis.selection.search import Attribution, leaves_nothing, search, unexplained
+from physid.diagnosis.selection.search import Attribution, leaves_nothing, search_catalogue, unexplained
 from physid.diagnosis.testing import Hypothesis, conclude
 from physid.physics import SolverError
 
@@ -31,11 +31,11 @@ def attribute(nominal_fit: NominalFit, generator: torch.Generator, say: Progress
     first = nominal_fit.settings.contact_free.first
     quiet = contact_free(nominal_fit, generator, say) if first else None
     if quiet is None:
-        return search(nominal_fit, generator, say)
-    calm = search(quiet, generator, say)
+        return search_catalogue(nominal_fit, generator, say)
+    calm = search_catalogue(quiet, generator, say)
     material = is_material(nominal_fit, calm.nominal, calm.lack)
     if not material or not (leaves_nothing(calm) or unexplained(calm)):
-        found = search(nominal_fit, generator, say)
+        found = search_catalogue(nominal_fit, generator, say)
         if calm.best is None or leaves_nothing(found):
             return found
     return further_effects(nominal_fit, _with_all_frames(nominal_fit, calm, say), generator, say)
@@ -44,8 +44,9 @@ def attribute(nominal_fit: NominalFit, generator: torch.Generator, say: Progress
 def _with_all_frames(nominal_fit: NominalFit, found: Attribution, say: Progress) -> Attribution:
     """Fit what contact-free segments showed to all frames; where that cannot be simulated, it stays as it is.
 
-    Of the first of a group, that hypothesis is the best which all frames fit best: impacts tell apart what flights do
-    not. None is dropped for it.
+    Of the first of a group, that hypothesis is the best which all frames fit best: impacts distinguish what flights
+    do not. None is dropped for it; what the best leaves (`Attribution.left`) is still that of the first, which predicts
+    the same in contact-free segments.
     """
     say(Stage.FITTING_ALL_FRAMES)
     fitted: list[tuple[Hypothesis, Hypothesis]] = []

@@ -90,7 +90,7 @@ def leaves_nothing(found: Attribution) -> bool:
     return complete(found.nominal, found.best, found.lack, found.left)
 
 
-def search(nominal_fit: NominalFit, generator: torch.Generator, say: Progress) -> Attribution:
+def search_catalogue(nominal_fit: NominalFit, generator: torch.Generator, say: Progress) -> Attribution:
     """Search the catalogue for what the nominal model lacks in the segments given."""
     settings = nominal_fit.settings
     nominal = conclude(nominal_fit.experiment, nominal_fit.fit, (), settings)
@@ -142,7 +142,7 @@ def _best_of(
 ) -> tuple[Hypothesis, LackOfFit] | tuple[None, None]:
     """Return the hypothesis that predicts best, of those that are confirmed, and what it leaves.
 
-    One near which the model cannot be simulated is passed over: what it leaves cannot be told.
+    One near which the model cannot be simulated is passed over: what it leaves cannot be estimated.
     """
     for one in tried:
         if sound(nominal, one, lack):
