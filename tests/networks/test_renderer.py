@@ -137,6 +137,22 @@ def test_a_face_appears_smoothly_as_it_turns_into_view() -> None:
     assert (image[0, 1:] - image[0, :-1]).abs().max() < 0.02
 
 
+def test_a_face_seen_edge_on_has_a_finite_slope_even_where_a_pixel_lies_on_its_horizon() -> None:
+    """Of these one in twenty has a pixel centre on the plane of a side face: the texture is looked up at 0 / 0 there."""
+    generator = torch.Generator().manual_seed(0)
+    straight_down = PinholeCamera(65, 65, (0, 0, 1), (0, 0, 0), (0, 1, 0), 60.0)
+    across, along, yaw = torch.rand(3, 400, generator=generator).unbind()
+    beside, ahead, yaw = 0.1 + 0.001 * across, 0.3 * (along - 0.5), 2 * math.pi * yaw
+    place = [beside * yaw.cos() - ahead * yaw.sin(), beside * yaw.sin() + ahead * yaw.cos(), 0.1 + 0 * yaw]
+    turn = [0 * yaw, 0 * yaw, (yaw / 2).sin(), (yaw / 2).cos()]
+    pose = torch.stack(place + turn, -1)[None, :, None].requires_grad_()
+    patches = torch.rand(1, 1, 6, 3, 8, 8, generator=generator)
+    image = BoxRenderer(straight_down, torch.full((1, 3), 0.2))(pose, Appearance(patches), torch.zeros(1, 3, 65, 65))
+    (slope,) = torch.autograd.grad(image.square().sum(), pose)
+    assert image.isfinite().all()
+    assert slope.isfinite().all()
+
+
 @pytest.mark.parametrize("place", [(9.0, 0.0, 0.1), (0.0, -9.0, 0.1), (0.0, 0.0, 3.0), (0.0, 0.0, 9.0)])
 def test_a_box_out_of_view_or_behind_the_camera_leaves_the_background(place: tuple[float, float, float]) -> None:
     background = torch.rand(1, 3, 96, 96)

@@ -126,10 +126,7 @@ def _paint(faces: Faces, of_face: Tensor, rows: Tensor, appearance: Appearance) 
     """Look up the colour of each box in its window, faces mixed by their coverage; shape (B, T, N, 3, P)."""
     texels = appearance.patches.shape[-1]
     s, t, w = torch.unflatten(faces.surface.flatten(-3, -2) @ rows.T, -2, (3, 3)).unbind(-2)
-    # Off the face the ratio is arbitrary; kept finite there, its gradient is too.
-    safe = torch.where(of_face > 0, w, 1.0)
-    within = 1 - 1 / texels
-    s, t = ((torch.where(of_face > 0, x, 0.0) / safe).clamp(-within, within) for x in (s, t))
+    s, t = (_ratio(x, w, of_face > 0, 1 - 1 / texels) for x in (s, t))
     tile = faces.index[..., None]
     grid = torch.stack([(2 * (tile // 2) + 1 + s) / 3 - 1, (2 * (tile % 2) + 1 + t) / 2 - 1], -1)
     # (B, T, N, 3, P, 2): the frames and faces of one body of one scene share an atlas.
@@ -141,6 +138,17 @@ def _paint(faces: Faces, of_face: Tensor, rows: Tensor, appearance: Appearance) 
     weight = of_face + LEAST_WEIGHT * faces.facing[..., None]
     share = weight / weight.sum(-2, keepdim=True).clamp_min(LEAST_WEIGHT)
     return (colour * share[..., None, :, :]).sum(-2)
+
+
+def _ratio(x: Tensor, w: Tensor, wanted: Tensor, most: float) -> Tensor:
+    """Return x / w where it is wanted, at most `most` in size, and 0 elsewhere.
+
+    On the horizon of a face that is seen edge-on w is 0. Where the limit holds nothing is divided, so that the gradient
+    is finite there: 0 times an infinite slope would not be.
+    """
+    limited = most * torch.sign(x) * torch.where(w < 0, -1.0, 1.0)
+    within = wanted & (x.abs() < most * w.abs())
+    return torch.where(within, x / torch.where(within, w, 1.0), torch.where(wanted, limited, 0.0))
 
 
 def _overlay(canvas: Tensor, colour: Tensor, alpha: Tensor, index: Tensor, order: Tensor) -> Tensor:

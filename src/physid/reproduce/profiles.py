@@ -15,7 +15,7 @@ ALL = {name: Recordings(name, 1000, video=True) for name in ("push", "slide", "c
 ELSEWHERE = Recordings("push_elsewhere", 32)
 """Of a simulator that shares nothing with the model, at 60 frames per second, with noise, jitter and lost frames; the
 noise alone is 0.13 % of the block's size."""
-QUICK_MINUTES, PAPER_MINUTES, METHOD_MINUTES = 1.5, 180.0, 240.0
+QUICK_MINUTES, PAPER_MINUTES, METHOD_MINUTES = 1.5, 180.0, 480.0
 """Of a video cell with one body, on one core: quick, of 1000 films, by the paper's losses alone."""
 
 
@@ -115,7 +115,10 @@ WITHOUT_PHYSICS = Fit(
     overrides=("model.objective.alpha=0.0",), minutes=PAPER_MINUTES,
 )  # fmt: skip
 PAPER = (*sysid(ALL), *OBSERVE, Tosses(), *video(ALL, PAPER_MINUTES), WITHOUT_PHYSICS, Withheld())
-PAPER_METHOD = paper_method(ALL, METHOD_MINUTES)
+PAPER_METHOD = paper_method(
+    ALL, METHOD_MINUTES,
+    ("data.every=10", "data.batch_size=30", "data.preload=true", "trainer.max_epochs=300", "model.phases.warm_up=220"),
+)  # fmt: skip
 PAPER_METHOD_REDUCED = paper_method(FEW_FILMS, 18.0, ("trainer.max_epochs=200", "model.phases.warm_up=80"))
 PROFILES: dict[str, tuple[Cell, ...]] = {
     "quick": QUICK,
