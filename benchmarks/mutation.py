@@ -89,7 +89,7 @@ SUITES: dict[str, tuple[str, ...]] = {
     "diagnosis/testing/null_*.py": ("diagnosis/test_null_tails.py", "diagnosis/test_score_test.py"),
     "diagnosis/testing/equivalence.py": ("diagnosis/test_equivalence.py", "diagnosis/test_diagnose.py"),
     "diagnosis/testing/residual_wrench.py": ("diagnosis/test_residual_wrench.py",),
-    "diagnosis/testing/lack_of_fit.py": (
+    "diagnosis/testing/lack_of_fit.py diagnosis/testing/examination.py": (
         *("diagnosis/test_localisation.py", "diagnosis/test_verdict.py", "diagnosis/test_diagnose.py"),
     ),
     "diagnosis/residual_law/*.py": ("diagnosis/test_residual_law.py",),

@@ -138,7 +138,7 @@ def test_a_face_appears_smoothly_as_it_turns_into_view() -> None:
 
 
 def test_a_face_seen_edge_on_has_a_finite_slope_even_where_a_pixel_lies_on_its_horizon() -> None:
-    """Of these one in twenty has a pixel centre on the plane of a side face: the texture is looked up at 0 / 0 there."""
+    """In one of twenty a pixel centre lies on the plane of a side face, whose texture is looked up at 0 / 0 there."""
     generator = torch.Generator().manual_seed(0)
     straight_down = PinholeCamera(65, 65, (0, 0, 1), (0, 0, 0), (0, 1, 0), 60.0)
     across, along, yaw = torch.rand(3, 400, generator=generator).unbind()

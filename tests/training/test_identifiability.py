@@ -20,7 +20,7 @@ from physid.training.identifiability.planned_experiment import (
     analyse,
     predict,
 )
-from physid.training.initial_states.slopes import slopes
+from physid.training.initial_states.elimination import slopes
 from physid.training.learners.engine import Engine
 from physid.training.parameters.identifiability import Identifiability, SensorNoise
 

@@ -16,7 +16,7 @@ from physid.networks.encoder import Layers
 from physid.physics import State
 from physid.physics.rotations import exponential, multiply
 from physid.scenes import Integration, find_setup
-from physid.training.initial_states.slopes import slopes
+from physid.training.initial_states.elimination import slopes
 from physid.training.learners.supervised import SupervisedID
 from physid.training.learners.video import Objective
 from physid.training.parameters.pose_loss import PoseLoss

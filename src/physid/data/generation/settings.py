@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from physid.data import SPLITS
 from physid.data.batches.splits import assign_splits
 from physid.scenes import Integration, Scene, bodies_of, find_setup, with_parameters
-from physid.simulators import Sampling, find_simulator
-from physid.simulators.sampling import MOST_JITTER, sample
+from physid.simulators import MOST_JITTER, Sampling, find_simulator, sample
 from physid.strict import nearest, number, quoted, whole
 from physid.typed_files import CLOSED, check_as, without_nulls
 

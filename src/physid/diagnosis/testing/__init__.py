@@ -1,6 +1,7 @@
 """Tests of a hypothesis: score tests and null distributions, lack of fit, residual wrenches, equivalence."""
 
 from physid.diagnosis.testing.equivalence import alike, cosine, twins
+from physid.diagnosis.testing.examination import find_lack_of_fit
 from physid.diagnosis.testing.hypothesis import (
     Hypothesis,
     begin_from_finite_sizes,
@@ -9,8 +10,8 @@ from physid.diagnosis.testing.hypothesis import (
     finish_hypothesis,
     refitted_from_new_states,
 )
-from physid.diagnosis.testing.lack_of_fit import LackOfFit, Row, find_lack_of_fit, score_test_of
-from physid.diagnosis.testing.null_distribution import ScoreTest
+from physid.diagnosis.testing.lack_of_fit import LackOfFit, Row
+from physid.diagnosis.testing.null_distribution import ScoreTest, score_test_of
 from physid.diagnosis.testing.null_tails import Tail
 from physid.diagnosis.testing.parametric_bootstrap import bootstrap_spread
 from physid.diagnosis.testing.residual_wrench import freed, piece_frames

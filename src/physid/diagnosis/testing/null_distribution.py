@@ -9,9 +9,10 @@ from torch import Tensor
 
 from physid.diagnosis.reference.null_simulations import NullSimulations
 from physid.diagnosis.settings.settings import Settings
+from physid.diagnosis.testing.hypothesis import Hypothesis
 from physid.diagnosis.testing.null_tails import Tail
-from physid.diagnosis.testing.score_test import Conditional, Group, condition, gains, signals, steady_gains
-from physid.estimation.least_squares import Experiment, Fit, Normal
+from physid.diagnosis.testing.score_test import Conditional, Group, condition, gains, groups_of, signals, steady_gains
+from physid.estimation.least_squares import Experiment, Fit, Normal, prior
 
 
 @dataclass(frozen=True)
@@ -126,3 +127,22 @@ class ScoreTest:
         """Solve for the nuisances in normal equations by segment."""
         by_trajectory = own.per(self.experiment.predictor.segments).select(torch.arange(self.count))
         return condition(by_trajectory.of(self.experiment.fitted), self.nuisance, self.ridge)
+
+
+def score_test_of(hypothesis: Hypothesis, wrenches: Tensor | None = None) -> ScoreTest:
+    """Return the score test of all effects that a hypothesis lacks, beside what it has.
+
+    Args:
+        hypothesis: What is fitted.
+        wrenches: Residual wrenches, whose columns follow those of the effects in the linearised fit.
+    """
+    experiment = hypothesis.experiment
+    terms = experiment.predictor.terms
+    fit = experiment.linearise(hypothesis.fit.point, torch.arange(len(terms)), wrenches)
+    offset = fit.point.nominal.shape[1] + 1
+    groups = [
+        group for group in groups_of(terms, offset, fit.point.effects[0]) if group.names[0] not in hypothesis.names
+    ]
+    nuisance = torch.cat([torch.arange(offset), offset + hypothesis.columns])
+    ridge = prior(experiment, hypothesis.columns)
+    return ScoreTest(experiment, fit, groups, offset + len(terms), nuisance, ridge, hypothesis.settings)

@@ -9,9 +9,9 @@ import torch
 from torch import Tensor
 
 from physid.estimation.least_squares import FirstGuess
+from physid.training.initial_states.elimination import slopes, without_initial_states
 from physid.training.initial_states.explaining import Explaining, started
 from physid.training.initial_states.fitted import fit_states, guess_parameters
-from physid.training.initial_states.slopes import slopes, without_initial_states
 from physid.training.initial_states.tracked import TrackedFit
 from physid.training.parameters import Identifiability, Response, SensorNoise, Trajectories
 
