@@ -87,10 +87,7 @@ LISTS = {
 IMPORTING_MORE = {
     "benchmark/sealing/invent.py": 12,
     "benchmark/sealing/seal.py": 10,
-    "commands/benchmark.py": 10,
     "commands/diagnoses.py": 9,
-    "commands/imports.py": 10,
-    "data/importers/convert.py": 9,
     "diagnosis/conclusion/conclusion.py": 15,
     "diagnosis/diagnose.py": 13,
     "diagnosis/reference/nominal_fit_cache.py": 10,

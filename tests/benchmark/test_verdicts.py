@@ -12,7 +12,7 @@ import pytest
 from tests.benchmark.stub import cheating, failing, ignorant
 
 from physid.benchmark.bank import Bank, read_bank
-from physid.benchmark.scoring.calibrate import calibrate
+from physid.benchmark.scoring.calibration import calibrate
 from physid.benchmark.scoring.results import report
 from physid.benchmark.scoring.scoring import score
 from physid.benchmark.scoring.training import read_table, train

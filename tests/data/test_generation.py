@@ -4,8 +4,8 @@ from collections import Counter
 
 import pytest
 
-from physid.data.batches.splits import assign_splits
 from physid.data.generation.settings import GenerateConfig
+from physid.data.splits import assign_splits
 
 
 @pytest.mark.parametrize(

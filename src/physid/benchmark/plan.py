@@ -11,7 +11,7 @@ import numpy as np
 from physid.benchmark.bank import Purpose, Size
 from physid.benchmark.films import is_film
 from physid.benchmark.sealing.hidden import ROLES, SHARES, Role, candidates, cells
-from physid.data.batches.splits import assign_splits
+from physid.data import assign_splits
 from physid.simulators import SIMULATORS, find_simulator
 from physid.strict import nearest, number, quoted
 

@@ -132,16 +132,14 @@ def _diagnose(place: Path, workers: int, again: bool, quiet: bool) -> None:
 
 def _score(place: Path, target: Path, so_far: bool) -> None:
     from physid.benchmark.bank import read_bank
-    from physid.benchmark.scoring.results import report
-    from physid.benchmark.scoring.scoring import score
+    from physid.benchmark.scoring import report, score
 
     print(f"{report(score(read_bank(place), target, so_far=so_far))}\n\n{target / 'results.html'}")
 
 
 def _calibrate(folders: list[Path], join: str, spent: bool, so_far: bool, out: Path | None) -> None:
     from physid.benchmark.bank import read_bank
-    from physid.benchmark.scoring.calibrate import calibrate, earlier_table, spend
-    from physid.benchmark.scoring.results import columns
+    from physid.benchmark.scoring import calibrate, columns, earlier_table, spend
 
     target = out or folders[0] / "calibration"
     known = earlier_table(join) if join else []

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
-    from physid.data.importers.sets import Imported
+    from physid.data.importers import Imported
 
 KINDS = ("csv", "npz", "mcap", "rosbag", "lerobot", "mp4", "cube-tosses")
 
@@ -50,10 +50,7 @@ def import_(
         map: One more key=value of the mapping; may be repeated, and the word --map be left out.
         guess: Print a mapping that names and values suggest, and which parts are uncertain, instead.
     """
-    from physid.data.importers.convert import import_logs
-    from physid.data.importers.finding import find_logs
-    from physid.data.importers.guess import guess_mapping
-    from physid.data.importers.mapping_files import read_mapping, with_episodes
+    from physid.data.importers import find_logs, guess_mapping, import_logs, read_mapping, with_episodes
 
     kind, places = _sorted(kind, sources or [])
     if kind == "mp4":
@@ -61,7 +58,7 @@ def import_(
         return
     target = out or Path("data") / (kind if kind == "cube-tosses" else _name(places))
     if kind == "cube-tosses":
-        from physid.data.importers.cube_tosses import import_cube_tosses
+        from physid.data.importers import import_cube_tosses
         from physid.one_writer import one_writer
 
         with one_writer(target):
@@ -97,7 +94,7 @@ def _sorted(kind: str, sources: list[Path]) -> tuple[str, list[Path]]:
     Raises:
         ValueError: If it is no kind of log, or nothing is named.
     """
-    from physid.data.importers.finding import kind_of
+    from physid.data.importers import kind_of
     from physid.strict import nearest
 
     if kind not in KINDS:

@@ -8,5 +8,6 @@ from physid.data.format import write_sums as write_sums
 from physid.data.recording import SPLITS as SPLITS
 from physid.data.recording import UNIT_TOLERANCE as UNIT_TOLERANCE
 from physid.data.recording import Recording as Recording
+from physid.data.splits import assign_splits as assign_splits
 from physid.data.trajectory import read_trajectory as read_trajectory
 from physid.data.trajectory import write_trajectory as write_trajectory

@@ -8,8 +8,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from physid.data import SPLITS
-from physid.data.batches.splits import assign_splits
+from physid.data import SPLITS, assign_splits
 from physid.scenes import Integration, Scene, bodies_of, find_setup, with_parameters
 from physid.simulators import MOST_JITTER, Sampling, find_simulator, sample
 from physid.strict import nearest, number, quoted, whole

@@ -9,8 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from physid.data import Recording, read_trajectory, trajectory_path, write_scene, write_sums, write_trajectory
-from physid.data.batches.splits import assign_splits
+from physid.data import (
+    Recording,
+    assign_splits,
+    read_trajectory,
+    trajectory_path,
+    write_scene,
+    write_sums,
+    write_trajectory,
+)
 from physid.data.importers.finding import force_logs
 from physid.data.importers.mapping import GUESSED_FRICTION, LogMap
 from physid.data.importers.reading_logs import Forces, Poses, read_forces, read_poses

@@ -8,8 +8,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from physid.data import UNIT_TOLERANCE, Recording, trajectory_path, write_scene, write_sums, write_trajectory
-from physid.data.batches.splits import assign_splits
+from physid.data import (
+    UNIT_TOLERANCE,
+    Recording,
+    assign_splits,
+    trajectory_path,
+    write_scene,
+    write_sums,
+    write_trajectory,
+)
 from physid.scenes import Body, Ground, Scene
 from physid.scenes.rotations import rotate
 

@@ -13,8 +13,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from physid.data import Recording, trajectory_path, write_scene, write_sums
-from physid.data.batches.splits import assign_splits
+from physid.data import Recording, assign_splits, trajectory_path, write_scene, write_sums
 from physid.data.files import write_text
 from physid.data.trajectory import write_film
 from physid.scenes import Scene
