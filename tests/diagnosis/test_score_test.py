@@ -11,7 +11,7 @@ import torch
 
 from physid.diagnosis.reference.null_simulations import p_value
 from physid.diagnosis.settings.testing import ScoreTestSettings
-from physid.diagnosis.testing.score_test import Conditional, Group, condition, gains, groups_of, steady_gains
+from physid.diagnosis.testing.score_test import Conditional, Group, condition, gains, groups_of, signals, steady_gains
 from physid.estimation.least_squares.normal_equations import Normal
 from physid.physics import Quantity
 
@@ -176,3 +176,17 @@ def test_it_does_not_matter_how_the_data_are_split_into_trajectories() -> None:
     whole, split = (condition(each, nuisance, ridge) for each in (normal(columns, data), impacts(columns, data)))
     for one, other in ((whole.matrix, split.matrix), (whole.vector, split.vector), (whole.solved, split.solved)):
         assert torch.allclose(one, other, atol=1e-9)
+
+
+def test_the_signal_of_each_parameter_is_what_data_made_by_it_alone_at_its_typical_size_gain_steadily() -> None:
+    columns, _ = drawn(4)
+    nuisance, ridge = torch.arange(2), torch.zeros(2, dtype=torch.float64)
+    typical = torch.tensor([0.3, 2.0], dtype=torch.float64)
+    most = torch.full((2,), 1e9, dtype=torch.float64)
+    both = Group(("effect",), torch.tensor([2, 3]), typical, 10 * typical, -most, most)
+    made = [columns[:, 2 + k] * typical[k] for k in range(2)]
+    found = signals(condition(normal(columns, 0 * made[0]), nuisance, ridge), both, impacts(columns, made[0]), SETTINGS)
+    for signal, data in zip(found.tolist(), made, strict=True):
+        given = condition(normal(columns, data), nuisance, ridge)
+        assert signal == pytest.approx(float(steady_gains(given, both, impacts(columns, data), SETTINGS)))
+        assert signal > 0
