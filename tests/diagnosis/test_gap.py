@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import torch
 
-from physid.diagnosis.conclusion.gap import Closing, closing, position_errors, position_floors, residual_wrench_errors
+from physid.diagnosis.conclusion.gap import Closing, closing, errors_of, floors_of, residual_wrench_errors
 from physid.diagnosis.settings.conclusion import GapSettings
 from physid.diagnosis.testing.residual_wrench import Cell
 from physid.estimation.least_squares.normal_equations import Linearised, Part
@@ -63,13 +63,13 @@ def test_an_error_is_the_mean_square_with_frames_weighted_by_how_little_numerics
     scale[0, 2] = 0.0  # is not there
     hypothesis: Any = SimpleNamespace(experiment=SimpleNamespace(scale=scale), fit=SimpleNamespace(residual=residual))
     expected = (0.01**2 + 0.25 * 0.02**2) / 1.25
-    assert float(position_errors(hypothesis, SimpleNamespace())) == pytest.approx(expected)  # type: ignore[arg-type]
+    assert float(errors_of(hypothesis)) == pytest.approx(expected)
     noise: Any = SimpleNamespace(floor=0.002)
-    assert float(position_floors(hypothesis.experiment, noise)) == pytest.approx(0.002**2 * 2 / 1.25)
+    assert float(floors_of(hypothesis.experiment, noise)) == pytest.approx(0.002**2 * 2 / 1.25)
     disturbed = scale.clone()
     disturbed[0, 0] = 500.0
     both: Any = SimpleNamespace(scale=torch.cat([scale, disturbed]))  # the second has no frame that is not disturbed
-    assert position_floors(both, noise).tolist() == pytest.approx([0.002**2 * 2 / 1.25, 0.002**2 * 2 / 0.5])
+    assert floors_of(both, noise).tolist() == pytest.approx([0.002**2 * 2 / 1.25, 0.002**2 * 2 / 0.5])
 
 
 def test_what_a_free_force_leaves_of_positions_is_their_mean_square_about_their_mean() -> None:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
 
-from physid.diagnosis.conclusion.decomposition import closings_of, decompose
-from physid.diagnosis.conclusion.gap import Closing, floor_of
+from physid.diagnosis.conclusion.decomposition import Closings, closings_of, decompose
+from physid.diagnosis.conclusion.gap import ROTATION, Closing, clearer, floor_of
 from physid.diagnosis.conclusion.next_experiment import NextExperiment, next_experiment
 from physid.diagnosis.conclusion.power import detectable_sizes
 from physid.diagnosis.conclusion.verdict import BLAMING, in_all_frames, indistinguishable_from_zero, judge, reconsider
@@ -26,9 +26,9 @@ from physid.diagnosis.document.document import (
     Minor,
     Ranked,
     Refitted,
+    Rotations,
     Share,
     Shrink,
-    Split,
     Verdict,
 )
 from physid.diagnosis.document.rounding import rounded
@@ -67,26 +67,29 @@ def draw_conclusion(nominal_fit: NominalFit, found: Attribution, generator: torc
         generator: Randomness of the bootstrap.
     """
     settings, terms = nominal_fit.settings, found.nominal.experiment.predictor.terms
-    judged = closings_of(nominal_fit, found.nominal, found.best, generator)
     allowed, best, covariance = tolerance_of(nominal_fit), found.best, None
+    closings, turned, seen = _compare(nominal_fit, found.nominal, best, generator)
     before = is_material(nominal_fit, found.nominal, found.lack)
     after = is_material(nominal_fit, best or found.nominal, found.left)
-    verdict = judge(found, judged["transfer"], before=before, after=after)
+    verdict = judge(found, seen["transfer"], before=before, after=after)
     minor = []
     if best is not None and not before:
         closes = share_closed(*(excess_left(nominal_fit, one) for one in (found.nominal, best)))
         minor = [Minor(best.names, found.lack.chance(best.names, gain(found.nominal, best)), closes)]
     if verdict in BLAMING and best is not None:
         covariance = best.covariance() + bootstrap_spread(best, generator)
-        if settings.verdict.reconsidered and indistinguishable_from_zero(best, covariance, judged.values()):
+        if settings.verdict.reconsidered and indistinguishable_from_zero(best, covariance, seen.values()):
             verdict = reconsider(verdict, found.nominal, best)
     shown = found.reported(nominal_fit) if verdict in BLAMING else None
-    closings = closings_of(nominal_fit, found.whole_nominal, shown, generator) if found.contact_free else judged
-    verdict = in_all_frames(verdict, closings.values(), settings.verdict)
+    if found.contact_free:
+        closings, turned, seen = _compare(nominal_fit, found.whole_nominal, shown, generator)
+    verdict = in_all_frames(verdict, seen.values(), settings.verdict)
+    clear = any(one is not None and one is turned[split] for split, one in seen.items())
     shown = shown if verdict in BLAMING else None
     chosen = None if shown is None else best
     if chosen is None:
-        closings = {name: _unclosed(one) for name, one in closings.items()}
+        closings, turned = ({name: _unclosed(one) for name, one in each.items()} for each in (closings, turned))
+    rotations = Rotations(floor_of(nominal_fit.noise, ROTATION), *_errors(turned)) if clear else None
     parts_closed = {} if shown is None else decompose(nominal_fit, found, closings, generator)
     wide = covariance if shown is chosen or shown is None else shown.covariance() + bootstrap_spread(shown, generator)
     further = None if chosen is None else next_experiment(nominal_fit, found)
@@ -100,7 +103,7 @@ def draw_conclusion(nominal_fit: NominalFit, found: Attribution, generator: torc
         confidence=0.0,
         ranking=_ranking(found)[: settings.verdict.most_ranks],
         where=nowhere() if verdict == "none" else locate(nominal_fit, found, shown, laws.gains),
-        gap=_gap(floor_of(nominal_fit.noise), allowed, closings),
+        gap=_gap(floor_of(nominal_fit.noise), allowed, closings, rotations),
         shrink=Shrink(_share(closings["same"]), _share(closings["transfer"]), parts_closed),
         parameters=_parameters(found.whole_nominal, shown, wide),
         next_experiment=further.sentence if further else None,
@@ -127,11 +130,26 @@ def _unclosed(one: Closing | None) -> Closing | None:
     return None if one is None else replace(one, after=None, shrink=None)
 
 
-def _gap(floor: float, allowed: Tolerance, closings: Mapping[Split, Closing | None]) -> Gap:
-    """Give the errors before and after on each split."""
-    same, transfer = (None if one is None else Errors(one.before, one.after) for one in closings.values())
+def _compare(
+    nominal_fit: NominalFit, nominal: Hypothesis, best: Hypothesis | None, generator: torch.Generator
+) -> tuple[Closings, Closings, Closings]:
+    """Compare errors before and after: of positions, of rotations, and of those that show the gap more clearly."""
+    same_draws = torch.Generator().set_state(generator.get_state())
+    positions = closings_of(nominal_fit, nominal, best, generator)
+    rotations = closings_of(nominal_fit, nominal, best, same_draws, ROTATION)
+    allowed = tolerance_of(nominal_fit)
+    return positions, rotations, {split: clearer(one, rotations[split], allowed) for split, one in positions.items()}
+
+
+def _gap(floor: float, allowed: Tolerance, closings: Closings, rotations: Rotations | None) -> Gap:
+    """Give the errors before and after on each split; of rotations as well where these show the gap more clearly."""
+    same, transfer = _errors(closings)
     assert same is not None
-    return Gap("m", floor, Allowed(allowed.position, allowed.rotation), same, transfer)
+    return Gap("m", floor, Allowed(allowed.position, allowed.rotation), same, transfer, rotations)
+
+
+def _errors(closings: Closings) -> list[Errors | None]:
+    return [None if one is None else Errors(one.before, one.after) for one in closings.values()]
 
 
 def _share(one: Closing | None) -> Share | None:

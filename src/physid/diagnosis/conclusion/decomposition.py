@@ -8,14 +8,7 @@ from math import factorial
 
 import torch
 
-from physid.diagnosis.conclusion.gap import (
-    Closing,
-    closing,
-    held_out_parts,
-    position_errors,
-    position_floors,
-    position_values,
-)
+from physid.diagnosis.conclusion.gap import POSITION, Closing, closing, errors_of, floors_of, held_out_parts, values_of
 from physid.diagnosis.document.document import Split
 from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.selection.contact_free import refit_all_segments
@@ -27,13 +20,25 @@ Closings = Mapping[Split, Closing | None]
 
 
 def closings_of(
-    nominal_fit: NominalFit, nominal: Hypothesis, best: Hypothesis | None, generator: torch.Generator
+    nominal_fit: NominalFit,
+    nominal: Hypothesis,
+    best: Hypothesis | None,
+    generator: torch.Generator,
+    kind: int = POSITION,
 ) -> dict[Split, Closing | None]:
-    """Compare errors before and after on each part of the recordings that nothing was fitted to."""
-    before = position_errors(nominal, nominal_fit.observations)
-    after = before if best is None else position_errors(best, nominal_fit.observations)
-    floors = position_floors(nominal.experiment, nominal_fit.noise)
-    values = position_values(nominal.experiment)
+    """Compare errors before and after on each part of the recordings that nothing was fitted to.
+
+    Args:
+        nominal_fit: The recordings.
+        nominal: The model without effects.
+        best: With effects; None where there are none.
+        generator: Of the intervals' bootstrap.
+        kind: Of positions, or of rotations.
+    """
+    before = errors_of(nominal, kind)
+    after = before if best is None else errors_of(best, kind)
+    floors = floors_of(nominal.experiment, nominal_fit.noise, kind)
+    values = values_of(nominal.experiment, kind)
     parts = held_out_parts(nominal_fit.observations)
     return {
         name: closing(before, after, floors, values, chosen, nominal_fit.settings.gap, generator)

@@ -11,10 +11,14 @@ from torch import Tensor
 
 from physid.diagnosis.document.document import Split
 from physid.diagnosis.inputs import Observations
+from physid.diagnosis.selection.materiality import Tolerance
 from physid.diagnosis.settings.conclusion import GapSettings
 from physid.diagnosis.testing import Hypothesis, LackOfFit, freed
 from physid.estimation.least_squares import Experiment
 from physid.estimation.measurement import Noise
+
+ROTATION, POSITION = 0, 3
+"""Where rotation vectors [rad] and positions [m] begin in a difference of poses."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +37,7 @@ class Interval:
 
 @dataclass(frozen=True)
 class Closing:
-    """Errors of the predicted positions on one part of the recordings.
+    """Errors of the predicted positions [m], or rotations [rad], on one part of the recordings.
 
     Attributes:
         before: Root mean square error of the nominal model, refitted [m].
@@ -49,6 +53,11 @@ class Closing:
     floor: float
     values: int
 
+    @property
+    def excess(self) -> float:
+        """By how much the nominal model leaves the recordings beyond the floor, sqrt(before^2 - floor^2)."""
+        return math.sqrt(max(self.before**2 - self.floor**2, 0.0))
+
     def ceiling(self, probability: float) -> float:
         """Return the error that the true model exceeds with some probability, by the noise of so many values [m].
 
@@ -59,41 +68,41 @@ class Closing:
         return self.floor * math.sqrt(float(chi2.isf(probability, self.values)) / self.values)
 
 
-def floor_of(noise: Noise) -> float:
-    """Return the root mean square position error of a perfect model [m]."""
-    return noise.floor
+def floor_of(noise: Noise, kind: int = POSITION) -> float:
+    """Return the root mean square error of positions [m], or rotations [rad], of a perfect model."""
+    return noise.floor if kind == POSITION else 3**0.5 * noise.rotation
 
 
-def position_floors(experiment: Experiment, noise: Noise) -> Tensor:
-    """Compute the mean square position error that each trajectory would have under the true model [m^2], shape (R,).
+def floors_of(experiment: Experiment, noise: Noise, kind: int = POSITION) -> Tensor:
+    """Compute the mean square error that each trajectory would have under the true model [m^2 or rad^2], shape (R,).
 
     Noise gives 3 sigma^2, a reader of films its own error; frames whose numerics disturb more have a larger variance
-    and, in `position_errors`, a weight that is smaller by the same factor.
+    and, in `errors_of`, a weight that is smaller by the same factor.
     """
-    weight = _weights(experiment)
-    count = position_values(experiment) / 3
-    return noise.floor**2 * count / weight.sum((1, 2)).clamp_min(1e-9)
+    weight = _weights(experiment, kind)
+    count = values_of(experiment, kind) / 3
+    return floor_of(noise, kind) ** 2 * count / weight.sum((1, 2)).clamp_min(1e-9)
 
 
-def position_values(experiment: Experiment) -> Tensor:
-    """Count the coordinates of positions that count in each trajectory, shape (R,)."""
-    counted: Tensor = 3 * (_weights(experiment) > 0).sum((1, 2))
+def values_of(experiment: Experiment, kind: int = POSITION) -> Tensor:
+    """Count the coordinates that count in each trajectory, shape (R,)."""
+    counted: Tensor = 3 * (_weights(experiment, kind) > 0).sum((1, 2))
     return counted
 
 
-def _weights(experiment: Experiment) -> Tensor:
-    """Return the weights of the positions in each frame, 1 at most, shape (R, T, N)."""
-    scale = experiment.scale[..., 3]
+def _weights(experiment: Experiment, kind: int = POSITION) -> Tensor:
+    """Return the weights of the positions, or rotations, in each frame, 1 at most, shape (R, T, N)."""
+    scale = experiment.scale[..., kind]
     return (scale / scale.amax().clamp_min(1e-30)) ** 2
 
 
-def position_errors(hypothesis: Hypothesis, observations: Observations) -> Tensor:
-    """Compute the mean square position error of each trajectory [m^2], shape (R,).
+def errors_of(hypothesis: Hypothesis, kind: int = POSITION) -> Tensor:
+    """Compute the mean square error of positions [m^2], or rotations [rad^2], of each trajectory, shape (R,).
 
     Initial states are fitted to each segment; frames count by their robust weights.
     """
-    weight = _weights(hypothesis.experiment)
-    square = hypothesis.fit.residual[..., 3:].square().sum(-1) * weight
+    weight = _weights(hypothesis.experiment, kind)
+    square = hypothesis.fit.residual[..., kind : kind + 3].square().sum(-1) * weight
     total: Tensor = square.sum((1, 2)) / weight.sum((1, 2)).clamp_min(1e-9)
     return total
 
@@ -150,6 +159,17 @@ def closing(
     shrinks = (olds - news) / (olds - floor).clamp_min(settings.least * floor)
     low, high = (float(shrinks.quantile(q)) for q in settings.interval)
     return Closing(old, new, Interval(share, low, high), floor, count)
+
+
+def clearer(position: Closing | None, rotation: Closing | None, allowed: Tolerance) -> Closing | None:
+    """Return the closing of what shows a gap more clearly: of rotations where they exceed more of their tolerances.
+
+    An effect that turns bodies leaves their places nearly alone, and closes hardly anything there.
+    """
+    if position is None or rotation is None:
+        return position
+    turned, moved = rotation.excess / allowed.rotation, position.excess / allowed.position
+    return rotation if turned > max(moved, 1.0) else position
 
 
 def held_out_parts(observations: Observations) -> dict[Split, Tensor]:

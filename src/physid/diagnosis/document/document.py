@@ -10,6 +10,10 @@ from typing import Annotated, Any, ClassVar, Literal, get_args
 from annotated_types import Ge, Le, MinLen
 
 from physid.data.files import write_text
+from physid.diagnosis.document.errors import Allowed as Allowed
+from physid.diagnosis.document.errors import Errors as Errors
+from physid.diagnosis.document.errors import Gap as Gap
+from physid.diagnosis.document.errors import Rotations as Rotations
 from physid.diagnosis.document.evidence import Evidence
 from physid.diagnosis.document.residual_law import ResidualLaw
 from physid.physics import Site
@@ -141,36 +145,6 @@ class Where:
         for name, shares in (("site", self.site), ("phase", self.phase)):
             if (total := sum(shares.values())) and abs(total - 1) > SUM_TOLERANCE:
                 raise ValueError(f"{name}: expected shares with sum 1 (or all 0), found sum {total:g}")
-
-
-@dataclass(frozen=True)
-class Errors:
-    """Root mean square errors of held-out positions [m]; `after` is None where no effect was added."""
-
-    __pydantic_config__: ClassVar[Any] = CLOSED
-    before: Positive
-    after: Positive | None
-
-
-@dataclass(frozen=True)
-class Allowed:
-    """How far a model may leave the recordings before anything is blamed [m, rad]."""
-
-    __pydantic_config__: ClassVar[Any] = CLOSED
-    position: Positive
-    rotation: Positive
-
-
-@dataclass(frozen=True)
-class Gap:
-    """Errors on the same protocol and on the transfer protocol, beside the floor that a true model would leave."""
-
-    __pydantic_config__: ClassVar[Any] = CLOSED
-    unit: Text
-    floor: Positive
-    tolerance: Allowed
-    same: Errors
-    transfer: Errors | None
 
 
 @dataclass(frozen=True)

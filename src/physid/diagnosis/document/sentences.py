@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from physid.diagnosis.document.document import Cell, Diagnosis, Estimate, Split
+from physid.diagnosis.document.document import Cell, Diagnosis, Errors, Estimate, Split
 from physid.diagnosis.document.residual_sentences import law_name as law_name
 from physid.diagnosis.document.residual_sentences import residual_sentences as residual_sentences
 from physid.diagnosis.settings.conclusion import GapSettings
@@ -149,6 +149,23 @@ def how_far_sentence(diagnosis: Diagnosis, split: Split) -> str:
     return text if error.after is None else f"{text}, too near to the floor for a share"
 
 
+def rotation_sentences(diagnosis: Diagnosis) -> list[str]:
+    """Give errors of rotations before and after, where these show the gap more clearly than positions do."""
+    turned = diagnosis.gap.rotations
+    if turned is None:
+        return []
+    found = []
+    errors: dict[Split, Errors | None] = {"same": turned.same, "transfer": turned.transfer}
+    for split, error in errors.items():
+        if error is not None:
+            after = "" if error.after is None else f" -> {quantity(error.after, 'rad')}"
+            found.append(
+                f"{SPLIT_NAMES[split]}, rotations: {quantity(error.before, 'rad')}{after} "
+                f"(floor {quantity(turned.floor, 'rad')})"
+            )
+    return found
+
+
 def decided(said: Diagnosis, section: str, name: str, default: float) -> float:
     """Return a setting that decided; the default where an older file does not say."""
     return float(said.settings.get(section, {}).get(name, default))
@@ -179,7 +196,7 @@ def summary_lines(diagnosis: Diagnosis) -> list[str]:
         diagnosis: The document.
 
     Returns:
-        At most ten lines, and one more for each further effect or residual law.
+        At most ten lines, and one more for each further effect, residual law, or error of rotations.
     """
     sure = f"(confidence {percent(diagnosis.confidence)})"
     lines = _labelled("Verdict", [f"{diagnosis.verdict}: {verdict_sentence(diagnosis)} {sure}"])
@@ -187,11 +204,12 @@ def summary_lines(diagnosis: Diagnosis) -> list[str]:
     lines += _labelled("Which", _which(diagnosis))
     lines += _labelled("Missing", residual_sentences(diagnosis.residual))
     splits = [split for split in SPLIT_NAMES if diagnosis.errors(split) is not None]
-    lines += _labelled("How far", [how_far_sentence(diagnosis, split) for split in splits])
+    turned = rotation_sentences(diagnosis)
+    lines += _labelled("How far", [*(how_far_sentence(diagnosis, split) for split in splits), *turned])
     lines += _labelled("Note", [caveat(diagnosis)] if caveat(diagnosis) else [])
     lines += _labelled("Refitted", _refitted(diagnosis))
     lines += _labelled("Next", [diagnosis.next_experiment] if diagnosis.next_experiment else [])
-    return lines[: MOST_LINES + max(0, len(diagnosis.effects) - 1) + len(diagnosis.residual)]
+    return lines[: MOST_LINES + max(0, len(diagnosis.effects) - 1) + len(diagnosis.residual) + len(turned)]
 
 
 def _which(diagnosis: Diagnosis) -> list[str]:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from physid.diagnosis.conclusion.conclusion import Conclusion
-from physid.diagnosis.conclusion.gap import floor_of, held_out_parts, position_floors, residual_wrench_errors
+from physid.diagnosis.conclusion.gap import floor_of, floors_of, held_out_parts, residual_wrench_errors
 from physid.diagnosis.conclusion.localisation import over_time
 from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.report.contents import Curve, ReportData, TimeMap
@@ -78,7 +78,7 @@ def _judged(found: Attribution, nominal_fit: NominalFit) -> str:
 def _levels(nominal_fit: NominalFit) -> dict[str, float | None]:
     """Return the floors [m]: of the sensor, and of the numerics, where replays of one fit differ."""
     sensor = floor_of(nominal_fit.noise)
-    whole = float(position_floors(nominal_fit.experiment, nominal_fit.noise).mean())
+    whole = float(floors_of(nominal_fit.experiment, nominal_fit.noise).mean())
     return {"sensor": sensor, "numerical": max(whole - sensor**2, 0.0) ** 0.5}
 
 

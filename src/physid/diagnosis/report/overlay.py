@@ -13,7 +13,7 @@ from physid.data import DESCRIPTION, RecordingSet
 from physid.data.mp4 import write_mp4
 from physid.data.reading import read_reading
 from physid.diagnosis.conclusion.conclusion import Conclusion
-from physid.diagnosis.conclusion.gap import held_out_parts, position_errors
+from physid.diagnosis.conclusion.gap import errors_of, held_out_parts
 from physid.diagnosis.inputs import Observations
 from physid.diagnosis.report.contents import Film, Overlay, Still
 from physid.diagnosis.report.outlines import Pixels, Points, draw_panel, to_webp, view_of
@@ -78,7 +78,7 @@ def overlay(
 def _choose(sources: Sequence[tuple[RecordingSet, int]], observations: Observations, nominal: Hypothesis) -> int | None:
     """Choose the trajectory with the largest error among those that have a film, held-out ones first."""
     held_out = torch.stack(list(held_out_parts(observations).values())).any(0)
-    errors = position_errors(nominal, observations)
+    errors = errors_of(nominal)
     for row in (errors + errors.sum() * held_out).argsort(descending=True).tolist():
         films, index = _films_of(*sources[row])
         if films.has_film(index):

@@ -1,0 +1,57 @@
+"""How far a model leaves recordings, before effects are added and after: a part of diagnosis.json."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar
+
+from annotated_types import Ge, MinLen
+
+from physid.typed_files import CLOSED
+
+Positive = Annotated[float, Ge(0)]
+Text = Annotated[str, MinLen(1)]
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Root mean square errors of what was held out; `after` is None where no effect was added."""
+
+    __pydantic_config__: ClassVar[Any] = CLOSED
+    before: Positive
+    after: Positive | None
+
+
+@dataclass(frozen=True)
+class Allowed:
+    """How far a model may leave the recordings before anything is blamed [m, rad]."""
+
+    __pydantic_config__: ClassVar[Any] = CLOSED
+    position: Positive
+    rotation: Positive
+
+
+@dataclass(frozen=True)
+class Rotations:
+    """Root mean square errors of held-out rotations [rad], beside the floor that a true model would leave."""
+
+    __pydantic_config__: ClassVar[Any] = CLOSED
+    floor: Positive
+    same: Errors | None
+    transfer: Errors | None
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Errors on the same protocol and on the transfer protocol, beside the floor that a true model would leave.
+
+    `rotations` are given where they show the gap more clearly than positions do.
+    """
+
+    __pydantic_config__: ClassVar[Any] = CLOSED
+    unit: Text
+    floor: Positive
+    tolerance: Allowed
+    same: Errors
+    transfer: Errors | None
+    rotations: Rotations | None = None
