@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import torch
 
-from physid.diagnosis.conclusion.gap import Closing, closing, errors_of, floors_of, residual_wrench_errors
+from physid.diagnosis.conclusion.gap import ROTATION, Closing, closing, errors_of, floors_of, residual_wrench_errors
 from physid.diagnosis.settings.conclusion import GapSettings
 from physid.diagnosis.testing.residual_wrench import Cell
 from physid.estimation.least_squares.normal_equations import Linearised, Part
@@ -66,10 +66,23 @@ def test_an_error_is_the_mean_square_with_frames_weighted_by_how_little_numerics
     assert float(errors_of(hypothesis)) == pytest.approx(expected)
     noise: Any = SimpleNamespace(floor=0.002)
     assert float(floors_of(hypothesis.experiment, noise)) == pytest.approx(0.002**2 * 2 / 1.25)
+    weaker: Any = SimpleNamespace(experiment=SimpleNamespace(scale=1e-6 * scale), fit=hypothesis.fit)
+    assert float(errors_of(weaker)) == pytest.approx(expected), "weights are relative"
     disturbed = scale.clone()
     disturbed[0, 0] = 500.0
     both: Any = SimpleNamespace(scale=torch.cat([scale, disturbed]))  # the second has no frame that is not disturbed
     assert floors_of(both, noise).tolist() == pytest.approx([0.002**2 * 2 / 1.25, 0.002**2 * 2 / 0.5])
+
+
+def test_an_error_of_rotations_is_their_mean_square_beside_the_noise_of_rotations() -> None:
+    residual = torch.zeros(1, 2, 1, 6, dtype=torch.float64)
+    residual[0, :, 0, :3] = torch.tensor([[0.03, 0.04, 0.0], [0.0, 0.0, 0.05]])
+    residual[..., 3:] = 9.0  # displacements are no errors of rotation
+    scale = torch.full((1, 2, 1, 6), 300.0, dtype=torch.float64)
+    hypothesis: Any = SimpleNamespace(experiment=SimpleNamespace(scale=scale), fit=SimpleNamespace(residual=residual))
+    assert float(errors_of(hypothesis, ROTATION)) == pytest.approx(0.05**2)
+    noise: Any = SimpleNamespace(floor=0.002, rotation=0.01)
+    assert float(floors_of(hypothesis.experiment, noise, ROTATION)) == pytest.approx(3 * 0.01**2)
 
 
 def test_what_a_free_force_leaves_of_positions_is_their_mean_square_about_their_mean() -> None:

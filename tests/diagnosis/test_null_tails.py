@@ -35,6 +35,15 @@ def test_a_tail_is_that_of_the_draws_and_at_least_that_of_chance_without_impacts
     assert tail.variance.tolist() == pytest.approx([6, 2], rel=0.1)
 
 
+def test_each_of_many_gains_has_the_tail_of_its_own_draws() -> None:
+    draws = torch.randn(2, 3, 4000, generator=torch.Generator().manual_seed(1)).double().square() * 5
+    tail = Tail.of(draws)
+    for row, place in ((0, 2), (1, 0)):
+        alone = Tail.of(draws[row, place])
+        assert float(tail.mean[row, place]) == pytest.approx(float(alone.mean))
+        assert float(tail.variance[row, place]) == pytest.approx(float(alone.variance))
+
+
 def test_impacts_that_let_an_effect_gain_much_by_chance_make_the_same_gain_common() -> None:
     impacts = Tail(torch.tensor(3.0), torch.tensor(60.0))
     assert float(impacts.deviation(30.0)) < 2.5 < float(chi_squared(3).deviation(30.0))

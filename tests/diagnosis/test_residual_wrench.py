@@ -58,6 +58,17 @@ def test_residual_wrenches_are_unit_forces_and_torques_along_the_axes_of_the_gro
         assert there.sum() == (2 * FRAMES if cell.phase else 2 * piece_frames(settings.piece_time, 1 / FRAMES))
 
 
+def test_the_pieces_of_a_residual_wrench_cover_every_frame_once() -> None:
+    settings, segments = ResidualWrenchSettings(), Segmentation.equal(2, FRAMES, FRAMES)
+    phases = torch.full((2, FRAMES, BODIES), PHASES.index("slide_fast"))
+    cells, wrench = residual_wrenches(phases, torch.eye(3).double(), True, segments, 1 / FRAMES, settings)
+    for body in range(BODIES):
+        for dof in PLANAR:
+            pieces = [k for k, one in enumerate(cells) if one.piece is not None and (one.body, one.dof) == (body, dof)]
+            assert len(pieces) > 1
+            assert ((wrench[pieces][:, :, :, body] != 0).any(-1).sum(0) == 1).all()
+
+
 def test_a_column_explains_its_projection_after_initial_states(linear: Linearised) -> None:
     part = linear.parts[0]
     clean, data = part.profiled(part.shared)[0, :, 2], part.residual[0]

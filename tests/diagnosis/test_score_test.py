@@ -144,6 +144,17 @@ def test_what_is_steady_is_what_a_test_without_the_most_informative_impact_finds
     assert steady < 0.2 * float(gains(given, group(nuisances), SETTINGS)[0])
 
 
+def test_the_impact_that_is_left_out_says_most_for_the_change_of_all_and_is_not_the_loudest() -> None:
+    """Of a change of 1 the first would gain 2 x 5.5 - 10 = 1, the second 2 x 2 - 1 = 3, the others 1 each."""
+    column = torch.tensor([10**0.5, 1.0, *7 * [0.01]], dtype=torch.float64)[:, None]
+    data = torch.tensor([5.5 / 10**0.5, 2.0, *7 * [50.0]], dtype=torch.float64)
+    equations = normal(column, data)
+    given = Conditional(equations.matrix[0], equations.vector[0][:, None], *NO_NUISANCE)
+    steady = float(steady_gains(given, group(0), impacts(column, data, 9), SETTINGS))
+    assert float(gains(given, group(0), SETTINGS)[0]) == pytest.approx(11, rel=1e-3)
+    assert steady == pytest.approx((11 - 2) ** 2 / (11 - 1), rel=1e-3)
+
+
 def test_without_impacts_and_for_what_all_impacts_show_alike_nearly_all_is_steady() -> None:
     columns, _ = drawn(1)
     data = 2 * columns[:, 0]

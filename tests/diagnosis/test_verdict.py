@@ -9,10 +9,11 @@ from typing import Any, cast
 import pytest
 import torch
 
-from physid.diagnosis.conclusion.gap import Closing, Interval
+from physid.diagnosis.conclusion.gap import Closing, Interval, clearer
 from physid.diagnosis.conclusion.verdict import in_all_frames, indistinguishable_from_zero, judge, reconsider
 from physid.diagnosis.selection import evidence
 from physid.diagnosis.selection.evidence import all_needed, complete, distinguishable
+from physid.diagnosis.selection.materiality import Tolerance
 from physid.diagnosis.selection.search import Attribution
 from physid.diagnosis.settings.settings import Settings
 from physid.diagnosis.testing.hypothesis import Hypothesis
@@ -52,6 +53,27 @@ def judged(what: Attribution, closing: Closing | None) -> str:
 def test_a_gap_within_the_tolerance_is_none_whatever_is_significant() -> None:
     assert judge(found(), None, before=False, after=False) == "none"
     assert judge(found(0.6, 0.001), None, before=False, after=False) == "none"
+
+
+@pytest.mark.parametrize(
+    ("p_free", "said"), [(SETTINGS.evidence.alpha / 4, "unknown"), (0.9 * SETTINGS.evidence.alpha, "none")]
+)
+def test_a_gap_that_no_effect_explains_is_unknown_only_where_it_is_beyond_doubt(p_free: float, said: str) -> None:
+    quiet = hypothesis(0.0)  # all trajectories were fitted: none shows a gap where nothing was
+    quiet.experiment.scale = torch.ones(1, 10, 1, 6)
+    assert judged(Attribution(quiet, left(500.0, p_free), [], None, None, []), None) == said
+
+
+def test_a_gap_is_judged_in_what_shows_it_more_clearly_positions_or_rotations() -> None:
+    allowed = Tolerance(position=1e-3, rotation=5e-3)
+    moved, little = Closing(5e-3, 1e-3, None, 1e-3, 300), Closing(1.5e-3, 1.4e-3, None, 1e-3, 300)
+    turned, hardly = Closing(0.08, 0.02, None, 0.02, 300), Closing(0.0205, 0.02, None, 0.02, 300)
+    assert clearer(little, turned, allowed) is turned
+    assert clearer(moved, turned, Tolerance(1e-3, 0.02)) is moved
+    assert clearer(moved, hardly, allowed) is moved
+    assert clearer(Closing(1e-3, 1e-3, None, 1e-3, 300), hardly, allowed) is not hardly, "less than the tolerance"
+    assert clearer(moved, None, allowed) is moved
+    assert clearer(None, turned, allowed) is None
 
 
 def test_what_is_left_within_the_tolerance_does_not_make_a_cause_a_part() -> None:
