@@ -101,6 +101,14 @@ def test_the_summary_gives_sizes_errors_and_shares_with_their_units() -> None:
     assert "block.mass 1.11 -> 1.002 (0.995 to 1.009) kg" in text
 
 
+def test_errors_of_rotations_are_given_where_they_decided() -> None:
+    document = diagnosis()
+    document["gap"]["rotations"] = {"floor": 0.005, "same": {"before": 0.076, "after": 0.0077}, "transfer": None}
+    lines = summary_lines(check_diagnosis(document))
+    assert any(line.strip() == "same protocol, rotations: 0.076 rad -> 0.0077 rad (floor 0.005 rad)" for line in lines)
+    assert not any("rotations" in line for line in summary_lines(said()))
+
+
 def test_of_several_sizes_the_one_that_is_known_best_comes_first() -> None:
     document = diagnosis()
     document["effects"][0]["parameters"] = {
