@@ -12,7 +12,7 @@ from tests.diagnosis.documents import diagnosis
 
 from physid.diagnosis.conclusion import decomposition
 from physid.diagnosis.conclusion.decomposition import closings_of, shapley
-from physid.diagnosis.conclusion.gap import Closing, Interval
+from physid.diagnosis.conclusion.gap import POSITION, ROTATION, Closing, Interval
 from physid.diagnosis.document.document import Split, check_diagnosis
 from physid.diagnosis.document.sentences import how_far_sentence
 from physid.diagnosis.report.contents import ReportData
@@ -83,6 +83,7 @@ def test_parts_add_up_to_what_closes_on_each_split(names: tuple[str, ...], monke
             "transfer": Closing(2.0, 1.0, Interval(transfer, None, None), 0.5, 9000),
         }
 
+    kinds: dict[Split, int] = {"same": POSITION, "transfer": ROTATION}
     alone = {"a": closings(0.7, 0.2), "b": closings(0.5, 0.9)}
     singles = [SimpleNamespace(names=(name,)) for name in names]
     found: Any = SimpleNamespace(
@@ -92,9 +93,13 @@ def test_parts_add_up_to_what_closes_on_each_split(names: tuple[str, ...], monke
         whole_nominal=None,
         nominal=SimpleNamespace(experiment=None),
     )
-    monkeypatch.setattr(decomposition, "closings_of", lambda _fit, _nominal, one, _random: alone[one.names[0]])
+
+    def of_kind(_fit: Any, _nominal: Any, one: Any, _random: Any, kind: int) -> dict[Split, Closing | None]:
+        return {split: each if kinds[split] == kind else None for split, each in alone[one.names[0]].items()}
+
+    monkeypatch.setattr(decomposition, "closings_of", of_kind)
     nominal_fit: Any = SimpleNamespace(settings=None)
-    parts = decomposition.decompose(nominal_fit, found, closings(0.96, 0.94), torch.Generator())
+    parts = decomposition.decompose(nominal_fit, found, closings(0.96, 0.94), kinds, torch.Generator())
     assert {split: sum(each.values()) for split, each in parts.items()} == pytest.approx(
         {"same": 0.96, "transfer": 0.94}
     )
@@ -102,7 +107,7 @@ def test_parts_add_up_to_what_closes_on_each_split(names: tuple[str, ...], monke
         assert parts["same"] == pytest.approx({"a": 0.58, "b": 0.38})
         assert parts["transfer"] == pytest.approx({"a": 0.12, "b": 0.82})
     no_gap: Any = {"same": Closing(1.0, 1.0, None, 1.0, 9000), "transfer": None}
-    assert not decomposition.decompose(nominal_fit, found, no_gap, torch.Generator())
+    assert not decomposition.decompose(nominal_fit, found, no_gap, kinds, torch.Generator())
 
 
 def test_each_part_of_the_recordings_closes_by_its_own_errors_and_without_effects_nothing_closes() -> None:

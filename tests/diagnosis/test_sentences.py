@@ -7,13 +7,14 @@ from dataclasses import replace
 import pytest
 
 from diagnosis.documents import diagnosis, said
-from physid.diagnosis.document.document import VERDICTS, Estimate, Share, Shrink, check_diagnosis
+from physid.diagnosis.document.document import SPLITS, VERDICTS, Estimate, Share, Shrink, check_diagnosis
 from physid.diagnosis.document.sentences import (
     MOST_LINES,
     caveat,
     closed,
     effect_lines,
     estimate,
+    how_far_sentence,
     percent,
     quantity,
     summary_lines,
@@ -101,12 +102,14 @@ def test_the_summary_gives_sizes_errors_and_shares_with_their_units() -> None:
     assert "block.mass 1.11 -> 1.002 (0.995 to 1.009) kg" in text
 
 
-def test_errors_of_rotations_are_given_where_they_decided() -> None:
+def test_where_rotations_show_the_gap_their_errors_come_first_and_shares_are_theirs() -> None:
     document = diagnosis()
     document["gap"]["rotations"] = {"floor": 0.005, "same": {"before": 0.076, "after": 0.0077}, "transfer": None}
-    lines = summary_lines(check_diagnosis(document))
-    assert any(line.strip() == "same protocol, rotations: 0.076 rad -> 0.0077 rad (floor 0.005 rad)" for line in lines)
-    assert not any("rotations" in line for line in summary_lines(said()))
+    found = check_diagnosis(document)
+    lines = {split: how_far_sentence(found, split) for split in SPLITS}
+    assert lines["same"].startswith("same protocol: 0.076 rad -> 0.0077 rad (floor 0.005 rad), 99 % closed")
+    assert lines["same"].endswith("; positions 21 mm -> 1.6 mm")
+    assert lines["transfer"] == how_far_sentence(said(), "transfer")
 
 
 def test_of_several_sizes_the_one_that_is_known_best_comes_first() -> None:

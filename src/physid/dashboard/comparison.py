@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from physid.dashboard.summary import Run, direction
 from physid.diagnosis.document.document import SPLITS, Diagnosis
-from physid.diagnosis.document.sentences import SPLIT_NAMES, closed, estimate
+from physid.diagnosis.document.sentences import SPLIT_NAMES, before_and_after, closed, estimate
 from physid.pages.figures import Series, line_chart
 from physid.pages.numbers import NOTHING, duration, error, named, percent, quantity, words
 
@@ -91,11 +91,8 @@ def _diagnoses(runs: Sequence[Run]) -> Iterable[Row]:
 
 
 def _error(said: Diagnosis, split: str) -> str:
-    errors = said.errors(split)  # type: ignore[arg-type]
-    if errors is None:
-        return ""
-    after = "" if errors.after is None else f" → {quantity(errors.after, said.gap.unit)}"
-    return f"{quantity(errors.before, said.gap.unit)}{after}"
+    shown = said.shown(split)  # type: ignore[arg-type]
+    return "" if shown is None else before_and_after(shown[0], shown[2]).replace("->", "→")
 
 
 def _figures(runs: Sequence[Run]) -> Iterable[Row]:

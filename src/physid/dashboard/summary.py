@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from physid.diagnosis.document.document import SPLITS, Diagnosis
-from physid.diagnosis.document.sentences import SPLIT_NAMES, closed
-from physid.pages.numbers import duration, error, figure, join, quantity, words
+from physid.diagnosis.document.sentences import SPLIT_NAMES, before_and_after, closed
+from physid.pages.numbers import duration, error, figure, join, words
 
 Run = Mapping[str, Any]
 KINDS = {"none": "good", "group": "warn", "partial": "warn", "unknown": "bad"}
@@ -56,11 +56,11 @@ def far(said: Diagnosis) -> list[str]:
     """Give the errors of each split, and the share of the gap that closes."""
     lines = []
     for split in SPLITS:
-        errors, share = said.errors(split), closed(said, split)
-        if errors is not None:
-            after = "" if errors.after is None else f" → {quantity(errors.after, said.gap.unit)}"
+        shown, share = said.shown(split), closed(said, split)
+        if shown is not None:
+            errors, _, unit = shown
             part = "" if share is None else f", {share[0]} closed"
-            lines.append(f"{SPLIT_NAMES[split]}: {quantity(errors.before, said.gap.unit)}{after}{part}")
+            lines.append(f"{SPLIT_NAMES[split]}: {before_and_after(errors, unit).replace('->', '→')}{part}")
     return lines
 
 

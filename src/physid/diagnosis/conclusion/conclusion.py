@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from physid.diagnosis.conclusion.decomposition import Closings, closings_of, decompose
-from physid.diagnosis.conclusion.gap import ROTATION, Closing, clearer, floor_of
+from physid.diagnosis.conclusion.decomposition import Closings, Kinds, closings_of, decompose
+from physid.diagnosis.conclusion.gap import POSITION, ROTATION, Closing, clearer, floor_of
 from physid.diagnosis.conclusion.next_experiment import NextExperiment, next_experiment
 from physid.diagnosis.conclusion.power import detectable_sizes
 from physid.diagnosis.conclusion.verdict import BLAMING, in_all_frames, indistinguishable_from_zero, judge, reconsider
@@ -36,7 +36,7 @@ from physid.diagnosis.posterior.evidence import with_probabilities
 from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.residual_law import ResidualLaws, find_residual_laws
 from physid.diagnosis.selection.comparison import gain
-from physid.diagnosis.selection.materiality import Tolerance, excess_left, is_material, share_closed, tolerance_of
+from physid.diagnosis.selection.materiality import excess_left, is_material, share_closed, tolerance_of
 from physid.diagnosis.selection.search import Attribution
 from physid.diagnosis.testing import Hypothesis, bootstrap_spread
 
@@ -68,7 +68,7 @@ def draw_conclusion(nominal_fit: NominalFit, found: Attribution, generator: torc
     """
     settings, terms = nominal_fit.settings, found.nominal.experiment.predictor.terms
     allowed, best, covariance = tolerance_of(nominal_fit), found.best, None
-    closings, turned, seen = _compare(nominal_fit, found.nominal, best, generator)
+    closings, seen = _compare(nominal_fit, found.nominal, best, generator)
     before = is_material(nominal_fit, found.nominal, found.lack)
     after = is_material(nominal_fit, best or found.nominal, found.left)
     verdict = judge(found, seen["transfer"], before=before, after=after)
@@ -82,15 +82,14 @@ def draw_conclusion(nominal_fit: NominalFit, found: Attribution, generator: torc
             verdict = reconsider(verdict, found.nominal, best)
     shown = found.reported(nominal_fit) if verdict in BLAMING else None
     if found.contact_free:
-        closings, turned, seen = _compare(nominal_fit, found.whole_nominal, shown, generator)
+        closings, seen = _compare(nominal_fit, found.whole_nominal, shown, generator)
     verdict = in_all_frames(verdict, seen.values(), settings.verdict)
-    clear = any(one is not None and one is turned[split] for split, one in seen.items())
     shown = shown if verdict in BLAMING else None
     chosen = None if shown is None else best
     if chosen is None:
-        closings, turned = ({name: _unclosed(one) for name, one in each.items()} for each in (closings, turned))
-    rotations = Rotations(floor_of(nominal_fit.noise, ROTATION), *_errors(turned)) if clear else None
-    parts_closed = {} if shown is None else decompose(nominal_fit, found, closings, generator)
+        seen = closings = {name: _unclosed(one) for name, one in closings.items()}
+    kinds = {split: POSITION if seen[split] is one else ROTATION for split, one in closings.items()}
+    parts_closed = {} if shown is None else decompose(nominal_fit, found, seen, kinds, generator)
     wide = covariance if shown is chosen or shown is None else shown.covariance() + bootstrap_spread(shown, generator)
     further = None if chosen is None else next_experiment(nominal_fit, found)
     laws = _residual_laws(nominal_fit, found, verdict)
@@ -103,8 +102,8 @@ def draw_conclusion(nominal_fit: NominalFit, found: Attribution, generator: torc
         confidence=0.0,
         ranking=_ranking(found)[: settings.verdict.most_ranks],
         where=nowhere() if verdict == "none" else locate(nominal_fit, found, shown, laws.gains),
-        gap=_gap(floor_of(nominal_fit.noise), allowed, closings, rotations),
-        shrink=Shrink(_share(closings["same"]), _share(closings["transfer"]), parts_closed),
+        gap=_gap(nominal_fit, closings, seen, kinds),
+        shrink=Shrink(_share(seen["same"]), _share(seen["transfer"]), parts_closed),
         parameters=_parameters(found.whole_nominal, shown, wide),
         next_experiment=further.sentence if further else None,
         minor=tuple(minor),
@@ -132,20 +131,22 @@ def _unclosed(one: Closing | None) -> Closing | None:
 
 def _compare(
     nominal_fit: NominalFit, nominal: Hypothesis, best: Hypothesis | None, generator: torch.Generator
-) -> tuple[Closings, Closings, Closings]:
-    """Compare errors before and after: of positions, of rotations, and of those that show the gap more clearly."""
+) -> tuple[Closings, Closings]:
+    """Compare errors before and after: of positions, and of what shows the gap more clearly."""
     same_draws = torch.Generator().set_state(generator.get_state())
     positions = closings_of(nominal_fit, nominal, best, generator)
     rotations = closings_of(nominal_fit, nominal, best, same_draws, ROTATION)
     allowed = tolerance_of(nominal_fit)
-    return positions, rotations, {split: clearer(one, rotations[split], allowed) for split, one in positions.items()}
+    return positions, {split: clearer(one, rotations[split], allowed) for split, one in positions.items()}
 
 
-def _gap(floor: float, allowed: Tolerance, closings: Closings, rotations: Rotations | None) -> Gap:
+def _gap(nominal_fit: NominalFit, closings: Closings, seen: Closings, kinds: Kinds) -> Gap:
     """Give the errors before and after on each split; of rotations as well where these show the gap more clearly."""
-    same, transfer = _errors(closings)
+    allowed, (same, transfer) = tolerance_of(nominal_fit), _errors(closings)
     assert same is not None
-    return Gap("m", floor, Allowed(allowed.position, allowed.rotation), same, transfer, rotations)
+    turned = _errors({split: one if kinds[split] == ROTATION else None for split, one in seen.items()})
+    rotations = Rotations(floor_of(nominal_fit.noise, ROTATION), *turned) if any(turned) else None
+    return Gap("m", floor_of(nominal_fit.noise), Allowed(allowed.position, allowed.rotation), same, transfer, rotations)
 
 
 def _errors(closings: Closings) -> list[Errors | None]:

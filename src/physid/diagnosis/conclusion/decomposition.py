@@ -17,6 +17,8 @@ from physid.diagnosis.testing import Hypothesis, begin_hypothesis, finish_hypoth
 from physid.physics import SolverError
 
 Closings = Mapping[Split, Closing | None]
+Kinds = Mapping[Split, int]
+"""What shows the gap on each split: positions or rotations."""
 
 
 def closings_of(
@@ -47,7 +49,11 @@ def closings_of(
 
 
 def decompose(
-    nominal_fit: NominalFit, found: Attribution, together: Closings, generator: torch.Generator
+    nominal_fit: NominalFit,
+    found: Attribution,
+    together: Closings,
+    kinds: Kinds,
+    generator: torch.Generator,
 ) -> dict[Split, dict[str, float]]:
     """Divide the share of the gap that closes among the effects that are blamed.
 
@@ -59,6 +65,7 @@ def decompose(
         nominal_fit: The recordings and the fitted nominal model.
         found: What the search found; its best hypothesis is blamed.
         together: How far the gap closes with all effects.
+        kinds: By what the gap is seen on each split, positions or rotations.
         generator: Randomness of intervals, which are not used here.
 
     Returns:
@@ -74,7 +81,11 @@ def decompose(
         fitted = _of_effects(nominal_fit, found, some)
         if fitted is None:
             return {}
-        closed[frozenset(some)] = closings_of(nominal_fit, found.whole_nominal, fitted, generator)
+        made = {
+            kind: closings_of(nominal_fit, found.whole_nominal, fitted, generator, kind)
+            for kind in dict.fromkeys(kinds.values())
+        }
+        closed[frozenset(some)] = {split: made[kind][split] for split, kind in kinds.items()}
     return {
         split: shapley(
             {some: _value(one[split]) for some, one in closed.items()} | {frozenset(best.names): share}, best.names

@@ -230,6 +230,14 @@ class Diagnosis:
         """Return the errors on a split, None where there is none."""
         return self.gap.same if split == "same" else self.gap.transfer
 
+    def shown(self, split: Split) -> tuple[Errors, float, str] | None:
+        """Return errors, floor and unit of what shows the gap on a split, positions or rotations; None without it."""
+        errors, turned = self.errors(split), self.gap.rotations
+        rotations = None if turned is None else turned.same if split == "same" else turned.transfer
+        if rotations is not None and turned is not None:
+            return rotations, turned.floor, "rad"
+        return None if errors is None else (errors, self.gap.floor, self.gap.unit)
+
     def share(self, split: Split) -> Share | None:
         """Return the share of the gap that closes on a split."""
         return self.shrink.same if split == "same" else self.shrink.transfer

@@ -45,7 +45,8 @@ class Rotations:
 class Gap:
     """Errors on the same protocol and on the transfer protocol, beside the floor that a true model would leave.
 
-    `rotations` are given where they show the gap more clearly than positions do.
+    `rotations` are given for splits where they show the gap more clearly than positions do; shares that close are then
+    of rotations.
     """
 
     __pydantic_config__: ClassVar[Any] = CLOSED

@@ -137,33 +137,26 @@ def effect_lines(diagnosis: Diagnosis) -> list[str]:
 
 
 def how_far_sentence(diagnosis: Diagnosis, split: Split) -> str:
-    """Give the error before and after on one split, its floor, and the share of the gap that was closed."""
-    part, error, unit = closed(diagnosis, split), diagnosis.errors(split), diagnosis.gap.unit
-    assert error is not None
-    after = "" if error.after is None else f" -> {quantity(error.after, unit)}"
-    text = f"{SPLIT_NAMES[split]}: {quantity(error.before, unit)}{after} (floor {quantity(diagnosis.gap.floor, unit)})"
+    """Give the error before and after on one split, its floor, and the share of the gap that was closed.
+
+    Of rotations where these show the gap more clearly; positions follow.
+    """
+    part, shown, errors = closed(diagnosis, split), diagnosis.shown(split), diagnosis.errors(split)
+    assert shown is not None
+    assert errors is not None
+    error, floor, unit = shown
+    text = f"{SPLIT_NAMES[split]}: {before_and_after(error, unit)} (floor {quantity(floor, unit)})"
+    beside = "" if error is errors else f"; positions {before_and_after(errors, diagnosis.gap.unit)}"
     if part is not None:
         parts = diagnosis.shrink.parts.get(split, {})
         divided = join((f"{words(name)} {percent(each)}" for name, each in parts.items()), "and")
-        return f"{text}, {' closed ('.join(part)})" + (f": {divided}" if len(parts) > 1 else "")
-    return text if error.after is None else f"{text}, too near to the floor for a share"
+        return f"{text}, {' closed ('.join(part)})" + (f": {divided}" if len(parts) > 1 else "") + beside
+    return (text if error.after is None else f"{text}, too near to the floor for a share") + beside
 
 
-def rotation_sentences(diagnosis: Diagnosis) -> list[str]:
-    """Give errors of rotations before and after, where these show the gap more clearly than positions do."""
-    turned = diagnosis.gap.rotations
-    if turned is None:
-        return []
-    found = []
-    errors: dict[Split, Errors | None] = {"same": turned.same, "transfer": turned.transfer}
-    for split, error in errors.items():
-        if error is not None:
-            after = "" if error.after is None else f" -> {quantity(error.after, 'rad')}"
-            found.append(
-                f"{SPLIT_NAMES[split]}, rotations: {quantity(error.before, 'rad')}{after} "
-                f"(floor {quantity(turned.floor, 'rad')})"
-            )
-    return found
+def before_and_after(error: Errors, unit: str) -> str:
+    """Give an error before and, where effects were added, after."""
+    return quantity(error.before, unit) + ("" if error.after is None else f" -> {quantity(error.after, unit)}")
 
 
 def decided(said: Diagnosis, section: str, name: str, default: float) -> float:
@@ -196,7 +189,7 @@ def summary_lines(diagnosis: Diagnosis) -> list[str]:
         diagnosis: The document.
 
     Returns:
-        At most ten lines, and one more for each further effect, residual law, or error of rotations.
+        At most ten lines, and one more for each further effect or residual law.
     """
     sure = f"(confidence {percent(diagnosis.confidence)})"
     lines = _labelled("Verdict", [f"{diagnosis.verdict}: {verdict_sentence(diagnosis)} {sure}"])
@@ -204,12 +197,11 @@ def summary_lines(diagnosis: Diagnosis) -> list[str]:
     lines += _labelled("Which", _which(diagnosis))
     lines += _labelled("Missing", residual_sentences(diagnosis.residual))
     splits = [split for split in SPLIT_NAMES if diagnosis.errors(split) is not None]
-    turned = rotation_sentences(diagnosis)
-    lines += _labelled("How far", [*(how_far_sentence(diagnosis, split) for split in splits), *turned])
+    lines += _labelled("How far", [how_far_sentence(diagnosis, split) for split in splits])
     lines += _labelled("Note", [caveat(diagnosis)] if caveat(diagnosis) else [])
     lines += _labelled("Refitted", _refitted(diagnosis))
     lines += _labelled("Next", [diagnosis.next_experiment] if diagnosis.next_experiment else [])
-    return lines[: MOST_LINES + max(0, len(diagnosis.effects) - 1) + len(diagnosis.residual) + len(turned)]
+    return lines[: MOST_LINES + max(0, len(diagnosis.effects) - 1) + len(diagnosis.residual)]
 
 
 def _which(diagnosis: Diagnosis) -> list[str]:

@@ -143,7 +143,7 @@ def _cut(said: Diagnosis, data: ReportData, split: Split) -> list[tuple[str, flo
 
     Where no effect is blamed, residual laws, or else a free residual wrench, stand for what a better model could close.
     """
-    error, floor = said.errors(split), said.gap.floor
+    error, floor, _ = said.shown(split) or (None, 0.0, "")
     no_gap = decided(said, "gap", "no_gap", GapSettings().no_gap)
     closed_by = [(words(name), share) for name, share in said.shrink.parts.get(split, {}).items()]
     wrench = data.residual_wrench.get(split)
