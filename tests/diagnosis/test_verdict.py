@@ -9,7 +9,7 @@ from typing import Any, cast
 import pytest
 import torch
 
-from physid.diagnosis.conclusion.gap import Closing, Interval, clearer
+from physid.diagnosis.conclusion.gap import POSITION, ROTATION, Closing, Interval, clearer
 from physid.diagnosis.conclusion.verdict import in_all_frames, indistinguishable_from_zero, judge, reconsider
 from physid.diagnosis.selection import evidence
 from physid.diagnosis.selection.evidence import all_needed, complete, distinguishable
@@ -68,12 +68,13 @@ def test_a_gap_is_judged_in_what_shows_it_more_clearly_positions_or_rotations() 
     allowed = Tolerance(position=1e-3, rotation=5e-3)
     moved, little = Closing(5e-3, 1e-3, None, 1e-3, 300), Closing(1.5e-3, 1.4e-3, None, 1e-3, 300)
     turned, hardly = Closing(0.08, 0.02, None, 0.02, 300), Closing(0.0205, 0.02, None, 0.02, 300)
-    assert clearer(little, turned, allowed) is turned
-    assert clearer(moved, turned, Tolerance(1e-3, 0.02)) is moved
-    assert clearer(moved, hardly, allowed) is moved
-    assert clearer(Closing(1e-3, 1e-3, None, 1e-3, 300), hardly, allowed) is not hardly, "less than the tolerance"
-    assert clearer(moved, None, allowed) is moved
-    assert clearer(None, turned, allowed) is None
+    nothing = Closing(1e-3, 1e-3, None, 1e-3, 300)
+    assert clearer(little, turned, allowed) == ROTATION
+    assert clearer(moved, turned, Tolerance(1e-3, 0.02)) == POSITION
+    assert clearer(moved, hardly, allowed) == POSITION
+    assert clearer(nothing, hardly, allowed) == POSITION, "less than the tolerance"
+    assert clearer(moved, None, allowed) == POSITION
+    assert clearer(None, turned, allowed) == POSITION
 
 
 def test_what_is_left_within_the_tolerance_does_not_make_a_cause_a_part() -> None:

@@ -68,7 +68,9 @@ def draw_conclusion(nominal_fit: NominalFit, found: Attribution, generator: torc
     """
     settings, terms = nominal_fit.settings, found.nominal.experiment.predictor.terms
     allowed, best, covariance = tolerance_of(nominal_fit), found.best, None
-    closings, seen = _compare(nominal_fit, found.nominal, best, generator)
+    made = _compare(nominal_fit, found.nominal, best, generator)
+    kinds = {split: clearer(one, made[ROTATION][split], allowed) for split, one in made[POSITION].items()}
+    seen: Closings = {split: made[kind][split] for split, kind in kinds.items()}
     before = is_material(nominal_fit, found.nominal, found.lack)
     after = is_material(nominal_fit, best or found.nominal, found.left)
     verdict = judge(found, seen["transfer"], before=before, after=after)
@@ -82,13 +84,15 @@ def draw_conclusion(nominal_fit: NominalFit, found: Attribution, generator: torc
             verdict = reconsider(verdict, found.nominal, best)
     shown = found.reported(nominal_fit) if verdict in BLAMING else None
     if found.contact_free:
-        closings, seen = _compare(nominal_fit, found.whole_nominal, shown, generator)
+        made = _compare(nominal_fit, found.whole_nominal, shown, generator)
+        seen = {split: made[kind][split] for split, kind in kinds.items()}
     verdict = in_all_frames(verdict, seen.values(), settings.verdict)
     shown = shown if verdict in BLAMING else None
     chosen = None if shown is None else best
+    closings = made[POSITION]
     if chosen is None:
+        kinds = dict.fromkeys(kinds, POSITION)
         seen = closings = {name: _unclosed(one) for name, one in closings.items()}
-    kinds = {split: POSITION if seen[split] is one else ROTATION for split, one in closings.items()}
     parts_closed = {} if shown is None else decompose(nominal_fit, found, seen, kinds, generator)
     wide = covariance if shown is chosen or shown is None else shown.covariance() + bootstrap_spread(shown, generator)
     further = None if chosen is None else next_experiment(nominal_fit, found)
@@ -131,13 +135,13 @@ def _unclosed(one: Closing | None) -> Closing | None:
 
 def _compare(
     nominal_fit: NominalFit, nominal: Hypothesis, best: Hypothesis | None, generator: torch.Generator
-) -> tuple[Closings, Closings]:
-    """Compare errors before and after: of positions, and of what shows the gap more clearly."""
+) -> dict[int, Closings]:
+    """Compare errors before and after, of positions and of rotations."""
     same_draws = torch.Generator().set_state(generator.get_state())
-    positions = closings_of(nominal_fit, nominal, best, generator)
-    rotations = closings_of(nominal_fit, nominal, best, same_draws, ROTATION)
-    allowed = tolerance_of(nominal_fit)
-    return positions, {split: clearer(one, rotations[split], allowed) for split, one in positions.items()}
+    return {
+        POSITION: closings_of(nominal_fit, nominal, best, generator),
+        ROTATION: closings_of(nominal_fit, nominal, best, same_draws, ROTATION),
+    }
 
 
 def _gap(nominal_fit: NominalFit, closings: Closings, seen: Closings, kinds: Kinds) -> Gap:

@@ -161,15 +161,15 @@ def closing(
     return Closing(old, new, Interval(share, low, high), floor, count)
 
 
-def clearer(position: Closing | None, rotation: Closing | None, allowed: Tolerance) -> Closing | None:
-    """Return the closing of what shows a gap more clearly: of rotations where they exceed more of their tolerances.
+def clearer(position: Closing | None, rotation: Closing | None, allowed: Tolerance) -> int:
+    """Return what shows a gap more clearly: rotations where they exceed more of their tolerances, else positions.
 
     An effect that turns bodies leaves their places nearly alone, and closes hardly anything there.
     """
     if position is None or rotation is None:
-        return position
+        return POSITION
     turned, moved = rotation.excess / allowed.rotation, position.excess / allowed.position
-    return rotation if turned > max(moved, 1.0) else position
+    return ROTATION if turned > max(moved, 1.0) else POSITION
 
 
 def held_out_parts(observations: Observations) -> dict[Split, Tensor]:
