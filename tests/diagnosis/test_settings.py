@@ -53,6 +53,7 @@ LISTED = {
 CONSTANTS = {
     "diagnosis/reference/nominal_fit_cache.py": {"LAYOUT"},  # version of a file
     "diagnosis/conclusion/fitted_model.py": {"DIGITS"},  # of what is written
+    "diagnosis/conclusion/gap.py": {"ROTATION, POSITION"},  # columns
     "estimation/least_squares/covariance.py": {"CONFIDENCE"},  # what intervals mean by default
     "estimation/least_squares/jacobian.py": {
         "SHIFTS",  # columns
