@@ -38,7 +38,6 @@ NAMED: dict[str, Any] = {
         "tolerance": {"position": 0.0004, "rotation": 0.002},
         "same": {"before": 0.021, "after": 0.0016},
         "transfer": {"before": 0.018, "after": 0.0019},
-        "rotations": None,
     },
     "shrink": {
         "same": {"value": 0.99, "low": 0.97, "high": 1.0},

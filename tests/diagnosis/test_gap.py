@@ -81,7 +81,7 @@ def test_an_error_of_rotations_is_their_mean_square_beside_the_noise_of_rotation
     scale = torch.full((1, 2, 1, 6), 300.0, dtype=torch.float64)
     hypothesis: Any = SimpleNamespace(experiment=SimpleNamespace(scale=scale), fit=SimpleNamespace(residual=residual))
     assert float(errors_of(hypothesis, ROTATION)) == pytest.approx(0.05**2)
-    noise: Any = SimpleNamespace(floor=0.002, rotation=0.01)
+    noise: Any = SimpleNamespace(floor=0.002, rotation_floor=3**0.5 * 0.01)
     assert float(floors_of(hypothesis.experiment, noise, ROTATION)) == pytest.approx(3 * 0.01**2)
 
 

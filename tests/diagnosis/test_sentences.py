@@ -102,6 +102,14 @@ def test_the_summary_gives_sizes_errors_and_shares_with_their_units() -> None:
     assert "block.mass 1.11 -> 1.002 (0.995 to 1.009) kg" in text
 
 
+def test_sizes_that_are_not_shown_are_counted_and_none_is_not_a_number() -> None:
+    assert not any("parameters more" in line for line in summary_lines(said()))
+    document = diagnosis()
+    one = document["effects"][0]["parameters"]["coefficient"]
+    document["effects"][0]["parameters"] = dict.fromkeys("abcde", one)
+    assert sum("and 3 parameters more" in line for line in summary_lines(check_diagnosis(document))) == 1
+
+
 def test_where_rotations_show_the_gap_their_errors_come_first_and_shares_are_theirs() -> None:
     document = diagnosis()
     document["gap"]["rotations"] = {"floor": 0.005, "same": {"before": 0.076, "after": 0.0077}, "transfer": None}

@@ -70,7 +70,7 @@ class Closing:
 
 def floor_of(noise: Noise, kind: int = POSITION) -> float:
     """Return the root mean square error of positions [m], or rotations [rad], of a perfect model."""
-    return noise.floor if kind == POSITION else 3**0.5 * noise.rotation
+    return noise.floor if kind == POSITION else noise.rotation_floor
 
 
 def floors_of(experiment: Experiment, noise: Noise, kind: int = POSITION) -> Tensor:

@@ -13,6 +13,7 @@ from physid.data.files import write_text
 from physid.diagnosis.document.errors import Allowed as Allowed
 from physid.diagnosis.document.errors import Errors as Errors
 from physid.diagnosis.document.errors import Gap as Gap
+from physid.diagnosis.document.errors import Positive, Text
 from physid.diagnosis.document.errors import Rotations as Rotations
 from physid.diagnosis.document.evidence import Evidence
 from physid.diagnosis.document.residual_law import ResidualLaw
@@ -37,9 +38,7 @@ SPLITS: tuple[Split, ...] = get_args(Split)
 DOFS: tuple[Dof, ...] = get_args(Dof)
 PHASES: tuple[Phase, ...] = get_args(Phase)
 
-Positive = Annotated[float, Ge(0)]
 Probability = Annotated[float, Ge(0), Le(1)]
-Text = Annotated[str, MinLen(1)]
 Names = Annotated[tuple[Text, ...], MinLen(1)]
 
 
@@ -245,7 +244,10 @@ class Diagnosis:
     def to_mapping(self) -> dict[str, Any]:
         """Return the content of the file as plain values; what is optional and not known is left out."""
         optional = ("settings", "causes", "evidence", "residual", "excess", "null_simulations", "seconds")
-        return {name: value for name, value in asdict(self).items() if value or name not in optional}
+        made = {name: value for name, value in asdict(self).items() if value or name not in optional}
+        if self.gap.rotations is None:
+            del made["gap"]["rotations"]
+        return made
 
 
 def check_diagnosis(content: object) -> Diagnosis:

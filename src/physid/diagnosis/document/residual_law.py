@@ -7,9 +7,8 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from annotated_types import Ge, Le, MinLen
 
+from physid.diagnosis.document.errors import Text
 from physid.typed_files import CLOSED
-
-Text = Annotated[str, MinLen(1)]
 
 
 @dataclass(frozen=True)

@@ -45,7 +45,7 @@ class Tolerance:
         by_size = settings.share_of_size * size
         if position is not None:
             return cls(position, 2 * position / size)
-        by_noise = (settings.share_of_noise * noise.floor, settings.share_of_noise * 3**0.5 * noise.rotation)
+        by_noise = (settings.share_of_noise * noise.floor, settings.share_of_noise * noise.rotation_floor)
         return cls(max(by_noise[0], by_size), max(by_noise[1], 2 * by_size / size))
 
     def exceeded(self, one: Excess) -> bool:
@@ -99,7 +99,7 @@ def excess_of(hypothesis: Hypothesis, noise: Noise, parts: Iterable[Tensor]) -> 
 
 
 def _excess(hypothesis: Hypothesis, noise: Noise, rows: Tensor) -> Excess:
-    floors = {3: noise.floor, 0: 3**0.5 * noise.rotation}
+    floors = {3: noise.floor, 0: noise.rotation_floor}
     found = {}
     for first, floor in floors.items():
         scale = hypothesis.experiment.scale[rows][..., first]

@@ -62,6 +62,11 @@ class Noise:
         """Root mean square position error of a perfect model, sqrt(3) sigma where the noise is white [m]."""
         return 3**0.5 * self.position if self.error is None else self.error.floor
 
+    @property
+    def rotation_floor(self) -> float:
+        """Root mean square rotation error of a perfect model, sqrt(3) sigma [rad]."""
+        return 3**0.5 * self.rotation
+
     def spread(self) -> Tensor:
         """Return the standard deviations of the six coordinates of a pose, shape (6,)."""
         if self.error is not None:
