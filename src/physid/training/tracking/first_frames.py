@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, final
 
 import numpy as np
 import torch
@@ -13,24 +14,45 @@ from physid.networks import PlanarChart, PoseChart, as_image
 from physid.physics.rotations import to_matrix
 from physid.scenes import Scene
 from physid.training.tracking.films import Filmed, Footage
-from physid.training.tracking.tracker import Reader
-from physid.training.vision import MODELS, ChartName, Decoder, PoseRefinement, VideoModel, chart_of
+from physid.training.tracking.light import SteadyLight
+from physid.training.tracking.shadows import cast_shadow_of
+from physid.training.tracking.tracker import SETTLING, Reader
+from physid.training.vision import MODELS, CastShadow, ChartName, Decoder, PoseRefinement, VideoModel, chart_of
 
 UPRIGHT, LYING = 0.02, 0.01
 """[rad] and share of the height by which a body may be off that counts as upright, and as lying on the ground."""
 SEARCHING = PoseRefinement(steps=8, headings=24)
+LOOKS = 2
+"""How often the look of bodies is cut out and first poses are found by it: first by one film, then by many."""
 UNSURE = 1e-3
 """Deviation of the scale where no pose is known beforehand: about what drawn edges are off by."""
 
 
+@final
+@dataclass(frozen=True)
+class Beginning:
+    """Where reading begins.
+
+    Attributes:
+        reader: Knows what the bodies look like.
+        pose: About the initial poses, shape (R, N, 7).
+        footage: The films as the reader draws them: with shadows if it draws these.
+    """
+
+    reader: Reader
+    pose: Tensor
+    footage: Footage
+
+
 def first_frames_of(
-    scene: Scene, footage: Footage, known: Sequence[Filmed], chart: ChartName | None, trained: Any = None
-) -> tuple[Reader, Tensor]:
+    scene: Scene, footage: SteadyLight, known: Sequence[Filmed], chart: ChartName | None, trained: Any = None
+) -> Beginning:
     """Begin to read films.
 
     A trained model knows the bodies and finds them. Without one, initial poses that are known tell what the bodies look
     like. Without these, bodies on the ground are found by their outlines, and told from each other by their masks;
-    a heading that no outline tells is that of the first trajectory.
+    a heading that no outline tells is that of the first trajectory. Shadows that one lamp explains are drawn from then
+    on, so that a body's edges may be as faint as they are beside its shadow; all others stay out of the frames.
 
     Args:
         scene: Gives camera, ground and sizes.
@@ -39,24 +61,33 @@ def first_frames_of(
         chart: Which poses there are; None to judge by the first ones.
         trained: A module of a fit from video, with an attribute `model`.
 
-    Returns:
-        The reader, and initial poses (R, N, 7).
-
     Raises:
         ValueError: If the initial poses cannot be found.
     """
     if trained is not None:
         model: VideoModel = trained.model.eval()
         frame, _, background = _first_frames(footage, range(len(known)))
-        return Reader.of_model(model), model.read(as_image(frame)[:, None], as_image(background))[1][:, 0].double()
+        first = model.read(as_image(frame)[:, None], as_image(background))[1][:, 0].double()
+        return Beginning(Reader.of_model(model), first, footage)
+    lit, looked = footage.with_shadows(), range(len(known))[:MODELS]
+    sights = [lit.first(index) for index in looked]
     if all(one.first is not None for one in known):
         first = torch.from_numpy(np.stack([one.first for one in known if one.first is not None]))
-        return Reader.of_first_frames(scene, chart or chart_for(scene, first), footage, first), first
-    found = _find(scene, chart or "planar", footage, len(known))
-    reader = Reader.of_first_frames(scene, chart or "planar", footage, found)
+        shadow = cast_shadow_of(scene, sights, first)
+        shown = footage if shadow is None else lit
+        return Beginning(
+            Reader.of_first_frames(scene, chart or chart_for(scene, first), shown, first, shadow), first, shown
+        )
+    first = _find(scene, chart or "planar", footage, len(known))
+    shadow = cast_shadow_of(scene, sights, first)
+    shown = footage if shadow is None else lit
+    if shadow is not None:
+        first = _look_again(scene, chart or "planar", lit, first, shadow)
+        shadow = cast_shadow_of(scene, sights, first) or shadow
+    reader = Reader.of_first_frames(scene, chart or "planar", shown, first, shadow)
     reader.calibration.deviation.fill_(UNSURE)
     reader.calibration.stretch.zero_()
-    return reader, found
+    return Beginning(reader, first, shown)
 
 
 def chart_for(scene: Scene, pose: Tensor) -> ChartName:
@@ -90,9 +121,20 @@ def _find(scene: Scene, name: ChartName, footage: Footage, count: int) -> Tensor
     decoder = Decoder(scene)
     pose = _fit_outlines(scene, chart, rough[:1], mask[:1])
     decoder.cut(image[:1], mask[:1], pose)
-    for _ in range(2):  # by the look in the first film, then by that in many
+    for _ in range(LOOKS):
         pose = SEARCHING(chart, decoder, rough[:, None], image[:, None], behind)[:, 0]
         decoder.cut(image[:MODELS], mask[:MODELS], pose[:MODELS])
+    return pose.double()
+
+
+def _look_again(scene: Scene, name: ChartName, lit: Footage, pose: Tensor, shadow: CastShadow) -> Tensor:
+    """Find initial poses (R, N, 7) that are about known, in films with shadows."""
+    frame, mask, background = _first_frames(lit, range(len(pose)))
+    image, behind, decoder = as_image(frame), as_image(background), Decoder(scene)
+    decoder.shadow = shadow
+    for _ in range(LOOKS):
+        decoder.cut(image[:MODELS], mask[:MODELS], pose[:MODELS])
+        pose = SETTLING(chart_of(scene, name), decoder, pose[:, None].to(image), image[:, None], behind)[:, 0]
     return pose.double()
 
 

@@ -21,7 +21,7 @@ UNLIT = 3
 
 @final
 class SteadyLight(Footage):
-    """Films whose frames have the brightness of their background, and no shadows.
+    """Films whose frames have the brightness of their background, and no shadows unless these are kept.
 
     The gain of a frame is the median ratio to the background, which bodies do not move. Pixels that show the background
     with less light in all colours are given its colours, where the first frame has such pixels beside the bodies, and
@@ -29,16 +29,21 @@ class SteadyLight(Footage):
 
     Args:
         footage: The films.
+        keep_shadows: Whether only the gain is taken out.
     """
 
-    def __init__(self, footage: Footage) -> None:
-        self._footage = footage
+    def __init__(self, footage: Footage, *, keep_shadows: bool = False) -> None:
+        self._footage, self._keep_shadows = footage, keep_shadows
         self._known: dict[int, tuple[Image, NDArray[np.float32], int, bool]] = {}
 
     def first(self, index: int) -> FirstSight:
         """Return first frame, masks and background."""
         frame, mask, background = self._footage.first(index)
         return self._lit(index, frame), mask, background
+
+    def with_shadows(self) -> SteadyLight:
+        """Return the films with their shadows."""
+        return SteadyLight(self._footage, keep_shadows=True)
 
     def frames(self, index: int, start: int, stop: int) -> Image:
         """Return some frames."""
@@ -47,7 +52,8 @@ class SteadyLight(Footage):
     def _lit(self, index: int, frame: Image) -> Image:
         if index not in self._known:
             first, mask, background = self._footage.first(index)
-            self._known[index] = background, smoothed(background), len(mask), has_shadows(first, mask, background)
+            shadows = not self._keep_shadows and has_shadows(first, mask, background)
+            self._known[index] = background, smoothed(background), len(mask), shadows
         background, behind, bodies, shadows = self._known[index]
         even: NDArray[np.floating] = frame / gain_of(frame, background)
         if shadows:

@@ -63,8 +63,10 @@ def track(
         return RecordingSet(out)
     check_video(recordings, range(count))
     scene = dataclasses.replace(recordings.scene, source=f"read by physid from the films of {films.name}")
-    known, filmed = [Filmed.of(recordings, index) for index in range(count)], SteadyLight(Recorded(recordings))
-    reader, first = first_frames_of(scene, filmed, known, chart, encoder and restore(encoder, films))
+    known = [Filmed.of(recordings, index) for index in range(count)]
+    steady = SteadyLight(Recorded(recordings))
+    begun = first_frames_of(scene, steady, known, chart, encoder and restore(encoder, films))
+    reader, first, filmed = begun.reader, begun.pose, begun.footage
     stretch, deviation = (float(one) for one in (reader.calibration.stretch, reader.calibration.deviation))
     write_reading(out, Reading(str(films.resolve()), str(encoder or ""), reader.name, stretch, deviation, key))
     # Both readings take equally long: one count for both.

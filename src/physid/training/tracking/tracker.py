@@ -13,7 +13,16 @@ from torch import Tensor
 from physid.networks import PlanarChart, PoseChart, as_image
 from physid.scenes import Scene
 from physid.training.tracking.films import Footage
-from physid.training.vision import MODELS, Calibration, ChartName, Decoder, PoseRefinement, VideoModel, chart_of
+from physid.training.vision import (
+    MODELS,
+    Calibration,
+    CastShadow,
+    ChartName,
+    Decoder,
+    PoseRefinement,
+    VideoModel,
+    chart_of,
+)
 
 FOLLOWING = PoseRefinement(steps=12, wider=1.0)
 """From the place where the last two frames put a body; most images are done after two steps, but where a force sets in
@@ -58,7 +67,9 @@ class Reader:
         return cls("spatial", chart, model.decoder, model.calibration)
 
     @classmethod
-    def of_first_frames(cls, scene: Scene, chart: ChartName, footage: Footage, pose: Tensor) -> Reader:
+    def of_first_frames(
+        cls, scene: Scene, chart: ChartName, footage: Footage, pose: Tensor, shadow: CastShadow | None = None
+    ) -> Reader:
         """Learn the look of the bodies, and the scale, from first frames whose poses are known.
 
         Args:
@@ -66,6 +77,7 @@ class Reader:
             chart: Which poses there are.
             footage: The films.
             pose: Initial poses of its trajectories, shape (R, N, 7).
+            shadow: What the bodies cast in these films.
 
         Raises:
             ValueError: If a mask does not lie where the pose says.
@@ -76,6 +88,7 @@ class Reader:
         image = as_image(frame)
         reader = cls(chart, chart_of(scene, chart), Decoder(scene), Calibration())
         reader.decoder.cut(image[:MODELS], mask[:MODELS], pose[:MODELS])
+        reader.decoder.shadow = shadow
         like = pose[:, None].to(reader.decoder.patches)
         found = SETTLING(reader.chart, reader.decoder, like, image[:, None], as_image(background))
         reader.calibration.measure(reader.decoder.renderer.camera, found[:, 0], pose)

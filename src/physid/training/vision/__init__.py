@@ -1,7 +1,8 @@
 """Between frames and poses: encoder, decoder, pose refinement, calibration, synthetic images, predicted video."""
 
 from physid.training.vision.calibration import Calibration
-from physid.training.vision.decoder import MODELS, Decoder
+from physid.training.vision.cast_shadow import CastShadow, ground_points
+from physid.training.vision.decoder import MODELS, Decoder, camera_of
 from physid.training.vision.landing_height import LandingHeight, land
 from physid.training.vision.model import ChartName, EncoderFactory, VideoModel, Vision, at_frames, chart_of, over_time
 from physid.training.vision.pose_cache import PoseCache
@@ -13,6 +14,7 @@ from physid.training.vision.synthetic_images import SyntheticImages, encoding_lo
 __all__ = [
     "MODELS",
     "Calibration",
+    "CastShadow",
     "ChartName",
     "Decoder",
     "EncoderFactory",
@@ -25,10 +27,12 @@ __all__ = [
     "VideoScores",
     "Vision",
     "at_frames",
+    "camera_of",
     "chart_of",
     "compare",
     "encoding_losses",
     "foresee",
+    "ground_points",
     "land",
     "over_time",
     "write_film",

@@ -14,6 +14,7 @@ from physid.networks import PinholeCamera, as_image
 from physid.networks.appearance import Appearance, cut_appearance
 from physid.networks.renderer import BoxRenderer
 from physid.scenes import Scene
+from physid.training.vision.cast_shadow import CastShadow
 
 MODELS = 16
 """First frames that the appearance is cut from: enough to see every side of every body in some of them."""
@@ -41,6 +42,7 @@ class Decoder(nn.Module):
     Attributes:
         patches: What the faces look like (see `Appearance`), shape (1, N, 6, 3, P, P); not finite until `model` was
             called. They are part of a checkpoint, so that a trained model predicts recordings without masks.
+        shadow: What the bodies cast on the ground; None draws none.
 
     Raises:
         ValueError: If the scene has no camera.
@@ -53,6 +55,7 @@ class Decoder(nn.Module):
         self.renderer = BoxRenderer(camera_of(scene), torch.from_numpy(scene.sizes))
         unknown = torch.full((1, len(scene.bodies), 6, 3, TEXELS, TEXELS), torch.nan)
         self.register_buffer("patches", unknown)
+        self.shadow: CastShadow | None = None
 
     def model(self, recordings: RecordingSet, trajectories: Sequence[int]) -> tuple[Tensor, Tensor, Tensor]:
         """Cut the appearance out of the first frames of some trajectories, by their masks and initial poses.
@@ -109,5 +112,15 @@ class Decoder(nn.Module):
         Returns:
             Images in [0, 1], shape (B, f, 3, H, W).
         """
-        image: Tensor = self.renderer(pose, Appearance(self.patches), background, edge, corner)
-        return image
+        if self.shadow is None:
+            image: Tensor = self.renderer(pose, Appearance(self.patches), background, edge, corner)
+            return image
+        if corner is None:
+            corner = torch.zeros(len(background), 2, dtype=torch.long, device=background.device)
+        # Each frame has a background of its own.
+        frames, shape = pose.shape[1], (background.shape[-2], background.shape[-1])
+        light = self.shadow.light(self.renderer.camera, pose.to(background), self.renderer.size, shape, corner)
+        behind = (background[:, None] * light[:, :, None]).flatten(0, 1)
+        corner = corner.repeat_interleave(frames, 0)
+        image = self.renderer(pose.flatten(0, 1)[:, None], Appearance(self.patches), behind, edge, corner)
+        return image.view(*pose.shape[:2], *image.shape[2:])
