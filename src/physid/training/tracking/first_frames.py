@@ -82,7 +82,7 @@ def first_frames_of(
     shadow = cast_shadow_of(scene, sights, first)
     shown = footage if shadow is None else lit
     if shadow is not None:
-        first = _look_again(scene, chart or "planar", lit, first, shadow)
+        first = _find(scene, chart or "planar", lit, len(known), first, shadow)
         shadow = cast_shadow_of(scene, sights, first) or shadow
     reader = Reader.of_first_frames(scene, chart or "planar", shown, first, shadow)
     reader.calibration.deviation.fill_(UNSURE)
@@ -108,8 +108,15 @@ def _first_frames(footage: Footage, indices: Sequence[int]) -> tuple[Tensor, Ten
     return frame, mask, background
 
 
-def _find(scene: Scene, name: ChartName, footage: Footage, count: int) -> Tensor:
-    """Find initial poses (R, N, 7) without any that is known: by outlines, then by what the first film shows."""
+def _find(
+    scene: Scene,
+    name: ChartName,
+    footage: Footage,
+    count: int,
+    rough: Tensor | None = None,
+    shadow: CastShadow | None = None,
+) -> Tensor:
+    """Find initial poses (R, N, 7) by what the first film shows, from rough ones; without these by outlines first."""
     chart = chart_of(scene, name)
     if not isinstance(chart, PlanarChart):
         raise ValueError(
@@ -117,24 +124,18 @@ def _find(scene: Scene, name: ChartName, footage: Footage, count: int) -> Tensor
             "the ground are found without them: record initial poses, or name the run of a trained encoder (--encoder)"
         )
     frame, mask, background = _first_frames(footage, range(count))
-    image, behind, rough = as_image(frame), as_image(background), _centres(chart, mask)
-    decoder = Decoder(scene)
-    pose = _fit_outlines(scene, chart, rough[:1], mask[:1])
+    image, behind, decoder = as_image(frame), as_image(background), Decoder(scene)
+    decoder.shadow = shadow
+    if rough is None:
+        rough = _centres(chart, mask)
+        pose = _fit_outlines(scene, chart, rough[:1], mask[:1])
+    else:
+        rough = rough.to(image)
+        pose = rough[:1]
     decoder.cut(image[:1], mask[:1], pose)
     for _ in range(LOOKS):
         pose = SEARCHING(chart, decoder, rough[:, None], image[:, None], behind)[:, 0]
         decoder.cut(image[:MODELS], mask[:MODELS], pose[:MODELS])
-    return pose.double()
-
-
-def _look_again(scene: Scene, name: ChartName, lit: Footage, pose: Tensor, shadow: CastShadow) -> Tensor:
-    """Find initial poses (R, N, 7) that are about known, in films with shadows."""
-    frame, mask, background = _first_frames(lit, range(len(pose)))
-    image, behind, decoder = as_image(frame), as_image(background), Decoder(scene)
-    decoder.shadow = shadow
-    for _ in range(LOOKS):
-        decoder.cut(image[:MODELS], mask[:MODELS], pose[:MODELS])
-        pose = SETTLING(chart_of(scene, name), decoder, pose[:, None].to(image), image[:, None], behind)[:, 0]
     return pose.double()
 
 

@@ -72,7 +72,8 @@ class CastShadow:
         seen = torch.isfinite(point).all(-1)[:, None]
         along = torch.einsum("bpk,btnik->btnip", torch.where(seen[:, 0, :, None], point, 0.0), normal)
         away = (along - (normal * centre[..., None, :]).sum(-1)[..., None]).abs()
-        inside = torch.special.ndtr((half[..., None] - away) / self.softness).prod(-2)
+        beyond = half[..., None] > 0  # an edge along the light bounds nothing
+        inside = torch.where(beyond, torch.special.ndtr((half[..., None] - away) / self.softness), 1.0).prod(-2)
         return torch.where(seen, 1 - (1 - inside).prod(-2), 0.0)
 
     def _projected(self, pose: Tensor, size: Tensor) -> tuple[Tensor, Tensor]:
