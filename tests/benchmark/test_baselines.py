@@ -11,7 +11,7 @@ import pytest
 from diagnosis.documents import said
 from physid.benchmark.scoring.accelerations import samples
 from physid.benchmark.scoring.baselines import FITTED, SPLITS, answers, free_residual, sparse_regression
-from physid.benchmark.sealing.invent import SPLIT
+from physid.benchmark.sealing.configurations import SPLIT
 from physid.data import RecordingSet
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig, Noise

@@ -13,7 +13,7 @@ from physid.benchmark.sealing import invent
 
 def test_where_nothing_shows_another_configuration_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
     tried: list[Any] = []
-    monkeypatch.setattr(invent, "_sizes", lambda config, *_: tried.append(config))
+    monkeypatch.setattr(invent, "draw_sizes", lambda config, *_: tried.append(config))
     plan = Plan("calibration", 5, Size(sets=10, trajectories=12, steps=60))
     assert list(invent.inventions(plan, Task("003", "pair", 0))) == []
     assert len(tried) == invent.TRIES

@@ -16,11 +16,13 @@ from tests.benchmark.conftest import TINY
 from physid.benchmark.bank import QUICK, Bank, Size, read_bank
 from physid.benchmark.labels import open_labels
 from physid.benchmark.plan import Plan, Task, tasks
+from physid.benchmark.sealing.configurations import in_view
 from physid.benchmark.sealing.hidden import CONFUSIONS, ROLES, candidates
-from physid.benchmark.sealing.invent import in_view, inventions
+from physid.benchmark.sealing.invent import inventions
 from physid.benchmark.sealing.native import NATIVE
 from physid.benchmark.sealing.outside import OUTSIDE
-from physid.benchmark.sealing.seal import make, seal, seal_all
+from physid.benchmark.sealing.recorded_set import make
+from physid.benchmark.sealing.seal import seal, seal_all
 from physid.data import RecordingSet
 from physid.data.generation.draw import draw
 from physid.data.generation.generate import generate
@@ -161,7 +163,7 @@ def test_where_an_effect_drives_bodies_out_of_view_another_is_hidden(
             raise ValueError("trajectory 1: a body left the view")
         generate(config, out, effects=effects, quiet=quiet)
 
-    monkeypatch.setattr("physid.benchmark.sealing.seal.generate", unlucky)
+    monkeypatch.setattr("physid.benchmark.sealing.recorded_set.generate", unlucky)
     task = next(task for task in tasks(small) if task.role == "catalogue")
     name, label = make(tmp_path, small, task)
     first, second = tried

@@ -5,21 +5,16 @@ from __future__ import annotations
 import json
 import os
 import secrets
-import shutil
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 
 from physid.benchmark.bank import SEALED, SETS, Bank, Recorder, write_bank
-from physid.benchmark.films import leave_out_poses
 from physid.benchmark.labels import Label, write_labels
-from physid.benchmark.plan import Plan, Task, tasks
-from physid.benchmark.sealing.invent import inventions
+from physid.benchmark.plan import Plan, tasks
+from physid.benchmark.sealing.recorded_set import make
 from physid.data.files import write_text
-from physid.data.generation.generate import generate
-from physid.data.generation.settings import GenerateConfig
 from physid.record import checksum
-from physid.typed_files import read_json_as
 
 EPOCH = 1_700_000_000  # every file gets this date
 
@@ -72,24 +67,3 @@ def _keep_apart(folder: Path, plan: Plan) -> None:
             "delete this one first"
         )
     write_text(path, json.dumps(values) + "\n")
-
-
-def make(folder: Path, plan: Plan, task: Task) -> tuple[str, Label]:
-    """Make one set, or return its label where it is there."""
-    kept = folder / SEALED / "parts" / f"{task.name}.json"
-    if kept.is_file():
-        return task.name, read_json_as(Label, kept)
-    place, truth = folder / SETS / task.name, folder / SEALED / "truth" / f"{task.name}.yaml"
-    for config, effects, label in inventions(plan, task):
-        whole = GenerateConfig.from_mapping(config.to_mapping() | {"truth_file": str(truth)})
-        try:
-            generate(whole, place, effects=effects, quiet=True)
-        except ValueError:  # with these effects bodies leave the view in some trajectory
-            shutil.rmtree(place)
-            truth.unlink()
-            continue
-        if task.film:
-            leave_out_poses(place)
-        write_text(kept, json.dumps(label.to_mapping()) + "\n")
-        return task.name, label
-    raise ValueError(f"no effect for the role {task.role} shows in set {task.name} as it should; take another seed")

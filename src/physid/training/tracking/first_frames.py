@@ -10,17 +10,15 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from physid.data import RecordingSet
 from physid.networks import PlanarChart, PoseChart, as_image
-from physid.physics.rotations import to_matrix
 from physid.scenes import Scene
-from physid.training.tracking.films import Filmed, Footage
+from physid.training.tracking.films import Filmed, Footage, Recorded
 from physid.training.tracking.light import SteadyLight
 from physid.training.tracking.shadows import cast_shadow_of
-from physid.training.tracking.tracker import SETTLING, Reader
+from physid.training.tracking.tracker import Reader, chart_for
 from physid.training.vision import MODELS, CastShadow, ChartName, Decoder, PoseRefinement, VideoModel, chart_of
 
-UPRIGHT, LYING = 0.02, 0.01
-"""[rad] and share of the height by which a body may be off that counts as upright, and as lying on the ground."""
 SEARCHING = PoseRefinement(steps=8, headings=24)
 LOOKS = 2
 """How often the look of bodies is cut out and first poses are found by it: first by one film, then by many."""
@@ -45,7 +43,7 @@ class Beginning:
 
 
 def first_frames_of(
-    scene: Scene, footage: SteadyLight, known: Sequence[Filmed], chart: ChartName | None, trained: Any = None
+    scene: Scene, recordings: RecordingSet, known: Sequence[Filmed], chart: ChartName | None, trained: Any = None
 ) -> Beginning:
     """Begin to read films.
 
@@ -56,14 +54,15 @@ def first_frames_of(
 
     Args:
         scene: Gives camera, ground and sizes.
-        footage: The films.
-        known: What is known of them.
+        recordings: The films.
+        known: What is known of those that are looked at.
         chart: Which poses there are; None to judge by the first ones.
         trained: A module of a fit from video, with an attribute `model`.
 
     Raises:
         ValueError: If the initial poses cannot be found.
     """
+    footage = SteadyLight(Recorded(recordings))
     if trained is not None:
         model: VideoModel = trained.model.eval()
         frame, _, background = _first_frames(footage, range(len(known)))
@@ -88,17 +87,6 @@ def first_frames_of(
     reader.calibration.deviation.fill_(UNSURE)
     reader.calibration.stretch.zero_()
     return Beginning(reader, first, shown)
-
-
-def chart_for(scene: Scene, pose: Tensor) -> ChartName:
-    """Judge by initial poses (R, N, 7) which poses there are: of bodies that lie, stand upright, or are free."""
-    normal = pose.new_tensor(scene.ground.normal)
-    tilt = torch.linalg.cross(to_matrix(pose[..., 3:])[..., 2], normal.expand_as(pose[..., :3])).norm(dim=-1)
-    half = pose.new_tensor(scene.sizes[:, 2]) / 2
-    above = (pose[..., :3] @ normal - scene.ground.offset - half).abs() / half
-    if float(tilt.max()) > UPRIGHT:
-        return "spatial"
-    return "planar" if float(above.max()) < LYING else "hovering"
 
 
 def _first_frames(footage: Footage, indices: Sequence[int]) -> tuple[Tensor, Tensor, Tensor]:

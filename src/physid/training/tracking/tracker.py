@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from physid.networks import PlanarChart, PoseChart, as_image
+from physid.physics.rotations import to_matrix
 from physid.scenes import Scene
 from physid.training.tracking.films import Footage
 from physid.training.vision import (
@@ -36,6 +37,9 @@ LOST = 0.5
 drawn: beyond this the film looks more like the empty scene than like the bodies."""
 CALIBRATED = 256
 """First frames, at most, that the scale is measured in."""
+
+UPRIGHT, LYING = 0.02, 0.01
+"""[rad] and share of the height by which a body may be off that counts as upright, and as lying on the ground."""
 
 
 @final
@@ -161,3 +165,14 @@ class Reader:
                 f"frame {frame}: {float(share[row]):.0%} of what should be bodies looks like the background instead "
                 "(0 % would be perfect); cut the film there, or record at a higher rate"
             )
+
+
+def chart_for(scene: Scene, pose: Tensor) -> ChartName:
+    """Judge by initial poses (R, N, 7) which poses there are: of bodies that lie, stand upright, or are free."""
+    normal = pose.new_tensor(scene.ground.normal)
+    tilt = torch.linalg.cross(to_matrix(pose[..., 3:])[..., 2], normal.expand_as(pose[..., :3])).norm(dim=-1)
+    half = pose.new_tensor(scene.sizes[:, 2]) / 2
+    above = (pose[..., :3] @ normal - scene.ground.offset - half).abs() / half
+    if float(tilt.max()) > UPRIGHT:
+        return "spatial"
+    return "planar" if float(above.max()) < LYING else "hovering"
