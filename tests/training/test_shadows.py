@@ -14,11 +14,13 @@ from numpy.typing import NDArray
 from tests.data import filmed
 from torch import Tensor
 
+from physid.data import RecordingSet
 from physid.data.importers.video.convert import import_films
+from physid.data.reading import ECHO
 from physid.networks import PinholeCamera
 from physid.physics.rotations import rotate
 from physid.scenes import Ground, Scene, find_setup
-from physid.training.tracking.films import FirstSight
+from physid.training.tracking.films import Drawn, FirstSight
 from physid.training.tracking.shadows import cast_shadow_of
 from physid.training.tracking.track import track
 from physid.training.vision import CastShadow, ground_points
@@ -161,8 +163,28 @@ def test_the_edges_of_a_grey_block_in_its_own_shadow_do_not_move_it(
         filmed.write_film(tmp_path / f"{number}.mp4", shown)
     mapping = dict(filmed.MAPPING, forces={}, force=None)
     import_films(sorted(tmp_path.glob("*.mp4")), mapping, tmp_path / "films")
-    for one in track(tmp_path / "films", tmp_path / "read"):
+    read = track(tmp_path / "films", tmp_path / "read")
+    for one, again in zip(read, RecordingSet(tmp_path / "read" / ECHO), strict=True):
         assert one.pose is not None
+        assert again.pose is not None
         true = np.column_stack([path, np.full(len(path), filmed.EDGES[2] / 2)])
-        apart = (filmed.CAMERA.project(one.pose[:, 0, :3]) - filmed.CAMERA.project(true))[:, :2]
-        assert np.sqrt((apart**2).mean(0)).max() < EXACT
+        seen, drawn, known = (
+            filmed.CAMERA.project(place)[:, :2] for place in (one.pose[:, 0, :3], again.pose[:, 0, :3], true)
+        )
+        assert np.sqrt(((seen - known) ** 2).mean(0)).max() < EXACT
+        assert np.sqrt(((drawn - seen) ** 2).mean(0)).max() < EXACT, "films that are drawn to measure the error"
+
+
+def test_films_that_are_drawn_to_measure_the_error_have_the_shadow() -> None:
+    scene, sights, pose = first_frames([LAMP])
+    faces = np.full((1, 6, 8, 8, 3), 200, np.uint8)
+    shadow = CastShadow(scene.ground, (0.9, -0.5), DARK, 0.004)
+    behind = sights[0][2]
+    with Drawn(scene, faces, [pose[:1].numpy()], [behind], shadow=shadow) as drawn:
+        image, mask, background = drawn.first(0)
+    assert np.array_equal(background, behind)
+    shade = shade_of(np.array([0.05, 0.0]), 0.4, LAMP)
+    near = cv2.dilate(mask[0].astype(np.uint8), np.ones((5, 5))).astype(bool)
+    inside, outside = (shade > 0.98) & ~near, (shade < 0.01) & ~near
+    assert np.median(image[inside] / behind[inside]) == pytest.approx(1 - DARK, abs=0.02)
+    assert np.array_equal(image[outside], behind[outside])

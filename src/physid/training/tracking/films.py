@@ -9,11 +9,13 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from physid.data import Recording, RecordingSet
 from physid.scenes import Scene
 from physid.simulators.filming import open_studio
+from physid.training.vision import CastShadow, camera_of
 
 Image = NDArray[np.uint8]
 FirstSight = tuple[Image, NDArray[np.bool_], Image]
@@ -95,12 +97,14 @@ class Drawn(Footage, AbstractContextManager["Drawn"]):
         poses: Motions (T, N, 7) by trajectory.
         backgrounds: Images of the empty scenes by trajectory, shape (H, W, 3).
         noise: Standard deviation of a colour [of 255], drawn anew for every pixel.
+        shadow: What the bodies cast on the ground.
     """
 
     def __init__(
         self, scene: Scene, patches: Image, poses: Sequence[NDArray[np.float64]], backgrounds: Sequence[Image],
-        noise: float = 0.0,
+        noise: float = 0.0, shadow: CastShadow | None = None,
     ) -> None:  # fmt: skip
+        self._scene, self._shadow = scene, shadow
         self._studio = open_studio(scene, patches)
         self._poses, self._backgrounds, self._noise = poses, backgrounds, noise
         self._bodies = len(scene.bodies)
@@ -119,9 +123,19 @@ class Drawn(Footage, AbstractContextManager["Drawn"]):
         return np.stack([self._shoot(index, frame)[0] for frame in range(start, stop)])
 
     def _shoot(self, index: int, frame: int) -> tuple[Image, NDArray[np.int64]]:
-        self._studio.background = self._backgrounds[index]
+        self._studio.background = self._behind(index, frame)
         image, which = self._studio.shoot(self._poses[index][frame])
         if self._noise:
             added = self._noise * np.random.default_rng([index, frame]).standard_normal(image.shape)
             image = (image + added).round().clip(0, 255).astype(np.uint8)
         return image, which
+
+    def _behind(self, index: int, frame: int) -> Image:
+        """Return the background of a frame, in shadow where there is one."""
+        background = self._backgrounds[index]
+        if self._shadow is None:
+            return background
+        pose, size = torch.from_numpy(self._poses[index][frame]).float(), torch.from_numpy(self._scene.sizes).float()
+        corner, (height, width) = torch.zeros(1, 2, dtype=torch.long), background.shape[:2]
+        light = self._shadow.light(camera_of(self._scene), pose[None, None], size, (height, width), corner)[0, 0]
+        return np.asarray((background * light.numpy()[..., None]).round(), dtype=np.uint8)

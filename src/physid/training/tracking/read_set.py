@@ -76,7 +76,8 @@ def read_drawn(
     sights = [filmed.first(index) for index in range(len(known))]
     faces = (255 * hard_edged(reader.decoder.patches[0])).round().byte().movedim(2, -1).cpu().numpy()
     poses, backgrounds = [pose.numpy() for pose in rehearsal.poses], [background for _, _, background in sights]
-    with Drawn(read.scene, faces, poses, backgrounds, colour_noise(sights)) as drawn:
+    shadow = reader.decoder.shadow
+    with Drawn(read.scene, faces, poses, backgrounds, colour_noise(sights), shadow) as drawn:
         first = torch.stack([pose[0] for pose in rehearsal.poses])
-        again = Reader.of_first_frames(read.scene, reader.name, drawn, first)
+        again = Reader.of_first_frames(read.scene, reader.name, drawn, first, shadow)
         read_into(folder, read.scene, again, drawn, known, first, say, rehearsal.echo)

@@ -29,7 +29,7 @@ SOFT = 2.0
 """Softness of edges that a fit starts from [px]."""
 EXPLAINED = 0.9
 """Share of the squared light that is missed from which on a shadow is that of one lamp: it explains 0.94 to 0.99 of it
-in films on textured tables with noise and compression, and 0.3 to 0.8 where there are two lamps."""
+in films on textured tables with noise and compression, and 0.5 to 0.85 in the frame that shows a second lamp best."""
 APART = 4
 """Pixels around a mask that are no clear ground: a body's edges, as wide as compression makes them."""
 
