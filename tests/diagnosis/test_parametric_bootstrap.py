@@ -16,6 +16,7 @@ from physid.diagnosis.testing.hypothesis import Hypothesis, conclude
 from physid.diagnosis.testing.parametric_bootstrap import bootstrap_spread
 from physid.effects import find
 
+EXACT = 0.2  # of a standard error
 MOST = 0.5  # of a parameter: no clean data mislead an estimate further
 
 
@@ -36,6 +37,14 @@ def test_pushes_leave_the_scatter_over_trajectories_alone_and_one_busy_segment_d
     assert bootstrap_spread(pushed, torch.Generator()).shape == pushed.covariance().shape
     pushed.experiment.predictor.segments.contact[0] = True
     assert bootstrap_spread(pushed, torch.Generator()).any()
+
+
+def test_a_push_without_noise_gives_back_the_parameters_that_it_was_made_with(tmp_path: Path) -> None:
+    pushed = fitted(tmp_path / "push")
+    pushed.experiment.predictor.segments.contact[0] = True
+    moved, known = bootstrap_spread(pushed, torch.Generator().manual_seed(1)), pushed.covariance()
+    unknown = pushed.fit.point.nominal.shape[1]
+    assert (moved.diagonal()[:unknown] < EXACT**2 * known.diagonal()[:unknown]).all()
 
 
 @pytest.mark.slow

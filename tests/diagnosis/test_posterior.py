@@ -123,6 +123,11 @@ def test_positions_on_a_line_do_not_bend_and_noise_is_taken_off() -> None:
     fall = even[..., None, None] ** 2 * torch.tensor([0.0, 0.0, -4.9])
     step = 1 / 199
     assert bend(fall.double(), seen, even, 1e-4) == pytest.approx(((9.8 * step**2) ** 2 - 6e-8) ** 0.5 / 1e-4, rel=1e-6)
+    uneven = (torch.arange(200, dtype=torch.float64) + 0.3 * (torch.arange(200) % 2))[None] / 199
+    between = (uneven[:, 2:] - uneven[:, :-2]) / 2
+    bent = 9.8 * between.square().square().mean() ** 0.5
+    fall = uneven[..., None, None] ** 2 * torch.tensor([0.0, 0.0, -4.9], dtype=torch.float64)
+    assert bend(fall, seen, uneven, 1e-9) == pytest.approx(float(bent) / 1e-9, rel=1e-6)
     noise = 1e-3 * torch.randn(1, 200, 1, 3, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
     assert bend(position * 0 + noise, seen, even, 3**0.5 * 1e-3) < 1
 
@@ -136,6 +141,8 @@ def test_the_evidence_is_that_of_the_document() -> None:
     found = evidence_of(document, still, Settings())
     assert found.poses == 60
     assert found.bend == 0
+    pose[0, 12, 0, :3], still.present[0, 12, 0] = 5.0, 0.0
+    assert evidence_of(document, still, Settings()).bend == 0, "a frame in which the body was not seen"
     assert set(found.said) == set(document.group)
     assert found.behind[document.ranking[0].effects[0]] == 0
     assert found.gap == pytest.approx((0.021**2 - 0.0014**2) ** 0.5 / 0.0004)
