@@ -201,3 +201,15 @@ def test_a_write_that_is_interrupted_leaves_nothing_behind_under_the_final_name(
     assert not path.exists()
     write_trajectory(path, recording())
     assert [file.name for file in path.parent.iterdir()] == ["000003.h5"]
+
+
+def test_a_film_without_poses_is_known_without_its_images(tmp_path: Path) -> None:
+    one = dataclasses.replace(recording(video=True), pose=None, twist=None)
+    made = RecordingSet(write_set(tmp_path / "set", [one]))
+    blank = made.read(0, blank=True)
+    assert blank.frames is not None
+    assert blank.length == one.length
+    assert blank.frames.strides == (0, 0, 0, 0), "in no memory"
+    assert np.array_equal(np.asarray(blank.wrench), np.asarray(one.wrench))
+    with pytest.raises(ValueError, match="expected to be there when frames are left on the disk"):
+        made.read(0)

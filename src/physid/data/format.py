@@ -50,14 +50,17 @@ class RecordingSet:
     def __iter__(self) -> Iterator[Recording]:
         return (self.read(index) for index in range(len(self)))
 
-    def read(self, index: int, *, video: bool = False) -> Recording:
+    def read(self, index: int, *, video: bool = False, blank: bool = False) -> Recording:
         """Read trajectory `index`; frames, masks and background only with `video`.
+
+        Without `video` a film without poses is an error, or with `blank` a recording of black frames that take no
+        memory: what a film lasts, and what is known beside it.
 
         Raises:
             ValueError: If the file is damaged or breaks the format, or its time stamps contradict `time_step`.
         """
         skip = () if video else ("frames", "mask", "background")
-        recording = read_trajectory(self.paths[index], bodies=len(self.scene.bodies), skip=skip)
+        recording = read_trajectory(self.paths[index], bodies=len(self.scene.bodies), skip=skip, blank=blank)
         try:
             check_clocks(recording, self.scene.time_step)
         except ValueError as error:

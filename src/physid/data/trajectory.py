@@ -94,13 +94,17 @@ def _label(file: h5py.File, recording: Recording) -> None:
             file.attrs[name] = getattr(recording, name)
 
 
-def read_trajectory(path: Path, *, bodies: int | None = None, skip: Iterable[str] = ()) -> Recording:
+def read_trajectory(
+    path: Path, *, bodies: int | None = None, skip: Iterable[str] = (), blank: bool = False
+) -> Recording:
     """Read and check a trajectory.
 
     Args:
         path: The file.
         bodies: Number of bodies N that the scene has, if known.
         skip: Datasets to leave on the disk, say "frames".
+        blank: Whether frames that are left on the disk where no poses are there are black, so that only their number
+            and size count, in no memory; otherwise that is an error.
 
     Returns:
         The trajectory.
@@ -115,9 +119,11 @@ def read_trajectory(path: Path, *, bodies: int | None = None, skip: Iterable[str
         names = names_in(file)
         arrays: dict[str, Any] = _read_arrays(file, [name for name in names if name not in left], bodies)
         attributes: dict[str, Any] = {name: read_text(file, name) for name in ("split", "protocol")}
+        if blank and "pose" not in names and "frames" in names:
+            arrays["frames"] = np.broadcast_to(np.uint8(0), declared(file, "frames")[1])
     try:
         check_arrays(arrays, bodies)
-        if "pose" not in arrays and "frames" in left and "frames" in names:
+        if "pose" not in arrays and "frames" in left - {*arrays} and "frames" in names:
             raise ValueError("pose: expected to be there when frames are left on the disk, found none")
         return Recording(**arrays, **attributes)
     except ValueError as error:

@@ -133,7 +133,7 @@ def load_trajectories(
     read = []
     for index in chosen:
         try:
-            recording = recordings.read(index, video=not recordings.has_poses(index))
+            recording = recordings.read(index, blank=True)
             _require_seen(recording, [body.name for body in recordings.scene.bodies])
         except ValueError as error:
             path = str(recordings.paths[index])

@@ -47,7 +47,7 @@ class Filmed:
     @classmethod
     def of(cls, recordings: RecordingSet, index: int) -> Filmed:
         """Read trajectory `index` of a set, its poses beyond the first frame left aside."""
-        one = recordings.read(index, video=not recordings.has_poses(index))
+        one = recordings.read(index, blank=True)
         first = None if one.pose is None else one.pose[0]
         return cls(one.length, first, one.wrench, one.time, one.wrench_time, one.split, one.protocol)
 
