@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from tests.data.logs import Truth, write_csv, write_y_up
 
@@ -13,6 +15,7 @@ from physid.cli import main
 from physid.data import Recording, RecordingSet
 from physid.data.importers.convert import import_logs
 from physid.data.importers.finding import find_logs
+from physid.data.importers.guess import guess_mapping
 from physid.data.importers.mapping_files import read_mapping
 from physid.data.observations.trajectories import load_trajectories
 
@@ -290,3 +293,51 @@ def test_a_long_log_is_read_fast(tmp_path: Path) -> None:
     found = imported(tmp_path, [tmp_path / "log.csv"], quaternion=None, orientation="none")
     assert found.length == rows
     assert time.perf_counter() - start < 5.0  # [s]; half a second where nothing else runs
+
+
+def motion(count: int = 60) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return times [s] and places [mm] of a body that slides along x and z, y up."""
+    time = np.arange(count) / 100
+    return time, np.stack([100 * np.sin(2 * time), np.full(count, 30.0), 50 * time], -1)
+
+
+def test_columns_that_a_line_names_twice_are_told_apart_by_the_lines_above(tmp_path: Path) -> None:
+    """As Motive writes a rigid body: a preamble, what kind of body it is, its name, what is measured, the axes."""
+    time, place = motion()
+    lines = [
+        "Format Version,1.23,Take Name,Take 1,Export Frame Rate,100.000000,Rotation Type,Quaternion",
+        "",
+        ",Type," + ",".join(["Rigid Body"] * 8),
+        ",Name," + ",".join(["block"] * 8),
+        ",," + ",".join(["Rotation"] * 4 + ["Position"] * 3 + ["Mean Marker Error"]),
+        "Frame,Time (Seconds),X,Y,Z,W,X,Y,Z,",
+    ]
+    turn = "0,0.099833,0,0.995004"
+    rows = [
+        f"{100 * t:.0f},{t:.6f},{turn},{x:.4f},{y:.4f},{z:.4f},0.00012"
+        for t, (x, y, z) in zip(time, place, strict=True)
+    ]
+    (tmp_path / "take.csv").write_text("\n".join([*lines, *rows]))
+    said = yaml.safe_load(guess_mapping(tmp_path / "take.csv"))
+    assert said["time"] == "Time (Seconds)"
+    assert said["position"] == ["Position X", "Position Y", "Position Z"]
+    assert said["quaternion"] == ["Rotation X", "Rotation Y", "Rotation Z", "Rotation W"]
+    assert said["units"]["position"] == "mm"
+    known = said | {"size": [0.1, 0.06, 0.1], "mass": 1.0, "unknown": []}
+    done = import_logs([tmp_path / "take.csv"], known, tmp_path / "set")
+    pose = RecordingSet(done.folder).read(0).pose
+    assert pose is not None
+    assert np.allclose(pose[:, 0, :3], place[:, [0, 2, 1]] * [1e-3, -1e-3, 1e-3], atol=1e-6)
+
+
+def test_a_preamble_is_passed_over_and_the_number_of_a_frame_is_no_time(tmp_path: Path) -> None:
+    """As Vicon writes a segment: the rate alone in a line, names of bodies over their first column, units below."""
+    _, place = motion()
+    lines = ["Segments", "100", ",,Lab:Block,,,,,", "Frame,Sub Frame,RX,RY,RZ,TX,TY,TZ", ",,deg,deg,deg,mm,mm,mm"]
+    rows = [f"{i + 1},0,0,0,11.46,{x:.4f},{z:.4f},{y:.4f}" for i, (x, y, z) in enumerate(place)]
+    (tmp_path / "trial.csv").write_text("\n".join([*lines, *rows]))
+    said = yaml.safe_load(guess_mapping(tmp_path / "trial.csv"))
+    assert said["rate"] == "FILL_IN"
+    assert "time" not in said
+    assert said["position"] == ["TX", "TY", "TZ"]
+    assert said["euler"] == ["RX", "RY", "RZ"]

@@ -136,6 +136,11 @@ def rises(values: Array) -> bool:
     return len(values) > 1 and bool((np.diff(values) > 0).all())
 
 
+def counts(values: Array) -> bool:
+    """Tell whether values count rows, one after another: the number of a frame is no time."""
+    return len(values) > 1 and bool((np.diff(values) == 1).all())
+
+
 def beside_turn(table: Table) -> list[str]:
     """Return the three columns before four that are a unit quaternion, in a log without names."""
     names = list(table.columns)

@@ -23,6 +23,7 @@ from physid.data.importers.grouping import (
     beside_turn,
     clock_of,
     columns_of,
+    counts,
     first_of,
     frame_of,
     groups_of,
@@ -201,7 +202,7 @@ def _listed(table: Table, columns: list[str]) -> str:
 
 def _guess_time(table: Table, place: list[str], units: dict[str, str], said: _Guess) -> str:
     """Find the column of stamps and its unit; return it, or nothing."""
-    rising = [name for name, each in table.columns.items() if rises(each)]
+    rising = [name for name, each in table.columns.items() if rises(each) and not counts(each) and name not in place]
     named = clock_of(table, place) or clock_of(table, [])
     found = named or next(iter(rising), "")
     if not found:

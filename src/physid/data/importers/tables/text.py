@@ -54,6 +54,7 @@ def _read_csv(path: Path, file: TextIO, header: int | None) -> Table:
         start += 1
     if start >= len(head):
         raise ValueError(f"{path}: expected rows of numbers, found {len(head)} lines without any")
+    start = _above_numbers(head, start) if header is None else start
     delimiter = _delimiter(head[start:])
     rows = [[cell.strip() for cell in _cells(line, delimiter)] for line in head[start:] if line.strip()]
     comma = delimiter != "," and any(re.fullmatch(r"[+-]?\d+,\d+", cell) for row in rows[1:] for cell in row)
@@ -62,6 +63,7 @@ def _read_csv(path: Path, file: TextIO, header: int | None) -> Table:
     if not named and start and head[start - 1].startswith(("#", "%")):  # a header that is written as a comment
         said = [cell.strip() for cell in _cells(head[start - 1].lstrip("#% "), delimiter)]
         names = said if len(said) == len(names) else names
+    names = _told_apart(names, [_cells(line, delimiter) for line in head[:start]])
     doubled = next((name for index, name in enumerate(names) if name in names[:index]), None)
     if doubled is not None:
         raise ValueError(f'{path}: expected each column once, found "{doubled}" twice; rename one in line {start + 1}')
@@ -77,6 +79,50 @@ def _read_csv(path: Path, file: TextIO, header: int | None) -> Table:
     if not len(values):
         raise ValueError(f"{path}: expected rows of numbers under the header, found none")
     return Table(path, dict(zip(names, values.T, strict=True)), units, words, first + 1)
+
+
+def _above_numbers(head: Sequence[str], start: int) -> int:
+    """Return the line that names columns, where a preamble stands above it: the one above the first rows of numbers.
+
+    Motion capture writes what was taken, when and of which body before the names (Motive, Vicon).
+    """
+
+    def numbers(line: str, delimiter: str) -> int:
+        cells = _cells(line, delimiter)
+        return len(cells) if sum(bool(cell.strip()) for cell in cells) > 1 and all(map(_is_number, cells)) else 0
+
+    found = start
+    for delimiter in (",", ";", "\t"):
+        counts = [numbers(line, delimiter) for line in head]
+        first = next((row for row in range(start, len(head)) if counts[row]), None)
+        if first is None or any(counts[row] != counts[first] for row in range(first, len(head)) if head[row].strip()):
+            continue
+        above = [row for row in range(start, first) if len(_cells(head[row], delimiter)) == counts[first]]
+        while above and _is_unit_row([cell.strip() for cell in _cells(head[above[-1]], delimiter)]):
+            above.pop()
+        names = [cell for cell in (_cells(head[above[-1]], delimiter) if above else []) if cell.strip()]
+        found = above[-1] if names and not any(map(_is_number, names)) else found
+    return found
+
+
+def _told_apart(names: Sequence[str], above: Sequence[Sequence[str]]) -> list[str]:
+    """Put what stands above names before those that occur twice: "Position X"; a cell holds for empty ones after it.
+
+    Args:
+        names: Names of the columns.
+        above: Cells of the lines above, from the top; only lines of as many cells count.
+    """
+    told = list(names)
+    for line in reversed([[cell.strip() for cell in cells] for cells in above if len(cells) == len(names)]):
+        if len({*told}) == len(told):
+            break
+        if not any(line):
+            continue
+        for column, cell in enumerate(line):
+            line[column] = cell or (line[column - 1] if column else "")
+        more = [f"{cell} {name}".strip() for cell, name in zip(line, told, strict=True)]
+        told = more if len({*more}) > len({*told}) else told
+    return told
 
 
 @dataclass(frozen=True)
