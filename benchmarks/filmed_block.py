@@ -341,7 +341,9 @@ def main() -> None:
     parser.add_argument("--rate", type=int, default=30, help="frames per second")
     parser.add_argument("--colours", choices=COLOURS, default="blue on wood")
     parser.add_argument("--calibrate", action="store_true", help="distort, and calibrate from a filmed checkerboard")
+    parser.add_argument("--lamp", type=float, nargs=3, help="direction of the light, from where it comes: x y z")
     given = parser.parse_args()
+    LIGHT["lightDirection"] = given.lamp or LIGHT["lightDirection"]
     look = Look(rate=given.rate, colours=given.colours, distortion=LENS if given.calibrate else ())
     make(given.out, given.films, look, given.seconds, given.seed)
     print(json.dumps(run(given.out), indent=2), f"\ntrue friction {FRICTION}")
