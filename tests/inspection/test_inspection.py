@@ -55,6 +55,39 @@ def test_sound_recordings_pass(tmp_path: Path, name: str, capsys: pytest.Capture
     assert "240 frames per second" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(
+    ("name", "unknown", "hidden"),
+    [
+        ("push", ("block.mass", "block.friction"), ""),
+        ("toss", ("block.friction", "block.restitution"), ""),
+        ("push", ("block.friction", "block.restitution"), "block falls and lands in 0 frames"),
+        ("toss", ("block.mass",), "block is pushed in 0 frames"),
+    ],
+)
+def test_what_an_unknown_parameter_shows_in_has_to_happen(
+    tmp_path: Path, name: str, unknown: tuple[str, ...], hidden: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene, recordings = recorded(name)
+    found = said(tmp_path, dataclasses.replace(scene, unknown=unknown), list(recordings))
+    assert [hidden in one for one in found] == ([True] if hidden else [])
+    assert main(["check", str(tmp_path)]) == int(bool(hidden))
+    assert "physid identifiability" in capsys.readouterr().out
+
+
+def test_a_block_that_never_slides_says_nothing_of_its_friction(tmp_path: Path) -> None:
+    scene, recordings = recorded("toss")
+    short = [
+        dataclasses.replace(
+            one,
+            pose=None if one.pose is None else one.pose[:25],
+            wrench=None if one.wrench is None else one.wrench[:25],
+        )
+        for one in recordings
+    ]
+    found = said(tmp_path, dataclasses.replace(scene, unknown=("block.friction",)), short)
+    assert any("block slides in 0 frames" in one for one in found)
+
+
 Change = Callable[[Scene, Recording], tuple[Scene, Recording]]
 
 
@@ -271,7 +304,7 @@ def test_the_noise_is_told_whatever_frames_are_lost_or_wild(tmp_path: Path) -> N
         pose[np.random.default_rng(number).random(len(pose)) < 0.05] = np.nan
         pose[20::30, :, 0] += 0.3
         disturbed.append(dataclasses.replace(one, pose=pose))
-        short.append(dataclasses.replace(one, pose=one.pose[:3], wrench=one.wrench[:3]))
+        short.append(dataclasses.replace(one, pose=one.pose[:25], wrench=one.wrench[:25]))
     noise = noise_of(disturbed, scene.time_step)
     assert noise.position == pytest.approx(NOISE, rel=0.05)
     assert noise.rotation == pytest.approx(2 * NOISE, rel=0.05)

@@ -85,12 +85,18 @@ class Evidence:
         force = np.linalg.norm(self.kinematics.force, axis=1)
         return np.asarray(force <= FREE * self.masses * np.linalg.norm(self.weight))
 
+    @property
+    def slowest(self) -> float:
+        """Speed that noise alone may give a window [m/s]."""
+        return 2 * self.noise.position / self.scene.time_step / 5
+
     @cached_property
     def still(self) -> NDArray[np.bool_]:
         """Windows in which a body lies still."""
-        limit = max(STILL, 2 * self.noise.position / self.scene.time_step / 5)
         speed = np.linalg.norm(self.kinematics.velocity, axis=1)
-        return np.asarray((speed < limit) & (self.kinematics.turning < max(TURNED, 4 * self.noise.rotation)))
+        return np.asarray(
+            (speed < max(STILL, self.slowest)) & (self.kinematics.turning < max(TURNED, 4 * self.noise.rotation))
+        )
 
     def place(self, window: int) -> str:
         """Name trajectory and frame of a window."""

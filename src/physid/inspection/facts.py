@@ -8,8 +8,7 @@ from physid.data import RecordingSet
 from physid.data.observations.stamps import rhythm_of
 from physid.inspection.energy import energy_over_time
 from physid.inspection.evidence import Evidence
-
-TOUCHING = 2e-3  # [m] over the ground up to which a corner touches it
+from physid.inspection.shown import TOUCHING, shown
 
 
 def facts_of(recordings: RecordingSet, seen: Evidence) -> list[tuple[str, str]]:
@@ -51,7 +50,8 @@ def facts_of(recordings: RecordingSet, seen: Evidence) -> list[tuple[str, str]]:
                 f"touching it in {100 * touching.mean():.0f} %",
             ),
         ]
-    return [*facts, ("forces", _forces(seen))]
+    facts.append(("forces", _forces(seen)))
+    return [*facts, ("shown", f"{shown(seen)}; how well, says physid identifiability")] if seen.scene.unknown else facts
 
 
 def _between(least: int, most: int) -> str:

@@ -6,11 +6,12 @@ from physid.inspection import rules, tracking_rules, usability
 from physid.inspection.energy import energy
 from physid.inspection.evidence import Evidence
 from physid.inspection.finding import Finding
+from physid.inspection.shown import hidden
 
 RULES = (
     rules.sizes, rules.upside, rules.falls, rules.lying, rules.orders, rules.heights, rules.forces,
     tracking_rules.delay, energy, tracking_rules.turns, tracking_rules.repeats, tracking_rules.jumps,
-    tracking_rules.unseen,
+    tracking_rules.unseen, hidden,
 )  # fmt: skip
 
 

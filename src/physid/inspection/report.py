@@ -55,7 +55,7 @@ def inspect(recordings: RecordingSet, limit: int | None = None) -> Report:
     broken = 0
     for index in range(len(recordings))[:limit]:
         try:
-            one = recordings.read(index, video=not recordings.has_poses(index))
+            one = recordings.read(index, blank=True)
         except (ValueError, OSError) as error:
             broken += 1
             if broken <= MOST_NAMED:
