@@ -14,6 +14,7 @@ from physid.diagnosis.document.sentences import (
     closed,
     effect_lines,
     estimate,
+    explained,
     how_far_sentence,
     percent,
     quantity,
@@ -169,3 +170,14 @@ def test_too_few_trajectories_have_no_interval_in_words_either() -> None:
     assert words(0.98, 0.9, 1.1) == ("98 %", "90 % to 110 %")
     assert words(0.98, 0.9, 1.6) == ("98 %", "at least 90 %")
     assert words(0.98, 0.9, 1.6, most_closed=2.0) == ("98 %", "90 % to 160 %")
+
+
+def test_no_candidate_explains_more_than_the_best_and_each_its_own_part() -> None:
+    document = replace(said("named"), excess=10.0)
+    scores = [one.score for one in document.ranking]
+    assert max(scores) > 10, "a line at the nominal model saw less than the best explains"
+    shares = [explained(document, score) for score in scores]
+    assert shares[0] == "100 %"
+    assert len({*shares}) == len({*scores})
+    large = replace(document, excess=4 * max(scores))
+    assert explained(large, max(scores)) == "25 %"

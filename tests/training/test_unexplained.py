@@ -145,3 +145,12 @@ def test_a_fit_of_films_allows_for_the_error_of_the_tracker_and_for_nothing_more
     printed = capsys.readouterr().out
     assert ("run physid diagnose read" in printed) is not explained
     assert ("nothing beyond the noise of the poses" in printed) is explained
+
+
+def test_large_shares_are_written_without_an_exponent() -> None:
+    figures = {f"fit/{kind}_{what}": value for kind in ("position", "rotation") for what, value in
+               (("noise", 1e-3), ("unexplained", 0.1745), ("share", 1.04), ("explained", 0.0))}  # fmt: skip
+    said = lack_of_fit_sentence(figures)
+    assert said is not None
+    assert "100 % of the motion, 170 mm" in said
+    assert "e+" not in said

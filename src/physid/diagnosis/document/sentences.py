@@ -239,8 +239,13 @@ def estimate(value: Estimate) -> str:
 
 
 def explained(said: Diagnosis, score: float) -> str:
-    """Say which part of the gap a candidate explains; its score where the size of the gap is not known."""
-    return figure(score) if not said.excess else percent(min(max(score / said.excess, 0.0), 1.0))
+    """Say which part of the gap a candidate explains; its score where the size of the gap is not known.
+
+    The gap is at least what the best candidate explains, which a line at the nominal model may not see as large.
+    """
+    if not said.excess:
+        return figure(score)
+    return percent(max(score, 0.0) / max(said.excess, *(one.score for one in said.ranking)))
 
 
 def cell_share(said: Diagnosis, cell: Cell) -> str:

@@ -89,7 +89,7 @@ def _span(name: str, value: float, low: float, high: float, unit: str) -> Markup
         axes.axvline(0, color=CODES["floor"], linewidth=1, linestyle=(0, (4, 3)))
         axes.set_yticks([])
         axes.margins(x=0.08)
-        ticks(axes, "x", in_unit(unit))
+        ticks(axes, "x", in_unit(unit), most=3)
     return made[0]
 
 

@@ -209,7 +209,7 @@ def _ranking_note(said: Diagnosis, data: ReportData) -> str:
     if said.excess:
         notes.append("Parts of the gap that a candidate alone explains; candidates overlap.")
     if data.threshold is not None and said.excess:
-        notes.append(f"Null simulations seldom exceed {percent(min(data.threshold / said.excess, 1.0))}.")
+        notes.append(f"Null simulations seldom exceed {explained(said, data.threshold)}.")
     elif data.threshold is not None:
         notes.append(f"Null simulations seldom exceed the score {figure(data.threshold)}.")
     if said.null_simulations or data.replicates:

@@ -27,13 +27,18 @@ def lack_of_fit_sentence(figures: Mapping[str, float], recordings: str = "RECORD
     """
     if not all(f"fit/{kind}_explained" in figures for kind in KINDS):
         return None
-    noise = {kind: f"{scale * figures[f'fit/{kind}_noise']:.2g} {unit}" for kind, (scale, unit, _) in KINDS.items()}
+    noise = {kind: f"{_short(scale * figures[f'fit/{kind}_noise'])} {unit}" for kind, (scale, unit, _) in KINDS.items()}
     parts = []
     for kind in unexplained_kinds(figures):
         scale, unit, whole = KINDS[kind]
         share = figures.get(f"fit/{kind}_share")
-        of_all = f"{100 * share:.2g} % of the {whole}, " if share else ""
-        parts.append(f"{of_all}{scale * figures[f'fit/{kind}_unexplained']:.2g} {unit} (noise {noise[kind]})")
+        of_all = f"{_short(100 * share)} % of the {whole}, " if share else ""
+        parts.append(f"{of_all}{_short(scale * figures[f'fit/{kind}_unexplained'])} {unit} (noise {noise[kind]})")
     if not parts:
         return f"the fit leaves nothing beyond the noise of the poses ({' and '.join(noise.values())})"
     return f"the model leaves {' and '.join(parts)}: run physid diagnose {recordings}"
+
+
+def _short(value: float) -> str:
+    """Write a number with two digits, 170 and not 1.7e+02."""
+    return f"{float(f'{value:.2g}'):g}"
