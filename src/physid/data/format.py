@@ -100,9 +100,10 @@ class RecordingSet:
         wanted, splits = set(names), self.splits()
         found = [index for index, split in enumerate(splits) if split in wanted]
         if not found:
-            there = ", ".join(sorted({str(split) for split in splits}))
+            there = ", ".join(sorted({"without a split" if split is None else split for split in splits}))
             raise ValueError(
-                f"{self.folder}: expected trajectories of split {', '.join(sorted(wanted))}, found only {there}"
+                f"{self.folder}: expected trajectories of split {', '.join(sorted(wanted))}, found only {there}; deal "
+                "them out when they are imported or generated (split={train: 2, test: 1})"
             )
         return found
 
