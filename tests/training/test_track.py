@@ -201,6 +201,12 @@ def test_a_lost_body_is_said_with_trajectory_and_frame(films: Path, tmp_path: Pa
         write_trajectory(trajectory_path(tmp_path / "films", index), jump(one) if index else one)
     with pytest.raises(ValueError, match=r"trajectory 1: .* lost sight of them in frame 20"):
         track(tmp_path / "films", tmp_path / "read")
+    assert not (tmp_path / "read").exists(), "no half-written set"
+    track(tmp_path / "films", tmp_path / "read", limit=1)
+    with pytest.raises(ValueError, match="lost sight"):
+        track(tmp_path / "films", tmp_path / "read")
+    assert len(RecordingSet(tmp_path / "read")) == 1, "what was complete stays"
+    assert read_reading(tmp_path / "read") is not None
 
 
 def test_films_without_a_mask_are_refused(films: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
