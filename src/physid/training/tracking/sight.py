@@ -73,9 +73,9 @@ def warn_of_hidden(share: Tensor, index: int) -> None:
     hidden = ((way > HIDDEN) & (share - usual > UNSTEADY * deviation)).nonzero()[:, 0].tolist()
     if hidden:
         logger.warning(
-            "trajectory %d: in %d frame(s), from %d to %d, up to %.0f %% of what should be bodies looks otherwise than in "
-            "the rest of the film: something hides them, or their light changes; poses there are unsure, cut the film "
-            "there or film again",
+            "trajectory %d: in %d frame(s), from %d to %d, up to %.0f %% of what should be bodies looks otherwise than "
+            "in the rest of the film: something hides them, or their light changes; poses there are unsure, cut the "
+            "film there or film again",
             index,
             len(hidden),
             hidden[0],
