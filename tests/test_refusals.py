@@ -27,8 +27,19 @@ def test_a_file_that_may_not_be_read_is_named(tmp_path: Path, monkeypatch: pytes
     path.write_text("t")
     monkeypatch.setattr(refusals.os, "access", lambda place, mode: not (place == path and mode == os.R_OK))
     said = worded(PermissionError(13, "Permission denied", str(path)))
-    assert said.startswith(f"{path}: expected one that may be read")
+    assert said.startswith(f"{path}: expected what may be read")
     assert f"chmod u+r {path}" in said
+
+
+def test_a_folder_that_may_not_be_looked_into_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "set" / "recording.yaml"
+    path.parent.mkdir()
+    path.write_text("name: a")
+    monkeypatch.setattr(refusals.os, "access", lambda place, mode: place != path.parent)
+    monkeypatch.setattr(refusals.os.path, "exists", lambda place: place != path)
+    said = worded(PermissionError(13, "Permission denied", str(path)))
+    assert f"found that {path.parent} may not be (permission denied)" in said
+    assert f"chmod u+rx {path.parent}" in said
 
 
 def test_a_full_disk_and_other_refusals_are_named_and_own_words_are_kept(tmp_path: Path) -> None:

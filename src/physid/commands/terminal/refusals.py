@@ -38,13 +38,16 @@ def worded(error: OSError) -> str:
 
 def _denied(path: Path, reason: str) -> str:
     """Say what may not be read or written: a file that is there, or the folder that it should be in."""
-    if path.exists() and not os.access(path, os.R_OK):
-        right = "u+rx" if path.is_dir() else "u+r"
+    # os.path answers where Path.exists raises: in a folder that may not be looked into.
+    folder = next((each for each in (path, *path.parents) if os.path.isdir(each)), path.parent)
+    shut = folder if not os.access(folder, os.R_OK | os.X_OK) else path
+    if os.path.exists(shut) and not os.access(shut, os.R_OK):
+        right = "u+rx" if shut == folder else "u+r"
+        whose = "it" if shut == path else str(shut)
         return (
-            f"{path}: expected one that may be read, found that it may not be ({reason}); change its permissions "
-            f"(chmod {right} {path}), or name another"
+            f"{path}: expected what may be read, found that {whose} may not be ({reason}); change its permissions "
+            f"(chmod {right} {shut}), or name another"
         )
-    folder = next((each for each in (path, *path.parents) if each.is_dir()), path.parent)
     return (
         f"{path}: expected a place that may be written to, found that {folder} may not be ({reason}); choose another "
         f"--out, or change the permissions of {folder} (chmod u+rwx {folder})"
