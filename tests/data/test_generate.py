@@ -2,6 +2,7 @@
 
 import dataclasses
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -57,6 +58,34 @@ def test_more_trajectories_may_be_added_but_nothing_else_changed(tmp_path: Path)
     assert sums(tmp_path / "a") == sums(tmp_path / "b")
     with pytest.raises(ValueError, match=r"holds another recording set \(seed: 0 there, 1 here\)"):
         generate(dataclasses.replace(SMALL, seed=1), tmp_path / "a", quiet=True)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"effects": {"viscous_dragg": {"coefficient": 0.6}}}, "did you mean"),
+        ({"effects": {"viscous_drag": {"coefficientt": 0.6}}}, "did you mean"),
+        ({"effects": {"viscous_drag": {"coefficient": -3.0}}}, "coefficient"),
+        ({"simulator": "closed_form", "effects": {"quadratic_drag": {"coefficient": 0.6}}}, "not quadratic_drag"),
+        ({"true_values": {"block.mass": 0.05}, "steps": 300}, "left the view in all"),
+    ],
+    ids=["effect", "key", "size", "simulator", "view"],
+)
+def test_what_cannot_be_made_leaves_no_description_that_bars_the_folder(
+    tmp_path: Path, wrong: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        generate(dataclasses.replace(SMALL, **wrong), tmp_path / "set", quiet=True)
+    assert not (tmp_path / "set").exists()
+    assert generate(SMALL, tmp_path / "set", quiet=True).written == SMALL.trajectories
+
+
+def test_what_cannot_be_made_leaves_a_set_that_was_begun_as_it_is(tmp_path: Path) -> None:
+    generate(SMALL, tmp_path, quiet=True)
+    before = sorted(tmp_path.rglob("*"))
+    with pytest.raises(ValueError, match="did you mean"):
+        generate(dataclasses.replace(SMALL, effects={"viscous_dragg": {}}), tmp_path, quiet=True)
+    assert sorted(tmp_path.rglob("*")) == before
 
 
 def test_the_recording_holds_a_guess_and_the_truth_is_apart(tmp_path: Path) -> None:

@@ -74,3 +74,13 @@ def test_a_file_of_another_kind_is_named(tmp_path: Path, content: object) -> Non
     torch.save(content, tmp_path / "0.pt")
     with pytest.raises(ValueError, match=r"0.pt: expected"):
         import_cube_tosses(tmp_path, tmp_path / "out")
+
+
+@pytest.mark.parametrize(("columns", "jointed"), [(15, True), (12, False)])
+def test_tosses_of_a_body_with_a_joint_are_refused_as_what_they_are(
+    columns: int, jointed: bool, tmp_path: Path
+) -> None:
+    torch.save(torch.zeros(121, columns), tmp_path / "0.pt")
+    with pytest.raises(ValueError, match=rf"expected a tensor \(T, 13\) .* found \(121, {columns}\)") as caught:
+        import_cube_tosses(tmp_path, tmp_path / "out")
+    assert ("15 columns are those of a body with a joint" in str(caught.value)) == jointed

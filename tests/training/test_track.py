@@ -201,6 +201,38 @@ def test_a_lost_body_is_said_with_trajectory_and_frame(films: Path, tmp_path: Pa
         write_trajectory(trajectory_path(tmp_path / "films", index), jump(one) if index else one)
     with pytest.raises(ValueError, match=r"trajectory 1: .* lost sight of them in frame 20"):
         track(tmp_path / "films", tmp_path / "read")
+    assert not (tmp_path / "read").exists(), "no half-written set"
+    track(tmp_path / "films", tmp_path / "read", limit=1)
+    with pytest.raises(ValueError, match="lost sight"):
+        track(tmp_path / "films", tmp_path / "read")
+    assert len(RecordingSet(tmp_path / "read")) == 1, "what was complete stays"
+    assert read_reading(tmp_path / "read") is not None
+
+
+@pytest.mark.parametrize(("part", "noise"), [(0.0, 0.0), (0.0, 15.0), (0.6, 0.0), (0.6, 5.0)])
+def test_frames_in_which_something_hides_a_body_are_said_and_no_others(
+    films: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture, part: float, noise: float
+) -> None:
+    recordings = RecordingSet(films)
+    write_scene(tmp_path / "films", recordings.scene)
+    camera, (edge, *_) = recordings.scene.camera, recordings.scene.sizes[0]
+    assert camera is not None
+    for index in range(2):
+        one = recordings.read(index, video=True)
+        assert one.frames is not None
+        assert one.pose is not None
+        frames = one.frames + noise * np.random.default_rng(index).standard_normal(one.frames.shape)
+        if index:
+            for frame in range(15, 25):  # a dark bar covers that part of the view of the body
+                column, row = camera.project(one.pose[frame, :, :3])[0, :2].astype(int)
+                reach = int(edge / PIXEL)
+                frames[frame, row - reach : row + reach, column - reach : int(column + (2 * part - 1) * reach / 2)] = 20
+        known = dataclasses.replace(one, frames=frames.round().clip(0, 255).astype(np.uint8), twist=None)
+        write_trajectory(trajectory_path(tmp_path / "films", index), known)
+    track(tmp_path / "films", tmp_path / "read")
+    said = [each.getMessage() for each in caplog.records if "should be bodies" in each.getMessage()]
+    assert len(said) == (part > 0)
+    assert all("trajectory 1: in 10 frame(s), from 15 to 24, up to" in each for each in said)
 
 
 def test_films_without_a_mask_are_refused(films: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

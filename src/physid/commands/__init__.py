@@ -1,7 +1,7 @@
 """The commands of `physid`: one typed function each, whose docstring is its help. Heavy imports stay inside."""
 
 from physid.commands.benchmark import benchmark
-from physid.commands.command import Command
+from physid.commands.command import Command, format_help
 from physid.commands.completion import completion, configs
 from physid.commands.diagnoses import diagnose
 from physid.commands.films import calibrate, track
@@ -12,7 +12,7 @@ from physid.commands.inspections import check, show
 from physid.commands.overviews import dashboard, reproduce
 from physid.commands.recordings import effects, generate
 
-__all__ = ["COMMANDS", "Command"]
+__all__ = ["COMMANDS", "Command", "format_help"]
 
 COMMANDS: tuple[Command, ...] = (
     Command(generate, reads="physid.data.generation.settings.GenerateConfig"),

@@ -22,19 +22,21 @@ def calibrate(
 
     Examples:
       physid calibrate board.mp4 --corners 9x6 --square 0.025
-      physid calibrate board.mp4 --ground "[[102,80,0,0],[530,86,0.6,0],[560,400,0.6,0.4],[75,395,0,0.4]]"
+      physid calibrate board.mp4 --ground "[[83,401,0,0],[559,386,0.6,0],[523,97,0.6,0.4],[102,111,0,0.4]]"
 
     Args:
         film: Film, or folder of images.
         corners: Inner corners of the board along its sides; 9x6 for one of ten by seven squares.
         square: Side of a square [m].
         ground: Points of the ground, rows of column, row [px], x, y (and z) [m]; whole numbers are centres of pixels.
+            z points up: seen from above, y is a quarter turn counterclockwise from x.
         out: The camera file to write; camera.yaml by default.
     """
     import re
 
     from physid.data.files import YAML, require_ending
     from physid.data.importers.video.calibrate import calibrate as run
+    from physid.data.importers.video.cameras import POINTS_OFF
 
     sides = re.fullmatch(r"(\d+)[xX*,](\d+)", corners)
     if sides is None or min(map(int, sides.groups())) < 3:
@@ -49,6 +51,8 @@ def calibrate(
     print(f"principal point {middle[0]:+.1f} and {middle[1]:+.1f} px off the middle of the image")
     print(f"distortion {', '.join(f'{one:.4g}' for one in found.distortion)}")
     print(f"corners within {found.error:.2g} px (rms) in {found.boards} views")
+    if ground:
+        print(f"points of the ground within {found.ground_error:.2g} px ({POINTS_OFF:g} px is much)")
     print(f"{out}" + ("" if ground else ": add points of the ground, or the place of the camera (docs/films.md)"))
 
 

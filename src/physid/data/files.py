@@ -12,6 +12,8 @@ from typing import Any
 
 PAGES, YAML = (".html", ".htm"), (".yaml", ".yml")
 """How names of files end that hold a page, or a description."""
+PART = ".part"
+"""How the name of a file ends that is being written."""
 
 
 def require_ending(out: Path, *endings: str) -> None:
@@ -33,16 +35,21 @@ def write_whole(path: Path, write: Callable[[Path], None]) -> None:
     Args:
         path: Where the file shall be.
         write: Writes the content to the path that it is given.
+
+    Raises:
+        OSError: If it cannot be written; the error names `path`, not its temporary name.
     """
     if not path.parent.is_dir():
         path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(path.name + ".part")
+    part = path.with_name(path.name + PART)
     try:
         write(part)
         with part.open("rb+") as file:
             os.fsync(file.fileno())
-    except BaseException:
+    except BaseException as error:
         part.unlink(missing_ok=True)
+        if isinstance(error, OSError) and error.errno and error.filename in (None, str(part)):
+            raise OSError(error.errno, os.strerror(error.errno), str(path)) from error
         raise
     part.replace(path)  # the folder is not flushed: should the power fail now, the file is simply not there
 

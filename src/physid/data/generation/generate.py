@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from physid.data import DESCRIPTION, trajectory_path, write_scene, write_sums
 from physid.data.format import read_scene
+from physid.data.generation.draw import draw
 from physid.data.generation.record import record
 from physid.data.generation.settings import GenerateConfig
 from physid.data.truth import FILE, Truth, read_truth, write_truth
@@ -50,16 +51,22 @@ def generate(
         What was done.
 
     Raises:
-        ValueError: If the folder holds another set, or no trajectory stays in view.
+        ValueError: If an effect does not exist or the simulator cannot do it, the folder holds another set, or no
+            trajectory stays in view. Unless trajectories were written before, nothing is.
     """
     import joblib
     from tqdm import tqdm
 
     folder = Path(out)
-    _describe(config, folder, effects)
+    acting = (*config.build_effects(), *effects)
+    begun = _is_begun(config, folder, effects)
     indices = range(config.trajectories)
     missing = [index for index in indices if not trajectory_path(folder, index).exists()]
     splits = config.splits()
+    if missing and not begun:
+        # What the simulator refuses, it refuses here: a description without trajectories would bar the folder.
+        draw(config, missing[0], config.protocol_for(splits[missing[0]]), acting)
+    _describe(config, folder, effects)
     jobs = (joblib.delayed(record)(config, folder, index, splits[index], tuple(effects)) for index in missing)
     parallel = joblib.Parallel(n_jobs=workers, return_as="generator_unordered", batch_size="auto")
     bar = tqdm(parallel(jobs), total=len(missing), desc=f"{config.scene} ({config.protocol})", disable=quiet or None)
@@ -68,22 +75,33 @@ def generate(
     return Generated(folder, len(missing), len(indices) - len(missing), redrawn)
 
 
+def _is_begun(config: GenerateConfig, folder: Path, extra: Sequence[Effect]) -> bool:
+    """Tell whether the folder holds this set already, or a part of it; refuse another one."""
+    if not (folder / DESCRIPTION).exists():
+        return False
+    truth, before = _truth(config, extra), read_truth(_truth_file(config, folder))
+    # Sets made before a key was there had its default.
+    then = {} if before is None else GenerateConfig.from_mapping(before.generation).to_mapping()
+    # More trajectories may be added to a set; anything else would mix two sets in one folder.
+    other = [key for key, value in truth.generation.items() if key != "trajectories" and then.get(key) != value]
+    if read_scene(folder) != config.known_scene() or other:
+        what = f" ({other[0]}: {then.get(other[0])!r} there, {truth.generation[other[0]]!r} here)" if other else ""
+        raise ValueError(f"{folder} holds another recording set{what}; choose another folder, or delete this one first")
+    return True
+
+
 def _describe(config: GenerateConfig, folder: Path, extra: Sequence[Effect]) -> None:
-    """Write recording.yaml and the truth, or check that those in the folder are of the same set."""
-    place = Path(config.truth_file) if config.truth_file else folder / FILE
+    """Write recording.yaml and the truth."""
+    write_scene(folder, config.known_scene())
+    write_truth(_truth_file(config, folder), _truth(config, extra))
+
+
+def _truth(config: GenerateConfig, extra: Sequence[Effect]) -> Truth:
+    """Return what the set holds in truth."""
     named = {effect.name: {name: float(value) for name, value in effect.values().items()} for effect in extra}
-    truth = Truth(config.true_parameters(), {**config.effects, **named}, config.to_mapping())
-    scene = config.known_scene()
-    if (folder / DESCRIPTION).exists():
-        before = read_truth(place)
-        # Sets made before a key was there had its default.
-        then = {} if before is None else GenerateConfig.from_mapping(before.generation).to_mapping()
-        # More trajectories may be added to a set; anything else would mix two sets in one folder.
-        other = [key for key, value in truth.generation.items() if key != "trajectories" and then.get(key) != value]
-        if read_scene(folder) != scene or other:
-            what = f" ({other[0]}: {then.get(other[0])!r} there, {truth.generation[other[0]]!r} here)" if other else ""
-            raise ValueError(
-                f"{folder} holds another recording set{what}; choose another folder, or delete this one first"
-            )
-    write_scene(folder, scene)
-    write_truth(place, truth)
+    return Truth(config.true_parameters(), {**config.effects, **named}, config.to_mapping())
+
+
+def _truth_file(config: GenerateConfig, folder: Path) -> Path:
+    """Return where the truth goes."""
+    return Path(config.truth_file) if config.truth_file else folder / FILE

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 CUBE_SOURCE = "real tosses of a cube: github.com/DAIRLab/dair_pll, folder assets/contactnets_cube (BSD 3-clause)"
 CUBE_RATE = 148.0  # [Hz]
+JOINTED = 15
+"""Columns of the makers' other tosses: the angle of a joint, and its rate, beside those of a body."""
 CUBE_SPLIT = {"train": 6, "val": 1, "test": 3}
 # The makers' nominal model; friction from a tilt test.
 CUBE = Body("cube", (0.1048, 0.1048, 0.1048), 0.37, 0.18, 0.125, inertia=(0.00081, 0.00081, 0.00081))
@@ -85,7 +87,11 @@ def _read_toss(path: Path) -> tuple[Array, Array]:
     except (OSError, RuntimeError, AttributeError, ValueError, EOFError) as error:
         raise ValueError(f"{path}: expected a saved tensor, found something else ({error})") from None
     if rows.ndim != 2 or rows.shape[1] != 13 or len(rows) < 2:
-        raise ValueError(f"{path}: expected a tensor (T, 13) of at least 2 frames, found {rows.shape}")
+        jointed = rows.ndim == 2 and rows.shape[1] == JOINTED
+        more = (
+            f"; {JOINTED} columns are those of a body with a joint, which recording sets do not hold" if jointed else ""
+        )
+        raise ValueError(f"{path}: expected a tensor (T, 13) of at least 2 frames, found {rows.shape}{more}")
     quaternion = rows[:, [1, 2, 3, 0]]
     length = np.linalg.norm(quaternion, axis=1)
     if not np.isfinite(rows).all() or np.abs(length - 1).max() > UNIT_TOLERANCE:

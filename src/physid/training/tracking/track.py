@@ -5,11 +5,12 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 from physid.data import DESCRIPTION, RecordingSet, trajectory_path
 from physid.data.batches.video import check_video
-from physid.data.reading import ECHO, Reading, read_reading, write_reading
+from physid.data.reading import ECHO, FILE, Reading, read_reading, write_reading
 from physid.training.runs.run import CHECKPOINT, restore
 from physid.training.tracking.films import Filmed
 from physid.training.tracking.first_frames import first_frames_of
@@ -42,7 +43,8 @@ def track(
         The set.
 
     Raises:
-        ValueError: If a film cannot be read (the message names it), or the folder holds something else.
+        ValueError: If a film cannot be read (the message names it), or the folder holds something else. Trajectories
+            that were complete before stay; if there are none, nothing is left.
     """
     recordings = RecordingSet(films)
     count = len(range(len(recordings))[:limit])
@@ -60,9 +62,13 @@ def track(
     stretch, deviation = (float(one) for one in (reader.calibration.stretch, reader.calibration.deviation))
     write_reading(out, Reading(str(films.resolve()), str(encoder or ""), reader.name, stretch, deviation, key))
     # Both readings take equally long: one count for both.
-    found = read_into(
-        out, scene, reader, filmed, known, first, lambda done, total: say("reading the films", done, 2 * total)
-    )
+    try:
+        found = read_into(
+            out, scene, reader, filmed, known, first, lambda done, total: say("reading the films", done, 2 * total)
+        )
+    except ValueError:
+        _clear(out, count)
+        raise
     read_drawn(
         out / ECHO,
         found,
@@ -79,6 +85,15 @@ def _key(recordings: RecordingSet, encoder: Path | None, chart: ChartName | None
     files = [*recordings.paths, *([] if encoder is None else [encoder / CHECKPOINT])]
     facts = [(path.name, path.stat().st_size, path.stat().st_mtime_ns) for path in files if path.exists()]
     return hashlib.sha256(repr((recordings.scene, str(encoder), chart, facts)).encode()).hexdigest()
+
+
+def _clear(folder: Path, count: int) -> None:
+    """Take back what says that poses are read into a folder, unless some trajectories were."""
+    if any(trajectory_path(folder, index).exists() for index in range(count)):
+        return
+    (folder / FILE).unlink(missing_ok=True)
+    with suppress(OSError):  # other things lie there
+        folder.rmdir()
 
 
 def _complete(folder: Path, count: int) -> bool:

@@ -13,7 +13,8 @@ from torch import Tensor
 from physid.networks import PlanarChart, PoseChart, as_image
 from physid.physics.rotations import to_matrix
 from physid.scenes import Scene
-from physid.training.tracking.films import Footage
+from physid.training.tracking.films import Drawn, Footage
+from physid.training.tracking.sight import require_sight, unlike, warn_of_hidden
 from physid.training.vision import (
     MODELS,
     Calibration,
@@ -32,9 +33,6 @@ SETTLING = PoseRefinement(steps=8)
 """In first frames, whose poses may be a little off."""
 BLOCK = 32
 """Frames of each film that are in memory at once."""
-LOST = 0.5
-"""Share of the differences between film and drawing in those between film, drawing and background, where bodies are
-drawn: beyond this the film looks more like the empty scene than like the bodies."""
 CALIBRATED = 256
 """First frames, at most, that the scale is measured in."""
 
@@ -107,7 +105,7 @@ class Reader:
         first: Tensor,
         say: Callable[[int], object] = lambda _: None,
     ) -> list[Tensor]:
-        """Read the poses of some trajectories, side by side.
+        """Read the poses of some trajectories, side by side; warn of frames in which something hides the bodies.
 
         Args:
             footage: The films.
@@ -124,7 +122,7 @@ class Reader:
         """
         background = as_image(torch.from_numpy(np.stack([footage.first(index)[2] for index in indices])))
         numbers = [self.chart.to_numbers(first.to(background))] * 2
-        length, poses = torch.tensor(lengths), []
+        length, poses, shares = torch.tensor(lengths), [], []
         for frame in range(max(lengths)):
             if frame % BLOCK == 0:
                 block = self._block(footage, indices, lengths, frame)
@@ -132,10 +130,14 @@ class Reader:
             pose_refinement = FOLLOWING if frame else SETTLING
             guess = self.chart.to_pose(2 * numbers[-1] - numbers[-2])
             pose = pose_refinement(self.chart, self.decoder, guess[:, None], image[:, None], background)[:, 0]
-            self._require_sight(pose, image, background, frame, [*indices], frame < length)
+            shares.append(unlike(self.decoder(pose[:, None], background)[:, 0], image, background))
+            require_sight(shares[-1], frame, indices, frame < length)
             numbers = [numbers[-1], self.chart.to_numbers(pose)] if frame else [self.chart.to_numbers(pose)] * 2
             poses.append(pose)
             say(int((frame < length).sum()))
+        if not isinstance(footage, Drawn):  # nothing hides drawn bodies
+            for index, share, count in zip(indices, torch.stack(shares, 1), lengths, strict=True):
+                warn_of_hidden(share[:count], index)
         read = self.calibration(self.chart, self.decoder.renderer.camera, torch.stack(poses, 1)).double()
         read = torch.cat([read[..., :3], torch.nn.functional.normalize(read[..., 3:], dim=-1)], -1)
         return [one[:count] for one, count in zip(read, lengths, strict=True)]
@@ -148,23 +150,6 @@ class Reader:
             shown = footage.frames(index, min(start, length - 1), min(start + BLOCK, length))
             blocks.append(np.concatenate([shown, np.repeat(shown[-1:], BLOCK - len(shown), 0)]))
         return torch.from_numpy(np.stack(blocks))
-
-    def _require_sight(
-        self, pose: Tensor, image: Tensor, background: Tensor, frame: int, indices: list[int], real: Tensor
-    ) -> None:
-        """Refuse poses (B, N, 7) whose drawings do not look like the images (B, 3, H, W)."""
-        drawn = self.decoder(pose[:, None], background)[:, 0]
-        covered = (drawn != background).any(1, keepdim=True)
-        here, there = (((one - image).abs() * covered).sum((1, 2, 3)) for one in (drawn, background))
-        share = torch.where(covered.any((1, 2, 3)), here / (here + there).clamp_min(1e-9), 1.0)
-        lost = (share > LOST) & real
-        if bool(lost.any()):
-            row = int(lost.nonzero()[0, 0])
-            raise ValueError(
-                f"trajectory {indices[row]}: expected the bodies near where they were last, lost sight of them in "
-                f"frame {frame}: {float(share[row]):.0%} of what should be bodies looks like the background instead "
-                "(0 % would be perfect); cut the film there, or record at a higher rate"
-            )
 
 
 def chart_for(scene: Scene, pose: Tensor) -> ChartName:

@@ -34,6 +34,7 @@ class Calibrated:
         error: Root mean square distance of corners from where they should be [px].
         boards: How many boards it was measured from.
         ground: Points of the ground, rows of column, row [px], x, y, z [m]; none where none is known.
+        ground_error: The largest distance of these from where the camera sees them [px].
     """
 
     width: int
@@ -43,6 +44,7 @@ class Calibrated:
     error: float
     boards: int
     ground: list[list[float]]
+    ground_error: float
 
     def write(self, path: Path) -> None:
         """Write a camera file."""
@@ -104,9 +106,8 @@ def calibrate(film: Path, corners: tuple[int, int], square: float, ground: str =
         )
     lens = np.asarray(matrix, dtype=float), np.asarray(distortion, dtype=float).ravel()
     points = parse_yaml(ground, "--ground") if ground else []
-    if points:
-        solve_place(points, *lens, "--ground")
-    return Calibrated(*size, *lens, float(error), len(boards), points)
+    off = solve_place(points, *lens, "--ground")[2] if points else 0.0
+    return Calibrated(*size, *lens, float(error), len(boards), points, off)
 
 
 def _plain(values: NDArray[np.float64]) -> list[float]:

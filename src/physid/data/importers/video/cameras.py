@@ -27,6 +27,10 @@ OTHERS = (
     "header", "binning_x", "binning_y", "roi",
 )  # fmt: skip
 FEWEST_POINTS = 4
+FLAT = 1e-3
+"""Singular value over the largest [-] below which points of the world count as on a line, or in a plane."""
+POINTS_OFF = 2.0
+"""[px] that a point of the world may lie off in the image before it is remarked: well read ones lie within one."""
 
 
 @final
@@ -41,6 +45,8 @@ class Lens:
         distortion: OpenCV's coefficients k1, k2, p1, p2, k3, ...; none for a pinhole.
         rotation: From the world's axes to the camera's (x right, y down, z forward), shape (3, 3).
         translation: Of the world's origin in the camera's axes [m], shape (3,).
+        points_error: The largest distance [px] of a given point of the image from where this camera sees it; None where
+            the place was not found from points.
     """
 
     width: int
@@ -49,6 +55,7 @@ class Lens:
     distortion: Array
     rotation: Array
     translation: Array
+    points_error: float | None = None
 
     @property
     def ideal(self) -> bool:
@@ -123,8 +130,7 @@ def read_camera(path: Path) -> Lens:
         raise ValueError(
             f"{path}: camera_matrix: expected a principal point within {width} x {height}, got {matrix.tolist()}"
         )
-    rotation, translation = _place(path, known, matrix, distortion)
-    return Lens(width, height, matrix, distortion, rotation, translation)
+    return Lens(width, height, matrix, distortion, *_place(path, known, matrix, distortion))
 
 
 def _plain(text: str) -> str:
@@ -152,13 +158,13 @@ def _numbers(
     return found
 
 
-def _place(path: Path, known: dict[str, Any], matrix: Array, distortion: Array) -> tuple[Array, Array]:
-    """Return rotation and translation from the world to the camera."""
+def _place(path: Path, known: dict[str, Any], matrix: Array, distortion: Array) -> tuple[Array, Array, float | None]:
+    """Return rotation and translation from the world to the camera, and by how much given points are off [px]."""
     if "rvec" in known and "tvec" in known:
         from physid.data.importers.video.opencv import cv2
 
         turn, shift = (_numbers(path, known, (name,), (3,)) for name in ("rvec", "tvec"))
-        return np.asarray(cv2.Rodrigues(turn)[0], dtype=float), shift
+        return np.asarray(cv2.Rodrigues(turn)[0], dtype=float), shift, None
     if "points" in known:
         return solve_place(known["points"], matrix, distortion, str(path))
     if {"position", "target", "up"} <= set(known):
@@ -167,15 +173,15 @@ def _place(path: Path, known: dict[str, Any], matrix: Array, distortion: Array) 
             {name: known[name] for name in ("position", "target", "up")} | {"width": 1, "height": 1, "fov_y": 1.0},
             str(path),
         )
-        return _axes(camera)
+        return *_axes(camera), None
     raise ValueError(
         f"{path}: expected the place of the camera, found none: rvec and tvec, or position, target and up, or points: "
         "four or more of [column, row, x, y], image points beside points of the plane [m]"
     )
 
 
-def solve_place(points: Any, matrix: Array, distortion: Array, where: str) -> tuple[Array, Array]:
-    """Return rotation and translation of a camera that sees points of the world at points of the image.
+def solve_place(points: Any, matrix: Array, distortion: Array, where: str) -> tuple[Array, Array, float]:
+    """Find the camera that sees points of the world at points of the image.
 
     Args:
         points: Rows of column, row [px], whole numbers at pixel centres, x, y and, where it is not zero, z [m].
@@ -183,43 +189,69 @@ def solve_place(points: Any, matrix: Array, distortion: Array, where: str) -> tu
         distortion: Coefficients.
         where: Names the points in messages.
 
+    Returns:
+        Rotation and translation from the world to the camera, and the largest distance [px] of a point of the image
+        from where that camera sees its point of the world.
+
     Raises:
-        ValueError: If there are too few, they lie in a line, or no place explains them.
+        ValueError: If there are too few, they lie in a line, no place explains them, or only one below their plane.
     """
     from physid.data.importers.video.opencv import cv2
 
+    rows = _rows_of(points, where)
+    base = np.array([0, 0, rows[:, 4].mean()])  # OpenCV's solver for planes is exact at the height zero only
+    image, world = rows[:, :2].copy(), rows[:, 2:] - base
+
+    def error(turn: Any, shift: Any) -> float:
+        again = cv2.projectPoints(world, turn, shift, matrix, distortion)[0].reshape(-1, 2)
+        return float(np.linalg.norm(again - image, axis=1).max())
+
+    flat = np.ptp(world[:, 2]) == 0
+    method = cv2.SOLVEPNP_IPPE if flat else cv2.SOLVEPNP_SQPNP
+    solved, turn, shift = cv2.solvePnP(world, image, matrix, distortion, flags=method)
+    if not solved or error(turn, shift) > 0.02 * float(np.ptp(image)):
+        found = f"some that are {error(turn, shift):.1f} px off" if solved else "some that no camera sees so"
+        raise ValueError(
+            f"{where}: points: expected points that a camera can see so, got {found}; check their order and units"
+        )
+    turn, shift = cv2.solvePnPRefineLM(world, image, matrix, distortion, turn, shift)
+    rotation, translation = np.asarray(cv2.Rodrigues(turn)[0], dtype=float), np.asarray(shift, dtype=float).ravel()
+    off, above = error(turn, shift), _height_above(world, -rotation.T @ translation)
+    if above <= 0:
+        raise ValueError(
+            f"{where}: points: expected points of the ground that a camera above it sees, got some that only a camera "
+            f"{-above:.3g} m below it sees so: they are mirrored; z points up, so that seen from above y is a quarter "
+            "turn counterclockwise from x: exchange x and y, or negate y"
+        )
+    return rotation, translation - rotation @ base, off
+
+
+def _rows_of(points: Any, where: str) -> Array:
+    """Return given points as rows of column, row, x, y, z, and refuse those that tell no place."""
     try:
         rows = np.array([[*row, 0.0] if len(row) == 4 else [*row] for row in points], dtype=float)
         sound = rows.ndim == 2 and rows.shape[1] == 5 and bool(np.isfinite(rows).all())
     except (TypeError, ValueError, OverflowError):
         sound = False
     if not sound or len(rows) < FEWEST_POINTS:
-        raise ValueError(
-            f"{where}: points: expected {FEWEST_POINTS} or more rows [column, row, x, y] or with z, got {points!r}"[
-                :300
-            ]
+        message = (
+            f"{where}: points: expected {FEWEST_POINTS} or more rows [column, row, x, y] or with z, got {points!r}"
         )
+        raise ValueError(message[:300])
     spread = np.linalg.svd(rows[:, 2:] - rows[:, 2:].mean(0), compute_uv=False)
-    if spread[1] < 1e-3 * spread[0]:
+    if spread[1] < FLAT * spread[0]:
         raise ValueError(f"{where}: points: expected points that span a plane, got some on a line")
-    solved, turn, shift = cv2.solvePnP(
-        rows[:, 2:].copy(),
-        rows[:, :2].copy(),
-        matrix,
-        distortion,
-        flags=cv2.SOLVEPNP_IPPE if np.ptp(rows[:, 4]) == 0 else cv2.SOLVEPNP_SQPNP,
-    )
-    error = np.inf
-    if solved:
-        again = cv2.projectPoints(rows[:, 2:].copy(), turn, shift, matrix, distortion)[0].reshape(-1, 2)
-        error = float(np.abs(again - rows[:, :2]).max())
-    if error > 0.02 * float(np.ptp(rows[:, :2])):
-        found = f"some that are {error:.1f} px off" if solved else "some that no camera sees so"
-        raise ValueError(
-            f"{where}: points: expected points that a camera can see so, got {found}; check their order and units"
-        )
-    turn, shift = cv2.solvePnPRefineLM(rows[:, 2:].copy(), rows[:, :2].copy(), matrix, distortion, turn, shift)
-    return np.asarray(cv2.Rodrigues(turn)[0], dtype=float), np.asarray(shift, dtype=float).ravel()
+    return rows
+
+
+def _height_above(world: Array, position: Array) -> float:
+    """Return how far a position is above the plane that points (N, 3) lie in [m]; infinity if in none, or upright."""
+    middle = world.mean(0)
+    _, spread, axes = np.linalg.svd(world - middle)
+    normal = axes[2] if axes[2, 2] >= 0 else -axes[2]
+    if (len(spread) > 2 and spread[2] > FLAT * spread[0]) or normal[2] < FLAT:
+        return np.inf
+    return float(normal @ (position - middle))
 
 
 def _triple(vector: Array) -> tuple[float, float, float]:

@@ -8,7 +8,7 @@ from typing import Any, final
 
 from physid.data.importers.convert import FRICTION_NOTE
 from physid.data.importers.mapping import OF_BODY, OF_SET, LogMap
-from physid.data.importers.video.cameras import Lens, read_camera
+from physid.data.importers.video.cameras import POINTS_OFF, Lens, read_camera
 from physid.scenes import Scene
 from physid.strict import nearest, number, quoted
 
@@ -64,7 +64,13 @@ class FilmMap:
     @property
     def notes(self) -> list[str]:
         """What is taken for granted, a line each."""
-        return [f"{name}: {FRICTION_NOTE}" for name in self.log.unsaid]
+        notes = [f"{name}: {FRICTION_NOTE}" for name in self.log.unsaid]
+        if self.lens.points_error is not None and self.lens.points_error > POINTS_OFF:
+            notes.append(
+                f"camera: its points of the ground are up to {self.lens.points_error:.1f} px off where a camera would "
+                f"see them ({POINTS_OFF:g} px is much); check pixels and metres of each, every pose is off with them"
+            )
+        return notes
 
     def scene(self, step: float, source: str) -> Scene:
         """Return the scene of films with so much time between frames [s]."""
