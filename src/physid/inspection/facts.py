@@ -6,8 +6,8 @@ import numpy as np
 
 from physid.data import RecordingSet
 from physid.data.observations.stamps import rhythm_of
-from physid.inspection.energy import energy_over_time
 from physid.inspection.evidence import Evidence
+from physid.inspection.rules.energy import energy_over_time
 
 TOUCHING = 2e-3  # [m] over the ground up to which a corner touches it
 
