@@ -254,6 +254,18 @@ def test_forces_that_follow_nothing_name_no_offset_of_the_clocks(tmp_path: Path)
     assert not [one for one in said(tmp_path, scene, others) if "forces.offset" in one]
 
 
+@pytest.mark.parametrize("factor", [0.25, 0.5, 2.0, 4.0])
+def test_a_film_at_another_rate_beside_forces_with_stamps_is_no_left_handed_frame_and_no_offset(
+    tmp_path: Path, factor: float
+) -> None:
+    """Accelerations follow the forces of other moments; axes and offsets that seem to fit are accidents."""
+    scene, recordings = recorded("push")
+    clock, step = dataclasses.replace(scene, time_step=scene.time_step / factor), scene.time_step
+    stamped = [dataclasses.replace(one, wrench_time=step * np.arange(len(one.seen))) for one in recordings]
+    found = said(tmp_path, clock, stamped)
+    assert not [one for one in found if "left-handed" in one or "forces.offset" in one or "force=[" in one], found
+
+
 def test_a_body_that_lies_still_to_the_last_digit_and_is_pushed_then_was_not_held(tmp_path: Path) -> None:
     scene, recordings = recorded("push")
     rests = []
