@@ -266,6 +266,19 @@ def test_a_film_at_another_rate_beside_forces_with_stamps_is_no_left_handed_fram
     assert not [one for one in found if "left-handed" in one or "forces.offset" in one or "force=[" in one], found
 
 
+@pytest.mark.parametrize(("factor", "noted"), [(0.5, True), (0.8, False), (1.0, False), (1.2, False), (2.0, True)])
+def test_poses_without_stamps_that_are_much_longer_than_their_forces_are_a_remark(
+    tmp_path: Path, factor: float, noted: bool
+) -> None:
+    scene, recordings = recorded("push")
+    clock, step = dataclasses.replace(scene, time_step=scene.time_step / factor), scene.time_step
+    stamped = [dataclasses.replace(one, wrench_time=step * np.arange(len(one.seen))) for one in recordings]
+    report = inspect(RecordingSet(write_set(tmp_path, stamped, clock)))
+    named = [one for one in report.findings if "the true rate is 24" in one.what]
+    assert len(named) == noted
+    assert not any(one.wrong for one in named)
+
+
 def test_a_body_that_lies_still_to_the_last_digit_and_is_pushed_then_was_not_held(tmp_path: Path) -> None:
     scene, recordings = recorded("push")
     rests = []

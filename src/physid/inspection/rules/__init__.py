@@ -8,5 +8,5 @@ PLACES = (sizes.runs, falls.falls, ground.carried, ground.lying, ground.orders, 
 """Of one cause with many signs: the first that speaks names it, and the others would repeat it as another."""
 RULES = (
     sizes.sizes, sizes.masses, falls.upside, forces.forces, tracking.delay, energy.energy, tracking.turns,
-    tracking.held, tracking.repeats, tracking.jumps, tracking.unseen, sizes.tare,
+    tracking.held, tracking.repeats, tracking.jumps, tracking.lengths, tracking.unseen, sizes.tare,
 )  # fmt: skip

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physid.data.observations.remarks import NAMED, TURN
+from physid.data.observations.stamps import unlike_lengths
 from physid.inspection.evidence import LEAST_SMOOTH, STILL, Evidence
 from physid.inspection.finding import Finding
 from physid.inspection.rules.falls import ENOUGH
@@ -15,6 +16,7 @@ JUMP = 10.0  # times the distance of its neighbours
 LAG, BETTER = 20, 0.05  # frames that a clock may be off, gain in correlation that says so
 AGAINST = -0.3  # correlation below which forces have the wrong sign, and the clock is not what is wrong
 FOLLOWS = 0.4  # correlation of accelerations with shifted forces below which they follow no force, whatever the shift
+NOMINAL = 1e-6  # share of a time step by which stamps stray that were computed from a rate
 SHARE = 0.1  # of frames, from which on it is no accident
 HELD = 5  # frames with one and the same pose, to the last digit, from which on the tracker may have held it
 CATCH_UP = 3.0  # times the step after it by which a body moves on from a pose that was held while it went on
@@ -147,6 +149,20 @@ def delay(seen: Evidence) -> Finding | None:
         f"{match[best + LAG]:.2f}, without a shift {match[LAG]:.2f}): the two clocks seem to differ",
         f"import with forces.offset={late_by:.3g}, if nothing in the plant delays them",
     )
+
+
+def lengths(seen: Evidence) -> Finding | None:
+    """Poses without stamps of a clock that last much longer, or shorter, than their forces, in every trajectory."""
+    step, found = seen.scene.time_step, list[str | None]()
+    for one in seen.recordings:
+        stamps = one.stamps(step)
+        # Stamps without any jitter are those of a nominal rate, as of films.
+        if one.wrench_time is None or np.abs(np.diff(stamps) / step - 1).max(initial=0.0) > NOMINAL:
+            return None
+        found.append(unlike_lengths(float(np.ptp(stamps)) + step, float(np.ptp(one.wrench_time)), 1 / step))
+    if found[0] is None or None in found:
+        return None
+    return Finding(found[0], "import with this rate", wrong=False)
 
 
 def _partial_correlation(moments: Array) -> Array:
