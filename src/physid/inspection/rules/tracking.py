@@ -157,7 +157,7 @@ def lengths(seen: Evidence) -> Finding | None:
     for one in seen.recordings:
         stamps = one.stamps(step)
         # Stamps without any jitter are those of a nominal rate, as of films.
-        if one.wrench_time is None or np.abs(np.diff(stamps) / step - 1).max(initial=0.0) > NOMINAL:
+        if one.wrench_time is None or len(stamps) < 2 or np.ptp(np.diff(stamps)) > NOMINAL * step:
             return None
         found.append(unlike_lengths(float(np.ptp(stamps)) + step, float(np.ptp(one.wrench_time)), 1 / step))
     if found[0] is None or None in found:
