@@ -98,6 +98,12 @@ def halved(pose: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
     return pose[np.arange(len(pose)) // 4 * 4]
 
 
+def carried(pose: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+    """Lift it by half a metre, and slowly, as a hand does."""
+    pose[..., 2] += 0.25 * (1 - np.cos(np.arange(len(pose)) / 100))[:, None]
+    return pose
+
+
 def held(pose: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
     pose[60:90] = pose[60]
     return pose
@@ -137,6 +143,9 @@ MISTAKES: list[tuple[str, str, Change, str]] = [
     ("toss", "millimetres", posed(millimetres), "seem to be in millimetres -> import with units.position=mm"),
     ("push", "millimetres", posed(millimetres), "seem to be in millimetres -> import with units.position=mm"),
     ("toss", "inches", posed(lambda pose: pose * ([39.37] * 3 + [1] * 4)), "seem to be in inches"),
+    ("toss", "centimetres", posed(lambda pose: pose * ([100] * 3 + [1] * 4)), "seem to be in centimetres"),
+    ("toss", "feet", posed(lambda pose: pose * ([3.281] * 3 + [1] * 4)), "seem to be in feet"),
+    ("push", "a hand that carries", posed(carried), "they touch no ground (lowest corner"),
     ("toss", "w first", posed(w_first), "order: wxyz"),
     ("toss", "inverse rotations", posed(inverse), "inverse rotations"),
     ("toss", "y up", posed(y_up), "up seems to be y -> import with the axes of the log (axes=y-up)"),
