@@ -257,6 +257,39 @@ def test_one_run_of_another_unit_is_named_by_its_number(tmp_path: Path) -> None:
     assert len([one for one in found if "in 1 of 6 trajectories (the first is 3)" in one and "metres" in one]) == 1
 
 
+def test_heights_that_are_noise_about_the_origin_are_of_no_unit(tmp_path: Path) -> None:
+    scene, recordings = recorded("push")
+    height = scene.bodies[0].size[2] / 2
+    origin = dataclasses.replace(scene, ground=Ground(offset=-height))
+    about = [1e-4, 1e-4, 1e-7, 1e-4, 1e-1 * NOISE, 1e-4]
+    moved = list[Recording]()
+    for one, offset in zip(recordings, about, strict=True):
+        assert one.pose is not None
+        pose = one.pose.copy()
+        pose[..., 2] += offset - np.median(pose[..., 2])
+        moved.append(dataclasses.replace(one, pose=pose))
+    assert not said(tmp_path, origin, moved)
+
+
+@pytest.mark.parametrize("every", [2, 4, 10])
+def test_a_log_that_is_faster_than_the_tracker_is_no_lost_body(tmp_path: Path, every: int) -> None:
+    scene, recordings = recorded("push")
+    slow = [posed(lambda pose: pose[np.arange(len(pose)) // every * every])(scene, one)[1] for one in recordings]
+    found = said(tmp_path, scene, slow)
+    assert [one for one in found if "the log is faster than the tracker" in one]
+    assert not [one for one in found if "catches up" in one]
+
+
+@pytest.mark.parametrize("factor", [1.0, 1.5, 2.0, 3.0])
+def test_pushes_as_strong_as_gravity_are_no_falls(tmp_path: Path, factor: float) -> None:
+    """Positions alone have x for z, so that no other axis makes the bodies touch; clocks set how fast they get."""
+    scene, recordings = recorded("push")
+    clock = dataclasses.replace(scene, time_step=scene.time_step / factor)
+    swapped = posed(lambda pose: pose[..., [2, 1, 0, *range(3, 7)]])
+    found = said(tmp_path, clock, [swapped(scene, one)[1] for one in recordings])
+    assert [one for one in found if "axes=x-up" in one], found
+
+
 def test_forces_that_follow_nothing_name_no_offset_of_the_clocks(tmp_path: Path) -> None:
     scene, recordings = recorded("push")
     others = [dataclasses.replace(one, wrench=recordings[n - 1].wrench) for n, one in enumerate(recordings)]

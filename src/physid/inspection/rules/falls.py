@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 ENOUGH = 20  # windows: fewer say nothing
 FALL = 0.15  # share by which a fall may differ from gravity
 STRAIGHT = 0.98  # cosine between a fall and gravity from which on it is straight down
-ALIKE = 0.6  # share of straight falls that have one acceleration, where it is that of a fall
+ALIKE = 0.6  # share of straight falls with one acceleration, and of what has it that falls, where it is that of a fall
 AXIS = 0.97  # cosine between a fall and gravity below which the axes are others
 SCALES = {1e3: "millimetres", 1e2: "centimetres", 39.37: "inches", 3.281: "feet"}
 
@@ -61,6 +61,10 @@ def _clock(acceleration: Array, gravity: Array, enough: float) -> Finding | None
         return None
     share = float(np.median(falling))
     alike = np.mean(np.abs(falling / share - 1) < FALL) > ALIKE
+    # Friction slows by one acceleration, too, but in any direction.
+    down, any_way = (np.count_nonzero(np.abs(one / share - 1) < FALL) for one in (falling, size / g))
+    if down < ALIKE * any_way:
+        return None
     if not alike or any(abs(share / scale - 1) < FALL for scale in (1.0, *SCALES)):
         return None
     factor = share**0.5

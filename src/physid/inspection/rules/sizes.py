@@ -13,6 +13,7 @@ Array = NDArray[np.float64]
 LARGE = 10.0  # [m]
 DENSEST = 25_000.0  # [kg/m^3]; osmium has 22 600
 FAR = 30.0  # factor between the heights of runs from which on no motion of one box explains it, but a unit
+HIGH = 0.25  # smallest edges: median height from which on ratios of heights mean something
 CONSTANT = 0.1  # share of a mean vertical force by which it may vary, and count as constant
 HEAVY = 0.1  # share of the weight from which on such a force matters
 ALIKE = 0.2  # share by which it may differ from the weight and still be named so
@@ -52,8 +53,8 @@ def runs(seen: Evidence) -> Finding | None:
         [abs(float(np.median(one.pose[..., :3][one.seen] @ normal))) for one in seen.recordings if one.pose is not None]
     )
     middle = float(np.median(height))
-    if len(height) < 3 or not middle:
-        return None
+    if len(height) < 3 or middle < HIGH * float(seen.scene.sizes.min()):
+        return None  # near the origin heights are noise, and their ratios any
     for scale, unit in SCALES.items():
         for factor, here, there in ((scale, unit, "metres"), (1 / scale, "metres", unit)):
             other = np.flatnonzero(np.abs(height / (factor * middle) - 1) < FALL)

@@ -73,8 +73,8 @@ def held(seen: Evidence) -> Finding | None:
             starts, ends = np.flatnonzero(~same[:-1] & same[1:]), np.flatnonzero(same[:-1] & ~same[1:])
             step = np.linalg.norm(np.diff(place[:, :3], axis=0), axis=1)
             for start, end in zip(starts, ends, strict=True):
-                if end - start + 1 < HELD or end + 2 >= len(place):
-                    continue
+                if end - start + 1 < HELD or end + 2 >= len(place) or same[end + 2]:
+                    continue  # too short, or held again at once: the log is faster than the tracker (`repeats`)
                 if step[end] > CATCH_UP * step[end + 1] + LEAST_SMOOTH + JUMP * seen.noise.position:
                     found.append((index, int(frame[start]), int(frame[end])))
     if not found:
