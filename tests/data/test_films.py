@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from physid.cli import main
 from physid.data import RecordingSet
 from physid.data.importers.video.cameras import Lens, read_camera, solve_place
 from physid.data.importers.video.convert import import_films
-from physid.data.importers.video.films import FilmFile, ImageFolder
+from physid.data.importers.video.films import FilmFile, ImageFolder, counted
 from physid.data.importers.video.shadows import smoothed
 from physid.data.importers.video.shutter import ShutterGauge
 from physid.data.importers.video.sights import find_bodies, gain_of
@@ -138,6 +139,56 @@ def write_ros(path: Path, points: Any) -> Path:
 def seen_at(lens: Lens, points: NDArray[np.float64]) -> NDArray[np.float64]:
     turn = cv2.Rodrigues(lens.rotation)[0]
     return np.asarray(cv2.projectPoints(points, turn, lens.translation, lens.matrix, lens.distortion)[0].reshape(-1, 2))
+
+
+@pytest.mark.parametrize(
+    ("names", "places", "lost"),
+    [
+        (["f0028", "f0030", "f0032", "f0033", "f0034", "f0035", "f0036"], [0, 2, 4, 5, 6, 7, 8], ("0029", "0031")),
+        (["a7_x", "a8_x", "a10_x", "a11_x"], [0, 1, 3, 4], ("9",)),
+        (["0001", "0002", "0003"], None, ()),
+        (["10", "20", "30"], None, ()),
+        (["1000", "1033", "1067", "1100"], None, ()),
+        (["1", "2", "b3", "4", "6"], None, ()),
+        (["one", "three", "two"], None, ()),
+        (["1"], None, ()),
+    ],
+)
+def test_images_that_are_missing_are_known_by_numbers_that_count(
+    names: list[str], places: list[int] | None, lost: tuple[str, ...]
+) -> None:
+    """Every second number, stamps in milliseconds and mixed names say nothing of missing images."""
+    found, missing = counted(names)
+    assert (None if found is None else found.tolist()) == places
+    assert missing == lost
+
+
+def test_a_gap_in_numbered_images_is_noted_and_moves_no_later_image(place: Path) -> None:
+    (place / "shots").mkdir()
+    for number, image in enumerate(filmed.images(), 1):
+        if number not in (9, 11):
+            Image.fromarray(image).save(place / "shots" / f"{number:04}.png")
+    filmed.write_forces(place / "shots_forces.csv", 24 / filmed.RATE)
+    done = import_films([place / "shots"], {**filmed.MAPPING, "rate": filmed.RATE}, place / "set")
+    assert [one for one in done.notes if "images 0009, 0011 are missing" in one]
+    time = RecordingSet(done.folder).read(0, video=True).time
+    assert time is not None
+    assert np.allclose(time, np.setdiff1d(np.arange(24), [8, 10]) / filmed.RATE)
+
+
+@pytest.mark.parametrize(("times", "noted"), [(0.5, True), (0.8, False), (1.0, False), (1.3, False), (2.0, True)])
+def test_a_film_that_lasts_much_longer_or_shorter_than_its_forces_is_noted_with_the_rate(
+    place: Path, times: float, noted: bool
+) -> None:
+    filmed.write_film(place / "run.mp4", filmed.images(), times * filmed.RATE)
+    filmed.write_forces(place / "run_forces.csv", 24 / filmed.RATE)
+    done = import_films([place / "run.mp4"], dict(filmed.MAPPING), place / "set")
+    said = [one for one in done.notes if "of forces; if both" in one]
+    assert len(said) == noted
+    for one in said:
+        named = re.search(r"true rate is ([\d.]+)", one)
+        assert named is not None
+        assert float(named[1]) == pytest.approx(filmed.RATE, rel=0.05)
 
 
 def test_camera_files_of_opencv_and_ros_say_the_same(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 import zipfile
 from pathlib import Path
@@ -49,6 +50,19 @@ def changed(name: str, row: int, value: float) -> np.ndarray[Any, np.dtype[np.fl
 MISTAKES: list[tuple[str, dict[str, Any], dict[str, Any], str]] = [
     ("a column that is not there", {}, {"position": ["x", "y", "height"]}, 'no column "height"'),
     ("a renamed column", {}, {"time": "tt"}, 'no column "tt"; did you mean "t"'),
+    (
+        "a renamed column that looks like another",
+        {"pos_x": COLUMNS["x"], "pos_z": COLUMNS["z"]},
+        {"position": ["position_x", "y", "z"]},
+        r'no column "position_x"; did you mean "pos_.*"\? There are t, x, y, z, .*, pos_x, pos_z',
+    ),
+    ("a list without brackets", {}, {"position": "x,y,z"}, r'no column "x,y,z"; .* in brackets: \[x, y, z\]'),
+    (
+        "degrees without a unit",
+        {"yaw": np.linspace(-170.0, 170.0, FRAMES)},
+        {"quaternion": None, "euler": ["yaw"], "euler_order": "z"},
+        r"log.csv:2: expected angles in radians, .* found 170, .* units.angle=deg, if they are radians .*=rad",
+    ),
     ("capital letters", {}, {"position": ["X", "y", "z"]}, 'no column "X"; did you mean "x"'),
     ("an unknown key", {}, {"positon": ["x", "y", "z"]}, 'unknown key "positon"; did you mean "position"'),
     ("no position", {}, {"position": None}, r"missing position: the columns of its centre"),
@@ -217,6 +231,69 @@ def test_a_log_that_holds_nothing_is_answered_with_its_line(tmp_path: Path, text
     del body["rate"]
     with pytest.raises(ValueError, match=message):
         import_logs([tmp_path / "log.csv"], body, tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    ("cell", "dated"),
+    [("2026-11-27T10:00:00.5", True), ("10:00:01.5", True), ("27.11.2026 10:00", True), ("late", False)],
+)
+def test_dates_for_stamps_are_answered_with_how_they_become_seconds(tmp_path: Path, cell: str, dated: bool) -> None:
+    (tmp_path / "log.csv").write_text(f"t,x,y,z\n{cell},0,0,0\n1,0,0,0\n")
+    body = {"size": [1, 1, 1], "mass": 1, "orientation": "none", "time": "t", "position": ["x", "y", "z"]}
+    with pytest.raises(ValueError, match=r'log.csv:2: expected a number in column "t"') as said:
+        import_logs([tmp_path / "log.csv"], body, tmp_path / "out")
+    assert ("convert dates to seconds" in str(said.value)) == dated
+
+
+@pytest.mark.parametrize(("code", "named"), [("utf-16", "UTF-16"), ("latin1", "LATIN1")])
+def test_text_in_another_code_is_answered_with_how_to_convert_it(tmp_path: Path, code: str, named: str) -> None:
+    (tmp_path / "log.csv").write_bytes("t,größe\n0,1\n".encode(code))
+    with pytest.raises(ValueError, match=f"log.csv: expected text in UTF-8, .*iconv -f {named} -t UTF-8 IN"):
+        import_logs([tmp_path / "log.csv"], GOOD, tmp_path / "out")
+
+
+@pytest.mark.parametrize("unit", ["rad", "deg"])
+def test_angles_beyond_a_turn_are_read_in_the_unit_that_is_given(tmp_path: Path, unit: str) -> None:
+    yaw = np.linspace(0.0, 20.0, FRAMES)
+    there = COLUMNS | {"yaw": yaw if unit == "rad" else np.rad2deg(yaw)}
+    log = write_csv(tmp_path / "log.csv", list(there), list(there.values()))
+    known = {key: one for key, one in GOOD.items() if key != "quaternion"}
+    known |= {"euler": ["yaw"], "euler_order": "z", "units": {"angle": unit}}
+    pose = RecordingSet(import_logs([log], known, tmp_path / "out").folder).read(0).pose
+    assert pose is not None
+    assert np.allclose(np.abs(pose[:, 0, 5]), np.abs(np.sin(yaw / 2)))
+
+
+def test_forces_in_a_log_beside_that_the_mapping_does_not_name_are_pointed_at(tmp_path: Path) -> None:
+    poses = {name: one for name, one in COLUMNS.items() if not name.startswith("f")}
+    forces = {name: COLUMNS[name] for name in ("t", "fx", "fy", "fz")}
+    log = write_csv(tmp_path / "run_1.csv", list(poses), list(poses.values()))
+    beside = write_csv(tmp_path / "run_1_load.csv", list(forces), list(forces.values()))
+    with pytest.raises(ValueError, match=r'no column "fx".*run_1_load.csv beside it has it: forces.file={stem}'):
+        import_logs([log], GOOD, tmp_path / "out")
+    without = {key: one for key, one in GOOD.items() if key != "force"}
+    with pytest.raises(
+        ValueError,
+        match=r'load.csv: no column "x".* looks like a log of something else beside run_1.csv.*alone',
+    ):
+        import_logs([log, beside], without, tmp_path / "out")
+    with pytest.raises(ValueError, match='no column "height"') as said:
+        import_logs([log], GOOD | {"position": ["x", "y", "height"]}, tmp_path / "out")
+    assert "beside it" not in str(said.value), "no log has it"
+
+
+@pytest.mark.parametrize(("rate", "noted"), [(100, False), (75, False), (50, True), (400, True)])
+def test_poses_without_stamps_that_last_much_longer_than_their_forces_are_noted(
+    tmp_path: Path, rate: float, noted: bool
+) -> None:
+    known = {key: one for key, one in GOOD.items() if key != "time"}
+    log = write_csv(tmp_path / "log.csv", list(COLUMNS), list(COLUMNS.values()))
+    time = np.arange(FRAMES) / 100
+    write_csv(tmp_path / "f.csv", ["t", "fx", "fy", "fz"], [time, *np.ones((3, FRAMES))])
+    known |= {"rate": rate, "forces": {"file": "f.csv", "time": "t"}}
+    notes = [one for one in import_logs([log], known, tmp_path / "out").notes if "of forces; if both" in one]
+    assert len(notes) == noted
+    assert all(re.search(r"the true rate is (99|100)", one) for one in notes), notes
 
 
 @pytest.mark.parametrize(("cells", "decimal"), [(";", ","), (";", "."), ("\t", ","), (" ", ".")])

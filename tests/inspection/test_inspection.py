@@ -15,6 +15,7 @@ from tests.data.sets import write_set
 
 from physid.cli import main
 from physid.data import Recording, RecordingSet
+from physid.data.importers.rotations import axes_of
 from physid.inspection.kinematics import noise_of
 from physid.inspection.report import inspect
 from physid.scenes import Ground, Scene, find_setup
@@ -130,6 +131,27 @@ def halved(pose: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
     return pose[np.arange(len(pose)) // 4 * 4]
 
 
+def carried(pose: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+    """Lift it by half a metre, and slowly, as a hand does."""
+    pose[..., 2] += 0.25 * (1 - np.cos(np.arange(len(pose)) / 100))[:, None]
+    return pose
+
+
+def held(pose: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+    pose[60:90] = pose[60]
+    return pose
+
+
+def upside_down(pose: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+    """Turn the world about x by half a turn: a log whose y points down, or z."""
+    turn = (Rotation.from_quat([1, 0, 0, 0]) * Rotation.from_quat(pose[..., 3:].reshape(-1, 4))).as_quat()
+    return np.concatenate([pose[..., :3] * [1, -1, -1], turn.reshape(*pose.shape[:2], 4)], -1)
+
+
+def in_grams(scene: Scene, one: Recording) -> tuple[Scene, Recording]:
+    return scene.with_bodies([dataclasses.replace(scene.bodies[0], mass=1000 * scene.bodies[0].mass)]), one
+
+
 def sunk(pose: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
     pose[..., 2] += 0.1
     return pose
@@ -154,6 +176,9 @@ MISTAKES: list[tuple[str, str, Change, str]] = [
     ("toss", "millimetres", posed(millimetres), "seem to be in millimetres -> import with units.position=mm"),
     ("push", "millimetres", posed(millimetres), "seem to be in millimetres -> import with units.position=mm"),
     ("toss", "inches", posed(lambda pose: pose * ([39.37] * 3 + [1] * 4)), "seem to be in inches"),
+    ("toss", "centimetres", posed(lambda pose: pose * ([100] * 3 + [1] * 4)), "seem to be in centimetres"),
+    ("toss", "feet", posed(lambda pose: pose * ([3.281] * 3 + [1] * 4)), "seem to be in feet"),
+    ("push", "a hand that carries", posed(carried), "they touch no ground (lowest corner"),
     ("toss", "w first", posed(w_first), "order: wxyz"),
     ("toss", "inverse rotations", posed(inverse), "inverse rotations"),
     ("toss", "y up", posed(y_up), "up seems to be y -> import with the axes of the log (axes=y-up)"),
@@ -214,6 +239,10 @@ MISTAKES: list[tuple[str, str, Change, str]] = [
     ),
     ("push", "spikes", posed(spikes), "expected poses of a motion, found jumps: 14 % leave"),
     ("push", "a slow tracker", posed(halved), "the log is faster than the tracker"),
+    ("push", "held poses", posed(held), "frames 60 to 89"),
+    ("push", "z down", posed(upside_down), "up seems to be -z -> import with the axes of the log (axes=z-down)"),
+    ("push", "w first", posed(w_first), "order: wxyz (w stands first)"),
+    ("push", "grams", in_grams, "more than any matter does: its mass seems to be in grams -> import with units.mass=g"),
     ("push", "another ground", posed(sunk), "mm above the ground -> check ground.offset"),
     (
         "push",
@@ -239,6 +268,166 @@ def test_a_mistake_is_found_with_its_mend(tmp_path: Path, name: str, change: Cha
     changed = [change(scene, one) for one in recordings]
     found = said(tmp_path, changed[0][0], [one for _, one in changed])
     assert any(message in one for one in found), found
+
+
+@pytest.mark.parametrize("tare", [0.0, 0.3, 1.0])
+def test_a_constant_vertical_force_is_a_remark_and_the_weight_is_named(tmp_path: Path, tare: float) -> None:
+    scene, recordings = recorded("push")
+    extra = np.append(np.zeros(3), tare * scene.bodies[0].mass * np.array(scene.gravity))
+    folder = write_set(tmp_path, [forced(lambda force: force + extra)(scene, one)[1] for one in recordings], scene)
+    report = inspect(RecordingSet(folder))
+    named = [one.what for one in report.findings if "tared" in one.what]
+    assert report.sound
+    assert len(named) == (tare > 0)
+    assert all(("as much as the body weighs" in one) == (tare == 1) for one in named)
+
+
+def test_one_run_of_another_unit_is_named_by_its_number(tmp_path: Path) -> None:
+    scene, recordings = recorded("push")
+    mixed = [posed(lambda p: p * ([1e-3] * 3 + [1] * 4))(scene, one)[1] if n == 3 else one
+             for n, one in enumerate(recordings)]  # fmt: skip
+    found = said(tmp_path, scene, mixed)
+    assert len([one for one in found if "in 1 of 6 trajectories (the first is 3)" in one and "metres" in one]) == 1
+
+
+def test_heights_that_are_noise_about_the_origin_are_of_no_unit(tmp_path: Path) -> None:
+    scene, recordings = recorded("push")
+    height = scene.bodies[0].size[2] / 2
+    origin = dataclasses.replace(scene, ground=Ground(offset=-height))
+    about = [1e-4, 1e-4, 1e-7, 1e-4, 1e-1 * NOISE, 1e-4]
+    moved = list[Recording]()
+    for one, offset in zip(recordings, about, strict=True):
+        assert one.pose is not None
+        pose = one.pose.copy()
+        pose[..., 2] += offset - np.median(pose[..., 2])
+        moved.append(dataclasses.replace(one, pose=pose))
+    assert not said(tmp_path, origin, moved)
+
+
+@pytest.mark.parametrize("every", [2, 4, 10])
+def test_a_log_that_is_faster_than_the_tracker_is_no_lost_body(tmp_path: Path, every: int) -> None:
+    scene, recordings = recorded("push")
+    slow = [posed(lambda pose: pose[np.arange(len(pose)) // every * every])(scene, one)[1] for one in recordings]
+    found = said(tmp_path, scene, slow)
+    assert [one for one in found if "the log is faster than the tracker" in one]
+    assert not [one for one in found if "catches up" in one]
+
+
+@pytest.mark.parametrize("factor", [1.0, 1.5, 2.0, 3.0])
+def test_pushes_as_strong_as_gravity_are_no_falls(tmp_path: Path, factor: float) -> None:
+    """Positions alone have x for z, so that no other axis makes the bodies touch; clocks set how fast they get."""
+    scene, recordings = recorded("push")
+    clock = dataclasses.replace(scene, time_step=scene.time_step / factor)
+    swapped = posed(lambda pose: pose[..., [2, 1, 0, *range(3, 7)]])
+    found = said(tmp_path, clock, [swapped(scene, one)[1] for one in recordings])
+    assert [one for one in found if "axes=x-up" in one], found
+
+
+def test_forces_that_follow_nothing_name_no_offset_of_the_clocks(tmp_path: Path) -> None:
+    scene, recordings = recorded("push")
+    others = [dataclasses.replace(one, wrench=recordings[n - 1].wrench) for n, one in enumerate(recordings)]
+    assert not [one for one in said(tmp_path, scene, others) if "forces.offset" in one]
+
+
+@pytest.mark.parametrize("factor", [0.25, 0.5, 2.0, 4.0])
+def test_a_film_at_another_rate_beside_forces_with_stamps_is_no_left_handed_frame_and_no_offset(
+    tmp_path: Path, factor: float
+) -> None:
+    """Accelerations follow the forces of other moments; axes and offsets that seem to fit are accidents."""
+    scene, recordings = recorded("push")
+    clock, step = dataclasses.replace(scene, time_step=scene.time_step / factor), scene.time_step
+    stamped = [dataclasses.replace(one, wrench_time=step * np.arange(len(one.seen))) for one in recordings]
+    found = said(tmp_path, clock, stamped)
+    assert not [one for one in found if "left-handed" in one or "forces.offset" in one or "force=[" in one], found
+
+
+@pytest.mark.parametrize(("factor", "noted"), [(0.5, True), (0.8, False), (1.0, False), (1.2, False), (2.0, True)])
+def test_poses_without_stamps_that_are_much_longer_than_their_forces_are_a_remark(
+    tmp_path: Path, factor: float, noted: bool
+) -> None:
+    scene, recordings = recorded("push")
+    clock, step = dataclasses.replace(scene, time_step=scene.time_step / factor), scene.time_step
+    stamped = [dataclasses.replace(one, wrench_time=step * np.arange(len(one.seen))) for one in recordings]
+    report = inspect(RecordingSet(write_set(tmp_path, stamped, clock)))
+    named = [one for one in report.findings if "the true rate is 24" in one.what]
+    assert len(named) == noted
+    assert not any(one.wrong for one in named)
+
+
+def test_a_body_that_lies_still_to_the_last_digit_and_is_pushed_then_was_not_held(tmp_path: Path) -> None:
+    scene, recordings = recorded("push")
+    rests = []
+    for one in recordings:
+        assert one.pose is not None
+        rests.append(dataclasses.replace(one, pose=np.concatenate([np.repeat(one.pose[:1], 50, 0), one.pose[:-50]])))
+    assert not [one for one in said(tmp_path, scene, rests) if "catches up" in one]
+
+
+@pytest.mark.parametrize("factor", [0.5, 0.9, 1.2, 2.0])
+def test_a_wrong_rate_of_pushed_bodies_of_known_mass_is_named_with_the_one_that_fits(
+    tmp_path: Path, factor: float
+) -> None:
+    """Forces stand in the rows of the poses; a clock that is off by less than a factor of 1.4 is not accused."""
+    scene, recordings = recorded("push")
+    clock = dataclasses.replace(scene, time_step=scene.time_step / factor)
+    found = [one for one in said(tmp_path, clock, list(recordings)) if "frame rate" in one]
+    assert len(found) == (factor in (0.5, 2.0))
+    for one in found:
+        named = re.search(r"rate=([\d.]+) would fit", one)
+        assert named is not None
+        assert float(named[1]) == pytest.approx(240, rel=0.02)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_mass_that_is_a_first_guess_says_nothing_of_the_clock(tmp_path: Path, known: bool) -> None:
+    scene, recordings = recorded("push")
+    heavy = scene.with_bodies([dataclasses.replace(scene.bodies[0], mass=3 * scene.bodies[0].mass)])
+    heavy = dataclasses.replace(heavy, unknown=() if known else (f"{heavy.bodies[0].name}.mass",))
+    assert bool([one for one in said(tmp_path, heavy, list(recordings)) if "frame rate" in one]) == known
+
+
+@pytest.mark.parametrize("right", ["y-up", "y-down", "x-up", "z-down"])
+@pytest.mark.parametrize("taken", ["z-up", "y-up", "x-up", "y-down", "z-down"])
+def test_the_axes_of_a_log_are_named_whatever_axes_it_was_imported_with(tmp_path: Path, right: str, taken: str) -> None:
+    """The forces at which blocks move as fast as they would fall are no falls."""
+    scene, recordings = recorded("push")
+    turn = axes_of(taken) @ axes_of(right).T
+    change = Rotation.from_matrix(turn)
+    turned = []
+    for one in recordings:
+        assert one.pose is not None
+        assert one.wrench is not None
+        way = (change * Rotation.from_quat(one.pose[..., 3:].reshape(-1, 4))).as_quat().reshape(*one.pose.shape[:2], 4)
+        pose, wrench = np.concatenate([one.pose[..., :3] @ turn.T, way], -1), one.wrench.reshape(-1, 3) @ turn.T
+        turned.append(dataclasses.replace(one, pose=pose, wrench=wrench.reshape(one.wrench.shape)))
+    (tmp_path / "import.yaml").write_text(f"axes: {taken}\nforce: [Fa, Fb, Fc]\n")
+    found = said(tmp_path, scene, turned)
+    if right == taken:
+        assert not found
+    else:
+        assert len([one for one in found if one.endswith(f"import with the axes of the log (axes={right})")]) == 1, (
+            found
+        )
+
+
+@pytest.mark.parametrize("said_of", ["order: wxyz", "quaternion: [a_w, a_x, a_y, a_z]"])
+def test_quaternions_with_w_last_that_were_read_with_w_first_are_named(tmp_path: Path, said_of: str) -> None:
+    scene, recordings = recorded("push")
+    last = posed(lambda pose: pose[..., [0, 1, 2, 4, 5, 6, 3]])
+    (tmp_path / "import.yaml").write_text(f"{said_of}\n")
+    found = said(tmp_path, scene, [last(scene, one)[1] for one in recordings])
+    assert [one for one in found if "order: xyzw (w stands last)" in one], found
+
+
+def test_columns_of_forces_that_are_exchanged_are_named_as_the_log_has_them(tmp_path: Path) -> None:
+    """The log has y up, and its columns Fz and Fx were listed the wrong way round."""
+    scene, recordings = recorded("push")
+    axes = axes_of("y-up")
+    exchange = axes @ np.eye(3)[[2, 1, 0]] @ axes.T
+    wrong = forced(lambda force: np.concatenate([force[..., :3], force[..., 3:] @ exchange.T], -1))
+    (tmp_path / "import.yaml").write_text("axes: y-up\nforce: [Fz, -Fy, Fx]\n")
+    found = said(tmp_path, scene, [wrong(scene, one)[1] for one in recordings])
+    assert [one for one in found if "import forces as force=[Fx, -Fy, Fz], in the axes of the poses" in one], found
 
 
 def test_a_set_with_a_mistake_exits_with_1_and_a_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from physid.data import Recording
 from physid.data.observations.trajectories import from_recordings
 from physid.estimation.measurement import UNSEEN, Noise
-from physid.inspection.kinematics import Kinematics, kinematics_of, noise_of, window_for
+from physid.inspection.kinematics import Kinematics, acceleration_noise, kinematics_of, noise_of, window_for
+from physid.inspection.origin import Origin
 from physid.inspection.usability import Motion
 from physid.scenes import Scene
 
@@ -32,11 +33,13 @@ class Evidence:
         scene: The scene.
         recordings: At least one.
         indices: Their numbers in the set.
+        origin: What the mapping of their import said of axes and forces.
     """
 
     scene: Scene
     recordings: list[Recording]
     indices: list[int]
+    origin: Origin = field(default_factory=Origin)
 
     @cached_property
     def motion(self) -> Motion:
@@ -46,8 +49,18 @@ class Evidence:
     @cached_property
     def kinematics(self) -> Kinematics:
         """Local parabolas through the positions."""
-        step, wanted = self.scene.time_step, EXACT * float(np.linalg.norm(self.weight))
-        return kinematics_of(self.recordings, self.scene, window_for(self.noise.position, step, wanted))
+        return kinematics_of(self.recordings, self.scene, self._window)
+
+    @cached_property
+    def _window(self) -> int:
+        """Frames of a parabola."""
+        wanted = EXACT * float(np.linalg.norm(self.weight))
+        return window_for(self.noise.position, self.scene.time_step, wanted)
+
+    @cached_property
+    def acceleration_noise(self) -> float:
+        """Standard deviation of the accelerations [m/s^2]."""
+        return acceleration_noise(self.noise.position, self.scene.time_step, self._window)
 
     @cached_property
     def noise(self) -> Noise:

@@ -6,9 +6,9 @@ import numpy as np
 
 from physid.data import RecordingSet
 from physid.data.observations.stamps import rhythm_of
-from physid.inspection.energy import energy_over_time
 from physid.inspection.evidence import Evidence
-from physid.inspection.shown import TOUCHING, shown
+from physid.inspection.rules.energy import energy_over_time
+from physid.inspection.rules.shown import TOUCHING, shown
 
 
 def facts_of(recordings: RecordingSet, seen: Evidence) -> list[tuple[str, str]]:

@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-from physid.inspection import rules, tracking_rules, usability
-from physid.inspection.energy import energy
+from physid.inspection import usability
 from physid.inspection.evidence import Evidence
 from physid.inspection.finding import Finding
-from physid.inspection.shown import hidden
-
-RULES = (
-    rules.sizes, rules.upside, rules.falls, rules.lying, rules.orders, rules.heights, rules.forces,
-    tracking_rules.delay, energy, tracking_rules.turns, tracking_rules.repeats, tracking_rules.jumps,
-    tracking_rules.unseen, hidden,
-)  # fmt: skip
+from physid.inspection.rules import PLACES, RULES
 
 
 def mistakes_in(seen: Evidence) -> list[Finding]:
     """Return what looks like a mistake, or is odd."""
-    found = (rule(seen) for rule in RULES)
+    place = next((one for rule in PLACES if (one := rule(seen)) is not None), None)
+    found = [place, *(rule(seen) for rule in RULES)]
     return usability.mistakes_in(seen.motion) + [one for one in found if one is not None]

@@ -10,6 +10,7 @@ from physid.inspection.evidence import Evidence
 from physid.inspection.facts import facts_of
 from physid.inspection.finding import Finding
 from physid.inspection.mistakes import mistakes_in
+from physid.inspection.origin import Origin
 from physid.inspection.usability import shows_motion, too_few
 
 MOST_NAMED = 5
@@ -77,7 +78,7 @@ def inspect(recordings: RecordingSet, limit: int | None = None) -> Report:
         findings.append(Finding(f"{broken - MOST_NAMED} more trajectories cannot be read", "as above"))
     if not read:
         return Report((("set", str(recordings.folder)),), tuple(findings))
-    evidence = Evidence(recordings.scene, read, indices)
+    evidence = Evidence(recordings.scene, read, indices, Origin.of(recordings.folder))
     findings += mistakes_in(evidence)
     scene = recordings.scene
     said = [

@@ -18,12 +18,12 @@ from physid.data import (
     write_sums,
     write_trajectory,
 )
-from physid.data.importers.finding import force_logs
+from physid.data.importers.finding import explained, force_logs
 from physid.data.importers.mapping import GUESSED_FRICTION, LogMap
 from physid.data.importers.reading_logs import Forces, Poses, read_forces, read_poses
 from physid.data.importers.sets import Imported, new_set
 from physid.data.importers.tables.files import read_table
-from physid.data.observations.stamps import check_clocks, rhythm_of
+from physid.data.observations.stamps import check_clocks, rhythm_of, unlike_lengths
 from physid.scenes import Scene
 
 ROUND, NEAR = 3, 5e-3  # digits of a nominal rate, and how near to the stamps' own such a round one must be
@@ -86,10 +86,11 @@ def _recordings(files: Sequence[Path], log: LogMap, notes: list[str]) -> Iterato
     others = force_logs(files, log.forces.file)
     for index, file in enumerate(files):
         table = read_table(file, header=log.header)
-        poses = read_poses(table, log)
         other = others[index]
-        source = table if other is None else read_table(other, header=log.forces.header)
-        forces = read_forces(source, log, own=other is not None)
+        with explained(file, files):
+            poses = read_poses(table, log)
+            source = table if other is None else read_table(other, header=log.forces.header)
+            forces = read_forces(source, log, own=other is not None)
         # Arrays of a NumPy archive may be of several lengths: forces of another one are no part of the poses' rows.
         apart = not table.line and log.forces.time is not None and log.forces.time != log.time
         own = other is not None or (forces is not None and (apart or len(forces.row) + forces.empty != len(poses.pose)))
@@ -100,6 +101,9 @@ def _recordings(files: Sequence[Path], log: LogMap, notes: list[str]) -> Iterato
             )
         if forces is not None and forces.empty:
             notes.append(f"{other or file}: {forces.empty} rows without forces; the force before each is held")
+        if poses.time is None and forces is not None and forces.time is not None and log.time_step is not None:
+            remark = unlike_lengths(len(poses.pose) * log.time_step, float(np.ptp(forces.time)), 1 / log.time_step)
+            notes += [] if remark is None else [f"{file}: {remark}"]
         groups = poses.group.max() + 1
         if own and groups > 1 and poses.time is None:
             raise ValueError(f"{file}: expected stamps to tell which forces belong to which trajectory, found none")

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
-from physid.data.importers.tables.files import BAG, EPISODES
+from physid.data.importers.tables.files import BAG, EPISODES, read_table
+from physid.data.importers.tables.table import MissingColumnError
 
 SUFFIXES = {
     "csv": (".csv", ".tsv", ".txt"),
@@ -69,6 +71,47 @@ def logs_beside(path: Path) -> list[tuple[Path, str]]:
         for one in here
         if one != path and one.is_file() and whole.search(one.stem)
     ]
+
+
+@contextmanager
+def explained(file: Path, files: Sequence[Path]) -> Iterator[None]:
+    """Say of a column that a log does not have which log beside it has it.
+
+    Args:
+        file: The log that is read.
+        files: All logs of poses.
+
+    Raises:
+        ValueError: In place of that of a missing column, with where it is.
+    """
+    try:
+        yield
+    except MissingColumnError as error:
+        raise ValueError(f"{error}{_elsewhere(error.column.removeprefix('-'), file, files)}") from None
+
+
+def _elsewhere(column: str, file: Path, files: Sequence[Path]) -> str:
+    """Return where a column is that a log does not have, and what to do; nothing where no log beside it has it."""
+    for other, pattern in logs_beside(file):
+        if _has(other, column):
+            return f"; {other.name} beside it has it: forces.file={pattern} (and forces.time, its column of stamps)"
+    for other in files:
+        pattern = next((found for one, found in logs_beside(other) if one == file), "")
+        if pattern and _has(other, column):
+            return (
+                f"; it looks like a log of something else beside {other.name}, which has it: name it forces.file="
+                f"{pattern} if it holds forces, or name the logs of poses alone"
+            )
+    return ""
+
+
+def _has(file: Path, column: str) -> bool:
+    """Tell whether a log has a column."""
+    try:
+        read_table(file).find(column)
+    except (ValueError, OSError):
+        return False
+    return True
 
 
 def _is_log(path: Path, kind: str) -> bool:

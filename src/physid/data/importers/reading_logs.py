@@ -18,6 +18,7 @@ from physid.data.importers.units import split_header
 from physid.scenes.rotations import rotate
 
 Array = NDArray[np.float64]
+TURN = 1.01 * 2 * np.pi  # [rad] with what rounding adds
 
 
 @dataclass(frozen=True)
@@ -197,12 +198,28 @@ def _orientation_of(
         sequence = each.order or "xyz"
         count = len(sequence) if each.orientation == "euler" else 3
         angles = read_columns(table, each.columns, "angle", log.units, count)
+        _require_unit(table, each, angles, log)
         return (from_euler(angles, sequence, 1.0) if each.orientation == "euler" else from_vectors(angles, 1.0)), ()
     if each.orientation == "matrix":
         return from_matrices(read_columns(table, each.columns, None, log.units, 9))
     names = expanded(table, each.columns, 4)
     order = _order_of(table, names, each.order)
     return from_quaternions(read_columns(table, each.columns, None, log.units, 4), order)
+
+
+def _require_unit(table: Table, each: BodyMap, angles: Array, log: LogMap) -> None:
+    """Refuse angles beyond a turn where nothing says their unit: radians that count turns, or degrees."""
+    columns = [table.find(str(one).removeprefix("-")) for one in each.columns if isinstance(one, str)]
+    if "angle" in log.units or any(table.units.get(one) for one in columns):
+        return
+    beyond = (np.abs(angles) > TURN).any(1)
+    if beyond.any():
+        row = int(beyond.argmax())
+        raise ValueError(
+            f"{line_of(table, row)}: expected angles in radians, since nothing says another unit, found "
+            f"{float(np.nanmax(np.abs(angles[row]))):.4g}, more than a turn; if they are degrees: units.angle=deg, if "
+            "they are radians that count turns: units.angle=rad"
+        )
 
 
 def _order_of(table: Table, names: Sequence[Reference], order: str | None) -> str:

@@ -23,7 +23,8 @@ def pace_of(recording: Recording, time_step: float, sizes: Array) -> Array:
     """Return how far bodies get from each frame to the next, of what a frame rate can follow, shape (T - 1, N).
 
     1 is a turn by 1 rad or a way of the smallest edge: what is hit in between, and from which side, cannot be told. 0
-    where a body was not seen or frames are missing.
+    where a body was not seen, frames are missing, or the frame repeats the pose before it: what follows then is no
+    matter of the rate.
 
     Args:
         recording: One trajectory, with poses.
@@ -37,7 +38,8 @@ def pace_of(recording: Recording, time_step: float, sizes: Array) -> Array:
     way = np.linalg.norm(after[..., :3] - before[..., :3], axis=-1)
     pace = np.maximum(turn / TURN, way / sizes.min(-1))
     near = np.diff(recording.stamps(time_step)) <= NEXT * time_step
-    return np.where(near[:, None] & np.isfinite(pace), pace, 0.0)
+    held = np.concatenate([np.zeros((1, pace.shape[1]), bool), (before[1:] == before[:-1]).all(-1)])[: len(pace)]
+    return np.where(near[:, None] & ~held & np.isfinite(pace), pace, 0.0)
 
 
 def warn_of(recordings: RecordingSet, trajectory: int, recording: Recording) -> None:

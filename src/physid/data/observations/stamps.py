@@ -21,6 +21,7 @@ WINDOW, CHANGE, CHANGE_DEVIATIONS = 25, 0.05, 6.0  # [intervals], share of a per
 SEARCH, SEARCHED, FINENESS = 0.25, 200, 4  # share of a period, stamps, points per width of a peak
 NANO = 1e-9
 UNITS = {1e3: "milliseconds", 1e6: "microseconds", 1e9: "nanoseconds"}
+UNLIKE = 1.5  # times as long: a log of forces that merely begins early and ends late is rarely so much longer
 
 
 @dataclass(frozen=True)
@@ -149,3 +150,19 @@ def _remedy(period: float, time_step: float) -> str:
     if abs(period - 1) < NANO:
         return "these count frames: leave `time` out, or multiply it by time_step"
     return f"if the stamps are right, write time_step: {period:.6g} into recording.yaml"
+
+
+def unlike_lengths(poses: float, forces: float, rate: float) -> str | None:
+    """Say that poses without stamps last much longer, or shorter, than the forces beside them; None where they do not.
+
+    Args:
+        poses: How long they last at their rate [s].
+        forces: How long these last by their stamps [s].
+        rate: Frames per second.
+    """
+    if not poses or not forces or max(poses / forces, forces / poses) < UNLIKE:
+        return None
+    return (
+        f"{poses:.3g} s of frames at {rate:.4g} per second, but {forces:.3g} s of forces; if both were recorded "
+        f"together, the true rate is {rate * poses / forces:.4g}: rate=FRAMES_PER_SECOND"
+    )

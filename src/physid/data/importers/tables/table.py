@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -13,6 +14,19 @@ from physid.strict import nearest
 
 Array = NDArray[np.float64]
 MOST_NAMED = 40  # columns that a message lists
+DATE = re.compile(r"\d{4}-\d\d-\d\d|\d\d?:\d\d:\d\d|\d\d?[./]\d\d?[./]\d{4}")  # how dates and times of day begin
+
+
+class MissingColumnError(ValueError):
+    """A column that a mapping names and a log does not have.
+
+    Attributes:
+        column: Its name.
+    """
+
+    def __init__(self, message: str, column: str) -> None:
+        super().__init__(message)
+        self.column = column
 
 
 @dataclass(frozen=True)
@@ -45,14 +59,19 @@ class Table:
         found = self.find(name)
         if found in self.words:
             line, cell = self.words[found]
-            raise ValueError(f'{self.path}:{line}: expected a number in column "{found}", found "{cell[:40]}"')
+            mend = (
+                "; convert dates to seconds before, say by datetime.fromisoformat(CELL).timestamp()"
+                if DATE.match(cell)
+                else ""
+            )
+            raise ValueError(f'{self.path}:{line}: expected a number in column "{found}", found "{cell[:40]}"{mend}')
         return self.columns[found]
 
     def find(self, name: object) -> str:
         """Return the column that a name means: its header, with or without unit; without headers its number.
 
         Raises:
-            ValueError: If there is none; the message names the nearest.
+            MissingColumnError: If there is none; the message names the nearest.
         """
         wanted = str(name).strip()
         if wanted in self.columns:
@@ -63,14 +82,19 @@ class Table:
         same = [each for each in self.columns if each.lower() == wanted.lower()]
         close = f'; did you mean "{same[0]}"?' if same else nearest(wanted, self.columns)
         last = len(self.columns) - 1
-        if "did you mean" not in close and last >= MOST_NAMED:
+        if "did you mean" in close:
+            close += f" There are {self.listed()}"
+        elif last >= MOST_NAMED:
             close = f"; there are {self.listed()}"
+        if "," in wanted:
+            listed = ", ".join(part.strip() for part in wanted.split(","))
+            close = f"; several columns are a list in brackets: [{listed}]"
         if list(self.columns) == [str(number) for number in range(last + 1)]:
             close = (
                 f"; no line names them, so that they are numbered from 0 to {last}: use these numbers, "
                 "or write a line of names above the rows"
             )
-        raise ValueError(f'{self.path}: no column "{wanted}"{close}')
+        raise MissingColumnError(f'{self.path}: no column "{wanted}"{close}', wanted)
 
     def components(self, name: object) -> list[str]:
         """Return the columns that one name stands for: several for an array with more than one axis."""

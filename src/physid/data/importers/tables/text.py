@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 DELIMITERS = (",", ";", "\t", " ")
 EMPTY = {"", "nan", "none", "null", "na", "n/a", "-", "#n/a"}  # cells that say: nothing was measured
 TRUE = {"true": 1.0, "false": 0.0}
+MARKS = (b"\xff\xfe", b"\xfe\xff")  # with which UTF-16 begins
 PEEK, CHUNK = 50, 1 << 16  # rows
 ALIKE = 0.8  # share of lines that a delimiter splits into as many cells as the first
 LONGEST_LINE = 1 << 20  # characters: a file with longer lines is no table
@@ -39,7 +40,11 @@ def read_text(path: Path, header: int | None) -> Table:
         with path.open(newline="", encoding="utf-8-sig") as file:
             return _read_csv(path, file, header)
     except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: expected text in UTF-8, found byte {error.object[error.start]:#04x}") from None
+        code = "UTF-16" if _begins(path) in MARKS else "LATIN1"
+        raise ValueError(
+            f"{path}: expected text in UTF-8, found byte {error.object[error.start]:#04x}; it seems to be {code}: "
+            f"save it as UTF-8, or convert it (iconv -f {code} -t UTF-8 IN > OUT)"
+        ) from None
     except csv.Error as error:
         raise ValueError(f"{path}: expected a table, found none ({error})") from None
 
@@ -179,6 +184,12 @@ class _Rows:
         except ValueError:
             self.words.setdefault(name, (line, cell))
             return float("nan")
+
+
+def _begins(path: Path) -> bytes:
+    """Return the first two bytes of a file."""
+    with path.open("rb") as file:
+        return file.read(2)
 
 
 def _lines(path: Path, file: TextIO) -> Iterator[str]:

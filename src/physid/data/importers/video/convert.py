@@ -25,7 +25,7 @@ from physid.data.importers.video.survey import (
     straightener,
     survey,
 )
-from physid.data.observations.stamps import check_clocks
+from physid.data.observations.stamps import check_clocks, unlike_lengths
 
 Image = NDArray[np.uint8]
 MOST_BYTES, MOST_IMAGES = 256_000_000, 41
@@ -81,6 +81,10 @@ def _converted(
             wrench=None if forces is None else forces.wrench,
             wrench_time=None if forces is None else forces.time,
         )
+        if forces is not None and forces.time is not None:
+            length = found.count * found.step if found.time is None else float(np.ptp(found.time))
+            remark = unlike_lengths(length, float(np.ptp(forces.time)), 1 / found.step)
+            notes += [] if remark is None else [f"{film.path}: {remark}"]
         try:
             check_clocks(recording, found.step)
             mask = _in_order(first_masks(film, straighten, background, len(known.log.bodies)), known)

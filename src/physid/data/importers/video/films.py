@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import re
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, final
 
@@ -21,6 +23,8 @@ IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 MISSING = 0.02
 """Share of the frames that a header promises which may be missing: counts in headers are estimates."""
 
+COUNT = 0.5  # share of images whose number is the next one, from which on numbers count images and are no stamps
+
 
 class Film(ABC):
     """Frames in order.
@@ -28,10 +32,15 @@ class Film(ABC):
     Attributes:
         path: File or folder.
         rate: Frames per second that its header says; None where it says none.
+        numbers: Where each frame stands among all that were taken, by the numbers of images of which some are missing;
+            None where none is missing, or nothing tells.
+        lost: Numbers of the missing ones, as names write them.
     """
 
     path: Path
     rate: float | None
+    numbers: NDArray[np.int64] | None = None
+    lost: tuple[str, ...] = ()
 
     @abstractmethod
     def frames(self) -> Iterator[tuple[float | None, Image]]:
@@ -104,6 +113,7 @@ class ImageFolder(Film):
         self._files = sorted((each for each in path.iterdir() if each.suffix.lower() in IMAGES), key=natural)
         if not self._files:
             raise FileNotFoundError(f"{path}: expected images ({', '.join(IMAGES)}), found none")
+        self.numbers, self.lost = counted([each.stem for each in self._files])
 
     def frames(self) -> Iterator[tuple[float | None, Image]]:
         """Read image by image (see `Film.frames`)."""
@@ -118,6 +128,33 @@ class ImageFolder(Film):
                 raise ValueError(f"{file}: expected an image of {shape} as the others, found {image.shape}")
             shape = image.shape
             yield None, image
+
+
+def counted(names: Sequence[str]) -> tuple[NDArray[np.int64] | None, tuple[str, ...]]:
+    """Return where images stand in the row of all that were taken, by the last numbers in their names.
+
+    Args:
+        names: Without their endings, in order.
+
+    Returns:
+        Whole numbers from 0, with a gap where images are missing, and the numbers of these as names write them; None
+        and nothing where none is missing, or where numbers do not count (stamps).
+    """
+    found = [one for name in names if (one := re.fullmatch(r"(.*?)(\d+)\D*", name)) is not None]
+    if len(names) < 3 or len(found) < len(names) or len({one[1] for one in found}) > 1:
+        return None, ()
+    numbers = [int(one[2]) for one in found]
+    steps = [after - before for before, after in pairwise(numbers)]
+    least = min(steps)
+    if least < 1 or any(step % least for step in steps) or steps.count(least) < COUNT * len(steps):
+        return None, ()
+    lost = [
+        str(one).zfill(len(found[0][2]))
+        for before, after in pairwise(numbers)
+        for one in range(before + least, after, least)
+    ]
+    places = np.array([(one - numbers[0]) // least for one in numbers], dtype=np.int64)
+    return (places, tuple(lost)) if lost else (None, ())
 
 
 def find_films(places: list[Path]) -> list[Path]:

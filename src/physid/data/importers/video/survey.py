@@ -21,6 +21,8 @@ EVEN = 0.02
 RATE_DIFFERS = 0.02
 """Share by which rates may differ that mean the same."""
 FEWEST_FRAMES = 4
+NAMED = 5
+"""Missing images that a note names."""
 
 
 @final
@@ -77,7 +79,10 @@ def _clock(
     says = f"the header of {film.path.name} says {film.rate or 0:g}"
     if rate is not None:
         differs = film.rate is not None and abs(film.rate / rate - 1) > RATE_DIFFERS
-        return 1 / rate, None, [f"rate: {rate:g} frames per second, as the mapping says; {says}"] * differs
+        notes = [f"rate: {rate:g} frames per second, as the mapping says; {says}"] * differs
+        if film.numbers is None:
+            return 1 / rate, None, notes
+        return 1 / rate, film.numbers / rate, [*notes, _missing(film)]
     if known is None or not (np.diff(known) > 0).all():
         if film.rate is None or known is None:
             raise ValueError(
@@ -92,6 +97,15 @@ def _clock(
         step = 1 / film.rate
     even = bool((np.abs(known - step * np.arange(len(known))) < EVEN * step + 1e-3).all())
     return step, None if even else known, notes
+
+
+def _missing(film: Film) -> str:
+    """Say which images of a folder are missing."""
+    more = f" and {len(film.lost) - NAMED} more" if len(film.lost) > NAMED else ""
+    return (
+        f"{film.path}: images {', '.join(film.lost[:NAMED])}{more} are missing, by the numbers in names; the others "
+        "keep the times of their numbers; copy the missing ones again, or number images without gaps if none was lost"
+    )
 
 
 def straightener(lens: Lens) -> Callable[[Image], Image]:

@@ -5,14 +5,21 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from physid.data.observations.remarks import TURN
+from physid.data.observations.remarks import NAMED, TURN
+from physid.data.observations.stamps import unlike_lengths
 from physid.inspection.evidence import LEAST_SMOOTH, STILL, Evidence
 from physid.inspection.finding import Finding
-from physid.inspection.rules import ENOUGH, SHARE
+from physid.inspection.rules.falls import ENOUGH
 
 Array = NDArray[np.float64]
 JUMP = 10.0  # times the distance of its neighbours
 LAG, BETTER = 20, 0.05  # frames that a clock may be off, gain in correlation that says so
+AGAINST = -0.3  # correlation below which forces have the wrong sign, and the clock is not what is wrong
+FOLLOWS = 0.4  # correlation of accelerations with shifted forces below which they follow no force, whatever the shift
+NOMINAL = 1e-6  # share of a time step by which stamps stray that were computed from a rate
+SHARE = 0.1  # of frames, from which on it is no accident
+HELD = 5  # frames with one and the same pose, to the last digit, from which on the tracker may have held it
+CATCH_UP = 3.0  # times the step after it by which a body moves on from a pose that was held while it went on
 UNSEEN = 0.3  # share of frames without a body
 
 
@@ -48,6 +55,36 @@ def repeats(seen: Evidence) -> Finding | None:
     return Finding(
         f"{same} of {total} frames of a motion repeat the pose before them: the log is faster than the tracker",
         "log poses when they come, or leave cells empty where there is no new one",
+    )
+
+
+def held(seen: Evidence) -> Finding | None:
+    """Poses that stay the same for some frames and then catch up: the tracker lost the body and held its last pose.
+
+    A body that lies still sets off with steps that are alike; one that went on unseen makes up for all of them in one.
+    """
+    found = list[tuple[int, int, int]]()
+    for index, one in zip(seen.indices, seen.recordings, strict=True):
+        assert one.pose is not None
+        for body in range(one.pose.shape[1]):
+            frame = np.flatnonzero(one.seen[:, body])
+            place = one.pose[frame, body]
+            same = np.concatenate([[False], (place[1:] == place[:-1]).all(1), [False]])
+            starts, ends = np.flatnonzero(~same[:-1] & same[1:]), np.flatnonzero(same[:-1] & ~same[1:])
+            step = np.linalg.norm(np.diff(place[:, :3], axis=0), axis=1)
+            for start, end in zip(starts, ends, strict=True):
+                if end - start + 1 < HELD or end + 2 >= len(place) or same[end + 2]:
+                    continue  # too short, or held again at once: the log is faster than the tracker (`repeats`)
+                if step[end] > CATCH_UP * step[end + 1] + LEAST_SMOOTH + JUMP * seen.noise.position:
+                    found.append((index, int(frame[start]), int(frame[end])))
+    if not found:
+        return None
+    named = ", ".join(f"trajectory {index}, frames {first} to {last}" for index, first, last in found[:NAMED])
+    more = f" and {len(found) - NAMED} more" if len(found) > NAMED else ""
+    return Finding(
+        f"the pose stays the same and then catches up in one step: {named}{more}: the tracker seems to hold its last "
+        "pose while it has lost the body",
+        "empty these cells, so that the body counts as not seen, or tell the tracker to write nothing then",
     )
 
 
@@ -102,7 +139,9 @@ def delay(seen: Evidence) -> Finding | None:
                 moments[index] += np.einsum("ant,bnt->ab", pairs, pairs)
     match = _partial_correlation(moments)
     best = int(match.argmax()) - LAG
-    if abs(best) < 2 or match[best + LAG] < match[LAG] + BETTER or match[best + LAG] < 2 * BETTER:
+    if match[LAG] < AGAINST or match[best + LAG] < FOLLOWS:
+        return None
+    if abs(best) < 2 or match[best + LAG] < match[LAG] + BETTER:
         return None
     late_by = best * seen.scene.time_step
     return Finding(
@@ -110,6 +149,20 @@ def delay(seen: Evidence) -> Finding | None:
         f"{match[best + LAG]:.2f}, without a shift {match[LAG]:.2f}): the two clocks seem to differ",
         f"import with forces.offset={late_by:.3g}, if nothing in the plant delays them",
     )
+
+
+def lengths(seen: Evidence) -> Finding | None:
+    """Poses without stamps of a clock that last much longer, or shorter, than their forces, in every trajectory."""
+    step, found = seen.scene.time_step, list[str | None]()
+    for one in seen.recordings:
+        stamps = one.stamps(step)
+        # Stamps without any jitter are those of a nominal rate, as of films.
+        if one.wrench_time is None or len(stamps) < 2 or np.ptp(np.diff(stamps)) > NOMINAL * step:
+            return None
+        found.append(unlike_lengths(float(np.ptp(stamps)) + step, float(np.ptp(one.wrench_time)), 1 / step))
+    if found[0] is None or None in found:
+        return None
+    return Finding(found[0], "import with this rate", wrong=False)
 
 
 def _partial_correlation(moments: Array) -> Array:

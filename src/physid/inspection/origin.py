@@ -1,0 +1,82 @@
+"""What the mapping of an import said of axes and forces, so that a mend can speak of the log's own columns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physid.data.importers.rotations import PRESETS, axes_of
+from physid.data.importers.sets import MAPPING
+from physid.yaml_files import read_yaml
+
+Array = NDArray[np.float64]
+SIGNED = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1), "-x": (-1, 0, 0), "-y": (0, -1, 0), "-z": (0, 0, -1)}
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where poses and forces come from.
+
+    Attributes:
+        axes: Turns vectors of the log into the world of the set, shape (3, 3).
+        force: The log's columns of forces, as the mapping lists them.
+        order: In which quaternions were read, xyzw or wxyz.
+    """
+
+    axes: Array = field(default_factory=lambda: np.eye(3))
+    force: tuple[str, ...] = ("fx", "fy", "fz")
+    order: str = "xyzw"
+
+    @classmethod
+    def of(cls, folder: Path) -> Origin:
+        """Read it from the mapping that an import leaves in its set; without one the log's world is the set's."""
+        try:
+            known = read_yaml(folder / MAPPING)
+            axes = axes_of(known.get("axes", "z-up")) if isinstance(known, dict) else np.eye(3)
+        except (OSError, ValueError):
+            return cls()
+        if not isinstance(known, dict):
+            return cls()
+        force, turn = _names(known.get("force"), 3), _names(known.get("quaternion"), 4)
+        ends = "".join(name[-1:].lower() for name in turn)
+        order = known.get("order") or ("wxyz" if ends in ("wxyz", "rijk") else "xyzw")
+        return cls(axes, force or cls.force, str(order))
+
+    def up(self, direction: str) -> tuple[str, str]:
+        """Return which of the log's axes points along a signed axis of the set's world, and the axes that put it up.
+
+        Args:
+            direction: A key of `SIGNED`.
+        """
+        wanted = np.array(SIGNED[direction], dtype=np.float64) @ self.axes
+        word = next(name for name, vector in SIGNED.items() if np.array_equal(vector, wanted))
+        side = np.sign(np.linalg.det(self.axes))
+        fitting = [
+            name
+            for name in PRESETS
+            if np.array_equal(axes_of(name)[2], wanted) and np.sign(np.linalg.det(axes_of(name))) == side
+        ]
+        if fitting:
+            return word, fitting[0]
+        letters = [letter for letter in "xyz" if letter != word[-1]]
+        spelled = [f"{first} {second} {word}" for first, second in (letters, letters[::-1])]
+        return word, next(one for one in spelled if np.sign(np.linalg.det(axes_of(one))) == side)
+
+    def forces(self, change: Array) -> str:
+        """Return the key of the mapping that lists the log's columns so as to change the world's forces (3, 3)."""
+        wanted = self.axes.T @ change @ self.axes
+        words = []
+        for row in wanted:
+            column = int(np.abs(row).argmax())
+            name = self.force[column]
+            turned = bool(row[column] < 0)
+            words.append(name.removeprefix("-") if turned and name.startswith("-") else f"{'-' * turned}{name}")
+        return f"force=[{', '.join(words)}]"
+
+
+def _names(value: object, count: int) -> tuple[str, ...]:
+    """Return names of columns, where a mapping lists so many; else none."""
+    return tuple(map(str, value)) if isinstance(value, list) and len(value) == count else ()

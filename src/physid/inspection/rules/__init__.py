@@ -1,0 +1,12 @@
+"""Rules of what looks like a mistake, by what they look at; each returns one finding or none."""
+
+from __future__ import annotations
+
+from physid.inspection.rules import energy, falls, forces, ground, shown, sizes, tracking
+
+PLACES = (sizes.runs, falls.falls, ground.carried, ground.lying, ground.orders, ground.heights, ground.adrift)
+"""Of one cause with many signs: the first that speaks names it, and the others would repeat it as another."""
+RULES = (
+    sizes.sizes, sizes.masses, falls.upside, forces.forces, tracking.delay, energy.energy, tracking.turns,
+    tracking.held, tracking.repeats, tracking.jumps, tracking.lengths, tracking.unseen, sizes.tare, shown.hidden,
+)  # fmt: skip

@@ -1,0 +1,116 @@
+"""Forces that accelerations do not follow: of another sign, in other axes, of another unit, on another clock."""
+
+from __future__ import annotations
+
+from itertools import permutations, product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physid.inspection.evidence import Evidence
+from physid.inspection.finding import Finding
+from physid.inspection.rules.falls import ENOUGH
+
+Array = NDArray[np.float64]
+WRONG, OTHER = -0.3, 0.6  # correlation of forces with accelerations: of the wrong sign, of other axes
+RATIO = (0.02, 20.0)  # of mass times acceleration over force, whatever the mass, which may be a first guess
+KNOWN = (0.5, 2.0)  # the same where masses are known: 2 is a clock that is off by a factor of 1.4
+SHARE = 0.1  # of the squared force along an axis, from which on accelerations along it say something
+CLEAR = 0.5  # quantile of the forces from which on a body is clearly pushed
+STILL = 0.01  # [m/s] below which the direction of a motion is noise
+
+
+def forces(seen: Evidence) -> Finding | None:
+    """Forces on the wrong side, in other axes, or of another size than the accelerations."""
+    k = seen.kinematics
+    normal = np.array(seen.scene.ground.normal)
+    along = np.eye(3) - np.outer(normal, normal)
+    chosen = seen.smooth & ~seen.still & ~seen.unforced
+    if np.count_nonzero(chosen) < ENOUGH:
+        return None
+    push = (k.force[chosen] / seen.masses[chosen][:, None]) @ along
+    # The mean acceleration of a body is gravity's and friction's; what follows the force is what is left.
+    pull = (k.acceleration[chosen] - seen.weight) @ along
+    sizes = float(np.sqrt(np.square(push).sum() * np.square(pull).sum()))
+    if not sizes:
+        return None
+    match = float((push * pull).sum()) / sizes
+    if match < WRONG:
+        return Finding(
+            f"accelerations point against the forces (correlation {match:.2f}): they seem to be those on the other "
+            "body, or the sensor's reaction",
+            f"import with the other sign: {seen.origin.forces(-np.eye(3))}",
+        )
+    cross = push.T @ pull / sizes
+    best, value = _best_axes(cross)
+    if value > OTHER and value > match + 0.3:
+        return Finding(
+            f"forces do not follow accelerations (correlation {match:.2f}), but in other axes they would "
+            f"(correlation {value:.2f})",
+            f"import forces as {seen.origin.forces(best)}, in the axes of the poses",
+        )
+    mirrored = _mirrored(seen, push, pull)
+    if mirrored is not None:
+        return mirrored
+    ratio = float((push * pull).sum() / np.square(push).sum())
+    if match > OTHER and not RATIO[0] < ratio < RATIO[1]:
+        return Finding(
+            f"mass times acceleration is {ratio:.3g} of the force: one of them is in another unit",
+            "check units.force (N, mN, kN) and the mass (kg)",
+        )
+    return _known_mass(seen, push, pull, k.velocity[chosen] @ along) if match > OTHER else None
+
+
+def _mirrored(seen: Evidence, push: Array, pull: Array) -> Finding | None:
+    """Accelerations that point against the forces along one axis alone."""
+    share = np.square(push).sum(0) / np.square(push).sum()
+    sizes = np.sqrt(np.square(push).sum(0) * np.square(pull).sum(0))
+    match = (push * pull).sum(0) / np.where(sizes > 0, sizes, 1.0)
+    pushed = share > SHARE
+    axes = np.flatnonzero(pushed & (match < WRONG))
+    with_them = pushed & (match > OTHER)
+    if len(axes) != 1 or not with_them.any() or (pushed & ~with_them).sum() > 1:
+        return None
+    axis = int(axes[0])
+    other = seen.origin.forces(np.diag([-1.0 if each == axis else 1.0 for each in range(3)]))
+    return Finding(
+        f"along {'xyz'[axis]} accelerations point against the forces (correlation {match[axis]:.2f}), along others "
+        "with them: poses or forces are in a left-handed frame",
+        f"import with the axes of the log (axes=left-handed-z-up, left-handed-y-up), or {other} if only these are "
+        "mirrored",
+    )
+
+
+def _best_axes(cross: Array) -> tuple[Array, float]:
+    """Return the signed permutation of force axes that goes best with the accelerations."""
+    found: list[tuple[float, int, Array]] = []
+    for order in permutations(range(3)):
+        for signs in product((1, -1), repeat=3):
+            change = np.zeros((3, 3))
+            change[range(3), order] = signs
+            found.append((round(float((change * cross.T).sum()), 9), -signs.count(-1), change))
+    value, _, change = max(found, key=lambda one: one[:2])
+    return change, value
+
+
+def _known_mass(seen: Evidence, push: Array, pull: Array, speed: Array) -> Finding | None:
+    """Masses that are known, times accelerations, against the forces on bodies that are clearly pushed.
+
+    a = s F / m - c v / |v|: friction is taken out. A clock that runs k times too fast makes s = k^2.
+    """
+    if any(f"{body.name}.mass" in seen.scene.unknown for body in seen.scene.bodies):
+        return None
+    size = np.linalg.norm(push, axis=1)
+    clear = size >= np.quantile(size, CLEAR)
+    way = speed / np.maximum(np.linalg.norm(speed, axis=1, keepdims=True), STILL)
+    both = np.stack([push[clear].ravel(), way[clear].ravel()], 1)
+    slope = float(np.linalg.lstsq(both, pull[clear].ravel(), rcond=None)[0][0])
+    if slope <= 0 or KNOWN[0] < slope < KNOWN[1]:
+        return None
+    factor, rate = slope**0.5, 1 / seen.scene.time_step
+    return Finding(
+        f"mass times acceleration is {slope:.3g} of the force, and masses are known: the frame rate seems to be "
+        f"{factor:.3g} times the true one, or the mass, or the unit of the forces, is another",
+        f"import with the rate at which it was recorded (rate={rate / factor:.4g} would fit), or check mass and "
+        "units.force; if the mass is a first guess, say so: unknown=[BODY.mass]",
+    )
