@@ -14,7 +14,7 @@ from tests.data.sets import SCENE, recording, write_set
 
 from physid.cli import main
 from physid.data import Recording, RecordingSet
-from physid.inspection.page import MOST_FRAMES, write_page
+from physid.inspection.page import MOST_FRAMES, SQUARES, write_page
 from physid.pages.templates import ICON
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -55,6 +55,38 @@ def test_names_cannot_break_out_of_the_page_and_nothing_is_loaded(tmp_path: Path
     assert "default-src 'none'" in text
 
 
+def test_the_view_fits_each_trajectory_and_squares_are_round(tmp_path: Path) -> None:
+    far = recording(8, 1)
+    assert far.pose is not None
+    pose = far.pose.copy()
+    pose[..., 0] += 300.0
+    pose[4:, :, 0] += 30.0
+    folder = write_set(tmp_path / "set", [recording(8), dataclasses.replace(far, pose=pose, twist=None)])
+    write_page(RecordingSet(folder), [0, 1], tmp_path / "page.html")
+    near, wide = drawn(tmp_path / "page.html")["trajectories"]
+    for view, one in zip((near, wide), RecordingSet(folder), strict=True):
+        assert one.pose is not None
+        reach = np.abs(one.pose[..., :3] - view["middle"]).max()
+        assert reach < view["extent"] / 2, "all of it is in view"
+        assert view["extent"] < 2.4 * (reach + SCENE.sizes.max()), "and fills it"
+        assert f"{view['square']:e}"[0] in "125"
+        assert SQUARES / 2.5 <= view["extent"] / 1.2 / view["square"] <= 2.6 * SQUARES
+    assert wide["square"] > 10 * near["square"]
+
+
+@pytest.mark.parametrize(("height", "near"), [(0.5, True), (50.0, False)])
+def test_the_ground_is_in_view_where_it_is_near(tmp_path: Path, height: float, near: bool) -> None:
+    one = recording(8)
+    assert one.pose is not None
+    pose = one.pose.copy()
+    pose[..., 2] += height
+    pose[-1, :, 0] += 1.0
+    folder = write_set(tmp_path / "set", [dataclasses.replace(one, pose=pose, twist=None)])
+    write_page(RecordingSet(folder), [0], tmp_path / "page.html")
+    (view,) = drawn(tmp_path / "page.html")["trajectories"]
+    assert (view["middle"][2] - view["extent"] / 2 <= SCENE.ground.offset) == near
+
+
 def test_films_without_poses_cannot_be_drawn(tmp_path: Path) -> None:
     one = recording(video=True)
     film = Recording(frames=one.frames, mask=one.mask, background=one.background)
@@ -79,6 +111,8 @@ def test_it_plays_and_turns_without_an_error(tmp_path: Path) -> None:
         page.select_option("#which", "1")
         page.locator("#frame").fill("7")
         assert "frame 7" in page.locator("#said").inner_text()
+        assert "mm over the ground" in page.locator("#said").inner_text()
+        assert "a square of the ground is 0." in page.locator("#grid").inner_text()
         page.mouse.move(300, 300)
         page.mouse.down()
         page.mouse.move(350, 320)

@@ -12,10 +12,15 @@ from physid.data import Recording, RecordingSet
 from physid.data.files import PAGES, require_ending, write_text
 from physid.data.observations.step_grid import lay_steps
 from physid.pages.templates import render
+from physid.scenes import Scene
 from physid.scenes.camera import corners
 
 MOST_FRAMES = 600  # of a trajectory that are drawn
 DIGITS = 5  # of numbers on the page: a hundredth of a millimetre
+SQUARES = 8
+"""About how many squares of the ground lie along a trajectory."""
+GROUND_IN_VIEW = 1.0
+"""Extents of a trajectory by which the ground may be away and still be in view; else its bodies would be tiny."""
 
 
 def write_page(recordings: RecordingSet, indices: Sequence[int], path: Path) -> int:
@@ -37,23 +42,43 @@ def write_page(recordings: RecordingSet, indices: Sequence[int], path: Path) -> 
     shown = [(index, recordings.read(index)) for index in indices if recordings.has_poses(index)]
     if not shown:
         raise ValueError(f"{recordings.folder}: expected trajectories with poses to draw, found none; see physid track")
-    points = np.concatenate([_corners(one, scene.sizes).reshape(-1, 3) for _, one in shown])
-    low, high = points.min(0), points.max(0)
-    parts = [_trajectory(index, one, scene.time_step) for index, one in shown]
+    parts = [_trajectory(index, one, scene.time_step) | _view(one, scene) for index, one in shown]
     strongest = max((float(np.abs(part["force"]).max()) for part in parts if part["force"] is not None), default=0.0)
     data = {
         "name": f"{scene.name}: {recordings.folder.resolve().name}",
         "bodies": [{"name": body.name, "size": list(body.size)} for body in scene.bodies],
         "normal": list(scene.ground.normal),
         "offset": scene.ground.offset,
-        "middle": ((low + high) / 2).tolist(),
-        "origin": [*((low + high) / 2 - 0.5 * np.ptp(points, axis=0).max())[:2].tolist(), float(low[2])],
-        "extent": float(max(np.ptp(points, axis=0).max(), 1e-6)) * 1.2,
         "strongest": strongest or 1.0,
         "trajectories": [part | {"force": None if part["force"] is None else part["force"].tolist()} for part in parts],
     }
     write_text(path, render("recordings.html", script="recordings.js", title=data["name"], data=data))
     return len(shown)
+
+
+def _view(one: Recording, scene: Scene) -> dict[str, Any]:
+    """Return what the page looks at while it draws a trajectory: the bodies all the way, and the ground if it is near.
+
+    Returns:
+        `middle` [m], `extent` (what should fit into the window [m]), `origin` (where the axes are drawn [m]), and
+        `square`, the side of a square of the ground: 1, 2 or 5 times a power of ten [m].
+    """
+    points = _corners(one, scene.sizes).reshape(-1, 3)
+    points = points if len(points) else np.zeros((1, 3))
+    normal = np.array(scene.ground.normal)
+    extent = max(float(np.ptp(points, axis=0).max()), float(scene.sizes.max()))
+    height = points @ normal - scene.ground.offset
+    near = np.abs(height) < GROUND_IN_VIEW * extent
+    points = np.concatenate([points, points[near] - height[near, None] * normal])
+    low, high = points.min(0), points.max(0)
+    extent = max(float((high - low).max()), extent)
+    power = 10.0 ** np.floor(np.log10(extent / SQUARES))
+    return {
+        "middle": ((low + high) / 2).tolist(),
+        "origin": [*((low + high) / 2 - 0.5 * extent)[:2].tolist(), float(low[2])],
+        "extent": 1.2 * extent,
+        "square": float(f"{power * max(each for each in (1, 2, 5) if each * power <= extent / SQUARES * 1.001):.3g}"),
+    }
 
 
 def _corners(one: Recording, sizes: Any) -> Any:
