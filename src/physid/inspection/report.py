@@ -60,7 +60,8 @@ def inspect(recordings: RecordingSet, limit: int | None = None) -> Report:
         except (ValueError, OSError) as error:
             broken += 1
             if broken <= MOST_NAMED:
-                what, _, mend = str(error).partition("; ")
+                refused = isinstance(error, OSError) and error.filename
+                what, _, mend = (f"{error.filename}: {error.strerror}" if refused else str(error)).partition("; ")
                 findings.append(Finding(what, mend or "correct the file, or leave it out"))
             continue
         if not shows_motion(one):
