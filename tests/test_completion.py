@@ -75,6 +75,8 @@ def test_files_are_left_to_the_shell(script: str, words: list[str]) -> None:
         (["generate", "--config", "generate/push", "traj"], {"trajectories="}),
         (["generate", "noise."], {"noise.position=", "noise.rotation="}),
         (["diagnose", "data", "lack_of_fit.mar"], {"lack_of_fit.margin="}),
+        (["import", "csv", "logs", "quat"], {"quaternion="}),
+        (["import", "csv", "logs", "forces.o"], {"forces.offset="}),
         (["dashboard", "trainer."], set()),
         (["fit", "--run-dir", "trainer."], set()),
     ],

@@ -17,7 +17,7 @@ __all__ = ["COMMANDS", "Command", "format_help"]
 COMMANDS: tuple[Command, ...] = (
     Command(generate, reads="physid.data.generation.settings.GenerateConfig"),
     Command(calibrate),
-    Command(import_, laid="map"),
+    Command(import_, reads="physid.data.importers.mapping.MappingKeys", laid="map"),
     Command(check),
     Command(show),
     Command(track),

@@ -22,7 +22,8 @@ class Command:
 
     Attributes:
         function: What runs; parameters without a default are positional, keyword-only ones are options.
-        reads: Dotted path of the class whose fields its configuration gives, if that names no classes itself.
+        reads: Dotted path of the class whose fields its configuration, or its words key=value, give, if these name no
+            classes themselves.
         usual: The shipped configuration for recordings that come without one.
         laid: Option that takes the words key=value, where there is no configuration to take them.
         settings: Dotted path of the class whose `listing` the option --settings prints.
