@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from dashboard.folders import write_runs
+from dashboard.folders import write_fit, write_runs
 from physid.cli import main
 from physid.dashboard.curves import MOST_POINTS, read_curves, thin
 from physid.dashboard.folders import find_runs
@@ -203,3 +203,16 @@ def test_a_run_whose_model_leaves_more_than_noise_says_so_beside_its_intervals(r
     notes = " ".join(read_run(root / "push_good", root)["notes"])
     assert ("0.68 % of the motion, 3 mm (noise 0.1 mm): run physid diagnose data/push" in notes) == (explained == 0)
     assert ("The intervals of the parameters hold for a model" in notes) == (explained == 0)
+
+
+def test_the_table_has_intervals_and_no_column_without_a_value(tmp_path: Path) -> None:
+    write_fit(tmp_path / "mine", 0.21, 4.0)
+    path = tmp_path / "mine" / "metrics.json"
+    known = {name: value for name, value in json.loads(path.read_text()).items() if "test/" not in name}
+    path.write_text(json.dumps(known))
+    write_dashboard(tmp_path, tmp_path / "page.html")
+    page = (tmp_path / "page.html").read_text()
+    assert "0.2100 (0.2090 to 0.2110)" in page
+    assert ">Evaluations<" in page
+    assert ">Parameter error<" in page
+    assert ">Position error<" not in page

@@ -54,7 +54,7 @@ def render(runs: Sequence[Run], title: str) -> str:
         counts=[plural(count, kind) for kind, count in sorted(kinds.items())],
         kinds=dict(sorted(kinds.items())),
         runs=shown,
-        columns=list(COLUMNS),
+        columns=[name for name in COLUMNS if any(run["texts"][name] for run in shown)],
         keys=dict(zip(("Run", "Result", *COLUMNS), SORTED_BY, strict=True)),
         kind_of=KINDS | {"named": ""},
         observed=OBSERVED,
