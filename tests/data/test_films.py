@@ -144,6 +144,7 @@ def seen_at(lens: Lens, points: NDArray[np.float64]) -> NDArray[np.float64]:
 @pytest.mark.parametrize(
     ("names", "places", "lost"),
     [
+        (["shot_1", "shot_2", "shot_3", f"shot_{10**15}"], None, ()),
         (["f0028", "f0030", "f0032", "f0033", "f0034", "f0035", "f0036"], [0, 2, 4, 5, 6, 7, 8], ("0029", "0031")),
         (["a7_x", "a8_x", "a10_x", "a11_x"], [0, 1, 3, 4], ("9",)),
         (["0001", "0002", "0003"], None, ()),

@@ -23,7 +23,7 @@ IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 MISSING = 0.02
 """Share of the frames that a header promises which may be missing: counts in headers are estimates."""
 
-COUNT = 0.5  # share of images whose number is the next one, from which on numbers count images and are no stamps
+COUNT = 0.5  # share of images whose number is the next one, and that are there, from which on numbers count images
 
 
 class Film(ABC):
@@ -147,6 +147,8 @@ def counted(names: Sequence[str]) -> tuple[NDArray[np.int64] | None, tuple[str, 
     steps = [after - before for before, after in pairwise(numbers)]
     least = min(steps)
     if least < 1 or any(step % least for step in steps) or steps.count(least) < COUNT * len(steps):
+        return None, ()
+    if COUNT * (numbers[-1] - numbers[0]) > least * len(names):  # more are missing than are there
         return None, ()
     lost = [
         str(one).zfill(len(found[0][2]))
