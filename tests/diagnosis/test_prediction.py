@@ -35,6 +35,8 @@ def test_threads_do_not_change_a_prediction(tmp_path: Path) -> None:
         for count in (1, 2, 3):
             torch.set_num_threads(count)
             predicted.append(predictor.predict(many))
+            with torch.inference_mode():  # as a trainer tests and predicts; each thread has a mode of its own
+                predicted.append(predictor.predict(many))
             assert torch.get_num_threads() == count
     finally:
         torch.set_num_threads(threads)

@@ -222,7 +222,13 @@ def at_once(simulate: Callable[[Batch], None], batches: Sequence[Batch]) -> None
     threads, total = torch.get_num_threads(), sum(batch.frame.numel() for batch in batches)
     parts = [part for batch in batches for part in batch.split(max(1, round(threads * batch.frame.numel() / total)))]
     parts = sorted(parts, key=lambda part: -part.frame.numel())
-    for _ in map(simulate, parts) if min(threads, len(parts)) == 1 else _pool(threads).map(simulate, parts):
+    inference = torch.is_inference_mode_enabled()  # each thread has a mode of its own
+
+    def work(part: Batch) -> None:
+        with torch.inference_mode(inference):
+            simulate(part)
+
+    for _ in map(simulate, parts) if min(threads, len(parts)) == 1 else _pool(threads).map(work, parts):
         pass
 
 
