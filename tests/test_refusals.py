@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from physid import cli
-from physid.commands.terminal import refusals
-from physid.commands.terminal.refusals import worded
+from physid.data import refusals
 from physid.data.files import write_whole
+from physid.data.refusals import worded
 
 
 def test_a_folder_that_may_not_be_written_to_is_named_without_what_is_physids_own(tmp_path: Path) -> None:

@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from physid.commands import COMMANDS, Command, format_help
-from physid.commands.terminal.refusals import worded
 from physid.commands.terminal.screen import interruptible, stoppable, styled
 from physid.strict import nearest
 
@@ -281,7 +280,12 @@ def _explain(error: Exception, code: int) -> int:
     """Print an error without its traceback and return the exit code."""
     if os.environ.get(TRACEBACK):
         raise error
-    message = (worded(error) if isinstance(error, OSError) else str(error)) or type(error).__name__
+    message = str(error)
+    if isinstance(error, OSError):
+        from physid.data.refusals import worded
+
+        message = worded(error)
+    message = message or type(error).__name__
     many = isinstance(error, ArgumentError) or "Does not validate against" in message
     lines = (shorten(message) if many else message).splitlines()
     cut = "\n".join(line if len(line) <= LONGEST else f"{line[:LONGEST]}..." for line in lines[:MOST_LINES])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -22,6 +23,8 @@ SMOOTH = 4.0  # deviations of the noise by which positions may leave a parabola
 LEAST_SMOOTH = 1e-4  # [m] the same, where there is hardly any noise
 EXACT = 0.05  # share of gravity to which accelerations shall be known
 STILL = 0.01  # [m/s]
+FLOAT = 0.02  # share of the smallest edge by which a lying body may seem to float or sink
+TOUCHES = 2e-3  # [m] at least, by which the lowest corner of a body may be off that touches the ground
 TURNED = 1e-3  # [rad] per frame below which nothing turns
 
 
@@ -110,6 +113,25 @@ class Evidence:
         return np.asarray(
             (speed < max(STILL, self.slowest)) & (self.kinematics.turning < max(TURNED, 4 * self.noise.rotation))
         )
+
+    @cached_property
+    def near(self) -> float:
+        """How far the lowest corner of a body may seem from the ground that it touches [m]."""
+        radius, edge = float(np.linalg.norm(self.scene.sizes, axis=1).max()) / 2, float(self.scene.sizes.min())
+        return max(TOUCHES, FLOAT * edge) + 3 * (self.noise.position + radius * self.noise.rotation)
+
+    @cached_property
+    def touching(self) -> NDArray[np.bool_]:
+        """Windows in which a body touches the ground."""
+        return np.asarray(np.abs(self.kinematics.height) < self.near)
+
+    def tracks(self) -> Iterator[tuple[int, int, NDArray[np.int64], Array]]:
+        """Yield the trajectory's number, the body, the frames that show it and its poses there (n, 7), of each body."""
+        for index, one in zip(self.indices, self.recordings, strict=True):
+            if one.pose is not None:
+                for body in range(one.pose.shape[1]):
+                    frame = np.flatnonzero(one.seen[:, body])
+                    yield index, body, frame, one.pose[frame, body]
 
     def place(self, window: int) -> str:
         """Name trajectory and frame of a window."""

@@ -8,7 +8,7 @@ from physid.data import RecordingSet
 from physid.data.observations.stamps import rhythm_of
 from physid.inspection.evidence import Evidence
 from physid.inspection.rules.energy import energy_over_time
-from physid.inspection.rules.shown import TOUCHING, shown
+from physid.inspection.rules.shown import shown
 
 
 def facts_of(recordings: RecordingSet, seen: Evidence) -> list[tuple[str, str]]:
@@ -40,14 +40,13 @@ def facts_of(recordings: RecordingSet, seen: Evidence) -> list[tuple[str, str]]:
     ]
     if len(k.frame):
         speed = np.linalg.norm(k.velocity, axis=1)
-        touching = np.abs(k.height) < TOUCHING + 3 * seen.noise.position
         facts += [
             ("speed", f"up to {speed.max():.3g} m/s, at rest in {100 * seen.still.mean():.0f} % of the frames"),
             ("energy", energy_over_time(seen)),
             (
                 "contact",
                 f"lowest corner {1000 * k.height.min():.3g} to {1000 * k.height.max():.3g} mm over the ground, "
-                f"touching it in {100 * touching.mean():.0f} %",
+                f"touching it in {100 * seen.touching.mean():.0f} %",
             ),
         ]
     facts.append(("forces", _forces(seen)))

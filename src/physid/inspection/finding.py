@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from physid.data.refusals import worded
+
 
 @dataclass(frozen=True)
 class Finding:
@@ -18,3 +20,9 @@ class Finding:
     what: str
     mend: str
     wrong: bool = True
+
+    @classmethod
+    def of_file(cls, error: ValueError | OSError) -> Finding:
+        """Return what is wrong with a file that cannot be read: errors say what, and after a semicolon the mend."""
+        what, _, mend = (worded(error) if isinstance(error, OSError) else str(error)).partition("; ")
+        return cls(what, mend or "correct the file, or leave it out")

@@ -60,8 +60,7 @@ def inspect(recordings: RecordingSet, limit: int | None = None) -> Report:
         except (ValueError, OSError) as error:
             broken += 1
             if broken <= MOST_NAMED:
-                what, _, mend = _said(error).partition("; ")
-                findings.append(Finding(what, mend or "correct the file, or leave it out"))
+                findings.append(Finding.of_file(error))
             continue
         if not shows_motion(one):
             findings.append(
@@ -92,13 +91,6 @@ def inspect(recordings: RecordingSet, limit: int | None = None) -> Report:
     few = too_few(len(read), max(one.length for one in read))
     findings += [] if few is None else [replace(few, wrong=False)]
     return Report(tuple(facts_of(recordings, evidence)), tuple(findings))
-
-
-def _said(error: ValueError | OSError) -> str:
-    """Return what was wrong with a file, without the number that the system has for it."""
-    if isinstance(error, OSError) and error.filename and error.strerror:
-        return f"{error.filename}: {error.strerror.lower()}"
-    return str(error)
 
 
 class UnsoundError(RuntimeError):

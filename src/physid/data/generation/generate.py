@@ -76,7 +76,7 @@ def generate(
 
 
 def _is_begun(config: GenerateConfig, folder: Path, extra: Sequence[Effect]) -> bool:
-    """Tell whether the folder holds this set already, or a part of it; refuse another one."""
+    """Return whether the folder holds this set already, or a part of it; refuse another one."""
     if not (folder / DESCRIPTION).exists():
         return False
     truth, before = _truth(config, extra), read_truth(_truth_file(config, folder))

@@ -106,7 +106,7 @@ def _elsewhere(column: str, file: Path, files: Sequence[Path]) -> str:
 
 
 def _has(file: Path, column: str) -> bool:
-    """Tell whether a log has a column."""
+    """Return whether a log has a column."""
     try:
         read_table(file).find(column)
     except (ValueError, OSError):

@@ -137,7 +137,7 @@ def rises(values: Array) -> bool:
 
 
 def counts(values: Array) -> bool:
-    """Tell whether values count rows, one after another: the number of a frame is no time."""
+    """Return whether values count rows, one after another: the number of a frame is no time."""
     return len(values) > 1 and bool((np.diff(values) == 1).all())
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physid.data.importers.rotations import turned
-from physid.inspection.evidence import Evidence
+from physid.inspection.evidence import FLOAT, Evidence
 from physid.inspection.finding import Finding
 from physid.inspection.kinematics import lowest_corner
 from physid.inspection.origin import SIGNED
@@ -17,10 +17,8 @@ from physid.inspection.rules.falls import AXIS, ENOUGH, FALL
 from physid.scenes import Ground, Scene
 
 Array = NDArray[np.float64]
-FLOAT = 0.02  # share of the smallest edge by which a lying body may seem to float or sink
 DEEP = 0.05  # share of the smallest edge that a body may sink in
 CARRIED = 0.5  # share of gravity: a body that accelerates along it by less does not fall
-TOUCHES = 2e-3  # [m] at least, from the ground, by which the lowest corner of a body may be off that touches it
 AWAY = 0.5  # share of the moments without a fall, in which bodies touch no ground, from which on it is a mistake
 THERE = 0.8  # share of these moments in which they must touch it with other axes, or another order, to name these
 
@@ -56,9 +54,7 @@ class _Carried:
         poses = [np.zeros(0) if one.pose is None else one.pose for one in seen.recordings]
         pose = np.array([poses[k.trajectory[one]][k.frame[one], k.body[one]] for one in chosen])
         _, moment = np.unique(np.stack([k.trajectory, k.frame])[:, chosen], axis=1, return_inverse=True)
-        radius, edge = float(np.linalg.norm(seen.scene.sizes, axis=1).max()) / 2, float(seen.scene.sizes.min())
-        near = max(TOUCHES, FLOAT * edge) + 3 * (seen.noise.position + radius * seen.noise.rotation)
-        return cls(seen.scene, pose, k.body[chosen], np.asarray(moment).reshape(-1), near)
+        return cls(seen.scene, pose, k.body[chosen], np.asarray(moment).reshape(-1), seen.near)
 
     def height(self, pose: Array, normal: Sequence[float]) -> Array:
         """Return the height of what is lowest at each moment [m]: of bodies in a pile, one lies on the ground."""
@@ -176,13 +172,10 @@ def orders(seen: Evidence) -> Finding | None:
     edge = float(seen.scene.sizes.min())
 
     def depth(change: Callable[[Array], Array]) -> float:
-        worst = []
-        for one in seen.recordings:
-            assert one.pose is not None
-            for body in range(one.pose.shape[1]):
-                pose = one.pose[one.seen[:, body], body]
-                pose = _reordered(seen, pose, change)
-                worst.append(np.maximum(-lowest_corner(pose, seen.scene, body), 0))
+        worst = [
+            np.maximum(-lowest_corner(_reordered(seen, pose, change), seen.scene, body), 0)
+            for _, body, _, pose in seen.tracks()
+        ]
         return float(np.quantile(np.concatenate(worst), 0.9))
 
     now = depth(lambda q: q)

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from physid.inspection.evidence import Evidence
 from physid.inspection.finding import Finding
 
-TOUCHING = 2e-3  # [m] over the ground up to which a corner touches it
 SLIDING = 0.03  # [m/s] along the ground, from which on a body that touches it slides
 HITTING = 0.1  # [m/s] towards the ground, from which on a body that touches it later hits it
 FEWEST = 3  # frames
@@ -53,10 +52,9 @@ def _frames(seen: Evidence, body: int, parameter: str) -> NDArray[np.bool_]:
     k, normal = seen.kinematics, np.array(seen.scene.ground.normal)
     own, down = k.body == body, -(k.velocity @ normal)
     along = np.linalg.norm(k.velocity + down[:, None] * normal, axis=1)
-    touching = np.abs(k.height) < TOUCHING + 3 * seen.noise.position
     if parameter == "friction":
-        return np.asarray(own & touching & (along > max(SLIDING, seen.slowest)))
+        return np.asarray(own & seen.touching & (along > max(SLIDING, seen.slowest)))
     if parameter == "mass":
         return np.asarray(own & ~seen.unforced)
-    lands = np.isin(k.trajectory, k.trajectory[own & touching])
+    lands = np.isin(k.trajectory, k.trajectory[own & seen.touching])
     return np.asarray(own & lands & (down > max(HITTING, seen.slowest)))

@@ -40,16 +40,11 @@ def turns(seen: Evidence) -> Finding | None:
 def repeats(seen: Evidence) -> Finding | None:
     """Frames that repeat the one before while the body moves: the tracker is slower than the log."""
     same = total = 0
-    for one in seen.recordings:
-        assert one.pose is not None
-        for body in range(one.pose.shape[1]):
-            place = one.pose[one.seen[:, body], body]
-            if len(place) < 3:
-                continue
-            equal = (place[1:] == place[:-1]).all(1)
-            moving = np.linalg.norm(place[2:, :3] - place[:-2, :3], axis=1) > 1e-6
-            same += int(np.count_nonzero(equal[:-1] & moving))
-            total += int(moving.sum())
+    for _, _, _, place in seen.tracks():
+        equal = (place[1:] == place[:-1]).all(1)
+        moving = np.linalg.norm(place[2:, :3] - place[:-2, :3], axis=1) > 1e-6
+        same += int(np.count_nonzero(equal[:-1] & moving))
+        total += int(moving.sum())
     if not total or same < SHARE * total:
         return None
     return Finding(
@@ -64,19 +59,15 @@ def held(seen: Evidence) -> Finding | None:
     A body that lies still sets off with steps that are alike; one that went on unseen makes up for all of them in one.
     """
     found = list[tuple[int, int, int]]()
-    for index, one in zip(seen.indices, seen.recordings, strict=True):
-        assert one.pose is not None
-        for body in range(one.pose.shape[1]):
-            frame = np.flatnonzero(one.seen[:, body])
-            place = one.pose[frame, body]
-            same = np.concatenate([[False], (place[1:] == place[:-1]).all(1), [False]])
-            starts, ends = np.flatnonzero(~same[:-1] & same[1:]), np.flatnonzero(same[:-1] & ~same[1:])
-            step = np.linalg.norm(np.diff(place[:, :3], axis=0), axis=1)
-            for start, end in zip(starts, ends, strict=True):
-                if end - start + 1 < HELD or end + 2 >= len(place) or same[end + 2]:
-                    continue  # too short, or held again at once: the log is faster than the tracker (`repeats`)
-                if step[end] > CATCH_UP * step[end + 1] + LEAST_SMOOTH + JUMP * seen.noise.position:
-                    found.append((index, int(frame[start]), int(frame[end])))
+    for index, _, frame, place in seen.tracks():
+        same = np.concatenate([[False], (place[1:] == place[:-1]).all(1), [False]])
+        starts, ends = np.flatnonzero(~same[:-1] & same[1:]), np.flatnonzero(same[:-1] & ~same[1:])
+        step = np.linalg.norm(np.diff(place[:, :3], axis=0), axis=1)
+        for start, end in zip(starts, ends, strict=True):
+            if end - start + 1 < HELD or end + 2 >= len(place) or same[end + 2]:
+                continue  # too short, or held again at once: the log is faster than the tracker (`repeats`)
+            if step[end] > CATCH_UP * step[end + 1] + LEAST_SMOOTH + JUMP * seen.noise.position:
+                found.append((index, int(frame[start]), int(frame[end])))
     if not found:
         return None
     named = ", ".join(f"trajectory {index}, frames {first} to {last}" for index, first, last in found[:NAMED])
@@ -91,17 +82,14 @@ def held(seen: Evidence) -> Finding | None:
 def jumps(seen: Evidence) -> Finding | None:
     """Poses far from both neighbours, which a fit leaves out; many are refused (see `usability`)."""
     found = []
-    for index, one in zip(seen.indices, seen.recordings, strict=True):
-        assert one.pose is not None
-        for body in range(one.pose.shape[1]):
-            frame = np.flatnonzero(one.seen[:, body])
-            place = one.pose[frame, body, :3]
-            if len(place) < 3:
-                continue
-            step = np.linalg.norm(np.diff(place, axis=0), axis=1)
-            around = np.linalg.norm(place[2:] - place[:-2], axis=1)
-            wild = np.minimum(step[:-1], step[1:]) > JUMP * (around + seen.noise.position) + LEAST_SMOOTH
-            found += [(index, int(frame[at + 1])) for at in np.flatnonzero(wild)]
+    for index, _, frame, pose in seen.tracks():
+        place = pose[:, :3]
+        if len(place) < 3:
+            continue
+        step = np.linalg.norm(np.diff(place, axis=0), axis=1)
+        around = np.linalg.norm(place[2:] - place[:-2], axis=1)
+        wild = np.minimum(step[:-1], step[1:]) > JUMP * (around + seen.noise.position) + LEAST_SMOOTH
+        found += [(index, int(frame[at + 1])) for at in np.flatnonzero(wild)]
     if not found:
         return None
     return Finding(

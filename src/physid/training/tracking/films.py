@@ -136,6 +136,6 @@ class Drawn(Footage, AbstractContextManager["Drawn"]):
         if self._shadow is None:
             return background
         pose, size = torch.from_numpy(self._poses[index][frame]).float(), torch.from_numpy(self._scene.sizes).float()
-        corner, (height, width) = torch.zeros(1, 2, dtype=torch.long), background.shape[:2]
-        light = self._shadow.light(camera_of(self._scene), pose[None, None], size, (height, width), corner)[0, 0]
+        height, width = background.shape[:2]
+        light = self._shadow.light(camera_of(self._scene), pose[None, None], size, (height, width))[0, 0]
         return np.asarray((background * light.numpy()[..., None]).round(), dtype=np.uint8)

@@ -70,22 +70,19 @@ def first_frames_of(
         return Beginning(Reader.of_model(model), first, footage)
     lit, looked = footage.with_shadows(), range(len(known))[:MODELS]
     sights = [lit.first(index) for index in looked]
-    if all(one.first is not None for one in known):
-        first = torch.from_numpy(np.stack([one.first for one in known if one.first is not None]))
-        shadow = cast_shadow_of(scene, sights, first)
-        shown = footage if shadow is None else lit
-        return Beginning(
-            Reader.of_first_frames(scene, chart or chart_for(scene, first), shown, first, shadow), first, shown
-        )
-    first = _find(scene, chart or "planar", footage, len(known))
+    places = [one.first for one in known if one.first is not None]
+    whole = len(places) == len(known)
+    first = torch.from_numpy(np.stack(places)) if whole else _find(scene, chart or "planar", footage, len(known))
+    name = chart or (chart_for(scene, first) if whole else "planar")
     shadow = cast_shadow_of(scene, sights, first)
-    shown = footage if shadow is None else lit
-    if shadow is not None:
-        first = _find(scene, chart or "planar", lit, len(known), first, shadow)
+    if shadow is not None and not whole:
+        first = _find(scene, name, lit, len(known), first, shadow)
         shadow = cast_shadow_of(scene, sights, first) or shadow
-    reader = Reader.of_first_frames(scene, chart or "planar", shown, first, shadow)
-    reader.calibration.deviation.fill_(UNSURE)
-    reader.calibration.stretch.zero_()
+    shown = footage if shadow is None else lit
+    reader = Reader.of_first_frames(scene, name, shown, first, shadow)
+    if not whole:
+        reader.calibration.deviation.fill_(UNSURE)
+        reader.calibration.stretch.zero_()
     return Beginning(reader, first, shown)
 
 

@@ -51,15 +51,12 @@ def cast_shadow_of(scene: Scene, sights: Sequence[FirstSight], pose: Tensor) -> 
     if not any(has_shadows(*sight) for sight in sights):
         return None
     camera, size = camera_of(scene), torch.from_numpy(scene.sizes).float()
+    pixel = scene.camera.pixel if scene.camera is not None else 0.0
     missing = [_Missing(camera, scene.ground, size, sight, one) for sight, one in zip(sights, pose, strict=False)]
-    shadow = _fit(missing[:FILMS], scene.ground, SOFT * _metres_per_pixel(camera))
+    shadow = _fit(missing[:FILMS], scene.ground, SOFT * pixel)
     if shadow is None or min(each.explained_by(shadow) for each in missing) < EXPLAINED:
         return None
     return shadow
-
-
-def _metres_per_pixel(camera: PinholeCamera) -> float:
-    return math.dist(camera.position, camera.target) / camera.focal_length
 
 
 def _fit(missing: Sequence[_Missing], ground: Ground, softness: float) -> CastShadow | None:
@@ -99,8 +96,7 @@ class _Missing:
         reach = NEAR + 2 * int(np.sqrt(bodies.sum()))
         self._clear = ndimage.binary_dilation(bodies, iterations=reach)
         self._clear &= ~ndimage.binary_dilation(bodies, iterations=APART)
-        corner = torch.zeros(1, 2, dtype=torch.long)
-        self._point = ground_points(camera, ground, bodies.shape, corner).view(1, *bodies.shape, 2)
+        self._point = ground_points(camera, ground, bodies.shape).view(1, *bodies.shape, 2)
         self._lost, self._smooth = _lost(frame, background), _lost(smoothed(frame), smoothed(background))
 
     def beside(self, shadow: CastShadow, step: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

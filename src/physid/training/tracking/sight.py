@@ -11,8 +11,8 @@ from torch import Tensor
 logger = logging.getLogger("physid")
 
 LOST = 0.5
-"""Share of the differences between film and drawing in those between film, drawing and background, where bodies are
-drawn: beyond this the film looks more like the empty scene than like the bodies."""
+"""Share of the differences between film and drawing in those between film, drawing and background, where bodies, and
+the shadows that are drawn with them, lie: beyond this the film looks more like the empty scene than like the bodies."""
 HIDDEN = 0.2
 """How far [-] a share may go from the film's median to `LOST` before it is remarked; where something of another colour
 hides a part of the bodies, it goes about that part of the way. Without that it went at most 0.05, and 0.17 in tosses,

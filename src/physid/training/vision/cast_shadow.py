@@ -42,7 +42,7 @@ class CastShadow:
     softness: float
 
     def light(
-        self, camera: PinholeCamera, pose: Tensor, size: Tensor, shape: tuple[int, int], corner: Tensor
+        self, camera: PinholeCamera, pose: Tensor, size: Tensor, shape: tuple[int, int], corner: Tensor | None = None
     ) -> Tensor:
         """Measure which share of its light the ground has in each pixel.
 
@@ -51,7 +51,7 @@ class CastShadow:
             pose: Poses of the boxes, shape (B, T, N, 7).
             size: Full edge lengths [m], shape (N, 3).
             shape: Rows and columns of the part of the view that is looked at.
-            corner: Column and row of its first pixel, shape (B, 2).
+            corner: Column and row of its first pixel, shape (B, 2); None for the whole view.
 
         Returns:
             Shares in [1 - darkness, 1], without regard to bodies before the ground, shape (B, T, *shape).
@@ -94,18 +94,21 @@ def axes_of(ground: Ground) -> Tensor:
     return torch.stack([first, torch.linalg.cross(normal, first)])
 
 
-def ground_points(camera: PinholeCamera, ground: Ground, shape: tuple[int, int], corner: Tensor) -> Tensor:
+def ground_points(
+    camera: PinholeCamera, ground: Ground, shape: tuple[int, int], corner: Tensor | None = None
+) -> Tensor:
     """Find the points of the ground that pixels show.
 
     Args:
         camera: Sees the ground.
         ground: The plane.
         shape: Rows and columns of the part of the view that is looked at.
-        corner: Column and row of its first pixel, shape (B, 2).
+        corner: Column and row of its first pixel, shape (B, 2); None for the whole view.
 
     Returns:
         Points along `axes_of(ground)` [m], infinite above the horizon, shape (B, rows columns, 2).
     """
+    corner = torch.zeros(1, 2) if corner is None else corner
     like = torch.zeros((), dtype=torch.float32, device=corner.device)
     ray = camera.rays(pixel_rows(*shape, like)[:, :2] + corner[:, None].to(like))
     normal, eye = like.new_tensor(ground.normal), like.new_tensor(camera.position)

@@ -115,8 +115,7 @@ class Decoder(nn.Module):
         if self.shadow is None:
             image: Tensor = self.renderer(pose, Appearance(self.patches), background, edge, corner)
             return image
-        if corner is None:
-            corner = torch.zeros(len(background), 2, dtype=torch.long, device=background.device)
+        corner = background.new_zeros(len(background), 2, dtype=torch.long) if corner is None else corner
         # Each frame has a background of its own.
         frames, shape = pose.shape[1], (background.shape[-2], background.shape[-1])
         light = self.shadow.light(self.renderer.camera, pose.to(background), self.renderer.size, shape, corner)

@@ -68,7 +68,7 @@ def _read_csv(path: Path, file: TextIO, header: int | None) -> Table:
     if not named and start and head[start - 1].startswith(("#", "%")):  # a header that is written as a comment
         said = [cell.strip() for cell in _cells(head[start - 1].lstrip("#% "), delimiter)]
         names = said if len(said) == len(names) else names
-    names = _told_apart(names, [_cells(line, delimiter) for line in head[:start]])
+    names = _distinguished(names, [_cells(line, delimiter) for line in head[:start]])
     doubled = next((name for index, name in enumerate(names) if name in names[:index]), None)
     if doubled is not None:
         raise ValueError(f'{path}: expected each column once, found "{doubled}" twice; rename one in line {start + 1}')
@@ -110,24 +110,24 @@ def _above_numbers(head: Sequence[str], start: int) -> int:
     return found
 
 
-def _told_apart(names: Sequence[str], above: Sequence[Sequence[str]]) -> list[str]:
+def _distinguished(names: Sequence[str], above: Sequence[Sequence[str]]) -> list[str]:
     """Put what stands above names before those that occur twice: "Position X"; a cell holds for empty ones after it.
 
     Args:
         names: Names of the columns.
         above: Cells of the lines above, from the top; only lines of as many cells count.
     """
-    told = list(names)
+    distinct = list(names)
     for line in reversed([[cell.strip() for cell in cells] for cells in above if len(cells) == len(names)]):
-        if len({*told}) == len(told):
+        if len({*distinct}) == len(distinct):
             break
         if not any(line):
             continue
         for column, cell in enumerate(line):
             line[column] = cell or (line[column - 1] if column else "")
-        more = [f"{cell} {name}".strip() for cell, name in zip(line, told, strict=True)]
-        told = more if len({*more}) > len({*told}) else told
-    return told
+        more = [f"{cell} {name}".strip() for cell, name in zip(line, distinct, strict=True)]
+        distinct = more if len({*more}) > len({*distinct}) else distinct
+    return distinct
 
 
 @dataclass(frozen=True)

@@ -227,7 +227,7 @@ def solve_place(points: Any, matrix: Array, distortion: Array, where: str) -> tu
 
 
 def _rows_of(points: Any, where: str) -> Array:
-    """Return given points as rows of column, row, x, y, z, and refuse those that tell no place."""
+    """Return given points as rows of column, row, x, y, z, and refuse those that determine no place."""
     try:
         rows = np.array([[*row, 0.0] if len(row) == 4 else [*row] for row in points], dtype=float)
         sound = rows.ndim == 2 and rows.shape[1] == 5 and bool(np.isfinite(rows).all())

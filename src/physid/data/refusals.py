@@ -6,6 +6,7 @@ import errno
 import os
 from pathlib import Path
 
+from physid.data.files import PART
 from physid.one_writer import LOCK
 
 DENIED = (errno.EACCES, errno.EPERM, errno.EROFS)
@@ -23,8 +24,6 @@ def worded(error: OSError) -> str:
     """
     if error.errno is None or not isinstance(error.filename, str | os.PathLike):
         return str(error)
-    from physid.data.files import PART
-
     path = Path(error.filename)
     path = path.with_name(path.name.removesuffix(PART))
     path = path.parent if path.name == LOCK else path
