@@ -93,19 +93,30 @@ SUITES: dict[str, tuple[str, ...]] = {
     "diagnosis/inputs/model_source.py": ("diagnosis/test_model_source.py",),
     "diagnosis/inputs/requirements.py": ("diagnosis/test_requirements.py",),
     "diagnosis/reference/replay.py": ("diagnosis/test_replay.py", "diagnosis/test_diagnose.py"),
-    "diagnosis/reference/null_simulations.py": ("diagnosis/test_score_test.py", "diagnosis/test_diagnose.py"),
+    "diagnosis/reference/null_simulations.py": (
+        *("diagnosis/test_null_simulations.py", "diagnosis/test_score_test.py", "diagnosis/test_diagnose.py"),
+    ),
     "diagnosis/testing/score_test.py": ("diagnosis/test_score_test.py", "diagnosis/test_power.py"),
-    "diagnosis/testing/null_*.py": ("diagnosis/test_null_tails.py", "diagnosis/test_score_test.py"),
-    "diagnosis/testing/equivalence.py": ("diagnosis/test_equivalence.py", "diagnosis/test_diagnose.py"),
-    "diagnosis/testing/residual_wrench.py": ("diagnosis/test_residual_wrench.py",),
+    "diagnosis/testing/null_*.py": (
+        *("diagnosis/test_null_tails.py", "diagnosis/test_score_test.py", "diagnosis/test_flights_examined.py"),
+    ),
+    "diagnosis/testing/equivalence.py": (
+        *("diagnosis/test_equivalence.py", "diagnosis/test_flights_examined.py", "diagnosis/test_diagnose.py"),
+    ),
+    "diagnosis/testing/residual_wrench.py": (
+        *("diagnosis/test_residual_wrench.py", "diagnosis/test_gap.py", "diagnosis/test_flights_examined.py"),
+    ),
     "diagnosis/testing/lack_of_fit.py diagnosis/testing/examination.py": (
-        *("diagnosis/test_localisation.py", "diagnosis/test_verdict.py", "diagnosis/test_diagnose.py"),
+        *("diagnosis/test_localisation.py", "diagnosis/test_verdict.py", "diagnosis/test_flights_examined.py"),
+        "diagnosis/test_diagnose.py",
     ),
     "diagnosis/residual_law/*.py": ("diagnosis/test_residual_law.py",),
-    "diagnosis/testing/hypothesis.py": ("diagnosis/test_hypothesis.py", "diagnosis/test_finite_sizes.py"),
+    "diagnosis/testing/hypothesis.py": (
+        *("diagnosis/test_flights_searched.py", "diagnosis/test_hypothesis.py", "diagnosis/test_finite_sizes.py"),
+    ),
     "diagnosis/selection/*.py": (
         *("diagnosis/test_verdict.py", "diagnosis/test_attribution.py", "diagnosis/test_contact_free.py"),
-        *("diagnosis/test_materiality.py", "diagnosis/test_diagnose.py"),
+        *("diagnosis/test_materiality.py", "diagnosis/test_flights_searched.py", "diagnosis/test_diagnose.py"),
     ),
     "diagnosis/posterior/*.py": ("diagnosis/test_posterior.py",),
     "diagnosis/conclusion/verdict.py": ("diagnosis/test_verdict.py",),
@@ -113,7 +124,9 @@ SUITES: dict[str, tuple[str, ...]] = {
     "diagnosis/conclusion/gap.py": ("diagnosis/test_gap.py",),
     "diagnosis/conclusion/power.py": ("diagnosis/test_power.py",),
     "diagnosis/conclusion/decomposition.py": ("diagnosis/test_decomposition.py",),
-    "diagnosis/testing/parametric_bootstrap.py": ("diagnosis/test_parametric_bootstrap.py",),
+    "diagnosis/testing/parametric_bootstrap.py": (
+        *("diagnosis/test_parametric_bootstrap.py", "diagnosis/test_flights_searched.py"),
+    ),
     "diagnosis/document/residual_sentences.py": ("diagnosis/test_residual_law.py",),
     "diagnosis/document/sentences.py": ("diagnosis/test_sentences.py", "diagnosis/test_document.py"),
 }
