@@ -110,7 +110,7 @@ SUITES: dict[str, tuple[str, ...]] = {
         *("diagnosis/test_localisation.py", "diagnosis/test_verdict.py", "diagnosis/test_flights_examined.py"),
         "diagnosis/test_diagnose.py",
     ),
-    "diagnosis/residual_law/*.py": ("diagnosis/test_residual_law.py",),
+    "diagnosis/residual_law/*.py": ("diagnosis/test_law_parts.py", "diagnosis/test_residual_law.py"),
     "diagnosis/testing/hypothesis.py": (
         *("diagnosis/test_flights_searched.py", "diagnosis/test_hypothesis.py", "diagnosis/test_finite_sizes.py"),
     ),
