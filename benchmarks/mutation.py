@@ -118,17 +118,19 @@ SUITES: dict[str, tuple[str, ...]] = {
         *("diagnosis/test_verdict.py", "diagnosis/test_attribution.py", "diagnosis/test_contact_free.py"),
         *("diagnosis/test_materiality.py", "diagnosis/test_flights_searched.py", "diagnosis/test_diagnose.py"),
     ),
-    "diagnosis/posterior/*.py": ("diagnosis/test_posterior.py",),
-    "diagnosis/conclusion/verdict.py": ("diagnosis/test_verdict.py",),
-    "diagnosis/conclusion/localisation.py": ("diagnosis/test_localisation.py",),
-    "diagnosis/conclusion/gap.py": ("diagnosis/test_gap.py",),
-    "diagnosis/conclusion/power.py": ("diagnosis/test_power.py",),
-    "diagnosis/conclusion/decomposition.py": ("diagnosis/test_decomposition.py",),
+    "diagnosis/posterior/*.py": ("diagnosis/test_posterior.py", "diagnosis/test_answers.py"),
+    "diagnosis/conclusion/verdict.py": ("diagnosis/test_verdict.py", "diagnosis/test_answers.py"),
+    "diagnosis/conclusion/localisation.py": ("diagnosis/test_localisation.py", "diagnosis/test_answers.py"),
+    "diagnosis/conclusion/gap.py": ("diagnosis/test_gap.py", "diagnosis/test_verdict.py", "diagnosis/test_answers.py"),
+    "diagnosis/conclusion/power.py": ("diagnosis/test_power.py", "diagnosis/test_answers.py"),
+    "diagnosis/conclusion/decomposition.py": ("diagnosis/test_decomposition.py", "diagnosis/test_answers.py"),
     "diagnosis/testing/parametric_bootstrap.py": (
         *("diagnosis/test_parametric_bootstrap.py", "diagnosis/test_flights_searched.py"),
     ),
-    "diagnosis/document/residual_sentences.py": ("diagnosis/test_residual_law.py",),
-    "diagnosis/document/sentences.py": ("diagnosis/test_sentences.py", "diagnosis/test_document.py"),
+    "diagnosis/document/residual_sentences.py": ("diagnosis/test_words.py", "diagnosis/test_residual_law.py"),
+    "diagnosis/document/sentences.py": (
+        *("diagnosis/test_words.py", "diagnosis/test_sentences.py", "diagnosis/test_document.py"),
+    ),
 }
 """The tests of each module, or of all that match one of several patterns."""
 SLOW = (
