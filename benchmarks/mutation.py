@@ -89,14 +89,22 @@ SUITES: dict[str, tuple[str, ...]] = {
         *("training/test_intervals.py", "diagnosis/test_nominal_fit.py", "training/test_optimizers.py"),
         *("estimation/test_fits.py", "estimation/test_starts.py"),
     ),
-    "diagnosis/inputs/events.py": ("diagnosis/test_noise.py",),
-    "diagnosis/inputs/model_source.py": ("diagnosis/test_model_source.py",),
+    "diagnosis/inputs/events.py": ("diagnosis/test_noise.py", "diagnosis/test_inputs.py"),
+    "diagnosis/inputs/model_source.py": ("diagnosis/test_inputs.py", "diagnosis/test_model_source.py"),
     "diagnosis/inputs/requirements.py": ("diagnosis/test_requirements.py",),
-    "diagnosis/reference/replay.py": ("diagnosis/test_replay.py", "diagnosis/test_diagnose.py"),
+    "diagnosis/reference/replay.py": (
+        "diagnosis/test_replay.py",
+        "diagnosis/test_inputs.py",
+        "diagnosis/test_diagnose.py",
+    ),
     "diagnosis/reference/null_simulations.py": (
         *("diagnosis/test_null_simulations.py", "diagnosis/test_score_test.py", "diagnosis/test_diagnose.py"),
     ),
-    "diagnosis/testing/score_test.py": ("diagnosis/test_score_test.py", "diagnosis/test_power.py"),
+    "diagnosis/testing/score_test.py": (
+        "diagnosis/test_score_test.py",
+        "diagnosis/test_power.py",
+        "diagnosis/test_inputs.py",
+    ),
     "diagnosis/testing/null_*.py": (
         *("diagnosis/test_null_tails.py", "diagnosis/test_score_test.py", "diagnosis/test_flights_examined.py"),
     ),
