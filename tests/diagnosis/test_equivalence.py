@@ -48,6 +48,8 @@ def test_an_orthogonal_effect_is_not_and_between_them_it_is_the_squared_cosine()
     assert cosine(both, group(0), ONE, group(1), VISIBLE) == pytest.approx(0)
     assert cosine(both, group(0), ONE, group(2), VISIBLE) == pytest.approx(float(angle.cos() ** 2))
     assert cosine(both, group(2), ONE, group(0, 1), VISIBLE) == pytest.approx(1)
+    faint = cosine(both, group(0), -1e-6 * ONE, group(2), VISIBLE)
+    assert faint == pytest.approx(float(angle.cos() ** 2)), "however small the change"
 
 
 def test_an_effect_that_does_not_show_is_alike_to_none() -> None:
