@@ -194,7 +194,9 @@ def test_a_wind_is_found_as_a_force_along_x_with_its_size_and_what_it_moves(size
     """Places are moved by what initial states cannot take up of F t^2 / (2 m), in each segment."""
     made = flights(sizes=(size, 0.0), trajectories=6)
     nominal = hypothesis(made)
-    found = find_residual_laws(examined(made), nominal, find_lack_of_fit(examined(made), nominal, random()))
+    fit = examined(made)
+    lack = find_lack_of_fit(fit, nominal, random())
+    found = find_residual_laws(fit, nominal, lack)
     if not size:
         assert found.described == ()
         assert found.gains == {}
@@ -217,7 +219,6 @@ def test_a_wind_is_found_as_a_force_along_x_with_its_size_and_what_it_moves(size
     bent = law.size[0] / MASS * time.square() / 2
     left = bent - basis @ torch.linalg.lstsq(basis, bent[:, None]).solution[:, 0]
     assert law.moves == pytest.approx(float(left.square().mean().sqrt()), rel=0.03)
-    lack = find_lack_of_fit(examined(made), nominal, random())
     force = direction()
     wide = Direction("along x", "force", force.value[:, :24].expand(6, 24, 1, 6))
     one = Law(wide, None, "everywhere", torch.ones(6, 24, 1).bool(), torch.zeros(1).double())

@@ -60,10 +60,10 @@ def test_where_nothing_was_seen_the_first_frames_bound_a_draw() -> None:
 def test_unknown_parameters_are_drawn_as_widely_as_the_data_leave_them_and_states_follow() -> None:
     made = flights(trajectories=2, cuts=1, unknown=("block.mass",), sizes=(4.0, 0.0), noise=(0.0, 0.0))
     fit = made.experiment.linearise(made.true, torch.zeros(0, dtype=torch.int64))
-    drawn = [jitter(made.experiment, fit, QUICK, random(seed)) for seed in range(120)]
+    drawn = [jitter(made.experiment, fit, QUICK, random(seed)) for seed in range(80)]
     shift = torch.stack([one.nominal[0, 0] - made.true.nominal[0, 0] for one in drawn])
     expected = float((fit.normal().matrix.sum(0)[0, 0] + 1 / 9) ** -0.5)
-    assert float(shift.std()) == pytest.approx(expected, rel=0.25)
+    assert float(shift.std()) == pytest.approx(expected, rel=0.3)
     speed = torch.stack([one.twist[0, 0, 0, 3] - made.true.twist[0, 0, 0, 3] for one in drawn])
     slope = float((speed * shift).sum() / shift.square().sum())
     assert slope == pytest.approx(float(fit.linear.response()[0, 9, 0]), rel=0.35)
