@@ -64,7 +64,7 @@ SUITES: dict[str, tuple[str, ...]] = {
     ),
     "estimation/prediction/rollout.py": (
         *("diagnosis/test_timeline.py", "diagnosis/test_prediction.py", "estimation/test_cuts.py"),
-        "estimation/test_starts.py",
+        "estimation/test_effects_at_work.py",
     ),
     "estimation/measurement/sensor_noise.py": ("diagnosis/test_noise.py", "estimation/test_errors_of_poses.py"),
     "estimation/measurement/misfit.py estimation/measurement/unexplained.py estimation/measurement/tracking_error.py": (

@@ -265,3 +265,13 @@ def test_kinds_are_unexplained_where_a_fit_says_so_alone() -> None:
     assert unexplained_kinds({"fit/position_explained": 0.0, "fit/rotation_explained": 1.0}) == ("position",)
     assert unexplained_kinds({"fit/rotation_explained": 0.0, "fit/position_explained": 0.0}) == ("position", "rotation")
     assert lack_of_fit_sentence({"fit/position_explained": 1.0}) is None
+
+
+def test_errors_are_averaged_over_half_of_the_frames_at_most() -> None:
+    """Of errors that last for two of four frames the means of two vary by twice as much as white noise lets them."""
+    sign = torch.tensor([1.0, 1.0, -1.0, -1.0], dtype=torch.float64)
+    axes = torch.eye(3, dtype=torch.float64).repeat(1, 2)
+    track = 0.01 * sign[None, :, None, None] * axes[:, None, None, :]
+    own = (0.01**2 / 3) ** 0.5
+    assert TrackingError(track, 0 * track, 0.0).spread.tolist() == pytest.approx([2**0.5 * own] * 6)
+    assert TrackingError(track[:, 1:3], 0 * track[:, 1:3], 0.0).spread.tolist() == pytest.approx([own] * 6)

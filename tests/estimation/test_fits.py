@@ -117,8 +117,9 @@ def test_the_damping_of_a_segment_has_its_limits(damping: float, following: floa
     assert torch.allclose(step.damping, torch.full_like(step.damping, following))
 
 
-def test_where_no_state_moves_the_next_step_of_theirs_is_damped_more() -> None:
-    made = flights()
+@pytest.mark.parametrize("dampings", [(0.1, 10.0), (0.1, 1.0, 10.0)])
+def test_where_no_state_moves_the_next_step_of_theirs_is_damped_more(dampings: tuple[float, ...]) -> None:
+    made = flights(settings=LeastSquaresSettings(line_search=LineSearchSettings(dampings=dampings)))
     known = Flights(made.experiment.with_known_states(), made.true, made.start)
     step, right = stepped(known, 1.0, (1.0, 0.0))
     assert torch.allclose(step.point.pose, made.start.pose, atol=1e-12)
@@ -222,3 +223,13 @@ def test_no_more_is_tried_once_steps_are_used_up() -> None:
     one, many = (gauss_newton(experiment, begun, NONE, steps=count) for count in (1, 10))
     assert many.loss.sum() < one.loss.sum() < before
     assert float(many.point.nominal[0, 0]) == pytest.approx(float(made.true.nominal[0, 0]), abs=1e-4)
+
+
+@pytest.mark.parametrize("loss", [0.3, 3e3])
+def test_of_what_is_linear_and_exact_nothing_is_left_however_little_there_was(loss: float) -> None:
+    made = flights(noise=(0.0, 0.0))
+    away = torch.tensor([[0.1, 0.05]], dtype=torch.float64)
+    found = float(made.experiment.losses(made.true.replace(effects=made.true.effects + away)).sum())
+    begun = made.true.replace(effects=made.true.effects + (loss / found) ** 0.5 * away)
+    assert float(made.experiment.losses(begun).sum()) == pytest.approx(loss, rel=1e-3)
+    assert float(gauss_newton(made.experiment, begun, BOTH).loss.sum()) < 1e-3 * loss

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from estimation.flights import FORCE, Flights, G, flights
-from physid.effects import find, from_values
+from physid.effects import find
 from physid.estimation.least_squares.initial_states import InitialStates, guess_initial_states
 from physid.estimation.least_squares.levenberg_marquardt import NONE, at_rest
 from physid.estimation.least_squares.multi_start import best_guess, choose, search, try_new_states, varied
@@ -84,33 +84,6 @@ def test_effects_begin_at_what_is_given_then_at_what_is_known_then_at_a_tenth_of
     assert {name: float(value) for name, value in first.values().items()} == pytest.approx({"x": 0.7, "y": -0.4})
     assert float(drag.values()["coefficient"]) == pytest.approx(0.03)
     assert known == {"constant_force": {"x": 0.7, "y": 0.0}}, "what was given is left alone"
-
-
-@pytest.mark.parametrize(
-    ("name", "sizes"), [("constant_force", (0.5, -1.0)), ("camera_offset", (0.1, 0.2, -0.3)), ("force_gain", (0.5,))]
-)
-def test_an_effect_moves_predictions_alike_as_a_candidate_and_as_an_unknown_of_the_model(
-    name: str, sizes: tuple[float, ...]
-) -> None:
-    kind, frames = find(name), 8
-    names = tuple(f"{name}.{each}" for each in kind.quantities())
-    wrench = torch.zeros(2, frames, 1, 6).double()
-    wrench[0, :, 0, 3], wrench[1, :, 0, 4] = 5.0, -2.0
-    timeline, segments = Timeline.regular(wrench, 1 / 60), Segmentation.equal(2, frames, 4)
-    scene = replace(find_setup("toss").scene, time_step=1 / 60)
-    zero = from_values(name, dict.fromkeys(kind.quantities(), 0.0))
-    inside = Predictor(NominalModel(scene, (zero,), sizes=names), timeline, segments)
-    beside = Predictor(NominalModel(scene), timeline, segments, [kind])
-    pose, twist = torch.zeros(2, 4, 1, 7).double(), torch.zeros(2, 4, 1, 6).double()
-    pose[..., 2], pose[..., 6], twist[0, :, 0, 3] = 9.0, 1.0, torch.arange(4.0).double()
-    many = torch.tensor([sizes, [0.3 * size for size in sizes]]).double()
-    none = torch.zeros(2, 0).double()
-    one = inside.predict(Variants.of_states(pose, twist, inside.model.to_coordinates(many), none))
-    other = beside.predict(Variants.of_states(pose, twist, none, many))
-    assert torch.allclose(one.pose, other.pose, atol=1e-12)
-    assert torch.allclose(one.twist, other.twist, atol=1e-12)
-    still = beside.predict(Variants.of_states(pose, twist, none, 0 * many))
-    assert float((one.pose - still.pose).abs().max()) > 1e-4
 
 
 def seen(pose: Tensor, weight: Tensor | None = None, step: float = 1 / 60) -> InitialStates:
