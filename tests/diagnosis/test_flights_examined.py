@@ -182,3 +182,22 @@ def test_phases_have_cells_of_their_own_from_a_share_of_the_frames_on(frames: in
     for k in hits:
         assert (wrench[k] != 0).any(-1).nonzero().tolist() == [[0, 0, 1], [0, 1, 1]]
     assert sum(cell.piece is not None for cell in cells) == 2 * 3 * 13, "of four frames each"
+
+
+def test_null_simulations_are_cleaned_of_what_another_mass_would_make_as_the_fitted_flights_see_it() -> None:
+    held = torch.tensor([True, False, True, True])
+    made = flights(unknown=("block.mass",), sizes=(4.0, 0.0), noise=(0.0, 0.0), fitted=held, cuts=1)
+    one = hypothesis(Flights(made.experiment, made.true, made.true))
+    test = score_test_of(one)
+    column = test.fit.jacobian.shared[0]
+    only = column.clone()
+    only[1] *= -30.0  # nothing is fitted to that one
+    data = torch.stack([0.02 * column, 0.05 * only])
+    response = test.respond(SimpleNamespace(residual=data))  # type: ignore[arg-type]
+    clean = test.cleaned(SimpleNamespace(residual=data), response)  # type: ignore[arg-type]
+    known = float(test.fit.normal().matrix[held][:, 0, 0].sum())
+    kept = (1 / 9) / (known + 1 / 9)  # by the prior, of a factor of e^3
+    assert known > 50
+    assert torch.allclose(clean[0], kept * data[0], atol=1e-9)
+    assert torch.allclose(clean[1][held], kept * data[1][held], atol=1e-9)
+    assert torch.allclose(clean[1, 1], 0.05 * (-30.0 - (1 - kept)) * column[1], atol=1e-9)
