@@ -176,6 +176,17 @@ def test_one_effect_more_is_looked_for_where_enough_is_left_beyond_chance(
     assert leaves(before, best, lack, left) is more
 
 
+@pytest.mark.parametrize(("share", "there"), [(0.5, True), (0.501, False)])
+def test_a_gap_that_no_effect_explains_is_there_where_it_is_as_rare_as_half_of_what_chance_is_allowed(
+    share: float, there: bool
+) -> None:
+    quiet = stand_in("", [0.0])
+    found: Any = SimpleNamespace(best=None, nominal=quiet, lack=SimpleNamespace(p_free=share * QUICK.evidence.alpha))
+    assert unexplained(found) is there
+    found.best = stand_in("a", [0.0])
+    assert not unexplained(found)
+
+
 def test_candidates_that_cannot_be_simulated_are_passed_over_and_the_best_comes_first() -> None:
     made = windy(sizes=(0.0, 2.0, -1.5, 0.0))
     still = made.experiment.replace(follow=torch.zeros_like(made.experiment.follow))

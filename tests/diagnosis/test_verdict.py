@@ -73,6 +73,8 @@ def test_a_gap_is_judged_in_what_shows_it_more_clearly_positions_or_rotations() 
     assert clearer(moved, turned, Tolerance(1e-3, 0.02)) == POSITION
     assert clearer(moved, hardly, allowed) == POSITION
     assert clearer(nothing, hardly, allowed) == POSITION, "less than the tolerance"
+    more = Closing((0.02**2 + (1.5 * 5e-3) ** 2) ** 0.5, 0.02, None, 0.02, 300)
+    assert clearer(nothing, more, allowed) == ROTATION, "half as much again as the tolerance"
     assert clearer(moved, None, allowed) == POSITION
     assert clearer(None, turned, allowed) == POSITION
 

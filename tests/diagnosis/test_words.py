@@ -110,6 +110,7 @@ def test_what_has_no_sure_size_says_so_and_where_it_acts_and_on_what_it_depends(
     assert "in flight, 2" in law_phrase(law(2.0, variable=None, region="in flight"))
     assert "at x = 1 m" in law_phrase(law(1.0, 2.0, variable="x", variable_unit="m"))
     assert "at height = 1 m" in law_phrase(law(1.0, 2.0, variable="height", variable_unit="m"))
+    assert " at 0.33 m/s" in law_phrase(law(1.0, 2.0, at=(0.0, 1 / 3)))
     assert "with x," in law_phrase(law(1.0, 2.0, variable="x", variable_unit="m"))
 
 
