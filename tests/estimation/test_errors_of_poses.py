@@ -129,6 +129,14 @@ def test_a_frame_is_wild_from_six_deviations_on_from_what_both_sides_lead_to() -
         assert bool(found[0, 30, 0] > 0) is counts
 
 
+@pytest.mark.parametrize("there", [True, False])
+def test_frames_that_are_not_there_excuse_none_beside_them(there: bool) -> None:
+    residual, present = torch.zeros(1, FRAMES, 1, 6).double(), torch.ones(1, FRAMES, 1)
+    residual[0, 30, 0, 3], residual[0, 31, 0, 3] = 20 * NOISE.position, 10 * NOISE.position  # on a line with the next
+    present[0, 31:33] = float(there)
+    assert bool(frame_weights(residual, present, TIME, NOISE)[0, 30, 0] > 0) is there
+
+
 @pytest.mark.parametrize("frames", [1, 2, 3, 4, 5])
 def test_short_recordings_have_weights_and_frames_that_are_not_there_none(frames: int) -> None:
     present = torch.ones(1, frames, 1)
