@@ -148,6 +148,9 @@ def test_what_is_gained_counts_in_fitted_trajectories_and_what_is_confirmed_in_t
     assert not confirmed(before, before), "no better is not better"
     assert confirmed(stand_in("", [1.0]), stand_in("a", [2.0])), "no others contradict"
     assert improves_held_out(before, after)
+    share, others = 0.6 * QUICK.evidence.least, [True, False, False]
+    both = [stand_in(name, [0.0, loss, loss], others) for name, loss in (("", share), ("a", 0.0))]
+    assert improves_held_out(*both), "over all of them together"
     assert not improves_held_out(before, stand_in("a", [0.0, 0.0, 30.0 - QUICK.evidence.least], rows))
     assert [one.names[0] for one in by_prediction([before, after])] == ["a", ""]
     lack: Any = SimpleNamespace(excess=10.0, reach=lambda names: 24.9)
