@@ -39,7 +39,9 @@ SUITES: dict[str, tuple[str, ...]] = {
     "physics/joints.py": ("physics/test_joints.py",),
     "physics/contact.py": ("physics/test_contact_rules.py", "physics/test_collision.py"),
     "physics/contact_problem/lcp.py": ("physics/test_lcp.py", "physics/test_fused.py"),
-    "physics/contact_problem/[!l]*.py": ("physics/test_lcp.py", "physics/test_cones.py", "physics/test_fused.py"),
+    "physics/contact_problem/[!l]*.py": (
+        *("physics/test_lcp.py", "physics/test_cones.py", "physics/test_fused.py", "physics/test_shapes.py"),
+    ),
     "physics/schemes/*.py": ("physics/test_grid.py", "physics/test_fused.py", "physics/test_midpoint.py"),
     "physics/shapes/*.py": ("physics/test_collision.py", "physics/test_shapes.py"),
     "physics/state.py physics/parameters.py physics/world.py physics/effect.py physics/layer.py": (

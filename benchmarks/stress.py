@@ -32,15 +32,15 @@ from torch import Tensor
 
 from physid.physics import Parameters, PhysicsLayer, State, StepInputs, World
 from physid.physics.case import nominal_inputs
-from physid.physics.contact import Patch
+from physid.physics.contact_problem.formulation import formulate
 from physid.physics.contact_problem.lcp import ContactProblem, SolverSettings
+from physid.physics.contact_problem.rows import patches_of
 from physid.physics.fused.stepping import Stepper
 from physid.physics.rotations import rotate, to_matrix
-from physid.physics.schemes.impact import FINE, STANDARD_GRAVITY
 from physid.physics.schemes.integration import Integration, Midpoint, SemiImplicit
 from physid.physics.schemes.motion import drifted
-from physid.physics.shapes.table import find_patches
-from physid.physics.step import Step, advance, build_problem
+from physid.physics.schemes.units import STANDARD_GRAVITY
+from physid.physics.step import Step, advance
 
 BATCH = 2500
 SCHEMES: dict[str, Integration] = {"semi-implicit": SemiImplicit(), "midpoint": Midpoint()}
@@ -81,12 +81,6 @@ class Problems:
         p = self.parameters
         known = Parameters(*(value[worlds] for value in (p.size, p.mass, p.inertia, p.friction, p.restitution)))
         return Problems(State(self.state.pose[worlds], self.state.twist[worlds]), known, self.step[worlds])
-
-
-def patches_of(state: State, inputs: StepInputs, world: World) -> list[Patch]:
-    """Return where bodies touch or may touch."""
-    ground = None if world.ground is None else (inputs.ground_normal, inputs.ground_offset)
-    return find_patches((), state.pose, inputs.size, ground)
 
 
 def uniform(low: float, high: float, *shape: int) -> Tensor:
@@ -158,7 +152,7 @@ def two_boxes(*, upright: bool) -> Problems:
     world, still = World(ground=None), torch.zeros(BATCH, 2, 6, dtype=torch.float64)
     for _ in range(4):  # along the line between them, until the gap is what was drawn
         problems = Problems(State(pose, still), parameters, torch.ones(BATCH))
-        patch = patches_of(problems.state, problems.inputs(world), world)[0]
+        patch = patches_of(problems.state.pose, problems.inputs(world), world)[0]
         gap = torch.where(patch.active, patch.gap, math.inf).amin(1)
         away = (patch.frame[:, 0] * towards).sum(1).clamp_min(0.2)
         pose[:, 1, :2] -= torch.where(gap.isfinite(), 0.9 * gap / away, 0.0)[:, None] * towards[:, :2]
@@ -227,22 +221,15 @@ class Solved:
     def of(cls, problems: Problems, world: World, step: Step) -> Solved:
         """Formulate the problem at the poses of the step, and see what the impulses of a step do in it."""
         state, inputs, h = problems.state, problems.inputs(world), problems.step
-        unit = STANDARD_GRAVITY * (h.clamp_min(FINE) if world.midpoint else h)
-        if world.midpoint:
-            state = drifted(state, inputs, h / 2, gyroscopic=True)
-        arm, patches, empty = (
-            torch.zeros_like(state.position),
-            patches_of(state, inputs, world),
-            h.new_zeros(len(h), 0),
-        )
-        joints = h.new_zeros(len(h), 0, 6 * state.pose.shape[1]), empty
-        problem, scale, _ = build_problem(state, state.twist, arm, patches, inputs, world, (h, unit), joints)
-        impulse = step.impulse / scale[:, None, None]
+        acting = drifted(state, inputs, h / 2, gyroscopic=True) if world.midpoint else state
+        formulation = formulate(acting, state, inputs, world, h)
+        problem, units = formulation.problem, formulation.units
+        impulse = step.impulse / units.impulse[:, None, None]
         pushed = problem.momentum + torch.einsum("bckn,bck->bn", problem.jacobian, impulse)
         velocity, free = (torch.linalg.solve(problem.mass, value) for value in (pushed, problem.momentum))
         relative, without = (torch.einsum("bckn,bn->bck", problem.jacobian, value) for value in (velocity, free))
         size = torch.cat([value.flatten(1).abs() for value in (relative, without, impulse)], 1).amax(1).clamp_min(1)
-        return cls(problem, impulse, velocity, free, relative, unit, size)
+        return cls(problem, impulse, velocity, free, relative, units.velocity, size)
 
     def violation(self, after: State, rigid: Tensor, *, midpoint: bool) -> Tensor:
         """Return the worst violation of Newton, Signorini and Coulomb, of the largest number at hand, shape (B,).
@@ -382,7 +369,7 @@ def plain(problems: Problems, after: State, world: World) -> Tensor:
     That is, turns of less than `RESOLVED`, and ways of less than this share of the shortest edge, with the velocities
     before the step and after it.
     """
-    patches = patches_of(problems.state, problems.inputs(world), world)
+    patches = patches_of(problems.state.pose, problems.inputs(world), world)
     gap = torch.stack([torch.where(patch.active, patch.gap, math.inf).amin(1) for patch in patches], 1).amin(1)
     twist, edge = torch.cat([problems.state.twist, after.twist], 1), problems.parameters.size.amin((1, 2))
     turn, way = (twist[..., part].norm(dim=-1).amax(1) * problems.step for part in (slice(0, 3), slice(3, 6)))

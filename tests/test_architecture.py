@@ -90,7 +90,6 @@ IMPORTING_MORE = {
     "diagnosis/diagnose.py": 13,
     "diagnosis/reference/nominal_fit_cache.py": 10,
     "diagnosis/report/overlay.py": 13,
-    "physics/step.py": 12,
     "training/learners/self_supervised.py": 9,
     "training/learners/video.py": 11,
     "training/vision/model.py": 11,

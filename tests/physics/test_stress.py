@@ -19,6 +19,7 @@ from physid.physics.rotations import conjugate, rotate
 from physid.physics.schemes.impact import LARGEST, late
 from physid.physics.schemes.integration import Midpoint, SemiImplicit
 from physid.physics.schemes.motion import drift
+from physid.physics.shapes.table import find_patches
 
 SCRIPT = Path(__file__).parents[2] / "benchmarks" / "stress.py"
 SCHEMES = [SemiImplicit(), Midpoint()]
@@ -216,12 +217,12 @@ def test_where_two_boxes_touch_does_not_depend_on_how_both_are_turned(upper: tup
 
 @UPPER
 def test_rounding_does_not_decide_which_corners_carry_a_box_that_stands_evenly(
-    stress: ModuleType, upper: tuple[float, float, float]
+    upper: tuple[float, float, float],
 ) -> None:
     start, parameters = turned_stacks(upper, torch.full((64,), math.pi / 4, dtype=DTYPE), torch.zeros(64, dtype=DTYPE))
     generator = torch.Generator().manual_seed(0)
     nudged = start.pose.clone()
     nudged[1:, :, :3] += 1e-14 * torch.randn(63, 2, 3, generator=generator, dtype=DTYPE)
-    (patch,) = stress.find_patches((), nudged, parameters.size, None)
+    (patch,) = find_patches((), nudged, parameters.size, None)
     assert torch.equal(patch.active[1:], patch.active[:1].expand(63, -1))
     torch.testing.assert_close(patch.point[1:], patch.point[:1].expand(63, -1, -1), rtol=0, atol=1e-9)

@@ -1,1 +1,1 @@
-"""The contact problem of one step: its laws of friction, its solution, and the gradient of that."""
+"""The contact problem of one step: how it is formulated, its laws of friction, its solution, the gradient of that."""

@@ -15,7 +15,7 @@ from physid.physics.contact_problem.lcp import SolverSettings
 from physid.physics.effect import StepInputs, widths_of
 from physid.physics.fused.formulas.layouts import CONSTANTS, OF_BODY, OF_WORLD
 from physid.physics.fused.records import Shape
-from physid.physics.schemes.impact import velocity_unit
+from physid.physics.schemes.units import velocity_unit
 from physid.physics.world import World
 
 

@@ -1,1 +1,1 @@
-"""How a step turns forces into motion: time, scheme, free motion, impacts."""
+"""How a step turns forces into motion: time, scheme, units, motion without contacts, impacts, displacement."""

@@ -29,10 +29,7 @@ import torch
 from torch import Tensor
 
 from physid.physics.contact import FLATNESS, Patch
-
-STANDARD_GRAVITY = 9.81
-FINE = 1e-3
-"""Steps shorter than this do not make the unit of velocities smaller: an impact would become too large a number [s]."""
+from physid.physics.schemes.units import STANDARD_GRAVITY
 
 SLOWEST = 0.25
 """An approach slower than this, in units of g h, is that of bodies at rest, and no impact [-]."""
@@ -59,11 +56,6 @@ BRIEF = 1e-4
 SHARPNESS = 32
 """Exponent p of the smooth maximum of shares, sum w^(p + 1) / sum w^p [-]: a mean where they are equal, as in a face
 that lands flat, so that no corner of four is preferred by rounding."""
-
-
-def velocity_unit(step: float, *, midpoint: bool) -> float:
-    """Return the unit of velocities in the contact problem, g h [m/s], for a step h [s]; see also `FINE`."""
-    return STANDARD_GRAVITY * (max(step, FINE) if midpoint else step)
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,14 @@
-"""Bodies that nothing acts on: straight motion of the centre of mass, and the turning of a free body."""
+"""Bodies apart from contacts: mass and momentum under known forces, and the motion of those that nothing acts on."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
 from physid.physics.effect import StepInputs
-from physid.physics.rotations import conjugate, exponential, multiply, normalize, rotate
+from physid.physics.rotations import conjugate, exponential, multiply, normalize, rotate, to_matrix
 from physid.physics.state import State
 
 NEWTON_STEPS = (1, 2)
@@ -17,6 +19,67 @@ DIVERGED = 2.0
 
 TANGENT = ((10395.0, -1260.0, 21.0, 0.0), (10395.0, -4725.0, 210.0, -1.0))
 """tan(x) / x as a ratio of polynomials in x^2, to 1e-13 for x < 0.3 and 1e-9 for x < 1 (Pade)."""
+
+
+@dataclass(frozen=True)
+class MassCentres:
+    """Bodies seen at their centres of mass, about which the laws of motion are written.
+
+    Attributes:
+        state: The state, that of the centres of the boxes.
+        arm: From these to the centres of mass, world frame [m], shape (B, N, 3).
+        twist: Angular and linear velocity of the centres of mass, world frame, shape (B, N, 6).
+    """
+
+    state: State
+    arm: Tensor
+    twist: Tensor
+
+    @classmethod
+    def of(cls, state: State, inputs: StepInputs) -> MassCentres:
+        """See the bodies of a state at their centres of mass."""
+        arm = rotate(state.quaternion, inputs.centre_of_mass)
+        return cls(state, arm, moved(state.twist, arm))
+
+    @property
+    def position(self) -> Tensor:
+        """The centres of mass [m], shape (B, N, 3)."""
+        return self.state.position + self.arm
+
+    def displaced(self, motion: Tensor) -> tuple[Tensor, Tensor]:
+        """Return centres of mass (B, N, 3) and quaternions (B, N, 4) after a turn and a way (B, N, 6) [rad, m]."""
+        position = self.position + motion[..., 3:]
+        return position, normalize(multiply(exponential(motion[..., :3]), self.state.quaternion))
+
+
+def state_of(centre: Tensor, quaternion: Tensor, twist: Tensor, inputs: StepInputs) -> State:
+    """Return the state of bodies from their centres of mass (B, N, 3), quaternions, and twists of the centres."""
+    arm = rotate(quaternion, inputs.centre_of_mass)
+    return State(torch.cat([centre - arm, quaternion], -1), moved(twist, -arm))
+
+
+def newton_euler(bodies: MassCentres, inputs: StepInputs, step: Tensor, *, gyroscopic: bool) -> tuple[Tensor, Tensor]:
+    """Return M (B, N, 6, 6) and p = M v + h f (B, N, 6) (eq. (2) of the paper).
+
+    Args:
+        bodies: Before the step.
+        inputs: Gives masses, moments, and forces.
+        step: h [s], shape (B or 1,).
+        gyroscopic: Whether the torque -w x I w is one of the forces.
+    """
+    axes = to_matrix(bodies.state.quaternion)
+    inertia = (axes * inputs.inertia[..., None, :]) @ axes.mT
+    eye = torch.eye(3, dtype=inertia.dtype, device=inertia.device)
+    zero = torch.zeros_like(inertia)
+    mass = torch.cat([torch.cat([inertia, zero], -1), torch.cat([zero, inputs.mass[..., None, None] * eye], -1)], -2)
+    spin = bodies.twist[..., :3]
+    spin_momentum = (inertia @ spin[..., None])[..., 0]
+    torque = inputs.wrench[..., :3] - torch.linalg.cross(bodies.arm, inputs.wrench[..., 3:])
+    if gyroscopic:
+        torque = torque - torch.linalg.cross(spin, spin_momentum)
+    force = inputs.wrench[..., 3:] + inputs.mass[..., None] * inputs.gravity
+    momentum = torch.cat([spin_momentum, inputs.mass[..., None] * bodies.twist[..., 3:]], -1)
+    return mass, momentum + step[:, None, None] * torch.cat([torque, force], -1)
 
 
 def drift(
@@ -51,11 +114,9 @@ def moved(twist: Tensor, arm: Tensor) -> Tensor:
 
 def drifted(state: State, inputs: StepInputs, time: Tensor, *, gyroscopic: bool) -> State:
     """Return the states after a time [s], shape (B or 1,), in which nothing acts."""
-    arm = rotate(state.quaternion, inputs.centre_of_mass)
-    motion = state.position + arm, state.quaternion, moved(state.twist, arm)
-    centre, quaternion, twist = drift(*motion, inputs.inertia, time, gyroscopic=gyroscopic)
-    arm = rotate(quaternion, inputs.centre_of_mass)
-    return State(torch.cat([centre - arm, quaternion], -1), moved(twist, -arm))
+    bodies = MassCentres.of(state, inputs)
+    motion = bodies.position, state.quaternion, bodies.twist
+    return state_of(*drift(*motion, inputs.inertia, time, gyroscopic=gyroscopic), inputs)
 
 
 def acting(state: State, time: Tensor | None) -> State:

@@ -8,7 +8,8 @@ import torch
 from torch import Tensor
 
 from physid.physics.contact import Patch
-from physid.physics.schemes.impact import FAINT, STANDARD_GRAVITY
+from physid.physics.schemes.impact import FAINT
+from physid.physics.schemes.units import STANDARD_GRAVITY
 
 STEADY = 8.0
 """Slip up to which friction turns with it within the step, in units of g h; beyond, it hardly turns [-]."""

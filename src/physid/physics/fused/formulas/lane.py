@@ -5,7 +5,7 @@ from __future__ import annotations
 from physid.compiler.graph import Value, least, most, size, total, where
 from physid.compiler.section import Record
 from physid.physics.contact_problem.rounding import ROUNDING
-from physid.physics.schemes.impact import FINE, STANDARD_GRAVITY
+from physid.physics.schemes.units import FINE, STANDARD_GRAVITY
 
 WARM_STEPS = 8.0
 """Newton steps that a start from the previous solution may take before the solver starts afresh."""
@@ -30,7 +30,7 @@ def _rung(rung: Value, constants: Record) -> Value:
 
 
 def set_unit(constants: Record, *, midpoint: bool) -> None:
-    """Write the unit of velocities of a step of another length (see `physid.physics.schemes.impact.velocity_unit`)."""
+    """Write the unit of velocities of a step of another length (see `physid.physics.schemes.units.velocity_unit`)."""
     step = constants.one("step")
     constants["unit"] = [STANDARD_GRAVITY * (most(step, FINE) if midpoint else step)]
 

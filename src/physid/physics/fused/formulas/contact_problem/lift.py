@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from physid.compiler.graph import where
 from physid.compiler.section import Record
-from physid.physics.step import FAR
+from physid.physics.contact_problem.rows import FAR
 
 
 def measure(patch: Record, lane: Record) -> None:

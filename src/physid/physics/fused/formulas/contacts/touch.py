@@ -10,10 +10,10 @@ from operator import and_
 from physid.compiler.graph import Value, least, most, root, size, total, where
 from physid.compiler.section import Record
 from physid.physics.contact import FLATNESS
+from physid.physics.contact_problem.rows import FAR, REACH
 from physid.physics.fused.formulas.algebra import Matrix, Vector, add, apply, cross, decay, dot, scale, subtract, unit
 from physid.physics.fused.formulas.schemes.impact import Contact, demand, slip, stuck
 from physid.physics.fused.formulas.schemes.turning import turned, turning
-from physid.physics.step import FAR, REACH
 
 
 def frame_of(normal: Sequence[Value]) -> Matrix:

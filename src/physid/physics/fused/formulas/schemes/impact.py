@@ -10,7 +10,8 @@ from operator import and_, or_
 from physid.compiler.graph import Value, least, most, root, stop, total, where
 from physid.compiler.section import Record
 from physid.physics.fused.formulas.algebra import Vector, decay, dot
-from physid.physics.schemes.impact import FAINT, LARGEST, LOADS, PUSH, SHARPNESS, SLIDING, SLOWEST, STANDARD_GRAVITY
+from physid.physics.schemes.impact import FAINT, LARGEST, LOADS, PUSH, SHARPNESS, SLIDING, SLOWEST
+from physid.physics.schemes.units import STANDARD_GRAVITY
 
 DOUBLINGS = SHARPNESS.bit_length() - 1
 

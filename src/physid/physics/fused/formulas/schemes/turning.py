@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from physid.compiler.graph import Value, least, most, root, where
 from physid.compiler.section import Record
 from physid.physics.fused.formulas.algebra import Vector, dot
-from physid.physics.schemes.impact import FAINT, STANDARD_GRAVITY
+from physid.physics.schemes.impact import FAINT
 from physid.physics.schemes.turning import SPINNING, STEADY, TINY, TURNED, TURNS
+from physid.physics.schemes.units import STANDARD_GRAVITY
 
 
 def slip_after(slip: Vector, change: Vector, most_: Value) -> Vector:

@@ -1,0 +1,182 @@
+"""What contacts contribute to the contact problem of a step: rows of its matrices, patch by patch."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from physid.physics.contact import WARP_COMPLIANCE, Patch
+from physid.physics.effect import StepInputs
+from physid.physics.schemes.impact import bending, damping_time, demand, stuck
+from physid.physics.schemes.motion import MassCentres
+from physid.physics.schemes.turning import turned, turning
+from physid.physics.schemes.units import STANDARD_GRAVITY, Units
+from physid.physics.shapes.table import find_patches
+from physid.physics.world import World
+
+REACH = 0.05
+FAR = 1.0
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Those of the C contacts of a batch of worlds, in the units of the contact problem (see `ContactProblem`).
+
+    Attributes:
+        jacobian: J of the twists of the bodies, shape (B, C, 3, 6 N).
+        modes: J of the redundant modes of the patches, their warps and levers (see `Patch`), shape (B, C, 3, m).
+        offset: c, shape (B, C).
+        slip: What is added to the tangential velocity that friction opposes, shape (B, C, 2).
+        friction: mu, shape (B, C).
+        compliance: k, shape (B, C).
+        share: Which share of the step the impulses act [-], shape (B, C).
+        gap: Distances, negative where the bodies overlap [m], shape (B, C).
+    """
+
+    jacobian: Tensor
+    modes: Tensor
+    offset: Tensor
+    slip: Tensor
+    friction: Tensor
+    compliance: Tensor
+    share: Tensor
+    gap: Tensor
+
+    @property
+    def mode_mass(self) -> Tensor:
+        """The mass of the redundant modes, the inverse of their compliance, shape (B, m, m)."""
+        batch, count = self.modes.shape[0], self.modes.shape[-1]
+        eye = torch.eye(count, dtype=self.modes.dtype, device=self.modes.device)
+        return eye.expand(batch, -1, -1) / WARP_COMPLIANCE
+
+
+def patches_of(pose: Tensor, inputs: StepInputs, world: World) -> list[Patch]:
+    """List where bodies at poses (B, N, 7) touch or may touch the ground, if there is one, and each other."""
+    ground = None if world.ground is None else (inputs.ground_normal, inputs.ground_offset)
+    return find_patches(inputs.shapes, pose, inputs.size, ground)
+
+
+def rows_of(
+    patches: list[Patch], bodies: MassCentres, free: Tensor, inputs: StepInputs, world: World, units: Units
+) -> Rows:
+    """Write the rows of all patches.
+
+    Args:
+        patches: Where bodies touch: those on the ground first.
+        bodies: Where forces act, with the twists before the step.
+        free: Twists after the step if there were no contact, in units of velocities, shape (B, 6 N).
+        inputs: Properties that act during the step.
+        world: Ground and rules.
+        units: The units.
+    """
+    h, unit, batch, count = units.step, units.velocity, *bodies.twist.shape[:2]
+    patches, jacobians, modes = list(patches), [], []
+    offsets, slips, frictions, compliances, shares = [], [], [], [], []
+    for k, patch in enumerate(patches):
+        jacobian = _patch_jacobian(patch, bodies.position)
+        velocity = torch.einsum("bckn,bn->bck", jacobian, bodies.twist.flatten(1) / unit[:, None]) * unit[:, None, None]
+        free_speed = torch.einsum("bckn,bn->bck", jacobian, free)[..., 0] * unit[:, None]
+        friction, restitution, compliance = _pair(patch, inputs)
+        damped = damping_time(compliance, inputs.mass[:, patch.second])
+        correction = (h / (h + damped) if world.midpoint else world.contact.correction) * units.mass / h**2
+        reach = REACH + 2 * h[:, None] * free_speed.detach().abs()
+        exists = patch.active & world.contact.exists(patch.gap, reach)
+        material = friction, restitution, compliance * units.mass, damped
+        moving = bodies.position, bodies.twist, free.unflatten(1, (count, 6)) * unit[:, None, None]
+        offset, slip, share, patch = _demand(patch, (velocity, free_speed), world, material, moving, h, exists)
+        patches[k] = patch
+        shares.append(share)
+        slips.append(torch.where(exists[..., None], slip / unit[:, None, None], 0.0))
+        jacobians.append(torch.where(exists[..., None, None], jacobian, 0.0))
+        offsets.append(torch.where(exists, offset / unit[:, None], FAR))
+        frictions.append(torch.where(exists, friction[:, None], 0.0))
+        compliances.append(torch.where(exists, (compliance * correction)[:, None], 0.0))
+        modes.append(torch.where(exists[..., None], _redundant_modes(patch, exists, patches, inputs, world), 0.0))
+    none = free.new_zeros(batch, 0)
+    return Rows(
+        modes=_place_modes(modes, free),
+        jacobian=torch.cat(jacobians, 1) if jacobians else free.new_zeros(batch, 0, 3, 6 * count),
+        offset=torch.cat(offsets, 1) if offsets else none,
+        slip=torch.cat(slips, 1) if slips else free.new_zeros(batch, 0, 2),
+        friction=torch.cat(frictions, 1) if frictions else none,
+        compliance=torch.cat(compliances, 1) if compliances else none,
+        share=torch.cat(shares, 1) if shares else none,
+        gap=torch.cat([patch.gap for patch in patches], 1) if patches else none,
+    )
+
+
+def _demand(
+    patch: Patch,
+    velocities: tuple[Tensor, Tensor],
+    world: World,
+    material: tuple[Tensor, Tensor, Tensor, Tensor],
+    bodies: tuple[Tensor, Tensor, Tensor],
+    h: Tensor,
+    exists: Tensor,
+) -> tuple[Tensor, Tensor, Tensor, Patch]:
+    """Return offset, slip [m/s] and share of the contacts of a patch, and the patch (see `schemes.impact`).
+
+    `velocities` are those before and the normal ones without contact, `material` friction, restitution, give per
+    gravity and the time of the damper, `bodies` their centres, and twists before and without contact.
+    """
+    friction, restitution, give, time = material
+    if world.midpoint:
+        bend = bending(patch, *bodies[:2])
+        lies = exists & (patch.gap + h[:, None] * velocities[1] / 2 < 0)
+        turns = turning(patch, *bodies[1:], friction, h[:, None], lies)
+        stiffness = restitution, give * STANDARD_GRAVITY, time
+        wanted = demand(patch, velocities, bend, stiffness, h[:, None], exists)
+        patch = dataclasses.replace(patch, together=wanted.together)
+        slip = turned(wanted.slip, stuck(bend, h[:, None]), turns, wanted.hit)
+        return wanted.offset, slip, wanted.share[:, None].expand_as(patch.gap), patch
+    velocity, free_speed = velocities
+    offset = world.contact.offset(patch.gap, velocity[..., 0], free_speed, restitution[:, None], h[:, None])
+    return offset, torch.zeros_like(velocity[..., 1:]), torch.full_like(patch.gap, 0.5), patch
+
+
+def _redundant_modes(patch: Patch, exists: Tensor, patches: list[Patch], inputs: StepInputs, world: World) -> Tensor:
+    """Return the normal rows of a patch's redundant modes, shape (B, 4, 1 or 2)."""
+    if patch.first is None or world.ground is None:
+        return patch.warp()[..., None]
+    standing = patches[patch.first].flatness() * patches[patch.second].flatness()
+    lever = patch.lever(inputs.ground_normal, exists) * standing[:, None]
+    return torch.stack([patch.warp(), lever], -1)
+
+
+def _place_modes(modes: list[Tensor], reference: Tensor) -> Tensor:
+    """Give every mode (B, 4, m) of every patch a column of its own; shape (B, C, 3, sum of m)."""
+    total, column, rows = sum(mode.shape[-1] for mode in modes), 0, []
+    for mode in modes:
+        batch, contacts, count = mode.shape
+        row = reference.new_zeros(batch, contacts, 3, total)
+        row[..., 0, column : column + count] = mode
+        rows.append(row)
+        column += count
+    return torch.cat(rows, 1) if rows else reference.new_zeros(reference.shape[0], 0, 3, 0)
+
+
+def _patch_jacobian(patch: Patch, centres: Tensor) -> Tensor:
+    """Return the rows (B, 4, 3, 6 N) of the velocity of `second` relative to `first`, in the patch's frame."""
+    bodies = centres.shape[1]
+    frame = patch.frame[:, None].expand(-1, patch.point.shape[1], -1, -1)
+    blocks = [torch.zeros(*frame.shape[:3], 6, dtype=frame.dtype, device=frame.device)] * bodies
+    for body, sign in ((patch.second, 1.0), (patch.first, -1.0)):
+        if body is not None:
+            reach = (patch.point - centres[:, None, body])[:, :, None].expand(-1, -1, 3, -1)
+            blocks[body] = sign * torch.cat([torch.linalg.cross(reach, frame), frame], -1)
+    return torch.cat(blocks, -1)
+
+
+def _pair(patch: Patch, inputs: StepInputs) -> tuple[Tensor, Tensor, Tensor]:
+    """Return friction, restitution and compliance [m/N] of a patch, each of shape (B,): products over the pair."""
+    second = patch.second
+    if patch.first is None:
+        friction = inputs.friction[:, second] * inputs.ground_friction[:, second]
+        restitution = inputs.restitution[:, second] + inputs.ground_restitution[:, second]
+        return friction, restitution.clamp_min(0), inputs.compliance[:, second]
+    friction = inputs.friction[:, patch.first] * inputs.friction[:, second] * inputs.body_friction
+    restitution = inputs.restitution[:, patch.first] * inputs.restitution[:, second] + inputs.body_restitution
+    return friction, restitution.clamp_min(0), torch.zeros_like(friction)
