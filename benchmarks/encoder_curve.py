@@ -32,9 +32,11 @@ from physid.training.learners.optimisation import DEFAULT_OPTIMIZER, LARGEST_GRA
 from physid.training.learners.phases import Phases
 from physid.training.learners.supervised import SupervisedID
 from physid.training.parameters.metrics import PoseErrors
-from physid.training.vision import synthetic_images as synthetic_images
-from physid.training.vision.model import ChartName, EncoderFactory, VideoModel, Vision
-from physid.training.vision.synthetic_images import SyntheticImages
+from physid.training.vision.drawing import synthetic_images as synthetic_images
+from physid.training.vision.drawing.synthetic_images import SyntheticImages
+from physid.training.vision.first_look import look_at
+from physid.training.vision.model import VideoModel
+from physid.training.vision.reading import ChartName, EncoderFactory, Vision
 
 CONFIGS = Path(__file__).parents[1] / "configs" / "generate"
 CHARTS: dict[str, ChartName] = {"push": "planar", "slide": "hovering", "collide": "planar"}
@@ -72,7 +74,7 @@ def learn(films: RecordingSet, encoder: EncoderFactory, images: int, *, features
     """Learn from imagined images and print a line now and then."""
     vision = Vision(chart=CHARTS[films.scene.name])
     model = SupervisedID(["block.friction"], encoder=encoder, vision=vision).attach(films.scene).model
-    model.look_at(films, list(range(LOOKED_AT)))
+    look_at(model, films, list(range(LOOKED_AT)))
     seen = recorded(films)
     background = seen[1][:1]
     known = SyntheticImages(frames=512).draw_poses(model, 1)

@@ -34,9 +34,9 @@ from physid.training.learners.phases import Phases
 from physid.training.learners.supervised import SupervisedID
 from physid.training.learners.video import Objective
 from physid.training.refinement.horizon import Horizon
-from physid.training.vision.model import Vision
+from physid.training.vision.drawing.synthetic_images import SyntheticImages
 from physid.training.vision.pose_refinement import PoseRefinement
-from physid.training.vision.synthetic_images import SyntheticImages
+from physid.training.vision.reading import Vision
 
 EPOCHS = 2
 PHASES = {"warm-up": Phases(warm_up=3, refine=0), "joint": Phases(0, 0), "refine": Phases(warm_up=0, refine=3)}

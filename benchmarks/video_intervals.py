@@ -35,8 +35,10 @@ from physid.training.refinement.horizon import Horizon
 from physid.training.refinement.kesten_step import KestenStep
 from physid.training.refinement.normal_equations import NormalEquations
 from physid.training.refinement.refinement import LARGEST_STEP, Readings, add_to
-from physid.training.vision.model import Vision, at_frames, over_time
+from physid.training.vision.first_look import look_at
 from physid.training.vision.pose_refinement import PoseRefinement
+from physid.training.vision.reading import Vision
+from physid.training.vision.shown_frames import at_frames, over_time
 
 CONFIGS = Path(__file__).parents[1] / "configs" / "generate"
 RANGES = {"block.friction": (0.06, 0.25), "block.mass": (1.0, 3.0)}
@@ -86,7 +88,7 @@ def identify(module: SupervisedID, folder: Path) -> dict[str, Bounds]:
     """Return estimates and intervals, with known poses as goals and with those read from images."""
     model = module.model
     data = RecordingsDataModule(folder, video="all", every=FRAMES, fit=("train", "test"), shuffle=False)
-    model.look_at(data.recordings, data.trajectories("fit"))
+    look_at(model, data.recordings, data.trajectories("fit"))
     batch = module.objective.horizon.cut(next(iter(data.train_dataloader())), all_trajectories=True)
     _, encoded = model.read(as_image(batch["frames"]), as_image(batch["background"]))
     goal, real = over_time(encoded.double(), batch)

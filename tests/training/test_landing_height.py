@@ -18,7 +18,8 @@ from physid.training.parameters.pose_loss import PoseLoss
 from physid.training.parameters.trajectories import Trajectories
 from physid.training.refinement.normal_equations import NormalEquations
 from physid.training.vision.landing_height import land
-from physid.training.vision.model import VideoModel, Vision
+from physid.training.vision.model import VideoModel
+from physid.training.vision.reading import Vision
 
 PRECISE = partial(PoseEncoder, layers=Layers(fast=False))
 

@@ -6,9 +6,9 @@ import torch
 from physid.physics.rotations import angle_between
 from physid.scenes import Scene, find_setup
 from physid.training.vision import pose_refinement as pose_refinement
-from physid.training.vision.decoder import Decoder
-from physid.training.vision.model import chart_of
+from physid.training.vision.drawing.decoder import Decoder
 from physid.training.vision.pose_refinement import PoseRefinement
+from physid.training.vision.reading import chart_of
 
 SCENE = find_setup("push").scene
 TOLERANCE = 1e-3  # [m], [rad]; a pixel is 21 mm

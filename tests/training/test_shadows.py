@@ -24,7 +24,7 @@ from physid.training.tracking.films import Drawn, FirstSight
 from physid.training.tracking.shadows import cast_shadow_of
 from physid.training.tracking.track import track
 from physid.training.vision import CastShadow, ground_points
-from physid.training.vision.cast_shadow import axes_of
+from physid.training.vision.drawing.cast_shadow import axes_of
 
 cv2 = pytest.importorskip("cv2")
 LAMP, DARK = np.array([0.9, -0.5]), 0.45  # slope of the light, and the share of it that a shadow takes

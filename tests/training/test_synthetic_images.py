@@ -7,8 +7,9 @@ from physid.networks import Encoding
 from physid.scenes import find_setup
 from physid.training.learners.optimisation import DEFAULT_OPTIMIZER, build_optimizers
 from physid.training.learners.supervised import SupervisedID
-from physid.training.vision.model import VideoModel, chart_of
-from physid.training.vision.synthetic_images import SMOOTH, SyntheticImages, encoding_losses, place_errors
+from physid.training.vision.drawing.synthetic_images import SMOOTH, SyntheticImages, encoding_losses, place_errors
+from physid.training.vision.model import VideoModel
+from physid.training.vision.reading import chart_of
 
 BACKGROUND = torch.full((4, 3, 128, 128), 0.7)
 SIZE = 0.25  # [m]

@@ -23,7 +23,8 @@ from physid.simulators.bullet.camera import Studio
 from physid.training.runs.run import CHECKPOINT, restore
 from physid.training.tracking.track import track
 from physid.training.tracking.tracking_error import smoothed
-from physid.training.vision.decoder import Decoder
+from physid.training.vision.drawing.decoder import Decoder
+from physid.training.vision.first_look import learn_look
 from physid.training.vision.model import VideoModel
 
 PIXEL = 0.0208  # [m] in the middle of the view
@@ -267,7 +268,7 @@ def test_smoothing_keeps_parabolas_and_the_sign_of_quaternions_does_not_matter()
 def test_cut_faces_are_laid_on_drawn_bodies_as_the_decoder_lays_them(films: Path) -> None:
     recordings = RecordingSet(films)
     decoder = Decoder(recordings.scene)
-    decoder.model(recordings, range(len(recordings)))
+    learn_look(decoder, recordings, range(len(recordings)))
     marked = decoder.patches.clone()
     marked[..., :14, :14], marked[..., 0, :14, 18:], marked[..., 1:, :14, 18:] = 0.0, 1.0, 0.0
     pose, background = recordings.read(0).pose, recordings.film(0, [0])[2]

@@ -11,7 +11,7 @@ import torch
 from lightning.pytorch.loggers import WandbLogger
 from torch import Tensor
 
-from physid.training.vision import Pixels, VideoModel, compare, foresee, write_film, write_rows
+from physid.training.vision import Pixels, VideoModel, compare, foresee, predict, write_film, write_rows
 
 PAPER = (0, 30, 60, 120, 180)
 """The frames that the paper shows."""
@@ -48,7 +48,7 @@ class PredictedFilm(L.Callback):
             return
         model, folder = _model_of(pl_module), Path(trainer.default_root_dir)
         with torch.no_grad():
-            prediction = model.predict({name: value[: self.count] for name, value in batch.items()})
+            prediction = predict(model, {name: value[: self.count] for name, value in batch.items()})
         for row, index in enumerate(batch["index"][: self.count].tolist()):
             panels, shown = _panels(model, prediction.rolled, batch, row)
             film, rows = folder / f"prediction_{index:06d}.mp4", folder / f"frames_{index:06d}.png"

@@ -24,7 +24,16 @@ from physid.training.learners.phases import Phase, Phases, epochs_of
 from physid.training.parameters import PhysicalParameters, PoseLoss, Trajectories, mean_over_time
 from physid.training.refinement import Batch, Horizon, Readings, Refinement
 from physid.training.training_module import OptimizerFactory, TrainingModule
-from physid.training.vision import EncoderFactory, SyntheticImages, VideoModel, VideoScores, Vision
+from physid.training.vision import (
+    EncoderFactory,
+    SyntheticImages,
+    VideoModel,
+    VideoScores,
+    Vision,
+    look_at,
+    predict,
+    predict_trajectories,
+)
 
 logger = logging.getLogger("physid")
 SHORT = 1 / 480  # [s] steps that miss little of a stop, and cost a film little beside its images
@@ -114,7 +123,7 @@ class VideoID(TrainingModule):
             self.attach(data.scene)
         if stage == "fit":
             self.phases.check(self.trainer.max_epochs)
-            self.model.look_at(data.recordings, data.trajectories("fit"))
+            look_at(self.model, data.recordings, data.trajectories("fit"))
             if self.vision.weights is not None:
                 take_encoder(self.model, Path(self.vision.weights))
 
@@ -175,11 +184,11 @@ class VideoID(TrainingModule):
 
     def predict_step(self, batch: Batch, batch_idx: int) -> Trajectories:
         """Predict whole trajectories from their first frames, under the recorded or the planned wrenches."""
-        return self.model.foresee(batch)
+        return predict_trajectories(self.model, batch)
 
     def validation_step(self, batch: Batch, batch_idx: int) -> None:
         """Add the errors of poses and video."""
-        self.scores.update(self.model, self.model.predict(batch), batch)
+        self.scores.update(self.model, predict(self.model, batch), batch)
 
     test_step: Any = validation_step
 

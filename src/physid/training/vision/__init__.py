@@ -1,15 +1,19 @@
 """Between frames and poses: encoder, decoder, pose refinement, calibration, synthetic images, predicted video."""
 
 from physid.training.vision.calibration import Calibration
-from physid.training.vision.cast_shadow import CastShadow, ground_points
-from physid.training.vision.decoder import MODELS, Decoder, camera_of
+from physid.training.vision.drawing.cast_shadow import CastShadow, ground_points
+from physid.training.vision.drawing.decoder import Decoder, camera_of
+from physid.training.vision.drawing.predicted_video import Pixels, compare, foresee, write_film, write_rows
+from physid.training.vision.drawing.synthetic_images import SyntheticImages, encoding_losses
+from physid.training.vision.first_look import MODELS, learn_look, look_at
 from physid.training.vision.landing_height import LandingHeight, land
-from physid.training.vision.model import ChartName, EncoderFactory, VideoModel, Vision, at_frames, chart_of, over_time
+from physid.training.vision.model import VideoModel
 from physid.training.vision.pose_cache import PoseCache
 from physid.training.vision.pose_refinement import PoseRefinement
-from physid.training.vision.predicted_video import Pixels, compare, foresee, write_film, write_rows
+from physid.training.vision.prediction import predict, predict_trajectories
+from physid.training.vision.reading import ChartName, EncoderFactory, Vision, chart_of
 from physid.training.vision.scores import VideoScores
-from physid.training.vision.synthetic_images import SyntheticImages, encoding_losses
+from physid.training.vision.shown_frames import at_frames, over_time
 
 __all__ = [
     "MODELS",
@@ -34,7 +38,11 @@ __all__ = [
     "foresee",
     "ground_points",
     "land",
+    "learn_look",
+    "look_at",
     "over_time",
+    "predict",
+    "predict_trajectories",
     "write_film",
     "write_rows",
 ]

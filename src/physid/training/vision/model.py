@@ -4,83 +4,22 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Literal, final
+from typing import final
 
 import torch
 from torch import Tensor, nn
 
-from physid.data import RecordingSet
-from physid.networks import Encoder, Encoding, PlanarChart, PoseChart, SpatialChart, as_image
+from physid.networks import Encoding
 from physid.physics import Parameters, PhysicsLayer, Rollout, State
 from physid.scenes import Scene
-from physid.training.parameters import PhysicalParameters, PoseLoss, Trajectories
+from physid.training.parameters import PhysicalParameters
 from physid.training.vision.calibration import Calibration
-from physid.training.vision.decoder import Decoder, camera_of
 from physid.training.vision.deep_supervision import DeepSupervision
-from physid.training.vision.initial_state import Start
-from physid.training.vision.landing_height import land
-from physid.training.vision.pose_refinement import PoseRefinement
+from physid.training.vision.drawing.decoder import Decoder
+from physid.training.vision.reading import EncoderFactory, Vision, chart_of
 
-ChartName = Literal["planar", "hovering", "spatial"]
-EncoderFactory = Callable[[PoseChart, int, int], Encoder]
-"""Builds an encoder for a chart, and images of so many rows and columns."""
 AT_ONCE = 256
 """Images that are encoded at once where no gradient needs them together."""
-
-
-def chart_of(scene: Scene, name: ChartName) -> PoseChart:
-    """Build the chart of a scene: which poses an encoder can express.
-
-    Args:
-        scene: Gives camera, ground and bodies.
-        name: planar for bodies that lie flat on the ground, hovering for bodies parallel to it at any height, spatial
-            for all poses.
-
-    Raises:
-        ValueError: If the scene has no camera, or it does not look down on the ground.
-    """
-    camera = camera_of(scene)
-    if name == "spatial":
-        return SpatialChart(camera, len(scene.bodies))
-    thickness = scene.sizes[:, 2].tolist()
-    return PlanarChart(camera, scene.ground.normal, scene.ground.offset, thickness, hovering=name == "hovering")
-
-
-@dataclass(frozen=True)
-class Vision:
-    """How frames are read.
-
-    Attributes:
-        chart: Which poses the encoder can express: planar, hovering or spatial (see `chart_of`).
-        start: How the initial state follows from the encoded poses.
-        pose_refinement: How encoded poses are made better by the decoder where no gradient is needed.
-        weights: Checkpoint of another run with the same kind of encoder, which a fit begins with; None for new weights.
-        physics_device: Where trajectories are rolled out; the fastest implementation runs on a CPU.
-    """
-
-    chart: ChartName = "planar"
-    start: Start = Start()
-    pose_refinement: PoseRefinement = PoseRefinement()
-    weights: str | None = None
-    physics_device: str = "cpu"
-
-
-@dataclass(frozen=True)
-class Prediction:
-    """What a model makes of a batch of B trajectories, of which f frames are shown.
-
-    Attributes:
-        encoded: Poses as the encoder reads them from the frames, shape (B, f, N, 7).
-        refined: The same, refined; of bodies that may hover, as far away as the motion over all frames says. Without
-            refinement they are the encoded ones.
-        rolled: Poses rolled out from the first refined one, shape (B, T, N, 7), float64, on the physics' device.
-    """
-
-    encoded: Tensor
-    refined: Tensor
-    rolled: Tensor
 
 
 @final
@@ -144,12 +83,6 @@ class VideoModel(nn.Module):
         refined = self.pose_refinement(self.chart, self.decoder, encoded, image, background)
         return encoded, self.calibration(self.chart, self.decoder.renderer.camera, refined)
 
-    def look_at(self, recordings: RecordingSet, trajectories: Sequence[int]) -> None:
-        """Learn what the bodies look like, and how exactly they are found, from some first frames (see `Decoder`)."""
-        pose, image, background = self.decoder.model(recordings, trajectories)
-        found = self.pose_refinement(self.chart, self.decoder, pose, image, background)
-        self.calibration.measure(self.decoder.renderer.camera, found[:, 0], pose[:, 0], offset=True)
-
     def physical_there(self) -> PhysicalParameters:
         """Return a copy of the learned parameters on the device of the physics."""
         return copy.deepcopy(self.physical).to(self.physics_device)
@@ -176,74 +109,11 @@ class VideoModel(nn.Module):
         Returns:
             Poses, shape (B, T, N, 7), float64, on the device of the physics.
         """
-        return self._rolled(self.initial_state(pose, shown, wrench), wrench).pose
+        return self.rolled(self.initial_state(pose, shown, wrench), wrench).pose
 
-    def _rolled(self, state: State, wrench: Tensor) -> Rollout:
+    def rolled(self, state: State, wrench: Tensor) -> Rollout:
         """Roll out states under wrenches (B, T, N, 6), the last of which is not used."""
         rollout: Rollout = self.layer.rollout(
             state, wrench[:, :-1].to(self.physics_device, torch.float64), self.parameters_there()
         )
         return rollout
-
-    def predict(self, batch: Mapping[str, Any]) -> Prediction:
-        """Encode the frames of a batch of the data module, and roll out its trajectories from the first one."""
-        encoded, refined = self.read(as_image(batch["frames"]), as_image(batch["background"]))
-        rolled = self.roll_out(refined, batch["shown"], batch["wrench"])
-        if self.pose_refinement.steps and isinstance(self.chart, PlanarChart) and self.chart.hovering:
-            refined = self._landed(self.chart, refined, batch)
-        return Prediction(encoded, refined, rolled)
-
-    @torch.no_grad()
-    def _landed(self, chart: PlanarChart, pose: Tensor, batch: Mapping[str, Any]) -> Tensor:
-        """Move refined poses (B, f, N, 7) along the rays from the camera to where the motion says they are."""
-        there, shown = self.physics_device, batch["shown"]
-        state = self.initial_state(pose, shown, batch["wrench"])
-        goal, real = over_time(pose.to(there, torch.float64), batch)
-        wrench = batch["wrench"].to(state.pose)
-        twist = state.twist[:, None].expand(-1, goal.shape[1], -1, -1)
-        given = Trajectories(goal, twist, wrench, batch["length"].to(there), batch["index"].to(there))
-        eye, known = self.decoder.renderer.camera.position, self.parameters_there()
-        landing = land(self.layer, known, chart, eye, PoseLoss(), given, real.to(there))
-        return at_frames(landing.trajectories.pose, shown).to(pose)
-
-    @torch.no_grad()
-    def foresee(self, batch: Mapping[str, Any]) -> Trajectories:
-        """Predict whole trajectories from their first frames, under the recorded wrenches or planned ones.
-
-        Args:
-            batch: A batch of the data module; with `future`, planned wrenches (B, T', N, 6), these count, from the
-                first frame on.
-        """
-        place = self.start.places(batch["shown"])
-        row = torch.arange(len(place), device=place.device)[:, None]
-        _, pose = self.read(as_image(batch["frames"][row, place]), as_image(batch["background"]))
-        state = self.initial_state(pose, batch["shown"][row, place], batch["wrench"])
-        wrench, length = batch["wrench"], batch["length"]
-        if "future" in batch:
-            wrench, length = batch["future"], torch.full_like(length, batch["future"].shape[1])
-        rollout = self._rolled(state, wrench)
-        there = rollout.pose.device
-        return Trajectories(rollout.pose, rollout.twist, wrench.to(rollout.pose), length.to(there), batch["index"])
-
-
-def at_frames(pose: Tensor, shown: Tensor) -> Tensor:
-    """Pick frames (B, f) of poses (B, T, N, 7); frames beyond the end give the last one. Shape (B, f, N, 7)."""
-    shown = shown.to(pose.device).clamp_max(pose.shape[1] - 1)
-    return pose[torch.arange(len(pose), device=pose.device)[:, None], shown]
-
-
-def over_time(encoded: Tensor, batch: Mapping[str, Any]) -> tuple[Tensor, Tensor]:
-    """Spread encoded poses (B, f, N, 7) over the frames of a trajectory.
-
-    Returns:
-        Poses (B, T, N, 7), unturned bodies at the origin where none was encoded, and where one was (B, T).
-    """
-    rows, frames = batch["wrench"].shape[:2]
-    shown = batch["shown"]
-    row, reached = torch.arange(rows, device=shown.device)[:, None].expand_as(shown), shown < batch["length"][:, None]
-    goal = encoded.new_zeros(rows, frames, *encoded.shape[2:])
-    goal[..., 6] = 1.0
-    goal[row[reached], shown[reached]] = encoded[reached]
-    real = torch.zeros(rows, frames, dtype=torch.bool, device=shown.device)
-    real[row[reached], shown[reached]] = True
-    return goal, real

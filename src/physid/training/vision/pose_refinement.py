@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from physid.networks import GaussianBlur, PlanarChart, PoseChart
-from physid.training.vision.decoder import Decoder
+from physid.training.vision.drawing.decoder import Decoder
 
 AT_ONCE = 32
 """Images that are worked on at once."""

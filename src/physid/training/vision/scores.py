@@ -12,7 +12,9 @@ from torchmetrics.image import PeakSignalNoiseRatio, StructuralSimilarityIndexMe
 from physid.networks import as_image
 from physid.scenes import Scene
 from physid.training.parameters import PoseErrors
-from physid.training.vision.model import Prediction, VideoModel, at_frames
+from physid.training.vision.model import VideoModel
+from physid.training.vision.prediction import Prediction
+from physid.training.vision.shown_frames import at_frames
 
 
 @final

@@ -13,7 +13,8 @@ from torch import Tensor
 
 from physid.data.mp4 import write_mp4
 from physid.networks import as_image
-from physid.training.vision.model import VideoModel, at_frames
+from physid.training.vision.model import VideoModel
+from physid.training.vision.shown_frames import at_frames
 
 Pixels = NDArray[np.uint8]
 SCALE = 2

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
 from typing import final
 
 import torch
 from torch import Tensor, nn
 
-from physid.data import RecordingSet
-from physid.networks import PinholeCamera, as_image
+from physid.networks import PinholeCamera
 from physid.networks.appearance import Appearance, cut_appearance
 from physid.networks.renderer import BoxRenderer
 from physid.scenes import Scene
-from physid.training.vision.cast_shadow import CastShadow
+from physid.training.vision.drawing.cast_shadow import CastShadow
 
-MODELS = 16
-"""First frames that the appearance is cut from: enough to see every side of every body in some of them."""
 TEXELS = 32
 
 
@@ -40,7 +36,7 @@ class Decoder(nn.Module):
         scene: Gives the camera and the sizes of the bodies.
 
     Attributes:
-        patches: What the faces look like (see `Appearance`), shape (1, N, 6, 3, P, P); not finite until `model` was
+        patches: What the faces look like (see `Appearance`), shape (1, N, 6, 3, P, P); not finite until `cut` was
             called. They are part of a checkpoint, so that a trained model predicts recordings without masks.
         shadow: What the bodies cast on the ground; None draws none.
 
@@ -56,38 +52,6 @@ class Decoder(nn.Module):
         unknown = torch.full((1, len(scene.bodies), 6, 3, TEXELS, TEXELS), torch.nan)
         self.register_buffer("patches", unknown)
         self.shadow: CastShadow | None = None
-
-    def model(self, recordings: RecordingSet, trajectories: Sequence[int]) -> tuple[Tensor, Tensor, Tensor]:
-        """Cut the appearance out of the first frames of some trajectories, by their masks and initial poses.
-
-        The paper takes shape and appearance of the objects as known in the same way; no other pose is looked at.
-
-        Args:
-            recordings: The set.
-            trajectories: Which of its trajectories; the first 16 are used.
-
-        Returns:
-            What it looked at: poses (M, 1, N, 7), images (M, 1, 3, H, W) and backgrounds (M, 3, H, W).
-
-        Raises:
-            ValueError: If a trajectory has no poses, or a mask does not lie where the initial pose says.
-        """
-        chosen = trajectories[:MODELS]
-        films = [recordings.film(index, [0]) for index in chosen]
-        frame, mask, background = (torch.stack([torch.from_numpy(film[place]) for film in films]) for place in range(3))
-        poses = [recordings.read(index).pose for index in chosen]
-        pose = torch.stack([torch.from_numpy(one[0]) for one in poses if one is not None])
-        if len(pose) < len(chosen):
-            raise ValueError(
-                f"{recordings.folder}: pose: expected initial poses to cut out the bodies' faces, found none"
-            )
-        try:
-            self.cut(as_image(frame[:, 0]), mask, pose)
-        except ValueError as error:
-            names = ", ".join(recordings.paths[index].name for index in chosen)
-            raise ValueError(f"{recordings.folder}: {error} (samples in order: {names})") from None
-        like = self.patches
-        return pose[:, None].to(like), as_image(frame).to(like), as_image(background).to(like)
 
     def cut(self, frame: Tensor, mask: Tensor, pose: Tensor) -> None:
         """Take the look of the bodies from first frames (M, 3, H, W), masks (M, N, H, W) and poses (M, N, 7).
