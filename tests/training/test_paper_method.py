@@ -9,13 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import torch
 
 from physid.cli import main
 from physid.configuration import compose
 from physid.physics.contact_problem.friction import Pyramid
 from physid.training.callbacks.converged import Converged
-from physid.training.learners.self_supervised import SelfSupervisedID
 from physid.training.learners.sysid import SysID
 from physid.training.vision.initial_state import Start
 
@@ -133,18 +131,3 @@ def test_whole_trajectories_of_hits_are_predicted_as_well_as_in_the_paper(tmp_pa
     figures = json.loads((tmp_path / "run" / "metrics.json").read_text())
     assert figures["test/position_error"] < 0.015
     assert not figures["fit/position_explained"], "engines turn bodies differently after a hit, and the fit says so"
-
-
-def test_squares_relative_to_the_empty_scene_are_one_where_nothing_is_drawn() -> None:
-    from physid.scenes import find_setup
-
-    module = SelfSupervisedID(["block.friction"]).attach(find_setup("push").scene)
-    background = torch.rand(2, 3, 128, 128)
-    seen = background[:, None].repeat(1, 3, 1, 1, 1)
-    seen[..., 40:60, 40:60] += 0.3
-    real = torch.ones(2, 3, dtype=torch.bool)
-    for kernel in (5, 128):
-        module.blur.set(kernel, float(kernel))
-        blurred = module.blur(seen)
-        nothing = (blurred - module.blur(background)[:, None]).square().mean()
-        assert torch.isclose(module._unit(blurred, background, real), nothing)

@@ -14,10 +14,9 @@ from physid.training.callbacks.blur_curriculum import BlurCurriculum
 from physid.training.learners.engine import Engine
 from physid.training.learners.phases import Phase, Phases
 from physid.training.learners.video import Objective, VideoID
-from physid.training.parameters import mean_over_time
 from physid.training.refinement import Batch, Readings, spread
 from physid.training.training_module import OptimizerFactory
-from physid.training.vision import EncoderFactory, PoseCache, Vision, at_frames, over_time
+from physid.training.vision import EncoderFactory, PoseCache, Vision, at_frames, left_undrawn, mismatch, over_time
 
 
 @dataclass(frozen=True)
@@ -50,7 +49,6 @@ class SelfSupervisedID(VideoID):
         blur: The present blur.
     """
 
-    usual_encoder = VariationalPoseEncoder
     objective: ImageObjective
 
     def __init__(
@@ -66,6 +64,11 @@ class SelfSupervisedID(VideoID):
     ) -> None:
         super().__init__(learn, values, encoder, vision, objective, phases, engine, optimizer)
         self.memory, self.blur = PoseCache(), GaussianBlur()
+
+    @classmethod
+    def usual_encoder(cls) -> EncoderFactory:
+        """Return the variational encoder."""
+        return VariationalPoseEncoder
 
     @property
     def imagines(self) -> bool:
@@ -87,28 +90,17 @@ class SelfSupervisedID(VideoID):
         encoding = self.model.encode(image, background)
         self.require_finite({"encoded": encoding.pose.sum((1, 2, 3))}, batch)
         seen, real = self.blur(image), shown < batch["length"][:, None]
-        unit = self._unit(seen, background, real) if self.objective.relative else 1.0
-        values["encoded_image"] = mean_over_time(self._mismatch(encoding.pose, seen, background), real) / unit
-        values |= self.divergence(encoding, real)
+        unit = left_undrawn(self.blur, seen, background, real) if self.objective.relative else 1.0
+        values["encoded_image"] = mismatch(self.blur, self.model.decoder(encoding.pose, background), seen, real) / unit
+        values |= self.divergence_loss(encoding.divergence, real)
         if self.phase is Phase.JOINT:
             part = self.objective.horizon.cut(batch)
             some, reached = len(part["shown"]), part["shown"] < part["length"][:, None]
             pose = self.model.roll_out(encoding.pose[:some], part["shown"], part["wrench"])
             ahead = at_frames(pose, part["shown"]).to(image)
-            rolled = mean_over_time(self._mismatch(ahead, seen[:some], background[:some]), reached)
+            rolled = mismatch(self.blur, self.model.decoder(ahead, background[:some]), seen[:some], reached)
             values["rolled_image"] = self.objective.alpha * spread(rolled, len(shown)) / unit
         return values
-
-    def _mismatch(self, pose: Tensor, seen: Tensor, background: Tensor) -> Tensor:
-        """Compare blurred images drawn of poses (B, f, N, 7) with those seen: mean square of the colours, (B, f)."""
-        difference: Tensor = self.blur(self.model.decoder(pose, background)) - seen
-        return difference.square().mean((-3, -2, -1))
-
-    def _unit(self, seen: Tensor, background: Tensor, real: Tensor) -> Tensor:
-        """Return what the empty scenes leave of blurred images (B, f, 3, H, W), in the mean over the real ones."""
-        nothing = (seen - self.blur(background)[:, None]).square().mean((-3, -2, -1))
-        unit: Tensor = nothing[real].mean()
-        return unit
 
     def readings(self, part: Batch) -> Readings:
         """Return the poses that are read from the frames shown."""

@@ -12,7 +12,7 @@ from physid.training.learners.phases import Phase
 from physid.training.learners.video import VideoID
 from physid.training.parameters import mean_over_time
 from physid.training.refinement import Batch, Readings, spread
-from physid.training.vision import at_frames, encoding_losses
+from physid.training.vision import EncoderFactory, at_frames, encoding_losses
 
 
 @final
@@ -23,7 +23,10 @@ class SupervisedID(VideoID):
     of the encoder alone; the paper's encoder is the plain one. Arguments as of `VideoID`.
     """
 
-    usual_encoder = PoseEncoder
+    @classmethod
+    def usual_encoder(cls) -> EncoderFactory:
+        """Return the plain encoder."""
+        return PoseEncoder
 
     def losses(self, batch: Batch) -> dict[str, Tensor]:
         """Compute the losses of each trajectory: of encoded poses, of the latent distributions, of rolled-out poses."""
@@ -36,7 +39,8 @@ class SupervisedID(VideoID):
             values = {name: mean_over_time(value, real) for name, value in apart.items()}
         else:
             values = loss.between(encoding.pose, recorded, real)
-        values = {f"encoded_{name}": value for name, value in values.items()} | self.divergence(encoding, real)
+        values = {f"encoded_{name}": value for name, value in values.items()}
+        values |= self.divergence_loss(encoding.divergence, real)
         if self.phase is Phase.WARM_UP:
             return values | imagined
         self.require_finite(values, batch)

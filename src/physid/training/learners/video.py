@@ -2,41 +2,23 @@
 
 from __future__ import annotations
 
-import logging
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Self
 
-import lightning as L
 import torch
 from torch import Tensor
 from torch.optim import Optimizer
 
-from physid.networks import Encoding, PoseEncoder, VariationalPoseEncoder
-from physid.scenes import Scene
-from physid.training.callbacks.parameter_history import ParameterHistory
-from physid.training.callbacks.predicted_film import PredictedFilm
 from physid.training.learners.engine import Engine
 from physid.training.learners.optimisation import DEFAULT_OPTIMIZER, build_optimizers, take_encoder, take_step
 from physid.training.learners.phases import Phase, Phases, epochs_of
-from physid.training.parameters import PhysicalParameters, PoseLoss, Trajectories, mean_over_time
+from physid.training.learners.video_prediction import VideoPredictingModule
+from physid.training.parameters import PoseLoss, mean_over_time
 from physid.training.refinement import Batch, Horizon, Readings, Refinement
 from physid.training.training_module import OptimizerFactory, TrainingModule
-from physid.training.vision import (
-    EncoderFactory,
-    SyntheticImages,
-    VideoModel,
-    VideoScores,
-    Vision,
-    look_at,
-    predict,
-    predict_trajectories,
-)
-
-logger = logging.getLogger("physid")
-SHORT = 1 / 480  # [s] steps that miss little of a stop, and cost a film little beside its images
+from physid.training.vision import EncoderFactory, SyntheticImages, Vision, look_at
 
 
 @dataclass(frozen=True)
@@ -63,7 +45,7 @@ class Objective:
     horizon: Horizon = Horizon()
 
 
-class VideoID(TrainingModule):
+class VideoID(TrainingModule, VideoPredictingModule):
     """Learn an encoder and physical parameters from video, in phases (see `Phases`).
 
     Args:
@@ -80,10 +62,6 @@ class VideoID(TrainingModule):
         model: Encoder, physics and decoder, once the scene is known.
     """
 
-    usual_encoder: ClassVar[type[PoseEncoder | VariationalPoseEncoder]]
-    model: VideoModel
-    scores: VideoScores
-
     def __init__(
         self,
         learn: Sequence[str] | None = None,
@@ -98,13 +76,13 @@ class VideoID(TrainingModule):
         super().__init__(optimizer or DEFAULT_OPTIMIZER)
         self.automatic_optimization = False
         self.learn, self.values, self.phases, self.engine = learn, values, phases, engine
-        self.objective, self.vision, self._encoder = objective, vision, encoder or type(self).usual_encoder
+        self.objective, self.vision, self._encoder = objective, vision, encoder or self.usual_encoder()
         self.refinement = Refinement(objective.pose_loss)
 
-    @property
-    def physical(self) -> PhysicalParameters:
-        """The physical parameters."""
-        return self.model.physical
+    @classmethod
+    @abstractmethod
+    def usual_encoder(cls) -> EncoderFactory:
+        """Return what builds the paper's encoder with this method."""
 
     @property
     def phase(self) -> Phase:
@@ -118,34 +96,13 @@ class VideoID(TrainingModule):
 
     def setup(self, stage: str) -> None:
         """Take the scene from the data module, the first time, and look at the bodies before a fit."""
-        data = self.trainer.datamodule  # type: ignore[attr-defined]
-        if not hasattr(self, "model"):
-            self.attach(data.scene)
+        super().setup(stage)
         if stage == "fit":
+            data = self.trainer.datamodule  # type: ignore[attr-defined]
             self.phases.check(self.trainer.max_epochs)
             look_at(self.model, data.recordings, data.trajectories("fit"))
             if self.vision.weights is not None:
                 take_encoder(self.model, Path(self.vision.weights))
-
-    def attach(self, scene: Scene) -> Self:
-        """Build encoder, physics, parameters and metrics for a scene; returns itself."""
-        physical = PhysicalParameters(scene, self.learn, self.values, self.engine.known_effects())
-        layer = self.engine.layer(scene, physical.effects)
-        if self.engine.chooses(scene):
-            logger.warning(
-                "what learns from films, or predicts by it, chooses no steps of the engine: it takes one from frame "
-                "to frame (%.3g ms), and misses when within it a block stops, turns around or hits; "
-                "model.engine.substeps=%d takes steps of about 2 ms",
-                1e3 * scene.time_step,
-                max(1, round(scene.time_step / SHORT)),
-            )
-        self.model = VideoModel(scene, physical, layer, self._encoder, self.vision)
-        self.scores = VideoScores(scene)
-        return self
-
-    def configure_callbacks(self) -> list[L.Callback]:
-        """Keep the history of the parameters, and show what is predicted."""
-        return [ParameterHistory(), PredictedFilm()]
 
     def configure_optimizers(self) -> list[Optimizer]:  # type: ignore[override]
         """Build the optimizer that follows the gradient, and the one that takes the steps of the last phase."""
@@ -160,11 +117,11 @@ class VideoID(TrainingModule):
         objective, weight = self.objective, self.objective.pose_loss.rotation_weight
         return objective.synthetic_images.losses(self.model, background, weight, features=objective.deep_supervision)
 
-    def divergence(self, encoding: Encoding, real: Tensor) -> dict[str, Tensor]:
-        """Compute what latent distributions of the real images (B, f) cost, shape (B,), if there are any."""
+    def divergence_loss(self, divergence: Tensor, real: Tensor) -> dict[str, Tensor]:
+        """Compute what divergences (B, f) of latent distributions cost over real images, (B,), if there are any."""
         if not self.model.encoder.variational:
             return {}
-        return {"divergence": self.objective.beta * mean_over_time(encoding.divergence, real)}
+        return {"divergence": self.objective.beta * mean_over_time(divergence, real)}
 
     def indices(self, batch: Batch) -> Tensor:
         """Return the trajectory of each value of a loss."""
@@ -181,21 +138,3 @@ class VideoID(TrainingModule):
             return
         part = self.objective.horizon.cut(batch, all_trajectories=True)
         self.refinement.add(self, self.model, part, self.readings(part))
-
-    def predict_step(self, batch: Batch, batch_idx: int) -> Trajectories:
-        """Predict whole trajectories from their first frames, under the recorded or the planned wrenches."""
-        return predict_trajectories(self.model, batch)
-
-    def validation_step(self, batch: Batch, batch_idx: int) -> None:
-        """Add the errors of poses and video."""
-        self.scores.update(self.model, predict(self.model, batch), batch)
-
-    test_step: Any = validation_step
-
-    def on_validation_epoch_end(self) -> None:
-        """Log the errors."""
-        self.log_dict(self.scores.take("val"))
-
-    def on_test_epoch_end(self) -> None:
-        """Log the errors."""
-        self.log_dict(self.scores.take("test"))

@@ -2,6 +2,7 @@
 
 from physid.training.vision.calibration import Calibration
 from physid.training.vision.drawing.cast_shadow import CastShadow, ground_points
+from physid.training.vision.drawing.comparison import left_undrawn, mismatch
 from physid.training.vision.drawing.decoder import Decoder, camera_of
 from physid.training.vision.drawing.predicted_video import Pixels, compare, foresee, write_film, write_rows
 from physid.training.vision.drawing.synthetic_images import SyntheticImages, encoding_losses
@@ -39,7 +40,9 @@ __all__ = [
     "ground_points",
     "land",
     "learn_look",
+    "left_undrawn",
     "look_at",
+    "mismatch",
     "over_time",
     "predict",
     "predict_trajectories",
