@@ -51,7 +51,7 @@ LISTED = {
     "estimation/prediction/segments.py": {16, 32, 64, 128, 240},  # CLASSES; the usual frame rate
 }
 CONSTANTS = {
-    "diagnosis/reference/nominal_fit_cache.py": {"LAYOUT"},  # version of a file
+    "diagnosis/reference/stored_fit.py": {"LAYOUT"},  # version of a file
     "diagnosis/conclusion/fitted_model.py": {"DIGITS"},  # of what is written
     "diagnosis/conclusion/gap.py": {"ROTATION, POSITION"},  # columns
     "estimation/least_squares/covariance.py": {"CONFIDENCE"},  # what intervals mean by default

@@ -14,13 +14,12 @@ from physid.data import RecordingSet
 from physid.diagnosis.conclusion.conclusion import draw_conclusion
 from physid.diagnosis.conclusion.fitted_model import save_model
 from physid.diagnosis.document.document import Diagnosis
-from physid.diagnosis.inputs import load_observations, read_nominal_model, require_usable
+from physid.diagnosis.inputs import read_inputs
 from physid.diagnosis.progress import Progress, Stage, silent
 from physid.diagnosis.reference.nominal_fit_cache import clear_cache, fit_or_resume
 from physid.diagnosis.results import write_results
 from physid.diagnosis.selection.attribution import attribute
 from physid.diagnosis.settings.settings import Settings
-from physid.effects import candidates_beside
 from physid.one_writer import one_writer
 from physid.physics import Effect
 
@@ -65,12 +64,9 @@ def diagnose(
     """
     begun, generator = time.perf_counter(), torch.Generator().manual_seed(seed)
     say(Stage.READING)
-    observations = load_observations(recordings, transfer, limit, settings.roles)
-    believed = read_nominal_model(observations.scene, model)
-    require_usable(observations, settings.requirements, settings.noise)
-    candidates = candidates_beside(believed.effects, effects)
+    inputs = read_inputs(recordings, transfer, model, effects, limit, settings)
     with one_writer(out):
-        nominal_fit = fit_or_resume(out, observations, believed, candidates, generator, settings, say)
+        nominal_fit = fit_or_resume(out, inputs, generator, settings, say)
         found = attribute(nominal_fit, generator, say)
         conclusion = draw_conclusion(nominal_fit, found, generator)
         say(Stage.WRITING)
@@ -79,5 +75,5 @@ def diagnose(
         write_results(out, document, nominal_fit, found, conclusion)
         clear_cache(out)
         if save is not None:
-            save_model(save, observations.folder, believed, conclusion)
+            save_model(save, inputs.observations.folder, inputs.model, conclusion)
     return document

@@ -1,0 +1,68 @@
+"""A fitted nominal model as the tensors and plain values of a file, and back."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+from physid.data.observations.step_grid import StepGrid
+from physid.diagnosis.inputs import Inputs
+from physid.diagnosis.reference.nominal_fit import NONE, NominalFit
+from physid.diagnosis.settings.settings import Settings
+from physid.estimation.least_squares import Directions, Experiment
+from physid.estimation.measurement import Noise
+from physid.estimation.prediction import Predictor, Segmentation, Variants
+
+LAYOUT = 3  # of what is stored; another one is not read
+GRID = ("steps", "wrench", "frame_step", "count")
+WINDOWS = ("trajectory", "start", "size", "contact")
+POINT = ("pose", "twist", "nominal", "effects", "engine")
+
+
+def to_tensors(nominal_fit: NominalFit) -> dict[str, Any]:
+    """Return what a fit consists of beside what it was made from."""
+    experiment, segments = nominal_fit.experiment, nominal_fit.experiment.predictor.segments
+    state = {name: getattr(segments, name) for name in WINDOWS}
+    state |= {f"grid.{name}": getattr(experiment.predictor.timeline.grid, name) for name in GRID}
+    if (late := experiment.predictor.late) is not None:
+        state |= {f"late.{name}": getattr(late.grid, name) for name in GRID}
+    state |= {f"point.{name}": getattr(nominal_fit.fit.point, name) for name in POINT}
+    state |= {name: getattr(experiment, name) for name in ("scale", "engine", "follow")}
+    state |= {"frame": experiment.directions.frame, "free": experiment.directions.free, "phases": nominal_fit.phases}
+    state |= {"events": nominal_fit.events}
+    state |= {"noise": (nominal_fit.noise.rotation, nominal_fit.noise.position)}
+    state |= {"factors": None if nominal_fit.noise.error is None else nominal_fit.noise.error.factors}
+    return state
+
+
+def from_tensors(state: Mapping[str, Any], inputs: Inputs, settings: Settings) -> NominalFit:
+    """Put a fit together again from what `to_tensors` returned, and from what it was made from."""
+    observations = inputs.observations
+    segments = Segmentation(*observations.pose.shape[:2], *(state[name] for name in WINDOWS))
+    grids = {
+        kind: dataclasses.replace(observations.timeline, grid=StepGrid(*(state[f"{kind}.{name}"] for name in GRID)))
+        for kind in ("grid", "late")
+        if f"{kind}.steps" in state
+    }
+    predictor = Predictor(inputs.model, grids["grid"], segments, inputs.candidates, late=grids.get("late"))
+    directions = Directions(state["frame"], state["free"])
+    experiment = Experiment(
+        predictor,
+        observations.pose,
+        state["scale"],
+        observations.fitted,
+        directions,
+        state["engine"],
+        state["follow"],
+        settings.least_squares,
+        observations.common,
+    )
+    fit = experiment.linearise(Variants(*(state[f"point.{name}"] for name in POINT)), NONE)
+    rotation, position = map(float, state["noise"])
+    error = observations.error
+    if error is not None:
+        rotations, positions = map(float, state["factors"])
+        error = dataclasses.replace(error, factors=(rotations, positions), sure=settings.noise.sure)
+    noise = Noise(rotation, position, error, settings.noise.least)
+    return NominalFit(observations, experiment, fit, noise, state["phases"], state["events"], settings)
