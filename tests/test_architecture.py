@@ -65,6 +65,7 @@ ROOMS = {
         "posterior",
         "conclusion",
         "report",
+        "fitted_model.py",
         "results.py",
         "diagnose.py",
     ),
@@ -86,7 +87,6 @@ LISTS = {
 }
 IMPORTING_MORE = {
     "commands/diagnoses.py": 9,
-    "diagnosis/conclusion/conclusion.py": 15,
     "diagnosis/diagnose.py": 12,
     "diagnosis/report/overlay.py": 13,
 }

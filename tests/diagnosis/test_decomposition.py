@@ -11,7 +11,8 @@ import torch
 from tests.diagnosis.documents import diagnosis
 
 from physid.diagnosis.conclusion import decomposition
-from physid.diagnosis.conclusion.decomposition import closings_of, shapley
+from physid.diagnosis.conclusion.closings import closings_of
+from physid.diagnosis.conclusion.decomposition import shapley
 from physid.diagnosis.conclusion.gap import POSITION, ROTATION, Closing, Interval
 from physid.diagnosis.document.document import Split, check_diagnosis
 from physid.diagnosis.document.sentences import how_far_sentence

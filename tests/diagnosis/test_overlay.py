@@ -45,7 +45,7 @@ def drawn(films: Path, out: Path, before: torch.Tensor, after: torch.Tensor | No
     observations = load_observations(recordings)
     chosen = None if after is None else model_off_by(observations, after)
     sources = [(recordings, index) for index in range(len(recordings))]
-    found: Any = SimpleNamespace(shown=chosen)
+    found: Any = SimpleNamespace(judgement=SimpleNamespace(shown=chosen))
     return overlay(out, sources, observations, model_off_by(observations, before), found)
 
 

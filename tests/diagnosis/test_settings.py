@@ -36,7 +36,6 @@ LISTED = {
     "diagnosis/reference/null_simulations.py": {12},  # the same of one line, 12 sigma^2 / n^3
     "diagnosis/testing/null_tails.py": {9},  # Wilson and Hilferty 1931
     "diagnosis/conclusion/localisation.py": {4},  # digits
-    "diagnosis/conclusion/fitted_model.py": {6, 12, 120},  # epochs of a configuration that is written
     "estimation/least_squares/covariance.py": {0.9},  # CONFIDENCE
     "estimation/least_squares/discretisation.py": {4},  # an axis, and the quarter that the settings describe
     "estimation/least_squares/experiment.py": {4},  # an axis
@@ -52,7 +51,6 @@ LISTED = {
 }
 CONSTANTS = {
     "diagnosis/reference/stored_fit.py": {"LAYOUT"},  # version of a file
-    "diagnosis/conclusion/fitted_model.py": {"DIGITS"},  # of what is written
     "diagnosis/conclusion/gap.py": {"ROTATION, POSITION"},  # columns
     "estimation/least_squares/covariance.py": {"CONFIDENCE"},  # what intervals mean by default
     "estimation/least_squares/jacobian.py": {

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from diagnosis.documents import NAMED, said
-from physid.diagnosis.conclusion.metrics import figures_of
+from physid.diagnosis.document.flat_figures import figures_of
 from physid.training.runs.loggers import log_result
 
 HEAD, BLOCK = 7, 32768  # of a log as LevelDB writes it: after a head come records in blocks, each with a head, too

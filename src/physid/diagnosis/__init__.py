@@ -1,8 +1,8 @@
 """The diagnosis of a sim-to-real gap: which effect a nominal model lacks, where, and how far the gap closes with it."""
 
-from physid.diagnosis.conclusion.metrics import figures_of as figures_of
 from physid.diagnosis.document.document import Diagnosis as Diagnosis
 from physid.diagnosis.document.document import read_diagnosis as read_diagnosis
+from physid.diagnosis.document.flat_figures import figures_of as figures_of
 from physid.diagnosis.document.sentences import summary_lines as summary_lines
 from physid.diagnosis.progress import Progress as Progress
 from physid.diagnosis.progress import Stage as Stage

@@ -12,8 +12,8 @@ import torch
 
 from physid.data import RecordingSet
 from physid.diagnosis.conclusion.conclusion import draw_conclusion
-from physid.diagnosis.conclusion.fitted_model import save_model
 from physid.diagnosis.document.document import Diagnosis
+from physid.diagnosis.fitted_model import save_model
 from physid.diagnosis.inputs import read_inputs
 from physid.diagnosis.progress import Progress, Stage, silent
 from physid.diagnosis.reference.nominal_fit_cache import clear_cache, fit_or_resume

@@ -8,7 +8,8 @@ from math import factorial
 
 import torch
 
-from physid.diagnosis.conclusion.gap import POSITION, Closing, closing, errors_of, floors_of, held_out_parts, values_of
+from physid.diagnosis.conclusion.closings import BySplit, Kinds, closings_of
+from physid.diagnosis.conclusion.gap import Closing
 from physid.diagnosis.document.document import Split
 from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.selection.contact_free import refit_all_segments
@@ -16,42 +17,11 @@ from physid.diagnosis.selection.search import Attribution
 from physid.diagnosis.testing import Hypothesis, begin_hypothesis, finish_hypothesis
 from physid.physics import SolverError
 
-Closings = Mapping[Split, Closing | None]
-Kinds = Mapping[Split, int]
-"""What shows the gap on each split: positions or rotations."""
-
-
-def closings_of(
-    nominal_fit: NominalFit,
-    nominal: Hypothesis,
-    best: Hypothesis | None,
-    generator: torch.Generator,
-    kind: int = POSITION,
-) -> dict[Split, Closing | None]:
-    """Compare errors before and after on each part of the recordings that nothing was fitted to.
-
-    Args:
-        nominal_fit: The recordings.
-        nominal: The model without effects.
-        best: With effects; None where there are none.
-        generator: Of the intervals' bootstrap.
-        kind: Of positions, or of rotations.
-    """
-    before = errors_of(nominal, kind)
-    after = before if best is None else errors_of(best, kind)
-    floors = floors_of(nominal.experiment, nominal_fit.noise, kind)
-    values = values_of(nominal.experiment, kind)
-    parts = held_out_parts(nominal_fit.observations)
-    return {
-        name: closing(before, after, floors, values, chosen, nominal_fit.settings.gap, generator)
-        for name, chosen in parts.items()
-    }
-
 
 def decompose(
     nominal_fit: NominalFit,
     found: Attribution,
-    together: Closings,
+    together: BySplit,
     kinds: Kinds,
     generator: torch.Generator,
 ) -> dict[Split, dict[str, float]]:
@@ -76,7 +46,7 @@ def decompose(
     whole = {split: one.shrink.value for split, one in together.items() if one is not None and one.shrink is not None}
     if best is None or not whole:
         return {}
-    closed: dict[frozenset[str], Closings] = {}
+    closed: dict[frozenset[str], BySplit] = {}
     for some in (chosen for size in range(1, len(best.names)) for chosen in combinations(best.names, size)):
         fitted = _of_effects(nominal_fit, found, some)
         if fitted is None:

@@ -37,7 +37,7 @@ def draw(title: str, nominal_fit: NominalFit, found: Attribution, conclusion: Co
             split,
             np.arange(frames, dtype=np.float64) * step,
             _curve(found.whole_nominal, chosen),
-            None if conclusion.shown is None else _curve(conclusion.shown, chosen),
+            None if conclusion.judgement.shown is None else _curve(conclusion.judgement.shown, chosen),
         )
         for split, chosen in parts.items()
         if bool(chosen.any())

@@ -56,7 +56,7 @@ def overlay(
     scene = observations.scene
     if row is None or scene.camera is None:
         return None
-    models = [nominal] + ([] if conclusion.shown is None else [conclusion.shown])
+    models = [nominal] + ([] if conclusion.judgement.shown is None else [conclusion.judgement.shown])
     length = int(observations.present[row, :, 0].sum())
     shown = np.unique(np.linspace(0, length - 1, min(length, MOST_FRAMES)).astype(int))
     away = torch.stack([_smooth(model.fit.residual[row, :length])[shown] for model in models])

@@ -27,7 +27,7 @@ def save_model(path: Path, recordings: Path, model: NominalModel, conclusion: Co
         model: The nominal model.
         conclusion: What was found; without effects the nominal model is written, refitted.
     """
-    diagnosis, chosen = conclusion.diagnosis, conclusion.chosen
+    diagnosis, chosen = conclusion.diagnosis, conclusion.judgement.chosen
     known = {kind.name for kind in CATALOGUE}
     effects = {effect.name: _values(effect.values()) for effect in model.effects}
     effects |= {
