@@ -16,8 +16,9 @@ from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig
 from physid.diagnosis.inputs.observations import Observations, load_observations
 from physid.diagnosis.report.contents import Overlay, ReportData
+from physid.diagnosis.report.enlargement import LARGER, VISIBLE
 from physid.diagnosis.report.outlines import SIDE, draw_panel, view_of
-from physid.diagnosis.report.overlay import FILM, LARGER, VISIBLE, overlay
+from physid.diagnosis.report.overlay import FILM, overlay
 from physid.diagnosis.report.page import render
 
 LARGEST_PAGE = 3_000_000
@@ -41,12 +42,13 @@ def model_off_by(observations: Observations, shift: torch.Tensor) -> Any:
 
 
 def drawn(films: Path, out: Path, before: torch.Tensor, after: torch.Tensor | None) -> Overlay | None:
-    recordings = RecordingSet(films)
-    observations = load_observations(recordings)
-    chosen = None if after is None else model_off_by(observations, after)
-    sources = [(recordings, index) for index in range(len(recordings))]
-    found: Any = SimpleNamespace(judgement=SimpleNamespace(shown=chosen))
-    return overlay(out, sources, observations, model_off_by(observations, before), found)
+    observations = load_observations(RecordingSet(films))
+    judged: Any = SimpleNamespace(
+        nominal_fit=SimpleNamespace(observations=observations),
+        found=SimpleNamespace(whole_nominal=model_off_by(observations, before)),
+        shown=None if after is None else model_off_by(observations, after),
+    )
+    return overlay(out, judged)
 
 
 def test_the_held_out_trajectory_that_is_missed_most_is_drawn_and_small_differences_are_enlarged(

@@ -22,6 +22,7 @@ ROOMS = (
 )  # fmt: skip
 """Where a diagnosis decides; `document` and `report` only present it."""
 FILES = [
+    ROOT / "diagnosis/analysis.py",
     ROOT / "diagnosis/diagnose.py",
     ROOT / "inspection/usability.py",
     *(path for room in ROOMS for path in sorted((ROOT / room).glob("*.py"))),

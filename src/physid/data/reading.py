@@ -13,7 +13,7 @@ import yaml
 from torch import Tensor
 
 from physid.data.files import write_text
-from physid.data.format import RecordingSet
+from physid.data.format import DESCRIPTION, RecordingSet
 from physid.typed_files import CLOSED, read_yaml_as
 
 FILE, ECHO = "reading.yaml", "echo"
@@ -64,7 +64,15 @@ def read_reading(folder: Path) -> Reading | None:
 def echo_of(recordings: RecordingSet) -> RecordingSet | None:
     """Return the poses of a set, drawn and read again; None where they were not read from films."""
     folder = recordings.folder / ECHO
-    return RecordingSet(folder) if (folder / "recording.yaml").is_file() else None
+    return RecordingSet(folder) if (folder / DESCRIPTION).is_file() else None
+
+
+def film_of(recordings: RecordingSet, index: int) -> tuple[RecordingSet, int]:
+    """Return where the film of a trajectory is: in its own set, or in that from which its poses were read."""
+    reading = read_reading(recordings.folder)
+    if reading is None or not (Path(reading.films) / DESCRIPTION).is_file():
+        return recordings, index
+    return RecordingSet(reading.films), index
 
 
 def stretch_of(pose: Tensor, target: Sequence[float]) -> Tensor:

@@ -8,19 +8,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import torch
-
 from physid.data import RecordingSet
-from physid.diagnosis.conclusion.conclusion import draw_conclusion
+from physid.diagnosis.analysis import analyse
 from physid.diagnosis.document.document import Diagnosis
-from physid.diagnosis.fitted_model import save_model
 from physid.diagnosis.inputs import read_inputs
 from physid.diagnosis.progress import Progress, Stage, silent
-from physid.diagnosis.reference.nominal_fit_cache import clear_cache, fit_or_resume
-from physid.diagnosis.results import write_results
-from physid.diagnosis.selection.attribution import attribute
+from physid.diagnosis.results import results_in, write_results
 from physid.diagnosis.settings.settings import Settings
-from physid.one_writer import one_writer
 from physid.physics import Effect
 
 DEFAULT = Settings()
@@ -62,18 +56,13 @@ def diagnose(
         ValueError: If the recordings or the model cannot be used; the message says what is missing.
         FolderInUseError: If another process writes into the output folder.
     """
-    begun, generator = time.perf_counter(), torch.Generator().manual_seed(seed)
+    begun = time.perf_counter()
     say(Stage.READING)
     inputs = read_inputs(recordings, transfer, model, effects, limit, settings)
-    with one_writer(out):
-        nominal_fit = fit_or_resume(out, inputs, generator, settings, say)
-        found = attribute(nominal_fit, generator, say)
-        conclusion = draw_conclusion(nominal_fit, found, generator)
+    with results_in(out):
+        conclusion = analyse(inputs, out, seed, settings, say)
         say(Stage.WRITING)
         seconds = float(f"{time.perf_counter() - begun:.3g}")
         document = dataclasses.replace(conclusion.diagnosis, seconds=seconds)
-        write_results(out, document, nominal_fit, found, conclusion)
-        clear_cache(out)
-        if save is not None:
-            save_model(save, inputs.observations.folder, inputs.model, conclusion)
+        write_results(out, document, conclusion, save)
     return document

@@ -11,23 +11,22 @@ import yaml
 from physid.data.files import write_text
 from physid.diagnosis.conclusion.conclusion import Conclusion
 from physid.effects import CATALOGUE
-from physid.estimation.prediction import NominalModel
 
 DIGITS = 6
 
 
-def save_model(path: Path, recordings: Path, model: NominalModel, conclusion: Conclusion) -> None:
+def save_model(path: Path, conclusion: Conclusion) -> None:
     """Write a configuration of `physid fit`: parameters start from their new estimates, the effects are at work.
 
     An effect of a user's own file cannot be named in a configuration: it is left out, and a comment says so.
 
     Args:
         path: The file, NAME.yaml.
-        recordings: What shall be fitted.
-        model: The nominal model.
         conclusion: What was found; without effects the nominal model is written, refitted.
     """
     diagnosis, chosen = conclusion.diagnosis, conclusion.judgement.chosen
+    nominal_fit = conclusion.judgement.nominal_fit
+    model = nominal_fit.experiment.predictor.model
     known = {kind.name for kind in CATALOGUE}
     effects = {effect.name: _values(effect.values()) for effect in model.effects}
     effects |= {
@@ -50,7 +49,7 @@ def save_model(path: Path, recordings: Path, model: NominalModel, conclusion: Co
         },
         "data": {
             "class_path": "physid.data.batches.datamodule.RecordingsDataModule",
-            "folder": str(recordings),
+            "folder": str(nominal_fit.observations.folder),
             "shuffle": False,
         },
         "trainer": {"accelerator": "cpu", "max_epochs": 12},

@@ -2,37 +2,48 @@
 
 from __future__ import annotations
 
-import dataclasses
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from physid.data.files import write_text
 from physid.diagnosis.conclusion.conclusion import Conclusion
 from physid.diagnosis.document.document import Diagnosis, write_diagnosis
-from physid.diagnosis.reference.nominal_fit import NominalFit
+from physid.diagnosis.fitted_model import save_model
+from physid.diagnosis.reference.nominal_fit_cache import clear_cache
 from physid.diagnosis.report.figures import draw
-from physid.diagnosis.report.overlay import overlay
 from physid.diagnosis.report.page import write_report
-from physid.diagnosis.selection.search import Attribution
+from physid.one_writer import one_writer
 
 NEXT = "next_experiment.yaml"
 
 
-def write_results(
-    out: Path, document: Diagnosis, nominal_fit: NominalFit, found: Attribution, conclusion: Conclusion
-) -> None:
+@contextmanager
+def results_in(out: Path) -> Iterator[None]:
+    """Be the only diagnosis that writes into a folder; once it has ended, nothing but results is left there.
+
+    One that is interrupted leaves what it goes on from.
+
+    Raises:
+        FolderInUseError: If another process writes into it.
+    """
+    with one_writer(out):
+        yield
+        clear_cache(out)
+
+
+def write_results(out: Path, document: Diagnosis, conclusion: Conclusion, save: Path | None = None) -> None:
     """Write report.html, diagnosis.json and, where one would help, next_experiment.yaml.
 
     Args:
         out: The folder.
         document: What diagnosis.json holds.
-        nominal_fit: The recordings and the fitted nominal model.
-        found: What the search found.
-        conclusion: What was concluded, with the hypotheses behind it.
+        conclusion: What was concluded, with the fits and the hypotheses behind it.
+        save: Where to write the model with what was found, as a configuration of `physid fit`; None for nowhere.
     """
-    observations = nominal_fit.observations
-    data = draw(observations.title, nominal_fit, found, conclusion, document.seconds or 0.0)
-    film = overlay(out, observations.sources, observations, found.whole_nominal, conclusion)
-    write_report(out, document, dataclasses.replace(data, overlay=film))
+    write_report(out, document, draw(out, conclusion, document.seconds or 0.0))
     write_diagnosis(out, document)
     if conclusion.further and conclusion.further.config:
         write_text(out / NEXT, conclusion.further.config)
+    if save is not None:
+        save_model(save, conclusion)

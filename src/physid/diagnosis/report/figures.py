@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -9,26 +11,26 @@ from torch import Tensor
 
 from physid.diagnosis.conclusion.conclusion import Conclusion
 from physid.diagnosis.conclusion.gap import floor_of, floors_of, held_out_parts, residual_wrench_errors
+from physid.diagnosis.conclusion.judgement import Judgement
 from physid.diagnosis.conclusion.localisation import over_time
-from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.report.contents import Curve, ReportData, TimeMap
-from physid.diagnosis.selection.search import Attribution
-from physid.diagnosis.testing import Hypothesis, LackOfFit, piece_frames
+from physid.diagnosis.report.overlay import overlay
+from physid.diagnosis.testing import Hypothesis, piece_frames
 from physid.pages.numbers import percent
 
 SMOOTH = 9  # frames over which curves are averaged
 
 
-def draw(title: str, nominal_fit: NominalFit, found: Attribution, conclusion: Conclusion, seconds: float) -> ReportData:
-    """Collect what the report draws.
+def draw(out: Path, conclusion: Conclusion, seconds: float) -> ReportData:
+    """Collect what the report draws; a film of recording and model is written.
 
     Args:
-        title: Name of the recording set.
-        nominal_fit: The recordings and the fitted nominal model.
-        found: What the search found.
-        conclusion: What was concluded.
+        out: Folder of the diagnosis; gets the film.
+        conclusion: What was concluded, with the fits and the hypotheses behind it.
         seconds: How long the diagnosis took.
     """
+    judged = conclusion.judgement
+    nominal_fit, found, shown = judged.nominal_fit, judged.found, judged.shown
     trajectories, frames = nominal_fit.observations.pose.shape[:2]
     parts = held_out_parts(nominal_fit.observations)
     step = nominal_fit.observations.scene.time_step
@@ -37,7 +39,7 @@ def draw(title: str, nominal_fit: NominalFit, found: Attribution, conclusion: Co
             split,
             np.arange(frames, dtype=np.float64) * step,
             _curve(found.whole_nominal, chosen),
-            None if conclusion.judgement.shown is None else _curve(conclusion.judgement.shown, chosen),
+            None if shown is None else _curve(shown, chosen),
         )
         for split, chosen in parts.items()
         if bool(chosen.any())
@@ -45,10 +47,10 @@ def draw(title: str, nominal_fit: NominalFit, found: Attribution, conclusion: Co
     free = None if found.contact_free else residual_wrench_errors(found.lack, found.nominal, nominal_fit.noise)
     kinds = nominal_fit.experiment.predictor.candidates
     return ReportData(
-        title=title,
+        title=nominal_fit.observations.title,
         curves=tuple(curves),
-        time_map=_time_map(found.lack, [body.name for body in nominal_fit.observations.scene.bodies], nominal_fit),
-        levels=_levels(nominal_fit),
+        time_map=_time_map(judged),
+        levels=_levels(judged),
         residual_wrench={
             split: float(free[chosen].mean().sqrt())
             for split, chosen in parts.items()
@@ -58,25 +60,28 @@ def draw(title: str, nominal_fit: NominalFit, found: Attribution, conclusion: Co
         replicates=len(found.lack.null_best),
         formulas={kind.name: (kind.__doc__ or "").strip().splitlines()[0] for kind in kinds},
         next_config=conclusion.further.config if conclusion.further else None,
+        overlay=overlay(out, judged),
         facts={
             "recordings": f"{trajectories} trajectories of {frames} frames",
-            "judged": _judged(found, nominal_fit),
+            "judged": _judged_in(judged),
             "candidates": str(len(kinds)),
             "took": f"{seconds:.0f} s",
         },
     )
 
 
-def _judged(found: Attribution, nominal_fit: NominalFit) -> str:
+def _judged_in(judged: Judgement) -> str:
     """Say in which frames effects are judged."""
-    judged, whole = (
-        float(one.predictor.segments.size.sum()) for one in (found.nominal.experiment, nominal_fit.experiment)
+    decided, whole = (
+        float(one.predictor.segments.size.sum())
+        for one in (judged.found.nominal.experiment, judged.nominal_fit.experiment)
     )
-    return f"contact-free segments, {percent(judged / whole)} of the frames" if judged < whole else "in all frames"
+    return f"contact-free segments, {percent(decided / whole)} of the frames" if decided < whole else "in all frames"
 
 
-def _levels(nominal_fit: NominalFit) -> dict[str, float | None]:
+def _levels(judged: Judgement) -> dict[str, float | None]:
     """Return the floors [m]: of the sensor, and of the numerics, where replays of one fit differ."""
+    nominal_fit = judged.nominal_fit
     sensor = floor_of(nominal_fit.noise)
     whole = float(floors_of(nominal_fit.experiment, nominal_fit.noise).mean())
     return {"sensor": sensor, "numerical": max(whole - sensor**2, 0.0) ** 0.5}
@@ -95,14 +100,16 @@ def _curve(hypothesis: Hypothesis, chosen: Tensor) -> NDArray[np.float64]:
     return error
 
 
-def _time_map(lack: LackOfFit, names: list[str], nominal_fit: NominalFit) -> TimeMap | None:
+def _time_map(judged: Judgement) -> TimeMap | None:
     """Return the evidence over the time since the start of a segment."""
-    settings = nominal_fit.settings
-    tables = {name: over_time(lack, body, settings.localisation.rounding) for body, name in enumerate(names)}
+    lack, settings, scene = judged.found.lack, judged.nominal_fit.settings, judged.nominal_fit.observations.scene
+    tables = {
+        body.name: over_time(lack, number, settings.localisation.rounding) for number, body in enumerate(scene.bodies)
+    }
     evidence = torch.cat([table for table, _ in tables.values()]).double().numpy()
     if not evidence.size:
         return None
-    step = nominal_fit.observations.scene.time_step
+    step = scene.time_step
     edges = step * piece_frames(settings.residual_wrench.piece_time, step) * np.arange(evidence.shape[1] + 1)
     edges[-1] = step * int(lack.fit.linear.segments.size.max())
     return TimeMap(tuple((name, dof) for name, (_, dofs) in tables.items() for dof in dofs), edges, evidence)

@@ -1,0 +1,43 @@
+"""Bodies where a model sees them, projected into the picture; differences enlarged until they can be seen."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from physid.diagnosis.report.outlines import Points
+from physid.physics.rotations import exponential, multiply
+from physid.scenes import Scene
+from physid.scenes.camera import corners
+
+SMOOTH = 9  # frames over which differences are averaged: the noise of the poses is not the model's
+VISIBLE = 0.3  # share of a body's size in the picture that the largest differences shall take up
+LARGER = (1, 2, 5, 10, 20)
+
+
+def smooth(value: Tensor) -> Tensor:
+    """Average (T, N, 6) over some frames."""
+    flat = value.flatten(1).T[None]
+    reach = min(SMOOTH, len(value) - 1 + len(value) % 2)
+    mean = torch.nn.functional.avg_pool1d(flat, reach, 1, reach // 2, count_include_pad=False)
+    return mean[0].T.reshape(value.shape)
+
+
+def enlargement(scene: Scene, pose: Tensor, away: Tensor) -> int:
+    """Choose how many times as large differences (T, N, 6) are drawn, so that the largest can be seen."""
+    own, other = (corners_of(scene, each) for each in (pose, moved(pose, -away)))
+    size = np.ptp(own, axis=-2).max()
+    largest = float(np.quantile(np.linalg.norm(other - own, axis=-1), 0.98))
+    return max((each for each in LARGER if each * largest <= VISIBLE * size), default=1)
+
+
+def moved(pose: Tensor, change: Tensor) -> Tensor:
+    """Move poses (..., 7) by rotation vectors and positions (..., 6)."""
+    return torch.cat([pose[..., :3] + change[..., 3:], multiply(exponential(change[..., :3]), pose[..., 3:])], -1)
+
+
+def corners_of(scene: Scene, pose: Tensor) -> Points:
+    """Project the corners of the bodies at poses (T, N, 7), shape (T, N, 8, 2) [pixel]."""
+    assert scene.camera is not None
+    return scene.camera.project(corners(pose.numpy(), scene.sizes))[..., :2]
