@@ -70,9 +70,8 @@ def diagnose(
     from tqdm import tqdm
 
     from physid.commands.configured import read_model
-    from physid.commands.films import read_poses
+    from physid.commands.films import open_with_poses
     from physid.commands.terminal.screen import resumable
-    from physid.data import RecordingSet
     from physid.diagnosis import Settings, parse_changes, summary_lines
     from physid.diagnosis.diagnose import diagnose as run
     from physid.effects.loading import own_effects
@@ -81,9 +80,8 @@ def diagnose(
     changes = parse_changes(set or []) | ({} if tolerance is None else {"materiality.tolerance": tolerance})
     settings = Settings().changed(changes)
     folder = out or Path("runs/diagnosis") / recordings.resolve().name
-    sets = {"read": RecordingSet(recordings)} | ({} if transfer is None else {"read_transfer": RecordingSet(transfer)})
-    if from_video or encoder or not all(each.any_poses() for each in sets.values()):
-        sets = {name: read_poses(each.folder, folder / name, encoder, limit, quiet) for name, each in sets.items()}
+    given = {"read": recordings} | ({} if transfer is None else {"read_transfer": transfer})
+    sets = open_with_poses(given, folder, from_video=from_video, encoder=encoder, limit=limit, quiet=quiet)
     own = own_effects([place for place in effects.split(",") if place])
     with resumable(), tqdm(total=100, bar_format=BAR, disable=quiet or None) as bar:
         options: dict[str, Any] = {"transfer": sets.get("read_transfer"), "limit": limit, "seed": seed}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -98,7 +99,28 @@ def track(
           f"+- {reading.stretch_deviation:.2%}")  # fmt: skip
 
 
-def read_poses(films: Path, into: Path, encoder: Path | None, limit: int | None, quiet: bool) -> RecordingSet:
+def open_with_poses(
+    folders: Mapping[str, Path], into: Path, *, from_video: bool, encoder: Path | None, limit: int | None, quiet: bool
+) -> dict[str, RecordingSet]:
+    """Open recording sets; the poses of all are read from their films first if they shall be, or if one has none.
+
+    Args:
+        folders: The sets, by the names of the folders that get their poses.
+        into: Where these folders are made.
+        from_video: Whether poses are read even where all are recorded.
+        encoder: As for `track`; where one is given, poses are read.
+        limit: As for `track`.
+        quiet: As for `track`.
+    """
+    from physid.data import RecordingSet
+
+    sets = {name: RecordingSet(folder) for name, folder in folders.items()}
+    if not (from_video or encoder) and all(each.any_poses() for each in sets.values()):
+        return sets
+    return {name: _read_poses(each.folder, into / name, encoder, limit, quiet) for name, each in sets.items()}
+
+
+def _read_poses(films: Path, into: Path, encoder: Path | None, limit: int | None, quiet: bool) -> RecordingSet:
     """Read poses from films, once, and return the set that has them (see `track`)."""
     from physid.data import RecordingSet
     from physid.one_writer import one_writer
