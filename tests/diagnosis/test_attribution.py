@@ -25,6 +25,11 @@ def hypothesis(*names: str, loss: float = 1.0) -> Any:
     return SimpleNamespace(names=names, held_out=torch.full((2,), loss), **given)
 
 
+def spread(*names: str, loss: torch.Tensor) -> Any:
+    """Stand in for a fitted hypothesis with a loss of each trajectory."""
+    return SimpleNamespace(**vars(hypothesis(*names)) | {"held_out": loss})
+
+
 def lack(p_value: float) -> Any:
     """Stand in for what a hypothesis leaves."""
     return SimpleNamespace(p_value=p_value, p_free=p_value, missing=0.0, fit=None, significant=[])
@@ -217,20 +222,52 @@ def test_a_free_wrench_has_half_of_what_chance_is_allowed_and_what_is_evident_ne
     assert search.unexplained(found)
 
 
-def test_of_a_group_that_hypothesis_is_shown_which_all_frames_fit_best_and_none_is_dropped(
-    monkeypatch: pytest.MonkeyPatch,
+@pytest.mark.parametrize(
+    ("aside", "first"),
+    [
+        ([40.0, 45.0, 50.0, 42.0], "camera_offset"),  # each trajectory says so
+        ([-4.0, 45.0, 50.0, 42.0], "camera_offset"),  # all but one that hardly cares
+        ([220.0, -3.0, -6.0, -4.0], "object_size"),  # one impact went another way
+        ([-40.0, -45.0, -50.0, -42.0], "object_size"),
+        ([0.0, 0.0, 0.0, 0.0], "object_size"),
+    ],
+)
+def test_of_a_group_that_hypothesis_is_first_which_trajectories_prefer_in_all_frames_one_impact_counting_as_one(
+    monkeypatch: pytest.MonkeyPatch, aside: list[float], first: str
 ) -> None:
     size, offset = hypothesis("object_size"), hypothesis("camera_offset")
-    everywhere = {"object_size": 5.0, "camera_offset": 1.0}
-    monkeypatch.setattr(
-        attribution, "refit_all_segments", lambda _, one: hypothesis(*one.names, loss=everywhere[one.names[0]])
-    )
-    monkeypatch.setattr(attribution, "conclude", lambda *_: hypothesis())
+    losses = {"object_size": 100 + torch.tensor(aside), "camera_offset": torch.full((4,), 100.0)}
+    monkeypatch.setattr(attribution, "refit_all_segments", lambda _, one: spread(*one.names, loss=losses[one.names[0]]))
+    monkeypatch.setattr(attribution, "refitted_from_new_states", lambda one, _: one)
+    monkeypatch.setattr(attribution, "conclude", lambda *_: spread(loss=torch.full((4,), 1000.0)))
     calm = search.Attribution(hypothesis(), lack(0.001), [size, offset], size, lack(1.0), [size, offset])
     found = attribution._with_all_frames(cast(Any, hypothesis()), calm, lambda *_: None)
-    assert found.best is offset
-    assert found.whole_best.names == ("camera_offset",)
-    assert found.group == [offset, size]
+    assert found.best is not None
+    assert found.best.names == (first,)
+    assert [one.names for one in found.group] == [one.names for one in found.whole_group]
+    assert len(found.group) == 2  # none is dropped
+    assert found.whole_best is found.whole_group[0]
+
+
+def test_hypotheses_are_compared_in_all_frames_from_the_initial_states_that_the_best_of_the_others_found(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked = []
+
+    def again(one: Any, rival: Any) -> Any:
+        asked.append((one.names[0], rival.names[0]))
+        return one
+
+    names, losses = ("size", "offset", "scale"), {"size": 3.0, "offset": 2.0, "scale": 4.0}
+    group = [hypothesis(name) for name in names]
+    monkeypatch.setattr(
+        attribution, "refit_all_segments", lambda _, one: hypothesis(*one.names, loss=losses[one.names[0]])
+    )
+    monkeypatch.setattr(attribution, "refitted_from_new_states", again)
+    monkeypatch.setattr(attribution, "conclude", lambda *_: hypothesis(loss=100.0))
+    calm = search.Attribution(hypothesis(), lack(0.001), group, group[0], lack(1.0), group)
+    attribution._with_all_frames(cast(Any, hypothesis()), calm, lambda *_: None)
+    assert asked == [("size", "offset"), ("offset", "size"), ("scale", "offset")]
 
 
 def test_a_hypothesis_that_the_reference_simulator_cannot_follow_stays_as_it_was_fitted(

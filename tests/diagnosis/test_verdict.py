@@ -194,6 +194,17 @@ def test_a_pair_must_gain_over_all_trajectories_together(calm: torch.Generator, 
     assert all_needed(both, nominal, [drag], chance, calm) is needed
 
 
+@pytest.mark.parametrize(
+    ("name", "loss", "needed"), [("tether", 100.0, False), ("tether", 400.0, True), ("hill", 100.0, True)]
+)
+def test_a_second_effect_that_explains_as_much_alone_needs_no_first_one(
+    calm: torch.Generator, name: str, loss: float, needed: bool
+) -> None:
+    nominal, drag, both, other = hypothesis(900, 900), hypothesis(400, 100), pair([], 100, 100), hypothesis(loss, 100)
+    other.names = (name,)
+    assert all_needed(both, nominal, [drag, other], left_by_drag(300.0), calm) is needed
+
+
 @pytest.mark.parametrize("amplified", [0.0, 1.0])
 def test_an_effect_that_impacts_may_feign_is_not_needed(monkeypatch: pytest.MonkeyPatch, amplified: float) -> None:
     """Noise alone would let its size be known."""

@@ -14,9 +14,9 @@ from physid.estimation.least_squares import Directions, Experiment
 from physid.estimation.measurement import Noise
 from physid.estimation.prediction import Predictor, Segmentation, Variants
 
-LAYOUT = 3  # of what is stored; another one is not read
+LAYOUT = 4  # of what is stored; another one is not read
 GRID = ("steps", "wrench", "frame_step", "count")
-WINDOWS = ("trajectory", "start", "size", "contact")
+WINDOWS = ("trajectory", "start", "size", "contact", "lying")
 POINT = ("pose", "twist", "nominal", "effects", "engine")
 
 

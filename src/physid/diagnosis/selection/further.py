@@ -47,8 +47,9 @@ def _beside(
         one,
         say,
     )
+    fewer = [one, *(other for other in found.whole_group if other is not one)]
     needed = [
-        more for more in fitted if sound(nominal, more, left) and all_needed(more, nominal, [one], left, generator)
+        more for more in fitted if sound(nominal, more, left) and all_needed(more, nominal, fewer, left, generator)
     ]
     if not needed:
         return None

@@ -26,6 +26,19 @@ from physid.physics import SolverError
 
 
 @dataclass(frozen=True)
+class InAllSegments:
+    """What contact-free segments found, fitted to all segments.
+
+    Attributes:
+        nominal: The model without effects.
+        group: Hypotheses that contact-free segments cannot tell apart, the best first; none if it cannot be simulated.
+    """
+
+    nominal: Hypothesis
+    group: list[Hypothesis]
+
+
+@dataclass(frozen=True)
 class Attribution:
     """What the search found.
 
@@ -37,8 +50,7 @@ class Attribution:
         left: What the best leaves unexplained; None if nothing is missing.
         group: Hypotheses that predict as well as the best, itself included.
         alike: Effects whose signature is that of a part of the best wherever the motion is calm.
-        refit_all_segments: The nominal model and the best fitted to all segments, where contact-free ones alone were
-            searched.
+        everywhere: The same in all segments, where contact-free ones alone were searched.
     """
 
     nominal: Hypothesis
@@ -48,22 +60,29 @@ class Attribution:
     left: LackOfFit | None
     group: list[Hypothesis]
     alike: tuple[str, ...] = ()
-    refit_all_segments: tuple[Hypothesis, Hypothesis | None] | None = None
+    everywhere: InAllSegments | None = None
 
     @property
     def contact_free(self) -> bool:
         """Whether contact-free segments alone were searched."""
-        return self.refit_all_segments is not None
+        return self.everywhere is not None
 
     @property
     def whole_nominal(self) -> Hypothesis:
         """The model without effects, in all segments."""
-        return self.nominal if self.refit_all_segments is None else self.refit_all_segments[0]
+        return self.nominal if self.everywhere is None else self.everywhere.nominal
 
     @property
     def whole_best(self) -> Hypothesis | None:
         """The best hypothesis, in all segments."""
-        return self.best if self.refit_all_segments is None else self.refit_all_segments[1]
+        return next(iter(self.whole_group), None)
+
+    @property
+    def whole_group(self) -> list[Hypothesis]:
+        """Hypotheses that predict as well as the best, the best first, in all segments."""
+        if self.everywhere is not None:
+            return self.everywhere.group
+        return [] if self.best is None else [self.best, *(one for one in self.group if one is not self.best)]
 
     def reported(self, nominal_fit: NominalFit) -> Hypothesis | None:
         """Return that with the steps that it needs itself; as it is where these cannot be simulated."""

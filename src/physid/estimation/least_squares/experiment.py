@@ -109,8 +109,9 @@ class Experiment:
         return self if predictor is self.predictor else replace(self, predictor=predictor)
 
     def with_known_states(self) -> Experiment:
-        """Return the experiment in which initial states stay as they are."""
-        return replace(self, directions=replace(self.directions, free=torch.zeros_like(self.directions.free)))
+        """Return the experiment in which initial states stay as they are, whatever the sizes of bodies."""
+        directions = replace(self.directions, free=torch.zeros_like(self.directions.free))
+        return replace(self, directions=directions, predictor=self.predictor.of_lying(None))
 
     def with_known_parameters(self) -> Experiment:
         """Return the experiment in which no trajectory has a say in the shared parameters, which stay as they are."""
@@ -175,6 +176,7 @@ def lay_out(
         pose, seen_frames(scale), predictor.timeline.time, segments, scene, lean, settings.guess
     )
     directions = Directions.of(torch.tensor(scene.ground.normal, dtype=torch.float64), initial.resting, initial.level)
+    predictor = predictor.of_lying(initial.resting)
     engine, follow = torch.zeros_like(pose[..., :6]), torch.ones(len(segments), dtype=torch.bool)
     return Experiment(predictor, pose, scale, fitted, directions, engine, follow, settings), initial
 

@@ -87,6 +87,12 @@ class Directions:
             torch.cat([torch.where(held, about, twist[..., :3]), twist[..., 3:]], -1),
         )
 
+    def with_heights_of(self, like: Tensor, pose: Tensor) -> Tensor:
+        """Return poses (..., K, N, 7), those of bodies that lie on the ground at the heights of others."""
+        lying = (self.free[..., 2] & ~self.free[..., 5])[..., None]
+        off = ((like - pose)[..., :3] @ self.frame[2])[..., None] * self.frame[2]
+        return torch.cat([pose[..., :3] + torch.where(lying, off, 0.0), pose[..., 3:]], -1)
+
     @property
     def used(self) -> list[tuple[int, int]]:
         """Pairs (body, direction) that are free in some segment: the columns of a state Jacobian."""

@@ -140,6 +140,7 @@ def _in_motion_of(rival: Fit, experiment: Experiment, point: Variants) -> Varian
     segments = experiment.predictor.segments
     begun = _from_seen(experiment, rival.jacobian.base.pose, point)[:, segments.trajectory, segments.start]
     pose, twist = experiment.directions.level(begun, rival.point.twist)
+    pose = experiment.directions.with_heights_of(point.pose, pose)
     return point.repeat(2).replace(pose=torch.cat([point.pose, pose]), twist=torch.cat([point.twist, twist]))
 
 

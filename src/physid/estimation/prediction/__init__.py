@@ -1,6 +1,7 @@
 """What the model predicts: the nominal model, candidate effects, segments, rollouts of variants."""
 
 from physid.estimation.prediction.effect_parameters import EffectParameter
+from physid.estimation.prediction.lying import raise_lying
 from physid.estimation.prediction.nominal_model import NominalModel
 from physid.estimation.prediction.rollout import Prediction, Predictor, Variants
 from physid.estimation.prediction.segments import CutRule, Segmentation
@@ -19,4 +20,5 @@ __all__ = [
     "Variants",
     "acts_late",
     "has",
+    "raise_lying",
 ]

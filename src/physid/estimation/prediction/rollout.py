@@ -11,6 +11,7 @@ from torch import Tensor
 
 from physid.data.observations.step_grid import StepGrid
 from physid.estimation.prediction.effect_parameters import EffectParameter
+from physid.estimation.prediction.lying import raise_lying
 from physid.estimation.prediction.nominal_model import NominalModel
 from physid.estimation.prediction.segments import Batch, Segmentation, at_once
 from physid.estimation.prediction.step_effects import acts_late, has, only_steps, with_values
@@ -24,7 +25,8 @@ class Variants:
     """C variants of an experiment with R trajectories in K segments.
 
     Attributes:
-        pose: Initial poses of the segments, shape (C, K, N, 7).
+        pose: Initial poses of the segments, shape (C, K, N, 7); those of bodies that lie on the ground are where the
+            sizes that were measured lay them, see `raise_lying`.
         twist: Initial twists, shape (C, K, N, 6).
         nominal: Unknown parameters in the coordinates of the fit, shape (C, P).
         effects: Parameters of the candidate effects, shape (C, Q).
@@ -139,6 +141,10 @@ class Predictor:
         predictor.simulated = self.simulated
         return predictor
 
+    def of_lying(self, lying: Tensor | None) -> Predictor:
+        """Return the same where some bodies (K, N) lie on the ground as segments begin; None for none."""
+        return self.over(replace(self.segments, lying=lying), self._elsewhere)
+
     def at_times(self, timeline: Timeline, late: Timeline | None = None) -> Predictor:
         """Return the same with other times, or other steps between the same frames, and where effects act late."""
         return Predictor(self.model, timeline, self.segments, self.candidates, self._most, self._elsewhere, late)
@@ -180,8 +186,24 @@ class Predictor:
                 poses = poses.flatten(0, 1).index_copy(0, rows, own).unflatten(0, state.shape[:2])
         return poses
 
+    def begun(self, variants: Variants) -> Variants:
+        """Return variants with the poses from which they are simulated, see `raise_lying`."""
+        lying, (count, segments) = self.segments.lying, variants.pose.shape[:2]
+        if lying is None:
+            return variants
+        pose, twist = (value.transpose(0, 1).flatten(0, 1) for value in (variants.pose, variants.twist))
+        parameters = self.model.parameters(variants.nominal.repeat(segments, 1))
+        effects, lying = self._steps(variants, segments), lying.repeat_interleave(count, 0)
+        raised = raise_lying(State(pose, twist), lying, parameters, effects, self.model.world)
+        return (
+            variants
+            if raised is pose
+            else variants.replace(pose=raised.unflatten(0, (segments, count)).transpose(0, 1))
+        )
+
     @torch.no_grad()
     def _predict(self, variants: Variants) -> Prediction:
+        variants = self.begun(variants)
         edges = self._edges(variants)
         wrench = self._acting(variants, edges)
         (count, trajectories), frames, bodies = wrench.shape[:2], self.timeline.frames, wrench.shape[3]

@@ -94,6 +94,7 @@ class Segmentation:
         start: First frame, shape (K,).
         size: Number of frames, shape (K,).
         contact: Segments with events, in which small errors grow fast, shape (K,).
+        lying: Bodies that lie on the ground at its beginning, whatever their size, shape (K, N); None for none.
     """
 
     trajectories: int
@@ -102,6 +103,7 @@ class Segmentation:
     start: Tensor
     size: Tensor
     contact: Tensor
+    lying: Tensor | None = None
 
     @classmethod
     def equal(cls, trajectories: int, frames: int, length: int) -> Segmentation:
@@ -146,8 +148,11 @@ class Segmentation:
 
     def only(self, chosen: Tensor) -> Segmentation:
         """Return some of the segments (indices, in order); the other frames are in none."""
-        parts = (value[chosen] for value in (self.trajectory, self.start, self.size, self.contact))
-        return Segmentation(self.trajectories, self.frames, *parts)
+        trajectory, start, size, contact = (
+            value[chosen] for value in (self.trajectory, self.start, self.size, self.contact)
+        )
+        lying = None if self.lying is None else self.lying[chosen]
+        return Segmentation(self.trajectories, self.frames, trajectory, start, size, contact, lying)
 
     @cached_property
     def batches(self) -> list[Batch]:

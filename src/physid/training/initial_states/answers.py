@@ -10,7 +10,7 @@ from torch import Tensor
 
 from physid.estimation.least_squares import FirstGuess
 from physid.training.initial_states.elimination import slopes, without_initial_states
-from physid.training.initial_states.explaining import Explaining, started
+from physid.training.initial_states.explaining import Explaining, started, started_from
 from physid.training.initial_states.fitted import fit_states, guess_parameters
 from physid.training.initial_states.tracked import TrackedFit
 from physid.training.parameters import Identifiability, Response, SensorNoise, Trajectories
@@ -31,7 +31,7 @@ def improve(explaining: Explaining, tracked: TrackedFit, *, afresh: bool) -> tup
         afresh: See `TrackedFit.improve`.
     """
     fit, rollouts = tracked.improve(explaining, afresh=afresh)
-    return started(explaining.trajectories, fit.point.pose[0], fit.point.twist[0]), rollouts
+    return started_from(explaining.trajectories, fit), rollouts
 
 
 def guess(explaining: Explaining, tracked: TrackedFit, short: Trajectories, how: FirstGuess) -> int:
@@ -51,8 +51,8 @@ def losses_at(explaining: Explaining, tracked: TrackedFit, points: Tensor) -> tu
         states = tracked.states(explaining)
         fits = [fit_states(explaining, coordinates=point, states=states) for point in points]
         rollouts += sum(experiment.predictor.simulated[0] for experiment, _ in fits)
-        pose, twist = (torch.cat([getattr(fit.point, name)[0] for _, fit in fits]) for name in ("pose", "twist"))
-        many = started(many, pose, twist)
+        pose = torch.cat([fit.jacobian.base.state[0, :, 0] for _, fit in fits])
+        many = started(many, pose, torch.cat([fit.point.twist[0] for _, fit in fits]))
     losses = explaining.loss(many.residual(explaining.layer, physical(every)), many.real)
     return torch.stack(list(losses.values())).sum(0).unflatten(0, (len(points), -1)), rollouts
 
@@ -64,7 +64,7 @@ def respond(explaining: Explaining, tracked: TrackedFit) -> tuple[Trajectories, 
     # Not the fit that is tracked: a run that goes on must not depend on where it was looked at.
     fit, experiment = copy.copy(tracked).linearised(explaining)
     if explaining.fitted:
-        cut = started(cut, fit.point.pose[0], fit.point.twist[0])
+        cut = started_from(cut, fit)
     return cut, Response.of(experiment, fit, cut.index, cut.noise_beside(fit.residual, experiment.scale))
 
 

@@ -10,7 +10,7 @@ from typing import final
 import torch
 from torch import Tensor
 
-from physid.estimation.least_squares import Experiment, best_guess, lay_out
+from physid.estimation.least_squares import Experiment, Fit, best_guess, lay_out
 from physid.estimation.prediction import Predictor, Variants
 from physid.physics import PhysicsLayer
 from physid.training.parameters import PhysicalParameters, PoseLoss, Trajectories
@@ -84,6 +84,11 @@ class Explaining:
             return experiment
         residual = experiment.residual(experiment.predictor.predict(point).pose, point)[0]
         return experiment.replace(scale=self._scale(cut, residual))
+
+
+def started_from(trajectories: Trajectories, fit: Fit) -> Trajectories:
+    """Return trajectories that are predicted from the initial states of a fit."""
+    return started(trajectories, fit.jacobian.base.state[0, :, 0], fit.point.twist[0])
 
 
 def started(trajectories: Trajectories, pose: Tensor, twist: Tensor) -> Trajectories:

@@ -151,11 +151,11 @@ class TrackedFit:
         if not explaining.fitted:
             return explaining.trajectories
         states = self.states(explaining)
+        experiment, point = explaining.begin(states=states)
         if states is None:
-            _, point = explaining.begin()
-            states = point.pose[0], point.twist[0]
-            self.begin(explaining, states)
-        return started(explaining.trajectories, *states)
+            self.begin(explaining, (point.pose[0], point.twist[0]))
+        begun = experiment.predictor.begun(point)
+        return started(explaining.trajectories, begun.pose[0], begun.twist[0])
 
     def state_dict(self, coordinates: Tensor) -> dict[str, Tensor]:
         """Return what a checkpoint needs, the states moved along with the parameters; empty if there is nothing."""

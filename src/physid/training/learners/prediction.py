@@ -11,7 +11,7 @@ import torch
 
 from physid.physics import PhysicsLayer
 from physid.scenes import Scene
-from physid.training.initial_states import Explaining, TrackedFit, fit_states, started
+from physid.training.initial_states import Explaining, TrackedFit, fit_states, started_from
 from physid.training.learners.engine import Engine
 from physid.training.learners.step_control import StepControl
 from physid.training.parameters import PhysicalParameters, PoseErrors, PoseLoss, Trajectories
@@ -131,8 +131,7 @@ class PredictingModule(L.LightningModule):
         if not self.fits_starts(batch):
             return cut
         self._weigh(batch)
-        point = fit_states(self._explaining(cut.beginnings(self.seen)))[1].point
-        return started(cut, point.pose[0], point.twist[0])
+        return started_from(cut, fit_states(self._explaining(cut.beginnings(self.seen)))[1])
 
     def _weigh(self, batch: Batch) -> None:
         """Weigh rotations by the noise of the poses, if no loss is given."""

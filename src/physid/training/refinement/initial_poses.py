@@ -10,7 +10,7 @@ from torch import Tensor
 
 from physid.estimation.least_squares import Directions, Experiment, Fit
 from physid.networks import PlanarChart
-from physid.training.initial_states import Explaining, fit_states, started
+from physid.training.initial_states import Explaining, fit_states, started_from
 from physid.training.parameters import PoseLoss, Trajectories
 
 if TYPE_CHECKING:
@@ -62,4 +62,4 @@ def place(model: VideoModel, loss: PoseLoss, trajectories: Trajectories, real: T
     free = Directions.of(up, torch.full(start.pose.shape[:2], lying))
     free = free.without_speed() if model.start.at_rest else free
     experiment, fit = fit_states(explaining, MOST, states=(start.pose.cpu(), start.twist.cpu()), directions=free)
-    return Placing(started(trajectories, fit.point.pose[0], fit.point.twist[0]), experiment, fit)
+    return Placing(started_from(trajectories, fit), experiment, fit)
