@@ -12,7 +12,7 @@ import torch
 from physid.diagnosis.conclusion.gap import POSITION, ROTATION, Closing, Interval, clearer
 from physid.diagnosis.conclusion.verdict import in_all_frames, indistinguishable_from_zero, judge, reconsider
 from physid.diagnosis.selection import evidence
-from physid.diagnosis.selection.evidence import all_needed, complete, distinguishable
+from physid.diagnosis.selection.evidence import all_needed, clearly_preferred, complete, distinguishable, preferred
 from physid.diagnosis.selection.materiality import Tolerance
 from physid.diagnosis.selection.search import Attribution
 from physid.diagnosis.settings.settings import Settings
@@ -183,6 +183,29 @@ def test_a_pair_is_needed_if_it_explains_most_of_what_one_effect_leaves(
 ) -> None:
     nominal, drag, both = hypothesis(900, 900), hypothesis(100 + behind, 100), pair(absent, 100, 100)
     assert all_needed(both, nominal, [drag], left_by_drag(missing), calm) is needed
+
+
+@pytest.mark.parametrize(
+    ("better", "beyond"),
+    [
+        ([40.0, 20.0, 30.0, -1.0, 10.0, -0.5, 50.0, 3.0], True),  # nothing is lost where the effect does not act
+        ([28.0, 6.0, 10.0, -7.0, -10.0, 9.0, 7.0, -2.0], False),  # impacts: better here, worse there
+        ([500.0, -1.0, -2.0, -1.5, -0.5, -2.5, 1.0, -3.0], False),  # a single one
+        ([0.0] * 8, False),
+        ([-20.0] * 8, False),
+    ],
+)
+def test_what_impacts_amplify_is_not_preferred_beyond_chance(better: list[float], beyond: bool) -> None:
+    other = hypothesis(*(100 + one for one in better))
+    assert clearly_preferred(hypothesis(*[100] * 8), other) is beyond
+
+
+@pytest.mark.parametrize("lost", [5.0, 1e4])
+def test_one_trajectory_counts_as_one_however_much_it_says(lost: float) -> None:
+    one, other = hypothesis(10, 10, 10, 10), hypothesis(13, 12, 14, 10 - lost)
+    assert preferred(one, other)  # ranks 2, 1 and 3 against 4
+    assert not preferred(other, one)
+    assert not preferred(one, one)
 
 
 @pytest.mark.parametrize(("factor", "needed"), [(0.9, False), (1.2, True)])

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import torch
 from numpy import sign
-from scipy.stats import rankdata
+from scipy.stats import rankdata, wilcoxon
 from torch import Tensor
 
 from physid.diagnosis.selection.comparison import gain
@@ -92,6 +92,17 @@ def preferred(one: Hypothesis, other: Hypothesis) -> bool:
     """
     better = (other.held_out - one.held_out).numpy()
     return float((rankdata(abs(better)) * sign(better)).sum()) > 0
+
+
+def clearly_preferred(one: Hypothesis, other: Hypothesis) -> bool:
+    """Return whether trajectories prefer a hypothesis to another beyond chance, by the test of signed ranks.
+
+    What an effect explains shows in the trajectories where it acts, and costs next to nothing in the others. What
+    impacts amplify is better here and as much worse there, and its sum may be large.
+    """
+    better = (other.held_out - one.held_out).numpy()
+    chance = float(wilcoxon(better, alternative="greater").pvalue) if better.any() else 1.0
+    return chance <= one.settings.evidence.alpha
 
 
 def all_needed(

@@ -7,7 +7,7 @@ import torch
 from physid.diagnosis.progress import Progress, Stage
 from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.selection.comparison import compare_candidates
-from physid.diagnosis.selection.evidence import all_needed, complete, distinguishable, sound
+from physid.diagnosis.selection.evidence import all_needed, clearly_preferred, complete, distinguishable, sound
 from physid.diagnosis.selection.search import Attribution
 from physid.diagnosis.testing import Hypothesis, alike, begin_hypothesis, find_lack_of_fit
 from physid.physics import SolverError
@@ -49,7 +49,11 @@ def _beside(
     )
     fewer = [one, *(other for other in found.whole_group if other is not one)]
     needed = [
-        more for more in fitted if sound(nominal, more, left) and all_needed(more, nominal, fewer, left, generator)
+        more
+        for more in fitted
+        if sound(nominal, more, left)
+        and clearly_preferred(more, one)
+        and all_needed(more, nominal, fewer, left, generator)
     ]
     if not needed:
         return None
