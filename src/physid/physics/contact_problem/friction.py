@@ -18,11 +18,12 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import final
 
 import torch
 from torch import Tensor
+
+from physid.physics.guards.made_once import made_once
 
 SLACK_COMPLIANCE = 1e-9
 """Keeps gamma bounded where there is no friction to bound it; it acts as a viscous friction of that size [-]."""
@@ -86,7 +87,7 @@ class Cone(FrictionLaw):
         return torch.cat([z, -(bound / slip)[..., None] * tangential], -1), torch.cat([w, tangential], -1)
 
 
-@lru_cache
+@made_once
 def _cone_matrices(dtype: torch.dtype, device: torch.device) -> tuple[Tensor, Tensor, Tensor]:
     g = torch.zeros(5, 3, dtype=dtype, device=device)
     g[NORMAL, 0] = g[3, 1] = g[4, 2] = 1
@@ -138,7 +139,7 @@ class Pyramid(FrictionLaw):
         return z, torch.cat([slack[..., None], bound[..., None], along], -1)
 
 
-@lru_cache
+@made_once
 def _pyramid_matrices(directions: int, dtype: torch.dtype, device: torch.device) -> tuple[Tensor, Tensor, Tensor]:
     angles = torch.arange(directions, dtype=dtype, device=device) * (2 * math.pi / directions)
     around = torch.stack([angles.cos(), angles.sin()], -1)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from functools import lru_cache
 
 import torch
 from torch import Tensor
@@ -15,6 +14,7 @@ from physid.physics.contact_problem.lcp import SolverSettings
 from physid.physics.effect import StepInputs, widths_of
 from physid.physics.fused.formulas.layouts import CONSTANTS, OF_BODY, OF_WORLD
 from physid.physics.fused.records import Shape
+from physid.physics.guards.made_once import made_once
 from physid.physics.schemes.units import velocity_unit
 from physid.physics.world import World
 
@@ -52,7 +52,7 @@ def shape_of(world: World, bodies: int) -> Shape:
     return Shape(bodies, world.ground is not None, isinstance(world.contact, Split), world.midpoint)
 
 
-@lru_cache
+@made_once
 def constants_of(world: World, settings: SolverSettings, shape: Shape) -> Tensor:
     """Return the numbers that every step of a world takes, one column for each lane."""
     rule, ladder = world.contact, list(settings.compliance)
