@@ -9,6 +9,7 @@ import torch
 
 from physid.diagnosis.inputs import PHASES, phases_of
 from physid.diagnosis.inputs.model_source import read_nominal_model
+from physid.diagnosis.inputs.motion_phases import _switched
 from physid.diagnosis.settings.inputs import PhaseSettings
 from physid.estimation.prediction import Predictor, Segmentation, Timeline, Variants
 from physid.scenes.setups.push import PUSH
@@ -17,6 +18,14 @@ SECONDS = 0.6
 
 
 def names(rate: int, height: float = 0.0, speed: float = 0.0, push: float = 0.0) -> list[str]:
+    """Name the phases of such a block (see `codes`), one after the other."""
+    found = [PHASES[k] for k in codes(rate, height, speed, push)[:-1].tolist()]  # nothing pushes after the last frame
+    return [name for name, before in zip(found, [None, *found], strict=False) if name != before]
+
+
+def codes(
+    rate: int, height: float = 0.0, speed: float = 0.0, push: float = 0.0, impact_frames: int = 0
+) -> torch.Tensor:
     """Name the phases of a block that is let go at a height, moves along x, and is pushed along it, frame by frame."""
     scene, frames = dataclasses.replace(PUSH.scene, time_step=1 / rate), round(SECONDS * rate)
     wrench = torch.zeros(1, frames, 1, 6, dtype=torch.float64)
@@ -27,9 +36,7 @@ def names(rate: int, height: float = 0.0, speed: float = 0.0, push: float = 0.0)
     pose = torch.tensor([[0.0, 0.0, height + scene.bodies[0].size[2] / 2, 0.0, 0.0, 0.0, 1.0]], dtype=torch.float64)
     twist = torch.tensor([[0.0, 0.0, 0.0, speed, 0.0, 0.0]], dtype=torch.float64)
     point = Variants.of_states(pose[None, None], twist[None, None], model.guess[None], predictor.null[None])
-    code = phases_of(predictor.predict(point), timeline, scene, PhaseSettings())[0, :, 0]
-    found = [PHASES[k] for k in code[:-1].tolist()]  # nothing pushes after the last frame
-    return [name for name, before in zip(found, [None, *found], strict=False) if name != before]
+    return phases_of(predictor.predict(point), timeline, scene, PhaseSettings(), impact_frames)[0, :, 0]
 
 
 @pytest.mark.parametrize("rate", [30, 60, 120, 240])
@@ -50,3 +57,29 @@ def test_a_touch_that_is_slower_than_the_limit_is_no_impact() -> None:
     limit = PhaseSettings().hard
     assert "impact" not in names(240, height=(0.7 * limit) ** 2 / 2 / 9.81)
     assert "impact" in names(240, height=(1.5 * limit) ** 2 / 2 / 9.81)
+
+
+@pytest.mark.parametrize("rate", [30, 60, 120, 240])
+@pytest.mark.parametrize("frames", [0, 2])
+def test_an_impact_lasts_for_a_time_and_where_trajectories_are_cut_for_some_frames_at_least(
+    rate: int, frames: int
+) -> None:
+    code = codes(rate, height=0.5**2 / 2 / 9.81, speed=2.0, impact_frames=frames)
+    after = int((code == PHASES.index("impact")).sum()) - 1  # the frame in which it falls
+    assert after == max(frames, round(PhaseSettings().impact_time * rate))
+    assert after / rate <= max(PhaseSettings().impact_time + 0.5 / rate, frames / rate)
+
+
+def test_a_trajectory_is_told_by_its_own_command_however_noisy_those_beside_it_are() -> None:
+    settings, time_step, frames = PhaseSettings(), 1 / 240, 240
+    wrench = torch.zeros(3, frames, 1, 6, dtype=torch.float64)
+    wrench[0, 60:180, 0, 3] = 1.0  # weaker than those beside it
+    wrench[1, :, 0, 3] = 50 * torch.randn(frames, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    switched = _switched(wrench, time_step, settings)
+    lasting = round(settings.switch_time / time_step)
+    expected = {*range(60, 61 + lasting), *range(180, 181 + lasting)}
+    assert {*switched[0, :, 0].nonzero()[:, 0].tolist()} == expected
+    assert not switched[1].any()  # a noise has no switches
+    assert not switched[2].any()  # nothing is commanded
+    for row in range(3):
+        assert torch.equal(_switched(wrench[row : row + 1], time_step, settings)[0], switched[row])

@@ -24,14 +24,17 @@ PHASES = (
 """Names of the phases; the index is their code."""
 
 
-def phases_of(prediction: Prediction, timeline: Timeline, scene: Scene, settings: PhaseSettings) -> Tensor:
+def phases_of(
+    prediction: Prediction, timeline: Timeline, scene: Scene, settings: PhaseSettings, impact_frames: int = 0
+) -> Tensor:
     """Name what each body does at each frame.
 
     Args:
         prediction: A single variant.
         timeline: Times of the frames, and commanded wrenches.
         scene: Masses, gravity, time step.
-        settings: What is still, slow, light, hard.
+        settings: What is still, slow, light, hard, and how long an impact lasts.
+        impact_frames: How many frames it lasts at least after that in which it falls, however slow the camera.
 
     Returns:
         Codes of PHASES, shape (R, T, N).
@@ -57,8 +60,9 @@ def phases_of(prediction: Prediction, timeline: Timeline, scene: Scene, settings
     code = torch.where(_switched(wrench, scene.time_step, settings), PHASES.index("force_switch"), code)
     code = torch.where(ground < settings.light, PHASES.index("free_fall"), code)
     hit = (ground - 1) * weight / mass > settings.hard
-    code = torch.where(_spread(hit, settings.impact_frames), PHASES.index("impact"), code)
-    touching = _spread(between / weight > settings.light, settings.impact_frames)
+    lasting = max(impact_frames, round(settings.impact_time / scene.time_step))
+    code = torch.where(_spread(hit, lasting), PHASES.index("impact"), code)
+    touching = _spread(between / weight > settings.light, lasting)
     return torch.where(touching, PHASES.index("contact_between_objects"), code)
 
 
@@ -75,13 +79,15 @@ def _touching_others(normal: Tensor, bodies: int) -> Tensor:
 
 
 def _switched(wrench: Tensor, time_step: float, settings: PhaseSettings) -> Tensor:
-    """Find the frames during and shortly after large changes of the command, shape (R, T, N)."""
+    """Find the frames during and shortly after large changes of the command, shape (R, T, N).
+
+    Each trajectory is told by itself: beside one that is pushed now and then, another may follow a noise.
+    """
     change = torch.zeros_like(wrench[..., 0])
     change[:, 1:] = (wrench[:, 1:] - wrench[:, :-1]).norm(dim=-1)
-    largest = wrench.norm(dim=-1).amax().clamp_min(1e-9)
+    largest = wrench.norm(dim=-1).amax((1, 2), keepdim=True).clamp_min(1e-9)
     jumps = change > settings.switch * largest
-    if float(jumps.double().mean()) > settings.rare:
-        return torch.zeros_like(jumps)
+    jumps = jumps & (jumps.double().mean((1, 2), keepdim=True) <= settings.rare)
     return _spread(jumps, max(1, round(settings.switch_time / time_step)))
 
 
