@@ -128,7 +128,7 @@ def coasting(name: str, size: float, frames: int = 241, height: float = 0.0, pie
         experiment=SimpleNamespace(predictor=predictor),
         columns=columns,
     )
-    observations = SimpleNamespace(timeline=timeline, scene=PUSH.scene)
+    observations = SimpleNamespace(timeline=timeline, scene=PUSH.scene, fitted=torch.tensor([True]))
     return SimpleNamespace(observations=observations, settings=Settings()), hypothesis
 
 
@@ -149,6 +149,12 @@ def test_a_drag_is_at_work_where_the_block_coasts() -> None:
     assert next(iter(shares)) == "coast"
     assert shares["coast"] > 0.99
     assert sum(shares.values()) == pytest.approx(1)
+
+
+def test_trajectories_that_effects_were_not_fitted_to_have_no_say_in_where_they_are_at_work() -> None:
+    nominal_fit, hypothesis = coasting("viscous_drag", DRAG)
+    nominal_fit.observations.fitted = torch.tensor([False])
+    assert phase_shares([], nominal_fit, hypothesis) == {}
 
 
 def test_a_contact_effect_is_never_at_work_in_free_fall_wherever_segments_end() -> None:

@@ -47,7 +47,8 @@ def phase_shares(found: Sequence[Place], nominal_fit: NominalFit, shown: Hypothe
     effect acts: a drag that a friction imitates is missed where the body is slowest. Where effects are named, the model
     therefore goes from each predicted state to the next frame with them and without; the kinetic energy of what the
     velocities differ by, (m |dv|^2 + J |dw|^2) / 2 with J the mean of the principal moments, is summed by phase. Where
-    nothing is named, squares of the evidence are.
+    nothing is named, squares of the evidence are. Both are of the trajectories that effects were fitted to: another
+    protocol has other phases.
 
     Args:
         found: The cells of the map.
@@ -67,10 +68,10 @@ def phase_shares(found: Sequence[Place], nominal_fit: NominalFit, shown: Hypothe
             work, stepped = work_of(shown)
         except SolverError:
             return {}
-        observations = nominal_fit.observations
+        observations, rows = nominal_fit.observations, nominal_fit.observations.fitted
         code = phases_of(stepped, observations.timeline, observations.scene, settings.phases)
         for phase in PHASES:
-            sums[phase] = float(work[code == CODES.index(phase)].sum())
+            sums[phase] = float(work[rows][code[rows] == CODES.index(phase)].sum())
     total = sum(sums.values())
     if total <= settings.localisation.work:
         return {}
