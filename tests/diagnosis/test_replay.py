@@ -60,6 +60,30 @@ def test_positions_of_semi_implicit_steps_run_ahead_by_half_a_step_unless_they_s
 
 
 @pytest.mark.parametrize("reference", REFERENCES)
+@pytest.mark.parametrize("first", [0, 4])
+def test_forces_that_change_move_a_box_as_their_double_integral(reference: Reference, first: int) -> None:
+    """A velocity of half a step earlier takes the forces of half a step earlier, or positions run ahead by h dv / 2."""
+    pytest.importorskip(reference.name)
+    frames, rate, mass = 24, 60, TOSS.bodies[0].mass
+    force = 24 * torch.randn(frames, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
+    wrench = torch.zeros(1, frames, 1, 6, dtype=torch.float64)
+    wrench[0, :, 0, 3] = force
+    timeline = Timeline.regular(wrench, 1 / rate)
+    model, size = NominalModel(TOSS), frames - first
+    segments = Segmentation(1, frames, *(torch.tensor([k]) for k in (0, first, size)), torch.zeros(1).bool())
+    pose = torch.tensor([0.0, 0.0, 20.0, 0, 0, 0, 1], dtype=torch.float64).expand(1, 1, 1, 7)
+    twist = torch.tensor([0.0, 0, 0, SPEED, 0, 0], dtype=torch.float64).expand(1, 1, 1, 6)
+    nothing = torch.zeros(1, 0, dtype=torch.float64)
+    point = Variants(pose, twist, model.guess[None], nothing, torch.zeros(1, 1, dtype=torch.float64))
+    seen = replay(model, timeline, segments, point, ReplaySettings(), reference=reference)[0, first:, 0, 0]
+    gained = torch.cat([torch.zeros(1).double(), (force[first:-1] / mass / rate).cumsum(0)])
+    speed = SPEED + gained
+    way = torch.cat([torch.zeros(1).double(), ((speed[:-1] + speed[1:]) / 2 / rate).cumsum(0)])
+    assert float(gained.abs().max()) > 0.5
+    assert (seen - way).abs().max() < FINE_ENOUGH
+
+
+@pytest.mark.parametrize("reference", REFERENCES)
 def test_a_box_that_was_dropped_rests_on_the_ground(reference: Reference) -> None:
     """What semi-implicit positions run ahead by in the fall ends with it."""
     pytest.importorskip(reference.name)

@@ -29,7 +29,8 @@ class Reference:
         name: Of the simulator, see `physid.simulators.protocol`.
         step: Its steps [s].
         staggered: Whether its velocities stand for the middle of a step, as those of a semi-implicit step x+ = x + h v+
-            do: it then starts with that of half a step earlier, and is of second order but for impacts.
+            do: it then starts with that of half a step earlier, forces act as much earlier, and it is of second order
+            but for impacts.
     """
 
     name: str
@@ -101,7 +102,8 @@ def replay(
         row, first, size = (int(each[segment]) for each in (segments.trajectory, segments.start, segments.size))
         stamps = taken[row, first : first + size]
         fine = stamps[0] + reference.step * torch.arange(_steps(stamps, reference.step) + 1)
-        force = _interpolated(impulse[row], timeline.grid.times[row], fine).diff(dim=0) / reference.step
+        edges = _edges(fine, reference)
+        force = _interpolated(impulse[row], timeline.grid.times[row], edges).diff(dim=0) / edges.diff()[:, None, None]
         held = torch.cat([force, torch.zeros_like(force[:1])]).numpy()
         initial.append(Excitation(start[segment], point.twist[0, segment].numpy(), held))
         places.append((row, first, size, stamps, fine))
@@ -128,6 +130,15 @@ def _kept(point: Variants, segments: Segmentation, model: NominalModel, effects:
     flying = torch.ones_like(state.pose[..., 0], dtype=torch.bool) if segments.lying is None else ~segments.lying
     raised = raise_lying(state, flying, model.parameters(point.nominal), effects, model.world)
     return np.concatenate([(2 * state.pose - raised)[..., :3].numpy(), state.pose[..., 3:].numpy()], -1)
+
+
+def _edges(fine: Tensor, reference: Reference) -> Tensor:
+    """Return between which times forces act in the steps of a reference (W,), those of its velocities.
+
+    Velocities that stand for the middles of steps take what acts from one middle to the next. That before the first
+    moment is as what comes after it, up to the first middle.
+    """
+    return torch.cat([fine[:1], fine[1:] - reference.step / 2]) if reference.staggered else fine
 
 
 def _steps(stamps: Tensor, step: float) -> int:
