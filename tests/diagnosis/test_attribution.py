@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from physid.diagnosis.progress import silent
-from physid.diagnosis.selection import attribution, further, search, several
+from physid.diagnosis.selection import all_frames, attribution, further, search, several
 from physid.diagnosis.selection import comparison as compare_candidates
 from physid.diagnosis.settings.settings import Settings
 from physid.physics import SolverError
@@ -156,8 +156,8 @@ def test_what_flights_showed_stays_where_what_it_leaves_at_impacts_cannot_be_sim
         (attribution, "contact_free", lambda *_: "calm windows"),
         (attribution, "search_catalogue", lambda *_: named),
         (attribution, "is_material", lambda *_: True),
-        (attribution, "refit_all_segments", lambda *_: drag),
-        (attribution, "conclude", lambda *_: hypothesis()),
+        (all_frames, "refit_all_segments", lambda *_: drag),
+        (all_frames, "conclude", lambda *_: hypothesis()),
         (further, "find_lack_of_fit", fails),
     ):
         monkeypatch.setattr(module, name, stand_in)
@@ -201,7 +201,7 @@ def test_contact_free_segments_decide_alone_what_they_explain_whole_or_not_at_al
         ("contact_free", lambda *_: "calm windows"),
         ("search_catalogue", lambda fit, *_: found["calm windows" if fit == "calm windows" else "all windows"]),
         ("is_material", lambda *_: material),
-        ("_with_all_frames", lambda _, one, __: one),
+        ("fit_all_frames", lambda _, one, __: one),
         ("further_effects", lambda _, one, *__: one),
     ):
         monkeypatch.setattr(attribution, name, stand_in)
@@ -237,11 +237,11 @@ def test_of_a_group_that_hypothesis_is_first_which_trajectories_prefer_in_all_fr
 ) -> None:
     size, offset = hypothesis("object_size"), hypothesis("camera_offset")
     losses = {"object_size": 100 + torch.tensor(aside), "camera_offset": torch.full((4,), 100.0)}
-    monkeypatch.setattr(attribution, "refit_all_segments", lambda _, one: spread(*one.names, loss=losses[one.names[0]]))
-    monkeypatch.setattr(attribution, "refitted_from_new_states", lambda one, _: one)
-    monkeypatch.setattr(attribution, "conclude", lambda *_: spread(loss=torch.full((4,), 1000.0)))
+    monkeypatch.setattr(all_frames, "refit_all_segments", lambda _, one: spread(*one.names, loss=losses[one.names[0]]))
+    monkeypatch.setattr(all_frames, "refitted_from_new_states", lambda one, _: one)
+    monkeypatch.setattr(all_frames, "conclude", lambda *_: spread(loss=torch.full((4,), 1000.0)))
     calm = search.Attribution(hypothesis(), lack(0.001), [size, offset], size, lack(1.0), [size, offset])
-    found = attribution._with_all_frames(cast(Any, hypothesis()), calm, lambda *_: None)
+    found = all_frames.fit_all_frames(cast(Any, hypothesis()), calm, lambda *_: None)
     assert found.best is not None
     assert found.best.names == (first,)
     assert [one.names for one in found.group] == [one.names for one in found.whole_group]
@@ -261,12 +261,12 @@ def test_hypotheses_are_compared_in_all_frames_from_the_initial_states_that_the_
     names, losses = ("size", "offset", "scale"), {"size": 3.0, "offset": 2.0, "scale": 4.0}
     group = [hypothesis(name) for name in names]
     monkeypatch.setattr(
-        attribution, "refit_all_segments", lambda _, one: hypothesis(*one.names, loss=losses[one.names[0]])
+        all_frames, "refit_all_segments", lambda _, one: hypothesis(*one.names, loss=losses[one.names[0]])
     )
-    monkeypatch.setattr(attribution, "refitted_from_new_states", again)
-    monkeypatch.setattr(attribution, "conclude", lambda *_: hypothesis(loss=100.0))
+    monkeypatch.setattr(all_frames, "refitted_from_new_states", again)
+    monkeypatch.setattr(all_frames, "conclude", lambda *_: hypothesis(loss=100.0))
     calm = search.Attribution(hypothesis(), lack(0.001), group, group[0], lack(1.0), group)
-    attribution._with_all_frames(cast(Any, hypothesis()), calm, lambda *_: None)
+    all_frames.fit_all_frames(cast(Any, hypothesis()), calm, lambda *_: None)
     assert asked == [("size", "offset"), ("offset", "size"), ("scale", "offset")]
 
 

@@ -16,7 +16,7 @@ from physid.diagnosis.diagnose import diagnose
 from physid.diagnosis.inputs.model_source import read_nominal_model
 from physid.diagnosis.inputs.observations import load_observations
 from physid.diagnosis.reference.nominal_fit import NominalFit, fit_nominal_model
-from physid.diagnosis.selection import attribution
+from physid.diagnosis.selection import all_frames, attribution
 from physid.diagnosis.selection.contact_free import contact_free, refit_all_segments
 from physid.diagnosis.selection.search import Attribution
 from physid.diagnosis.settings.settings import Settings
@@ -107,7 +107,7 @@ def test_what_cannot_be_simulated_in_all_frames_stays_as_contact_free_segments_s
     def fails(*_: object) -> None:
         raise SolverError("no solution")
 
-    monkeypatch.setattr(attribution, "refit_all_segments", fails)
+    monkeypatch.setattr(all_frames, "refit_all_segments", fails)
     monkeypatch.setattr(attribution, "contact_free", lambda *_: "calm windows")
     best = cast(Any, "best")
     named = Attribution(*[cast(Any, name) for name in ("nominal", "stage", "tried")], best, cast(Any, "left"), [best])

@@ -16,9 +16,10 @@ from physid.effects import find
 from physid.estimation.least_squares.jacobian import Directions, differentiate
 from physid.estimation.least_squares.normal_equations import linearise
 from physid.estimation.prediction.nominal_model import NominalModel
-from physid.estimation.prediction.rollout import Predictor, Variants
+from physid.estimation.prediction.rollout import Predictor
 from physid.estimation.prediction.segments import Segmentation
 from physid.estimation.prediction.timeline import Timeline
+from physid.estimation.prediction.variants import Variants
 from physid.scenes import find_setup
 
 ALIKE, VISIBLE = Settings().equivalence.alike, Settings().score_test.visible

@@ -11,8 +11,9 @@ from physid.data import RecordingSet
 from physid.diagnosis.inputs.model_source import read_nominal_model
 from physid.diagnosis.inputs.observations import load_observations
 from physid.effects import find
-from physid.estimation.prediction.rollout import Predictor, Variants
+from physid.estimation.prediction.rollout import Predictor
 from physid.estimation.prediction.segments import CutRule, Segmentation
+from physid.estimation.prediction.variants import Variants
 
 
 def test_threads_do_not_change_a_prediction(tmp_path: Path) -> None:

@@ -11,9 +11,9 @@ from torch import Tensor
 from physid.diagnosis.reference.replay import Reference, references_of, replay
 from physid.diagnosis.settings.reference import ReplaySettings
 from physid.estimation.prediction.nominal_model import NominalModel
-from physid.estimation.prediction.rollout import Variants
 from physid.estimation.prediction.segments import Segmentation
 from physid.estimation.prediction.timeline import Timeline
+from physid.estimation.prediction.variants import Variants
 from physid.scenes import Integration, find_setup
 
 TOSS = find_setup("toss").scene

@@ -9,9 +9,10 @@ from physid.effects import find, from_values
 from physid.estimation.least_squares.jacobian import Directions, differentiate
 from physid.estimation.least_squares.normal_equations import linearise
 from physid.estimation.prediction.nominal_model import NominalModel
-from physid.estimation.prediction.rollout import Predictor, Variants
+from physid.estimation.prediction.rollout import Predictor
 from physid.estimation.prediction.segments import Segmentation
 from physid.estimation.prediction.timeline import Timeline
+from physid.estimation.prediction.variants import Variants
 from physid.scenes import find_setup
 
 SCENE, FRAMES, SPEED, G = find_setup("push").scene, 30, 1.0, 9.81

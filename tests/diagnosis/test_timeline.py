@@ -15,9 +15,10 @@ from physid.data.observations.step_grid import StepGrid
 from physid.data.observations.trajectories import from_recordings
 from physid.effects import find
 from physid.estimation.prediction.nominal_model import NominalModel
-from physid.estimation.prediction.rollout import Predictor, Variants
+from physid.estimation.prediction.rollout import Predictor
 from physid.estimation.prediction.segments import Segmentation
 from physid.estimation.prediction.timeline import Timeline
+from physid.estimation.prediction.variants import Variants
 from physid.scenes import Scene, find_setup
 
 SCENE = find_setup("push").scene

@@ -8,7 +8,7 @@ import pytest
 import torch
 from tests.training.pushed import SCENE, push_batch
 
-from physid.estimation.prediction import NominalModel, Predictor, Variants
+from physid.estimation.prediction import NominalModel, Predictor, Timeline, Variants
 from physid.physics import State
 from physid.training.learners.engine import Engine
 from physid.training.learners.sysid import SysID
@@ -50,7 +50,7 @@ def test_the_predictor_of_a_fit_and_the_layer_say_the_same_of_learned_effects() 
     assert cut.time is not None
     assert cut.grid is not None
     model: NominalModel = physical.model(layer)
-    predictor = Predictor.of_whole(model, cut.time, cut.grid, cut.length)
+    predictor = Predictor.of_whole(model, Timeline(cut.time, cut.grid), cut.length)
     points = physical.coordinates.detach() + torch.tensor([[0.0], [0.3]], dtype=torch.float64)
     start: State = cut.start
     many = Variants.of_states(

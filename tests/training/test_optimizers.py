@@ -10,7 +10,8 @@ from tests.training.pushed import SCENE, TRUE_FRICTION, push_batch
 from torch import Tensor, nn
 
 from physid.estimation.least_squares.levenberg_marquardt import NONE, gauss_newton
-from physid.estimation.prediction.rollout import Prediction, Predictor, Variants
+from physid.estimation.prediction.rollout import Predictor
+from physid.estimation.prediction.variants import Prediction, Variants
 from physid.physics import SolverError
 from physid.training.initial_states.explaining import Explaining
 from physid.training.learners.sysid import SysID

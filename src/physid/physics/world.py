@@ -10,6 +10,7 @@ from physid.physics.contact import ContactRule, Speculative
 from physid.physics.contact_problem.friction import Cone, FrictionLaw
 from physid.physics.joints import Joint
 from physid.physics.schemes.integration import Integration, Midpoint, SemiImplicit
+from physid.physics.schemes.units import velocity_unit
 from physid.physics.shapes.shape import Shape
 from physid.physics.shapes.table import contacts_of
 
@@ -85,3 +86,8 @@ class World:
     def step(self) -> float:
         """Length of one step of the engine [s]."""
         return self.time_step / self.substeps
+
+    @property
+    def velocity_unit(self) -> float:
+        """Unit of velocities in the contact problem of a step [m/s]."""
+        return velocity_unit(self.step, midpoint=self.midpoint)

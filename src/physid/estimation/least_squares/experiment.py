@@ -12,7 +12,8 @@ from physid.estimation.least_squares.jacobian import Directions, Jacobian, diffe
 from physid.estimation.least_squares.normal_equations import Linearised, Normal, linearise
 from physid.estimation.least_squares.settings import LeastSquaresSettings
 from physid.estimation.measurement.poses import pose_difference
-from physid.estimation.prediction.rollout import Prediction, Predictor, Variants
+from physid.estimation.prediction.rollout import Predictor
+from physid.estimation.prediction.variants import Prediction, Variants
 
 DEFAULT = LeastSquaresSettings()
 

@@ -7,7 +7,7 @@ import torch
 from physid.estimation.least_squares.experiment import Experiment, Fit
 from physid.estimation.least_squares.levenberg_marquardt import NONE, gauss_newton
 from physid.estimation.least_squares.line_search import try_losses
-from physid.estimation.prediction.rollout import Variants
+from physid.estimation.prediction.variants import Variants
 from physid.setting import Section, setting
 
 

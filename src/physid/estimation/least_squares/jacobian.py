@@ -9,7 +9,8 @@ from torch import Tensor
 
 from physid.estimation.least_squares.settings import DifferenceSettings
 from physid.estimation.measurement.poses import pose_difference
-from physid.estimation.prediction.rollout import Prediction, Predictor, Variants
+from physid.estimation.prediction.rollout import Predictor
+from physid.estimation.prediction.variants import Prediction, Variants
 from physid.physics.rotations import exponential, multiply
 from physid.scenes.lying import turn_flat
 

@@ -11,7 +11,7 @@ from physid.estimation.least_squares.experiment import Experiment, Fit
 from physid.estimation.least_squares.line_search import best_step
 from physid.estimation.least_squares.normal_equations import Normal
 from physid.estimation.least_squares.prior import prior
-from physid.estimation.prediction.rollout import Variants
+from physid.estimation.prediction.variants import Variants
 
 NONE = torch.zeros(0, dtype=torch.int64)  # no effect is fitted
 WHOLE = (1.0,)  # part of the step of the shared parameters that is tried first

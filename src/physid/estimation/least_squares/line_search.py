@@ -10,7 +10,8 @@ from torch import Tensor
 
 from physid.estimation.least_squares.experiment import Experiment, Fit
 from physid.estimation.least_squares.prior import clamp_effects, clamp_engine
-from physid.estimation.prediction.rollout import Prediction, Predictor, Variants
+from physid.estimation.prediction.rollout import Predictor
+from physid.estimation.prediction.variants import Prediction, Variants
 from physid.physics import SolverError
 
 

@@ -10,7 +10,7 @@ from physid.estimation.least_squares.initial_states import InitialStates, guess_
 from physid.estimation.least_squares.levenberg_marquardt import gauss_newton
 from physid.estimation.least_squares.line_search import try_losses
 from physid.estimation.measurement.poses import pose_difference
-from physid.estimation.prediction.rollout import Prediction, Variants
+from physid.estimation.prediction.variants import Prediction, Variants
 from physid.physics.rotations import exponential, multiply
 
 

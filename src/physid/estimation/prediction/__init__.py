@@ -3,10 +3,11 @@
 from physid.estimation.prediction.effect_parameters import EffectParameter
 from physid.estimation.prediction.lying import raise_lying
 from physid.estimation.prediction.nominal_model import NominalModel
-from physid.estimation.prediction.rollout import Prediction, Predictor, Variants
+from physid.estimation.prediction.rollout import Predictor
 from physid.estimation.prediction.segments import CutRule, Segmentation
 from physid.estimation.prediction.step_effects import AtStep, acts_late, has
 from physid.estimation.prediction.timeline import Timeline
+from physid.estimation.prediction.variants import Prediction, Variants
 
 __all__ = [
     "AtStep",

@@ -2,91 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
-from itertools import accumulate
+from collections.abc import Sequence
+from dataclasses import replace
 
 import torch
 from torch import Tensor
 
-from physid.data.observations.step_grid import StepGrid
-from physid.estimation.prediction.effect_parameters import EffectParameter
+from physid.estimation.prediction.candidates import Candidates
 from physid.estimation.prediction.lying import raise_lying
 from physid.estimation.prediction.nominal_model import NominalModel
 from physid.estimation.prediction.segments import Batch, Segmentation, at_once
-from physid.estimation.prediction.step_effects import acts_late, has, only_steps, with_values
 from physid.estimation.prediction.timeline import Steps, Timeline
+from physid.estimation.prediction.variants import Prediction, Variants
 from physid.physics import Effect, PhysicsLayer, Rollout, State
 from physid.physics.contact import PATCH
-
-
-@dataclass(frozen=True)
-class Variants:
-    """C variants of an experiment with R trajectories in K segments.
-
-    Attributes:
-        pose: Initial poses of the segments, shape (C, K, N, 7); those of bodies that lie on the ground are where the
-            sizes that were measured lay them, see `raise_lying`.
-        twist: Initial twists, shape (C, K, N, 6).
-        nominal: Unknown parameters in the coordinates of the fit, shape (C, P).
-        effects: Parameters of the candidate effects, shape (C, Q).
-        engine: How far the numerics of the reference simulator are followed (0: not, 1: all the way), shape (C, 1).
-        force: Wrench on top of the acting one, shape (C, R, T, N, 6); None for none.
-    """
-
-    pose: Tensor
-    twist: Tensor
-    nominal: Tensor
-    effects: Tensor
-    engine: Tensor
-    force: Tensor | None = None
-
-    def __len__(self) -> int:
-        return self.pose.shape[0]
-
-    def __getitem__(self, chosen: slice) -> Variants:
-        return self._each(lambda value: value[chosen])
-
-    @classmethod
-    def of_states(cls, pose: Tensor, twist: Tensor, nominal: Tensor, effects: Tensor) -> Variants:
-        """Return variants (C, ...) that do not follow a reference simulator."""
-        return cls(pose, twist, nominal, effects, torch.zeros(len(pose), 1, dtype=torch.float64))
-
-    @classmethod
-    def join(cls, parts: Sequence[Variants]) -> Variants:
-        """Put variants without a force one after the other."""
-        names = [field.name for field in fields(cls) if field.name != "force"]
-        return cls(*(torch.cat([getattr(part, name) for part in parts]) for name in names))
-
-    def repeat(self, times: int) -> Variants:
-        """Repeat a single variant."""
-        return self._each(lambda value: value.expand(times, *value.shape[1:]).clone())
-
-    def _each(self, change: Callable[[Tensor], Tensor]) -> Variants:
-        values = {field.name: getattr(self, field.name) for field in fields(self)}
-        return Variants(**{name: None if value is None else change(value) for name, value in values.items()})  # type: ignore[arg-type]
-
-    def replace(self, **changes: Tensor) -> Variants:
-        """Return a copy with some fields changed."""
-        return replace(self, **changes)
-
-
-@dataclass(frozen=True)
-class Prediction:
-    """What the model says.
-
-    Attributes:
-        pose: Poses that the camera would report, shape (C, R, T, N, 7).
-        state: Poses before the camera, shape (C, R, T, N, 7).
-        twist: Shape (C, R, T, N, 6).
-        impulse: Of contacts along their normals from each frame to the next [N s], zero in the last of a segment; shape
-            (C, R, T, K).
-    """
-
-    pose: Tensor
-    state: Tensor
-    twist: Tensor
-    impulse: Tensor
 
 
 class Predictor:
@@ -119,18 +48,14 @@ class Predictor:
         self.late = late
         self.timeline = timeline
         self.segments = segments
-        self.candidates = tuple(candidates)
-        self.terms = tuple(EffectParameter(effect, name) for effect in candidates for name in effect.quantities())
-        self.null = torch.tensor([term.quantity.null for term in self.terms], dtype=torch.float64)
+        self._candidates = Candidates(candidates)
+        self.candidates, self.terms, self.null = self._candidates.kinds, self._candidates.terms, self._candidates.null
         self._most, self._elsewhere, self.simulated = most, elsewhere, [0]
-        ends = list(accumulate(len(kind.quantities()) for kind in self.candidates))
-        initial = [0, *ends][:-1]
-        self._columns = [(kind, slice(*ends)) for kind, *ends in zip(self.candidates, initial, ends, strict=True)]
 
     @classmethod
-    def of_whole(cls, model: NominalModel, time: Tensor, grid: StepGrid, length: Tensor) -> Predictor:
-        """Return one of whole trajectories with times (R, T), steps in between, and frames (R,) that are real."""
-        return cls(model, Timeline(time, grid), Segmentation.whole(length, time.shape[1]))
+    def of_whole(cls, model: NominalModel, timeline: Timeline, length: Tensor) -> Predictor:
+        """Return one of whole trajectories, of which so many frames (R,) are real."""
+        return cls(model, timeline, Segmentation.whole(length, timeline.time.shape[1]))
 
     def over(self, segments: Segmentation, elsewhere: Tensor | None = None) -> Predictor:
         """Return the same with other segments, and states (R, T, N, 7) of the frames that are in none of them.
@@ -151,7 +76,7 @@ class Predictor:
 
     def for_effects(self, columns: Tensor) -> Predictor:
         """Return the same with the steps that effects need, of which some parameters (indices) are at work."""
-        late = any(acts_late(self.terms[k].effect) for k in columns.tolist())
+        late = self._candidates.act_late(columns)
         return self if self.late is None or not late else self.at_times(self.late)
 
     def predict(self, variants: Variants) -> Prediction:
@@ -174,16 +99,14 @@ class Predictor:
         Poses are those at the times at which a candidate's camera takes them, whatever its clock says.
         """
         time, (count, trajectories) = self.timeline.time, state.shape[:2]
-        effects = variants.effects
         every = time.repeat(count, 1)
         seen = state.flatten(0, 1)
         for effect in self._known(variants, trajectories):
             seen = effect.observe(seen, every)
         poses: Tensor = seen.unflatten(0, state.shape[:2])
-        for effect, rows in self._at_work(effects, "observe", trajectories):
-            if not has(type(effect), "elapse"):
-                own = effect.observe(poses.flatten(0, 1)[rows], every[rows])
-                poses = poses.flatten(0, 1).index_copy(0, rows, own).unflatten(0, state.shape[:2])
+        for effect, rows in self._candidates.observing(variants.effects, trajectories):
+            own = effect.observe(poses.flatten(0, 1)[rows], every[rows])
+            poses = poses.flatten(0, 1).index_copy(0, rows, own).unflatten(0, state.shape[:2])
         return poses
 
     def begun(self, variants: Variants) -> Variants:
@@ -255,7 +178,7 @@ class Predictor:
     def _edges(self, variants: Variants) -> Tensor | None:
         """Return when the steps begin and end where a candidate's camera has a clock of its own, (C, R, S + 1)."""
         edges, count = self.timeline.edges, len(variants)
-        at_work = self._at_work(variants.effects, "elapse", len(edges))
+        at_work = self._candidates.at_work(variants.effects, "elapse", len(edges))
         if not at_work:
             return None
         every = edges.repeat(count, 1)
@@ -272,7 +195,7 @@ class Predictor:
             wrench, every = self.timeline.wrench_between(edges).flatten(0, 1), edges[..., :-1].flatten(0, 1)
         for effect in self._known(variants, trajectories):
             wrench = effect.actuate(wrench, every)
-        for effect, rows in self._at_work(variants.effects, "actuate", trajectories):
+        for effect, rows in self._candidates.at_work(variants.effects, "actuate", trajectories):
             wrench = wrench.index_copy(0, rows, effect.actuate(wrench[rows], every[rows]))
         wrench = wrench.unflatten(0, (count, trajectories))
         acting: Tensor = wrench if variants.force is None else wrench + self.timeline.on_steps(variants.force)
@@ -280,30 +203,9 @@ class Predictor:
 
     def _steps(self, variants: Variants, segments: int) -> list[Effect]:
         """Return the effects that act at the step, with a value for each of k segments and variants (k, C)."""
-        at_work = self.model.effects_at(variants.nominal.repeat(segments, 1))
-        known = [only_steps(effect) for effect in at_work if has(type(effect), "act")]
-        return known + [
-            only_steps(with_values(kind, part.repeat(segments, 1)))
-            for kind, part, _ in self._on(variants.effects, "act")
-        ]
+        known = self.model.effects_at(variants.nominal.repeat(segments, 1))
+        return self._candidates.at_steps(known, variants.effects, segments)
 
     def _known(self, variants: Variants, copies: int) -> tuple[Effect, ...]:
         """Return the effects of the model, with a value for each variant and trajectory (C, R)."""
         return self.model.effects_at(variants.nominal.repeat_interleave(copies, 0))
-
-    def _at_work(self, effects: Tensor, hook: str, copies: int) -> list[tuple[Effect, Tensor]]:
-        """List the candidates with `hook` that are not null in some variant, and the rows (variant x copy) where."""
-        working = []
-        for kind, part, on in self._on(effects, hook):
-            rows = on.repeat_interleave(copies).nonzero()[:, 0]
-            working.append((with_values(kind, part.repeat_interleave(copies, 0)[rows]), rows))
-        return working
-
-    def _on(self, effects: Tensor, hook: str) -> list[tuple[type[Effect], Tensor, Tensor]]:
-        """List the candidates with `hook` that are not null in some variant, their parameters (C, q), and where."""
-        on = effects != self.null
-        found = []
-        for kind, columns in self._columns:
-            if has(kind, hook) and bool(on[:, columns].any()):
-                found.append((kind, effects[:, columns], on[:, columns].any(1)))
-        return found

@@ -15,7 +15,6 @@ from physid.physics.effect import StepInputs, widths_of
 from physid.physics.fused.formulas.layouts import CONSTANTS, OF_BODY, OF_WORLD
 from physid.physics.fused.records import Shape
 from physid.physics.guards.made_once import made_once
-from physid.physics.schemes.units import velocity_unit
 from physid.physics.world import World
 
 
@@ -60,7 +59,7 @@ def constants_of(world: World, settings: SolverSettings, shape: Shape) -> Tensor
         raise ValueError(f"solver.compliance must have at most {CONSTANTS.widths['ladder']} values, got {len(ladder)}")
     values = {
         "step": [world.step],
-        "unit": [velocity_unit(world.step, midpoint=world.midpoint)],
+        "unit": [world.velocity_unit],
         "gyroscopic": [float(world.gyroscopic)],
         "speculative": [float(isinstance(rule, Speculative))],
         "split": [float(isinstance(rule, Split))],

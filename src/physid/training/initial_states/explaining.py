@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from physid.estimation.least_squares import Experiment, Fit, best_guess, lay_out
-from physid.estimation.prediction import Predictor, Variants
+from physid.estimation.prediction import Predictor, Timeline, Variants
 from physid.physics import PhysicsLayer
 from physid.training.parameters import PhysicalParameters, PoseLoss, Trajectories
 
@@ -53,7 +53,7 @@ class Explaining:
         assert cut.time is not None and cut.grid is not None
         physical = copy.deepcopy(self.physical).cpu()
         nominal = (physical.coordinates.detach() if coordinates is None else coordinates.cpu())[None]
-        predictor = Predictor.of_whole(physical.model(self.layer), cut.time, cut.grid, cut.length)
+        predictor = Predictor.of_whole(physical.model(self.layer), Timeline(cut.time, cut.grid), cut.length)
         every = torch.ones(len(cut), dtype=torch.bool)
         experiment, initial = lay_out(predictor, cut.pose, self._scale(cut), every, cut.noise.rotation)
         if not self.fitted:
