@@ -64,7 +64,8 @@ SUITES: dict[str, tuple[str, ...]] = {
     "estimation/prediction/coordinates.py": (
         *("training/test_physical_parameters.py", "diagnosis/test_equivalence.py", "estimation/test_starts.py"),
     ),
-    "estimation/prediction/rollout.py": (
+    "estimation/prediction/lying.py": ("diagnosis/test_lying.py",),
+    "estimation/prediction/rollout.py estimation/prediction/candidates.py": (
         *("diagnosis/test_timeline.py", "diagnosis/test_prediction.py", "estimation/test_cuts.py"),
         "estimation/test_effects_at_work.py",
     ),
@@ -96,6 +97,7 @@ SUITES: dict[str, tuple[str, ...]] = {
     "diagnosis/inputs/requirements.py": ("diagnosis/test_requirements.py",),
     "diagnosis/reference/replay.py": (
         "diagnosis/test_replay.py",
+        "diagnosis/test_lying.py",
         "diagnosis/test_inputs.py",
         "diagnosis/test_diagnose.py",
     ),
