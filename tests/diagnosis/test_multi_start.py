@@ -17,6 +17,7 @@ from physid.estimation.least_squares.settings import MultiStartSettings
 from physid.estimation.prediction import Predictor, Variants
 
 NEAR = 1.1  # times the loss at the best initial state
+ROUNDING = 1e-6  # worlds that are solved together take as many rounds as the worst of them
 
 
 @pytest.fixture(scope="module")
@@ -89,11 +90,11 @@ def test_varied_states_explain_no_segment_worse_and_one_that_was_moved_better(no
     pose[:, 0, 0, 0] += 2e-3
     moved = experiment.linearise(nominal_fit.fit.point.replace(pose=pose), NONE)
     again = experiment.losses(varied(experiment, moved, moved.point))[0]
-    assert (again <= moved.loss).all()
+    assert (again <= moved.loss * (1 + ROUNDING)).all()
     assert float(again[0]) < float(moved.loss[0]) - 50
     best = nominal_fit.fit.point
     gained = nominal_fit.fit.loss - experiment.losses(varied(experiment, nominal_fit.fit, best))[0]
-    assert float(gained.min()) >= 0
+    assert (gained >= -ROUNDING * nominal_fit.fit.loss).all()
     none = experiment.settings.model_copy(update={"multi_start": MultiStartSettings(draws=0)})
     assert varied(experiment.replace(settings=none), moved, moved.point) is moved.point
 
