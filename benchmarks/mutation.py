@@ -47,7 +47,7 @@ SUITES: dict[str, tuple[str, ...]] = {
     "physics/state.py physics/parameters.py physics/world.py physics/effect.py physics/layer.py": (
         *("physics/test_layer.py", "physics/test_border.py", "physics/test_lengths.py", "effects/test_catalogue.py"),
     ),
-    "physics/step.py": ("physics/test_fused.py", "physics/test_shapes.py"),
+    "physics/step.py": ("physics/test_fused.py", "physics/test_shapes.py", "physics/test_midpoint.py"),
     "physics/fused/formulas/*.py physics/fused/formulas/*/*.py": (
         *("physics/test_fused_compiler.py", "physics/test_closed_forms.py", "physics/test_fused.py"),
         "physics/test_midpoint.py",

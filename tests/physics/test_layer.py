@@ -11,6 +11,7 @@ import torch
 from physics.worlds import boxes, forces, repeat, state
 from physid.effects.actuation.force_gain import ForceGain
 from physid.effects.dynamics.viscous_drag import ViscousDrag
+from physid.effects.perception.observation_latency import ObservationLatency
 from physid.physics import Parameters, PhysicsLayer, Plane, SolverError, State, World
 from physid.physics.contact_problem.lcp import SolverSettings
 from physid.physics.rotations import exponential, multiply, rotate
@@ -186,3 +187,15 @@ def test_a_wrench_that_is_not_finite_or_of_the_wrong_shape_is_refused() -> None:
 def test_impossible_worlds_are_refused(build) -> None:  # noqa: ANN001
     with pytest.raises(ValueError, match="must be"):
         build()
+
+
+def test_without_times_a_camera_sees_frames_a_time_step_apart() -> None:
+    """A block that moves at one metre per second is seen where it was by a latency of two and a half frames before."""
+    step, frames, late = 1 / 50, 9, 2.5
+    layer = PhysicsLayer(World(time_step=step), [ObservationLatency(torch.tensor([late * step], dtype=torch.float64))])
+    time = step * torch.arange(frames, dtype=torch.float64)
+    pose = torch.zeros(1, frames, 1, 7, dtype=torch.float64)
+    pose[0, :, 0, 0], pose[..., 6] = time, 1.0
+    seen = layer.observe(pose)
+    assert torch.allclose(seen[0, 3:, 0, 0], time[3:] - late * step, atol=1e-12)
+    assert torch.equal(seen, layer.observe(pose, time[None]))

@@ -72,3 +72,12 @@ def test_gradients_are_right_everywhere_and_finite_at_zero(vectors: torch.Tensor
 def test_the_angle_of_a_known_turn() -> None:
     turn = exponential(torch.tensor([0.0, 0.0, math.pi / 3], dtype=torch.float64))
     assert float(angle_between(turn, exponential(torch.zeros(3, dtype=torch.float64)))) == pytest.approx(math.pi / 3)
+
+
+@pytest.mark.parametrize("angle", [1e-8, 1e-4, 0.01, 0.05, 0.0632, 0.0633, 0.5, 3.0])
+def test_small_turns_are_as_exact_as_large_ones(angle: float) -> None:
+    """On both sides of where the series ends, at half angles whose square is a thousandth."""
+    axis = torch.tensor([2.0, -1.0, 2.0], dtype=torch.float64) / 3
+    found = exponential(angle * axis)
+    expected = torch.cat([math.sin(angle / 2) * axis, torch.tensor([math.cos(angle / 2)], dtype=torch.float64)])
+    assert ((found - expected).abs() <= 4e-16 * expected.abs() + 1e-300).all()
