@@ -66,7 +66,7 @@ def test_sites_share_by_how_far_their_best_law_falls_behind_and_sum_to_one() -> 
         | {"dynamics": 1 / (2 + ratio), "contact": 1 / (2 + ratio), "actuation": ratio / (2 + ratio)},
         abs=1e-4,
     )
-    assert list(shares.values()) == [round(value, 4) for value in shares.values()], "as many digits as are told"
+    assert list(shares.values()) == [round(value, 4) for value in shares.values()], "as many digits as are reported"
     little = sites(found, False, {"dynamics": 4.0, "contact": 0.0})
     assert little["contact"] / little["dynamics"] == pytest.approx(math.exp(-4 / (2 * 2.0)), rel=1e-3)
     assert sum(sites(found, False, {}).values()) == 0

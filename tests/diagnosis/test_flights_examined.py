@@ -176,10 +176,10 @@ def test_phases_have_cells_of_their_own_from_a_share_of_the_frames_on(frames: in
     phases[0, : frames + 1, 1] = PHASES.index("impact")
     settings = ResidualWrenchSettings(seldom=0.03)
     cells, wrench = residual_wrenches(phases, torch.eye(3).double(), True, segments, 0.04, settings)
-    hits = [k for k, cell in enumerate(cells) if cell.phase == "impact"]
-    assert bool(hits) is listed
-    assert all(cells[k].body == 1 for k in hits)
-    for k in hits:
+    impacts = [k for k, cell in enumerate(cells) if cell.phase == "impact"]
+    assert bool(impacts) is listed
+    assert all(cells[k].body == 1 for k in impacts)
+    for k in impacts:
         assert (wrench[k] != 0).any(-1).nonzero().tolist() == [[0, 0, 1], [0, 1, 1]]
     assert sum(cell.piece is not None for cell in cells) == 2 * 3 * 13, "of four frames each"
 

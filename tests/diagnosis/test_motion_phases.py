@@ -70,7 +70,7 @@ def test_an_impact_lasts_for_a_time_and_where_trajectories_are_cut_for_some_fram
     assert after / rate <= max(PhaseSettings().impact_time + 0.5 / rate, frames / rate)
 
 
-def test_a_trajectory_is_told_by_its_own_command_however_noisy_those_beside_it_are() -> None:
+def test_a_trajectory_is_judged_by_its_own_command_however_noisy_those_beside_it_are() -> None:
     settings, time_step, frames = PhaseSettings(), 1 / 240, 240
     wrench = torch.zeros(3, frames, 1, 6, dtype=torch.float64)
     wrench[0, 60:180, 0, 3] = 1.0  # weaker than those beside it

@@ -19,7 +19,7 @@ from physid.scenes import Integration, find_setup
 TOSS = find_setup("toss").scene
 STEP = 1e-3
 FINE_ENOUGH = 2e-5  # [m] a fiftieth of what a millisecond is at 1 m/s
-FORCED_ENOUGH = 1e-4  # [m] a fifteenth of what half a millisecond is at the 3 m/s that forces change there
+FORCED_ENOUGH = 1e-4  # [m] a twentieth of what positions that run ahead by half a step of a millisecond were off there
 SPEED = 2.0
 SLID_ENOUGH = 2e-4  # [m] a tenth of what a millisecond is at that speed
 REFERENCES = [Reference("pybullet", STEP, staggered=True), Reference("mujoco", 2 * STEP)]

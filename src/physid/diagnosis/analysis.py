@@ -22,7 +22,7 @@ def analyse(inputs: Inputs, folder: Path, seed: int, settings: Settings, say: Pr
         folder: Keeps the nominal fit, from which an interrupted analysis goes on.
         seed: Of the null simulations and of the bootstrap.
         settings: Every number that decides.
-        say: Told what is being done.
+        say: Called with what is being done.
 
     Raises:
         ValueError: If the nominal model cannot be simulated where the recordings go.

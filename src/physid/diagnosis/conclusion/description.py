@@ -63,7 +63,7 @@ def _residual_laws(judged: Judgement) -> ResidualLaws:
 
 
 def _group(judged: Judgement) -> tuple[str, ...]:
-    """Name every effect of the hypotheses that cannot be told from the chosen one, its own first."""
+    """Name every effect of the hypotheses that cannot be distinguished from the chosen one, its own first."""
     found, chosen = judged.found, judged.chosen
     if chosen is None:
         return ()

@@ -81,7 +81,7 @@ def _touching_others(normal: Tensor, bodies: int) -> Tensor:
 def _switched(wrench: Tensor, time_step: float, settings: PhaseSettings) -> Tensor:
     """Find the frames during and shortly after large changes of the command, shape (R, T, N).
 
-    Each trajectory is told by itself: beside one that is pushed now and then, another may follow a noise.
+    Each trajectory is judged by itself: beside one that is pushed now and then, another may follow a noise.
     """
     change = torch.zeros_like(wrench[..., 0])
     change[:, 1:] = (wrench[:, 1:] - wrench[:, :-1]).norm(dim=-1)

@@ -16,7 +16,7 @@ from physid.estimation.prediction import Predictor, Segmentation, Variants
 
 LAYOUT = 4  # of what is stored; another one is not read
 GRID = ("steps", "wrench", "frame_step", "count")
-WINDOWS = ("trajectory", "start", "size", "contact", "lying")
+WINDOWS = ("trajectory", "start", "size", "contact")
 POINT = ("pose", "twist", "nominal", "effects", "engine")
 
 
@@ -39,14 +39,16 @@ def to_tensors(nominal_fit: NominalFit) -> dict[str, Any]:
 def from_tensors(state: Mapping[str, Any], inputs: Inputs, settings: Settings) -> NominalFit:
     """Put a fit together again from what `to_tensors` returned, and from what it was made from."""
     observations = inputs.observations
-    segments = Segmentation(*observations.pose.shape[:2], *(state[name] for name in WINDOWS))
+    directions = Directions(state["frame"], state["free"])
+    trajectories, frames = observations.pose.shape[:2]
+    cut = {name: state[name] for name in WINDOWS}
+    segments = Segmentation(trajectories, frames, **cut, lying=directions.planar)
     grids = {
         kind: dataclasses.replace(observations.timeline, grid=StepGrid(*(state[f"{kind}.{name}"] for name in GRID)))
         for kind in ("grid", "late")
         if f"{kind}.steps" in state
     }
     predictor = Predictor(inputs.model, grids["grid"], segments, inputs.candidates, late=grids.get("late"))
-    directions = Directions(state["frame"], state["free"])
     experiment = Experiment(
         predictor,
         observations.pose,

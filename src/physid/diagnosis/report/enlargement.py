@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from physid.diagnosis.report.outlines import Points
-from physid.physics.rotations import exponential, multiply
+from physid.estimation.measurement import moved
 from physid.scenes import Scene
 from physid.scenes.camera import corners
 
@@ -26,18 +26,13 @@ def smooth(value: Tensor) -> Tensor:
 
 def enlargement(scene: Scene, pose: Tensor, away: Tensor) -> int:
     """Choose how many times as large differences (T, N, 6) are drawn, so that the largest can be seen."""
-    own, other = (corners_of(scene, each) for each in (pose, moved(pose, -away)))
+    own, other = (corners_of(scene, pose, change) for change in (0 * away, -away))
     size = np.ptp(own, axis=-2).max()
     largest = float(np.quantile(np.linalg.norm(other - own, axis=-1), 0.98))
     return max((each for each in LARGER if each * largest <= VISIBLE * size), default=1)
 
 
-def moved(pose: Tensor, change: Tensor) -> Tensor:
-    """Move poses (..., 7) by rotation vectors and positions (..., 6)."""
-    return torch.cat([pose[..., :3] + change[..., 3:], multiply(exponential(change[..., :3]), pose[..., 3:])], -1)
-
-
-def corners_of(scene: Scene, pose: Tensor) -> Points:
-    """Project the corners of the bodies at poses (T, N, 7), shape (T, N, 8, 2) [pixel]."""
+def corners_of(scene: Scene, pose: Tensor, change: Tensor) -> Points:
+    """Project the corners of bodies at poses (T, N, 7), moved by changes (T, N, 6); shape (T, N, 8, 2) [pixel]."""
     assert scene.camera is not None
-    return scene.camera.project(corners(pose.numpy(), scene.sizes))[..., :2]
+    return scene.camera.project(corners(moved(pose, change).numpy(), scene.sizes))[..., :2]

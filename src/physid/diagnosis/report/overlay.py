@@ -14,7 +14,7 @@ from physid.data.reading import film_of
 from physid.diagnosis.conclusion.gap import errors_of, held_out_parts
 from physid.diagnosis.conclusion.judgement import Judgement
 from physid.diagnosis.report.contents import Film, Overlay, Still
-from physid.diagnosis.report.enlargement import corners_of, enlargement, moved, smooth
+from physid.diagnosis.report.enlargement import corners_of, enlargement, smooth
 from physid.diagnosis.report.outlines import Pixels, Points, draw_panel, to_webp, view_of
 from physid.pages.numbers import quantity, words
 
@@ -45,7 +45,7 @@ def overlay(out: Path, judged: Judgement) -> Overlay | None:
     away = torch.stack([smooth(model.fit.residual[row, :length])[shown] for model in models])
     pose = observations.pose[row, shown]
     larger = enlargement(scene, pose, away[0])
-    recorded, *drawn = (corners_of(scene, moved(pose, change)) for change in (0 * away[0], *(-larger * away)))
+    recorded, *drawn = (corners_of(scene, pose, change) for change in (0 * away[0], *(-larger * away)))
     films, index = film_of(*sources[row])
     panels = _panels(films.film(index, shown.tolist())[0], recorded, drawn)
     stills = [

@@ -31,7 +31,7 @@ class InAllSegments:
 
     Attributes:
         nominal: The model without effects.
-        group: Hypotheses that contact-free segments cannot tell apart, the best first; none if it cannot be simulated.
+        group: Hypotheses that contact-free segments cannot distinguish, the best first; none if it cannot be simulated.
     """
 
     nominal: Hypothesis

@@ -66,9 +66,14 @@ class Directions:
         return Directions(self.frame, self.free & (torch.arange(12) < SHIFTS))
 
     @property
+    def planar(self) -> Tensor:
+        """Bodies that move in the ground's plane alone, for they lie on it, shape (K, N)."""
+        return self.free[..., 2] & ~self.free[..., 5]
+
+    @property
     def lying(self) -> Tensor:
-        """Segments in which some body moves in the ground's plane alone, shape (K,)."""
-        return (self.free[..., 2] & ~self.free[..., 5]).any(1)
+        """Segments in which some body lies on the ground, shape (K,)."""
+        return self.planar.any(1)
 
     def level(self, pose: Tensor, twist: Tensor) -> tuple[Tensor, Tensor]:
         """Turn bodies that may not lean until a face is parallel to the ground, and take their tumbling off.
@@ -90,9 +95,8 @@ class Directions:
 
     def with_heights_of(self, like: Tensor, pose: Tensor) -> Tensor:
         """Return poses (..., K, N, 7), those of bodies that lie on the ground at the heights of others."""
-        lying = (self.free[..., 2] & ~self.free[..., 5])[..., None]
         off = ((like - pose)[..., :3] @ self.frame[2])[..., None] * self.frame[2]
-        return torch.cat([pose[..., :3] + torch.where(lying, off, 0.0), pose[..., 3:]], -1)
+        return torch.cat([pose[..., :3] + torch.where(self.planar[..., None], off, 0.0), pose[..., 3:]], -1)
 
     @property
     def used(self) -> list[tuple[int, int]]:

@@ -9,9 +9,8 @@ from physid.estimation.least_squares.experiment import Experiment, Fit, seen_fra
 from physid.estimation.least_squares.initial_states import InitialStates, guess_initial_states
 from physid.estimation.least_squares.levenberg_marquardt import gauss_newton
 from physid.estimation.least_squares.line_search import try_losses
-from physid.estimation.measurement.poses import pose_difference
+from physid.estimation.measurement.poses import moved, pose_difference
 from physid.estimation.prediction.variants import Prediction, Variants
-from physid.physics.rotations import exponential, multiply
 
 
 def best_guess(
@@ -48,7 +47,7 @@ def guesses(experiment: Experiment, point: Variants) -> Variants:
     they are looked at.
     """
     predicted = experiment.predictor.predict(point)
-    pose = _shifted(experiment.pose, pose_difference(predicted.state, predicted.pose)[0])
+    pose = moved(experiment.pose, pose_difference(predicted.state, predicted.pose)[0])
     return _guessed(experiment, point, pose, seen_frames(experiment.scale))
 
 
@@ -71,16 +70,11 @@ def _from_seen(experiment: Experiment, seen: Tensor, point: Variants) -> Tensor:
     """Return the poses of which a camera with the effects of a point sees these, (1, R, T, N, 7), as near as it can."""
     state, off = seen, pose_difference(seen, experiment.predictor.observe(seen, point))
     for _ in range(experiment.settings.multi_start.undo):
-        moved = _shifted(state, off)
-        left = pose_difference(seen, experiment.predictor.observe(moved, point))
+        nearby = moved(state, off)
+        left = pose_difference(seen, experiment.predictor.observe(nearby, point))
         nearer = left.norm(dim=-1, keepdim=True) < off.norm(dim=-1, keepdim=True)
-        state, off = torch.where(nearer, moved, state), torch.where(nearer, left, off)
+        state, off = torch.where(nearer, nearby, state), torch.where(nearer, left, off)
     return state
-
-
-def _shifted(pose: Tensor, off: Tensor) -> Tensor:
-    """Turn and shift poses (..., 7) by rotation vectors and positions (..., 6)."""
-    return torch.cat([pose[..., :3] + off[..., 3:], multiply(exponential(off[..., :3]), pose[..., 3:])], -1)
 
 
 def _guessed(experiment: Experiment, point: Variants, pose: Tensor, weight: Tensor) -> Variants:

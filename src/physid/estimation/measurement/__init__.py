@@ -1,6 +1,6 @@
 """What a sensor adds: the noise of recorded poses, and the error of poses that were tracked in films."""
 
-from physid.estimation.measurement.poses import pose_difference
+from physid.estimation.measurement.poses import moved, pose_difference
 from physid.estimation.measurement.sensor_noise import (
     UNSEEN,
     Noise,
@@ -19,6 +19,7 @@ __all__ = [
     "TrackingError",
     "estimate_noise",
     "frame_weights",
+    "moved",
     "noise_of_poses",
     "outlier_poses",
     "pose_difference",

@@ -28,7 +28,7 @@ def learn_look(
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Cut the look of the bodies out of the first frames of some trajectories, by their masks and initial poses.
 
-    The paper takes shape and appearance of the objects as known in the same way; no other pose is looked at.
+    The paper takes shape and appearance of the objects as known in the same way; no other pose is inspected.
 
     Args:
         decoder: Takes the look.
@@ -36,7 +36,7 @@ def learn_look(
         trajectories: Which of its trajectories; the first 16 are used.
 
     Returns:
-        What it looked at: poses (M, 1, N, 7), images (M, 1, 3, H, W) and backgrounds (M, 3, H, W).
+        What it inspected: poses (M, 1, N, 7), images (M, 1, 3, H, W) and backgrounds (M, 3, H, W).
 
     Raises:
         ValueError: If a trajectory has no poses, or a mask does not lie where the initial pose says.

@@ -50,7 +50,7 @@ class CastShadow:
             camera: Sees the ground; above the horizon there is none, and no shadow.
             pose: Poses of the boxes, shape (B, T, N, 7).
             size: Full edge lengths [m], shape (N, 3).
-            shape: Rows and columns of the part of the view that is looked at.
+            shape: Rows and columns of the part of the view that is compared.
             corner: Column and row of its first pixel, shape (B, 2); None for the whole view.
 
         Returns:
@@ -102,7 +102,7 @@ def ground_points(
     Args:
         camera: Sees the ground.
         ground: The plane.
-        shape: Rows and columns of the part of the view that is looked at.
+        shape: Rows and columns of the part of the view that is compared.
         corner: Column and row of its first pixel, shape (B, 2); None for the whole view.
 
     Returns:
