@@ -18,6 +18,7 @@ from __future__ import annotations
 import argparse
 import ast
 import copy
+import hashlib
 import importlib
 import json
 import math
@@ -26,8 +27,9 @@ import random
 import resource
 import signal
 import sys
+import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from typing import Any
@@ -260,9 +262,25 @@ def _tested(module: Path, source: str | None, suite: tuple[str, ...]) -> int:
         return usual(self, name)
 
     SourceFileLoader.get_code = get_code  # type: ignore[method-assign]
+    _keep_machine_code_by_its_text()
     # Pytest would load what it takes for tests, such as score_test.py, past this, to rewrite their asserts.
     words = ["-x", "-q", "-p", "no:cacheprovider", "-m", "not slow", "--assert=plain"]
     return int(pytest.main([*words, *(str(TESTS / each) for each in suite)]))
+
+
+def _keep_machine_code_by_its_text() -> None:
+    """Let changed formulas be compiled: the files of sources, by which machine code is kept, have not changed."""
+    from physid.compiler import machine
+
+    usual, place = machine.address, machine._place
+
+    def address(name: str, write: Callable[[], str]) -> int:
+        text = write()
+        digest = hashlib.sha256(text.encode()).hexdigest()[:16]
+        machine._place = lambda name: place(name).with_suffix(f".{digest}")
+        return usual(name, lambda: text)
+
+    machine.address = address
 
 
 def drawn(pattern: str, count: int, seed: int) -> list[tuple[Path, int]]:
@@ -286,6 +304,8 @@ def main() -> None:
     sys.path[:0] = [str(ROOT), str(TESTS)]
     for slow in SLOW:
         importlib.import_module(slow)
+    cache = tempfile.TemporaryDirectory()
+    os.environ["XDG_CACHE_HOME"] = cache.name
     rows: dict[str, dict[str, Any]] = {}
     if chosen.kept and chosen.kept.is_file():
         rows = {row["change"]: row for row in map(json.loads, chosen.kept.read_text().splitlines())}
