@@ -133,7 +133,7 @@ def _backward_sections(shape: Shape) -> tuple[list[Section], list[Section]]:
     used = [
         *sections.assembly(shape),
         *sections.choices(shape),
-        *sections.reverse_body_sections(),
+        *sections.reverse_body_sections(midpoint=shape.midpoint),
         sections.pace(shape),
     ]
     used += sections.matrix_sections(shape.bodies, transposed=True)

@@ -213,15 +213,16 @@ def reverse_sections(count: int, *, midpoint: bool) -> list[Section]:
     ]
 
 
-def reverse_body_sections() -> list[Section]:
+def reverse_body_sections(*, midpoint: bool) -> list[Section]:
     """Return the sections of the derivative at the solution that concern impulses or a body."""
+    push = partial(reverse.push_body, adds=midpoint)  # to what impacts that move bodies at once add
     impulses = {
         "contact": CONTACT, "impulse_bar": IMPULSE, "shared": SHARED, "shared_bar": SHARED, "constants": CONSTANTS,
     }  # fmt: skip
     return [
         Section("seed", reverse.seed, impulses),
         Section("begin_reverse", reverse.begin, {"body_bar": BODY, "motion": MOTION}),
-        Section("push_body", reverse.push_body, {"body": BODY, "body_bar": BODY, "motion": MOTION}),
+        Section("push_body", push, {"body": BODY, "body_bar": BODY, "motion": MOTION}),
     ]
 
 

@@ -66,11 +66,11 @@ def push(patch: Patch, bar: Record, bodies: Sequence[Record], motions: Sequence[
     _write_slopes(total(terms), patch.patch, bar, adds=adds)
 
 
-def push_body(body: Record, body_bar: Record, motion: Record) -> None:
-    """Write the derivative by momentum and inertia of a body, that of y.(p - M v)."""
+def push_body(body: Record, body_bar: Record, motion: Record, *, adds: bool = False) -> None:
+    """Write the derivative by momentum and inertia of a body, that of y.(p - M v), or add it (see `push`)."""
     y, v = motion["dv"], body["v"]
     inertial = [*apply(symmetric(body["world_inertia"]), v[:3]), *scale(body.one("share"), v[3:])]
-    _write_slopes(dot(y, subtract(body["momentum"], inertial)), body, body_bar)
+    _write_slopes(dot(y, subtract(body["momentum"], inertial)), body, body_bar, adds=adds)
 
 
 def _write_slopes(outcome: Value, record: Record, bar: Record, *, adds: bool = False) -> None:
