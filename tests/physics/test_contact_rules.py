@@ -47,6 +47,14 @@ def test_what_parts_or_rests_or_has_no_restitution_does_not_bounce() -> None:
         assert offset(Penetrating(), -0.001, speed, -0.5, restitution) == pytest.approx(-0.008)
 
 
+@pytest.mark.parametrize("rule", [Speculative(), Penetrating(), Split()])
+@pytest.mark.parametrize("gap", [-0.1, -0.001, 0.0, 0.001, 0.1])
+@pytest.mark.parametrize("speed", [0.0, 1e-3, 0.5, 3.0])
+def test_restitution_changes_nothing_where_bodies_part_or_rest(rule: ContactRule, gap: float, speed: float) -> None:
+    for free in (-2.0, 2.0):
+        assert offset(rule, gap, speed, free, 0.9) == offset(rule, gap, speed, free, 0.0)
+
+
 def test_in_an_overlap_the_faster_of_bounce_and_removal_acts() -> None:
     assert offset(Speculative(), -0.1, -0.3, -0.3) == pytest.approx(-1.0)
     assert offset(Speculative(), -0.001, -0.3, -0.3) == pytest.approx(-0.15)
@@ -63,6 +71,11 @@ def test_split_impulses_reflect_velocities_and_leave_overlaps_to_the_displacemen
     assert torch.allclose(
         rule.displacement(gaps), rule.correction * torch.tensor([0.001 - rule.slop, 0, -rule.slop]).double()
     )
+
+
+def test_a_contact_is_looked_at_below_its_reach_and_not_at_it() -> None:
+    gaps = torch.tensor([0.25, 0.5, 0.75])
+    assert Speculative().exists(gaps, torch.tensor(0.5)).tolist() == [True, False, False]
 
 
 def test_contacts_that_only_overlaps_make_do_not_exist_before() -> None:
