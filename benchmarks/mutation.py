@@ -39,20 +39,44 @@ SOURCE, TESTS = ROOT / "src" / "physid", ROOT / "tests"
 SUITES: dict[str, tuple[str, ...]] = {
     "physics/rotations.py": ("physics/test_rotations.py",),
     "physics/joints.py": ("physics/test_joints.py",),
-    "physics/contact.py": ("physics/test_contact_rules.py", "physics/test_collision.py"),
-    "physics/contact_problem/lcp.py": ("physics/test_lcp.py", "physics/test_fused.py"),
+    "physics/contact.py": (
+        *("physics/test_contact_rules.py", "physics/test_patches.py", "physics/test_collision.py"),
+        "physics/test_compiled_contacts.py",
+    ),
+    "physics/contact_problem/lcp.py": (
+        *("physics/test_solver_laws.py", "physics/test_compiled_steps.py", "physics/test_lcp.py"),
+        "physics/test_fused.py",
+    ),
     "physics/contact_problem/[!l]*.py": (
-        *("physics/test_lcp.py", "physics/test_cones.py", "physics/test_fused.py", "physics/test_shapes.py"),
+        *("physics/test_solver_laws.py", "physics/test_compiled_contacts.py", "physics/test_compiled_solver.py"),
+        *("physics/test_compiled_steps.py", "physics/test_lcp.py", "physics/test_cones.py", "physics/test_fused.py"),
+        "physics/test_shapes.py",
     ),
-    "physics/schemes/*.py": ("physics/test_grid.py", "physics/test_fused.py", "physics/test_midpoint.py"),
-    "physics/shapes/*.py": ("physics/test_collision.py", "physics/test_shapes.py"),
+    "physics/schemes/*.py": (
+        *("physics/test_motion_laws.py", "physics/test_impact_laws.py", "physics/test_compiled_schemes.py"),
+        *(
+            "physics/test_compiled_steps.py",
+            "physics/test_grid.py",
+            "physics/test_fused.py",
+            "physics/test_midpoint.py",
+        ),
+    ),
+    "physics/shapes/*.py": (
+        *("physics/test_nearest_points.py", "physics/test_collision.py", "physics/test_compiled_contacts.py"),
+        "physics/test_shapes.py",
+    ),
     "physics/state.py physics/parameters.py physics/world.py physics/effect.py physics/layer.py": (
-        *("physics/test_layer.py", "physics/test_border.py", "physics/test_lengths.py", "effects/test_catalogue.py"),
+        *("physics/test_inputs.py", "physics/test_layer.py", "physics/test_border.py", "physics/test_lengths.py"),
+        "effects/test_catalogue.py",
     ),
-    "physics/step.py": ("physics/test_fused.py", "physics/test_shapes.py", "physics/test_midpoint.py"),
-    "physics/fused/formulas/*.py physics/fused/formulas/*/*.py": (
-        *("physics/test_fused_compiler.py", "physics/test_closed_forms.py", "physics/test_fused.py"),
+    "physics/step.py": (
+        *("physics/test_compiled_steps.py", "physics/test_fused.py", "physics/test_shapes.py"),
         "physics/test_midpoint.py",
+    ),
+    "physics/fused/formulas/*.py physics/fused/formulas/*/*.py": (
+        *("physics/test_compiled_contacts.py", "physics/test_compiled_solver.py", "physics/test_compiled_lanes.py"),
+        *("physics/test_compiled_schemes.py", "physics/test_compiled_steps.py", "physics/test_fused_compiler.py"),
+        *("physics/test_closed_forms.py", "physics/test_fused.py", "physics/test_midpoint.py"),
     ),
     "effects/actuation/*.py": ("effects/test_actuation.py", "effects/test_catalogue.py"),
     "effects/contact/*.py": ("effects/test_contact.py", "effects/test_catalogue.py"),
