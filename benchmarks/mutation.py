@@ -78,6 +78,14 @@ SUITES: dict[str, tuple[str, ...]] = {
         *("physics/test_compiled_schemes.py", "physics/test_compiled_steps.py", "physics/test_fused_compiler.py"),
         *("physics/test_closed_forms.py", "physics/test_fused.py", "physics/test_midpoint.py"),
     ),
+    "physics/case.py physics/reference.py physics/compiled.py physics/guards/*.py": (
+        *("physics/test_inputs.py", "physics/test_border.py", "physics/test_made_once.py", "physics/test_compiled.py"),
+        *("physics/test_layer.py", "physics/test_grid.py"),
+    ),
+    "physics/fused/*.py": (
+        *("physics/test_compiled_steps.py", "physics/test_lengths.py", "physics/test_compiled_effects.py"),
+        *("physics/test_fused_backend.py", "physics/test_shapes.py", "physics/test_grid.py", "physics/test_fused.py"),
+    ),
     "effects/actuation/*.py": ("effects/test_actuation.py", "effects/test_catalogue.py"),
     "effects/contact/*.py": ("effects/test_contact.py", "effects/test_catalogue.py"),
     "effects/dynamics/*.py": ("effects/test_dynamics.py", "effects/test_catalogue.py"),
