@@ -45,21 +45,14 @@ SUITES: dict[str, tuple[str, ...]] = {
     ),
     "physics/contact_problem/lcp.py": (
         *("physics/test_solver_laws.py", "physics/test_compiled_steps.py", "physics/test_lcp.py"),
-        "physics/test_fused.py",
     ),
     "physics/contact_problem/[!l]*.py": (
         *("physics/test_solver_laws.py", "physics/test_compiled_contacts.py", "physics/test_compiled_solver.py"),
-        *("physics/test_compiled_steps.py", "physics/test_lcp.py", "physics/test_cones.py", "physics/test_fused.py"),
-        "physics/test_shapes.py",
+        *("physics/test_compiled_steps.py", "physics/test_lcp.py", "physics/test_cones.py"),
     ),
     "physics/schemes/*.py": (
         *("physics/test_motion_laws.py", "physics/test_impact_laws.py", "physics/test_compiled_schemes.py"),
-        *(
-            "physics/test_compiled_steps.py",
-            "physics/test_grid.py",
-            "physics/test_fused.py",
-            "physics/test_midpoint.py",
-        ),
+        *("physics/test_compiled_steps.py", "physics/test_grid.py", "physics/test_midpoint.py"),
     ),
     "physics/shapes/*.py": (
         *("physics/test_nearest_points.py", "physics/test_collision.py", "physics/test_compiled_contacts.py"),
@@ -69,14 +62,10 @@ SUITES: dict[str, tuple[str, ...]] = {
         *("physics/test_inputs.py", "physics/test_layer.py", "physics/test_border.py", "physics/test_lengths.py"),
         "effects/test_catalogue.py",
     ),
-    "physics/step.py": (
-        *("physics/test_compiled_steps.py", "physics/test_fused.py", "physics/test_shapes.py"),
-        "physics/test_midpoint.py",
-    ),
+    "physics/step.py": ("physics/test_compiled_steps.py", "physics/test_shapes.py"),
     "physics/fused/formulas/*.py physics/fused/formulas/*/*.py": (
         *("physics/test_compiled_contacts.py", "physics/test_compiled_solver.py", "physics/test_compiled_lanes.py"),
         *("physics/test_compiled_schemes.py", "physics/test_compiled_steps.py", "physics/test_fused_compiler.py"),
-        *("physics/test_closed_forms.py", "physics/test_fused.py", "physics/test_midpoint.py"),
     ),
     "physics/case.py physics/reference.py physics/compiled.py physics/guards/*.py": (
         *("physics/test_inputs.py", "physics/test_border.py", "physics/test_made_once.py", "physics/test_compiled.py"),
