@@ -52,7 +52,7 @@ SUITES: dict[str, tuple[str, ...]] = {
     ),
     "physics/schemes/*.py": (
         *("physics/test_motion_laws.py", "physics/test_impact_laws.py", "physics/test_compiled_schemes.py"),
-        *("physics/test_compiled_steps.py", "physics/test_grid.py", "physics/test_midpoint.py"),
+        *("physics/test_compiled_steps.py", "physics/test_grid.py"),
     ),
     "physics/shapes/*.py": (
         *("physics/test_nearest_points.py", "physics/test_collision.py", "physics/test_compiled_contacts.py"),
@@ -73,7 +73,7 @@ SUITES: dict[str, tuple[str, ...]] = {
     ),
     "physics/fused/*.py": (
         *("physics/test_compiled_steps.py", "physics/test_lengths.py", "physics/test_compiled_effects.py"),
-        *("physics/test_fused_backend.py", "physics/test_shapes.py", "physics/test_grid.py", "physics/test_fused.py"),
+        "physics/test_grid.py",
     ),
     "effects/actuation/*.py": ("effects/test_actuation.py", "effects/test_catalogue.py"),
     "effects/contact/*.py": ("effects/test_contact.py", "effects/test_catalogue.py"),
