@@ -73,7 +73,7 @@ SUITES: dict[str, tuple[str, ...]] = {
     ),
     "physics/fused/*.py": (
         *("physics/test_compiled_steps.py", "physics/test_lengths.py", "physics/test_compiled_effects.py"),
-        "physics/test_grid.py",
+        *("physics/test_grid.py", "physics/test_fused.py"),
     ),
     "effects/actuation/*.py": ("effects/test_actuation.py", "effects/test_catalogue.py"),
     "effects/contact/*.py": ("effects/test_contact.py", "effects/test_catalogue.py"),

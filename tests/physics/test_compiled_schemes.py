@@ -65,13 +65,17 @@ def drawn(kind: str) -> dict[str, Tensor]:
     free = [-1.0, -0.25, 0.0, 0.5]
     gaps = [-2.0, -0.5, -0.125, 0.0, 0.125, 0.25, 4.0]
     rows = torch.tensor(list(itertools.product(gaps, speeds, free, [0.0, 0.5, 1.0], [0.0, 0.5])), dtype=torch.float64)
-    gap, speed, after, restitution, compliance = (each[:, None] for each in rows.unbind(1))
-    batch, one = len(rows), torch.ones(1, 4, dtype=torch.float64)
+    of_patch = rows.repeat(2, 1)
+    corners = of_patch[:, :3, None].repeat(1, 1, 4)
+    for c in range(1, 4):  # a face that lands flat, and then faces whose corners are at different limits
+        corners[len(rows) :, :, c] = rows[:, :3].roll(101 * c, 0)
+    batch, one = len(of_patch), torch.ones(1, 4, dtype=torch.float64)
+    gap, speed, after = corners.unbind(1)
     return {
-        "gap": gap * (FALL * H) * one, "speed": speed * FALL * one, "free": (speed + after) * FALL * one,
+        "gap": gap * (FALL * H), "speed": speed * FALL, "free": (speed + after) * FALL,
         "slip": 2 * FALL * one.repeat(batch, 2), "bend": torch.zeros(batch, 12, dtype=torch.float64),
-        "exists": one.expand(batch, 4), "restitution": restitution, "compliance": compliance,
-        "time": compliance * H, "scale": torch.ones(batch, 1, dtype=torch.float64),
+        "exists": one.expand(batch, 4), "restitution": of_patch[:, 3:4], "compliance": of_patch[:, 4:],
+        "time": of_patch[:, 4:] * H, "scale": torch.ones(batch, 1, dtype=torch.float64),
     }  # fmt: skip
 
 

@@ -255,3 +255,17 @@ def test_a_rollout_begins_with_the_given_state_and_tells_how_each_step_was_solve
     assert rollout.status.newton_steps.dtype == torch.long
     load = rollout.impulse[0, :, :, 0].sum(1)
     torch.testing.assert_close(load, torch.full((4,), 9.81 / 240, dtype=DTYPE), rtol=1e-5, atol=0)
+
+
+def test_parameters_of_another_number_of_worlds_or_bodies_are_refused_by_name_and_shape() -> None:
+    start, push = repeat(state([[0, 0, 0.1]]), 3), torch.zeros(3, 2, 1, 6, dtype=DTYPE)
+    layer = PhysicsLayer(World())
+    for known, got in ((boxes(mass=[1.0, 2.0]), "1, 2"), (boxes().map(lambda _, x: x.expand(2, *x.shape[1:])), "2, 1")):
+        with pytest.raises(ValueError, match=rf"parameters.size must have shape \(1 or 3, 1, \.\.\.\), got \({got}\)"):
+            layer.rollout(start, push, known)
+    sizes = {"viscous_drag.coefficient": tensor(0.1, 0.2)}
+    with pytest.raises(ValueError, match=r"viscous_drag.coefficient must have shape \(1 or 3, \.\.\.\), got \(2,\)"):
+        PhysicsLayer(World(), [ViscousDrag(tensor(0.1))]).rollout(start, push, boxes().replace(sizes=sizes))
+    shared = layer.rollout(start, push, boxes())
+    each = layer.rollout(start, push, boxes().map(lambda _, x: x.expand(3, *x.shape[1:])))
+    assert torch.equal(shared.pose, each.pose)
