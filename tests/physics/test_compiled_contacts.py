@@ -12,16 +12,19 @@ from tests.physics.formulas import constants, evaluate, run
 from torch import Tensor
 from torch.nn.functional import pad
 
+from physics.worlds import boxes
 from physid.physics import State, StepInputs, World
+from physid.physics.case import nominal_inputs
 from physid.physics.contact import ContactRule, Penetrating, Speculative, Split
 from physid.physics.contact_problem.formulation import Formulation, formulate
 from physid.physics.contact_problem.lcp import ContactProblem
-from physid.physics.contact_problem.rows import REACH
+from physid.physics.contact_problem.rows import REACH, patches_of
 from physid.physics.fused import sections
 from physid.physics.fused.formulas.contacts import patch as compiled_patch
 from physid.physics.fused.formulas.contacts import touch
 from physid.physics.fused.formulas.layouts import CONSTANTS
 from physid.physics.fused.packing import shape_of
+from physid.physics.rotations import exponential
 from physid.physics.schemes.motion import drifted
 from physid.physics.shapes.shape import frame_of
 
@@ -163,3 +166,22 @@ def test_frames_of_contacts_are_the_same_in_both_engines_where_axes_lie_evenly_t
     eye = torch.eye(3, dtype=torch.float64).expand_as(frames)
     assert_close(frames @ frames.mT, eye, 1e-14)
     assert_close(torch.linalg.det(frames), torch.ones(len(frames), dtype=torch.float64), 1e-14)
+
+
+@pytest.mark.parametrize("sizes", [(0.25, 0.25), (0.25, 0.5), (0.5, 0.25)])
+def test_both_engines_choose_the_same_points_of_boxes_that_are_placed_evenly(sizes: tuple[float, float]) -> None:
+    """One stands on the middle of the other, turned by parts of a right angle: several candidates lie equally far."""
+    yaw = torch.linspace(0, math.pi / 2, 7, dtype=torch.float64)
+    turn = torch.stack([0 * yaw, 0 * yaw, yaw], 1)
+    pose = torch.zeros(7, 2, 7, dtype=torch.float64)
+    pose[:, 0, 6], pose[:, 1, 2], pose[:, 1, 3:] = 1.0, sum(sizes) / 2, exponential(turn)
+    size = torch.tensor(sizes, dtype=torch.float64)[:, None].expand(7, 2, 3)
+    state = State.at_rest(pose)
+    world = World(ground=None)
+    inputs = nominal_inputs(state, torch.zeros(7, 1, 2, 6, dtype=torch.float64), boxes(mass=[1.0, 1.0]), world)
+    inputs = inputs.replace(size=size)
+    (expected,) = patches_of(pose, inputs, world)
+    compiled = Compiled.of(state, inputs, world)
+    points = compiled.field("arm").unflatten(1, (4, 3)) + pose[:, None, 1, :3]
+    assert_close(points, expected.point, 1e-9)
+    assert_close(compiled.field("exists"), (expected.active & (expected.gap < REACH)).double(), 0.0)

@@ -12,10 +12,12 @@ from torch import Tensor
 from physics.worlds import boxes, forces, repeat, state
 from physid.effects.dynamics.viscous_drag import ViscousDrag
 from physid.effects.perception.camera_offset import CameraOffset
-from physid.physics import Effect, Parameters, PhysicsLayer, Plane, State, StepInputs, World, quantity
+from physid.physics import Effect, Parameters, PhysicsLayer, Plane, SolverError, State, StepInputs, World, quantity
 from physid.physics.case import nominal_inputs
 from physid.physics.contact import Penetrating, Speculative
+from physid.physics.contact_problem.lcp import SolverSettings
 from physid.physics.effect import ENDLESS, Quantity, widths_of, with_sizes
+from physid.physics.fused.backend import Backend
 from physid.physics.schemes.integration import Midpoint
 from physid.physics.shapes.box import Box
 from physid.physics.shapes.sphere import Sphere
@@ -242,6 +244,18 @@ def test_a_layer_reports_true_poses_unless_an_effect_of_the_camera_is_at_work() 
     name = f"camera_offset.{next(iter(CameraOffset.quantities()))}"
     other = off.observe(pose, None, boxes().replace(sizes={name: tensor(0.4)}))
     assert float((other - off.observe(pose)).abs().max()) == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize("backend", ["reference", "fused"])
+def test_one_world_that_is_not_solved_is_an_error_that_names_it(backend: Backend) -> None:
+    start = State(torch.cat([state([[0, 0, z]]).pose for z in (0.1, 5.0, 0.1)]), torch.zeros(3, 1, 6, dtype=DTYPE))
+    given = start, torch.zeros(3, 2, 1, 6, dtype=DTYPE), boxes()
+    easy, hard, _ = PhysicsLayer(World(), backend="reference").rollout(*given).status.newton_steps[:, 0].tolist()
+    assert easy < hard
+    layer = PhysicsLayer(World(), solver=SolverSettings(max_steps=easy, compliance=(1e-6,)), backend=backend)
+    with pytest.raises(SolverError, match=r"1 of 3 contact problems .* at step 0: .* \(first sample: 1\)") as error:
+        layer.rollout(*given)
+    assert error.value.samples == (1,)
 
 
 def test_a_rollout_begins_with_the_given_state_and_tells_how_each_step_was_solved() -> None:

@@ -115,6 +115,7 @@ def near(joint: Joint, batch: int = 3) -> State:
 def test_the_rows_of_a_joint_are_the_rate_at_which_its_error_grows(joint: Joint) -> None:
     now, step = near(joint), 1e-6
     rows, error = joint.rows(now)
+    assert float(error.abs().max()) < 1e-3, "the body is where the joint holds it"
     spin, velocity = step * now.angular_velocity, step * now.velocity
     later = now.replace(pose=torch.cat([now.position + velocity, multiply(exponential(spin), now.quaternion)], -1))
     rate = (joint.rows(later)[1] - error) / step

@@ -39,6 +39,11 @@ def test_a_face_is_as_flat_as_a_gaussian_of_the_spread_of_its_gaps_says(spread: 
     assert float(patch(gap=[high, low, low, high], scale=scale).flatness()) == pytest.approx(math.exp(-(spread**2)))
 
 
+def test_a_face_that_leans_by_a_hundredth_of_its_size_does_not_lie_flat_and_by_a_hundred_thousandth_it_does() -> None:
+    assert float(patch(gap=[0.0, 0.0, 0.2, 0.2], scale=20.0).flatness()) < 1e-9
+    assert float(patch(gap=[0.0, 0.0, 2e-4, 2e-4], scale=20.0).flatness()) > 0.999
+
+
 def test_a_face_with_a_missing_contact_is_not_flat_but_where_an_impact_stops_all_of_it() -> None:
     three = torch.tensor([[True, True, True, False]])
     assert float(patch(active=three).flatness()) == 0.0
