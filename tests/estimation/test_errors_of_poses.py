@@ -16,7 +16,6 @@ from physid.estimation.measurement.sensor_noise import (
     Noise,
     NoiseSettings,
     estimate_noise,
-    frame_weights,
     noise_of_poses,
     outlier_poses,
 )
@@ -107,42 +106,6 @@ def test_poses_of_which_some_frames_are_lost_show_their_noise_as_well() -> None:
     assert found.position == pytest.approx(NOISE.position, rel=0.06)
     assert found.rotation == pytest.approx(NOISE.rotation, rel=0.06)
     assert noise_of_poses(pose, 0 * real > 0).position == SETTINGS.unseen[1]
-
-
-@pytest.mark.parametrize("axis", range(6))
-@pytest.mark.parametrize(("away", "weight"), [(2.9, 1.0), (4.0, 0.75), (5.0, 0.6), (20.0, 0.0)])
-def test_a_frame_that_stands_alone_counts_less_from_three_deviations_on(axis: int, away: float, weight: float) -> None:
-    residual = torch.zeros(1, FRAMES, 2, 6).double()
-    residual[0, 30, 1, axis] = -away * float(NOISE.spread()[axis])
-    found = frame_weights(residual, torch.ones(1, FRAMES, 2), TIME, NOISE)
-    assert float(found[0, 30, 1]) == pytest.approx(weight)
-    found[0, 30, 1] = 1.0
-    assert bool((found == 1).all())
-
-
-def test_a_frame_is_wild_from_six_deviations_on_from_what_both_sides_lead_to() -> None:
-    """A line through two frames enlarges white noise by the root of 1 + 4 + 1."""
-    for factor, counts in ((0.99, True), (1.01, False)):
-        residual = torch.zeros(1, FRAMES, 1, 6).double()
-        residual[0, 30, 0, 3] = factor * 6 * 6**0.5 * NOISE.position
-        found = frame_weights(residual, torch.ones(1, FRAMES, 1), TIME, NOISE)
-        assert bool(found[0, 30, 0] > 0) is counts
-
-
-@pytest.mark.parametrize("there", [True, False])
-def test_frames_that_are_not_there_excuse_none_beside_them(there: bool) -> None:
-    residual, present = torch.zeros(1, FRAMES, 1, 6).double(), torch.ones(1, FRAMES, 1)
-    residual[0, 30, 0, 3], residual[0, 31, 0, 3] = 20 * NOISE.position, 10 * NOISE.position  # on a line with the next
-    present[0, 31:33] = float(there)
-    assert bool(frame_weights(residual, present, TIME, NOISE)[0, 30, 0] > 0) is there
-
-
-@pytest.mark.parametrize("frames", [1, 2, 3, 4, 5])
-def test_short_recordings_have_weights_and_frames_that_are_not_there_none(frames: int) -> None:
-    present = torch.ones(1, frames, 1)
-    present[0, -1] = 0.0
-    found = frame_weights(torch.zeros(1, frames, 1, 6).double(), present, TIME[:, :frames], NOISE)
-    assert torch.equal(found, present.to(found))
 
 
 @pytest.mark.parametrize("kind", [0, 1])

@@ -250,7 +250,7 @@ def frame_weights(
     """Weigh frames by how far they leave the running median of the residuals (Huber 1964, cut off when outliers).
 
     An error of the model moves whole stretches, or grows from frame to frame, and keeps its weight; an outlier stands
-    alone, continues neither the frames before nor those after, and loses it.
+    alone, continues neither the frames before nor those after, and loses it. Frames that are not present have no say.
 
     Args:
         residual: Observed minus predicted, shape (R, T, N, 6).
@@ -262,15 +262,34 @@ def frame_weights(
     Returns:
         Weights from 0 to 1, shape (R, T, N).
     """
-    reach = min(2, (residual.shape[1] - 1) // 2)
-    padded = torch.cat(
-        [residual[:, :1].expand(-1, reach, -1, -1), residual, residual[:, -1:].expand(-1, reach, -1, -1)], 1
-    )
-    middle = padded.unfold(1, 2 * reach + 1, 1).median(-1).values
-    away = ((residual - middle) / noise.spread()).abs().amax(-1)
+    real = present > 0
+    away = ((residual - _running_median(residual, real)) / noise.spread()).abs().amax(-1)
     alone = away
     for side in (-1, 1):
-        beyond, larger = _from_a_side(lambda index: residual[:, index] - residual, time, present > 0, side, 2)
+        beyond, larger = _from_a_side(lambda index: residual[:, index] - residual, time, real, side, 2)
         alone = alone.minimum((beyond / larger / noise.spread()).abs().amax(-1))
     weight = (settings.soft / away.clamp_min(settings.soft)) * (alone < settings.wild)
-    return weight * present
+    return torch.where(real, weight * present, 0.0)
+
+
+def _running_median(values: Tensor, real: Tensor) -> Tensor:
+    """Return the median of each frame and its neighbours, two on each side, as far as they count.
+
+    Beyond the first and the last frame that count, these go on. Of an even number it is the mean of the middle two:
+    `nanmedian` takes the smaller one, so that what is mirrored would have another.
+
+    Args:
+        values: Shape (R, T, N, 6).
+        real: Frames that count, shape (R, T, N).
+
+    Returns:
+        Shape (R, T, N, 6), NaN where no frame around counts.
+    """
+    frames = values.shape[1]
+    reach, index = min(2, (frames - 1) // 2), torch.arange(frames)[None, :, None]
+    first = torch.where(real, index, frames - 1).amin(1, keepdim=True)
+    last = torch.where(real, index, 0).amax(1, keepdim=True)
+    place = torch.arange(-reach, frames + reach)[None, :, None].clamp(first, last)
+    known = values.masked_fill(~real[..., None], torch.nan)
+    around = known.gather(1, place[..., None].expand(-1, -1, -1, values.shape[-1])).unfold(1, 2 * reach + 1, 1)
+    return (around.nanmedian(-1).values - (-around).nanmedian(-1).values) / 2
