@@ -11,7 +11,7 @@ from torch import Tensor
 from physid.diagnosis.conclusion.localisation import Place, places, sites
 from physid.diagnosis.document.document import PHASES, SITES, Cell, Phase, Where
 from physid.diagnosis.inputs import PHASES as CODES
-from physid.diagnosis.inputs import phases_of
+from physid.diagnosis.inputs import phases_of_steps
 from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.selection.search import Attribution
 from physid.diagnosis.testing import Hypothesis
@@ -69,7 +69,7 @@ def phase_shares(found: Sequence[Place], nominal_fit: NominalFit, shown: Hypothe
         except SolverError:
             return {}
         observations, rows = nominal_fit.observations, nominal_fit.observations.fitted
-        code = phases_of(stepped, observations.timeline, observations.scene, settings.phases)
+        code = phases_of_steps(stepped, observations.timeline, observations.scene, settings.phases)
         for phase in PHASES:
             sums[phase] = float(work[rows][code[rows] == CODES.index(phase)].sum())
     total = sum(sums.values())

@@ -24,21 +24,49 @@ PHASES = (
 """Names of the phases; the index is their code."""
 
 
-def phases_of(
-    prediction: Prediction, timeline: Timeline, scene: Scene, settings: PhaseSettings, impact_frames: int = 0
-) -> Tensor:
-    """Name what each body does at each frame.
+def phases_of(prediction: Prediction, timeline: Timeline, scene: Scene, settings: PhaseSettings) -> Tensor:
+    """Name what each body does at each frame, as poses show it.
+
+    Poses show an impact, or a contact between bodies, in the frames after it alone: it lasts `impact_time`, and
+    `impact_frames` at least, however slow the camera.
 
     Args:
         prediction: A single variant.
         timeline: Times of the frames, and commanded wrenches.
         scene: Masses, gravity, time step.
         settings: What is still, slow, light, hard, and how long an impact lasts.
-        impact_frames: How many frames it lasts at least after that in which it falls, however slow the camera.
 
     Returns:
         Codes of PHASES, shape (R, T, N).
     """
+    lasting = max(settings.impact_frames, _impact_steps(scene, settings))
+    return _phases(prediction, timeline, scene, settings, lasting)
+
+
+def phases_of_steps(prediction: Prediction, timeline: Timeline, scene: Scene, settings: PhaseSettings) -> Tensor:
+    """Name what each body does in the step from each frame to the next, where an impact lasts `impact_time` alone.
+
+    What acts in the steps after an impact is no part of it, though a slow camera hardly tells them apart.
+
+    Args:
+        prediction: A single variant.
+        timeline: Times of the frames, and commanded wrenches.
+        scene: Masses, gravity, time step.
+        settings: What is still, slow, light, hard, and how long an impact lasts.
+
+    Returns:
+        Codes of PHASES, shape (R, T, N).
+    """
+    return _phases(prediction, timeline, scene, settings, _impact_steps(scene, settings))
+
+
+def _impact_steps(scene: Scene, settings: PhaseSettings) -> int:
+    """Return how many steps from frame to frame an impact lasts after that in which it falls."""
+    return round(settings.impact_time / scene.time_step)
+
+
+def _phases(prediction: Prediction, timeline: Timeline, scene: Scene, settings: PhaseSettings, lasting: int) -> Tensor:
+    """Name what each body does; an impact lasts for so many frames after that in which it falls."""
     bodies = len(scene.bodies)
     wrench = timeline.wrench
     mass = torch.tensor([body.mass for body in scene.bodies], dtype=wrench.dtype)
@@ -60,7 +88,6 @@ def phases_of(
     code = torch.where(_switched(wrench, scene.time_step, settings), PHASES.index("force_switch"), code)
     code = torch.where(ground < settings.light, PHASES.index("free_fall"), code)
     hit = (ground - 1) * weight / mass > settings.hard
-    lasting = max(impact_frames, round(settings.impact_time / scene.time_step))
     code = torch.where(_spread(hit, lasting), PHASES.index("impact"), code)
     touching = _spread(between / weight > settings.light, lasting)
     return torch.where(touching, PHASES.index("contact_between_objects"), code)

@@ -131,9 +131,7 @@ def fit_nominal_model(
     experiment, fit, noise = follow(experiment, fit, present, noise.error, settings, say)
     say(Stage.MEASURING_NUMERICS)
     experiment, fit = count_numerics(experiment, fit, settings, generator, say)
-    phases = phases_of(
-        fit.jacobian.base, observations.timeline, model.scene, settings.phases, settings.phases.impact_frames
-    )
+    phases = phases_of(fit.jacobian.base, observations.timeline, model.scene, settings.phases)
     return NominalFit(observations, experiment, fit, noise, phases, events, settings, chosen)
 
 
@@ -169,7 +167,7 @@ def _fit_segments(
 
     def events_of(fit: Fit) -> Tensor:
         base, time = fit.jacobian.base, observations.timeline.time
-        phases = phases_of(base, observations.timeline, model.scene, settings.phases, settings.phases.impact_frames)
+        phases = phases_of(base, observations.timeline, model.scene, settings.phases)
         smooth = smooth_path(base.twist[0], phases, time, predictor.segments)
         return find_events(phases, observations.pose, present, time, smooth, noise, model.scene, settings.events)
 

@@ -32,7 +32,7 @@ class PhaseSettings(Section):
     )
     impact_time: float = setting(2 / 240, "s", "that an impact or a contact between bodies lasts", ge=0)
     impact_frames: int = setting(
-        2, "frames", "that it lasts at least in the evidence and where trajectories are cut", ge=0
+        2, "frames", "that poses show it at least: in the evidence, and where trajectories are cut", ge=0
     )
     switch: float = setting(0.3, "share", "of a trajectory's largest command; a larger change of it is a switch", gt=0)
     switch_time: float = setting(0.02, "s", "that a switch lasts in the map", gt=0)
