@@ -32,6 +32,25 @@ UNEVEN = dataclasses.replace(
 )
 
 
+@pytest.mark.parametrize("simulator", ["pybullet", "mujoco"])
+@pytest.mark.parametrize(
+    ("scene", "protocol"), [("push", "rich"), ("slide", "rich"), ("slide", "paper"), ("toss", "rich")]
+)
+@pytest.mark.parametrize("change", [0.1, -0.1])
+def test_a_body_that_lies_starts_higher_by_half_of_what_it_is_larger_and_one_in_flight_where_it_was_drawn(
+    scene: str, protocol: str, simulator: str, change: float
+) -> None:
+    config = GenerateConfig(scene, simulator, protocol=protocol, steps=3, video=False)
+    drawn, motion, _ = draw(config, 0, protocol, [from_values("object_size", {"change": change})])
+    plain, without, _ = draw(config, 0, protocol)
+    assert np.array_equal(drawn.pose, plain.pose)  # what is drawn, and commanded, knows nothing of the effect
+    ground, body = config.true_scene().ground, config.true_scene().bodies[0]
+    lies = scene != "toss" and protocol == "rich"
+    higher = change * body.size[2] / 2 * np.array(ground.normal) * lies
+    assert np.abs(motion.pose[0, 0, :3] - without.pose[0, 0, :3] - higher).max() < 1e-12
+    assert np.array_equal(motion.pose[0, 0, 3:], without.pose[0, 0, 3:])
+
+
 @pytest.mark.parametrize("config", [SMALL, FILM, MUJOCO, UNEVEN], ids=["numbers", "video", "mujoco", "uneven"])
 def test_the_bytes_do_not_depend_on_the_number_of_workers(tmp_path: Path, config: GenerateConfig) -> None:
     for workers in (1, 2):

@@ -100,6 +100,7 @@ def test_references_start_from_the_same_states(reference: object) -> None:
         (working,),
         reference=reference,  # type: ignore[arg-type]
     )
+    assert torch.allclose(seen[:, 0], one.begun(point).pose[0], rtol=0, atol=1e-15)
     assert (heights(seen) - CHANGE * SCENE.sizes[0, 2] / 2).abs().max() < STILL
     assert (seen[1] - one.predict(point).state[0, 1])[..., :3].abs().max() < STILL
 

@@ -12,6 +12,7 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
+from physid.data.generation.draw import laid
 from physid.effects import CATALOGUE, find, from_values
 from physid.physics import Effect, Parameters, PhysicsLayer, Plane, State, World
 from physid.physics.contact import ContactRule, Penetrating, Split
@@ -165,6 +166,7 @@ def nominal(excite: Callable[[], Case], substeps: int, rule: ContactRule) -> tup
 def both(excite: Callable[[], Case], effects: list[Effect], substeps: int, rule: ContactRule) -> tuple[Array, Array]:
     """Return the poses (T, N, 7) in PyBullet and in the PhysicsLayer, which starts from the same initial poses."""
     scene, drawn = excite()
+    drawn = laid(drawn, scene, effects)
     bullet = simulate(scene, drawn, effects, substeps).pose
     return bullet, in_layer(scene, drawn, effects, bullet[0], substeps, rule)
 

@@ -11,6 +11,7 @@ import torch
 from numpy.typing import NDArray
 from tests.effects.test_engines_agree import EXCITED_BY
 
+from physid.data.generation.draw import laid
 from physid.effects import find, from_values
 from physid.effects.actuation.force_gain import ForceGain
 from physid.effects.dynamics.viscous_drag import ViscousDrag
@@ -48,7 +49,8 @@ def run(scene: Scene, *effects: Effect, force: object = (8.0, 0.0, 0.0)) -> Arra
     start = np.stack([on_ground(scene.ground, 0.6 * k, 0, 0.3, body.size[2]) for k, body in enumerate(scene.bodies)])
     wrench = np.zeros((STEPS, len(start), 6))
     wrench[:, 0, 3:] = force
-    return MUJOCO.simulate(scene, [Excitation(start, np.zeros((len(start), 6)), wrench)], effects)[0].pose
+    drawn = laid(Excitation(start, np.zeros((len(start), 6)), wrench), scene, effects)
+    return MUJOCO.simulate(scene, [drawn], effects)[0].pose
 
 
 @pytest.mark.parametrize("name", [name for name in EXCITED_BY if name not in OTHERWISE])
@@ -64,8 +66,8 @@ def test_an_effect_changes_the_motion_as_it_does_in_pybullet(name: str) -> None:
 def test_larger_blocks_collide_as_the_closed_form_says() -> None:
     scene, drawn = EXCITED_BY["object_size"][0]()
     larger = [dataclasses.replace(body, size=tuple(1.05 * edge for edge in body.size)) for body in scene.bodies]  # type: ignore[arg-type]
-    lifted = drawn.pose + np.array([0, 0, 0.005, 0, 0, 0, 0])
-    exact = find_simulator("closed_form").simulate(scene.with_bodies(larger), [dataclasses.replace(drawn, pose=lifted)])
+    drawn = laid(drawn, scene, [typical("object_size")])
+    exact = find_simulator("closed_form").simulate(scene.with_bodies(larger), [drawn])
     found = MUJOCO.simulate(scene, [drawn], [typical("object_size")])
     assert np.abs(exact[0].pose[..., :3] - found[0].pose[..., :3]).max() < 2e-5
 

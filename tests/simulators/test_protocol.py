@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
+from physid.effects import from_values
 from physid.scenes import find_setup
 from physid.simulators import SIMULATORS, Simulator, find_simulator
 
 NAMES = [simulator.name for simulator in SIMULATORS]
+ROUNDING = 1e-12
 APART = 1e-3  # [m] between references after a quarter of a second
 
 
@@ -30,6 +32,19 @@ def test_references_agree_on_a_pushed_block(simulator: Simulator) -> None:
     assert motion.pose.shape == (60, 1, 7)
     assert motion.twist.shape == (60, 1, 6)
     assert np.abs(motion.pose - other.pose).max() < APART
+
+
+@pytest.mark.parametrize("name", ["pybullet", "mujoco"])
+@pytest.mark.parametrize("change", [0.1, -0.1])
+@pytest.mark.parametrize("scene", ["push", "slide", "collide", "toss"])
+def test_bodies_start_where_they_are_told_however_large_effects_make_them(name: str, change: float, scene: str) -> None:
+    setup = find_setup(scene)
+    drawn = [setup.draw(setup.scene, "paper", np.random.default_rng(seed), 3) for seed in range(3)]
+    size = from_values("object_size", {"change": change})
+    for told, motion in zip(drawn, find_simulator(name).simulate(setup.scene, drawn, [size]), strict=True):
+        assert np.abs(motion.pose[0, :, :3] - told.pose[:, :3]).max() < ROUNDING
+        assert np.abs((motion.pose[0, :, 3:] * told.pose[:, 3:]).sum(-1)) == pytest.approx(1.0, abs=ROUNDING)
+        assert np.abs(motion.twist[0] - told.twist).max() < ROUNDING
 
 
 def test_only_a_simulator_that_shares_its_scheme_with_the_model_says_so() -> None:

@@ -1,15 +1,18 @@
-"""Boxes that lie on the ground."""
+"""Bodies that lie on the ground, with the sizes that were measured and with those that effects give them."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
+from physid.physics import Effect, State, StepInputs
 from physid.physics.rotations import exponential, multiply, normalize, to_matrix
+from physid.physics.shapes.table import reach
 from physid.scenes.scene import Scene
-from physid.scenes.setup import REST_DEPTH
+from physid.scenes.setup import LYING, REST_DEPTH
 
 
 class Laid(NamedTuple):
@@ -58,3 +61,39 @@ def lay_down(pose: Tensor, scene: Scene) -> Laid:
     gap = pose[..., :3] @ normal - scene.ground.offset - height / 2
     position = pose[..., :3] - (gap + REST_DEPTH)[..., None] * normal
     return Laid(torch.cat([position, attitude], -1), lean, gap, height)
+
+
+def touch_ground(state: State, measured: StepInputs) -> Tensor:
+    """Return which bodies touch the ground with their lowest points, as far as sizes were measured, shape (B, N)."""
+    normal = measured.ground_normal
+    low = state.position @ normal - reach(measured.shapes, state.quaternion, measured.size, normal)
+    return low - measured.ground_offset <= LYING
+
+
+def raise_lying(state: State, lying: Tensor, measured: StepInputs, effects: Sequence[Effect]) -> Tensor:
+    """Raise bodies that lie on the ground by as much as effects make them higher than they were measured.
+
+    Initial states are laid on the ground with the sizes that were measured. A body that is larger lies higher: if its
+    initial state did not follow its size, it would start in the ground and be pushed out of it. With r(s) how far a
+    body of size s reaches from its centre along the ground's normal n, it starts at x + (r(s') - r(s)) n, a flat one
+    higher by half of what it is larger. One in flight starts where it was told to, whatever its size.
+
+    Args:
+        state: B states, as the measured sizes lay them.
+        lying: Which bodies lie on the ground, shape (B, N).
+        measured: Inputs of the first step without effects.
+        effects: What acts at the step, with parameters (1,) or (B,).
+
+    Returns:
+        Poses (B, N, 7); the very same where no effect changes a size.
+    """
+    now = measured
+    for effect in effects:
+        now = effect.act(state, now)
+    if now.size is measured.size:
+        return state.pose
+    normal = measured.ground_normal
+    before, after = (reach(measured.shapes, state.quaternion, size, normal) for size in (measured.size, now.size))
+    pose = state.pose.clone()
+    pose[..., :3] += ((after - before) * lying)[..., None] * normal
+    return pose

@@ -12,6 +12,7 @@ from physid.scenes.scene import Scene
 from physid.strict import nearest
 
 REST_DEPTH = 1e-5  # [m] how deep PyBullet keeps a resting contact (its contact slop): bodies at rest start there
+LYING = 2 * REST_DEPTH  # [m] a body whose lowest point is no higher than this lies on the ground
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from physid.physics import Effect, State, StepInputs, widths_of
-from physid.physics.shapes.table import reach
 from physid.scenes import Body, Scene
 
 Array = NDArray[np.float64]
@@ -62,13 +61,6 @@ class ChangingInputs:
             for body, size, mass, moment in rows
         ]
 
-    def start(self, pose: Array) -> Array:
-        """Return initial poses (B, N, 7) that keep the distance of each body from the ground although sizes differ."""
-        normal = self.nominal.ground_normal
-        taller = reach((), torch.from_numpy(pose[..., 3:]), self.known.size - self.nominal.size, normal)
-        lift = taller[..., None] * normal
-        return np.concatenate([pose[..., :3] + lift.numpy(), pose[..., 3:]], -1)
-
     @torch.no_grad()
     def at(self, time: Array, pose: Array, twist: Array, wrench: Array) -> StepInputs:
         """Return the inputs of a step after all effects.
@@ -114,12 +106,12 @@ def _first(inputs: StepInputs, worlds: int) -> StepInputs:
 
 
 def nominal_inputs(scene: Scene, worlds: int = 1) -> StepInputs:
-    """Return the inputs of a step without effects, for a batch of worlds."""
+    """Return the inputs of a step without effects and without forces, for a batch of worlds."""
     like = torch.zeros(worlds, len(scene.bodies), 7, dtype=torch.float64)
     known: dict[str, object] = {
         name: [[getattr(body, name) for body in scene.bodies]] for name in ("mass", "friction", "restitution")
     }
     known |= {"size": [scene.sizes], "inertia": [[body.moments() for body in scene.bodies]]}
-    known |= {"gravity": [[scene.gravity] * len(scene.bodies)]}
+    known |= {"gravity": [[scene.gravity] * len(scene.bodies)], "wrench": np.zeros((1, len(scene.bodies), 6))}
     known |= {"ground_normal": scene.ground.normal, "ground_offset": scene.ground.offset}
     return StepInputs.nominal(like, {name: like.new_tensor(np.array(value)) for name, value in known.items()})

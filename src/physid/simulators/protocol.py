@@ -44,7 +44,8 @@ class Simulator(Protocol):
 
         Row t of a wrench is held from frame t to frame t+1, `scene.time_step` later; the last row is not used. Effects
         change the commanded wrenches before they act and the inputs of each step; what they do to the observed
-        pose is not part of the motion.
+        pose is not part of the motion. Bodies start exactly where excitations say, however large effects make them:
+        who draws an excitation lays bodies on the ground with the sizes that they have (`scenes.lying.raise_lying`).
 
         Args:
             scene: The scene, with the parameters to simulate.

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physid.data.generation.settings import GenerateConfig, Noise
-from physid.scenes import Excitation, find_setup
+from physid.scenes import Excitation, Scene, find_setup
 from physid.scenes.rotations import from_vector, multiply
 from physid.simulators import Motion, Sampling, find_simulator
 from physid.simulators.motion import ROUNDING, earliest
@@ -51,7 +51,7 @@ def draw(
     for attempt in range(MOST_REDRAWS):
         excitation = _excite(config, protocol, sampling, np.random.default_rng([config.seed, index, attempt]))
         wrench = np.concatenate([np.zeros((before, *excitation.wrench.shape[1:])), excitation.wrench])
-        acting = dataclasses.replace(excitation, wrench=wrench)
+        acting = dataclasses.replace(laid(excitation, scene, effects), wrench=wrench)
         (motion,) = simulator.simulate(fine, [acting], effects, sampling.substeps, [-before * sampling.step])
         if camera is None or camera.sees(motion.pose, scene.sizes, VIEW_MARGIN).all():
             return excitation, motion, attempt
@@ -60,6 +60,22 @@ def draw(
         f"a body left the view in all of {MOST_REDRAWS} draws; "
         f"lower steps, or change masses, friction or effects so that bodies travel less"
     )
+
+
+def laid(excitation: Excitation, scene: Scene, effects: Sequence[Effect]) -> Excitation:
+    """Lay the bodies that lie on the ground where their sizes under effects let them lie; others start as drawn."""
+    if not effects:
+        return excitation
+    import torch
+
+    from physid.physics import State
+    from physid.scenes.lying import raise_lying, touch_ground
+    from physid.simulators.inputs import nominal_inputs
+
+    state = State(torch.from_numpy(excitation.pose)[None], torch.from_numpy(excitation.twist)[None])
+    measured = nominal_inputs(scene)
+    pose = raise_lying(state, touch_ground(state, measured), measured, effects)
+    return dataclasses.replace(excitation, pose=pose[0].numpy())
 
 
 def _excite(config: GenerateConfig, protocol: str, sampling: Sampling, generator: np.random.Generator) -> Excitation:

@@ -15,9 +15,10 @@ from torch.nn.functional import pad
 
 from physid.diagnosis.settings.reference import ReplaySettings
 from physid.effects.resampling import at_times
-from physid.estimation.prediction import AtStep, NominalModel, Segmentation, Timeline, Variants, has, raise_lying
+from physid.estimation.prediction import AtStep, NominalModel, Segmentation, Timeline, Variants, has
 from physid.physics import Effect, State
 from physid.scenes import Excitation, Scene
+from physid.scenes.lying import raise_lying
 from physid.simulators import find_simulator
 
 
@@ -94,7 +95,10 @@ def replay(
         taken = effect.elapse(taken)
     impulse = pad((wrench * timeline.grid.steps[..., None, None]).cumsum(1), (0, 0, 0, 0, 1, 0))
     steps = [AtStep(effect) for effect in working if has(type(effect), "act")]
-    start = _kept(point, segments, model, steps)
+    state = State(point.pose[0], point.twist[0])
+    start = state.pose
+    if segments.lying is not None:
+        start = raise_lying(state, segments.lying, model.inputs(state, point.nominal), steps)
     seen = wrench.new_zeros(*timeline.time.shape, wrench.shape[2], 7)
     wanted = list(range(len(segments))) if chosen is None else chosen.nonzero()[:, 0].tolist()
     initial, places = [], []
@@ -105,7 +109,7 @@ def replay(
         edges = _edges(fine, reference)
         force = _interpolated(impulse[row], timeline.grid.times[row], edges).diff(dim=0) / edges.diff()[:, None, None]
         held = torch.cat([force, torch.zeros_like(force[:1])]).numpy()
-        initial.append(Excitation(start[segment], point.twist[0, segment].numpy(), held))
+        initial.append(Excitation(start[segment].numpy(), state.twist[segment].numpy(), held))
         places.append((row, first, size, stamps, fine))
     clocks = [float(stamps[0]) for *_, stamps, _ in places]
     if reference.staggered:
@@ -118,18 +122,6 @@ def replay(
     for effect in (*known, *(effect for effect in effects if not has(type(effect), "elapse"))):
         seen = effect.observe(seen, timeline.time)
     return seen
-
-
-def _kept(point: Variants, segments: Segmentation, model: NominalModel, effects: Sequence[Effect]) -> np.ndarray:
-    """Return initial poses (K, N, 7) that simulators start from as the model does.
-
-    Simulators keep the distance of every body from the ground, however large it is. That is what bodies do that lie on
-    it; others are where they were fitted, and are given lower by as much as they would be raised.
-    """
-    state = State(point.pose[0], point.twist[0])
-    flying = torch.ones_like(state.pose[..., 0], dtype=torch.bool) if segments.lying is None else ~segments.lying
-    raised = raise_lying(state, flying, model.parameters(point.nominal), effects, model.world)
-    return np.concatenate([(2 * state.pose - raised)[..., :3].numpy(), state.pose[..., 3:].numpy()], -1)
 
 
 def _edges(fine: Tensor, reference: Reference) -> Tensor:

@@ -1,7 +1,6 @@
 """What the model predicts: the nominal model, candidate effects, segments, rollouts of variants."""
 
 from physid.estimation.prediction.effect_parameters import EffectParameter
-from physid.estimation.prediction.lying import raise_lying
 from physid.estimation.prediction.nominal_model import NominalModel
 from physid.estimation.prediction.rollout import Predictor
 from physid.estimation.prediction.segments import CutRule, Segmentation
@@ -21,5 +20,4 @@ __all__ = [
     "Variants",
     "acts_late",
     "has",
-    "raise_lying",
 ]

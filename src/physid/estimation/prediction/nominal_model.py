@@ -9,7 +9,8 @@ import torch
 from torch import Tensor
 
 from physid.estimation.prediction.coordinates import Coordinates
-from physid.physics import Effect, Parameters, Plane, World, with_sizes
+from physid.physics import Effect, Parameters, Plane, State, StepInputs, World, with_sizes
+from physid.physics.case import nominal_inputs
 from physid.physics.contact import ContactRule, Speculative, Split
 from physid.physics.schemes.integration import Midpoint, SemiImplicit
 from physid.scenes import Scene, bodies_of, with_parameters
@@ -118,6 +119,15 @@ class NominalModel:
         inertia = moments * (fields["mass"] / mass)[..., None]
         size = new([[body.size for body in bodies]])
         return Parameters(size, fields["mass"], inertia, fields["friction"], fields["restitution"])
+
+    def inputs(self, state: State, coordinates: Tensor) -> StepInputs:
+        """Return the inputs of the first step without effects and without forces, from B states.
+
+        Args:
+            state: States.
+            coordinates: Unknown parameters in the coordinates of the fit, shape (B, P), or (1, P) for all alike.
+        """
+        return nominal_inputs(state, torch.zeros_like(state.twist)[:, None], self.parameters(coordinates), self.world)
 
     def _effect(self, label: str) -> Effect:
         return next(effect for effect in self.effects if effect.name == label.partition(".")[0])

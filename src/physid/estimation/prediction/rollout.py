@@ -9,13 +9,13 @@ import torch
 from torch import Tensor
 
 from physid.estimation.prediction.candidates import Candidates
-from physid.estimation.prediction.lying import raise_lying
 from physid.estimation.prediction.nominal_model import NominalModel
 from physid.estimation.prediction.segments import Batch, Segmentation, at_once
 from physid.estimation.prediction.timeline import Steps, Timeline
 from physid.estimation.prediction.variants import Prediction, Variants
 from physid.physics import Effect, PhysicsLayer, Rollout, State
 from physid.physics.contact import PATCH
+from physid.scenes.lying import raise_lying
 
 
 class Predictor:
@@ -112,17 +112,14 @@ class Predictor:
     def begun(self, variants: Variants) -> Variants:
         """Return variants with the poses from which they are simulated, see `raise_lying`."""
         lying, (count, segments) = self.segments.lying, variants.pose.shape[:2]
-        if lying is None:
+        if lying is None or self.model.world.ground is None:
             return variants
-        pose, twist = (value.transpose(0, 1).flatten(0, 1) for value in (variants.pose, variants.twist))
-        parameters = self.model.parameters(variants.nominal.repeat(segments, 1))
-        effects, lying = self._steps(variants, segments), lying.repeat_interleave(count, 0)
-        raised = raise_lying(State(pose, twist), lying, parameters, effects, self.model.world)
-        return (
-            variants
-            if raised is pose
-            else variants.replace(pose=raised.unflatten(0, (segments, count)).transpose(0, 1))
-        )
+        state = State(*(value.transpose(0, 1).flatten(0, 1) for value in (variants.pose, variants.twist)))
+        measured = self.model.inputs(state, variants.nominal.repeat(segments, 1))
+        pose = raise_lying(state, lying.repeat_interleave(count, 0), measured, self._steps(variants, segments))
+        if pose is state.pose:
+            return variants
+        return variants.replace(pose=pose.unflatten(0, (segments, count)).transpose(0, 1))
 
     @torch.no_grad()
     def _predict(self, variants: Variants) -> Prediction:

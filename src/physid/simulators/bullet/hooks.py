@@ -53,10 +53,6 @@ class Hooks:
                     engine.alter(effect.settings())
         return engines
 
-    def start(self, pose: Array) -> Array:
-        """Return initial poses (B, N, 7) that keep the distance of each body from the ground although sizes differ."""
-        return self._inputs.start(pose)
-
     def act(
         self, engines: Sequence[Engine], time: Array, pose: Sequence[Rows], twist: Sequence[Rows], wrench: Array
     ) -> None:

@@ -74,7 +74,6 @@ class _Worlds:
 
             self._hooks = Hooks(scene, effects, len(excitations))
             self.engines = self._hooks.build(scene, start, twist, step)
-            start = self._hooks.start(start)
         else:
             self.engines = [Engine(scene, step) for _ in excitations]
         for engine, *state in zip(self.engines, start, twist, strict=True):

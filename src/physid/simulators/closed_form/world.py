@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from physid.scenes import Excitation, Scene
 from physid.scenes.camera import corners
 from physid.scenes.rotations import between, rotate
-from physid.scenes.setup import REST_DEPTH
+from physid.scenes.setup import LYING
 from physid.simulators.closed_form.flight import fly, spin
 from physid.simulators.closed_form.line import Line
 from physid.simulators.motion import Motion, actuated, check_fit
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 ALIKE = 1e-9  # [-], [rad] directions that differ by rounding only
-LYING = 2 * REST_DEPTH  # [m] a body no higher than this lies on the ground
 NONE = "the closed form knows "
 
 

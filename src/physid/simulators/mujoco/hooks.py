@@ -39,8 +39,7 @@ class Hooks:
         self._inputs = ChangingInputs(scene, effects, len(pose))
         worlds = self._inputs.build(pose, twist)
         self.engines = [Engine(scene.with_bodies(bodies), step, centres) for bodies, centres in worlds]
-        # Bodies start as far above the ground as they were commanded to, although their sizes differ.
-        for engine, *state in zip(self.engines, self._inputs.start(pose), twist, strict=True):
+        for engine, *state in zip(self.engines, pose, twist, strict=True):
             engine.set_state(*state)
 
     def states(self) -> list[tuple[Array, Array]]:
