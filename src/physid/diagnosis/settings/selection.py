@@ -18,7 +18,7 @@ class ContactFreeSettings(Section):
 class CandidateSettings(Section):
     """Which hypotheses are worth fitting."""
 
-    most_singles: int = setting(10, "effects", "most that are fitted alone", ge=1)
+    most_singles: int = setting(20, "effects", "most that are fitted alone", "decision 74", ge=1)
     most_effects: int = setting(3, "effects", "most that are blamed together", "decision 66", ge=1)
     most_combinations: int = setting(5, "hypotheses", "of one effect more, most that are fitted at a time", ge=1)
     exchanged: bool = setting(
@@ -61,7 +61,7 @@ class EvidenceSettings(Section):
         0.003, "share", "of what the best explains that the numerics may decide between two hypotheses", ge=0
     )
     evident: float = setting(
-        2.0, "noise variances", "mean squared residual that no null simulation reaches; 1e9 for none", gt=0
+        1.5, "noise variances", "mean squared residual that no model reaches which lacks nothing", "decision 74", gt=0
     )
     closed: float = setting(0.02, "share", "of the gap that may be left without a second look", FLIGHTS, ge=0)
     closed_by_more: float = setting(

@@ -48,7 +48,7 @@ class HypothesisSettings(Section):
     finite_sizes: tuple[float, ...] = setting(
         (1.0, 3.0), "typical sizes", "from which a fit may begin", "decision 0011, calibration bank 607"
     )
-    first_steps: int = setting(5, "steps", "most Gauss-Newton steps of a hypothesis that is begun", ge=1)
+    first_steps: int = setting(3, "steps", "most Gauss-Newton steps of a hypothesis that is begun", "decision 74", ge=1)
     last_steps: int = setting(16, "steps", "most of one that is fitted to the end", ge=1)
     new_states: bool = setting(True, "", "whether initial states are guessed anew where an effect is known")
     new_states_steps: int = setting(8, "steps", "most Gauss-Newton steps from them", ge=1)
