@@ -15,7 +15,8 @@ from physid.data.generation.draw import laid
 from physid.effects import find, from_values
 from physid.effects.actuation.force_gain import ForceGain
 from physid.effects.dynamics.viscous_drag import ViscousDrag
-from physid.physics import Effect, Site, State, StepInputs
+from physid.physics import Effect, Parameters, PhysicsLayer, Plane, Site, State, StepInputs, World
+from physid.physics.schemes.integration import Midpoint
 from physid.scenes import Body, Excitation, Ground, Scene
 from physid.scenes.setups.placing import on_ground
 from physid.simulators import find_simulator
@@ -81,6 +82,25 @@ def test_a_compliant_ground_yields_by_the_compliance_times_the_load_and_friction
     assert np.abs(still[-1, 0, :2] - still[-10, 0, :2]).max() < 1e-6
     time = H * (STEPS - 1)
     assert pushed[-1, 0, 0] == pytest.approx(0.5 * (4.0 - 0.12 * G) * time**2, rel=0.05)
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.15, 0.45])
+@pytest.mark.parametrize("compliance", [1e-5, 1e-4])
+def test_a_block_is_tossed_onto_a_ground_that_yields_as_the_engine_says(compliance: float, restitution: float) -> None:
+    """It leans as it lands, slides and comes to rest; both take fine steps."""
+    scene = FLAT.with_bodies([dataclasses.replace(BLOCK, restitution=restitution)])
+    lean = 0.2
+    pose = np.array([[0.0, 0.0, 0.25, 0.6 * np.sin(lean / 2), 0.8 * np.sin(lean / 2), 0.0, np.cos(lean / 2)]])
+    drawn = Excitation(pose, np.array([[0.0, 0.0, 0.0, 0.8, 0.0, 0.0]]), np.zeros((STEPS, 1, 6)))
+    soft = [from_values("contact_compliance", {"compliance": compliance})]
+    there = MUJOCO.simulate(scene, [drawn], soft, 32)[0].pose
+    world = World(H, 32, ground=Plane(scene.ground.normal, scene.ground.offset), integration=Midpoint())
+    numbers = (torch.tensor([[value]], dtype=torch.float64) for value in (BLOCK.mass, BLOCK.friction, restitution))
+    parameters = Parameters.of_boxes(torch.tensor([[BLOCK.size]], dtype=torch.float64), *numbers)
+    start = State.checked(*(torch.from_numpy(value)[None] for value in (drawn.pose, drawn.twist)))
+    with torch.no_grad():
+        rollout = PhysicsLayer(world, soft).rollout(start, torch.zeros(1, STEPS - 1, 1, 6).double(), parameters)
+    assert np.abs(rollout.pose[0].numpy() - there)[..., :3].max() < 5e-4
 
 
 @pytest.mark.parametrize(

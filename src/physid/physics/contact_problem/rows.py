@@ -86,14 +86,14 @@ def rows_of(
         exists = patch.active & world.contact.exists(patch.gap, reach)
         material = friction, restitution, compliance * units.mass, damped
         moving = bodies.position, bodies.twist, free.unflatten(1, (count, 6)) * unit[:, None, None]
-        offset, slip, share, patch = _demand(patch, (velocity, free_speed), world, material, moving, h, exists)
+        offset, slip, share, hit, patch = _demand(patch, (velocity, free_speed), world, material, moving, h, exists)
         patches[k] = patch
         shares.append(share)
         slips.append(torch.where(exists[..., None], slip / unit[:, None, None], 0.0))
         jacobians.append(torch.where(exists[..., None, None], jacobian, 0.0))
         offsets.append(torch.where(exists, offset / unit[:, None], FAR))
         frictions.append(torch.where(exists, friction[:, None], 0.0))
-        compliances.append(torch.where(exists, (compliance * correction)[:, None], 0.0))
+        compliances.append(torch.where(exists & ~hit[:, None], (compliance * correction)[:, None], 0.0))
         modes.append(torch.where(exists[..., None], _redundant_modes(patch, exists, patches, inputs, world), 0.0))
     none = free.new_zeros(batch, 0)
     return Rows(
@@ -116,8 +116,8 @@ def _demand(
     bodies: tuple[Tensor, Tensor, Tensor],
     h: Tensor,
     exists: Tensor,
-) -> tuple[Tensor, Tensor, Tensor, Patch]:
-    """Return offset, slip [m/s] and share of the contacts of a patch, and the patch (see `schemes.impact`).
+) -> tuple[Tensor, Tensor, Tensor, Tensor, Patch]:
+    """Return offset, slip [m/s], share of the contacts of a patch, whether it is hit, and itself (`schemes.impact`).
 
     `velocities` are those before and the normal ones without contact, `material` friction, restitution, give per
     gravity and the time of the damper, `bodies` their centres, and twists before and without contact.
@@ -131,10 +131,11 @@ def _demand(
         wanted = demand(patch, velocities, bend, stiffness, h[:, None], exists)
         patch = dataclasses.replace(patch, together=wanted.together)
         slip = turned(wanted.slip, stuck(bend, h[:, None]), turns, wanted.hit)
-        return wanted.offset, slip, wanted.share[:, None].expand_as(patch.gap), patch
+        return wanted.offset, slip, wanted.share[:, None].expand_as(patch.gap), wanted.hit, patch
     velocity, free_speed = velocities
     offset = world.contact.offset(patch.gap, velocity[..., 0], free_speed, restitution[:, None], h[:, None])
-    return offset, torch.zeros_like(velocity[..., 1:]), torch.full_like(patch.gap, 0.5), patch
+    never = torch.zeros_like(patch.active[:, 0])
+    return offset, torch.zeros_like(velocity[..., 1:]), torch.full_like(patch.gap, 0.5), never, patch
 
 
 def _redundant_modes(patch: Patch, exists: Tensor, patches: list[Patch], inputs: StepInputs, world: World) -> Tensor:

@@ -15,9 +15,9 @@ contact, so that it begins with the gap x = y - h u / 2 and would end with y + h
   this holds of y - h^2 b / 8, u - h b / 2 and f + h b / 2, those at the ends of the step; sticking too ends at rest.
 * Friction opposes the mean slip where it is fast, and the slip at the end where it may stop. Under a body that lies on
   the ground alone friction turns with the slip within the step (`schemes.turning`).
-* A compliant contact takes an impact where it is reached; in overlap it is a spring of stiffness 1 / C with a damper of
-  t / C, C f = -(y + h u+) - t u+, and never hit. With t = sqrt(C m) and m the mass of the body, one that stands on four
-  corners is damped critically.
+* What bounces off a compliant contact does so as off a rigid one, where it is reached: its row has no compliance then.
+  All else, and all overlap, is that of a spring of stiffness 1 / C with a damper of t / C, C f = -(y + h u+) - t u+.
+  With t = sqrt(C m) and m the mass of the body, one that stands on four corners is damped critically.
 * Contacts of a face that all are reached in the step stop together, and share the load as those that lie flat do.
 """
 
@@ -136,11 +136,13 @@ def demand(
     falling = reached & apart
     square = torch.where(falling, u**2 - 2 * start * change / step, 1.0)
     touch = torch.where(falling, -square.clamp_min(1e-300).sqrt(), u.clamp_max(0))
-    rigid = apart | (give <= 0)
-    impact = reached & rigid & (touch < -SLOWEST * STANDARD_GRAVITY * step)
-    late = torch.where(impact & apart, 2 * start / (step * torch.where(impact & apart, -touch - u, 1.0)), 0.0)
+    fast = reached & (touch < -SLOWEST * STANDARD_GRAVITY * step)
+    late = torch.where(fast & apart, 2 * start / (step * torch.where(fast & apart, -touch - u, 1.0)), 0.0)
     leaving = (1 - late) * change - restitution * touch
-    leaves = impact & (leaving > FAINT * STANDARD_GRAVITY * step)
+    leaves = fast & (leaving > FAINT * STANDARD_GRAVITY * step)
+    impact = torch.where(give > 0, leaves & apart, fast)
+    leaves = leaves & impact
+    late = torch.where(impact, late, 0.0)
     stays = reached & (f < 0) & ~leaves
     share = torch.where(stays, (end / (step * torch.where(stays, f, 1.0))).clamp(0, LARGEST), 1 - late)
     share = torch.where(reached, share, 0.0)

@@ -105,9 +105,10 @@ def write_patch(
     """
     frame = frame_of(touch.normal)
     arms = [[subtract(point, body["centre"]) for point in touch.points] for body in bodies]
-    together = touch.scale.like(0.0)
+    together, compliance = touch.scale.like(0.0), material.compliance
     if midpoint:
-        offsets, exists, together = _midpoint_rule(patch, constants, touch, material, bodies, frame, alone=alone)
+        offsets, exists, together, hit = _midpoint_rule(patch, constants, touch, material, bodies, frame, alone=alone)
+        compliance = where(hit > 0.5, 0.0, compliance)
     else:
         offsets, exists = _rules(constants, touch, material, bodies, arms)
     unit_ = constants.one("unit")
@@ -120,7 +121,7 @@ def write_patch(
         patch[field] = [value for arm in body_arms for value in arm]
     patch["gap"], patch["offset"], patch["flatness"] = touch.gaps, offsets, [flat]
     patch["friction"] = [where(there, material.friction, 0.0) for there in exists]
-    patch["compliance"] = [where(there, material.compliance, 0.0) for there in exists]
+    patch["compliance"] = [where(there, compliance, 0.0) for there in exists]
     patch["warp"] = [where(there, value, 0.0) for there, value in zip(exists, twist, strict=True)]
     patch["exists"] = [where(there, 1.0, 0.0) for there in exists]
     return exists
@@ -150,8 +151,8 @@ def _midpoint_rule(
     frame: Matrix,
     *,
     alone: bool,
-) -> tuple[Vector, list[Value], Value]:
-    """Do the same under `Midpoint`, and write slip, share and hit; return also whether all four are hit."""
+) -> tuple[Vector, list[Value], Value, Value]:
+    """Do the same under `Midpoint`, and write slip, share and hit; return also whether all four are hit, and any."""
     h, unit_ = constants.one("step"), constants.one("unit")
     contacts = []
     for gap, active, point in zip(touch.gaps, touch.active, touch.points, strict=True):
@@ -177,7 +178,7 @@ def _midpoint_rule(
     slips = [scale(1.0 / unit_, values) for values in slips]
     patch["share"], patch["hit"] = [share], [hit]
     patch["slip"] = [where(c.exists, x, 0.0) for c, values in zip(contacts, slips, strict=True) for x in values]
-    return offsets, [contact.exists for contact in contacts], together
+    return offsets, [contact.exists for contact in contacts], together, hit
 
 
 def _relative(field: str, bodies: Sequence[Record], arms: Sequence[Vector]) -> Vector:

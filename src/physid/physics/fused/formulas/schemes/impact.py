@@ -75,11 +75,14 @@ def demand(
         falling = reached & apart
         square = most(where(falling, u * u - 2.0 * start * change / h, 1.0), 1e-300)
         touch = where(falling, -root(square), least(u, 0.0))
-        impact = reached & (apart | (compliance <= 0.0)) & (touch < -SLOWEST * fall)
-        timed = impact & apart
+        fast = reached & (touch < -SLOWEST * fall)
+        timed = fast & apart
         late = where(timed, 2.0 * start / (h * where(timed, -touch - u, 1.0)), 0.0)
         leaving = (1.0 - late) * change - restitution * touch
-        leaves = impact & (leaving > FAINT * fall)
+        leaves = fast & (leaving > FAINT * fall)
+        impact = (leaves & apart) | (fast & (compliance <= 0.0))
+        leaves = leaves & impact
+        late = where(impact, late, 0.0)
         stays = reached & (f < 0.0) & ~leaves
         resting = least(most(end / (h * where(stays, f, 1.0)), 0.0), LARGEST)
         shares.append(where(reached, where(stays, resting, 1.0 - late), 0.0))
