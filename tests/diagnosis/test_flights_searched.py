@@ -160,11 +160,13 @@ def test_what_is_gained_counts_in_fitted_trajectories_and_what_is_confirmed_in_t
     assert not beyond_chance(before, after, SimpleNamespace(reach=lambda _: 25.0))  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(("value", "there"), [(44.0, False), (46.0, True)])
-def test_a_gap_is_evident_beyond_one_and_a_half_variances_of_noise_for_each_value_that_nothing_was_fitted_to(
-    value: float, there: bool
+@pytest.mark.parametrize(
+    ("losses", "there"), [((44.0,), False), ((46.0,), True), ((28.0, 29.0, 200.0), False), ((20.0, 46.0, 46.0), True)]
+)
+def test_a_gap_is_evident_where_most_trajectories_leave_the_model_by_one_and_a_half_variances_of_noise_a_value(
+    losses: tuple[float, ...], there: bool
 ) -> None:
-    assert evident(stand_in("", [1e9, value], [True, False])) is there
+    assert evident(stand_in("", [1e9, *losses], [True] + [False] * len(losses))) is there
 
 
 @pytest.mark.parametrize(

@@ -61,7 +61,11 @@ class EvidenceSettings(Section):
         0.003, "share", "of what the best explains that the numerics may decide between two hypotheses", ge=0
     )
     evident: float = setting(
-        1.5, "noise variances", "mean squared residual that no model reaches which lacks nothing", "decision 74", gt=0
+        1.5,
+        "noise variances",
+        "mean squared residual of the median trajectory that no model reaches which lacks nothing; 1e9 for none",
+        "decision 74",
+        gt=0,
     )
     closed: float = setting(0.02, "share", "of the gap that may be left without a second look", FLIGHTS, ge=0)
     closed_by_more: float = setting(
