@@ -10,11 +10,13 @@ from torch import Tensor
 
 from physid.diagnosis.reference.replay import Reference, references_of, replay
 from physid.diagnosis.settings.reference import ReplaySettings
+from physid.effects import from_values
 from physid.estimation.prediction.nominal_model import NominalModel
 from physid.estimation.prediction.segments import Segmentation
 from physid.estimation.prediction.timeline import Timeline
 from physid.estimation.prediction.variants import Variants
-from physid.scenes import Integration, find_setup
+from physid.physics import Effect
+from physid.scenes import Integration, Scene, find_setup
 
 TOSS = find_setup("toss").scene
 STEP = 1e-3
@@ -117,3 +119,16 @@ def test_no_reference_of_an_unknown_maker_has_long_steps() -> None:
     assert all(each.step <= 1 / 480 for each in references_of(slow, ReplaySettings()))
     collide = dataclasses.replace(find_setup("collide").scene, integration=None)
     assert "pybullet" not in {each.name for each in references_of(collide, ReplaySettings())}
+
+
+def test_no_reference_has_a_law_of_its_own_for_an_effect_at_work_unless_there_is_none_else() -> None:
+    soft = [from_values("contact_compliance", {"compliance": 1e-4})]
+    unknown = dataclasses.replace(TOSS, integration=None)
+
+    def names(scene: Scene, effects: list[Effect]) -> list[str]:
+        return [each.name for each in references_of(scene, ReplaySettings(), effects)]
+
+    assert names(unknown, []) == ["pybullet", "mujoco"]
+    assert names(unknown, soft) == ["mujoco"]
+    known = dataclasses.replace(TOSS, integration=Integration("semi_implicit_euler", 1 / 480))
+    assert names(known, soft) == ["pybullet"], "it made the recordings"

@@ -1,10 +1,12 @@
 """Every simulator is asked in the same way."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from physid.effects import from_values
-from physid.scenes import find_setup
+from physid.scenes import Excitation, find_setup
 from physid.simulators import SIMULATORS, Simulator, find_simulator
 
 NAMES = [simulator.name for simulator in SIMULATORS]
@@ -45,6 +47,21 @@ def test_bodies_start_where_they_are_told_however_large_effects_make_them(name: 
         assert np.abs(motion.pose[0, :, :3] - told.pose[:, :3]).max() < ROUNDING
         assert np.abs((motion.pose[0, :, 3:] * told.pose[:, 3:]).sum(-1)) == pytest.approx(1.0, abs=ROUNDING)
         assert np.abs(motion.twist[0] - told.twist).max() < ROUNDING
+
+
+@pytest.mark.parametrize("name", ["pybullet", "mujoco"])
+def test_a_block_bounces_off_a_ground_that_yields_with_its_restitution_or_a_simulator_says_otherwise(name: str) -> None:
+    simulator, restitution = find_simulator(name), 0.3
+    toss = find_setup("toss").scene
+    scene = toss.with_bodies([dataclasses.replace(body, restitution=restitution) for body in toss.bodies])
+    pose = np.array([[0, 0, scene.bodies[0].size[2] / 2 + 0.05, 0, 0, 0, 1.0]])
+    drawn = Excitation(pose, np.zeros((1, 6)), np.zeros((60, 1, 6)))
+    soft = from_values("contact_compliance", {"compliance": 1e-4})
+    (motion,) = simulator.simulate(scene, [drawn], [soft], 20)
+    speed = motion.twist[:, 0, 5]
+    frame = 9.81 * scene.time_step  # a bounce is seen up to a frame later
+    alike = -frame < speed.max() - restitution * (2 * 9.81 * 0.05) ** 0.5 < 1e-3
+    assert bool(alike) == ("contact_compliance" not in simulator.own_laws)
 
 
 def test_only_a_simulator_that_shares_its_scheme_with_the_model_says_so() -> None:

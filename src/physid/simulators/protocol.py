@@ -24,6 +24,7 @@ class Simulator(Protocol):
     Attributes:
         name: What configurations call it.
         from_any_state: Whether it knows every motion of a scene, from any state and with any effect of the catalogue.
+        own_laws: Effects that it imitates by a law of its own, which is not that of the catalogue.
     """
 
     @property
@@ -31,6 +32,9 @@ class Simulator(Protocol):
 
     @property
     def from_any_state(self) -> bool: ...  # noqa: D102
+
+    @property
+    def own_laws(self) -> frozenset[str]: ...  # noqa: D102
 
     def simulate(
         self,
@@ -81,6 +85,7 @@ class _Simulator:
     package: str
     scheme: str | None = None
     from_any_state: bool = True
+    own_laws: frozenset[str] = frozenset()
 
     def simulate(
         self,
@@ -105,7 +110,10 @@ class _Simulator:
 
 
 SIMULATORS: tuple[Simulator, ...] = (
-    _Simulator("pybullet", BULLET_STEP, "physid.simulators.bullet.world", scheme="semi_implicit_euler"),
+    _Simulator(
+        *("pybullet", BULLET_STEP, "physid.simulators.bullet.world", "semi_implicit_euler"),
+        own_laws=frozenset({"contact_compliance"}),  # a spring that swings: fine steps hardly damp it
+    ),
     _Simulator("mujoco", 1e-3, "physid.simulators.mujoco.world"),
     _Simulator("closed_form", math.inf, "physid.simulators.closed_form.world", from_any_state=False),
 )

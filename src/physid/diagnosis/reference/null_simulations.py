@@ -51,7 +51,9 @@ def draw_null_simulations(
     Returns:
         Z = R D data sets.
     """
-    residuals, references = [], references_of(experiment.predictor.model.scene, settings.replay)
+    model = experiment.predictor.model
+    working = (*model.effects_at(fit.point.nominal), *effects)
+    residuals, references = [], references_of(model.scene, settings.replay, working)
     for run in range(settings.null_simulations.replays):
         clean = noiseless(experiment, fit, effects, settings, generator, references[run % len(references)])
         residuals.append(clean + noise.draw(settings.null_simulations.draws, clean, generator))
@@ -88,7 +90,8 @@ def floors(experiment: Experiment, fit: Fit, settings: Settings, generator: torc
     if not replays:
         return torch.zeros_like(fit.loss)
     unknown = torch.arange(fit.point.nominal.shape[1] + 1)
-    references = references_of(experiment.predictor.model.scene, settings.replay)
+    model = experiment.predictor.model
+    references = references_of(model.scene, settings.replay, model.effects_at(fit.point.nominal))
     runs = (references[run % len(references)] for run in range(replays))
     clean = torch.stack([noiseless(experiment, fit, (), settings, generator, reference) for reference in runs])
     respond = fit.linear.respond(clean, experiment.scale).select(unknown).of(experiment.fitted)

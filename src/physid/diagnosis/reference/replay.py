@@ -39,14 +39,14 @@ class Reference:
     staggered: bool = False
 
 
-def references_of(scene: Scene, settings: ReplaySettings) -> tuple[Reference, ...]:
+def references_of(scene: Scene, settings: ReplaySettings, effects: Sequence[Effect] = ()) -> tuple[Reference, ...]:
     """Return the simulators that recordings of a scene are compared with.
 
     Where recording.yaml says how a simulator integrated, it is that simulator with those steps: then nothing differs
     from the recordings but what is wrong with the model. Of all others nothing is known, and PyBullet and MuJoCo with
     fine steps stand for what good simulators make of the same scene. Where bodies collide with each other it is MuJoCo
     alone: PyBullet's contact between two boxes is centimetres off the closed form, however fine its steps
-    (docs/simulators.md).
+    (docs/simulators.md). One that imitates an effect by a law of its own says nothing of those that are at work.
     """
     if scene.integration is not None:
         return (Reference("pybullet", scene.integration.step),)
@@ -54,6 +54,8 @@ def references_of(scene: Scene, settings: ReplaySettings) -> tuple[Reference, ..
     there = [name for name in fine if find_spec(name) is not None]
     if len(scene.bodies) > 1 and "mujoco" in there:
         there = ["mujoco"]
+    names = {effect.name for effect in effects}
+    there = [name for name in there if not names & find_simulator(name).own_laws] or there
     steps = {name: scene.time_step / math.ceil(scene.time_step / fine[name] - 1e-9) for name in there}
     return tuple(Reference(name, step, staggered=name == "pybullet") for name, step in steps.items())
 
@@ -83,9 +85,9 @@ def replay(
     Returns:
         Poses that the camera would report, shape (R, T, N, 7); zeros outside the chosen segments.
     """
-    reference = reference or references_of(model.scene, settings)[0]
     known = model.effects_at(point.nominal)
     working = (*known, *effects)
+    reference = reference or references_of(model.scene, settings, working)[0]
     scene = dataclasses.replace(model.scene_at(point.nominal[0]), camera=None, time_step=reference.step)
     wrench, begin = timeline.grid.wrench, timeline.step_time
     for effect in working:
