@@ -51,7 +51,7 @@ def _removal(formulation: Formulation, world: World, settings: SolverSettings) -
     still = dataclasses.replace(
         problem,
         momentum=torch.zeros_like(problem.momentum),
-        offset=torch.where(touching, -wanted / unit, FAR),
+        offset=torch.where(touching & (problem.compliance <= 0), -wanted / unit, FAR),
         slip=torch.zeros_like(problem.slip),
         friction=torch.zeros_like(problem.friction),
         joint_velocity=torch.zeros_like(problem.joint_velocity),

@@ -23,8 +23,8 @@ def lift_patch(patch: Record, constants: Record, lifted: Record) -> None:
         lifted[field] = patch[field]
     lifted["friction"] = [0.0] * 4
     lifted["offset"] = [
-        where(exists > 0.5, (gap + slop) * scale, FAR)
-        for gap, exists in zip(patch["gap"], patch["exists"], strict=True)
+        where((exists > 0.5) & (compliance <= 0.0), (gap + slop) * scale, FAR)
+        for gap, exists, compliance in zip(patch["gap"], patch["exists"], patch["compliance"], strict=True)
     ]
 
 

@@ -25,8 +25,19 @@ def frame_of(normal: Sequence[Value]) -> Matrix:
     return [list(normal), tangent, cross(normal, tangent)]
 
 
-def rule(gap: Value, speed: Value, free_speed: Value, restitution: Value, constants: Record) -> tuple[Value, Value]:
+@dataclass(frozen=True)
+class Material:
+    """Of what touches: friction, restitution, compliance in units of the solver, and h / (h + t) of its damper."""
+
+    friction: Value
+    restitution: Value
+    compliance: Value
+    correction: Value
+
+
+def rule(gap: Value, speed: Value, free_speed: Value, material: Material, constants: Record) -> tuple[Value, Value]:
     """Return the offset c of eq. (3) [m/s] and whether the contact exists, by the contact rule of the world."""
+    restitution = material.restitution
     h = constants.one("step")
     speculative, split = constants.one("speculative") > 0.5, constants.one("split") > 0.5
     overlap = constants.one("correction") * gap / h
@@ -36,7 +47,9 @@ def rule(gap: Value, speed: Value, free_speed: Value, restitution: Value, consta
     reach = REACH + 2.0 * h * size(free_speed)
     exists = (speculative & (gap < reach)) | (~speculative & (gap < 0.0))
     bounce = restitution * speed
-    return where(impact, where(split, bounce, least(apart, bounce)), where(split, 0.0, apart)), exists
+    rigid = where(impact, where(split, bounce, least(apart, bounce)), where(split, 0.0, apart))
+    spring = overlap + restitution * least(speed, 0.0)
+    return where((material.compliance > 0.0) & (gap < 0.0), spring, rigid), exists
 
 
 def flatness(gaps: Sequence[Value], length: Value) -> Value:
@@ -77,16 +90,6 @@ class Touch:
     normal: Vector
     active: list[Value]
     scale: Value
-
-
-@dataclass(frozen=True)
-class Material:
-    """Of what touches: friction, restitution, compliance in units of the solver, and h / (h + t) of its damper."""
-
-    friction: Value
-    restitution: Value
-    compliance: Value
-    correction: Value
 
 
 def write_patch(
@@ -136,7 +139,7 @@ def _rules(
         at = [body_arms[c] for body_arms in arms]
         free_speed = constants.one("unit") * _normal_speed("free", bodies, at, touch.normal)
         speed = _normal_speed("velocity", bodies, at, touch.normal)
-        offset, there = rule(gap, speed, free_speed, material.restitution, constants)
+        offset, there = rule(gap, speed, free_speed, material, constants)
         offsets.append(offset)
         exists.append(there & active)
     return offsets, exists
