@@ -132,25 +132,33 @@ def test_a_rule_of_contact_is_the_same_in_both_engines_at_each_of_its_edges(rule
     """Gaps, speeds and coefficients are halves and quarters, so that sums are exact and the limits are met exactly."""
     h, quarters = 0.25, [-4.0, -1.0, -0.25, 0.0, 0.25, 1.0]
     values = torch.tensor(
-        list(itertools.product([-4.0, *quarters], [-2.0, -1.0, 0.0, 0.5, 1.5], [-4.0, -1.0, 0.0, 1.0], [0.0, 0.5])),
+        list(
+            itertools.product(
+                [-4.0, *quarters], [-2.0, -1.0, 0.0, 0.5, 1.5], [-4.0, -1.0, 0.0, 1.0], [0.0, 0.5], [0.0, 0.25]
+            )
+        ),
         dtype=torch.float64,
     )
-    gap, speed, free, restitution = values.unbind(1)
+    gap, speed, free, restitution, compliance = values.unbind(1)
     reach = REACH + 2 * h * free.abs()
-    edge = torch.stack([reach[:40], *values[:40, 1:].unbind(1)], 1)
+    edge = torch.stack([reach[:80], *values[:80, 1:].unbind(1)], 1)
     values = torch.cat([values, edge])
-    gap, speed, free, restitution = values[rule.exists(values[:, 0], reach.new_tensor(math.inf))].unbind(1)
+    values = values[rule.exists(values[:, 0], reach.new_tensor(math.inf))]
+    gap, speed, free, restitution, compliance = values.unbind(1)
     step = torch.tensor(h, dtype=torch.float64)
-    expected = rule.offset(gap, speed, free, restitution, step)
+    rigid, spring = rule.offset(gap, speed, free, restitution, step), rule.spring(gap, speed, restitution, step)
+    expected = torch.where((compliance > 0) & (gap < 0), spring, rigid)
     exists = rule.exists(gap, REACH + 2 * h * free.abs())
 
     def formula(given, numbers, out) -> None:  # noqa: ANN001
-        offset, there = touch.rule(*given["values"], numbers)
+        gap, speed, free, restitution, compliance = given["values"]
+        material = touch.Material(friction=gap, restitution=restitution, compliance=compliance, correction=gap)
+        offset, there = touch.rule(gap, speed, free, material, numbers)
         out["offset"], out["exists"] = [offset], [touch.where(there, 1.0, 0.0)]
 
-    layouts = {"given": sections.Layout(values=4), "numbers": CONSTANTS, "out": sections.Layout(offset=1, exists=1)}
+    layouts = {"given": sections.Layout(values=5), "numbers": CONSTANTS, "out": sections.Layout(offset=1, exists=1)}
     world = World(time_step=h, contact=rule)
-    given = {"given": {"values": torch.stack([gap, speed, free, restitution], 1)}, "numbers": constants(world)}
+    given = {"given": {"values": values}, "numbers": constants(world)}
     out = run(formula, layouts, given)["out"]
     assert torch.equal(out["exists"][:, 0] > 0.5, exists)
     assert torch.equal(out["offset"][:, 0], expected)

@@ -112,7 +112,9 @@ def test_an_overlap_opens_in_its_time_but_no_faster_than_a_push_beyond_what_the_
 def test_a_compliant_contact_in_overlap_is_a_spring_and_never_hit() -> None:
     assert bool(wanted(-1e-4, -2.0, -2.0, give=0.0).hit)
     assert not bool(wanted(-1e-2, -0.1, -0.2, give=1e-4).hit)
-    assert bool(wanted(1e-4, -2.0, -2.0, give=1e-4).hit), "it takes an impact where it is reached"
+    assert bool(wanted(1e-4, -2.0, -2.0, 0.4, give=1e-4).hit), "what bounces off it does where it is reached"
+    assert not bool(wanted(-1.0, -2.0, -2.0, 0.4, give=1e-4).hit), "and in overlap nothing does"
+    assert not bool(wanted(1e-4, -2.0, -2.0, 0.0, give=1e-4).hit), "the spring takes up all other blows"
 
 
 def test_a_point_on_a_curve_is_judged_by_gap_and_speeds_at_the_ends_of_the_step() -> None:

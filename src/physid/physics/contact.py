@@ -108,6 +108,14 @@ class ContactRule(ABC):
             step: h [s], to be broadcast.
         """
 
+    def spring(self, gap: Tensor, speed: Tensor, restitution: Tensor, step: Tensor) -> Tensor:
+        """Compute c [m/s] of overlaps that yield, correction * gap / h + k min(u_n, 0), as Bullet's do.
+
+        With a compliance C f of such a share in its row the contact is a spring of stiffness 1 / C, however deep, and a
+        damper of h / (correction C): nothing bounds its speed, and nothing but it takes the overlap back.
+        """
+        return self.correction * gap / step + restitution * speed.clamp_max(0)
+
     def exists(self, gap: Tensor, reach: Tensor) -> Tensor:
         """Return which contacts enter the problem at all; `reach` [m] bounds the distance worth looking at."""
         return gap < reach

@@ -133,9 +133,10 @@ def _demand(
         slip = turned(wanted.slip, stuck(bend, h[:, None]), turns, wanted.hit)
         return wanted.offset, slip, wanted.share[:, None].expand_as(patch.gap), wanted.hit, patch
     velocity, free_speed = velocities
-    spring = world.contact.correction * patch.gap / h[:, None] + restitution[:, None] * velocity[..., 0].clamp_max(0)
-    offset = world.contact.offset(patch.gap, velocity[..., 0], free_speed, restitution[:, None], h[:, None])
-    offset = torch.where((give > 0)[:, None] & (patch.gap < 0), spring, offset)
+    speed, bounce, step = velocity[..., 0], restitution[:, None], h[:, None]
+    yields = (give > 0)[:, None] & (patch.gap < 0)
+    rigid = world.contact.offset(patch.gap, speed, free_speed, bounce, step)
+    offset = torch.where(yields, world.contact.spring(patch.gap, speed, bounce, step), rigid)
     never = torch.zeros_like(patch.active[:, 0])
     return offset, torch.zeros_like(velocity[..., 1:]), torch.full_like(patch.gap, 0.5), never, patch
 
