@@ -92,9 +92,11 @@ class ContactRule(ABC):
 
     Attributes:
         correction: Fraction of an overlap removed per step.
+        slop: Overlap that is left alone [m].
     """
 
     correction: float
+    slop: float = 0.0
 
     @abstractmethod
     def offset(self, gap: Tensor, speed: Tensor, free_speed: Tensor, restitution: Tensor, step: Tensor) -> Tensor:
@@ -109,12 +111,13 @@ class ContactRule(ABC):
         """
 
     def spring(self, gap: Tensor, speed: Tensor, restitution: Tensor, step: Tensor) -> Tensor:
-        """Compute c [m/s] of overlaps that yield, correction * gap / h + k min(u_n, 0), as Bullet's do.
+        """Compute c [m/s] of overlaps that yield, correction (gap + slop) / h + k min(u_n, 0), as Bullet's do.
 
         With a compliance C f of such a share in its row the contact is a spring of stiffness 1 / C, however deep, and a
-        damper of h / (correction C): nothing bounds its speed, and nothing but it takes the overlap back.
+        damper of h / (correction C): nothing bounds its speed, and nothing but it takes the overlap back. A body rests
+        deeper by C f than on a rigid ground.
         """
-        return self.correction * gap / step + restitution * speed.clamp_max(0)
+        return self.correction * (gap + self.slop) / step + restitution * speed.clamp_max(0)
 
     def exists(self, gap: Tensor, reach: Tensor) -> Tensor:
         """Return which contacts enter the problem at all; `reach` [m] bounds the distance worth looking at."""

@@ -65,7 +65,7 @@ def constants_of(world: World, settings: SolverSettings, shape: Shape) -> Tensor
         "split": [float(isinstance(rule, Split))],
         "correction": [1.0 if world.midpoint else rule.correction],
         "speed_limit": [getattr(rule, "speed_limit", 0.0)],
-        "slop": [getattr(rule, "slop", 0.0)],
+        "slop": [rule.slop],
         "tau": [settings.tau(torch.float64)],
         "accepted": [settings.residual(torch.float64)],
         "max_steps": [float(settings.max_steps)],

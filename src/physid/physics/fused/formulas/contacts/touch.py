@@ -40,7 +40,8 @@ def rule(gap: Value, speed: Value, free_speed: Value, material: Material, consta
     restitution = material.restitution
     h = constants.one("step")
     speculative, split = constants.one("speculative") > 0.5, constants.one("split") > 0.5
-    overlap = constants.one("correction") * gap / h
+    correction = constants.one("correction")
+    overlap = correction * gap / h
     apart = where(gap > 0.0, gap / h, most(overlap, -constants.one("speed_limit")))
     hits = (speed < 0.0) & (restitution > 0.0)
     impact = hits & ((gap + h * free_speed < 0.0) | ~speculative)
@@ -48,7 +49,7 @@ def rule(gap: Value, speed: Value, free_speed: Value, material: Material, consta
     exists = (speculative & (gap < reach)) | (~speculative & (gap < 0.0))
     bounce = restitution * speed
     rigid = where(impact, where(split, bounce, least(apart, bounce)), where(split, 0.0, apart))
-    spring = overlap + restitution * least(speed, 0.0)
+    spring = correction * (gap + constants.one("slop")) / h + restitution * least(speed, 0.0)
     return where((material.compliance > 0.0) & (gap < 0.0), spring, rigid), exists
 
 
