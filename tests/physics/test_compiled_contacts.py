@@ -146,13 +146,17 @@ def test_a_rule_of_contact_is_the_same_in_both_engines_at_each_of_its_edges(rule
     values = values[rule.exists(values[:, 0], reach.new_tensor(math.inf))]
     gap, speed, free, restitution, compliance = values.unbind(1)
     step = torch.tensor(h, dtype=torch.float64)
-    rigid, spring = rule.offset(gap, speed, free, restitution, step), rule.spring(gap, speed, restitution, step)
+    rigid, spring = (
+        rule.offset(gap, speed, free, restitution, step),
+        rule.spring(gap, speed, restitution, torch.full_like(gap, 0.5 / h)),
+    )
     expected = torch.where((compliance > 0) & (gap < 0), spring, rigid)
     exists = rule.exists(gap, REACH + 2 * h * free.abs())
 
     def formula(given, numbers, out) -> None:  # noqa: ANN001
         gap, speed, free, restitution, compliance = given["values"]
-        material = touch.Material(friction=gap, restitution=restitution, compliance=compliance, correction=gap)
+        half = gap.like(0.5)
+        material = touch.Material(friction=gap, restitution=restitution, compliance=compliance, correction=half)
         offset, there = touch.rule(gap, speed, free, material, numbers)
         out["offset"], out["exists"] = [offset], [touch.where(there, 1.0, 0.0)]
 

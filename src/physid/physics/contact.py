@@ -110,14 +110,20 @@ class ContactRule(ABC):
             step: h [s], to be broadcast.
         """
 
-    def spring(self, gap: Tensor, speed: Tensor, restitution: Tensor, step: Tensor) -> Tensor:
-        """Compute c [m/s] of overlaps that yield, correction (gap + slop) / h + k min(u_n, 0), as Bullet's do.
+    def spring(self, gap: Tensor, speed: Tensor, restitution: Tensor, pace: Tensor) -> Tensor:
+        """Compute c [m/s] of overlaps that yield, pace (gap + slop) + k min(u_n, 0), as Bullet's do.
 
-        With a compliance C f of such a share in its row the contact is a spring of stiffness 1 / C, however deep, and a
-        damper of h / (correction C): nothing bounds its speed, and nothing but it takes the overlap back. A body rests
-        deeper by C f than on a rigid ground.
+        With the share pace * h of a compliance C in its row the contact is a spring of stiffness 1 / C, however deep,
+        with a damper of (1 / pace - h) / C: nothing bounds its speed, and nothing but it takes the overlap back. A body
+        rests deeper by C f than on a rigid ground.
+
+        Args:
+            gap: Distances, negative in overlap [m].
+            speed: Normal velocities before the step [m/s].
+            restitution: Newton's coefficient k.
+            pace: 1 / (h / correction + t) with t of the damper [1/s], see `schemes.impact.damping_time`.
         """
-        return self.correction * (gap + self.slop) / step + restitution * speed.clamp_max(0)
+        return pace * (gap + self.slop) + restitution * speed.clamp_max(0)
 
     def exists(self, gap: Tensor, reach: Tensor) -> Tensor:
         """Return which contacts enter the problem at all; `reach` [m] bounds the distance worth looking at."""

@@ -13,8 +13,8 @@ from physid.physics import Effect, Site, State, StepInputs, quantity
 class ContactCompliance(Effect):
     """C' = C + k: each contact with the ground sinks in by C times its force, as a spring of stiffness 1 / C.
 
-    Where recordings do not say how they were integrated, a body of mass m on four corners is damped critically: by a
-    damper of sqrt(C m) / C beside each spring, and what bounces does so as off a rigid ground
+    A body of mass m on four corners is damped critically: by a damper of sqrt(C m) / C beside each spring. What bounces
+    does so as off a rigid ground, but where recordings are PyBullet's, whose spring takes up the blow
     (docs/decisions/0065-a-ground-that-yields.md).
 
     Attributes:

@@ -81,10 +81,10 @@ def rows_of(
         free_speed = torch.einsum("bckn,bn->bck", jacobian, free)[..., 0] * unit[:, None]
         friction, restitution, compliance = _pair(patch, inputs)
         damped = damping_time(compliance, inputs.mass[:, patch.second])
-        correction = (h / (h + damped) if world.midpoint else world.contact.correction) * units.mass / h**2
+        pace = 1 / (h / (1.0 if world.midpoint else world.contact.correction) + damped)
         reach = REACH + 2 * h[:, None] * free_speed.detach().abs()
         exists = patch.active & world.contact.exists(patch.gap, reach)
-        material = friction, restitution, compliance * units.mass, damped
+        material = friction, restitution, compliance * units.mass, damped, pace
         moving = bodies.position, bodies.twist, free.unflatten(1, (count, 6)) * unit[:, None, None]
         offset, slip, share, hit, patch = _demand(patch, (velocity, free_speed), world, material, moving, h, exists)
         patches[k] = patch
@@ -93,7 +93,7 @@ def rows_of(
         jacobians.append(torch.where(exists[..., None, None], jacobian, 0.0))
         offsets.append(torch.where(exists, offset / unit[:, None], FAR))
         frictions.append(torch.where(exists, friction[:, None], 0.0))
-        compliances.append(torch.where(exists & ~hit[:, None], (compliance * correction)[:, None], 0.0))
+        compliances.append(torch.where(exists & ~hit[:, None], (compliance * pace * units.mass / h)[:, None], 0.0))
         modes.append(torch.where(exists[..., None], _redundant_modes(patch, exists, patches, inputs, world), 0.0))
     none = free.new_zeros(batch, 0)
     return Rows(
@@ -112,7 +112,7 @@ def _demand(
     patch: Patch,
     velocities: tuple[Tensor, Tensor],
     world: World,
-    material: tuple[Tensor, Tensor, Tensor, Tensor],
+    material: tuple[Tensor, Tensor, Tensor, Tensor, Tensor],
     bodies: tuple[Tensor, Tensor, Tensor],
     h: Tensor,
     exists: Tensor,
@@ -120,9 +120,10 @@ def _demand(
     """Return offset, slip [m/s], share of the contacts of a patch, whether it is hit, and itself (`schemes.impact`).
 
     `velocities` are those before and the normal ones without contact, `material` friction, restitution, give per
-    gravity and the time of the damper, `bodies` their centres, and twists before and without contact.
+    gravity, the time of the damper and the pace of a spring, `bodies` their centres, and twists before and without
+    contact.
     """
-    friction, restitution, give, time = material
+    friction, restitution, give, time, pace = material
     if world.midpoint:
         bend = bending(patch, *bodies[:2])
         lies = exists & (patch.gap + h[:, None] * velocities[1] / 2 < 0)
@@ -136,7 +137,7 @@ def _demand(
     speed, bounce, step = velocity[..., 0], restitution[:, None], h[:, None]
     yields = (give > 0)[:, None] & (patch.gap < 0)
     rigid = world.contact.offset(patch.gap, speed, free_speed, bounce, step)
-    offset = torch.where(yields, world.contact.spring(patch.gap, speed, bounce, step), rigid)
+    offset = torch.where(yields, world.contact.spring(patch.gap, speed, bounce, pace[:, None]), rigid)
     never = torch.zeros_like(patch.active[:, 0])
     return offset, torch.zeros_like(velocity[..., 1:]), torch.full_like(patch.gap, 0.5), never, patch
 

@@ -146,8 +146,10 @@ class Engine:
     def set_ground_compliance(self, compliance: float) -> None:
         """Set how far each contact with the ground yields under a force [m/N]."""
         stiffness = 1 / compliance
-        # Bullet takes back h k / (h k + d) of an overlap per step: with this d the same part as of a rigid contact.
-        damping = self._step * stiffness * (1 / CORRECTION - 1)
+        # Bullet takes back h k / (h k + d) of an overlap per step: the same part as of a rigid contact, but for a
+        # damper that is critical for a body on four corners. It knows one for the ground: that of the mean mass.
+        time = self._step * (1 / CORRECTION - 1) + float(np.sqrt(compliance * np.mean(self._masses)))
+        damping = stiffness * time
         pybullet.changeDynamics(self._ground, -1, contactStiffness=stiffness, contactDamping=damping, **self._on)
         # A separate correction of overlaps would take back the deflection.
         pybullet.setPhysicsEngineParameter(useSplitImpulse=0, **self._on)

@@ -51,7 +51,7 @@ def touch_ground(
     h = constants.one("step")
     yields = body.one("compliance")
     time = root(yields * body.one("mass") + BRIEF**2) - BRIEF
-    correction = h / (h + time) if midpoint else constants.one("correction")
+    correction = h / (h / constants.one("correction") + time)
     compliance = yields * correction * shared.one("mean_mass") / (h * h)
     touch = Touch(
         points=points,

@@ -27,7 +27,10 @@ def frame_of(normal: Sequence[Value]) -> Matrix:
 
 @dataclass(frozen=True)
 class Material:
-    """Of what touches: friction, restitution, compliance in units of the solver, and h / (h + t) of its damper."""
+    """Of what touches: friction, restitution, compliance in units of the solver, and 1 / (1 / c + t / h) of its damper.
+
+    c is the share of a rigid overlap that a step takes back, and t the time of the damper.
+    """
 
     friction: Value
     restitution: Value
@@ -40,8 +43,7 @@ def rule(gap: Value, speed: Value, free_speed: Value, material: Material, consta
     restitution = material.restitution
     h = constants.one("step")
     speculative, split = constants.one("speculative") > 0.5, constants.one("split") > 0.5
-    correction = constants.one("correction")
-    overlap = correction * gap / h
+    overlap = constants.one("correction") * gap / h
     apart = where(gap > 0.0, gap / h, most(overlap, -constants.one("speed_limit")))
     hits = (speed < 0.0) & (restitution > 0.0)
     impact = hits & ((gap + h * free_speed < 0.0) | ~speculative)
@@ -49,7 +51,7 @@ def rule(gap: Value, speed: Value, free_speed: Value, material: Material, consta
     exists = (speculative & (gap < reach)) | (~speculative & (gap < 0.0))
     bounce = restitution * speed
     rigid = where(impact, where(split, bounce, least(apart, bounce)), where(split, 0.0, apart))
-    spring = correction * (gap + constants.one("slop")) / h + restitution * least(speed, 0.0)
+    spring = material.correction * (gap + constants.one("slop")) / h + restitution * least(speed, 0.0)
     return where((material.compliance > 0.0) & (gap < 0.0), spring, rigid), exists
 
 
