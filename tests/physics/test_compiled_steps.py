@@ -45,7 +45,7 @@ def test_a_step_is_the_same_and_solved_in_as_many_newton_steps(name: str, bodies
     assert_close(other.state.twist, one.state.twist, VALUES)
     assert_close(of_patches(other.impulse), of_patches(one.impulse), VALUES)
     assert bool(one.converged.all() & other.converged.all())
-    polished = other.newton_steps - one.newton_steps  # a last step, of which the reference does not tell
+    polished = other.newton_steps - one.newton_steps  # a last step, which the reference does not report
     assert set(polished.tolist()) <= {0, 1}
     assert_close(one.residual.clamp_max(1e-3), other.residual.clamp_max(1e-3), 2.0)
 
@@ -100,8 +100,8 @@ def test_a_step_without_a_length_is_one_of_the_world_in_each_of_its_worlds() -> 
         state, inputs = placed(2, world, seed=60)
         none = advance(state, inputs, world, SETTINGS)
         for count in (1, len(state.pose)):
-            told = advance(
+            given = advance(
                 state, inputs, world, SETTINGS, torch.full((count,), world.time_step / 2, dtype=torch.float64)
             )
-            assert torch.equal(told.state.pose, none.state.pose)
-            assert torch.equal(told.impulse, none.impulse)
+            assert torch.equal(given.state.pose, none.state.pose)
+            assert torch.equal(given.impulse, none.impulse)

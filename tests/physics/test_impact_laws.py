@@ -78,8 +78,8 @@ def test_an_impact_falls_where_the_parabola_reaches_the_ground_and_leaves_with_i
 
 
 def test_an_approach_as_slow_as_that_of_a_body_at_rest_is_no_impact() -> None:
-    for factor, hits in ((1.01, True), (1.0, False), (0.99, False)):
-        assert bool(wanted(-1e-2, -SLOWEST * FALL * factor, -5 * FALL).hit) is hits
+    for factor, impact in ((1.01, True), (1.0, False), (0.99, False)):
+        assert bool(wanted(-1e-2, -SLOWEST * FALL * factor, -5 * FALL).hit) is impact
     assert float(wanted(-1e-4, 0.0, -FALL).share) == 0.5
     assert not bool(wanted(1.0, -9.0, -9.0).hit), "what is not reached is not hit"
 

@@ -1,4 +1,4 @@
-"""Bodies that lie on the ground, told from poses, and raised by what effects make them higher."""
+"""Bodies that lie on the ground, identified from poses, and raised by what effects make them higher."""
 
 from __future__ import annotations
 

@@ -76,7 +76,7 @@ def raise_lying(state: State, lying: Tensor, measured: StepInputs, effects: Sequ
     Initial states are laid on the ground with the sizes that were measured. A body that is larger lies higher: if its
     initial state did not follow its size, it would start in the ground and be pushed out of it. With r(s) how far a
     body of size s reaches from its centre along the ground's normal n, it starts at x + (r(s') - r(s)) n, a flat one
-    higher by half of what it is larger. One in flight starts where it was told to, whatever its size.
+    higher by half of what it is larger. One in flight starts at the pose it is given, whatever its size.
 
     Args:
         state: B states, as the measured sizes lay them.

@@ -44,18 +44,10 @@ def phases_of(prediction: Prediction, timeline: Timeline, scene: Scene, settings
 
 
 def phases_of_steps(prediction: Prediction, timeline: Timeline, scene: Scene, settings: PhaseSettings) -> Tensor:
-    """Name what each body does in the step from each frame to the next, where an impact lasts `impact_time` alone.
+    """Name what each body does in the step from each frame to the next (see `phases_of`).
 
-    What acts in the steps after an impact is no part of it, though a slow camera hardly tells them apart.
-
-    Args:
-        prediction: A single variant.
-        timeline: Times of the frames, and commanded wrenches.
-        scene: Masses, gravity, time step.
-        settings: What is still, slow, light, hard, and how long an impact lasts.
-
-    Returns:
-        Codes of PHASES, shape (R, T, N).
+    An impact lasts `impact_time` alone: what acts in the steps after it is no part of it, though a slow camera hardly
+    distinguishes them.
     """
     return _phases(prediction, timeline, scene, settings, _impact_steps(scene, settings))
 
