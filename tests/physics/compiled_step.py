@@ -105,14 +105,16 @@ class Compiled:
         records.call(made["average_mass"], "shared", *names)
         for name in names:
             records.call(made["prepare"], name, "shared", "constants")
-        for n in range(shape.grounds):
-            records.call(made["choose_corners"], f"body{n}", "shared", f"patch{n}")
-            records.call(made["touch_ground"], f"body{n}", "shared", "constants", f"patch{n}")
         for k, (a, b) in enumerate(shape.pairs):
             one, two, patch = f"body{a}", f"body{b}", f"patch{shape.grounds + k}"
             records.call(made["choose_axis"], one, two, patch)
             records.call(made["choose_points"], one, two, patch)
-            records.call(made["touch_boxes"], one, two, "shared", "constants", f"patch{a}", f"patch{b}", patch)
+            records.call(made["touch_boxes"], one, two, "shared", "constants", patch)
+        for n in range(shape.grounds):
+            records.call(made["choose_corners"], f"body{n}", "shared", f"patch{n}")
+            records.call(made["touch_ground"], f"body{n}", "shared", "constants", f"patch{n}")
+        for k, (a, b) in enumerate(shape.pairs):
+            records.call(made["stand_boxes"], "shared", f"patch{a}", f"patch{b}", f"patch{shape.grounds + k}")
         return cls(records, bodies, world)
 
     def field(self, name: str) -> Tensor:

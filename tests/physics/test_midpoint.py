@@ -78,16 +78,21 @@ def test_sliding_under_a_force_is_exact_at_any_rate(rate: int, backend: str) -> 
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("phase", [0.05, 0.5, 0.95])
 @pytest.mark.parametrize("turn", [0.0, 0.4])
+@pytest.mark.parametrize("beside", [None, 0.011])
 def test_a_block_that_turns_around_within_a_step_goes_on_as_the_closed_form_says(
-    phase: float, turn: float, backend: str
+    phase: float, turn: float, beside: float | None, backend: str
 ) -> None:
     # A push of 5 m/s^2 against the motion and friction of 2 stop it at the given phase of a step; then 3 are left.
     rate, steps, push, friction = 30, 12, 5.0, 2.0
     start = (3 + phase) / rate * (push + friction)
     layer = PhysicsLayer(world(rate), backend=backend)  # type: ignore[arg-type]
     along = torch.tensor([math.cos(turn), math.sin(turn), 0.0], dtype=torch.float64)
-    begin = state([[0, 0, 0.1]], [(start * along).tolist()])
-    rollout = layer.rollout(begin, forces(steps, [(-push * along).tolist()]), boxes(friction=friction / G))
+    places, speeds, pushes = [[0.0, 0, 0.1]], [(start * along).tolist()], [(-push * along).tolist()]
+    if beside is not None:  # another block rests so near to its side, and is not reached
+        places, speeds, pushes = [*places, [0, 0.2 + beside + 0.2 * turn, 0.1]], [*speeds, [0.0] * 3], [*pushes, [0.0] * 3]
+    count = len(places)
+    begin, parameters = state(places, speeds), boxes(mass=[1.0] * count, friction=friction / G)
+    rollout = layer.rollout(begin, forces(steps, pushes), parameters)
     left = (steps - 3 - phase) / rate
     torch.testing.assert_close(
         rollout.twist[0, -1, 0, 3:], -(push - friction) * left * along, rtol=0, atol=10 * SMOOTHING

@@ -75,18 +75,17 @@ def rows_of(
     h, unit, batch, count = units.step, units.velocity, *bodies.twist.shape[:2]
     patches, jacobians, modes = list(patches), [], []
     offsets, slips, frictions, compliances, shares = [], [], [], [], []
-    for k, patch in enumerate(patches):
-        jacobian = _patch_jacobian(patch, bodies.position)
-        velocity = torch.einsum("bckn,bn->bck", jacobian, bodies.twist.flatten(1) / unit[:, None]) * unit[:, None, None]
-        free_speed = torch.einsum("bckn,bn->bck", jacobian, free)[..., 0] * unit[:, None]
+    approaches = [_approach(patch, bodies, free, world, units) for patch in patches]
+    met = _met(patches, approaches, count)
+    for k, (patch, approach) in enumerate(zip(list(patches), approaches, strict=True)):
+        exists, jacobian = approach.exists, approach.jacobian
         friction, restitution, compliance = _pair(patch, inputs)
         damped = damping_time(compliance, inputs.mass[:, patch.second])
         pace = 1 / (h / (1.0 if world.midpoint else world.contact.correction) + damped)
-        reach = REACH + 2 * h[:, None] * free_speed.detach().abs()
-        exists = patch.active & world.contact.exists(patch.gap, reach)
         material = friction, restitution, compliance * units.mass, damped, pace
         moving = bodies.position, bodies.twist, free.unflatten(1, (count, 6)) * unit[:, None, None]
-        offset, slip, share, hit, patch = _demand(patch, (velocity, free_speed), world, material, moving, h, exists)
+        alone = ~met[patch.second]
+        offset, slip, share, hit, patch = _demand(patch, approach, world, material, moving, h, alone)
         patches[k] = patch
         shares.append(share)
         slips.append(torch.where(exists[..., None], slip / unit[:, None, None], 0.0))
@@ -108,26 +107,64 @@ def rows_of(
     )
 
 
+@dataclass(frozen=True)
+class _Approach:
+    """How the contacts of a patch approach.
+
+    Attributes:
+        jacobian: See `_patch_jacobian`.
+        velocity: Before the step, in the patch's frame [m/s], shape (B, 4, 3).
+        free_speed: Along the normal after the step, if there were no contact [m/s], shape (B, 4).
+        exists: Which contacts there are, shape (B, 4).
+        reached: Which of them the midpoint rule finds closed in the step (see `schemes.impact`), shape (B, 4).
+    """
+
+    jacobian: Tensor
+    velocity: Tensor
+    free_speed: Tensor
+    exists: Tensor
+    reached: Tensor
+
+
+def _approach(patch: Patch, bodies: MassCentres, free: Tensor, world: World, units: Units) -> _Approach:
+    """Return how the contacts of a patch approach."""
+    h, unit = units.step[:, None], units.velocity
+    jacobian = _patch_jacobian(patch, bodies.position)
+    velocity = torch.einsum("bckn,bn->bck", jacobian, bodies.twist.flatten(1) / unit[:, None]) * unit[:, None, None]
+    free_speed = torch.einsum("bckn,bn->bck", jacobian, free)[..., 0] * unit[:, None]
+    exists = patch.active & world.contact.exists(patch.gap, REACH + 2 * h * free_speed.detach().abs())
+    return _Approach(jacobian, velocity, free_speed, exists, exists & (patch.gap + h * free_speed / 2 < 0))
+
+
+def _met(patches: list[Patch], approaches: list[_Approach], bodies: int) -> list[Tensor]:
+    """Return which bodies reach another one in the step, a mask (B,) of each."""
+    met = [torch.zeros_like(patch.active[:, 0]) for patch in patches[:1]] * bodies
+    for patch, approach in zip(patches, approaches, strict=True):
+        if patch.first is not None:
+            for body in (patch.first, patch.second):
+                met[body] = met[body] | approach.reached.any(1)
+    return met
+
+
 def _demand(
     patch: Patch,
-    velocities: tuple[Tensor, Tensor],
+    approach: _Approach,
     world: World,
     material: tuple[Tensor, Tensor, Tensor, Tensor, Tensor],
     bodies: tuple[Tensor, Tensor, Tensor],
     h: Tensor,
-    exists: Tensor,
+    alone: Tensor,
 ) -> tuple[Tensor, Tensor, Tensor, Tensor, Patch]:
     """Return offset, slip [m/s], share of the contacts of a patch, whether it is hit, and itself (`schemes.impact`).
 
-    `velocities` are those before and the normal ones without contact, `material` friction, restitution, give per
-    gravity, the time of the damper and the pace of a spring, `bodies` their centres, and twists before and without
-    contact.
+    `material` are friction, restitution, give per gravity, the time of the damper and the pace of a spring, `bodies`
+    their centres, and twists before and without contact. A body on the ground is `alone` unless it meets another one.
     """
     friction, restitution, give, time, pace = material
+    velocities, exists = (approach.velocity, approach.free_speed), approach.exists
     if world.midpoint:
         bend = bending(patch, *bodies[:2])
-        lies = exists & (patch.gap + h[:, None] * velocities[1] / 2 < 0)
-        turns = turning(patch, *bodies[1:], friction, h[:, None], lies)
+        turns = turning(patch, *bodies[1:], friction, h[:, None], approach.reached & alone[:, None])
         stiffness = restitution, give * STANDARD_GRAVITY, time
         wanted = demand(patch, velocities, bend, stiffness, h[:, None], exists)
         patch = dataclasses.replace(patch, together=wanted.together)

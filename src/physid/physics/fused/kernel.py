@@ -254,11 +254,12 @@ def _reverse_assembly(w: Writer) -> None:
         bars = [record if record == "constants" else f"{record}_bar" for record in records]
         w.call(f"{section}_adjoint", *records, *bars)
 
-    for k, (a, b) in reversed(list(enumerate(shape.pairs))):
-        patch = f"patch{shape.grounds + k}"
-        call("touch_boxes", f"body{a}", f"body{b}", "shared", "constants", f"patch{a}", f"patch{b}", patch)
+    for k, (a, b) in enumerate(shape.pairs):
+        call("stand_boxes", "shared", f"patch{a}", f"patch{b}", f"patch{shape.grounds + k}")
     for n in range(shape.grounds):
         call("touch_ground", f"body{n}", "shared", "constants", f"patch{n}")
+    for k, (a, b) in reversed(list(enumerate(shape.pairs))):
+        call("touch_boxes", f"body{a}", f"body{b}", "shared", "constants", f"patch{shape.grounds + k}")
     for n in range(shape.bodies):
         call("prepare", f"body{n}", "shared", "constants")
     call("average_mass", "shared", *(f"body{n}" for n in range(shape.bodies)))

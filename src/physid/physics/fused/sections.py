@@ -44,18 +44,16 @@ def assembly(shape: Shape) -> list[Section]:
     """Return the sections from the states to the contact problem; all have a derivative."""
     layouts = {"shared": SHARED, **_numbered("body", BODY, shape.bodies)}
     one = {"body": BODY, "shared": SHARED, "constants": CONSTANTS}
-    two = {
-        "first": BODY, "second": BODY, "shared": SHARED, "constants": CONSTANTS,
-        "first_ground": PATCH, "second_ground": PATCH, "patch": PATCH,
-    }  # fmt: skip
+    two = {"first": BODY, "second": BODY, "shared": SHARED, "constants": CONSTANTS, "patch": PATCH}
+    standing = {"shared": SHARED, "first_ground": PATCH, "second_ground": PATCH, "patch": PATCH}
 
     def section(name: str, formula: Formula, layouts: dict[str, Layout]) -> Section:
         return Section(name, partial(formula, midpoint=shape.midpoint), layouts)
 
     used = [Section("average_mass", linear.average_mass, layouts), section("prepare", body.prepare, one)]
-    touch = partial(ground.touch_ground, alone=shape.bodies == 1)
-    used += [section("touch_ground", touch, {**one, "patch": PATCH})] if shape.ground else []
-    used += [section("touch_boxes", pair.touch_boxes, two)] if shape.pairs else []
+    used += [section("touch_ground", ground.touch_ground, {**one, "patch": PATCH})] if shape.ground else []
+    if shape.pairs:
+        used += [section("touch_boxes", pair.touch_boxes, two), Section("stand_boxes", pair.stand_boxes, standing)]
     return used + ([LIFT_PATCH, LIFT_BODY] if shape.split else [])
 
 

@@ -86,14 +86,16 @@ class Writer:
         shape = self.shape
         self.call("average_mass", "shared", *(f"body{n}" for n in range(shape.bodies)))
         self.each_body("prepare", "body#", "shared", "constants")
-        for n in range(shape.grounds):
-            self.call("choose_corners", f"body{n}", "shared", f"patch{n}")
-            self.call("touch_ground", f"body{n}", "shared", "constants", f"patch{n}")
         for k, (a, b) in enumerate(shape.pairs):
             patch = f"patch{shape.grounds + k}"
             self.call("choose_axis", f"body{a}", f"body{b}", patch)
             self.call("choose_points", f"body{a}", f"body{b}", patch)
-            self.call("touch_boxes", f"body{a}", f"body{b}", "shared", "constants", f"patch{a}", f"patch{b}", patch)
+            self.call("touch_boxes", f"body{a}", f"body{b}", "shared", "constants", patch)
+        for n in range(shape.grounds):
+            self.call("choose_corners", f"body{n}", "shared", f"patch{n}")
+            self.call("touch_ground", f"body{n}", "shared", "constants", f"patch{n}")
+        for k, (a, b) in enumerate(shape.pairs):
+            self.call("stand_boxes", "shared", f"patch{a}", f"patch{b}", f"patch{shape.grounds + k}")
         if shape.midpoint:
             self.code.call("zero", self.at("lane", "touches"), "i64 1")
             self.each_patch("note_impact", "patch*", "lane")

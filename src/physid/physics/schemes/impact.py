@@ -14,7 +14,7 @@ contact, so that it begins with the gap x = y - h u / 2 and would end with y + h
 * A point of a body that turns moves on a curve: with the acceleration b of that (of which w x (w x r) is known), all of
   this holds of y - h^2 b / 8, u - h b / 2 and f + h b / 2, those at the ends of the step; sticking too ends at rest.
 * Friction opposes the mean slip where it is fast, and the slip at the end where it may stop. Under a body that lies on
-  the ground alone friction turns with the slip within the step (`schemes.turning`).
+  the ground and meets no other one friction turns with the slip within the step (`schemes.turning`).
 * What bounces off a compliant contact does so as off a rigid one, where it is reached: its row has no compliance then.
   All else, and all overlap, is that of a spring of stiffness 1 / C with a damper of t / C, C f = -(y + h u+) - t u+.
   With t = sqrt(C m) and m the mass of the body, one that stands on four corners is damped critically.

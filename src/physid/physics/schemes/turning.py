@@ -71,7 +71,7 @@ class Turning:
         before: Slip before the step [m/s], shape (B, 2).
         end: Slip at its end [m/s], shape (B, 2).
         turns: Weight of what friction loses by turning, shape (B,).
-        known: Weight of all of this, shape (B,): 0 where the body is at rest, fast, spins or may touch another one.
+        known: Weight of all of this, shape (B,): 0 where the body is at rest, fast, spins or meets another one.
     """
 
     before: Tensor
@@ -100,9 +100,10 @@ def turning(patch: Patch, twist: Tensor, free: Tensor, friction: Tensor, step: T
         free: The same after the step if there were no contact.
         friction: Coefficient, shape (B,).
         step: h [s], shape (B or 1, 1).
-        lies: Which contacts would be in the ground, shape (B, 4); all four of a body that lies there.
+        lies: Which contacts would be in the ground, shape (B, 4); all four of a body that lies there and that no other
+            one reaches in the step.
     """
-    if patch.first is not None or patch.rolling or twist.shape[1] > 1:
+    if patch.first is not None or patch.rolling:
         return Turning.none(twist)
     unit = STANDARD_GRAVITY * step[:, 0]
     before, after = (torch.einsum("bki,bi->bk", patch.frame, each[:, patch.second, 3:]) for each in (twist, free))

@@ -42,7 +42,7 @@ class Box(Shape):
         gap = height.gather(1, lowest)
         point = corners.gather(1, lowest[..., None].expand(-1, -1, 3))
         frame = frame_of(normal).expand(pose.shape[0], 3, 3)
-        return Patch(None, body.body, point, gap, frame, torch.ones_like(gap, dtype=torch.bool), size.amax(1))
+        return Patch(None, body.body, point, gap, frame, torch.ones_like(gap, dtype=torch.bool), size.max(1).values)
 
     def meets(self, other: Shape) -> Finder | None:
         """Return the contacts with boxes (see `Shape.meets`)."""

@@ -51,6 +51,7 @@ def prepare(body: Record, shared: Record, constants: Record, *, midpoint: bool =
     force = add(force, scale(mass, body["gravity"]))
     momentum = [*add(angular, scale(h, torque)), *add(scale(mass, linear), scale(h, force))]
     body["axes"] = [value for row in axes for value in row]
+    body["met"] = [0.0]
     body["centre"] = add(body["pose"][:3], arm)
     body["velocity"] = [*spin, *linear]
     body["world_inertia"] = scale(1.0 / mean, inertia)

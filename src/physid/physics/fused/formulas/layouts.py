@@ -24,7 +24,7 @@ CONSTANTS.constant = frozenset(range(CONSTANTS.slots))
 OF_BODY, OF_WORLD = widths_of("body"), widths_of("ground", "world")  # inputs that stand at the start of a record
 SHARED = Layout(constant=(), **OF_WORLD, mean_mass=1)
 BODY = Layout(
-    constant=(),
+    constant=("met",),
     **OF_BODY,
     wrench=6,
     start_pose=7, start_twist=6,  # at the beginning of the step, where the scheme works at its midpoint
@@ -40,6 +40,7 @@ BODY = Layout(
     share=1,  # mass, of the mean mass
     momentum=6,  # p of eq. (3)
     free=6,  # velocity without contact
+    met=1,  # 1 if another body is reached in the step, or 0
 )  # fmt: skip
 GIVEN = Layout(constant=(), **OF_BODY, wrench=6)  # what effects act on: the same inputs before them
 GIVEN_SHARED = Layout(constant=(), **OF_WORLD)
@@ -55,6 +56,7 @@ PATCH = Layout(
     other_arm=12,  # the same of the first body
     gap=4, offset=4, friction=4, compliance=4,
     warp=4, lever=4,  # redundant modes
+    tip=4,  # the lever of two bodies that stand
     flatness=1,
     slip=8,  # added to the tangential velocity that friction opposes, in units of g h
     share=1,  # W, which share of the step its impulses act

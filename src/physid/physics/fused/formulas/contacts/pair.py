@@ -15,9 +15,8 @@ from physid.physics.fused.formulas.contacts.touch import Material, Touch, write_
 
 
 def touch_boxes(
-    first: Record, second: Record, shared: Record, constants: Record, first_ground: Record, second_ground: Record,
-    patch: Record, *, midpoint: bool = False,
-) -> None:  # fmt: skip
+    first: Record, second: Record, shared: Record, constants: Record, patch: Record, *, midpoint: bool = False
+) -> None:
     """Write the patch of two boxes, for the axis and the points that were chosen."""
     length = reduce(least, [*first["size"], *second["size"]])
     face, edge = _face_contacts(first, second, patch, length), _edge_contact(first, second, patch, length)
@@ -41,10 +40,15 @@ def touch_boxes(
         correction=length.like(1.0),
     )
     exists = write_patch(patch, constants, touch, material, [second, first], midpoint=midpoint)
+    tip = _lever(touch, shared["ground_normal"], exists)
+    patch["tip"] = [where(there, value, 0.0) for there, value in zip(exists, tip, strict=True)]
+
+
+def stand_boxes(shared: Record, first_ground: Record, second_ground: Record, patch: Record) -> None:
+    """Write the lever of two boxes, as far as both stand on the ground."""
     flat = first_ground.one("flatness") * second_ground.one("flatness")
     standing = where(shared.one("ground_offset") > NO_GROUND, flat, 0.0)
-    tip = scale(standing, _lever(touch, shared["ground_normal"], exists))
-    patch["lever"] = [where(there, value, 0.0) for there, value in zip(exists, tip, strict=True)]
+    patch["lever"] = scale(standing, patch["tip"])
 
 
 def _face_contacts(first: Record, second: Record, patch: Record, length: Value) -> Touch:

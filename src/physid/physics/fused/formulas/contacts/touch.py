@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce
-from operator import and_
+from operator import and_, or_
 
 from physid.compiler.graph import Value, least, most, root, size, total, where
 from physid.compiler.section import Record
@@ -103,17 +103,13 @@ def write_patch(
     bodies: Sequence[Record],
     *,
     midpoint: bool = False,
-    alone: bool = False,
 ) -> list[Value]:
-    """Write a patch but for its lever, and return which of its contacts exist; of two bodies the second comes first.
-
-    A body that is `alone` touches nothing but the ground.
-    """
+    """Write a patch but for its lever, and return which of its contacts exist; of two bodies the second comes first."""
     frame = frame_of(touch.normal)
     arms = [[subtract(point, body["centre"]) for point in touch.points] for body in bodies]
     together, compliance = touch.scale.like(0.0), material.compliance
     if midpoint:
-        offsets, exists, together, hit = _midpoint_rule(patch, constants, touch, material, bodies, frame, alone=alone)
+        offsets, exists, together, hit = _midpoint_rule(patch, constants, touch, material, bodies, frame)
         compliance = where(hit > 0.5, 0.0, compliance)
     else:
         offsets, exists = _rules(constants, touch, material, bodies, arms)
@@ -155,10 +151,11 @@ def _midpoint_rule(
     material: Material,
     bodies: Sequence[Record],
     frame: Matrix,
-    *,
-    alone: bool,
 ) -> tuple[Vector, list[Value], Value, Value]:
-    """Do the same under `Midpoint`, and write slip, share and hit; return also whether all four are hit, and any."""
+    """Do the same under `Midpoint`, and write slip, share and hit, and of two bodies whether they meet.
+
+    Also returned are whether all four are hit, and whether any is.
+    """
     h, unit_ = constants.one("step"), constants.one("unit")
     contacts = []
     for gap, active, point in zip(touch.gaps, touch.active, touch.points, strict=True):
@@ -174,11 +171,15 @@ def _midpoint_rule(
     yielding = material.compliance, material.correction
     offsets, share, hit, together = demand(contacts, material.restitution, yielding, constants, width)
     slips = [slip(contact, hit, constants) for contact in contacts]
-    if alone:
+    reached = [each.exists & (each.gap + 0.5 * h * each.free < 0.0) for each in contacts]
+    if len(bodies) > 1:
+        for body in bodies:
+            body["met"] = [where(reduce(or_, reached), 1.0, body.one("met"))]
+    else:
         (body,) = bodies
         before, after = body["velocity"][3:], scale(unit_, body["free"][3:])
         spinning = dot(body["velocity"][:3], touch.normal) * touch.scale
-        lies = reduce(and_, [each.exists & (each.gap + 0.5 * h * each.free < 0.0) for each in contacts])
+        lies = reduce(and_, reached) & (body.one("met") < 0.5)
         turns = turning((apply(frame, before), apply(frame, after)), spinning, material.friction, lies, constants)
         slips = [turned(s, stuck(c, constants), turns, hit) for s, c in zip(slips, contacts, strict=True)]
     slips = [scale(1.0 / unit_, values) for values in slips]
