@@ -112,7 +112,8 @@ class Compiled:
             records.call(made["touch_boxes"], one, two, "shared", "constants", patch)
         for n in range(shape.grounds):
             records.call(made["choose_corners"], f"body{n}", "shared", f"patch{n}")
-            records.call(made["touch_ground"], f"body{n}", "shared", "constants", f"patch{n}")
+            beside = [f"patch{p}" for p in shape.beside(n)]
+            records.call(made["touch_ground"], f"body{n}", "shared", "constants", f"patch{n}", *beside)
         for k, (a, b) in enumerate(shape.pairs):
             records.call(made["stand_boxes"], "shared", f"patch{a}", f"patch{b}", f"patch{shape.grounds + k}")
         return cls(records, bodies, world)

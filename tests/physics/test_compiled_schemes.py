@@ -90,7 +90,7 @@ def test_what_contacts_of_a_patch_demand_is_the_same_in_both_engines(kind: str) 
     give = given["compliance"] / correction * STANDARD_GRAVITY * H**2  # C g of the mean mass, from units of the solver
     wanted = impact.demand(
         patch_of(given["gap"], given["scale"][:, 0]), (velocity, given["free"]), bend,
-        (given["restitution"][:, 0], give[:, 0], time[:, 0]), h, exists,
+        (given["restitution"][:, 0], give[:, 0], time[:, 0]), h, exists, torch.zeros(batch, dtype=torch.bool),
     )  # fmt: skip
 
     def formula(record, numbers, out) -> None:  # noqa: ANN001

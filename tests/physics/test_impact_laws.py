@@ -25,7 +25,7 @@ from physid.physics.schemes.impact import (
     late,
     stuck,
 )  # fmt: skip
-from physid.physics.schemes.turning import SPINNING, STEADY, Turning, turning
+from physid.physics.schemes.turning import SPINNING, STEADY, Turning, rubbed, turning
 from physid.physics.schemes.units import STANDARD_GRAVITY
 
 DTYPE = torch.float64
@@ -53,7 +53,9 @@ def wanted(gap: float | list[float], before: float, after: float, e: float = 0.0
     bends[..., 0] = bend
     free_ = torch.full((1, 4), after, dtype=DTYPE)
     there = torch.ones(1, 4, dtype=torch.bool)
-    return demand(face(gap), (velocity, free_), bends, (one(e), one(give), one(time)), one(H)[:, None], there)
+    return demand(
+        face(gap), (velocity, free_), bends, (one(e), one(give), one(time)), one(H)[:, None], there, ~there[:, 0]
+    )
 
 
 @pytest.mark.parametrize("a", [0.1, 0.5, 0.9])
@@ -154,17 +156,21 @@ def test_points_bend_towards_the_axis_of_the_spin_and_not_between_two_bodies_or_
         assert not bool(bending(other, centre, twist).any())
 
 
+@pytest.mark.parametrize("struck", [False, True])
 @pytest.mark.parametrize(("speed", "share"), [(0.5, 0.0), (1.0, 0.0), (1.25, 0.5625), (math.sqrt(2), 1.0), (5.0, 1.0)])
-def test_friction_opposes_the_mean_slip_from_a_slip_on_that_goes_on_through_the_step(
-    speed: float, share: float
+def test_friction_opposes_the_mean_slip_from_a_slip_on_that_goes_on_through_the_step_unless_another_body_strikes(
+    speed: float, share: float, struck: bool
 ) -> None:
+    share = 0.0 if struck else share
     velocity = torch.zeros(1, 4, 3, dtype=DTYPE)
     velocity[..., 1] = speed * SLIDING * FALL
     bends = torch.zeros(1, 4, 3, dtype=DTYPE)
     bends[..., 2] = 7.0
     there = torch.ones(1, 4, dtype=torch.bool)
     free_ = torch.full((1, 4), -FALL, dtype=DTYPE)
-    found = demand(face(0.0), (velocity, free_), bends, (one(0.0),) * 3, one(H)[:, None], there).slip
+    found = demand(
+        face(0.0), (velocity, free_), bends, (one(0.0),) * 3, one(H)[:, None], there, torch.tensor([struck])
+    ).slip
     expected = torch.tensor([share * speed * SLIDING * FALL, (1 - share) * 7.0 * H / 2], dtype=DTYPE)
     torch.testing.assert_close(found, expected.expand(1, 4, 2))
 
@@ -231,3 +237,32 @@ def test_friction_does_not_turn_between_bodies_nor_below_a_ball() -> None:
         found = turning(patch, twist, twist - 0.1, one(0.3), h, there)
         for value in (found.before, found.end, found.turns, found.known):
             assert not bool(value.any())
+
+
+@pytest.mark.parametrize(
+    ("slip", "push", "expected"),
+    [
+        ((0.7, 0.0), (0.0, 0.0), (-0.3, 0.0)),
+        ((-0.7, 0.0), (0.3, 0.0), (0.3, 0.0)),
+        ((-0.7, 0.0), (0.5, 0.0), (0.2, 0.0)),
+        ((0.3, 0.4), (0.0, 0.0), (-0.18, -0.24)),
+        ((0.0, 0.0), (0.2, 0.1), (-0.2, -0.1)),
+        ((0.0, 0.0), (0.6, 0.8), (-0.18, -0.24)),
+    ],
+    ids=["slides", "is slowed", "is stopped", "slides askew", "rests", "sets off"],
+)
+def test_before_it_is_struck_a_body_rubs_as_its_slip_wants_and_one_that_rests_stays(
+    slip: tuple[float, float], push: tuple[float, float], expected: tuple[float, float]
+) -> None:
+    """Of a friction that takes 0.3 m/s by the time of the impact, a quarter in each contact; `push` is a F."""
+    before, fall = 0.5, 2.0
+    twist = torch.zeros(1, 1, 6, dtype=DTYPE)
+    free = torch.tensor([[[0, 0, 0, push[0] / before, push[1] / before, -fall]]], dtype=DTYPE)
+    slips = torch.tensor(slip, dtype=DTYPE).expand(1, 4, 2)
+    patch = face(0.0)
+    rotated = torch.einsum("bki,i->bk", patch.frame[:, 1:], torch.tensor([*slip, 0.0], dtype=DTYPE))
+    gives = rubbed(patch, rotated[:, None].expand_as(slips), (twist, free), one(0.3 / (before * fall)), one(before))
+    found = (gives @ patch.frame[:, 1:]).sum(1)[0]
+    torch.testing.assert_close(found, torch.tensor([*expected, 0.0], dtype=DTYPE), rtol=0, atol=1e-12)
+    never = rubbed(patch, slips, (twist, free), one(0.3), one(0.0))
+    assert not bool(never.any()), "nothing strikes"

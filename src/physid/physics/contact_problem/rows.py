@@ -12,7 +12,7 @@ from physid.physics.contact import WARP_COMPLIANCE, Patch
 from physid.physics.effect import StepInputs
 from physid.physics.schemes.impact import bending, damping_time, demand, stuck
 from physid.physics.schemes.motion import MassCentres
-from physid.physics.schemes.turning import turned, turning
+from physid.physics.schemes.turning import rubbed, turned, turning
 from physid.physics.schemes.units import STANDARD_GRAVITY, Units
 from physid.physics.shapes.table import find_patches
 from physid.physics.world import World
@@ -34,6 +34,7 @@ class Rows:
         compliance: k, shape (B, C).
         share: Which share of the step the impulses act [-], shape (B, C).
         gap: Distances, negative where the bodies overlap [m], shape (B, C).
+        rubbed: Momentum that friction has given before an impact, in units of impulses, shape (B, 6 N).
     """
 
     jacobian: Tensor
@@ -44,6 +45,7 @@ class Rows:
     compliance: Tensor
     share: Tensor
     gap: Tensor
+    rubbed: Tensor
 
     @property
     def mode_mass(self) -> Tensor:
@@ -72,30 +74,35 @@ def rows_of(
         world: Ground and rules.
         units: The units.
     """
-    h, unit, batch, count = units.step, units.velocity, *bodies.twist.shape[:2]
+    unit, batch, count = units.velocity, *bodies.twist.shape[:2]
     patches, jacobians, modes = list(patches), [], []
     offsets, slips, frictions, compliances, shares = [], [], [], [], []
     approaches = [_approach(patch, bodies, free, world, units) for patch in patches]
-    met = _met(patches, approaches, count)
-    for k, (patch, approach) in enumerate(zip(list(patches), approaches, strict=True)):
-        exists, jacobian = approach.exists, approach.jacobian
-        friction, restitution, compliance = _pair(patch, inputs)
-        damped = damping_time(compliance, inputs.mass[:, patch.second])
-        pace = 1 / (h / (1.0 if world.midpoint else world.contact.correction) + damped)
-        material = friction, restitution, compliance * units.mass, damped, pace
-        moving = bodies.position, bodies.twist, free.unflatten(1, (count, 6)) * unit[:, None, None]
-        alone = ~met[patch.second]
-        offset, slip, share, hit, patch = _demand(patch, approach, world, material, moving, h, alone)
+    met, struck = _met(patches, approaches, count), [free.new_zeros(batch)] * count
+    moving = bodies.position, bodies.twist, free.unflatten(1, (count, 6)) * unit[:, None, None]
+    given = [torch.zeros_like(bodies.twist[:, body]) for body in range(count)]
+    demands: list[_Demand] = []
+    for patch, approach in reversed(list(zip(patches, approaches, strict=True))):  # those between bodies first
+        beside = ~met[patch.second], struck[patch.second]
+        demands.insert(0, _demand(patch, approach, inputs, world, units, moving, beside))
+        if world.midpoint and patch.first is not None:
+            for body in (patch.first, patch.second):
+                struck[body] = _sooner(struck[body], demands[0])
+        elif world.midpoint:
+            given[patch.second] = demands[0].rubbed
+    for k, (wanted, approach) in enumerate(zip(demands, approaches, strict=True)):
+        exists, patch, hit = approach.exists, wanted.patch, wanted.hit[:, None]
         patches[k] = patch
-        shares.append(share)
-        slips.append(torch.where(exists[..., None], slip / unit[:, None, None], 0.0))
-        jacobians.append(torch.where(exists[..., None, None], jacobian, 0.0))
-        offsets.append(torch.where(exists, offset / unit[:, None], FAR))
-        frictions.append(torch.where(exists, friction[:, None], 0.0))
-        compliances.append(torch.where(exists & ~hit[:, None], (compliance * pace * units.mass / h)[:, None], 0.0))
+        shares.append(wanted.share)
+        slips.append(torch.where(exists[..., None], wanted.slip / unit[:, None, None], 0.0))
+        jacobians.append(torch.where(exists[..., None, None], approach.jacobian, 0.0))
+        offsets.append(torch.where(exists, wanted.offset / unit[:, None], FAR))
+        frictions.append(torch.where(exists, wanted.friction[:, None], 0.0))
+        compliances.append(torch.where(exists & ~hit, wanted.compliance[:, None], 0.0))
         modes.append(torch.where(exists[..., None], _redundant_modes(patch, exists, patches, inputs, world), 0.0))
     none = free.new_zeros(batch, 0)
     return Rows(
+        rubbed=torch.cat(given, 1) / units.impulse[:, None],
         modes=_place_modes(modes, free),
         jacobian=torch.cat(jacobians, 1) if jacobians else free.new_zeros(batch, 0, 3, 6 * count),
         offset=torch.cat(offsets, 1) if offsets else none,
@@ -146,37 +153,83 @@ def _met(patches: list[Patch], approaches: list[_Approach], bodies: int) -> list
     return met
 
 
+@dataclass(frozen=True)
+class _Demand:
+    """What the contacts of a patch demand.
+
+    Attributes:
+        patch: The patch.
+        offset: c [m/s], shape (B, 4).
+        slip: What is added to the tangential velocity that friction opposes [m/s], shape (B, 4, 2).
+        share: Which share of the step the impulses act [-], shape (B, 4).
+        hit: Whether there is an impact (see `schemes.impact`), shape (B,).
+        friction: mu, shape (B,).
+        compliance: k, in units of the contact problem, shape (B,).
+        rubbed: Momentum that friction has given before an impact with another body [N m s, N s], shape (B, 6).
+    """
+
+    patch: Patch
+    offset: Tensor
+    slip: Tensor
+    share: Tensor
+    hit: Tensor
+    friction: Tensor
+    compliance: Tensor
+    rubbed: Tensor
+
+
 def _demand(
     patch: Patch,
     approach: _Approach,
+    inputs: StepInputs,
     world: World,
-    material: tuple[Tensor, Tensor, Tensor, Tensor, Tensor],
+    units: Units,
     bodies: tuple[Tensor, Tensor, Tensor],
-    h: Tensor,
-    alone: Tensor,
-) -> tuple[Tensor, Tensor, Tensor, Tensor, Patch]:
-    """Return offset, slip [m/s], share of the contacts of a patch, whether it is hit, and itself (`schemes.impact`).
+    beside: tuple[Tensor, Tensor],
+) -> _Demand:
+    """Return what the contacts of a patch demand.
 
-    `material` are friction, restitution, give per gravity, the time of the damper and the pace of a spring, `bodies`
-    their centres, and twists before and without contact. A body on the ground is `alone` unless it meets another one.
+    `bodies` are their centres, and twists before and without contact; `beside` says of a body on the ground whether no
+    other one is reached in the step, and which share of it is over when one strikes, 0 where none does.
     """
-    friction, restitution, give, time, pace = material
-    velocities, exists = (approach.velocity, approach.free_speed), approach.exists
-    if world.midpoint:
-        bend = bending(patch, *bodies[:2])
-        turns = turning(patch, *bodies[1:], friction, h[:, None], approach.reached & alone[:, None])
-        stiffness = restitution, give * STANDARD_GRAVITY, time
-        wanted = demand(patch, velocities, bend, stiffness, h[:, None], exists)
-        patch = dataclasses.replace(patch, together=wanted.together)
-        slip = turned(wanted.slip, stuck(bend, h[:, None]), turns, wanted.hit)
-        return wanted.offset, slip, wanted.share[:, None].expand_as(patch.gap), wanted.hit, patch
-    velocity, free_speed = velocities
-    speed, bounce, step = velocity[..., 0], restitution[:, None], h[:, None]
-    yields = (give > 0)[:, None] & (patch.gap < 0)
-    rigid = world.contact.offset(patch.gap, speed, free_speed, bounce, step)
-    offset = torch.where(yields, world.contact.spring(patch.gap, speed, bounce, pace[:, None]), rigid)
-    never = torch.zeros_like(patch.active[:, 0])
-    return offset, torch.zeros_like(velocity[..., 1:]), torch.full_like(patch.gap, 0.5), never, patch
+    h, exists, (alone, before) = units.step, approach.exists, beside
+    friction, restitution, compliance = _pair(patch, inputs)
+    damped = damping_time(compliance, inputs.mass[:, patch.second])
+    pace = 1 / (h / (1.0 if world.midpoint else world.contact.correction) + damped)
+    softness = compliance * pace * units.mass / h
+    if not world.midpoint:
+        speed, bounce = approach.velocity[..., 0], restitution[:, None]
+        yields = (compliance > 0)[:, None] & (patch.gap < 0)
+        rigid = world.contact.offset(patch.gap, speed, approach.free_speed, bounce, h[:, None])
+        offset = torch.where(yields, world.contact.spring(patch.gap, speed, bounce, pace[:, None]), rigid)
+        slip, share = torch.zeros_like(approach.velocity[..., 1:]), torch.full_like(patch.gap, 0.5)
+        never = torch.zeros_like(patch.active[:, 0])
+        return _Demand(patch, offset, slip, share, never, friction, softness, torch.zeros_like(bodies[1][:, 0]))
+    before = torch.where(approach.reached.all(1), before, 0.0)
+    bend = bending(patch, *bodies[:2])
+    turns = turning(patch, *bodies[1:], friction, h[:, None], approach.reached & alone[:, None])
+    stiffness = restitution, compliance * units.mass * STANDARD_GRAVITY, damped
+    velocities = approach.velocity, approach.free_speed
+    wanted = demand(patch, velocities, bend, stiffness, h[:, None], exists, before > 0)
+    patch = dataclasses.replace(patch, together=wanted.together)
+    slip = turned(wanted.slip, stuck(bend, h[:, None]), turns, wanted.hit)
+    gives = rubbed(patch, approach.velocity[..., 1:], bodies[1:], friction, before)
+    return _Demand(
+        patch, wanted.offset, slip, wanted.share[:, None].expand_as(patch.gap), wanted.hit, friction * (1 - before),
+        softness, inputs.mass[:, patch.second, None] * _at_centre(patch, gives, bodies[0]),
+    )  # fmt: skip
+
+
+def _sooner(before: Tensor, demand: _Demand) -> Tensor:
+    """Return which share of the step (B,) is over when a body is struck first; 0 where it is not."""
+    share = (1 - demand.share[:, 0]).clamp(0, 1)
+    return torch.where(demand.hit, torch.where(before > 0, torch.minimum(before, share), share), before)
+
+
+def _at_centre(patch: Patch, tangential: Tensor, centres: Tensor) -> Tensor:
+    """Return moment and sum (B, 6) of what acts along the two tangents of the contacts of a patch, (B, 4, 2)."""
+    force = tangential @ patch.frame[:, 1:]
+    return torch.cat([torch.linalg.cross(patch.point - centres[:, None, patch.second], force), force], -1).sum(1)
 
 
 def _redundant_modes(patch: Patch, exists: Tensor, patches: list[Patch], inputs: StepInputs, world: World) -> Tensor:

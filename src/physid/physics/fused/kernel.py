@@ -257,7 +257,7 @@ def _reverse_assembly(w: Writer) -> None:
     for k, (a, b) in enumerate(shape.pairs):
         call("stand_boxes", "shared", f"patch{a}", f"patch{b}", f"patch{shape.grounds + k}")
     for n in range(shape.grounds):
-        call("touch_ground", f"body{n}", "shared", "constants", f"patch{n}")
+        call("touch_ground", f"body{n}", "shared", "constants", f"patch{n}", *(f"patch{p}" for p in shape.beside(n)))
     for k, (a, b) in reversed(list(enumerate(shape.pairs))):
         call("touch_boxes", f"body{a}", f"body{b}", "shared", "constants", f"patch{shape.grounds + k}")
     for n in range(shape.bodies):

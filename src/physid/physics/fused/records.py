@@ -60,6 +60,10 @@ class Shape:
         """Number of all patches."""
         return self.grounds + len(self.pairs)
 
+    def beside(self, body: int) -> list[int]:
+        """Numbers of the patches between a body and others."""
+        return [self.grounds + k for k, pair in enumerate(self.pairs) if body in pair]
+
     @property
     def touching(self) -> list[tuple[int, list[int]]]:
         """Every patch with its bodies; of a pair, the second body comes first."""

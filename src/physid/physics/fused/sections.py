@@ -50,8 +50,10 @@ def assembly(shape: Shape) -> list[Section]:
     def section(name: str, formula: Formula, layouts: dict[str, Layout]) -> Section:
         return Section(name, partial(formula, midpoint=shape.midpoint), layouts)
 
-    used = [Section("average_mass", linear.average_mass, layouts), section("prepare", body.prepare, one)]
-    used += [section("touch_ground", ground.touch_ground, {**one, "patch": PATCH})] if shape.ground else []
+    prepare = partial(body.prepare, grounded=shape.ground)
+    used = [Section("average_mass", linear.average_mass, layouts), section("prepare", prepare, one)]
+    grounded = {**one, "patch": PATCH, **_numbered("beside", PATCH, shape.bodies - 1)}
+    used += [section("touch_ground", ground.touch_ground, grounded)] if shape.ground else []
     if shape.pairs:
         used += [section("touch_boxes", pair.touch_boxes, two), Section("stand_boxes", pair.stand_boxes, standing)]
     return used + ([LIFT_PATCH, LIFT_BODY] if shape.split else [])

@@ -93,7 +93,8 @@ class Writer:
             self.call("touch_boxes", f"body{a}", f"body{b}", "shared", "constants", patch)
         for n in range(shape.grounds):
             self.call("choose_corners", f"body{n}", "shared", f"patch{n}")
-            self.call("touch_ground", f"body{n}", "shared", "constants", f"patch{n}")
+            beside = [f"patch{p}" for p in shape.beside(n)]
+            self.call("touch_ground", f"body{n}", "shared", "constants", f"patch{n}", *beside)
         for k, (a, b) in enumerate(shape.pairs):
             self.call("stand_boxes", "shared", f"patch{a}", f"patch{b}", f"patch{shape.grounds + k}")
         if shape.midpoint:

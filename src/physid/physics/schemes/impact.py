@@ -15,6 +15,8 @@ contact, so that it begins with the gap x = y - h u / 2 and would end with y + h
   this holds of y - h^2 b / 8, u - h b / 2 and f + h b / 2, those at the ends of the step; sticking too ends at rest.
 * Friction opposes the mean slip where it is fast, and the slip at the end where it may stop. Under a body that lies on
   the ground and meets no other one friction turns with the slip within the step (`schemes.turning`).
+* A body on the ground that another one strikes gets the friction of the time before as a push, and rubs for the rest of
+  the step alone, against the slip at its end (`schemes.turning.rubbed`).
 * What bounces off a compliant contact does so as off a rigid one, where it is reached: its row has no compliance then.
   All else, and all overlap, is that of a spring of stiffness 1 / C with a damper of t / C, C f = -(y + h u+) - t u+.
   With t = sqrt(C m) and m the mass of the body, one that stands on four corners is damped critically.
@@ -113,6 +115,7 @@ def demand(
     material: tuple[Tensor, Tensor, Tensor],
     step: Tensor,
     exists: Tensor,
+    struck: Tensor,
 ) -> Impact:
     """Return what the contacts of a patch demand (see the module).
 
@@ -123,6 +126,7 @@ def demand(
         material: e, the static deflection under the mean weight [m], and t [s], shapes (B,).
         step: h [s], shape (B or 1, 1).
         exists: Which contacts there are, shape (B, 4).
+        struck: Whether another body strikes, after which alone friction acts, shape (B,).
     """
     restitution, give, time = (value[:, None] for value in material)
     gap = patch.gap - step**2 * bend[..., 0] / 8
@@ -161,7 +165,7 @@ def demand(
         torch.maximum(gap / (step + time), -PUSH * STANDARD_GRAVITY * step - LOADS * give / (step + time)),
     )
     offset = torch.where(hit, -still, slow) + step * bend[..., 0] / 2
-    slip = _slip(velocities[0], bend, hit, step)
+    slip = _slip(velocities[0], bend, hit | struck[:, None], step)
     return Impact(offset, slip, torch.where(hit, largest, 0.5)[:, 0], together, hit[:, 0])
 
 

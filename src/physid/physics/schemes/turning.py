@@ -117,6 +117,27 @@ def turning(patch: Patch, twist: Tensor, free: Tensor, friction: Tensor, step: T
     return Turning(slip, end, turns, torch.where(lies.all(1) & rubs & (square > (FAINT * unit) ** 2), known, 0.0))
 
 
+def rubbed(patch: Patch, slip: Tensor, twists: tuple[Tensor, Tensor], friction: Tensor, before: Tensor) -> Tensor:
+    """Return the velocity that friction gives a body before another one strikes it, by each contact, (B, 4, 2) [m/s].
+
+    A quarter of the load rubs in each, against the slip w = s + a F that there would be without friction when the share
+    a of the step is over: -min(a C / |w|, 1) w / 4. So a body that rests stays at rest until it is struck.
+
+    Args:
+        patch: Where body and ground touch.
+        slip: s of each contact before the step, shape (B, 4, 2) [m/s].
+        twists: Before and after the step if there were no contact, of the centres of mass, shape (B, N, 6).
+        friction: Coefficient, shape (B,).
+        before: a, shape (B,); 0 where nothing strikes.
+    """
+    start, free = (torch.einsum("bki,bi->bk", patch.frame, each[:, patch.second, 3:]) for each in twists)
+    most = before * friction * (-free[:, 0]).clamp_min(0)
+    wanted = slip + (before[:, None] * (free - start)[:, 1:])[:, None]
+    size = torch.where(before[:, None] > 0, wanted.square().sum(-1), 1.0).clamp_min(TINY).sqrt()
+    share = torch.where(before > 0, most, 0.0)[:, None] / size
+    return -share.clamp_max(1)[..., None] * wanted / 4
+
+
 def turned(usual: Tensor, stuck: Tensor, turns: Turning, hit: Tensor) -> Tensor:
     """Return what is added to the slip after the step, shape (B, 4, 2) [m/s].
 

@@ -31,10 +31,11 @@ def _in_world(axes: Matrix, moments: list[Value]) -> list[Value]:
     return [dot([a * m for a, m in zip(axes[i], moments, strict=True)], axes[j]) for i in range(3) for j in range(i, 3)]
 
 
-def prepare(body: Record, shared: Record, constants: Record, *, midpoint: bool = False) -> None:
+def prepare(body: Record, shared: Record, constants: Record, *, midpoint: bool = False, grounded: bool = False) -> None:
     """Compute axes, centre of mass, inertia and momentum p = M v + h f with the gyroscopic torque (eq. (2)).
 
     At the midpoint that torque has no place, since `drift` turns free bodies, and the free velocity has a derivative.
+    Of a `grounded` body what touches the ground makes the momentum of the drive (see `ground.touch_ground`).
     """
     h, velocity_unit, mean = constants.one("step"), constants.one("unit"), shared.one("mean_mass")
     axes = to_matrix(body["pose"][3:])
@@ -51,12 +52,11 @@ def prepare(body: Record, shared: Record, constants: Record, *, midpoint: bool =
     force = add(force, scale(mass, body["gravity"]))
     momentum = [*add(angular, scale(h, torque)), *add(scale(mass, linear), scale(h, force))]
     body["axes"] = [value for row in axes for value in row]
-    body["met"] = [0.0]
     body["centre"] = add(body["pose"][:3], arm)
     body["velocity"] = [*spin, *linear]
     body["world_inertia"] = scale(1.0 / mean, inertia)
     body["share"] = [mass / mean]
-    body["momentum"] = scale(1.0 / (mean * velocity_unit), momentum)
+    body["drive" if grounded else "momentum"] = scale(1.0 / (mean * velocity_unit), momentum)
     turned = [x / m for x, m in zip(apply(transpose(axes), momentum[:3]), moments, strict=True)]
     free = [*apply(axes, turned), *scale(1.0 / mass, momentum[3:])]
     body["free"] = [value if midpoint else stop(value) for value in scale(1.0 / velocity_unit, free)]

@@ -24,7 +24,7 @@ CONSTANTS.constant = frozenset(range(CONSTANTS.slots))
 OF_BODY, OF_WORLD = widths_of("body"), widths_of("ground", "world")  # inputs that stand at the start of a record
 SHARED = Layout(constant=(), **OF_WORLD, mean_mass=1)
 BODY = Layout(
-    constant=("met",),
+    constant=(),
     **OF_BODY,
     wrench=6,
     start_pose=7, start_twist=6,  # at the beginning of the step, where the scheme works at its midpoint
@@ -38,9 +38,9 @@ BODY = Layout(
     velocity=6,  # twist at the centre of mass
     world_inertia=6,  # xx xy xz yy yz zz, of the mean mass
     share=1,  # mass, of the mean mass
+    drive=6,  # what momentum would be if friction gave none before an impact
     momentum=6,  # p of eq. (3)
     free=6,  # velocity without contact
-    met=1,  # 1 if another body is reached in the step, or 0
 )  # fmt: skip
 GIVEN = Layout(constant=(), **OF_BODY, wrench=6)  # what effects act on: the same inputs before them
 GIVEN_SHARED = Layout(constant=(), **OF_WORLD)
@@ -50,7 +50,7 @@ EFFECTS = Layout(
     sizes=32,  # parameters of all effects, one after the other
 )  # fmt: skip
 PATCH = Layout(
-    constant=("exists", "label", "choice", "hit"),
+    constant=("exists", "label", "choice", "hit", "reached"),
     frame=9,  # rows normal, tangent, tangent
     arm=12,  # from the centre of mass of the second body to each contact
     other_arm=12,  # the same of the first body
@@ -61,6 +61,7 @@ PATCH = Layout(
     slip=8,  # added to the tangential velocity that friction opposes, in units of g h
     share=1,  # W, which share of the step its impulses act
     hit=1,  # 1 if there is an impact, or 0
+    reached=1,  # 1 if a contact closes in the step, or 0
     exists=4,
     label=4,  # names the corner that a contact is, from one step to the next
     choice=29,  # which corners, faces, edges: held fixed by the derivative

@@ -40,9 +40,12 @@ def choose_corners(body: Record, shared: Record, patch: Record) -> None:
 
 
 def touch_ground(
-    body: Record, shared: Record, constants: Record, patch: Record, *, midpoint: bool = False
+    body: Record, shared: Record, constants: Record, patch: Record, *beside: Record, midpoint: bool = False
 ) -> None:
-    """Write the patch of the four lowest corners of a box and the ground."""
+    """Write the patch of the four lowest corners of a box and the ground, given those `beside` it, with other boxes.
+
+    Also written is the momentum of the box, with what friction gives before another one strikes.
+    """
     axes, half, (ground,) = rows(body["axes"]), scale(0.5, body["size"]), shared["ground_offset"]
     points = []
     for k in range(4):
@@ -66,5 +69,5 @@ def touch_ground(
         compliance=compliance,
         correction=correction,
     )
-    write_patch(patch, constants, touch, material, [body], midpoint=midpoint)
+    write_patch(patch, constants, touch, material, [body], midpoint=midpoint, beside=beside)
     patch["other_arm"], patch["lever"] = [0.0] * 12, [0.0] * 4

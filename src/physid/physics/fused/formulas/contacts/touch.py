@@ -11,9 +11,21 @@ from physid.compiler.graph import Value, least, most, root, size, total, where
 from physid.compiler.section import Record
 from physid.physics.contact import FLATNESS
 from physid.physics.contact_problem.rows import FAR, REACH
-from physid.physics.fused.formulas.algebra import Matrix, Vector, add, apply, cross, decay, dot, scale, subtract, unit
+from physid.physics.fused.formulas.algebra import (
+    Matrix,
+    Vector,
+    add,
+    apply,
+    cross,
+    decay,
+    dot,
+    scale,
+    subtract,
+    transpose,
+    unit,
+)
 from physid.physics.fused.formulas.schemes.impact import Contact, demand, slip, stuck
-from physid.physics.fused.formulas.schemes.turning import turned, turning
+from physid.physics.fused.formulas.schemes.turning import rubbed, struck, turned, turning
 
 
 def frame_of(normal: Sequence[Value]) -> Matrix:
@@ -103,16 +115,23 @@ def write_patch(
     bodies: Sequence[Record],
     *,
     midpoint: bool = False,
+    beside: Sequence[Record] = (),
 ) -> list[Value]:
-    """Write a patch but for its lever, and return which of its contacts exist; of two bodies the second comes first."""
+    """Write a patch but for its lever, and return which of its contacts exist; of two bodies the second comes first.
+
+    Of one body on the ground its momentum is written too, given the patches `beside` this, with other bodies.
+    """
     frame = frame_of(touch.normal)
     arms = [[subtract(point, body["centre"]) for point in touch.points] for body in bodies]
-    together, compliance = touch.scale.like(0.0), material.compliance
+    together, compliance, friction = touch.scale.like(0.0), material.compliance, material.friction
     if midpoint:
-        offsets, exists, together, hit = _midpoint_rule(patch, constants, touch, material, bodies, frame)
-        compliance = where(hit > 0.5, 0.0, compliance)
+        rule = _midpoint_rule(patch, constants, touch, material, bodies, frame, beside)
+        offsets, exists, together, friction = rule.offsets, rule.exists, rule.together, rule.friction
+        compliance = where(rule.hit > 0.5, 0.0, compliance)
     else:
         offsets, exists = _rules(constants, touch, material, bodies, arms)
+        if len(bodies) == 1:
+            bodies[0]["momentum"] = bodies[0]["drive"]
     unit_ = constants.one("unit")
     offsets = [where(there, offset / unit_, FAR) for there, offset in zip(exists, offsets, strict=True)]
     flat = where(reduce(and_, touch.active), flatness(touch.gaps, touch.scale), 0.0)
@@ -122,7 +141,7 @@ def write_patch(
     for field, body_arms in zip(("arm", "other_arm"), arms, strict=False):
         patch[field] = [value for arm in body_arms for value in arm]
     patch["gap"], patch["offset"], patch["flatness"] = touch.gaps, offsets, [flat]
-    patch["friction"] = [where(there, material.friction, 0.0) for there in exists]
+    patch["friction"] = [where(there, friction, 0.0) for there in exists]
     patch["compliance"] = [where(there, compliance, 0.0) for there in exists]
     patch["warp"] = [where(there, value, 0.0) for there, value in zip(exists, twist, strict=True)]
     patch["exists"] = [where(there, 1.0, 0.0) for there in exists]
@@ -144,6 +163,17 @@ def _rules(
     return offsets, exists
 
 
+@dataclass(frozen=True)
+class _Rule:
+    """What contacts demand under `Midpoint` (see `physid.physics.schemes.impact`)."""
+
+    offsets: Vector
+    exists: list[Value]
+    together: Value
+    hit: Value
+    friction: Value
+
+
 def _midpoint_rule(
     patch: Record,
     constants: Record,
@@ -151,11 +181,9 @@ def _midpoint_rule(
     material: Material,
     bodies: Sequence[Record],
     frame: Matrix,
-) -> tuple[Vector, list[Value], Value, Value]:
-    """Do the same under `Midpoint`, and write slip, share and hit, and of two bodies whether they meet.
-
-    Also returned are whether all four are hit, and whether any is.
-    """
+    beside: Sequence[Record],
+) -> _Rule:
+    """Return what contacts demand under `Midpoint`, and write slip, share, and whether they are reached and hit."""
     h, unit_ = constants.one("step"), constants.one("unit")
     contacts = []
     for gap, active, point in zip(touch.gaps, touch.active, touch.points, strict=True):
@@ -170,22 +198,33 @@ def _midpoint_rule(
     width = FLATNESS * touch.scale
     yielding = material.compliance, material.correction
     offsets, share, hit, together = demand(contacts, material.restitution, yielding, constants, width)
-    slips = [slip(contact, hit, constants) for contact in contacts]
     reached = [each.exists & (each.gap + 0.5 * h * each.free < 0.0) for each in contacts]
-    if len(bodies) > 1:
-        for body in bodies:
-            body["met"] = [where(reduce(or_, reached), 1.0, body.one("met"))]
-    else:
+    patch["reached"] = [where(reduce(or_, reached), 1.0, 0.0)]
+    before, friction = touch.scale.like(0.0), material.friction
+    if len(bodies) == 1:
         (body,) = bodies
-        before, after = body["velocity"][3:], scale(unit_, body["free"][3:])
+        lies = reduce(and_, reached)
+        before = where(lies, struck(beside), 0.0) if beside else before
+        friction = friction * (1.0 - before)
+    slips = [slip(contact, where(before > 0.0, 1.0, hit), constants) for contact in contacts]
+    if len(bodies) == 1:
+        velocities = apply(frame, body["velocity"][3:]), apply(frame, scale(unit_, body["free"][3:]))
         spinning = dot(body["velocity"][:3], touch.normal) * touch.scale
-        lies = reduce(and_, reached) & (body.one("met") < 0.5)
-        turns = turning((apply(frame, before), apply(frame, after)), spinning, material.friction, lies, constants)
+        alone = reduce(and_, [other.one("reached") < 0.5 for other in beside], lies)
+        turns = turning(velocities, spinning, material.friction, alone, constants)
         slips = [turned(s, stuck(c, constants), turns, hit) for s, c in zip(slips, contacts, strict=True)]
+        body["momentum"] = body["drive"]
+        if beside:
+            arms = [subtract(point, body["centre"]) for point in touch.points]
+            rubs = [rubbed(c.velocity[1:], velocities, material.friction, before) for c in contacts]
+            pushes = [apply(transpose(frame), [before.like(0.0), *rub]) for rub in rubs]
+            wrenches = [[*cross(arm, push), *push] for arm, push in zip(arms, pushes, strict=True)]
+            gained = [total(list(each)) for each in zip(*wrenches, strict=True)]
+            body["momentum"] = add(body["drive"], scale(body.one("share") / unit_, gained))
     slips = [scale(1.0 / unit_, values) for values in slips]
     patch["share"], patch["hit"] = [share], [hit]
     patch["slip"] = [where(c.exists, x, 0.0) for c, values in zip(contacts, slips, strict=True) for x in values]
-    return offsets, [contact.exists for contact in contacts], together, hit
+    return _Rule(offsets, [contact.exists for contact in contacts], together, hit, friction)
 
 
 def _relative(field: str, bodies: Sequence[Record], arms: Sequence[Vector]) -> Vector:

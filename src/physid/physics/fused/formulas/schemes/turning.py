@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from physid.compiler.graph import Value, least, most, root, where
@@ -73,6 +74,37 @@ def turning(velocities: tuple[Vector, Vector], spin: Value, friction: Value, lie
 
 def _share(x: Value) -> Value:
     return least(most(x, 0.0), 1.0)
+
+
+def struck(beside: Sequence[Record]) -> Value:
+    """Return which share of the step is over when another body strikes first, 0 if none does.
+
+    Args:
+        beside: The patches between the body and others.
+    """
+    before = beside[0].one("share").like(0.0)
+    for patch in beside:
+        share = least(most(1.0 - patch.one("share"), 0.0), 1.0)
+        sooner = where(before > 0.0, least(before, share), share)
+        before = where(patch.one("hit") > 0.5, sooner, before)
+    return before
+
+
+def rubbed(slip: Vector, velocities: tuple[Vector, Vector], friction: Value, before: Value) -> Vector:
+    """Return the velocity that friction gives a body before another one strikes it, by a contact [m/s].
+
+    Args:
+        slip: Of the contact before the step [m/s].
+        velocities: Of the centre of mass in the patch's frame, before the step and without contact after it [m/s].
+        friction: Coefficient.
+        before: Which share of the step is over by then.
+    """
+    (_, *start), (fall, *free) = velocities
+    largest = before * friction * most(-fall, 0.0)
+    wanted = [s + before * (f - u) for s, u, f in zip(slip, start, free, strict=True)]
+    length = root(most(where(before > 0.0, dot(wanted, wanted), 1.0), TINY))
+    share = least(where(before > 0.0, largest, 0.0) / length, 1.0)
+    return [-0.25 * share * w for w in wanted]
 
 
 def turned(usual: Vector, stuck: Vector, turns: Turning, hit: Value) -> Vector:
