@@ -108,14 +108,16 @@ def test_a_block_alone_turns_around_with_an_error_of_second_order() -> None:
     assert abs(mean_error(judgement(1e-3), 4)) > 30 * errors[4]
 
 
+@pytest.mark.parametrize(("bodies", "shortest"), [(1, 2.5e-4), (2, 1e-3)])
 @pytest.mark.parametrize("rate", [30, 60, 100, 148, 240])
-def test_the_shortest_step_is_a_length_whatever_the_frame_rate(rate: int) -> None:
+def test_the_shortest_step_is_a_length_whatever_the_frame_rate(rate: int, bodies: int, shortest: float) -> None:
     grid = judgement(1e-3).base.grid
     grid = dataclasses.replace(grid, steps=torch.full_like(grid.steps, 1 / rate))
     choice = StepChoice()
-    length = float((grid.steps / choice.most(grid)).max())
-    assert choice.shortest / math.sqrt(2) <= length <= choice.shortest * math.sqrt(2)
-    assert int(StepChoice(shortest=1.0).most(grid).max()) == 1
+    length = float((grid.steps / choice.most(grid, bodies)).max())
+    assert choice.finest_of(bodies) == shortest
+    assert shortest / math.sqrt(2) <= length <= shortest * math.sqrt(2)
+    assert int(StepChoice(shortest=1.0).most(grid, bodies).max()) == 1
 
 
 def test_what_the_shortest_steps_leave_is_what_the_closed_form_says() -> None:

@@ -21,8 +21,10 @@ class StepChoice(Section):
 
     A tenth of the sensor's deviation is lost in the noise of a single frame. Where halving all steps changes an
     estimate by more than `bias`, steps are chosen anew with a quarter of `defect`. `shortest` is a length, for what
-    a step misses of a reversal of friction grows with its length, whatever the frame rate. To compare with the
-    finest steps takes longer, and sees an event that steps and their halves happen to miss by the same.
+    a step misses of a reversal of friction grows with its length, whatever the frame rate. Bodies that meet touch for
+    about `contact`: shorter steps would tell apart which corner of two faces is first, on which the motion of rigid
+    bodies depends, as that of real ones and the loss of a fit do not. To compare with the finest steps takes longer,
+    and sees an event that steps and their halves happen to miss by the same.
     """
 
     defect: float = setting(
@@ -34,12 +36,17 @@ class StepChoice(Section):
         0.1, "s", "by which forces may act late in a diagnosis: steps are short enough for changes within them", ge=0
     )
     shortest: float = setting(2.5e-4, "s", "about the length of the shortest part of a step", gt=0)
+    contact: float = setting(1e-3, "s", "the same in a world of several bodies, if it is longer", gt=0)
     rounds: int = setting(3, "times", "most that the defect is lowered", ge=1)
     finest: bool = setting(True, "", "whether steps are compared with the finest instead of with their halves")
 
-    def most(self, grid: StepGrid) -> Tensor:
-        """Return the most parts of each step, the power of two that makes them about `shortest` long, shape (R, S)."""
-        power = (grid.steps / self.shortest).log2().round().clamp_min(0)
+    def finest_of(self, bodies: int) -> float:
+        """Return about how long the shortest part of a step is in a world of so many bodies [s]."""
+        return self.shortest if bodies == 1 else max(self.shortest, self.contact)
+
+    def most(self, grid: StepGrid, bodies: int) -> Tensor:
+        """Return the most parts of each step, the power of two that makes them about so long, shape (R, S)."""
+        power = (grid.steps / self.finest_of(bodies)).log2().round().clamp_min(0)
         return (2**power).long()
 
 
@@ -87,6 +94,11 @@ class Judgement:
     noise: Tensor
     followed: Tensor
     counted: Tensor
+
+    @property
+    def bodies(self) -> int:
+        """How many there are."""
+        return self.counted.shape[2]
 
 
 def choose_steps(
@@ -169,7 +181,7 @@ def parts_for_late_forces(experiment: Experiment, base: Timeline, choice: StepCh
     mass = torch.tensor([body.mass for body in bodies], dtype=torch.float64)
     moment = torch.tensor([min(body.moments()) for body in bodies], dtype=torch.float64)
     held = gravity * torch.tensor([body.friction for body in bodies], dtype=torch.float64)
-    grid, most = base.grid, choice.most(base.grid)
+    grid, most = base.grid, choice.most(base.grid, len(bodies))
     if choice.late == 0 or grid.steps.shape[1] < 2:
         return torch.ones_like(most)
     change = grid.wrench.diff(dim=1).unflatten(-1, (2, 3)).norm(dim=-1) / torch.stack([moment, mass], -1)
@@ -196,7 +208,7 @@ def parts_for_late_forces(experiment: Experiment, base: Timeline, choice: StepCh
 
 def _cut(judgement: Judgement, parts: Tensor, defect: float, choice: StepChoice) -> Tensor:
     """Return into how many parts (R, S) the steps are cut, so that halving them changes little."""
-    base, most = judgement.base, choice.most(judgement.base.grid)
+    base, most = judgement.base, choice.most(judgement.base.grid, judgement.bodies)
     length = base.time.diff(dim=1)[..., None, None]
     reference = judgement.predict(base.refined(most)) if choice.finest else None
     while True:
@@ -220,7 +232,7 @@ def judge_steps(judgement: Judgement, parts: Tensor, choice: StepChoice) -> Chos
     What those leave is extrapolated (Richardson 1911): where friction turns around within a step, poses are off in
     proportion to its length, so that steps of twice the length are off by as much more as the fine ones are at all.
     """
-    fine = choice.most(judgement.base.grid) if choice.finest else 2 * parts
+    fine = choice.most(judgement.base.grid, judgement.bodies) if choice.finest else 2 * parts
     pose, fine_pose, double_pose = (
         judgement.predict(judgement.base.refined(each))[0] for each in (parts, fine, (fine // 2).clamp_min(1))
     )

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from physid.estimation.least_squares import Experiment, Fit, gauss_newton, search, try_new_states
-from physid.estimation.least_squares.levenberg_marquardt import NONE, hardly_gains
+from physid.estimation.least_squares.levenberg_marquardt import NONE
 from physid.estimation.least_squares.multi_start import choose
 from physid.estimation.prediction import Variants
 from physid.physics import SolverError
@@ -20,8 +20,8 @@ from physid.training.parameters import Trajectories
 
 IMPROVE = 1
 """Jacobians of the initial states for each step of the parameters."""
-SETTLED = 0.1
-"""Share of a standard deviation of the loss; where dry friction bends them, states crawl for a smaller gain."""
+SETTLED = 0.5
+"""Squared residual, in units of the noise, that a step of the initial states may still gain at the end of a fit."""
 SEARCHED = 2.0
 """Squared residual, in units of the noise, that a search for other initial states may still gain at the end of a fit:
 about what a parameter that is off by a standard error costs."""
@@ -78,7 +78,7 @@ class TrackedFit:
     @property
     def converged(self) -> bool:
         """Whether the last step of the initial states, and the last search for others, gained next to nothing."""
-        return self._last is None or (self._searched and hardly_gains(self._gained, self._loss, SETTLED))
+        return self._last is None or (self._searched and self._gained < SETTLED)
 
     @property
     def last(self) -> Fit | None:
