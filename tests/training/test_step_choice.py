@@ -53,13 +53,13 @@ def true_places(time: Tensor) -> Tensor:
 def judgement(noise: float, *, alone: bool = False) -> Judgement:
     """Return what steps of these blocks are judged by; the one estimate is the mean shift along the line.
 
-    Beside another block, which they might touch, friction does not turn within a step: reversals are of first order.
+    Below another block, light as a hair, friction does not turn within a step: reversals are of first order.
     """
     steps = torch.full((COUNT, FRAMES - 1), FRAME, dtype=torch.float64)
     frames = torch.arange(FRAMES).expand(COUNT, -1)
     push = forces(FRAMES - 1, [[FORCE, 0, 0], [0, 0, 0]][: 1 if alone else 2]).expand(COUNT, -1, -1, -1)
     grid = StepGrid(steps, push, frames, torch.full((COUNT,), FRAMES - 1))
-    one = state([[0, 0, 0.1], [50, 0, 0.1]][: 1 if alone else 2])
+    one = state([[0, 0, 0.1], [0, 0, 0.3]][: 1 if alone else 2])
     twist = torch.zeros(COUNT, one.pose.shape[1], 6, dtype=torch.float64)
     twist[:, 0, 3] = speeds()
     begin = State(one.pose.expand(COUNT, -1, -1), twist)
@@ -67,7 +67,7 @@ def judgement(noise: float, *, alone: bool = False) -> Judgement:
 
     def predict(timeline: Timeline) -> tuple[Tensor, Tensor]:
         cut = timeline.grid
-        masses = boxes(mass=[MASS] * one.pose.shape[1], friction=FRICTION)
+        masses = boxes(mass=[MASS, 1e-5 * MASS][: one.pose.shape[1]], friction=FRICTION)
         rollout = layer.rollout(begin, cut.wrench, masses, steps=cut.steps)
         chosen = cut.frame_step[..., None, None]
         return tuple(
@@ -105,7 +105,7 @@ def test_a_block_alone_turns_around_with_an_error_of_second_order() -> None:
     assert errors[1] < 1e-3
     assert errors[1] / errors[2] > 3
     assert errors[2] / errors[4] > 3
-    assert abs(mean_error(judgement(1e-3), 4)) > 30 * errors[4]
+    assert abs(mean_error(judgement(1e-3), 4)) > 15 * errors[4]
 
 
 @pytest.mark.parametrize(("bodies", "shortest"), [(1, 2.5e-4), (2, 1e-3)])
@@ -121,7 +121,7 @@ def test_the_shortest_step_is_a_length_whatever_the_frame_rate(rate: int, bodies
 
 
 def test_what_the_shortest_steps_leave_is_what_the_closed_form_says() -> None:
-    noise = 2e-4
+    noise = 1e-4
     judged = judgement(noise)
     choice = StepChoice(shortest=1e-3)
     chosen = halve_steps(judged, choice)
@@ -226,7 +226,7 @@ def test_steps_after_a_change_of_the_force_are_as_long_as_forces_allow_that_come
     least = next(2**power for power in range(20) if off(2**power) <= defect)
     late = torch.arange(count, dtype=torch.float64) - change
     inside = (late >= 0) & (late * step <= choice.late + 1e-9)
-    expected = torch.where(inside, min(least, int(choice.most(base.grid).max())), 1)
+    expected = torch.where(inside, min(least, int(choice.most(base.grid, 1).max())), 1)
     assert least > 1, "the case must ask for something"
     rest = torch.zeros(1, count + 1, 1, 6, dtype=torch.float64)
     assert parts_for_late_forces(experiment, base, choice, rest).tolist() == [expected.tolist()]
@@ -240,7 +240,7 @@ def test_steps_after_a_change_of_the_force_are_as_long_as_forces_allow_that_come
 
     sliding = rest.clone()
     sliding[..., 3] = 1.0
-    enough = min(next(2**power for power in range(20) if moved(2**power) <= defect), int(choice.most(base.grid).max()))
+    enough = min(next(2**power for power in range(20) if moved(2**power) <= defect), int(choice.most(base.grid, 1).max()))
     found = parts_for_late_forces(experiment, base, choice, sliding)
     assert found.tolist() == [torch.where(inside, enough, 1).tolist()]
     for moment in (change - 3, change + 3):
@@ -254,7 +254,7 @@ def test_steps_after_a_change_of_the_force_are_as_long_as_forces_allow_that_come
 
 
 def test_steps_are_short_only_where_blocks_turn_around() -> None:
-    judged = judgement(2e-4)
+    judged = judgement(5e-5)
     chosen = halve_steps(judged, StepChoice())
     turn = speeds() / (FRICTION * G - FORCE / MASS)
     own = (turn / FRAME).floor().long()[:, None]
