@@ -266,3 +266,23 @@ def test_before_it_is_struck_a_body_rubs_as_its_slip_wants_and_one_that_rests_st
     torch.testing.assert_close(found, torch.tensor([*expected, 0.0], dtype=DTYPE), rtol=0, atol=1e-12)
     never = rubbed(patch, slips, (twist, free), one(0.3), one(0.0))
     assert not bool(never.any()), "nothing strikes"
+
+
+@pytest.mark.parametrize("slide", [0.0, 0.01, 0.1, 3.0])
+@pytest.mark.parametrize("spin", [0.0, 0.1, 1.0, 30.0])
+def test_what_rubs_before_an_impact_takes_energy_and_turns_no_spin_around(slide: float, spin: float) -> None:
+    """Of a cube of 0.2 m and 1 kg that slides and spins, I = m s^2 / 6, with friction for 0.3 m/s."""
+    arms = torch.tensor([[0.1, 0.1], [0.1, -0.1], [-0.1, -0.1], [-0.1, 0.1]], dtype=DTYPE)
+    slips = torch.stack([slide - spin * arms[:, 1], spin * arms[:, 0]], -1)[None]
+    twist = torch.tensor([[[0, 0, spin, 0, 0, 0]]], dtype=DTYPE)
+    free = twist - torch.tensor([0, 0, 0, 0, 0, 2.0], dtype=DTYPE)
+    gives = rubbed(face(0.0), slips, (twist, free), one(0.3), one(0.5))[0]
+    moment, inertia = (arms[:, 0] * gives[:, 1] - arms[:, 1] * gives[:, 0]).sum(), 0.04 / 6
+    after, turned = torch.tensor([slide, 0.0], dtype=DTYPE) + gives.sum(0), spin + float(moment) / inertia
+    before = slide**2 + inertia * spin**2
+    assert float(after.square().sum()) + inertia * turned**2 <= before * (1 + 1e-12)
+    assert turned >= -spin / 8 - 1e-12
+    if spin == 0:
+        assert float(after[0]) == pytest.approx(max(slide - 0.3, 0.0), abs=1e-12)
+    if slide == 0 and spin == 1.0:
+        assert turned == pytest.approx(0.0, abs=1e-12), "slow enough to stop"

@@ -240,7 +240,9 @@ def test_steps_after_a_change_of_the_force_are_as_long_as_forces_allow_that_come
 
     sliding = rest.clone()
     sliding[..., 3] = 1.0
-    enough = min(next(2**power for power in range(20) if moved(2**power) <= defect), int(choice.most(base.grid, 1).max()))
+    enough = min(
+        next(2**power for power in range(20) if moved(2**power) <= defect), int(choice.most(base.grid, 1).max())
+    )
     found = parts_for_late_forces(experiment, base, choice, sliding)
     assert found.tolist() == [torch.where(inside, enough, 1).tolist()]
     for moment in (change - 3, change + 3):

@@ -121,7 +121,10 @@ def rubbed(patch: Patch, slip: Tensor, twists: tuple[Tensor, Tensor], friction: 
     """Return the velocity that friction gives a body before another one strikes it, by each contact, (B, 4, 2) [m/s].
 
     A quarter of the load rubs in each, against the slip w = s + a F that there would be without friction when the share
-    a of the step is over: -min(a C / |w|, 1) w / 4. So a body that rests stays at rest until it is struck.
+    a of the step is over: -b (v + (1 - 2 b / 3) d) / 4 with b = min(a C / |w|, 1), the mean slip v and the deviation
+    d = w - v from it. Where friction is small beside the slip, b << 1, that opposes w; with b = 1 it stops the body
+    and no more, a spin of which has a third of the inertia there, I = m r^2 / 3. So a body that rests stays at rest
+    until it is struck.
 
     Args:
         patch: Where body and ground touch.
@@ -134,8 +137,9 @@ def rubbed(patch: Patch, slip: Tensor, twists: tuple[Tensor, Tensor], friction: 
     most = before * friction * (-free[:, 0]).clamp_min(0)
     wanted = slip + (before[:, None] * (free - start)[:, 1:])[:, None]
     size = torch.where(before[:, None] > 0, wanted.square().sum(-1), 1.0).clamp_min(TINY).sqrt()
-    share = torch.where(before > 0, most, 0.0)[:, None] / size
-    return -share.clamp_max(1)[..., None] * wanted / 4
+    mean = wanted.mean(1, keepdim=True)
+    share = (torch.where(before > 0, most, 0.0)[:, None] / size).clamp_max(1)[..., None]
+    return -share * (mean + (1 - 2 * share / 3) * (wanted - mean)) / 4
 
 
 def turned(usual: Tensor, stuck: Tensor, turns: Turning, hit: Tensor) -> Tensor:

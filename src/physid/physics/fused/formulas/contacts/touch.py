@@ -216,7 +216,7 @@ def _midpoint_rule(
         body["momentum"] = body["drive"]
         if beside:
             arms = [subtract(point, body["centre"]) for point in touch.points]
-            rubs = [rubbed(c.velocity[1:], velocities, material.friction, before) for c in contacts]
+            rubs = rubbed([c.velocity[1:] for c in contacts], velocities, material.friction, before)
             pushes = [apply(transpose(frame), [before.like(0.0), *rub]) for rub in rubs]
             wrenches = [[*cross(arm, push), *push] for arm, push in zip(arms, pushes, strict=True)]
             gained = [total(list(each)) for each in zip(*wrenches, strict=True)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from physid.compiler.graph import Value, least, most, root, where
+from physid.compiler.graph import Value, least, most, root, total, where
 from physid.compiler.section import Record
 from physid.physics.fused.formulas.algebra import Vector, dot
 from physid.physics.schemes.impact import FAINT
@@ -90,21 +90,27 @@ def struck(beside: Sequence[Record]) -> Value:
     return before
 
 
-def rubbed(slip: Vector, velocities: tuple[Vector, Vector], friction: Value, before: Value) -> Vector:
-    """Return the velocity that friction gives a body before another one strikes it, by a contact [m/s].
+def rubbed(slips: Sequence[Vector], velocities: tuple[Vector, Vector], friction: Value, before: Value) -> list[Vector]:
+    """Return the velocity that friction gives a body before another one strikes it, by each of four contacts [m/s].
 
     Args:
-        slip: Of the contact before the step [m/s].
+        slips: Of the contacts before the step [m/s].
         velocities: Of the centre of mass in the patch's frame, before the step and without contact after it [m/s].
         friction: Coefficient.
         before: Which share of the step is over by then.
     """
     (_, *start), (fall, *free) = velocities
     largest = before * friction * most(-fall, 0.0)
-    wanted = [s + before * (f - u) for s, u, f in zip(slip, start, free, strict=True)]
-    length = root(most(where(before > 0.0, dot(wanted, wanted), 1.0), TINY))
-    share = least(where(before > 0.0, largest, 0.0) / length, 1.0)
-    return [-0.25 * share * w for w in wanted]
+    given = [before * (f - u) for u, f in zip(start, free, strict=True)]
+    wanted = [[s + g for s, g in zip(slip, given, strict=True)] for slip in slips]
+    mean = [0.25 * total(list(each)) for each in zip(*wanted, strict=True)]
+    pushes = []
+    for w in wanted:
+        length = root(most(where(before > 0.0, dot(w, w), 1.0), TINY))
+        share = least(where(before > 0.0, largest, 0.0) / length, 1.0)
+        off = 1.0 - (2.0 / 3.0) * share
+        pushes.append([-0.25 * share * (m + off * (x - m)) for x, m in zip(w, mean, strict=True)])
+    return pushes
 
 
 def turned(usual: Vector, stuck: Vector, turns: Turning, hit: Value) -> Vector:
