@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 
 import pytest
 import torch
-from tests.physics.compiled_step import WORLDS, Compiled, placed, uniform
+from tests.physics.compiled_step import BATCH, WORLDS, Compiled, placed, uniform
 from tests.physics.formulas import constants, evaluate, run
 from torch import Tensor
 from torch.nn.functional import pad
@@ -121,6 +122,31 @@ def test_both_engines_write_the_same_contact_problem(name: str, bodies: int) -> 
         )  # what friction gives before an impact
         assert_close(body["free"], torch.linalg.solve(problem.mass[:, own, own], without))
     assert_close(compiled.records.of["shared"]["mean_mass"], units.mass[:, None])
+
+
+def test_three_bodies_that_land_and_strike_each_other_in_one_step_have_the_same_contact_problem_in_both_engines() -> (
+    None
+):
+    """Upright cubes in a row, side by side or on top, of which some land, some are struck, and some both."""
+    batch, world = BATCH, WORLDS["midpoint"]
+    near = uniform(batch, 3, 3, low=-1e-3, high=1e-3, seed=31)
+    place = near + torch.tensor([[0, 0, 0.1], [0.2, 0, 0.1], [0.4, 0, 0.1]], dtype=torch.float64)
+    place[batch // 2 :, 2] += torch.tensor([-0.2, 0, 0.2], dtype=torch.float64)  # on top of the second
+    pose = torch.cat([place, torch.tensor([0, 0, 0, 1.0], dtype=torch.float64).expand(batch, 3, 4)], -1)
+    twist = uniform(batch, 3, 6, low=-1, high=1, seed=32)
+    twist[..., :2] = 0
+    twist[::3, :, 2] = 0
+    twist[::4, 1] = 0
+    inputs = dataclasses.replace(placed(3, world)[1], size=torch.full((batch, 3, 3), 0.2, dtype=torch.float64))
+    state, given = State(pose, twist), inputs.friction * inputs.ground_friction
+    compiled, wanted = Compiled.of(state, inputs, world), formulated(state, inputs, world)
+    rubs = wanted.problem.friction[:, :12:4]
+    assert 0.02 < float(((rubs > 0) & (rubs < (1 - 1e-9) * given)).double().mean()) < 0.98, "some are struck"
+    for name in ("offset", "friction", "compliance"):
+        assert_close(compiled.field(name), getattr(wanted.problem, name))
+    assert_close(compiled.field("slip").unflatten(1, (-1, 2)), wanted.problem.slip)
+    for n in range(3):
+        assert_close(compiled.records.of[f"body{n}"]["momentum"], wanted.problem.momentum[:, 6 * n : 6 * n + 6])
 
 
 RULES: tuple[ContactRule, ...] = (

@@ -12,7 +12,7 @@ from physid.physics.contact import WARP_COMPLIANCE, Patch
 from physid.physics.effect import StepInputs
 from physid.physics.schemes.impact import bending, damping_time, demand, stuck
 from physid.physics.schemes.motion import MassCentres
-from physid.physics.schemes.turning import rubbed, turned, turning
+from physid.physics.schemes.turning import NEVER, rubbed, turned, turning
 from physid.physics.schemes.units import STANDARD_GRAVITY, Units
 from physid.physics.shapes.table import find_patches
 from physid.physics.world import World
@@ -78,12 +78,13 @@ def rows_of(
     patches, jacobians, modes = list(patches), [], []
     offsets, slips, frictions, compliances, shares = [], [], [], [], []
     approaches = [_approach(patch, bodies, free, world, units) for patch in patches]
-    met, struck = _met(patches, approaches, count), [free.new_zeros(batch)] * count
+    met, struck = _met(patches, approaches, count), [free.new_full((batch,), NEVER)] * count
     moving = bodies.position, bodies.twist, free.unflatten(1, (count, 6)) * unit[:, None, None]
     given = [torch.zeros_like(bodies.twist[:, body]) for body in range(count)]
     demands: list[_Demand] = []
+    never = free.new_full((batch,), NEVER)
     for patch, approach in reversed(list(zip(patches, approaches, strict=True))):  # those between bodies first
-        beside = ~met[patch.second], struck[patch.second]
+        beside = ~met[patch.second], struck[patch.second] if patch.first is None else never
         demands.insert(0, _demand(patch, approach, inputs, world, units, moving, beside))
         if world.midpoint and patch.first is not None:
             for body in (patch.first, patch.second):
@@ -190,7 +191,7 @@ def _demand(
     """Return what the contacts of a patch demand.
 
     `bodies` are their centres, and twists before and without contact; `beside` says of a body on the ground whether no
-    other one is reached in the step, and which share of it is over when one strikes, 0 where none does.
+    other one is reached in the step, and which share of it is over when one strikes, `NEVER` where none does.
     """
     h, exists, (alone, before) = units.step, approach.exists, beside
     friction, restitution, compliance = _pair(patch, inputs)
@@ -205,12 +206,13 @@ def _demand(
         slip, share = torch.zeros_like(approach.velocity[..., 1:]), torch.full_like(patch.gap, 0.5)
         never = torch.zeros_like(patch.active[:, 0])
         return _Demand(patch, offset, slip, share, never, friction, softness, torch.zeros_like(bodies[1][:, 0]))
-    before = torch.where(approach.reached.all(1), before, 0.0)
+    is_struck = approach.reached.all(1) & (before < NEVER)
+    before = torch.where(is_struck, before, 0.0)
     bend = bending(patch, *bodies[:2])
     turns = turning(patch, *bodies[1:], friction, h[:, None], approach.reached & alone[:, None])
     stiffness = restitution, compliance * units.mass * STANDARD_GRAVITY, damped
     velocities = approach.velocity, approach.free_speed
-    wanted = demand(patch, velocities, bend, stiffness, h[:, None], exists, before > 0)
+    wanted = demand(patch, velocities, bend, stiffness, h[:, None], exists, is_struck)
     patch = dataclasses.replace(patch, together=wanted.together)
     slip = turned(wanted.slip, stuck(bend, h[:, None]), turns, wanted.hit)
     gives = rubbed(patch, approach.velocity[..., 1:], bodies[1:], friction, before)
@@ -221,9 +223,9 @@ def _demand(
 
 
 def _sooner(before: Tensor, demand: _Demand) -> Tensor:
-    """Return which share of the step (B,) is over when a body is struck first; 0 where it is not."""
+    """Return which share of the step (B,) is over when a body is struck first; `NEVER` where it is not."""
     share = (1 - demand.share[:, 0]).clamp(0, 1)
-    return torch.where(demand.hit, torch.where(before > 0, torch.minimum(before, share), share), before)
+    return torch.where(demand.hit, torch.minimum(before, share), before)
 
 
 def _at_centre(patch: Patch, tangential: Tensor, centres: Tensor) -> Tensor:

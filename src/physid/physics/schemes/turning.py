@@ -24,6 +24,9 @@ does not [-]."""
 TURNS = 4
 """Parts of a step in each of which friction opposes one slip."""
 
+NEVER = 2.0
+"""Share of the step that is over when a body is struck that is not [-]."""
+
 TINY = 1e-30
 """Square of a slip that has no direction [m^2/s^2]."""
 

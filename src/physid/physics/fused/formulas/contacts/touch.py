@@ -26,6 +26,7 @@ from physid.physics.fused.formulas.algebra import (
 )
 from physid.physics.fused.formulas.schemes.impact import Contact, demand, slip, stuck
 from physid.physics.fused.formulas.schemes.turning import rubbed, struck, turned, turning
+from physid.physics.schemes.turning import NEVER
 
 
 def frame_of(normal: Sequence[Value]) -> Matrix:
@@ -200,13 +201,16 @@ def _midpoint_rule(
     offsets, share, hit, together = demand(contacts, material.restitution, yielding, constants, width)
     reached = [each.exists & (each.gap + 0.5 * h * each.free < 0.0) for each in contacts]
     patch["reached"] = [where(reduce(or_, reached), 1.0, 0.0)]
-    before, friction = touch.scale.like(0.0), material.friction
+    before, friction, opposes_end = touch.scale.like(0.0), material.friction, hit
     if len(bodies) == 1:
         (body,) = bodies
         lies = reduce(and_, reached)
-        before = where(lies, struck(beside), 0.0) if beside else before
+        if beside:
+            before = struck(beside)
+            is_struck = lies & (before < NEVER)
+            before, opposes_end = where(is_struck, before, 0.0), where(is_struck, 1.0, hit)
         friction = friction * (1.0 - before)
-    slips = [slip(contact, where(before > 0.0, 1.0, hit), constants) for contact in contacts]
+    slips = [slip(contact, opposes_end, constants) for contact in contacts]
     if len(bodies) == 1:
         velocities = apply(frame, body["velocity"][3:]), apply(frame, scale(unit_, body["free"][3:]))
         spinning = dot(body["velocity"][:3], touch.normal) * touch.scale

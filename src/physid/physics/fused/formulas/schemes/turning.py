@@ -9,7 +9,7 @@ from physid.compiler.graph import Value, least, most, root, total, where
 from physid.compiler.section import Record
 from physid.physics.fused.formulas.algebra import Vector, dot
 from physid.physics.schemes.impact import FAINT
-from physid.physics.schemes.turning import SPINNING, STEADY, TINY, TURNED, TURNS
+from physid.physics.schemes.turning import NEVER, SPINNING, STEADY, TINY, TURNED, TURNS
 from physid.physics.schemes.units import STANDARD_GRAVITY
 
 
@@ -77,16 +77,15 @@ def _share(x: Value) -> Value:
 
 
 def struck(beside: Sequence[Record]) -> Value:
-    """Return which share of the step is over when another body strikes first, 0 if none does.
+    """Return which share of the step is over when another body strikes first, `NEVER` if none does.
 
     Args:
         beside: The patches between the body and others.
     """
-    before = beside[0].one("share").like(0.0)
+    before = beside[0].one("share").like(NEVER)
     for patch in beside:
         share = least(most(1.0 - patch.one("share"), 0.0), 1.0)
-        sooner = where(before > 0.0, least(before, share), share)
-        before = where(patch.one("hit") > 0.5, sooner, before)
+        before = where(patch.one("hit") > 0.5, least(before, share), before)
     return before
 
 
