@@ -1,6 +1,6 @@
 """How far the engine is from closed forms and from MuJoCo after two blocks have collided on the ground.
 
-    python benchmarks/collisions.py                 two minutes
+    python benchmarks/collisions.py                 a quarter of a minute
     python benchmarks/collisions.py --draws 40 --steps 1,16
 
 Poses at 60 frames per second over 45 frames, from the same states under the same forces: the largest distance of any

@@ -118,7 +118,7 @@ def test_both_engines_write_the_same_contact_problem(name: str, bodies: int) -> 
         assert_close(body["share"], problem.mass[:, 6 * n + 5, 6 * n + 5, None])
         assert_close(body["momentum"], problem.momentum[:, own])
         without = (
-            body["drive"] if world.ground is not None else body["momentum"]
+            body["free_momentum"] if world.ground is not None else body["momentum"]
         )  # what friction gives before an impact
         assert_close(body["free"], torch.linalg.solve(problem.mass[:, own, own], without))
     assert_close(compiled.records.of["shared"]["mean_mass"], units.mass[:, None])

@@ -25,7 +25,7 @@ from physid.physics.schemes.impact import (
     late,
     stuck,
 )  # fmt: skip
-from physid.physics.schemes.turning import SPINNING, STEADY, Turning, rubbed, turning
+from physid.physics.schemes.turning import SPINNING, STEADY, Turning, friction_before_impact, turning
 from physid.physics.schemes.units import STANDARD_GRAVITY
 
 DTYPE = torch.float64
@@ -261,10 +261,12 @@ def test_before_it_is_struck_a_body_rubs_as_its_slip_wants_and_one_that_rests_st
     slips = torch.tensor(slip, dtype=DTYPE).expand(1, 4, 2)
     patch = face(0.0)
     rotated = torch.einsum("bki,i->bk", patch.frame[:, 1:], torch.tensor([*slip, 0.0], dtype=DTYPE))
-    gives = rubbed(patch, rotated[:, None].expand_as(slips), (twist, free), one(0.3 / (before * fall)), one(before))
+    gives = friction_before_impact(
+        patch, rotated[:, None].expand_as(slips), (twist, free), one(0.3 / (before * fall)), one(before)
+    )
     found = (gives @ patch.frame[:, 1:]).sum(1)[0]
     torch.testing.assert_close(found, torch.tensor([*expected, 0.0], dtype=DTYPE), rtol=0, atol=1e-12)
-    never = rubbed(patch, slips, (twist, free), one(0.3), one(0.0))
+    never = friction_before_impact(patch, slips, (twist, free), one(0.3), one(0.0))
     assert not bool(never.any()), "nothing strikes"
 
 
@@ -276,7 +278,7 @@ def test_what_rubs_before_an_impact_takes_energy_and_turns_no_spin_around(slide:
     slips = torch.stack([slide - spin * arms[:, 1], spin * arms[:, 0]], -1)[None]
     twist = torch.tensor([[[0, 0, spin, 0, 0, 0]]], dtype=DTYPE)
     free = twist - torch.tensor([0, 0, 0, 0, 0, 2.0], dtype=DTYPE)
-    gives = rubbed(face(0.0), slips, (twist, free), one(0.3), one(0.5))[0]
+    gives = friction_before_impact(face(0.0), slips, (twist, free), one(0.3), one(0.5))[0]
     moment, inertia = (arms[:, 0] * gives[:, 1] - arms[:, 1] * gives[:, 0]).sum(), 0.04 / 6
     after, turned = torch.tensor([slide, 0.0], dtype=DTYPE) + gives.sum(0), spin + float(moment) / inertia
     before = slide**2 + inertia * spin**2

@@ -53,7 +53,7 @@ def true_places(time: Tensor) -> Tensor:
 def judgement(noise: float, *, alone: bool = False) -> Judgement:
     """Return what steps of these blocks are judged by; the one estimate is the mean shift along the line.
 
-    Below another block, light as a hair, friction does not turn within a step: reversals are of first order.
+    Below another block, of 1e-5 of its mass, friction does not turn within a step: reversals are of first order.
     """
     steps = torch.full((COUNT, FRAMES - 1), FRAME, dtype=torch.float64)
     frames = torch.arange(FRAMES).expand(COUNT, -1)
@@ -115,7 +115,7 @@ def test_the_shortest_step_is_a_length_whatever_the_frame_rate(rate: int, bodies
     grid = dataclasses.replace(grid, steps=torch.full_like(grid.steps, 1 / rate))
     choice = StepChoice()
     length = float((grid.steps / choice.most(grid, bodies)).max())
-    assert choice.finest_of(bodies) == shortest
+    assert choice.shortest_among(bodies) == shortest
     assert shortest / math.sqrt(2) <= length <= shortest * math.sqrt(2)
     assert int(StepChoice(shortest=1.0).most(grid, bodies).max()) == 1
 

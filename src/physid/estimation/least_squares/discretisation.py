@@ -22,9 +22,9 @@ class StepChoice(Section):
     A tenth of the sensor's deviation is lost in the noise of a single frame. Where halving all steps changes an
     estimate by more than `bias`, steps are chosen anew with a quarter of `defect`. `shortest` is a length, for what
     a step misses of a reversal of friction grows with its length, whatever the frame rate. Bodies that meet touch for
-    about `contact`: shorter steps would tell apart which corner of two faces is first, on which the motion of rigid
-    bodies depends, as that of real ones and the loss of a fit do not. To compare with the finest steps takes longer,
-    and sees an event that steps and their halves happen to miss by the same.
+    about `contact`: shorter steps would distinguish which corner of two faces is first. The motion of rigid bodies
+    depends on that, the motion of real ones does not, and the loss of a fit has an edge there. To compare with the
+    finest steps takes longer, and sees an event that steps and their halves happen to miss by the same.
     """
 
     defect: float = setting(
@@ -40,13 +40,13 @@ class StepChoice(Section):
     rounds: int = setting(3, "times", "most that the defect is lowered", ge=1)
     finest: bool = setting(True, "", "whether steps are compared with the finest instead of with their halves")
 
-    def finest_of(self, bodies: int) -> float:
+    def shortest_among(self, bodies: int) -> float:
         """Return about how long the shortest part of a step is in a world of so many bodies [s]."""
         return self.shortest if bodies == 1 else max(self.shortest, self.contact)
 
     def most(self, grid: StepGrid, bodies: int) -> Tensor:
         """Return the most parts of each step, the power of two that makes them about so long, shape (R, S)."""
-        power = (grid.steps / self.finest_of(bodies)).log2().round().clamp_min(0)
+        power = (grid.steps / self.shortest_among(bodies)).log2().round().clamp_min(0)
         return (2**power).long()
 
 

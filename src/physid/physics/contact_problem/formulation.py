@@ -67,7 +67,7 @@ def formulate(state: State, before: State, inputs: StepInputs, world: World, ste
     batch, modes = rows.modes.shape[0], rows.modes.shape[-1]
     problem = ContactProblem(
         mass=_block_diagonal(mass, rows.mode_mass),
-        momentum=torch.cat([momentum.flatten(1) + rows.rubbed, mass.new_zeros(batch, modes)], 1),
+        momentum=torch.cat([momentum.flatten(1) + rows.before_impact, mass.new_zeros(batch, modes)], 1),
         jacobian=torch.cat([rows.jacobian, rows.modes], 3),
         offset=rows.offset,
         slip=rows.slip,

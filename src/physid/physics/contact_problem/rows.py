@@ -12,7 +12,7 @@ from physid.physics.contact import WARP_COMPLIANCE, Patch
 from physid.physics.effect import StepInputs
 from physid.physics.schemes.impact import bending, damping_time, demand, stuck
 from physid.physics.schemes.motion import MassCentres
-from physid.physics.schemes.turning import NEVER, rubbed, turned, turning
+from physid.physics.schemes.turning import NO_IMPACT, friction_before_impact, turned, turning
 from physid.physics.schemes.units import STANDARD_GRAVITY, Units
 from physid.physics.shapes.table import find_patches
 from physid.physics.world import World
@@ -34,7 +34,7 @@ class Rows:
         compliance: k, shape (B, C).
         share: Which share of the step the impulses act [-], shape (B, C).
         gap: Distances, negative where the bodies overlap [m], shape (B, C).
-        rubbed: Momentum that friction has given before an impact, in units of impulses, shape (B, 6 N).
+        before_impact: Momentum that friction has given before an impact, in units of impulses, shape (B, 6 N).
     """
 
     jacobian: Tensor
@@ -45,7 +45,7 @@ class Rows:
     compliance: Tensor
     share: Tensor
     gap: Tensor
-    rubbed: Tensor
+    before_impact: Tensor
 
     @property
     def mode_mass(self) -> Tensor:
@@ -78,19 +78,19 @@ def rows_of(
     patches, jacobians, modes = list(patches), [], []
     offsets, slips, frictions, compliances, shares = [], [], [], [], []
     approaches = [_approach(patch, bodies, free, world, units) for patch in patches]
-    met, struck = _met(patches, approaches, count), [free.new_full((batch,), NEVER)] * count
+    met, struck = _met(patches, approaches, count), [free.new_full((batch,), NO_IMPACT)] * count
     moving = bodies.position, bodies.twist, free.unflatten(1, (count, 6)) * unit[:, None, None]
     given = [torch.zeros_like(bodies.twist[:, body]) for body in range(count)]
     demands: list[_Demand] = []
-    never = free.new_full((batch,), NEVER)
+    never = free.new_full((batch,), NO_IMPACT)
     for patch, approach in reversed(list(zip(patches, approaches, strict=True))):  # those between bodies first
         beside = ~met[patch.second], struck[patch.second] if patch.first is None else never
         demands.insert(0, _demand(patch, approach, inputs, world, units, moving, beside))
-        if world.midpoint and patch.first is not None:
+        if patch.first is None:
+            given[patch.second] = demands[0].before_impact
+        else:
             for body in (patch.first, patch.second):
                 struck[body] = _sooner(struck[body], demands[0])
-        elif world.midpoint:
-            given[patch.second] = demands[0].rubbed
     for k, (wanted, approach) in enumerate(zip(demands, approaches, strict=True)):
         exists, patch, hit = approach.exists, wanted.patch, wanted.hit[:, None]
         patches[k] = patch
@@ -103,7 +103,7 @@ def rows_of(
         modes.append(torch.where(exists[..., None], _redundant_modes(patch, exists, patches, inputs, world), 0.0))
     none = free.new_zeros(batch, 0)
     return Rows(
-        rubbed=torch.cat(given, 1) / units.impulse[:, None],
+        before_impact=torch.cat(given, 1) / units.impulse[:, None],
         modes=_place_modes(modes, free),
         jacobian=torch.cat(jacobians, 1) if jacobians else free.new_zeros(batch, 0, 3, 6 * count),
         offset=torch.cat(offsets, 1) if offsets else none,
@@ -166,7 +166,7 @@ class _Demand:
         hit: Whether there is an impact (see `schemes.impact`), shape (B,).
         friction: mu, shape (B,).
         compliance: k, in units of the contact problem, shape (B,).
-        rubbed: Momentum that friction has given before an impact with another body [N m s, N s], shape (B, 6).
+        before_impact: Momentum that friction has given before an impact with another body [N m s, N s], shape (B, 6).
     """
 
     patch: Patch
@@ -176,7 +176,7 @@ class _Demand:
     hit: Tensor
     friction: Tensor
     compliance: Tensor
-    rubbed: Tensor
+    before_impact: Tensor
 
 
 def _demand(
@@ -191,7 +191,7 @@ def _demand(
     """Return what the contacts of a patch demand.
 
     `bodies` are their centres, and twists before and without contact; `beside` says of a body on the ground whether no
-    other one is reached in the step, and which share of it is over when one strikes, `NEVER` where none does.
+    other one is reached in the step, and which share of it is over when one strikes, `NO_IMPACT` where none does.
     """
     h, exists, (alone, before) = units.step, approach.exists, beside
     friction, restitution, compliance = _pair(patch, inputs)
@@ -206,7 +206,7 @@ def _demand(
         slip, share = torch.zeros_like(approach.velocity[..., 1:]), torch.full_like(patch.gap, 0.5)
         never = torch.zeros_like(patch.active[:, 0])
         return _Demand(patch, offset, slip, share, never, friction, softness, torch.zeros_like(bodies[1][:, 0]))
-    is_struck = approach.reached.all(1) & (before < NEVER)
+    is_struck = approach.reached.all(1) & (before < NO_IMPACT)
     before = torch.where(is_struck, before, 0.0)
     bend = bending(patch, *bodies[:2])
     turns = turning(patch, *bodies[1:], friction, h[:, None], approach.reached & alone[:, None])
@@ -215,7 +215,7 @@ def _demand(
     wanted = demand(patch, velocities, bend, stiffness, h[:, None], exists, is_struck)
     patch = dataclasses.replace(patch, together=wanted.together)
     slip = turned(wanted.slip, stuck(bend, h[:, None]), turns, wanted.hit)
-    gives = rubbed(patch, approach.velocity[..., 1:], bodies[1:], friction, before)
+    gives = friction_before_impact(patch, approach.velocity[..., 1:], bodies[1:], friction, before)
     return _Demand(
         patch, wanted.offset, slip, wanted.share[:, None].expand_as(patch.gap), wanted.hit, friction * (1 - before),
         softness, inputs.mass[:, patch.second, None] * _at_centre(patch, gives, bodies[0]),
@@ -223,7 +223,7 @@ def _demand(
 
 
 def _sooner(before: Tensor, demand: _Demand) -> Tensor:
-    """Return which share of the step (B,) is over when a body is struck first; `NEVER` where it is not."""
+    """Return which share of the step (B,) is over when a body is struck first; `NO_IMPACT` where it is not."""
     share = (1 - demand.share[:, 0]).clamp(0, 1)
     return torch.where(demand.hit, torch.minimum(before, share), before)
 

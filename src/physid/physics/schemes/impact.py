@@ -16,7 +16,7 @@ contact, so that it begins with the gap x = y - h u / 2 and would end with y + h
 * Friction opposes the mean slip where it is fast, and the slip at the end where it may stop. Under a body that lies on
   the ground and meets no other one friction turns with the slip within the step (`schemes.turning`).
 * A body on the ground that another one strikes gets the friction of the time before as a push, and rubs for the rest of
-  the step alone, against the slip at its end (`schemes.turning.rubbed`).
+  the step alone, against the slip at its end (`schemes.turning.friction_before_impact`).
 * What bounces off a compliant contact does so as off a rigid one, where it is reached: its row has no compliance then.
   All else, and all overlap, is that of a spring of stiffness 1 / C with a damper of t / C, C f = -(y + h u+) - t u+.
   With t = sqrt(C m) and m the mass of the body, one that stands on four corners is damped critically.

@@ -24,7 +24,7 @@ does not [-]."""
 TURNS = 4
 """Parts of a step in each of which friction opposes one slip."""
 
-NEVER = 2.0
+NO_IMPACT = 2.0
 """Share of the step that is over when a body is struck that is not [-]."""
 
 TINY = 1e-30
@@ -120,7 +120,9 @@ def turning(patch: Patch, twist: Tensor, free: Tensor, friction: Tensor, step: T
     return Turning(slip, end, turns, torch.where(lies.all(1) & rubs & (square > (FAINT * unit) ** 2), known, 0.0))
 
 
-def rubbed(patch: Patch, slip: Tensor, twists: tuple[Tensor, Tensor], friction: Tensor, before: Tensor) -> Tensor:
+def friction_before_impact(
+    patch: Patch, slip: Tensor, twists: tuple[Tensor, Tensor], friction: Tensor, before: Tensor
+) -> Tensor:
     """Return the velocity that friction gives a body before another one strikes it, by each contact, (B, 4, 2) [m/s].
 
     A quarter of the load rubs in each, against the slip w = s + a F that there would be without friction when the share

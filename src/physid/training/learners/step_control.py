@@ -92,7 +92,7 @@ class StepControl:
                 judged = judge_steps(judgement, parts, CHOICE)
                 self.report = (
                     f"steps of the engine: {judged.mean:.3g} from frame to frame on average, {judged.largest} at most; "
-                    f"{1e3 * CHOICE.finest_of(judgement.bodies):g} ms everywhere would move the estimates by "
+                    f"{1e3 * CHOICE.shortest_among(judgement.bodies):g} ms everywhere would move the estimates by "
                     f"{judged.bias:.2g} standard errors at most, and even shorter ones by {judged.left:.2g} more"
                 )
         return started.refined(parts)

@@ -35,7 +35,7 @@ def prepare(body: Record, shared: Record, constants: Record, *, midpoint: bool =
     """Compute axes, centre of mass, inertia and momentum p = M v + h f with the gyroscopic torque (eq. (2)).
 
     At the midpoint that torque has no place, since `drift` turns free bodies, and the free velocity has a derivative.
-    Of a `grounded` body what touches the ground makes the momentum of the drive (see `ground.touch_ground`).
+    Of a `grounded` body `ground.touch_ground` adds what friction gives before an impact to this momentum.
     """
     h, velocity_unit, mean = constants.one("step"), constants.one("unit"), shared.one("mean_mass")
     axes = to_matrix(body["pose"][3:])
@@ -56,7 +56,7 @@ def prepare(body: Record, shared: Record, constants: Record, *, midpoint: bool =
     body["velocity"] = [*spin, *linear]
     body["world_inertia"] = scale(1.0 / mean, inertia)
     body["share"] = [mass / mean]
-    body["drive" if grounded else "momentum"] = scale(1.0 / (mean * velocity_unit), momentum)
+    body["free_momentum" if grounded else "momentum"] = scale(1.0 / (mean * velocity_unit), momentum)
     turned = [x / m for x, m in zip(apply(transpose(axes), momentum[:3]), moments, strict=True)]
     free = [*apply(axes, turned), *scale(1.0 / mass, momentum[3:])]
     body["free"] = [value if midpoint else stop(value) for value in scale(1.0 / velocity_unit, free)]

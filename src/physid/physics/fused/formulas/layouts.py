@@ -38,7 +38,7 @@ BODY = Layout(
     velocity=6,  # twist at the centre of mass
     world_inertia=6,  # xx xy xz yy yz zz, of the mean mass
     share=1,  # mass, of the mean mass
-    drive=6,  # what momentum would be if friction gave none before an impact
+    free_momentum=6,  # what momentum would be if friction gave none before an impact
     momentum=6,  # p of eq. (3)
     free=6,  # velocity without contact
 )  # fmt: skip

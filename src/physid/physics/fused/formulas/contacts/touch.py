@@ -25,8 +25,8 @@ from physid.physics.fused.formulas.algebra import (
     unit,
 )
 from physid.physics.fused.formulas.schemes.impact import Contact, demand, slip, stuck
-from physid.physics.fused.formulas.schemes.turning import rubbed, struck, turned, turning
-from physid.physics.schemes.turning import NEVER
+from physid.physics.fused.formulas.schemes.turning import friction_before_impact, share_before_impact, turned, turning
+from physid.physics.schemes.turning import NO_IMPACT
 
 
 def frame_of(normal: Sequence[Value]) -> Matrix:
@@ -132,7 +132,7 @@ def write_patch(
     else:
         offsets, exists = _rules(constants, touch, material, bodies, arms)
         if len(bodies) == 1:
-            bodies[0]["momentum"] = bodies[0]["drive"]
+            bodies[0]["momentum"] = bodies[0]["free_momentum"]
     unit_ = constants.one("unit")
     offsets = [where(there, offset / unit_, FAR) for there, offset in zip(exists, offsets, strict=True)]
     flat = where(reduce(and_, touch.active), flatness(touch.gaps, touch.scale), 0.0)
@@ -206,8 +206,8 @@ def _midpoint_rule(
         (body,) = bodies
         lies = reduce(and_, reached)
         if beside:
-            before = struck(beside)
-            is_struck = lies & (before < NEVER)
+            before = share_before_impact(beside)
+            is_struck = lies & (before < NO_IMPACT)
             before, opposes_end = where(is_struck, before, 0.0), where(is_struck, 1.0, hit)
         friction = friction * (1.0 - before)
     slips = [slip(contact, opposes_end, constants) for contact in contacts]
@@ -217,14 +217,14 @@ def _midpoint_rule(
         alone = reduce(and_, [other.one("reached") < 0.5 for other in beside], lies)
         turns = turning(velocities, spinning, material.friction, alone, constants)
         slips = [turned(s, stuck(c, constants), turns, hit) for s, c in zip(slips, contacts, strict=True)]
-        body["momentum"] = body["drive"]
+        body["momentum"] = body["free_momentum"]
         if beside:
             arms = [subtract(point, body["centre"]) for point in touch.points]
-            rubs = rubbed([c.velocity[1:] for c in contacts], velocities, material.friction, before)
+            rubs = friction_before_impact([c.velocity[1:] for c in contacts], velocities, material.friction, before)
             pushes = [apply(transpose(frame), [before.like(0.0), *rub]) for rub in rubs]
             wrenches = [[*cross(arm, push), *push] for arm, push in zip(arms, pushes, strict=True)]
             gained = [total(list(each)) for each in zip(*wrenches, strict=True)]
-            body["momentum"] = add(body["drive"], scale(body.one("share") / unit_, gained))
+            body["momentum"] = add(body["free_momentum"], scale(body.one("share") / unit_, gained))
     slips = [scale(1.0 / unit_, values) for values in slips]
     patch["share"], patch["hit"] = [share], [hit]
     patch["slip"] = [where(c.exists, x, 0.0) for c, values in zip(contacts, slips, strict=True) for x in values]

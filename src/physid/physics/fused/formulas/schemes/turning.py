@@ -9,7 +9,7 @@ from physid.compiler.graph import Value, least, most, root, total, where
 from physid.compiler.section import Record
 from physid.physics.fused.formulas.algebra import Vector, dot
 from physid.physics.schemes.impact import FAINT
-from physid.physics.schemes.turning import NEVER, SPINNING, STEADY, TINY, TURNED, TURNS
+from physid.physics.schemes.turning import NO_IMPACT, SPINNING, STEADY, TINY, TURNED, TURNS
 from physid.physics.schemes.units import STANDARD_GRAVITY
 
 
@@ -76,20 +76,22 @@ def _share(x: Value) -> Value:
     return least(most(x, 0.0), 1.0)
 
 
-def struck(beside: Sequence[Record]) -> Value:
-    """Return which share of the step is over when another body strikes first, `NEVER` if none does.
+def share_before_impact(beside: Sequence[Record]) -> Value:
+    """Return which share of the step is over when another body strikes first, `NO_IMPACT` if none does.
 
     Args:
         beside: The patches between the body and others.
     """
-    before = beside[0].one("share").like(NEVER)
+    before = beside[0].one("share").like(NO_IMPACT)
     for patch in beside:
         share = least(most(1.0 - patch.one("share"), 0.0), 1.0)
         before = where(patch.one("hit") > 0.5, least(before, share), before)
     return before
 
 
-def rubbed(slips: Sequence[Vector], velocities: tuple[Vector, Vector], friction: Value, before: Value) -> list[Vector]:
+def friction_before_impact(
+    slips: Sequence[Vector], velocities: tuple[Vector, Vector], friction: Value, before: Value
+) -> list[Vector]:
     """Return the velocity that friction gives a body before another one strikes it, by each of four contacts [m/s].
 
     Args:
