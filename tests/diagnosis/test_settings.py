@@ -57,7 +57,6 @@ CONSTANTS = {
     "estimation/least_squares/covariance.py": {"CONFIDENCE"},  # what intervals mean by default
     "estimation/least_squares/jacobian.py": {
         "SHIFTS",  # columns
-        "STEEP",  # which tangent of the ground comes first
         "SLOPES", "BEND", "FAINT",  # no part of a diagnosis: identifiability alone looks at two step sizes
     },
     "estimation/least_squares/levenberg_marquardt.py": {"WHOLE"},  # the whole step

@@ -10,7 +10,9 @@ from torch import Tensor
 
 from estimation.flights import FORCE, Flights, G, flights
 from physid.effects import find
+from physid.estimation.least_squares.experiment import Experiment
 from physid.estimation.least_squares.initial_states import InitialStates, guess_initial_states
+from physid.estimation.least_squares.jacobian import differentiate
 from physid.estimation.least_squares.levenberg_marquardt import NONE, at_rest
 from physid.estimation.least_squares.multi_start import best_guess, choose, search, try_new_states, varied
 from physid.estimation.least_squares.settings import GuessSettings, LeastSquaresSettings, MultiStartSettings
@@ -166,6 +168,91 @@ def test_bodies_that_lie_and_hardly_move_are_at_rest_where_that_explains_more() 
     assert at_rest(made.experiment, fast) is fast
     flying = flights()
     assert at_rest(flying.experiment, flying.start) is flying.start
+
+
+def two_blocks(places: Tensor, friction: float = 0.12, push: float = 0.0) -> Flights:
+    """Lay two blocks on the ground 1 m apart, each trajectory a segment; places (R, T, 2) along x are observed."""
+    rows, frames = places.shape[:2]
+    scene = replace(find_setup("collide").scene, unknown=())
+    scene = replace(scene, bodies=tuple(replace(body, friction=friction) for body in scene.bodies))
+    wrench = torch.zeros(rows, frames, 2, 6).double()
+    wrench[..., 0, 3] = push
+    predictor = Predictor(
+        NominalModel(scene), Timeline.regular(wrench, scene.time_step), Segmentation.equal(rows, frames, frames)
+    )
+    pose = torch.zeros(rows, frames, 2, 7).double()
+    pose[..., 2], pose[..., 6] = torch.tensor([body.size[2] / 2 for body in scene.bodies]).double(), 1.0
+    pose[..., 0] = places + torch.tensor([0.0, 1.0])
+    made = flights(trajectories=rows, frames=frames, cuts=1)
+    lies = torch.ones(rows, 2, dtype=torch.bool)
+    directions = type(made.experiment.directions).of(torch.tensor([0.0, 0, 1]).double(), lies, lies)
+    scale = torch.full((rows, frames, 2, 6), 1e3).double()
+    experiment = made.experiment.replace(
+        predictor=predictor, pose=pose, directions=directions, scale=scale, engine=torch.zeros_like(pose[..., :6]),
+    )  # fmt: skip
+    point = Variants.of_states(pose[:, 0][None], torch.zeros(1, rows, 2, 6).double(), predictor.model.guess[None],
+                               predictor.null[None])  # fmt: skip
+    return Flights(experiment, point, point)
+
+
+def asking(experiment: Experiment, worth: float) -> Experiment:
+    """Ask of velocities to be worth so many noise variances."""
+    settings = experiment.settings
+    line_search = settings.line_search.model_copy(update={"worth": worth})
+    return experiment.replace(settings=settings.model_copy(update={"line_search": line_search}))
+
+
+def test_of_two_bodies_the_one_that_hardly_moves_is_at_rest_however_fast_the_other_one_is() -> None:
+    time = torch.arange(24).double() / 240
+    places = torch.zeros(1, 24, 2).double()
+    places[0, :, 0] = 1.3 * time - 0.12 * G * time**2 / 2
+    made = two_blocks(places)
+    twist = torch.zeros_like(made.start.twist)
+    twist[0, 0, :, 3] = torch.tensor([1.3, 0.05]).double()
+    found = at_rest(made.experiment, made.start.replace(twist=twist))
+    assert found.twist[0, 0, :, 3].tolist() == pytest.approx([1.3, 0.0])
+    assert torch.equal(found.pose, made.start.pose)
+
+
+def test_a_body_that_stops_at_once_may_have_been_at_rest_where_it_stops() -> None:
+    made = two_blocks(torch.zeros(1, 24, 2).double())
+    speed, friction = 0.03, 0.12
+    way = speed**2 / (2 * friction * G)
+    twist, pose = torch.zeros_like(made.start.twist), made.start.pose.clone()
+    twist[0, 0, 1, 3] = speed
+    pose[0, 0, 1, 0] -= way
+    assert at_rest(made.experiment, made.start.replace(twist=twist, pose=pose)).twist.any(), "it explains more"
+    found = at_rest(asking(made.experiment, 6.0), made.start.replace(twist=twist, pose=pose))
+    assert not bool(found.twist.any())
+    assert float(found.pose[0, 0, 1, 0] - pose[0, 0, 1, 0]) == pytest.approx(way, rel=0.02)
+    assert torch.equal(found.pose[..., 2], pose[..., 2]), "it lies as high as before"
+
+
+@pytest.mark.parametrize(("worth", "rests"), [(0.0, False), (6.0, True)])
+def test_velocities_that_explain_no_more_than_noise_are_kept_only_if_nothing_is_asked_of_them(
+    worth: float, rests: bool
+) -> None:
+    speed, frames = 0.03, 24
+    time = 1 / 240 * torch.arange(frames).double()
+    stop = speed / (0.12 * G)
+    moved = torch.where(time < stop, speed * time - 0.12 * G * time**2 / 2, speed * stop / 2)
+    made = two_blocks(torch.stack([torch.zeros(frames).double(), moved], -1)[None])
+    twist = torch.zeros_like(made.start.twist)
+    twist[0, 0, 1, 3] = speed
+    found = at_rest(asking(made.experiment, worth), made.start.replace(twist=twist))
+    assert bool(found.twist.any()) is not rests
+
+
+@pytest.mark.parametrize(("friction", "push", "held"), [(0.12, 0.0, True), (0.0, 0.0, False), (0.12, 5.0, False)])
+def test_a_velocity_at_rest_has_no_slope_exactly_where_friction_holds(friction: float, push: float, held: bool) -> None:
+    made = two_blocks(torch.zeros(1, 24, 2).double(), friction, push)
+    directions = made.experiment.directions
+    fit = differentiate(made.experiment.predictor, made.start, directions, NONE)
+    speeds = [column for column, (body, k) in enumerate(directions.used) if body == 0 and k in (8, 9)]
+    shifts = [column for column, (body, k) in enumerate(directions.used) if k == 3]
+    for column in speeds:
+        assert bool(fit.state[column].any()) is not held
+    assert all(bool(fit.state[column].any()) for column in shifts)
 
 
 def test_each_segment_keeps_the_state_that_explains_it_best_and_all_stay_if_none_is_better() -> None:

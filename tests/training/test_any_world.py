@@ -18,6 +18,7 @@ from physid.data.batches.dataset import Segments, collate
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig, Noise
 from physid.training.callbacks.converged import Converged
+from physid.training.initial_states.fitted import fit_states
 from physid.training.learners.engine import Engine
 from physid.training.learners.sysid import SysID
 from physid.training.parameters.trajectories import Trajectories
@@ -199,6 +200,26 @@ def test_bounces_are_explained_from_first_guesses_that_are_far_off(far: float, t
         half = (figures[f"params/{name}/high"] - figures[f"params/{name}/low"]) / 2
         assert abs(value - true[name]) < LARGE * half
         assert half < 0.02 * true[name]
+
+
+@quiet
+def test_collisions_of_parallel_blocks_are_explained_as_well_as_by_the_states_that_they_had(tmp_path: Path) -> None:
+    """One of two parallel faces that is turned by 2 microrad meets the other with a corner, and all is different."""
+    config = GenerateConfig(
+        "collide", "closed_form", frame_rate=60.0, protocol="straight", trajectories=20, steps=50, seed=1, video=False,
+        split={"train": 1}, unknown=("block.mass", "block.friction"), noise=Noise(2e-4, 2e-3), jitter=0.2, missing=0.1,
+    )  # fmt: skip
+    generate(config, tmp_path / "noisy", quiet=True)
+    generate(dataclasses.replace(config, noise=Noise()), tmp_path / "exact", quiet=True)
+    data = [RecordingsDataModule(tmp_path / name, shuffle=False) for name in ("noisy", "exact")]
+    module = SysID(values=config.true_parameters(), engine=Engine(substeps=8)).attach(data[0].scene)
+    noisy, exact = (next(iter(one.train_dataloader())) for one in data)
+    module._weigh(noisy)
+    explaining, start = module._training(noisy), module.trajectories(exact).start
+    (_, found), (_, best) = (fit_states(explaining, states=states) for states in (None, (start.pose, start.twist)))
+    worse = found.loss - best.loss
+    assert float((worse < 1).double().mean()) >= 0.9
+    assert float(worse.max()) < 50
 
 
 @quiet

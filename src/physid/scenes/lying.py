@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -13,6 +14,9 @@ from physid.physics.rotations import exponential, multiply, normalize, to_matrix
 from physid.physics.shapes.table import reach
 from physid.scenes.scene import Scene
 from physid.scenes.setup import LYING, REST_DEPTH
+
+STEEP = 0.9
+"""A ground whose normal has more than this along x takes its first tangent from y [-]."""
 
 
 class Laid(NamedTuple):
@@ -29,6 +33,14 @@ class Laid(NamedTuple):
     lean: Tensor
     gap: Tensor
     height: Tensor
+
+
+def ground_axes(normal: Tensor) -> Tensor:
+    """Return two tangents of the ground and its normal as rows, shape (3, 3), from the normal (3,)."""
+    axis = torch.eye(3, dtype=normal.dtype)[0 if abs(float(normal[0])) < STEEP else 1]
+    first = axis - (axis @ normal) * normal
+    first = first / first.norm()
+    return torch.stack([first, torch.linalg.cross(normal, first), normal])
 
 
 def turn_flat(attitude: Tensor, normal: Tensor) -> tuple[Tensor, Tensor]:
@@ -50,6 +62,31 @@ def turn_flat(attitude: Tensor, normal: Tensor) -> tuple[Tensor, Tensor]:
     angle = torch.atan2(sine, (up * normal).sum(-1))
     turn = exponential(cross * (angle / sine.clamp_min(torch.finfo(attitude.dtype).tiny))[..., None])
     return normalize(multiply(turn, attitude)), angle
+
+
+def face_heading(attitude: Tensor, tangents: Tensor) -> Tensor:
+    """Return in which direction the upright faces of boxes that lie flat look, between -pi/4 and pi/4 [rad].
+
+    A quarter of a turn changes nothing: of an axis of a box with the parts (x, y) along the tangents the angle is
+    arg((x + i y)^4) / 4.
+
+    Args:
+        attitude: Quaternions, shape (..., 4).
+        tangents: Two of the ground, shape (2, 3).
+
+    Returns:
+        Shape (...).
+    """
+    x, y = (tangents @ to_matrix(attitude)).unbind(-2)
+    axis = (x.square() + y.square()).argmax(-1, keepdim=True)
+    x, y = (part.gather(-1, axis)[..., 0] for part in (x, y))
+    return quarter(torch.atan2(y, x))
+
+
+def quarter(angle: Tensor) -> Tensor:
+    """Bring an angle to between -pi/4 and pi/4 by quarters of a turn [rad]."""
+    turn = math.pi / 2
+    return angle - turn * (angle / turn).round()
 
 
 def lay_down(pose: Tensor, scene: Scene) -> Laid:

@@ -17,6 +17,7 @@ from physid.estimation.prediction import Predictor, Segmentation, Variants
 LAYOUT = 4  # of what is stored; another one is not read
 GRID = ("steps", "wrench", "frame_step", "count")
 WINDOWS = ("trajectory", "start", "size", "contact")
+DIRECTIONS = ("frame", "free", "parallel")
 POINT = ("pose", "twist", "nominal", "effects", "engine")
 
 
@@ -29,8 +30,8 @@ def to_tensors(nominal_fit: NominalFit) -> dict[str, Any]:
         state |= {f"late.{name}": getattr(late.grid, name) for name in GRID}
     state |= {f"point.{name}": getattr(nominal_fit.fit.point, name) for name in POINT}
     state |= {name: getattr(experiment, name) for name in ("scale", "engine", "follow")}
-    state |= {"frame": experiment.directions.frame, "free": experiment.directions.free, "phases": nominal_fit.phases}
-    state |= {"events": nominal_fit.events}
+    state |= {name: getattr(experiment.directions, name) for name in DIRECTIONS}
+    state |= {"phases": nominal_fit.phases, "events": nominal_fit.events}
     state |= {"noise": (nominal_fit.noise.rotation, nominal_fit.noise.position)}
     state |= {"factors": None if nominal_fit.noise.error is None else nominal_fit.noise.error.factors}
     return state
@@ -39,7 +40,7 @@ def to_tensors(nominal_fit: NominalFit) -> dict[str, Any]:
 def from_tensors(state: Mapping[str, Any], inputs: Inputs, settings: Settings) -> NominalFit:
     """Put a fit together again from what `to_tensors` returned, and from what it was made from."""
     observations = inputs.observations
-    directions = Directions(state["frame"], state["free"])
+    directions = Directions(*(state[name] for name in DIRECTIONS))
     trajectories, frames = observations.pose.shape[:2]
     cut = {name: state[name] for name in WINDOWS}
     segments = Segmentation(trajectories, frames, **cut, lying=directions.planar)

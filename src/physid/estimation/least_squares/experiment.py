@@ -100,7 +100,7 @@ class Experiment:
 
     def only(self, chosen: Tensor, elsewhere: Tensor) -> Experiment:
         """Return the experiment with some of the segments (indices, in order); states elsewhere are (R, T, N, 7)."""
-        directions = replace(self.directions, free=self.directions.free[chosen])
+        directions = self.directions.only(chosen)
         predictor = self.predictor.over(self.predictor.segments.only(chosen), elsewhere)
         return replace(self, predictor=predictor, directions=directions, follow=self.follow[chosen])
 
@@ -176,7 +176,8 @@ def lay_out(
     initial = guess_initial_states(
         pose, seen_frames(scale), predictor.timeline.time, segments, scene, lean, settings.guess
     )
-    directions = Directions.of(torch.tensor(scene.ground.normal, dtype=torch.float64), initial.resting, initial.level)
+    normal = torch.tensor(scene.ground.normal, dtype=torch.float64)
+    directions = Directions.of(normal, initial.resting, initial.level, initial.parallel)
     predictor = predictor.of_lying(initial.resting)
     engine, follow = torch.zeros_like(pose[..., :6]), torch.ones(len(segments), dtype=torch.bool)
     return Experiment(predictor, pose, scale, fitted, directions, engine, follow, settings), initial

@@ -12,7 +12,7 @@ from physid.estimation.prediction.segments import Segmentation
 from physid.physics.rotations import conjugate, exponential, logarithm, multiply
 from physid.physics.shapes.table import reach
 from physid.scenes import Scene
-from physid.scenes.lying import lay_down, turn_flat
+from physid.scenes.lying import face_heading, ground_axes, lay_down, quarter, turn_flat
 
 DEFAULT = GuessSettings()
 
@@ -26,12 +26,15 @@ class InitialStates:
         twist: Shape (G, K, N, 6).
         resting: Bodies that lie flat on the ground and stay there at first, shape (K, N).
         level: Bodies with a face parallel to the ground in all frames, as far as noise tells, shape (K, N).
+        parallel: Bodies with a face parallel to one of the first body, and the first itself, none of which turns about
+            the ground's normal in any frame, as far as noise tells, shape (K, N).
     """
 
     pose: Tensor
     twist: Tensor
     resting: Tensor
     level: Tensor
+    parallel: Tensor
 
 
 def guess_initial_states(
@@ -62,17 +65,18 @@ def guess_initial_states(
     initial = InitialStates(
         pose.new_zeros(guesses, len(segments), bodies, 7),
         pose.new_zeros(guesses, len(segments), bodies, 6),
-        torch.zeros(len(segments), bodies, dtype=torch.bool),
-        torch.zeros(len(segments), bodies, dtype=torch.bool),
+        *(torch.zeros(len(segments), bodies, dtype=torch.bool) for _ in range(3)),
     )
     for batch in segments.batches:
         cut, weight = batch.cut(pose[None])[0], batch.cut(seen[None], fill=0.0)[0]
         clock = batch.cut(time[None])[0]
-        guessed = _guess(cut, weight, clock - clock[:, :1], scene, settings)
+        clock = clock - clock[:, :1]
+        guessed = _guess(cut, weight, clock, scene, settings)
         for name in ("pose", "twist"):
             getattr(initial, name)[:, batch.segments] = getattr(guessed, name)
         initial.resting[batch.segments] = guessed.resting
         initial.level[batch.segments] = _is_level(cut, weight, scene, settings.level * lean)
+        initial.parallel[batch.segments] = _is_parallel(cut, weight, clock, scene, lean, settings)
     initial.resting[_sinks(pose, seen, scene, settings)[segments.trajectory, segments.start]] = False
     return initial
 
@@ -85,6 +89,34 @@ def _is_level(cut: Tensor, weight: Tensor, scene: Scene, lean: float) -> Tensor:
     _, angle = turn_flat(cut[..., 3:], cut.new_tensor(scene.ground.normal))
     mean = (weight * angle**2).sum(1) / weight.sum(1).clamp_min(1)
     return mean <= 2 * lean**2
+
+
+def _is_parallel(
+    cut: Tensor, weight: Tensor, time: Tensor, scene: Scene, lean: float, settings: GuessSettings
+) -> Tensor:
+    """Return which bodies keep their headings, parallel to the first one, as far as a noise tells; see `InitialStates`.
+
+    The difference of two headings has a variance of 2 sigma^2.
+    """
+    heading = face_heading(cut[..., 3:], ground_axes(cut.new_tensor(scene.ground.normal))[:2])
+    turned, apart = quarter(heading - heading[:, :1]), quarter(heading - heading[..., :1])
+    turned = turned - (weight * turned).sum(1, keepdim=True) / weight.sum(1, keepdim=True).clamp_min(1)
+    most = (settings.turned * lean) ** 2
+    keeps = _smooth_square(turned, weight, time) <= most
+    alike = _smooth_square(apart, weight * weight[..., :1], time) <= 2 * most
+    parallel = keeps & keeps[:, :1] & alike
+    parallel[:, 0] = parallel[:, 1:].any(1)
+    return parallel
+
+
+def _smooth_square(value: Tensor, weight: Tensor, time: Tensor) -> Tensor:
+    """Sum the squares of the parabola through values (K, L, N) over the frames, shape (K, N).
+
+    Of pure noise it is sigma^2 times a chi-square of at most three degrees of freedom, however many frames there are.
+    """
+    a, b, c = (part[:, None, :, 0] for part in _polynomial(value[..., None], weight, time, 2))
+    clock = time[..., None]
+    return (weight * (a + b * clock + c * clock**2).square()).sum(1)
 
 
 def _sinks(pose: Tensor, seen: Tensor, scene: Scene, settings: GuessSettings) -> Tensor:
@@ -119,7 +151,7 @@ def _guess(cut: Tensor, weight: Tensor, time: Tensor, scene: Scene, settings: Gu
         twists.append(torch.where(resting[..., None], twist, slope))
     poses.append(torch.where(resting[..., None], still[0], poses[-1]))
     twists.append(torch.where(resting[..., None], 0 * still[1], twists[-1]))
-    return InitialStates(torch.stack(poses), torch.stack(twists), resting, resting)
+    return InitialStates(torch.stack(poses), torch.stack(twists), resting, resting, resting)
 
 
 def _lying(

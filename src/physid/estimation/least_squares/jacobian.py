@@ -10,13 +10,13 @@ from torch import Tensor
 from physid.estimation.least_squares.settings import DifferenceSettings
 from physid.estimation.measurement.poses import pose_difference
 from physid.estimation.prediction.rollout import Predictor
+from physid.estimation.prediction.segments import Segmentation
 from physid.estimation.prediction.variants import Prediction, Variants
 from physid.physics.rotations import exponential, multiply
-from physid.scenes.lying import turn_flat
+from physid.scenes.lying import face_heading, ground_axes, quarter, turn_flat
 
 DEFAULT = DifferenceSettings()
 SHIFTS = 6  # turns and shifts come before spins and speeds
-STEEP = 0.9  # a ground whose normal has more than this along x takes its first tangent from y
 SLOPES = (1e-3, 2.5e-4)  # two of them, far apart: where trajectories bend in between, a slope says nothing ...
 BEND = 0.1  # ... that is where a trajectory's derivative changes by more than this share
 FAINT = 1e-5  # [m, rad] derivatives below this say nothing, whether they change or not
@@ -33,13 +33,17 @@ class Directions:
     Attributes:
         frame: Ground axes (tangent, tangent, normal) as rows, shape (3, 3).
         free: Of each body: turn, shift, spin, speed along the three axes; shape (K, N, 12).
+        parallel: Bodies that turn about the ground's normal with the first one, and do not spin, shape (K, N).
     """
 
     frame: Tensor
     free: Tensor
+    parallel: Tensor
 
     @classmethod
-    def of(cls, normal: Tensor, resting: Tensor, level: Tensor | None = None) -> Directions:
+    def of(
+        cls, normal: Tensor, resting: Tensor, level: Tensor | None = None, parallel: Tensor | None = None
+    ) -> Directions:
         """Leave resting bodies their motion in the ground's plane, level ones that along its normal too, others all.
 
         A face that lands flat hits with all its corners at once, and one that leans by however little with one of them
@@ -49,26 +53,32 @@ class Directions:
             normal: Of the ground, shape (3,).
             resting: Bodies that lie on the ground, shape (K, N).
             level: Bodies with a face parallel to the ground, shape (K, N); None for none.
+            parallel: Bodies with faces parallel to those of the first one, shape (K, N); None for none.
         """
-        axis = torch.eye(3, dtype=normal.dtype)[0 if abs(float(normal[0])) < STEEP else 1]
-        first = axis - (axis @ normal) * normal
-        first = first / first.norm()
-        frame = torch.stack([first, torch.linalg.cross(normal, first), normal])
         planar = torch.tensor([0, 0, 1, 1, 1, 0] * 2, dtype=torch.bool)
         upright = torch.tensor([0, 0, 1, 1, 1, 1] * 2, dtype=torch.bool)
         others = torch.ones_like(planar).expand(*resting.shape, 12)
         if level is not None:
             others = torch.where(level[..., None], upright, others)
-        return cls(frame, torch.where(resting[..., None], planar, others))
+        free = torch.where(resting[..., None], planar, others)
+        held = torch.zeros_like(resting) if parallel is None else parallel & ~free[..., 0] & ~free[:, :1, 0]
+        held[:, 0] &= held[:, 1:].any(1)
+        free[..., 8] &= ~held
+        free[:, 1:, 2] &= ~held[:, 1:]
+        return cls(ground_axes(normal), free, held)
 
     def without_speed(self) -> Directions:
         """Leave poses free, as they are, and no velocity: bodies are known to be at rest."""
-        return Directions(self.frame, self.free & (torch.arange(12) < SHIFTS))
+        return Directions(self.frame, self.free & (torch.arange(12) < SHIFTS), self.parallel)
+
+    def only(self, chosen: Tensor) -> Directions:
+        """Return those of some of the segments (indices)."""
+        return Directions(self.frame, self.free[chosen], self.parallel[chosen])
 
     @property
     def planar(self) -> Tensor:
         """Bodies that move in the ground's plane alone, for they lie on it, shape (K, N)."""
-        return self.free[..., 2] & ~self.free[..., 5]
+        return self.free[..., 3] & ~self.free[..., 5]
 
     @property
     def lying(self) -> Tensor:
@@ -78,6 +88,8 @@ class Directions:
     def level(self, pose: Tensor, twist: Tensor) -> tuple[Tensor, Tensor]:
         """Turn bodies that may not lean until a face is parallel to the ground, and take their tumbling off.
 
+        Those that are parallel to the first are turned so far about the normal that they are, without a spin.
+
         Args:
             pose: Shape (..., K, N, 7).
             twist: Shape (..., K, N, 6).
@@ -85,9 +97,13 @@ class Directions:
         Returns:
             New poses and twists.
         """
-        held = (self.free[..., 2] & ~self.free[..., 0])[..., None]
+        held = (self.free[..., 3] & ~self.free[..., 0])[..., None]
         flat, _ = turn_flat(pose[..., 3:], self.frame[2])
-        about = (twist[..., :3] @ self.frame[2])[..., None] * self.frame[2]
+        heading = face_heading(flat, self.frame[:2])
+        back = torch.where(self.parallel, quarter(heading[..., :1] - heading), 0.0)
+        flat = torch.where(self.parallel[..., None], multiply(exponential(back[..., None] * self.frame[2]), flat), flat)
+        spin = torch.where(self.parallel, 0.0, twist[..., :3] @ self.frame[2])
+        about = spin[..., None] * self.frame[2]
         return (
             torch.cat([pose[..., :3], torch.where(held, flat, pose[..., 3:])], -1),
             torch.cat([torch.where(held, about, twist[..., :3]), twist[..., 3:]], -1),
@@ -120,6 +136,7 @@ class Directions:
         for column, (body, k) in enumerate(self.used):
             full[..., body, k] = change[..., column] * self.free[:, body, k]
         full[..., 1:, 3:5] += full[..., :1, 3:5] * self.free[:, 1:, 3:5]  # shifts along the ground
+        full[..., 1:, 2] += full[..., :1, 2] * self.parallel[:, 1:]
         world = full.unflatten(-1, (4, 3)) @ self.frame
         turn, shift, spin, speed = world.unbind(-2)
         quaternion = multiply(exponential(turn), pose[..., 3:].expand(*turn.shape[:-1], 4))
@@ -183,11 +200,52 @@ def differentiate(
     base = Prediction(*(getattr(predicted, name)[:1] for name in Prediction.__annotations__))
     scale = torch.cat([steps, inward, sizes])
     slope = pose_difference(predicted.pose[1:], base.pose) / scale[:, None, None, None, None]
+    slope[:d] *= ~_held_by_friction(predictor, point, directions, predicted.twist[: 1 + d], settings)[..., None, None]
     shared = slope[d:]
     if forces is not None and f:
         pushed = predictor.predict(point.repeat(f).replace(force=settings.force * forces))
         shared = torch.cat([shared, pose_difference(pushed.pose, base.pose) / settings.force])
     return Jacobian(base, slope[:d], shared)
+
+
+def _held_by_friction(
+    predictor: Predictor, point: Variants, directions: Directions, twist: Tensor, settings: DifferenceSettings
+) -> Tensor:
+    """Return where a column is the velocity of a body at rest that friction holds, shape (D, R, T).
+
+    A velocity v that friction stops moves it by v |v| / (2 mu g), of which the slope at v = 0 is zero. The difference
+    of a small v is not, and a step along it leads anywhere.
+
+    Args:
+        predictor: The experiment.
+        point: Where.
+        directions: Free changes of the initial states.
+        twist: Of the point and of what each change of an initial state leads to, shape (1 + D, R, T, N, 6).
+        settings: What counts as standing.
+    """
+    rests = directions.planar & ~point.twist[0].any(-1)
+    after = stands_after(predictor.segments, twist, settings.still)
+    held = [
+        predictor.segments.spread(rests[:, body] & after[0, :, body] & after[1 + column, :, body] & (k >= SHIFTS))
+        for column, (body, k) in enumerate(directions.used)
+    ]
+    return torch.stack(held) if held else torch.zeros(0, *twist.shape[1:3], dtype=torch.bool)
+
+
+def stands_after(segments: Segmentation, twist: Tensor, still: float) -> Tensor:
+    """Return which bodies stand in the second frame of a segment.
+
+    Args:
+        segments: How trajectories are cut.
+        twist: Shape (C, R, T, N, 6).
+        still: Velocity below which a body stands [m/s, rad/s].
+
+    Returns:
+        Shape (C, K, N); none in a segment of one frame.
+    """
+    second = (segments.start + 1).clamp_max(segments.frames - 1)
+    speed = twist[:, segments.trajectory, second].abs().amax(-1)
+    return (speed < still) & (segments.size > 1)[:, None]
 
 
 def _inward(predictor: Predictor, present: Tensor, step: float) -> Tensor:

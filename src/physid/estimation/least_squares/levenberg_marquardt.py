@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from physid.estimation.least_squares.experiment import Experiment, Fit
+from physid.estimation.least_squares.jacobian import stands_after
 from physid.estimation.least_squares.line_search import best_step
 from physid.estimation.least_squares.normal_equations import Normal
 from physid.estimation.least_squares.prior import prior
@@ -89,14 +90,59 @@ def hardly_gains(gain: float, loss: float, share: float) -> bool:
 
 
 def at_rest(experiment: Experiment, point: Variants) -> Variants:
-    """Let bodies that lie there and hardly move be at rest, in the segments that this explains better.
+    """Let bodies that lie there and hardly move be at rest, in the segments that this explains as well.
 
-    A initial velocity that friction stops at once leaves no slope, so that no step leads back from a wrong one.
+    An initial velocity that friction stops at once leaves no slope, so that no step leads back from a wrong one. All
+    that hardly move are at rest, where they start; or, if velocities must be worth it, see `bodies_at_rest`.
     """
-    slow = experiment.directions.lying & (point.twist[0].abs().amax((1, 2)) < experiment.settings.line_search.at_rest)
-    if not bool(slow.any()):
+    settings = experiment.settings
+    many, still = bodies_at_rest(experiment, point, each=settings.line_search.worth > 0)
+    if len(many) == 1:
         return point
-    still = point.replace(twist=torch.where(slow[:, None, None], torch.zeros_like(point.twist), point.twist))
-    losses = experiment.losses(Variants.join((point, still)))
-    better = losses[1] < losses[0]
-    return point.replace(twist=torch.where(better[:, None, None], still.twist, point.twist))
+    predicted = experiment.predictor.predict(many)
+    held = still & stands_after(experiment.predictor.segments, predicted.twist, settings.differences.still)
+    best = (experiment.losses_of(predicted, many) - settings.line_search.worth * held.sum(2)).argmin(0)
+    pick = torch.arange(len(best))
+    return point.replace(pose=many.pose[best, pick][None], twist=many.twist[best, pick][None])
+
+
+def bodies_at_rest(experiment: Experiment, point: Variants, *, each: bool) -> tuple[Variants, Tensor]:
+    """Return the point itself, and with bodies at rest that lie there and hardly move.
+
+    Args:
+        experiment: What to explain.
+        point: Where; a single variant.
+        each: Whether to try each body alone as well, and where the model lets bodies stop as well as where they start.
+
+    Returns:
+        C variants, and which bodies are brought to rest in each, shape (C, K, N).
+    """
+    speed = point.twist[0].abs().amax(-1)
+    slow = experiment.directions.planar & (speed > 0) & (speed < experiment.settings.line_search.at_rest)
+    if not bool(slow.any()):
+        return point, torch.zeros_like(slow[None])
+    still, poses = slow[None], point.pose
+    if each:
+        bodies = torch.eye(slow.shape[1], dtype=torch.bool)[:, None]
+        still = torch.cat([still, slow & bodies]) if len(bodies) > 1 else still
+        poses = torch.cat([poses, _where_they_stop(experiment, point)[None]])
+    many = point.repeat(1 + len(poses) * len(still))
+    many.pose[1:] = torch.where(still[None, ..., None], poses[:, None], point.pose[0]).flatten(0, 1)
+    still = still.repeat(len(poses), 1, 1)
+    many.twist[1:] *= ~still[..., None]
+    return many, torch.cat([torch.zeros_like(slow[None]), still])
+
+
+def _where_they_stop(experiment: Experiment, point: Variants) -> Tensor:
+    """Return poses (K, N, 7) where the model lets bodies be no slower in the next frame for the first time.
+
+    Those of bodies that lie on the ground are at the heights at which they start.
+    """
+    predicted, found = experiment.predictor.predict(point), point.pose[0].clone()
+    for batch in experiment.predictor.segments.batches:
+        pose, speed = batch.cut(predicted.state)[0], batch.cut(predicted.twist)[0].norm(dim=-1)
+        last = ~batch.inside.roll(-1, 1)
+        last[:, -1] = True
+        frame = ((speed.roll(-1, 1) >= speed) | last[..., None]).int().argmax(1)
+        found[batch.segments] = pose.gather(1, frame[:, None, :, None].expand(-1, 1, -1, 7))[:, 0]
+    return experiment.directions.with_heights_of(point.pose[0], found)

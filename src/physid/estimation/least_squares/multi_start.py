@@ -7,7 +7,7 @@ from torch import Tensor
 
 from physid.estimation.least_squares.experiment import Experiment, Fit, seen_frames
 from physid.estimation.least_squares.initial_states import InitialStates, guess_initial_states
-from physid.estimation.least_squares.levenberg_marquardt import gauss_newton
+from physid.estimation.least_squares.levenberg_marquardt import bodies_at_rest, gauss_newton
 from physid.estimation.least_squares.line_search import try_losses
 from physid.estimation.measurement.poses import moved, pose_difference
 from physid.estimation.prediction.variants import Prediction, Variants
@@ -108,9 +108,9 @@ def try_new_states(experiment: Experiment, point: Variants) -> Variants:
 def search(experiment: Experiment, fit: Fit, rival: Fit | None = None) -> Variants:
     """Look for initial states that no step by a slope leads to, and keep what explains a segment better.
 
-    Those of badly fitted segments are fitted from new guesses, those that a rival explains better from the motion that
-    it found, and those of all segments are varied (`varied`). Where most segments fit badly it is the model that is
-    wrong, and nothing is tried.
+    Those of badly fitted segments are fitted from new guesses, those of bodies that hardly move from rest (if their
+    velocities must be worth it), those that a rival explains better from the motion that it found, and those of all
+    segments are varied (`varied`). Where most segments fit badly it is the model that is wrong, and nothing is tried.
 
     Args:
         experiment: What to explain.
@@ -123,6 +123,9 @@ def search(experiment: Experiment, fit: Fit, rival: Fit | None = None) -> Varian
     if float(doubtful.double().mean()) > settings.most:
         return fit.point
     point = _refitted(experiment, fit, doubtful, guesses(experiment, fit.point)) if bool(doubtful.any()) else fit.point
+    if experiment.settings.line_search.worth > 0:
+        resting, still = bodies_at_rest(experiment, point, each=True)
+        point = _refitted(experiment, experiment.at(point, fit), still.any(2).any(0), resting)
     if rival is not None and bool((rival.loss < fit.loss).any()):
         there = experiment.at(point, fit)
         point = _refitted(experiment, there, rival.loss < there.loss, _in_motion_of(rival, experiment, point))

@@ -12,6 +12,9 @@ class DifferenceSettings(Section):
     shift: float = setting(1e-5, "m", "of an initial position", gt=0)
     spin: float = setting(1e-4, "rad/s", "of an initial angular velocity", gt=0)
     speed: float = setting(1e-4, "m/s", "of an initial velocity", gt=0)
+    still: float = setting(
+        1e-6, "rad/s, m/s", "velocity in a segment's second frame below which friction has stopped a body", ge=0
+    )
     nominal: float = setting(1e-4, "-", "of an unknown parameter, in the coordinates of the fit", gt=0)
     effect: float = setting(1e-3, "typical sizes", "of a parameter of an effect", gt=0)
     force: float = setting(1e-3, "share", "of a wrench whose amplitude is a column", gt=0)
@@ -37,6 +40,13 @@ class GuessSettings(Section):
         "of the noise; a body that leans no further, in the mean of a segment, is level",
         gt=0,
     )
+    turned: float = setting(
+        4.0,
+        "standard deviations",
+        "of the noise of one frame; the root of the summed squares of the parabola through the headings of a segment, "
+        "below which bodies keep their headings, and are parallel",
+        gt=0,
+    )
     median: int = setting(3, "frames", "whose median height counts: one outlier is no fall", ge=1)
 
 
@@ -55,6 +65,13 @@ class LineSearchSettings(Section):
     steps: int = setting(10, "Jacobians", "most of a fit whose number of steps is not said elsewhere", ge=1)
     converged: float = setting(1e-2, "standard deviations", "of the loss; a step that gains less is the last", gt=0)
     at_rest: float = setting(0.1, "rad/s, m/s", "initial velocity of a lying body that may as well be at rest", ge=0)
+    worth: float = setting(
+        0.0,
+        "noise variances",
+        "that the velocities of a body that friction holds have to explain, or it is at rest; each body is looked at "
+        "then, and together with the others where it is 0",
+        ge=0,
+    )
 
 
 class MultiStartSettings(Section):

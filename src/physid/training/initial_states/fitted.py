@@ -19,8 +19,9 @@ MOST = 10
 """Jacobians of one fit."""
 COMPARE = 3
 """Jacobians of the fits by which first values are compared."""
-FITTING = LeastSquaresSettings(line_search=LineSearchSettings(dampings=(1e-3, 10.0, 1e3, 1e5)))
-"""Steps that initial states try: a run takes few of them at a time."""
+FITTING = LeastSquaresSettings(line_search=LineSearchSettings(dampings=(1e-3, 10.0, 1e3, 1e5), worth=6.0))
+"""Steps that initial states try, as a run takes few of them at a time; and two noise variances for each of the three
+velocities of a body that friction holds (Akaike 1974). A diagnosis, which compares effects by losses, asks for none."""
 
 
 @torch.no_grad()
