@@ -12,7 +12,6 @@ from estimation.flights import FORCE, Flights, G, flights
 from physid.effects import find
 from physid.estimation.least_squares.experiment import Experiment
 from physid.estimation.least_squares.initial_states import InitialStates, guess_initial_states
-from physid.estimation.least_squares.jacobian import differentiate
 from physid.estimation.least_squares.levenberg_marquardt import NONE, at_rest
 from physid.estimation.least_squares.multi_start import best_guess, choose, search, try_new_states, varied
 from physid.estimation.least_squares.settings import GuessSettings, LeastSquaresSettings, MultiStartSettings
@@ -247,7 +246,7 @@ def test_velocities_that_explain_no_more_than_noise_are_kept_only_if_nothing_is_
 def test_a_velocity_at_rest_has_no_slope_exactly_where_friction_holds(friction: float, push: float, held: bool) -> None:
     made = two_blocks(torch.zeros(1, 24, 2).double(), friction, push)
     directions = made.experiment.directions
-    fit = differentiate(made.experiment.predictor, made.start, directions, NONE)
+    fit = made.experiment.linearise(made.start, NONE).jacobian
     speeds = [column for column, (body, k) in enumerate(directions.used) if body == 0 and k in (8, 9)]
     shifts = [column for column, (body, k) in enumerate(directions.used) if k == 3]
     for column in speeds:

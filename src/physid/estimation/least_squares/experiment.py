@@ -63,16 +63,26 @@ class Experiment:
         """Return how many values of each segment count, at least 1, shape (K,)."""
         return self.predictor.segments.sum_frames((self.scale > 0).sum((2, 3))[None].double())[0].clamp_min(1)
 
+    def explained(self, loss: Tensor) -> Tensor:
+        """Return which segments are explained up to noise, from their losses (K,)."""
+        return loss < self.settings.multi_start.doubtful * self.counted()
+
     def misfit(self, point: Variants) -> Tensor:
         """Return the mean squared residual of each segment, in units of the noise, shape (K,)."""
         return self.losses(point)[0] / self.counted()
 
     def linearise(self, point: Variants, effects: Tensor, forces: Tensor | None = None) -> Fit:
-        """Linearise at a point; see `differentiate` for the columns."""
+        """Linearise at a point; see `differentiate` for the columns.
+
+        A velocity that friction holds has its slope, zero, in segments that are explained; in others the body may have
+        moved after all, and the difference that leads from rest is better than none.
+        """
         jacobian = differentiate(self.predictor, point, self.directions, effects, forces, self.settings.differences)
         unknown = point.nominal.shape[1]
         columns = [jacobian.shared[:unknown], self.engine[None], jacobian.shared[unknown:]]
-        return self._fit(point, effects, replace(jacobian, shared=torch.cat(columns)))
+        held = jacobian.held & self.predictor.segments.spread(self.explained(self.losses_of(jacobian.base, point)[0]))
+        state = jacobian.state * ~held[..., None, None]
+        return self._fit(point, effects, replace(jacobian, state=state, shared=torch.cat(columns)))
 
     def at(self, point: Variants, near: Fit) -> Fit:
         """Return the residuals at a point with the Jacobian of a fit nearby, which costs one prediction.

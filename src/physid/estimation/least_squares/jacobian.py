@@ -157,11 +157,14 @@ class Jacobian:
         base: The prediction itself.
         state: Change of poses by the initial states, shape (D, R, T, N, 6).
         shared: Change by unknown parameters, parameters of effects, then forces; shape (P, R, T, N, 6).
+        held: Where the change by an initial state is that by a velocity of a body at rest that friction holds, shape
+            (D, R, T): v |v| / (2 mu g), of which the slope at rest is zero.
     """
 
     base: Prediction
     state: Tensor
     shared: Tensor
+    held: Tensor
 
 
 def differentiate(
@@ -200,12 +203,12 @@ def differentiate(
     base = Prediction(*(getattr(predicted, name)[:1] for name in Prediction.__annotations__))
     scale = torch.cat([steps, inward, sizes])
     slope = pose_difference(predicted.pose[1:], base.pose) / scale[:, None, None, None, None]
-    slope[:d] *= ~_held_by_friction(predictor, point, directions, predicted.twist[: 1 + d], settings)[..., None, None]
+    held = _held_by_friction(predictor, point, directions, predicted.twist[: 1 + d], settings)
     shared = slope[d:]
     if forces is not None and f:
         pushed = predictor.predict(point.repeat(f).replace(force=settings.force * forces))
         shared = torch.cat([shared, pose_difference(pushed.pose, base.pose) / settings.force])
-    return Jacobian(base, slope[:d], shared)
+    return Jacobian(base, slope[:d], shared, held)
 
 
 def _held_by_friction(

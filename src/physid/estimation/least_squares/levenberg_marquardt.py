@@ -101,7 +101,8 @@ def at_rest(experiment: Experiment, point: Variants) -> Variants:
         return point
     predicted = experiment.predictor.predict(many)
     held = still & stands_after(experiment.predictor.segments, predicted.twist, settings.differences.still)
-    best = (experiment.losses_of(predicted, many) - settings.line_search.worth * held.sum(2)).argmin(0)
+    losses = experiment.losses_of(predicted, many)
+    best = (losses - settings.line_search.worth * experiment.explained(losses[0]) * held.sum(2)).argmin(0)
     pick = torch.arange(len(best))
     return point.replace(pose=many.pose[best, pick][None], twist=many.twist[best, pick][None])
 
