@@ -1,4 +1,4 @@
-"""Bodies that lie parallel: their headings are one, as far as noise tells, and they do not spin."""
+"""Bodies that lie parallel: their headings are one, within noise, and they do not spin."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ UP = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
 HEIGHTS = [body.size[2] / 2 for body in SCENE.bodies]
 
 
-def watched(headings: Tensor, noise: float = NOISE, seed: int = 0, told: float | None = None) -> InitialStates:
+def watched(headings: Tensor, noise: float = NOISE, seed: int = 0) -> InitialStates:
     """Guess the states of two blocks that lie there with the headings (R, T, 2)."""
     rows, frames, _ = headings.shape
     generator = torch.Generator().manual_seed(seed)
@@ -34,7 +34,7 @@ def watched(headings: Tensor, noise: float = NOISE, seed: int = 0, told: float |
     pose[..., 3:] = multiply(exponential(turn), exponential(headings[..., None] * UP))
     time = (STEP * torch.arange(frames).double()).expand(rows, -1)
     there, segments = torch.ones(rows, frames, 2).double(), Segmentation.equal(rows, frames, frames)
-    return guess_initial_states(pose, there, time, segments, SCENE, noise if told is None else told)
+    return guess_initial_states(pose, there, time, segments, SCENE, noise)
 
 
 def constant(first: float, second: float, rows: int = 1) -> Tensor:

@@ -14,7 +14,7 @@ from physid.estimation.least_squares import Directions, Experiment
 from physid.estimation.measurement import Noise
 from physid.estimation.prediction import Predictor, Segmentation, Variants
 
-LAYOUT = 4  # of what is stored; another one is not read
+LAYOUT = 5  # of what is stored; another one is not read
 GRID = ("steps", "wrench", "frame_step", "count")
 WINDOWS = ("trajectory", "start", "size", "contact")
 DIRECTIONS = ("frame", "free", "parallel")

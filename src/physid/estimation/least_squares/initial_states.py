@@ -27,7 +27,7 @@ class InitialStates:
         resting: Bodies that lie flat on the ground and stay there at first, shape (K, N).
         level: Bodies with a face parallel to the ground in all frames, as far as noise tells, shape (K, N).
         parallel: Bodies with a face parallel to one of the first body, and the first itself, none of which turns about
-            the ground's normal in any frame, as far as noise tells, shape (K, N).
+            the ground's normal in any frame, within noise, shape (K, N).
     """
 
     pose: Tensor
@@ -94,7 +94,7 @@ def _is_level(cut: Tensor, weight: Tensor, scene: Scene, lean: float) -> Tensor:
 def _is_parallel(
     cut: Tensor, weight: Tensor, time: Tensor, scene: Scene, lean: float, settings: GuessSettings
 ) -> Tensor:
-    """Return which bodies keep their headings, parallel to the first one, as far as a noise tells; see `InitialStates`.
+    """Return which bodies keep their headings, parallel to the first one, within a noise; see `InitialStates`.
 
     The difference of two headings has a variance of 2 sigma^2.
     """

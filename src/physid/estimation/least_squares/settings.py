@@ -68,8 +68,8 @@ class LineSearchSettings(Section):
     worth: float = setting(
         0.0,
         "noise variances",
-        "that the velocities of a body that friction holds have to explain, or it is at rest; each body is looked at "
-        "then, and together with the others where it is 0",
+        "that the velocities of a body that friction holds have to explain, or it is at rest; bodies are tried one by "
+        "one then, and together where it is 0",
         ge=0,
     )
 
