@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 import torch
 
@@ -133,3 +135,15 @@ def test_settings_of_the_estimator_reach_the_fit(nominal_fit: NominalFit) -> Non
     assert found.experiment.settings.prior.effect == 5.0
     still = Settings().changed({"noise.jump": [1e-9, 1e-9], "noise.usual": 1e-3})
     assert inliers(observations, still.noise).sum() < inliers(observations, settings.noise).sum()
+
+
+def test_steps_are_those_of_the_simulator_that_is_known_whatever_the_stamps(tmp_path: Path) -> None:
+    words = {"jitter": 0.2, "missing": 0.1, "force_rate": 90.0, "frame_rate": 60.0}
+    folder = recorded(tmp_path / "set", {}, trajectories=4, steps=40, split={"fit": 1}, **words)
+    observations = load_observations(RecordingSet(folder))
+    model = read_nominal_model(observations.scene, None)
+    assert model.scene.integration is not None
+    found = fit_nominal_model(observations, model, [], torch.Generator().manual_seed(0))
+    grid = found.experiment.predictor.timeline.grid
+    assert len(observations.timeline.grid.steps[0].unique()) > 5
+    assert torch.allclose(grid.steps[grid.real], torch.tensor(model.scene.integration.step, dtype=torch.float64))

@@ -21,7 +21,7 @@ WHOLE, FIRST, LAST = 1, 2, 4
 
 
 def records(path: Path) -> Iterator[bytes]:
-    """Read the records of a log file."""
+    """Read the records of a log file, as far as it is written."""
     data, place, part = path.read_bytes(), HEAD, b""
     while place + HEAD <= len(data):
         left = BLOCK - place % BLOCK
@@ -29,6 +29,8 @@ def records(path: Path) -> Iterator[bytes]:
             place += left
             continue
         _, length, kind = struct.unpack("<IHB", data[place : place + HEAD])
+        if place + HEAD + length > len(data):
+            return
         part = (b"" if kind in (WHOLE, FIRST) else part) + data[place + HEAD : place + HEAD + length]
         place += HEAD + length
         if kind in (WHOLE, LAST):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -137,10 +137,10 @@ def fit_nominal_model(
 
 def _first_steps(observations: Observations, model: NominalModel) -> Timeline:
     """Return the timeline with the steps that are known, or the longest where they are chosen later."""
+    timeline, made = observations.timeline, model.scene.integration
     if model.substeps is not None:
-        return observations.timeline.refined(model.substeps)
-    made = model.scene.integration
-    return observations.timeline.refined(1 if made is None else max(1, round(model.scene.time_step / made.step)))
+        return timeline.refined(model.substeps)
+    return timeline if made is None else replace(timeline, grid=timeline.grid.in_steps_of(made.step))
 
 
 def _chooses_steps(model: NominalModel) -> bool:
