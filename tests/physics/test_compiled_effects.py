@@ -33,6 +33,7 @@ FORMULAS: dict[str, Callable[[Tensor], Tensor]] = {
     "crosses": lambda x: torch.linalg.cross(x[:3].expand(2, 3), torch.stack([x[3:], x[:3] + 1])).flatten(),
     "shapes": lambda x: torch.nn.functional.pad(x.reshape(2, 3).mT[None], (1, 2)).flatten()[x.numel() :] + 0 * x[0],
     "parts": lambda x: torch.cat([x.unbind()[1][None], x[::2], x[-1:].squeeze(0)[None], x.new_full((2,), 3.0) * x[:2]]),
+    "constants of the derivative": lambda x: x * x.detach() + x.detach().abs() + torch.where((x > 0).detach(), x, 0.0),
     "writing": lambda x: _written(x),
     "constants": lambda x: x * torch.tensor([1.0, 0.0, 2.0, 3.0, 4.0, -5.0], dtype=x.dtype) - torch.ones_like(x),
 }  # fmt: skip

@@ -279,7 +279,8 @@ _RULES: dict[str, Callable[..., Any]] = {
     "full_like": lambda a, value, **_: _full(a, a.shape, value),
     "new_zeros": lambda a, shape, **_: _full(a, shape, 0.0), "new_ones": lambda a, shape, **_: _full(a, shape, 1.0),
     "new_full": lambda a, shape, value, **_: _full(a, shape, value),
-    "clone": lambda a, **_: a.copy(), "detach": lambda a: a, "alias": lambda a: a, "lift_fresh": lambda a: a,
+    "clone": lambda a, **_: a.copy(), "alias": lambda a: a, "lift_fresh": lambda a: a,
+    "detach": _masks(lambda x: x if _is_mask(x) else scalars.stop(x)),
     "_to_copy": _copy,
 }  # fmt: skip
 """What torch's functions do to elements; those that stand for none of their arguments' elements are not among them."""
