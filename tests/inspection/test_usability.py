@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -143,3 +144,40 @@ def test_few_trajectories_are_a_remark_of_check(tmp_path: Path) -> None:
     few = recorded(tmp_path / "few", trajectories=2, steps=20)
     (remark,) = [one for one in inspect(RecordingSet(few)).findings if "at least 3 trajectories" in one.what]
     assert not remark.wrong
+
+
+def test_a_copy_of_another_trajectory_is_refused_and_two_alike_are_not(sound: Path, tmp_path: Path) -> None:
+    first = RecordingSet(sound).read(0)
+    assert first.pose is not None
+    shaken = dataclasses.replace(first, pose=first.pose + np.array([1e-6, 0, 0, 0, 0, 0, 0]))
+    for other, copies in ((first, 1), (shaken, 0)):
+
+        def twice(index: int, one: Recording, other: Recording = other) -> Recording:
+            return other if index == 2 else one
+
+        recordings = RecordingSet(rewritten(sound, tmp_path / str(copies), twice))
+        found = mistakes_in(Motion.of(recordings.scene, load_trajectories(recordings)))
+        assert [one.what.startswith("trajectory 2: expected a recording of its own") for one in found] == [
+            True
+        ] * copies
+        assert all(one.wrong for one in found)
+
+
+@pytest.mark.parametrize(
+    ("changed", "what", "mend"),
+    [
+        ({"gravity": (0.0, 0.0, -1.0)}, "that of the Earth in g", "write gravity: [0, 0, -9.81]"),
+        ({"gravity": (0.0, 0.0, -9806.65)}, "that of the Earth in mm/s^2", "write gravity: [0, 0, -9.807]"),
+        ({"time_step": 4.17}, "expected seconds between frames, found 4.17: times", "units.time=ms"),
+        ({"gravity": (0.0, 0.0, -1.62)}, None, None),  # the moon
+        ({"gravity": (0.0, 0.0, 0.0)}, None, None),
+    ],
+)
+def test_a_scene_in_other_units_is_refused_with_what_to_write(
+    sound: Path, changed: dict[str, Any], what: str | None, mend: str | None
+) -> None:
+    recordings = RecordingSet(sound)
+    scene = dataclasses.replace(recordings.scene, **changed)
+    found = mistakes_in(Motion.of(scene, load_trajectories(recordings)))
+    assert [what in one.what for one in found if what] == [True] * (what is not None)
+    assert all(mend is not None and mend in one.mend and one.wrong for one in found)

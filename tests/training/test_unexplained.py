@@ -72,6 +72,10 @@ def test_the_sentence_says_what_is_left_in_the_units_that_people_read() -> None:
     assert lack_of_fit_sentence(noise | fine | left, "mine") == (
         "the model leaves 3.5 % of the turning, 1.5 deg (noise 0.25 deg): run physid diagnose mine"
     )
+    turned_by_noise_alone = left | {"fit/rotation_share": 2.6e16}
+    assert lack_of_fit_sentence(noise | fine | turned_by_noise_alone, "mine") == (
+        "the model leaves 1.5 deg (noise 0.25 deg): run physid diagnose mine"
+    )
     assert lack_of_fit_sentence(noise) is None
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -13,6 +14,7 @@ from physid.data.observations.trajectories import Trajectories, from_recordings
 from physid.estimation.measurement import NoiseSettings, outlier_poses
 from physid.inspection.finding import Finding
 from physid.scenes import Scene
+from physid.scenes.scene import GRAVITY, GRAVITY_BY_UNIT
 from physid.setting import Section, setting
 
 
@@ -25,6 +27,8 @@ class RequirementSettings(Section):
     still_position: float = setting(0.005, "m", "way below which nothing moves", ge=0)
     fastest: float = setting(100.0, "m/s", "median speed beyond which it is the unit that is wrong", gt=0)
     farthest: float = setting(100.0, "largest edges", "median height beyond which it is the unit that is wrong", gt=0)
+    slowest: float = setting(1.0, "s", "between frames, beyond which it is the unit that is wrong", gt=0)
+    gravity: float = setting(0.02, "share", "by which gravity may be off that of the Earth in another unit", gt=0)
     most_outliers: float = setting(0.1, "share", "of stray poses that no robust fit survives", ge=0, le=1)
     rough: float = setting(0.2, "share", "of the whole motion by which poses may leave the middle of neighbours", gt=0)
     first_frames: int = setting(10, "frames", "at the beginning, in which a body lies still that is pushed later", ge=1)
@@ -133,7 +137,10 @@ def mistakes_in(
 ) -> list[Finding]:
     """Return what makes recordings useless, see `require_usable`; what some trajectories alone have is a remark."""
     rules: tuple[Callable[[], Finding | None], ...] = (
+        lambda: _gravity(motion, settings),
+        lambda: _time(motion, settings),
         lambda: _units(motion, settings),
+        lambda: _copies(motion),
         lambda: _rest(motion, least or (settings.still_rotation, settings.still_position)),
         lambda: _jumps(motion, settings, noise),
         lambda: _missing_forces(motion, settings),
@@ -155,6 +162,47 @@ def too_few(trajectories: int, frames: int, settings: RequirementSettings = DEFA
         f"expected at least {settings.least_fitted} trajectories to fit to, of {settings.least_frames} frames or more, "
         f"found {trajectories} of {frames} frames",
         "record more (24 trajectories of a second each are plenty)",
+    )
+
+
+def _gravity(motion: Motion, settings: RequirementSettings) -> Finding | None:
+    """Gravity that is evidently not in m/s^2."""
+    size = float(torch.tensor(motion.scene.gravity, dtype=torch.float64).norm())
+    for unit, earth in GRAVITY_BY_UNIT.items():
+        if abs(size / earth - 1) < settings.gravity:
+            right = ", ".join(f"{value * math.hypot(*GRAVITY) / earth:.4g}" for value in motion.scene.gravity)
+            return Finding(
+                f"gravity: expected m/s^2, found {size:g}, which is that of the Earth in {unit}",
+                f"write gravity: [{right}] in recording.yaml",
+            )
+    return None
+
+
+def _time(motion: Motion, settings: RequirementSettings) -> Finding | None:
+    """Times that are evidently not in seconds."""
+    step = motion.scene.time_step
+    if step <= settings.slowest:
+        return None
+    return Finding(
+        f"time_step: expected seconds between frames, found {step:g}: times seem to be in milliseconds",
+        "import with units.time=ms, or divide time_step and the stamps by 1000",
+    )
+
+
+def _copies(motion: Motion) -> Finding | None:
+    """Trajectories that hold the poses of another one to the last digit, which no second recording does."""
+    first: dict[bytes, int] = {}
+    copies = []
+    for index, pose in zip(motion.indices, motion.pose, strict=True):
+        if bool((pose != pose[:1]).any()):
+            original = first.setdefault(pose.numpy().tobytes(), index)
+            copies += [(index, original)] if original != index else []
+    if not copies:
+        return None
+    return Finding(
+        f"trajectory {copies[0][0]}: expected a recording of its own, found the poses of trajectory {copies[0][1]} to the "
+        f"last digit ({len(copies)} of {len(motion.pose)} trajectories are copies)",
+        "leave the copies out: they make intervals too narrow, and what is held out is what was fitted",
     )
 
 

@@ -31,9 +31,11 @@ def lack_of_fit_sentence(figures: Mapping[str, float], recordings: str = "RECORD
     parts = []
     for kind in unexplained_kinds(figures):
         scale, unit, whole = KINDS[kind]
-        share = figures.get(f"fit/{kind}_share")
-        of_all = f"{_short(100 * share)} % of the {whole}, " if share else ""
-        parts.append(f"{of_all}{_short(scale * figures[f'fit/{kind}_unexplained'])} {unit} (noise {noise[kind]})")
+        share, left = figures.get(f"fit/{kind}_share"), figures[f"fit/{kind}_unexplained"]
+        # Of what moves by less than the noise there is no share.
+        moves = share and left / share > figures[f"fit/{kind}_noise"]
+        of_all = f"{_short(100 * share)} % of the {whole}, " if share and moves else ""
+        parts.append(f"{of_all}{_short(scale * left)} {unit} (noise {noise[kind]})")
     if not parts:
         return f"the fit leaves nothing beyond the noise of the poses ({' and '.join(noise.values())})"
     return f"the model leaves {' and '.join(parts)}: run physid diagnose {recordings}"
