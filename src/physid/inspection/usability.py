@@ -200,8 +200,8 @@ def _copies(motion: Motion) -> Finding | None:
     if not copies:
         return None
     return Finding(
-        f"trajectory {copies[0][0]}: expected a recording of its own, found the poses of trajectory {copies[0][1]} to the "
-        f"last digit ({len(copies)} of {len(motion.pose)} trajectories are copies)",
+        f"trajectory {copies[0][0]}: expected a recording of its own, found the poses of trajectory {copies[0][1]} to "
+        f"the last digit ({len(copies)} of {len(motion.pose)} trajectories are copies)",
         "leave the copies out: they make intervals too narrow, and what is held out is what was fitted",
     )
 
