@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from tests.data.sets import write_set
+from tests.diagnosis.sets import recorded as generated
+from tests.diagnosis.sets import rewritten
 
 from physid.cli import main
 from physid.data import Recording, RecordingSet
@@ -268,6 +270,21 @@ def test_a_mistake_is_found_with_its_mend(tmp_path: Path, name: str, change: Cha
     changed = [change(scene, one) for one in recordings]
     found = said(tmp_path, changed[0][0], [one for _, one in changed])
     assert any(message in one for one in found), found
+
+
+@pytest.mark.parametrize(("sign", "said"), [(1, "forces.offset=-0.2,"), (-1, "import with the other sign")])
+def test_forces_so_late_that_they_point_against_accelerations_are_late_and_not_of_another_sign(
+    tmp_path: Path, sign: int, said: str
+) -> None:
+    words = {"simulator": "mujoco", "frame_rate": 60.0, "trajectories": 8, "steps": 90}
+
+    def late(_: int, one: Recording) -> Recording:
+        assert one.wrench is not None
+        return dataclasses.replace(one, wrench=np.roll(one.wrench, 12, 0) if sign > 0 else -one.wrench)
+
+    spoilt = rewritten(generated(tmp_path / "set", **words), tmp_path / "late", late)
+    found = [one.mend for one in inspect(RecordingSet(spoilt)).findings]
+    assert [said in one for one in found if "forces.offset" in one or "other sign" in one] == [True]
 
 
 @pytest.mark.parametrize("tare", [0.0, 0.3, 1.0])

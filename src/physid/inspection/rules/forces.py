@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from physid.inspection.evidence import Evidence
 from physid.inspection.finding import Finding
 from physid.inspection.rules.falls import ENOUGH
+from physid.inspection.rules.tracking import delay
 
 Array = NDArray[np.float64]
 WRONG, OTHER = -0.3, 0.6  # correlation of forces with accelerations: of the wrong sign, of other axes
@@ -35,7 +36,7 @@ def forces(seen: Evidence) -> Finding | None:
     if not sizes:
         return None
     match = float((push * pull).sum()) / sizes
-    if match < WRONG:
+    if match < WRONG and delay(seen) is None:
         return Finding(
             f"accelerations point against the forces (correlation {match:.2f}): they seem to be those on the other "
             "body, or the sensor's reaction",

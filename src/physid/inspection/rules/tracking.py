@@ -14,7 +14,7 @@ from physid.inspection.rules.falls import ENOUGH
 Array = NDArray[np.float64]
 JUMP = 10.0  # times the distance of its neighbours
 LAG, BETTER = 20, 0.05  # frames that a clock may be off, gain in correlation that says so
-AGAINST = -0.3  # correlation below which forces have the wrong sign, and the clock is not what is wrong
+AGAINST = -0.3  # correlation below which the sign of the forces may be wrong, unless a shift explains more
 FOLLOWS = 0.4  # correlation of accelerations with shifted forces below which they follow no force, whatever the shift
 NOMINAL = 1e-6  # share of a time step by which stamps stray that were computed from a rate
 SHARE = 0.1  # of frames, from which on it is no accident
@@ -127,7 +127,8 @@ def delay(seen: Evidence) -> Finding | None:
                 moments[index] += np.einsum("ant,bnt->ab", pairs, pairs)
     match = _partial_correlation(moments)
     best = int(match.argmax()) - LAG
-    if match[LAG] < AGAINST or match[best + LAG] < FOLLOWS:
+    reversed_explains_more = match[LAG] < AGAINST and match[best + LAG] < BETTER - match[LAG]
+    if reversed_explains_more or match[best + LAG] < FOLLOWS:
         return None
     if abs(best) < 2 or match[best + LAG] < match[LAG] + BETTER:
         return None
