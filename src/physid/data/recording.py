@@ -126,7 +126,9 @@ def check_shapes(found: Mapping[str, tuple[np.dtype[Any], tuple[int, ...]]], bod
             continue
         dtype, shape = found[name]
         if dtype != kind:
-            raise ValueError(f"{name}: expected type {np.dtype(kind)}, found {dtype}")
+            raise ValueError(
+                f'{name}: expected type {np.dtype(kind)}, found {dtype}; convert it, values.astype("{np.dtype(kind)}")'
+            )
         wanted = [int(axis) if axis.isdigit() else lengths.get(axis, axis) for axis in axes]
         fits = len(wanted) == len(shape) and all(
             isinstance(want, str) or want == have for want, have in zip(wanted, shape, strict=True)
