@@ -100,7 +100,10 @@ def diagnosis(verdict: str = "named", *, transfer: bool = True) -> dict[str, Any
         made["shrink"] = {"same": None, "transfer": None, "parts": {}}
         made["parameters"]["block.mass"]["with_effect"] = None
         for split in ("same", "transfer"):
-            made["gap"][split]["after"] = None
+            made["gap"][split] = {
+                "before": 0.0015 if verdict == "none" else made["gap"][split]["before"],
+                "after": None,
+            }
     if verdict == "unknown":
         made["residual"] = copy.deepcopy(LAWS)
     if verdict == "group":

@@ -36,6 +36,18 @@ def test_a_verdict_is_one_plain_sentence(verdict: str) -> None:
     assert verdict_sentence(said(verdict)) == SENTENCES[verdict]
 
 
+def test_a_model_that_leaves_far_more_than_the_noise_does_not_explain_although_nothing_is_blamed() -> None:
+    """References that differ from the model as much as the recordings do leave nothing to say of a cause."""
+    document = diagnosis("none")
+    floor = document["gap"]["floor"]
+    document["gap"]["same"]["before"] = 1.3 * floor  # chance
+    assert verdict_sentence(check_diagnosis(document)) == SENTENCES["none"]
+    document["gap"]["same"]["before"] = 0.0621
+    found = verdict_sentence(check_diagnosis(document))
+    assert found.startswith("The model leaves 62.1 mm beyond the noise, but reference simulators")
+    assert any("62.1 mm" in line for line in summary_lines(check_diagnosis(document)))
+
+
 @pytest.mark.parametrize("verdict", VERDICTS)
 def test_without_a_transfer_set_nothing_is_called_a_cause(verdict: str) -> None:
     document = diagnosis(verdict, transfer=False)

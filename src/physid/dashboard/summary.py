@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from physid.diagnosis.document.document import SPLITS, Diagnosis
-from physid.diagnosis.document.sentences import SPLIT_NAMES, before_and_after, closed
+from physid.diagnosis.document.sentences import SPLIT_NAMES, before_and_after, closed, explains
 from physid.pages.numbers import duration, error, figure, join, words
 
 Run = Mapping[str, Any]
@@ -44,7 +44,7 @@ def short(said: Diagnosis) -> str:
     """Say a verdict in a few words."""
     blamed = " + ".join(words(name) for name in said.blamed)
     return {
-        "none": "no gap beyond the floors",
+        "none": "no gap beyond the floors" if explains(said) else "a gap no larger than between simulators",
         "named": blamed,
         "group": f"one of {len(said.group)}: {join(map(words, said.group), 'or')}",
         "partial": f"{blamed}, and more",

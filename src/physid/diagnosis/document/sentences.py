@@ -47,13 +47,38 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
         group = join((words(name) for name in diagnosis.group), "or")
         verb = "is caused" if certified else "is accounted for"
         return f"The gap {verb} by one of {group}; these recordings cannot tell which."
-    allowed = diagnosis.gap.tolerance.position
     return {
-        "none": f"The model explains these recordings within {quantity(allowed, 'm')} beyond the noise.",
+        "none": _none(diagnosis),
         "named": f"{named} {cause} the gap between model and recordings.",
         "partial": f"{named} {part} the gap; something is left that no candidate explains.",
         "unknown": "There is a gap between model and recordings, and no candidate explains it.",
     }[diagnosis.verdict]
+
+
+def _none(diagnosis: Diagnosis) -> str:
+    """Say that nothing is blamed: since little is left, or since simulations without any effect leave as much."""
+    if explains(diagnosis):
+        allowed = quantity(diagnosis.gap.tolerance.position, "m")
+        return f"The model explains these recordings within {allowed} beyond the noise."
+    return (
+        f"The model leaves {quantity(_left(diagnosis), 'm')} beyond the noise, but reference simulators without any "
+        "effect leave as much: these recordings cannot show why."
+    )
+
+
+def explains(diagnosis: Diagnosis) -> bool:
+    """Return whether the nominal model leaves held-out positions by no more than the tolerance, or than the noise.
+
+    Errors of a few trajectories scatter about the floor; what exceeds it by less than itself may be chance.
+    """
+    return _left(diagnosis) <= max(diagnosis.gap.tolerance.position, diagnosis.gap.floor)
+
+
+def _left(diagnosis: Diagnosis) -> float:
+    """Return by how much the nominal model leaves held-out positions beyond the noise [m], sqrt(error^2 - floor^2)."""
+    gap = diagnosis.gap
+    error = max(each.before for each in (gap.same, gap.transfer) if each is not None)
+    return math.sqrt(max(error**2 - gap.floor**2, 0.0))
 
 
 def _replaced(diagnosis: Diagnosis, rival: str) -> str | None:
