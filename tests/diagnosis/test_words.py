@@ -214,7 +214,7 @@ def test_shares_are_written_as_their_intervals_allow() -> None:
 def test_errors_are_given_before_and_after_and_divided_among_several_effects() -> None:
     assert before_and_after(Errors(0.02, None), "m") == "20 mm"
     assert before_and_after(Errors(0.02, 0.001), "m") == "20 mm -> 1 mm"
-    assert how_far_sentence(said("none"), "same") == "same protocol: 21 mm (floor 1.4 mm)"
+    assert how_far_sentence(said("none"), "same") == "same protocol: 1.5 mm (floor 1.4 mm)"
     alone = how_far_sentence(said(), "same")
     assert alone == "same protocol: 21 mm -> 1.6 mm (floor 1.4 mm), 99 % closed (97 % to 100 %)"
     shrink = said().shrink
