@@ -126,6 +126,15 @@ def test_without_a_transfer_set_the_page_says_so_at_the_top() -> None:
     assert "Predictive only, cause not certified" in text_of(page[: page.index("</header>")])
 
 
+def test_a_gap_that_reference_simulators_leave_as_well_is_not_shown_as_nothing() -> None:
+    document = diagnosis("none")
+    document["gap"]["same"]["before"] = 0.0621
+    text = text_of(render(check_diagnosis(document), ReportData()))
+    assert "Not closed" in text
+    for nothing in ("Nothing to close", "Nowhere"):
+        assert nothing not in text
+
+
 def test_a_verdict_of_no_gap_shows_no_effect_and_no_share() -> None:
     text = text_of(render(said("none"), ReportData()))
     assert "Nothing to close" in text

@@ -13,6 +13,7 @@ from physid.diagnosis.document.sentences import (
     closed,
     decided,
     explained,
+    explains,
     how_far_sentence,
     law_name,
     residual_sentences,
@@ -77,7 +78,7 @@ def render(said: Diagnosis, data: ReportData) -> str:
         said=said,
         data=data,
         file=FILE,
-        kind=KINDS[said.verdict],
+        kind=("warn" if said.verdict == "none" and not explains(said) else KINDS[said.verdict]),
         level=percent(data.interval),
         sentence=verdict_sentence(said),
         splits={name: split for split, name in SPLIT_NAMES.items()},
@@ -124,7 +125,7 @@ def _answers(said: Diagnosis) -> list[tuple[str, str, str]]:
     """Give the three answers in a few words each."""
     blamed = [words(name) for name in said.blamed]
     others = len(said.group) - len(blamed) if blamed else 0
-    nobody = "No effect" if said.verdict == "none" else "No known effect"
+    nobody = "No effect" if _nothing_left(said) else "Not shown" if said.verdict == "none" else "No known effect"
     which, more = capital(join(blamed, "and")) or nobody, ""
     if others and len(blamed) == 1 and others <= MOST_LISTED:
         which, more = capital(join(map(words, said.group), "or")), "these recordings cannot tell which"
@@ -177,7 +178,12 @@ def _site(said: Diagnosis) -> str:
     near = [site for site, share in shares if share > NEAR_SITE * shares[0][1]]
     if near:
         return capital(join(near, "and" if len(said.blamed) > 1 else "or"))
-    return "Nowhere" if said.verdict == "none" else "No site"
+    return "Nowhere" if _nothing_left(said) else "No site"
+
+
+def _nothing_left(said: Diagnosis) -> bool:
+    """Return whether nothing is blamed, and no gap is left to wonder about."""
+    return said.verdict == "none" and explains(said)
 
 
 def _far(said: Diagnosis, split: Split) -> str:
@@ -187,7 +193,7 @@ def _far(said: Diagnosis, split: Split) -> str:
         return f"{share[0]} closed"
     if error is not None and error.after is not None:
         return "Near the floor"
-    return "Nothing to close" if said.verdict == "none" else "Not closed"
+    return "Nothing to close" if _nothing_left(said) else "Not closed"
 
 
 def _best(said: Diagnosis) -> str:
