@@ -174,13 +174,16 @@ def test_the_next_experiment_tells_apart_what_these_recordings_cannot(folder: Pa
 
 @pytest.mark.slow
 def test_without_a_transfer_set_a_cause_is_not_certified(folder: Path, dragged: Path) -> None:
-    rich = recorded(folder / "rich", {"viscous_drag": {"coefficient": DRAG}}, split={"fit": 3, "report_same": 1})
+    drag = {"viscous_drag": {"coefficient": DRAG}}
+    rich = recorded(folder / "rich", drag, split={"fit": 3, "report_same": 1}, seed=11)  # nothing of the other set
     alone = diagnose(RecordingSet(rich), folder / "alone")
     assert alone.gap.transfer is None
     assert "not certified" in caveat(alone)
     certified = diagnose(RecordingSet(rich), folder / "both", transfer=RecordingSet(dragged))
     assert certified.gap.transfer.before > 0
     assert names(certified) == names(alone) == ["viscous_drag"]
+    with pytest.raises(ValueError, match="expected a recording of its own, found the poses of trajectory 0"):
+        diagnose(RecordingSet(rich), folder / "copied", transfer=RecordingSet(rich))
 
 
 def test_the_command_prints_verdict_and_answers(folder: Path, free: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -202,7 +202,8 @@ def _copies(motion: Motion) -> Finding | None:
     return Finding(
         f"trajectory {copies[0][0]}: expected a recording of its own, found the poses of trajectory {copies[0][1]} to "
         f"the last digit ({len(copies)} of {len(motion.pose)} trajectories are copies)",
-        "leave the copies out: they make intervals too narrow, and what is held out is what was fitted",
+        "leave the copies out (trajectories of a transfer set are counted on from the first set): they make intervals "
+        "too narrow, and what is held out is what was fitted",
     )
 
 
