@@ -16,6 +16,7 @@ from physid.diagnosis.document.sentences import (
     estimate,
     explained,
     how_far_sentence,
+    kind_of,
     percent,
     quantity,
     summary_lines,
@@ -46,6 +47,7 @@ def test_a_model_that_leaves_far_more_than_the_noise_does_not_explain_although_n
     found = verdict_sentence(check_diagnosis(document))
     assert found.startswith("The model leaves 62.1 mm beyond the noise, but reference simulators")
     assert any("62.1 mm" in line for line in summary_lines(check_diagnosis(document)))
+    assert [kind_of(one) for one in (said("none"), check_diagnosis(document), said("named"))] == ["good", "warn", ""]
 
 
 @pytest.mark.parametrize("verdict", VERDICTS)

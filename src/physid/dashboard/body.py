@@ -9,8 +9,8 @@ from typing import Any
 
 from markupsafe import Markup
 
-from physid.dashboard.summary import KINDS, Run, far, grade, judged, keeps, met, numbers, short, text_of, texts
-from physid.diagnosis.document.sentences import caveat, effect_lines, estimate, explained, where_sentence
+from physid.dashboard.summary import Run, far, grade, judged, keeps, met, numbers, short, text_of, texts
+from physid.diagnosis.document.sentences import caveat, effect_lines, estimate, explained, kind_of, where_sentence
 from physid.diagnosis.report.drawings import closing
 from physid.pages.figures import Series, line_chart
 from physid.pages.numbers import NOTHING, figure, in_unit, named, quantity
@@ -35,7 +35,7 @@ def with_body(run: Run) -> dict[str, Any]:
     body = render(
         "run.html",
         run=shown,
-        kind_of=KINDS | {"named": ""},
+        kind_of=kind_of,
         observed=OBSERVED,
         lines=effect_lines(said) if said and said.effects else [],
         ranked=[(each, explained(said, each.score)) for each in said.ranking[:MOST_RANKED]] if said else [],

@@ -12,7 +12,7 @@ from physid.dashboard.body import GROUPS, OBSERVED, with_body
 from physid.dashboard.comparison import charts, tables
 from physid.dashboard.folders import find_runs
 from physid.dashboard.run import empty_run, read_or_damaged
-from physid.dashboard.summary import KINDS, Run, numbers, text_of
+from physid.dashboard.summary import Run, kind_of, numbers, text_of
 from physid.data.files import PAGES, require_ending, write_text
 from physid.pages.numbers import plural
 from physid.pages.templates import render as render_page
@@ -56,7 +56,7 @@ def render(runs: Sequence[Run], title: str) -> str:
         runs=shown,
         columns=[name for name in COLUMNS if any(run["texts"][name] for run in shown)],
         keys=dict(zip(("Run", "Result", *COLUMNS), SORTED_BY, strict=True)),
-        kind_of=KINDS | {"named": ""},
+        kind_of=kind_of,
         observed=OBSERVED,
         tables=tables(shown) if len(shown) > 1 else [],
         charts=charts(shown, GROUPS) if len(shown) > 1 else [],

@@ -8,10 +8,10 @@ from typing import Any
 
 from physid.diagnosis.document.document import SPLITS, Diagnosis
 from physid.diagnosis.document.sentences import SPLIT_NAMES, before_and_after, closed, explains
+from physid.diagnosis.document.sentences import kind_of as kind_of
 from physid.pages.numbers import duration, error, figure, join, words
 
 Run = Mapping[str, Any]
-KINDS = {"none": "good", "group": "warn", "partial": "warn", "unknown": "bad"}
 UP, DOWN = "psnr|ssim|accuracy|coverage", "error|loss|seconds|evaluations|deviation|train/"
 
 

@@ -10,11 +10,12 @@ import torch
 from torch import Tensor
 
 from physid.data import Recording, RecordingSet
+from physid.data.importers.units import UNITS
 from physid.data.observations.trajectories import Trajectories, from_recordings
 from physid.estimation.measurement import NoiseSettings, outlier_poses
 from physid.inspection.finding import Finding
 from physid.scenes import Scene
-from physid.scenes.scene import GRAVITY, GRAVITY_BY_UNIT
+from physid.scenes.scene import GRAVITY
 from physid.setting import Section, setting
 
 
@@ -167,10 +168,11 @@ def too_few(trajectories: int, frames: int, settings: RequirementSettings = DEFA
 
 def _gravity(motion: Motion, settings: RequirementSettings) -> Finding | None:
     """Gravity that is evidently not in m/s^2."""
-    size = float(torch.tensor(motion.scene.gravity, dtype=torch.float64).norm())
-    for unit, earth in GRAVITY_BY_UNIT.items():
-        if abs(size / earth - 1) < settings.gravity:
-            right = ", ".join(f"{value * math.hypot(*GRAVITY) / earth:.4g}" for value in motion.scene.gravity)
+    size, earth = math.hypot(*motion.scene.gravity), math.hypot(*GRAVITY)
+    units = {f"{unit}/s^2": metres for unit, metres in UNITS["position"].items() if metres < 1} | {"g": earth}
+    for unit, metres in units.items():
+        if abs(size * metres / earth - 1) < settings.gravity:
+            right = ", ".join(f"{value * metres:.4g}" for value in motion.scene.gravity)
             return Finding(
                 f"gravity: expected m/s^2, found {size:g}, which is that of the Earth in {unit}",
                 f"write gravity: [{right}] in recording.yaml",

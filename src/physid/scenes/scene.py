@@ -20,8 +20,6 @@ HIGHEST_RESTITUTION = 1.0  # with more, every bounce makes energy
 SEMI_IMPLICIT_EULER = "semi_implicit_euler"
 SCHEMES = (SEMI_IMPLICIT_EULER,)
 GRAVITY: Triple = (0.0, 0.0, -9.81)
-GRAVITY_BY_UNIT = {"g": 1.0, "ft/s^2": 9.81 / 0.3048, "cm/s^2": 981.0, "mm/s^2": 9810.0}
-"""Size of gravity on Earth in units that people write by mistake."""
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
@@ -56,3 +57,7 @@ class Gap:
     same: Errors
     transfer: Errors | None
     rotations: Rotations | None = None
+
+    def beyond_noise(self, errors: Errors | None) -> float:
+        """Return by how much the nominal model leaves positions beyond the noise [m], sqrt(error^2 - floor^2)."""
+        return 0.0 if errors is None else math.sqrt(max(errors.before**2 - self.floor**2, 0.0))

@@ -75,10 +75,14 @@ def explains(diagnosis: Diagnosis) -> bool:
 
 
 def _left(diagnosis: Diagnosis) -> float:
-    """Return by how much the nominal model leaves held-out positions beyond the noise [m], sqrt(error^2 - floor^2)."""
-    gap = diagnosis.gap
-    error = max(each.before for each in (gap.same, gap.transfer) if each is not None)
-    return math.sqrt(max(error**2 - gap.floor**2, 0.0))
+    """Return by how much the nominal model leaves positions beyond the noise [m], on the worse of the protocols."""
+    return max(diagnosis.gap.beyond_noise(each) for each in (diagnosis.gap.same, diagnosis.gap.transfer))
+
+
+def kind_of(diagnosis: Diagnosis) -> str:
+    """Return how pages show the verdict: good, warn, bad, or neither; a gap that nothing is said of is a warning."""
+    known = {"none": "good" if explains(diagnosis) else "warn", "group": "warn", "partial": "warn", "unknown": "bad"}
+    return known.get(diagnosis.verdict, "")
 
 
 def _replaced(diagnosis: Diagnosis, rival: str) -> str | None:

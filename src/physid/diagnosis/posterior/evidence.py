@@ -39,15 +39,14 @@ def evidence_of(document: Diagnosis, observations: Observations, settings: Setti
         observations: What was diagnosed.
         settings: How many hypotheses are listed, and what a tie is.
     """
-    floor = document.gap.floor
-    beyond = math.sqrt(max(document.gap.same.before**2 - floor**2, 0.0))
+    gap = document.gap
     present = inliers(observations, settings.noise)
     group = _group(document)
     return Evidence(
         said=tuple(group) if document.blamed else (document.verdict,),
         behind=_behind(document, group if document.blamed else [], settings),
-        gap=beyond / document.gap.tolerance.position,
-        bend=bend(observations.pose[..., :3], present > 0, observations.timeline.time, floor),
+        gap=gap.beyond_noise(gap.same) / gap.tolerance.position,
+        bend=bend(observations.pose[..., :3], present > 0, observations.timeline.time, gap.floor),
         poses=int(observations.present.sum()),
     )
 

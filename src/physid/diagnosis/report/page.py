@@ -15,6 +15,7 @@ from physid.diagnosis.document.sentences import (
     explained,
     explains,
     how_far_sentence,
+    kind_of,
     law_name,
     residual_sentences,
     undetectable,
@@ -40,7 +41,6 @@ CAUSES = {
     "other": "another effect of the catalogue",
     "unknown": "an effect that is in no catalogue",
 }
-KINDS = {"none": "good", "named": "", "group": "warn", "partial": "warn", "unknown": "bad"}
 
 
 def write_report(folder: Path, diagnosis: Diagnosis, data: ReportData) -> Path:
@@ -78,7 +78,7 @@ def render(said: Diagnosis, data: ReportData) -> str:
         said=said,
         data=data,
         file=FILE,
-        kind=("warn" if said.verdict == "none" and not explains(said) else KINDS[said.verdict]),
+        kind=kind_of(said),
         level=percent(data.interval),
         sentence=verdict_sentence(said),
         splits={name: split for split, name in SPLIT_NAMES.items()},
