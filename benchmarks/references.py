@@ -36,10 +36,23 @@ CASES = (
     ("slide", "rich"),
     ("collide", "rich"),
     ("toss", "rich"),
+    ("push", "rich, 1 cm off centre"),
+    ("push", "rich, 5 cm off centre"),
 )
 WAYS = (("closed_form", 1), ("mujoco", 5), ("mujoco", 20), ("pybullet", 16), ("pybullet", 1))
 PAIRS = ((0, 1), (0, 2), (0, 3), (0, 4), (1, 2), (1, 3))
 BLOCK = Body("block", (0.3, 0.25, 0.2), mass=2.0, friction=0.2)
+
+
+def draw(scene: str, protocol: str, seed: int) -> Excitation:
+    """Draw a motion; forces "off centre" have an arm, so that a block that they push turns as it slides."""
+    setup, (name, _, arm) = find_setup(scene), protocol.partition(", ")
+    drawn = setup.draw(setup.scene, name, np.random.default_rng([1, seed]), FRAMES)
+    if not arm:
+        return drawn
+    wrench = drawn.wrench.copy()
+    wrench[..., 2] = (-1) ** seed * 0.01 * float(arm.split()[0]) * np.linalg.norm(wrench[..., 3:], axis=-1)
+    return dataclasses.replace(drawn, wrench=wrench)
 
 
 def distance(one: Sequence[Motion], other: Sequence[Motion]) -> str:
@@ -59,7 +72,7 @@ def compare(draws: int) -> None:
     times = []
     for scene_name, protocol in CASES:
         setup = find_setup(scene_name)
-        drawn = [setup.draw(setup.scene, protocol, np.random.default_rng([1, k]), FRAMES) for k in range(draws)]
+        drawn = [draw(scene_name, protocol, k) for k in range(draws)]
         motions: list[Sequence[Motion]] = []
         spent = []
         for name, substeps in WAYS:
