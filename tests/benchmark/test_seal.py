@@ -99,6 +99,7 @@ def test_no_text_names_an_effect_a_seed_or_the_truth(bank: Bank) -> None:
     assert set(yaml.safe_load(texts[0])) == {"format", "version", "purpose", "seal", "sets", "recorded"}
 
 
+@pytest.mark.slow
 def test_what_is_believed_does_not_depend_on_what_is_hidden() -> None:
     for name in ("004", "011"):
         free = [next(inventions(TINY, Task(name, "free", turn)))[0] for turn in range(8)]

@@ -59,6 +59,7 @@ def test_a_blow_without_a_bounce_is_taken_up_by_a_critically_damped_spring(compl
     assert off[1] < 0.6 * off[0]
 
 
+@pytest.mark.slow
 def test_both_engines_agree_on_bounces_that_lean_and_on_their_derivatives() -> None:
     slopes: list[Tensor] = []
     for backend in BACKENDS:

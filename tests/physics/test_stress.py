@@ -81,6 +81,7 @@ def test_what_the_last_allowed_step_solves_is_not_softened(stress: ModuleType, l
     assert float(apart[solved].max()) < 1e-9
 
 
+@pytest.mark.slow
 def test_stacks_that_land_at_a_million_times_the_speed_of_a_step_are_hardly_softened(stress: ModuleType) -> None:
     # Contacts that stick are so stiff that what rounding leaves of a velocity is a force: 20 of 400 jammed by that.
     torch.manual_seed(5)

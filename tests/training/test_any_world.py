@@ -202,6 +202,7 @@ def test_bounces_are_explained_from_first_guesses_that_are_far_off(far: float, t
         assert half < 0.02 * true[name]
 
 
+@pytest.mark.slow
 @quiet
 def test_collisions_of_parallel_blocks_are_explained_as_well_as_by_the_states_that_they_had(tmp_path: Path) -> None:
     """One of two parallel faces that is turned by 2 microrad meets the other with a corner, and all is different."""

@@ -104,6 +104,7 @@ def test_the_gradient_is_that_of_the_least_loss_over_the_initial_states() -> Non
     assert float(slope) == pytest.approx((least(1e-3) - least(-1e-3)) / 2e-3, rel=1e-2)
 
 
+@pytest.mark.slow
 def test_noise_moves_mass_and_friction_no_further_than_the_bound_allows(tmp_path: Path) -> None:
     both = ("block.mass", "block.friction")
     made = GenerateConfig("push", trajectories=12, steps=150, seed=1, video=False, noise=NOISE, unknown=both)
@@ -120,6 +121,7 @@ def test_noise_moves_mass_and_friction_no_further_than_the_bound_allows(tmp_path
     assert any(error > BOUND * one for error, one in zip(errors["recorded"], bound, strict=True)), (errors, bound)
 
 
+@pytest.mark.slow
 def test_poses_without_noise_do_not_let_the_headings_decide_in_which_engines_differ(tmp_path: Path) -> None:
     rich = CONFIG.parents[1] / "generate" / "push_rich.yaml"
     words = ["trajectories=12", "steps=150", "video=false", "noise.position=0.0001", "noise.rotation=0.0001", "--quiet"]

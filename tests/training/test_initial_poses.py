@@ -117,6 +117,7 @@ def identified(model: VideoModel, goal: Tensor, wrench: Tensor, *, fitted: bool)
     return model.physical.estimates()
 
 
+@pytest.mark.slow
 def test_an_impact_identifies_mass_and_friction_though_all_poses_are_off() -> None:
     errors: dict[bool, list[float]] = {True: [], False: []}
     for seed in range(3):

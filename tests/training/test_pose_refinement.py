@@ -61,6 +61,7 @@ def headed(place: torch.Tensor, angle: torch.Tensor) -> torch.Tensor:
     return torch.cat([place, torch.stack([angle.cos(), angle.sin()], -1)], -1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("doubtful", "misread"), [(pose_refinement.DOUBTFUL, False), (math.inf, True)])
 def test_neighbours_that_mislead_each_other_are_turned_once_more(
     doubtful: float, misread: bool, monkeypatch: pytest.MonkeyPatch

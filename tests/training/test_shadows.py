@@ -147,6 +147,7 @@ def test_no_shadow_and_those_of_two_lamps_are_not_taken_for_one(lamps: list[NDAr
     assert cast_shadow_of(*first_frames(lamps)) is None
 
 
+@pytest.mark.slow
 def test_the_edges_of_a_grey_block_in_its_own_shadow_do_not_move_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

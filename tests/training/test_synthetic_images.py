@@ -44,6 +44,7 @@ def test_neighbours_are_drawn_side_by_side_and_within_view() -> None:
     assert distance.max() < 0.4
 
 
+@pytest.mark.slow
 def test_some_hundreds_of_images_teach_where_a_body_is() -> None:
     model, synthetic_images = model_of("push"), SyntheticImages(frames=IMAGES)
     optimizer = build_optimizers(DEFAULT_OPTIMIZER, model, 0.0)[0]

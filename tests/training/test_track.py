@@ -83,6 +83,7 @@ def test_read_poses_are_a_tenth_of_a_pixel_off(films: Path, read: Path) -> None:
     assert size(turn) < TURNED
 
 
+@pytest.mark.slow
 def test_poses_settle_where_a_motion_changes_between_two_frames(films: Path, tmp_path: Path) -> None:
     """Poses of a body that is suddenly elsewhere than it was headed for are as exact as any others."""
     recordings = RecordingSet(films)
@@ -114,6 +115,7 @@ def test_only_first_poses_are_looked_at(films: Path, read: Path, tmp_path: Path)
         assert np.array_equal(np.asarray(here.pose), np.asarray(there.pose))
 
 
+@pytest.mark.slow
 def test_without_any_pose_outlines_find_the_bodies_up_to_half_a_turn(films: Path, tmp_path: Path) -> None:
     track(rewritten(films, tmp_path / "films", None), tmp_path / "read")
     place, turn = errors(tmp_path / "read", films)
@@ -125,6 +127,7 @@ def test_without_any_pose_outlines_find_the_bodies_up_to_half_a_turn(films: Path
     assert reading.stretch_deviation > 0, "no pose has told the scale"
 
 
+@pytest.mark.slow
 def test_the_encoder_of_a_run_finds_the_bodies_and_knows_their_look(
     films: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -163,6 +166,7 @@ def test_a_folder_without_a_run_is_no_encoder(films: Path, tmp_path: Path) -> No
         track(films, tmp_path / "read", encoder=tmp_path)
 
 
+@pytest.mark.slow
 def test_two_bodies_that_hit_each_other_are_followed(tmp_path: Path) -> None:
     films = films_of(tmp_path / "films", "collide", trajectories=2, steps=60, unknown=())
     track(films, tmp_path / "read")
@@ -170,6 +174,7 @@ def test_two_bodies_that_hit_each_other_are_followed(tmp_path: Path) -> None:
     assert size(place) < EXACT
 
 
+@pytest.mark.slow
 def test_an_interrupted_reading_goes_on_and_ends_as_one_that_was_not(films: Path, read: Path, tmp_path: Path) -> None:
     out = tmp_path / "read"
 

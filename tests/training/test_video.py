@@ -77,6 +77,7 @@ class Killed(Exception):
     """What stops a run in a test."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "epochs"), [("supervised", (1, 2, 4)), ("self_supervised", (4,))])
 def test_a_run_that_is_killed_within_its_phases_and_resumed_ends_as_one_that_is_not(
     method: str, epochs: tuple[int, ...], films: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
