@@ -58,7 +58,7 @@ def _configuration(size: Size, scene: str, protocol: str, generator: np.random.G
     if body.restitution:
         true["restitution"] = generator.uniform(0.15, 0.5)
     unknown = UNKNOWN[scene]
-    other = {"paper": "rich", "rich": "paper"}.get(protocol, protocol)
+    other = {"paper": "rich", "rich": "paper", "off_centre": "rich"}.get(protocol, protocol)
     return GenerateConfig(
         scene=scene,
         protocol=protocol,

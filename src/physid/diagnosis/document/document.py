@@ -180,7 +180,7 @@ class Diagnosis:
         settings: What decided: thresholds by section and name; empty where the file does not say.
         causes: Probability of each cause (see `Evidence`), the most probable first; evidence: what they follow from.
         residual: What a better model would have to add; excess: size of the gap as scores measure it, if known.
-        null_simulations: How many; seconds: how long it took.
+        null_simulations: How many; references: the simulators that made them; seconds: how long it took.
     """
 
     __pydantic_config__: ClassVar[Any] = CLOSED
@@ -204,6 +204,7 @@ class Diagnosis:
     residual: tuple[ResidualLaw, ...] = ()
     excess: Positive | None = None
     null_simulations: int | None = None
+    references: tuple[Text, ...] = ()
     seconds: Positive | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
@@ -243,7 +244,7 @@ class Diagnosis:
 
     def to_mapping(self) -> dict[str, Any]:
         """Return the content of the file as plain values; what is optional and not known is left out."""
-        optional = ("settings", "causes", "evidence", "residual", "excess", "null_simulations", "seconds")
+        optional = ("settings", "causes", "evidence", "residual", "excess", "null_simulations", "references", "seconds")
         made = {name: value for name, value in asdict(self).items() if value or name not in optional}
         if self.gap.rotations is None:
             del made["gap"]["rotations"]

@@ -5,7 +5,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from physid.diagnosis.progress import Progress
+from physid.diagnosis.progress import Progress, Stage
+from physid.diagnosis.reference.agreement import keep_agreeing
 from physid.diagnosis.reference.discrepancy import between, fit_with_reference
 from physid.diagnosis.reference.null_simulations import floors
 from physid.diagnosis.settings.settings import Settings
@@ -77,9 +78,15 @@ def weighed(
 
 def count_numerics(
     experiment: Experiment, fit: Fit, settings: Settings, generator: torch.Generator, say: Progress
-) -> tuple[Experiment, Fit]:
-    """Let segments count less by what null simulations show of the numerics there, and fit once more."""
+) -> tuple[Experiment, Fit, Settings]:
+    """Let segments count less by what null simulations show of the numerics there, and fit once more.
+
+    Returns:
+        The experiment, the fit, and the settings with the reference simulators that count from here on.
+    """
+    settings = keep_agreeing(experiment, fit, settings, say)
+    say(Stage.MEASURING_NUMERICS)
     extra = (1 + floors(experiment, fit, settings, generator)).rsqrt()
     segments = experiment.predictor.segments
     experiment = experiment.replace(scale=experiment.scale * segments.spread(extra)[..., None, None])
-    return fit_with_reference(experiment, fit, NONE, (), settings, say)
+    return *fit_with_reference(experiment, fit, NONE, (), settings, say), settings

@@ -11,6 +11,7 @@ from torch import Tensor
 from physid.diagnosis.inputs import Observations, find_events, phases_of, smooth_path
 from physid.diagnosis.progress import Progress, Stage, silent
 from physid.diagnosis.reference.following import count_numerics, follow, weighed
+from physid.diagnosis.reference.replay import references_of
 from physid.diagnosis.settings.settings import Settings
 from physid.estimation.least_squares import (
     ChosenSteps,
@@ -73,6 +74,13 @@ class NominalFit:
         """Frames that exist and are not outliers, shape (R, T, N)."""
         return inliers(self.observations, self.settings.noise)
 
+    @property
+    def references(self) -> tuple[str, ...]:
+        """Names of the simulators that make its null simulations."""
+        model = self.experiment.predictor.model
+        made = references_of(model.scene, self.settings.replay, model.effects_at(self.fit.point.nominal))
+        return tuple(one.name for one in made)
+
 
 def inliers(observations: Observations, settings: NoiseSettings) -> Tensor:
     """Return which frames exist and are not outliers, shape (R, T, N)."""
@@ -129,8 +137,7 @@ def fit_nominal_model(
         predictor = experiment.predictor.at_times(chosen.timeline, base.refined(least))
         experiment, fit, events = _fit_segments(observations, predictor, present, noise, fit, settings)
     experiment, fit, noise = follow(experiment, fit, present, noise.error, settings, say)
-    say(Stage.MEASURING_NUMERICS)
-    experiment, fit = count_numerics(experiment, fit, settings, generator, say)
+    experiment, fit, settings = count_numerics(experiment, fit, settings, generator, say)
     phases = phases_of(fit.jacobian.base, observations.timeline, model.scene, settings.phases)
     return NominalFit(observations, experiment, fit, noise, phases, events, settings, chosen)
 

@@ -97,10 +97,25 @@ def floors(experiment: Experiment, fit: Fit, settings: Settings, generator: torc
     respond = fit.linear.respond(clean, experiment.scale).select(unknown).of(experiment.fitted)
     matrix = respond.matrix.sum(0) + torch.diag(prior(experiment, torch.zeros(0, dtype=torch.int64)))
     change = torch.linalg.solve(matrix, respond.vector.sum(0))
-    clean = clean - torch.einsum("pz,prtnk->zrtnk", change, fit.jacobian.shared[unknown])
+    return left_by_states(
+        experiment, fit, clean - torch.einsum("pz,prtnk->zrtnk", change, fit.jacobian.shared[unknown])
+    )
+
+
+def left_by_states(experiment: Experiment, fit: Fit, residuals: Tensor) -> Tensor:
+    """Compute what initial states, fitted anew, leave of residuals.
+
+    Args:
+        experiment: The experiment.
+        fit: A fit near which the model is linear in initial states.
+        residuals: Shape (Z, R, T, N, 6).
+
+    Returns:
+        Mean square in units of the noise of each segment, averaged over Z; shape (K,).
+    """
 
     def left(part: Part) -> Tensor:
-        data = part.batch.columns(clean * experiment.scale)
+        data = part.batch.columns(residuals * experiment.scale)
         return part.profiled(data).square().sum(1).mean(-1)
 
     return fit.linear.gather(left) / experiment.counted()

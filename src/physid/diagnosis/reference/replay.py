@@ -51,7 +51,7 @@ def references_of(scene: Scene, settings: ReplaySettings, effects: Sequence[Effe
     if scene.integration is not None:
         return (Reference("pybullet", scene.integration.step),)
     fine = {"pybullet": settings.pybullet_step, "mujoco": settings.mujoco_step}
-    there = [name for name in fine if find_spec(name) is not None]
+    there = [name for name in settings.simulators if find_spec(name) is not None] or list(settings.simulators)
     if len(scene.bodies) > 1 and "mujoco" in there:
         there = ["mujoco"]
     names = {effect.name for effect in effects}

@@ -14,7 +14,7 @@ from physid.estimation.least_squares import Directions, Experiment
 from physid.estimation.measurement import Noise
 from physid.estimation.prediction import Predictor, Segmentation, Variants
 
-LAYOUT = 5  # of what is stored; another one is not read
+LAYOUT = 6  # of what is stored; another one is not read
 GRID = ("steps", "wrench", "frame_step", "count")
 WINDOWS = ("trajectory", "start", "size", "contact")
 DIRECTIONS = ("frame", "free", "parallel")
@@ -34,12 +34,13 @@ def to_tensors(nominal_fit: NominalFit) -> dict[str, Any]:
     state |= {"phases": nominal_fit.phases, "events": nominal_fit.events}
     state |= {"noise": (nominal_fit.noise.rotation, nominal_fit.noise.position)}
     state |= {"factors": None if nominal_fit.noise.error is None else nominal_fit.noise.error.factors}
+    state |= {"simulators": list(nominal_fit.settings.replay.simulators)}
     return state
 
 
 def from_tensors(state: Mapping[str, Any], inputs: Inputs, settings: Settings) -> NominalFit:
     """Put a fit together again from what `to_tensors` returned, and from what it was made from."""
-    observations = inputs.observations
+    observations, settings = inputs.observations, settings.changed({"replay.simulators": tuple(state["simulators"])})
     directions = Directions(*(state[name] for name in DIRECTIONS))
     trajectories, frames = observations.pose.shape[:2]
     cut = {name: state[name] for name in WINDOWS}

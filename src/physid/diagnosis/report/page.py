@@ -220,7 +220,8 @@ def _ranking_note(said: Diagnosis, data: ReportData) -> str:
         notes.append(f"Null simulations seldom exceed the score {figure(data.threshold)}.")
     if said.null_simulations or data.replicates:
         count = said.null_simulations or data.replicates
-        notes.append(f"p-values come from {count} null simulations, for the best of all candidates.")
+        made = f" ({', '.join(said.references)})" if said.references else ""
+        notes.append(f"p-values come from {count} null simulations{made}, for the best of all candidates.")
     left = len(said.ranking) - MOST_RANKED
     return " ".join([*notes, *[f"{left} more candidates are in {FILE}."] * (left > 0)])
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from physid.diagnosis.settings.origins import IMPACTS
+from typing import Literal
+
+from physid.diagnosis.settings.origins import AGREEMENT, IMPACTS
 from physid.estimation.prediction import CutRule
 from physid.setting import Section, setting
 
@@ -57,11 +59,20 @@ class NullSimulationSettings(Section):
 class ReplaySettings(Section):
     """Reference simulators for recordings that do not say how they were integrated."""
 
+    simulators: tuple[Literal["pybullet", "mujoco"], ...] = setting(
+        ("pybullet", "mujoco"), "", "which are asked in turn, where they are installed", min_length=1
+    )
     pybullet_step: float = setting(
         1e-3, "s", "longest step: PyBullet's scheme is of first order", "docs/simulators.md", gt=0
     )
     mujoco_step: float = setting(
         1 / 480, "s", "longest step: MuJoCo's here is of second order", "docs/simulators.md", gt=0
+    )
+    far: float = setting(
+        1.0, "standard deviations", "of the noise, by which a reference that stands alone is left out", AGREEMENT, gt=0
+    )
+    farther: float = setting(
+        3.0, "-", "times as far from all others as these are from each other, such a reference is", AGREEMENT, ge=1
     )
     jump: float = setting(5.0, "g h", "change of a velocity in a step h that an impact made", gt=0)
     gravity: float = setting(9.81, "m/s^2", "g in the line above", gt=0)

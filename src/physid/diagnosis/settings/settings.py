@@ -179,6 +179,8 @@ def _written(value: Any) -> str:
     """Return a value as it is given on the command line."""
     if value is None:
         return "null"
+    if isinstance(value, str):
+        return value
     if isinstance(value, bool):
         return str(value).lower()
     return f"[{', '.join(map(_written, value))}]" if isinstance(value, tuple | list) else f"{value:g}"

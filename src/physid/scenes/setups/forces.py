@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 LOW, HIGH = 1.0, 10.0  # [N] the paper's range
 AXES = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
+ARM = 0.03  # [m] largest distance of a push from the centre of mass
 PIECE = (24, 72)  # [steps] shortest and longest stretch of one command in the rich protocol
 
 
@@ -52,6 +53,24 @@ def pieces(generator: np.random.Generator, across: Array, steps: int) -> Array:
 def pieces_along(generator: np.random.Generator, direction: Array, steps: int) -> Array:
     """Draw the force sequence of `pieces` as it is seen from one direction (3,); returns (T, 3)."""
     return pieces(generator, np.stack([direction, 0 * direction]), steps)
+
+
+def arms(generator: np.random.Generator, force: Array, normal: Array) -> Array:
+    """Draw the torques of a force sequence that does not pass through the centre of mass, as a hand pushes.
+
+    Each stretch of one command has an arm of its own, up to 3 cm to either side: torque = arm |force| normal.
+
+    Args:
+        generator: Source of randomness.
+        force: Forces [N], shape (T, 3).
+        normal: Of the ground, shape (3,).
+
+    Returns:
+        Torques about the centre of mass [N m], shape (T, 3).
+    """
+    new = np.any(np.diff(force, axis=0, prepend=force[:1]) != 0, axis=1).cumsum()
+    arm = generator.uniform(-ARM, ARM, int(new[-1]) + 1)[new]
+    return np.asarray((arm * np.linalg.norm(force, axis=1))[:, None] * normal)
 
 
 def _new_push(generator: np.random.Generator, across: Array) -> Array:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from physid.scenes.camera import Camera
 from physid.scenes.scene import Body, Ground, Scene
 from physid.scenes.setup import Excitation, Setup
-from physid.scenes.setups.forces import AXES, pieces, pieces_along, redrawn
+from physid.scenes.setups.forces import AXES, arms, pieces, pieces_along, redrawn
 from physid.scenes.setups.placing import WORKSPACE, anywhere, heading, moving, on_ground, planar_twist, span, upstream
 
 TOP_VIEW = Camera(
@@ -47,6 +49,14 @@ def rich(scene: Scene, generator: np.random.Generator, steps: int) -> Excitation
     return Excitation(pose[None], twist[None], wrench)
 
 
+def off_centre(scene: Scene, generator: np.random.Generator, steps: int) -> Excitation:
+    """Do as `rich`, with pushes beside the centre of mass, under which the block turns as it slides."""
+    drawn = rich(scene, generator, steps)
+    wrench = drawn.wrench.copy()
+    wrench[:, 0, :3] = arms(generator, wrench[:, 0, 3:], np.array(scene.ground.normal))
+    return replace(drawn, wrench=wrench)
+
+
 def straight(scene: Scene, generator: np.random.Generator, steps: int) -> Excitation:
     """Start at any speed along a line of any heading; push, step, reverse and coast along it, without a spin."""
     along = heading(generator, scene.ground)
@@ -56,4 +66,4 @@ def straight(scene: Scene, generator: np.random.Generator, steps: int) -> Excita
     return Excitation(pose[None], moving(along, generator.uniform(-1.2, 1.2))[None], wrench)
 
 
-PUSH = Setup(SCENE, {"paper": paper, "rich": rich, "straight": straight})
+PUSH = Setup(SCENE, {"paper": paper, "rich": rich, "off_centre": off_centre, "straight": straight})

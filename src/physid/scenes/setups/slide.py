@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from physid.scenes.scene import Body, Ground, Scene
 from physid.scenes.setup import Excitation, Setup
-from physid.scenes.setups.forces import pieces, pieces_along
+from physid.scenes.setups.forces import arms, pieces, pieces_along
 from physid.scenes.setups.placing import WORKSPACE, anywhere, moving, on_ground, planar_twist, span, upstream
 from physid.scenes.setups.push import TOP_VIEW
 
@@ -52,6 +53,14 @@ def rich(scene: Scene, generator: np.random.Generator, steps: int) -> Excitation
     return Excitation(pose[None], twist[None], wrench)
 
 
+def off_centre(scene: Scene, generator: np.random.Generator, steps: int) -> Excitation:
+    """Do as `rich`, with pushes beside the centre of mass, under which the block turns as it slides."""
+    drawn = rich(scene, generator, steps)
+    wrench = drawn.wrench.copy()
+    wrench[:, 0, :3] = arms(generator, wrench[:, 0, 3:], np.array(scene.ground.normal))
+    return replace(drawn, wrench=wrench)
+
+
 def straight(scene: Scene, generator: np.random.Generator, steps: int) -> Excitation:
     """Start up or down the slope; push, step, reverse and coast along it, without a spin."""
     down = span(scene.ground)[0]
@@ -61,4 +70,4 @@ def straight(scene: Scene, generator: np.random.Generator, steps: int) -> Excita
     return Excitation(pose[None], moving(down, generator.uniform(-1.6, 0.4))[None], wrench)
 
 
-SLIDE = Setup(SCENE, {"paper": paper, "rich": rich, "straight": straight})
+SLIDE = Setup(SCENE, {"paper": paper, "rich": rich, "off_centre": off_centre, "straight": straight})
