@@ -72,7 +72,7 @@ WITHOUT: Mapping[str, Mapping[str, Any]] = {
     "weights of frames (Huber)": {"nominal_fit.robust": False},
     "weights of contact segments": {"nominal_fit.own_weights": False},
     "steps chosen by halving": {"nominal_fit.step_choices": 0},
-    "following the simulator": {"nominal_fit.follows": False},
+    "following the simulator": {"discrepancy.follows": False},
     "bound on the difference of two engines": {"least_squares.prior.engine": 1e6},
     "candidates refitted with the simulator": {"comparison.most_refitted": 0},
     "floors of the numerics": {"null_simulations.floor_replays": 0},

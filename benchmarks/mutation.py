@@ -115,7 +115,7 @@ SUITES: dict[str, tuple[str, ...]] = {
         *("training/test_intervals.py", "diagnosis/test_nominal_fit.py", "training/test_optimizers.py"),
         *("estimation/test_fits.py", "estimation/test_starts.py"),
     ),
-    "diagnosis/inputs/events.py": ("diagnosis/test_noise.py", "diagnosis/test_inputs.py"),
+    "estimation/segmented_fit/events.py": ("diagnosis/test_noise.py", "diagnosis/test_inputs.py"),
     "diagnosis/inputs/model_source.py": ("diagnosis/test_inputs.py", "diagnosis/test_model_source.py"),
     "diagnosis/inputs/requirements.py": ("diagnosis/test_requirements.py",),
     "diagnosis/reference/replay.py": (

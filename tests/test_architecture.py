@@ -40,7 +40,7 @@ RANKS = {
     "schema": 8,
 }
 ROOMS = {
-    "estimation": ("measurement", "prediction", "least_squares"),
+    "estimation": ("measurement", "prediction", "least_squares", "segmented_fit"),
     "training": (
         "parameters",
         "initial_states",

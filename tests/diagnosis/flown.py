@@ -9,11 +9,11 @@ import torch
 from torch import Tensor
 
 from estimation.flights import NOISE, Flights
-from physid.diagnosis.inputs import PHASES
 from physid.diagnosis.settings.settings import Settings
 from physid.diagnosis.testing import Hypothesis, conclude
 from physid.estimation.least_squares.levenberg_marquardt import gauss_newton
 from physid.estimation.measurement import Noise
+from physid.estimation.segmented_fit import PHASES
 
 QUICK = Settings().changed({"null_simulations.replays": 2})
 

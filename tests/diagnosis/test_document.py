@@ -109,8 +109,8 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
 def test_phases_degrees_of_freedom_and_sites_are_those_of_the_pipeline() -> None:
     from typing import get_args
 
-    from physid.diagnosis.inputs import motion_phases as phases
     from physid.diagnosis.testing import residual_wrench as residual_wrench
+    from physid.estimation.segmented_fit import motion_phases as phases
     from physid.physics import Site
 
     assert phases.PHASES == PHASES

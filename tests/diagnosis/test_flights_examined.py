@@ -11,7 +11,6 @@ import torch
 
 from diagnosis.flown import QUICK, busy, examined, hypothesis, random
 from estimation.flights import FORCE, NOISE, Flights, flights
-from physid.diagnosis.inputs import PHASES
 from physid.diagnosis.settings.testing import ResidualWrenchSettings
 from physid.diagnosis.testing import find_lack_of_fit
 from physid.diagnosis.testing.equivalence import alike, twins
@@ -20,6 +19,7 @@ from physid.diagnosis.testing.residual_wrench import freed, local_gain, residual
 from physid.estimation.least_squares.settings import LeastSquaresSettings, PriorSettings
 from physid.estimation.measurement import Noise
 from physid.estimation.prediction import Segmentation, Variants
+from physid.estimation.segmented_fit import PHASES
 
 KINDS = ("constant_force", "gravity_error", "ground_tilt")
 SIZES = (*FORCE, 0.0, 0.0, 0.0)

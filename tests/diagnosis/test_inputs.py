@@ -11,17 +11,17 @@ import torch
 from torch import Tensor
 
 from estimation.flights import FORCE, MASS, G, flights
-from physid.diagnosis.inputs.events import find_events, find_jolts, smooth_path
 from physid.diagnosis.inputs.model_source import read_nominal_model
-from physid.diagnosis.inputs.motion_phases import PHASES
 from physid.diagnosis.reference.replay import Reference, references_of, replay
-from physid.diagnosis.settings.inputs import EventSettings
 from physid.diagnosis.settings.reference import ReplaySettings
 from physid.diagnosis.testing.score_test import Group, condition, joined
 from physid.effects import from_values
 from physid.estimation.least_squares import Normal
 from physid.estimation.measurement import Noise
 from physid.estimation.prediction import NominalModel, Segmentation, Timeline, Variants
+from physid.estimation.segmented_fit import EventSettings
+from physid.estimation.segmented_fit.events import find_events, find_jolts, smooth_path
+from physid.estimation.segmented_fit.motion_phases import PHASES
 from physid.physics.rotations import exponential
 from physid.scenes import find_setup
 

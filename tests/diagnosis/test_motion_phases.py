@@ -9,11 +9,10 @@ import pytest
 import torch
 from torch import Tensor
 
-from physid.diagnosis.inputs import PHASES, phases_of, phases_of_steps
 from physid.diagnosis.inputs.model_source import read_nominal_model
-from physid.diagnosis.inputs.motion_phases import _switched
-from physid.diagnosis.settings.inputs import PhaseSettings
 from physid.estimation.prediction import Predictor, Segmentation, Timeline, Variants
+from physid.estimation.segmented_fit import PHASES, PhaseSettings, phases_of, phases_of_steps
+from physid.estimation.segmented_fit.motion_phases import _switched
 from physid.scenes.setups.push import PUSH
 
 SECONDS = 0.6

@@ -6,9 +6,6 @@ import pytest
 import torch
 from torch import Tensor
 
-from physid.diagnosis.inputs.events import find_events, find_jolts, smooth_path
-from physid.diagnosis.inputs.motion_phases import PHASES
-from physid.diagnosis.settings.inputs import EventSettings
 from physid.estimation.measurement.sensor_noise import (
     Noise,
     NoiseSettings,
@@ -18,6 +15,9 @@ from physid.estimation.measurement.sensor_noise import (
     outlier_poses,
 )
 from physid.estimation.prediction import Segmentation
+from physid.estimation.segmented_fit import EventSettings
+from physid.estimation.segmented_fit.events import find_events, find_jolts, smooth_path
+from physid.estimation.segmented_fit.motion_phases import PHASES
 from physid.physics.rotations import exponential
 from physid.scenes import SETUPS
 

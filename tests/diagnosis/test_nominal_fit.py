@@ -11,7 +11,7 @@ from diagnosis.sets import recorded
 from physid.data import RecordingSet
 from physid.diagnosis.inputs.model_source import read_nominal_model
 from physid.diagnosis.inputs.observations import load_observations
-from physid.diagnosis.reference.nominal_fit import NominalFit, fit_nominal_model, inliers
+from physid.diagnosis.reference.nominal_fit import NominalFit, fit_nominal_model
 from physid.diagnosis.settings.settings import Settings
 from physid.effects import find
 from physid.estimation.least_squares.experiment import Experiment, Fit
@@ -20,6 +20,7 @@ from physid.estimation.least_squares.line_search import best_step
 from physid.estimation.least_squares.prior import prior
 from physid.estimation.least_squares.settings import LeastSquaresSettings, LineSearchSettings
 from physid.estimation.prediction.rollout import Predictor
+from physid.estimation.segmented_fit import without_outliers
 
 DRAG = 0.8
 FAR = 0.5  # of the logarithm of the friction
@@ -134,7 +135,8 @@ def test_settings_of_the_estimator_reach_the_fit(nominal_fit: NominalFit) -> Non
     assert (found.noise.rotation, found.noise.position) == (0.1, 0.01)
     assert found.experiment.settings.prior.effect == 5.0
     still = Settings().changed({"noise.jump": [1e-9, 1e-9], "noise.usual": 1e-3})
-    assert inliers(observations, still.noise).sum() < inliers(observations, settings.noise).sum()
+    few, many = (without_outliers(observations, one.noise).present.sum() for one in (still, settings))
+    assert few < many
 
 
 def test_steps_are_those_of_the_simulator_that_is_known_whatever_the_stamps(tmp_path: Path) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 import torch
 
-from physid.diagnosis.inputs.motion_phases import PHASES
 from physid.diagnosis.settings.testing import ResidualWrenchSettings
 from physid.diagnosis.testing.residual_wrench import (
     DOFS,
@@ -17,6 +16,7 @@ from physid.diagnosis.testing.residual_wrench import (
 )
 from physid.estimation.least_squares.normal_equations import Linearised, Part
 from physid.estimation.prediction.segments import Segmentation
+from physid.estimation.segmented_fit.motion_phases import PHASES
 
 SPREAD = 100.0
 FRAMES, BODIES, COLUMNS, DRAWS = 12, 2, 5, 3

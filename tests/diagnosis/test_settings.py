@@ -16,9 +16,9 @@ from physid.diagnosis.settings.settings import Settings, parse_changes
 
 ROOT = Path(pipeline.__file__).parent.parent
 ROOMS = (
-    "estimation/measurement", "estimation/prediction", "estimation/least_squares", "diagnosis/inputs",
-    "diagnosis/reference", "diagnosis/testing", "diagnosis/residual_law", "diagnosis/selection", "diagnosis/posterior",
-    "diagnosis/conclusion",
+    "estimation/measurement", "estimation/prediction", "estimation/least_squares", "estimation/segmented_fit",
+    "diagnosis/inputs", "diagnosis/reference", "diagnosis/testing", "diagnosis/residual_law", "diagnosis/selection",
+    "diagnosis/posterior", "diagnosis/conclusion",
 )  # fmt: skip
 """Where a diagnosis decides; `document` and `report` only present it."""
 FILES = [
@@ -33,7 +33,6 @@ TRIVIAL = {0, 1, 2, 3, 6, 7, 0.5}
 TINY, HUGE = 1e-6, 1e9
 """What is at most so small or at least so large keeps a division or a comparison finite, and decides nothing."""
 LISTED = {
-    "diagnosis/inputs/events.py": {24},  # variance of a slope, 24 sigma^2 / (n^3 - n)
     "diagnosis/reference/null_simulations.py": {12},  # the same of one line, 12 sigma^2 / n^3
     "diagnosis/testing/null_tails.py": {9},  # Wilson and Hilferty 1931
     "diagnosis/conclusion/localisation.py": {4},  # digits

@@ -9,12 +9,12 @@ import numpy as np
 import torch
 import yaml
 
-from physid.diagnosis.inputs import FIT, Observations
-from physid.diagnosis.reference.nominal_fit import NominalFit, begin
+from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.selection.search import Attribution
 from physid.diagnosis.testing import Hypothesis
 from physid.estimation.least_squares import Experiment, gauss_newton
 from physid.estimation.prediction import Predictor, Segmentation, Timeline, Variants
+from physid.estimation.segmented_fit import Observed, begin
 from physid.physics import SolverError
 from physid.scenes import SETUPS, Excitation, Setup
 
@@ -127,10 +127,9 @@ def _planned(drawn: Sequence[Excitation], one: Hypothesis, other: Hypothesis, no
     rival = other.fit.point.replace(pose=pose[None], twist=twist[None])
     present = torch.ones(wrench.shape[:3], dtype=torch.float64)
     seen = predictor.predict(rival).pose[0]
-    observed = Observations(scene, seen, present, timeline, (FIT,) * rows, tuple(range(rows)))
-    experiment, guess = begin(
-        predictor, observed, present, nominal_fit.noise, nominal_fit.settings, one.fit.point.nominal
-    )
+    observed = Observed(seen, present, timeline, torch.ones(rows, dtype=torch.bool))
+    settings, nominal = nominal_fit.settings.least_squares, one.fit.point.nominal
+    experiment, guess = begin(predictor, observed, nominal_fit.noise, settings, nominal)
     same = guess.replace(pose=rival.pose, twist=rival.twist)
     points = [each.replace(effects=one.fit.point.effects) for each in (guess, same)]
     return _told(one, experiment, points)

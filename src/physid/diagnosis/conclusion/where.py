@@ -10,12 +10,12 @@ from torch import Tensor
 
 from physid.diagnosis.conclusion.localisation import Place, places, sites
 from physid.diagnosis.document.document import PHASES, SITES, Cell, Phase, Where
-from physid.diagnosis.inputs import PHASES as CODES
-from physid.diagnosis.inputs import phases_of_steps
 from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.selection.search import Attribution
 from physid.diagnosis.testing import Hypothesis
 from physid.estimation.prediction import Prediction, Segmentation, Variants, has
+from physid.estimation.segmented_fit import PHASES as CODES
+from physid.estimation.segmented_fit import phases_of_steps
 from physid.physics import Site, SolverError
 
 

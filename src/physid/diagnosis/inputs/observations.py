@@ -69,11 +69,6 @@ class Observations:
         return Path(reading.films).name if reading else self.folder.name
 
     @property
-    def common(self) -> Tensor | None:
-        """What one standard deviation of an error that all poses share does to them, (R, T, N, 6); None without one."""
-        return None if self.error is None else self.error.common
-
-    @property
     def fitted(self) -> Tensor:
         """Trajectories that determine parameters, shape (R,)."""
         return self.having(FIT) | self.having(SELECT) | self.having(PROBE)

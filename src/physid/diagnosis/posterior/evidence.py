@@ -14,8 +14,8 @@ from physid.diagnosis.document.document import FILE, Diagnosis, read_diagnosis
 from physid.diagnosis.document.evidence import Evidence, hypothesis
 from physid.diagnosis.inputs import Observations, load_observations
 from physid.diagnosis.posterior.posterior import confidence, shipped
-from physid.diagnosis.reference.nominal_fit import inliers
 from physid.diagnosis.settings.settings import Settings
+from physid.estimation.segmented_fit import without_outliers
 
 
 def with_probabilities(document: Diagnosis, observations: Observations, settings: Settings) -> Diagnosis:
@@ -40,7 +40,7 @@ def evidence_of(document: Diagnosis, observations: Observations, settings: Setti
         settings: How many hypotheses are listed, and what a tie is.
     """
     gap = document.gap
-    present = inliers(observations, settings.noise)
+    present = without_outliers(observations, settings.noise).present
     group = _group(document)
     return Evidence(
         said=tuple(group) if document.blamed else (document.verdict,),

@@ -10,10 +10,10 @@ from physid.diagnosis.reference.agreement import keep_agreeing
 from physid.diagnosis.reference.discrepancy import between, fit_with_reference
 from physid.diagnosis.reference.null_simulations import floors
 from physid.diagnosis.settings.settings import Settings
-from physid.estimation.least_squares import Experiment, Fit
-from physid.estimation.least_squares.levenberg_marquardt import NONE
-from physid.estimation.measurement import Noise, TrackingError, estimate_noise, frame_weights
+from physid.estimation.least_squares import NONE, Experiment, Fit
+from physid.estimation.measurement import Noise, TrackingError
 from physid.estimation.prediction import Segmentation
+from physid.estimation.segmented_fit import own_weights, usual_misfit, weighed
 
 
 def follow(
@@ -31,49 +31,26 @@ def follow(
     count.
     """
     segments = experiment.predictor.segments
-    limits = settings.nominal_fit
-    noise, experiment = weighed(experiment, alone, present, error, settings)
+    rounds, limits = settings.nominal_fit, settings.discrepancy
+    noise, experiment = weighed(experiment, alone, present, error, settings.noise, robust=rounds.robust)
     if experiment.predictor.model.scene.integration is None or not limits.follows:
         # Steps are fine, and no simulator is nearer to the recordings than the model itself.
-        own = _own_weight(segments, experiment.misfit(alone.point), segments.contact & limits.own_weights)
+        own = _own_scale(segments, experiment.misfit(alone.point), segments.contact & rounds.own_weights)
         experiment = experiment.replace(scale=experiment.scale * own, follow=torch.zeros_like(experiment.follow))
         return experiment, experiment.linearise(alone.point, NONE), noise
-    own = _own_weight(segments, experiment.misfit(alone.point), segments.contact & limits.own_weights)
+    own = _own_scale(segments, experiment.misfit(alone.point), segments.contact & rounds.own_weights)
     fit = experiment.linearise(alone.point.replace(engine=torch.ones_like(alone.point.engine)), NONE)
     followed, fit = fit_with_reference(experiment.replace(scale=experiment.scale * own), fit, NONE, (), settings, say)
     misfit = experiment.replace(engine=followed.engine).misfit(fit.point)
-    lost = segments.contact & (misfit > limits.lost * _usual(segments, misfit))
+    lost = segments.contact & (misfit > limits.lost * usual_misfit(segments, misfit))
     point = between(alone.point, fit.point, (~lost).double())
     engine = torch.where(segments.spread(lost)[..., None, None], torch.zeros((), dtype=torch.float64), followed.engine)
     experiment = experiment.replace(follow=~lost, engine=engine)
     fit = experiment.linearise(point, NONE)
-    noise, experiment = weighed(experiment, fit, present, error, settings)
-    own = _own_weight(segments, experiment.misfit(fit.point), lost & limits.own_weights)
+    noise, experiment = weighed(experiment, fit, present, error, settings.noise, robust=rounds.robust)
+    own = _own_scale(segments, experiment.misfit(fit.point), lost & rounds.own_weights)
     experiment = experiment.replace(scale=experiment.scale * own)
     return experiment, experiment.linearise(point, NONE), noise
-
-
-def _own_weight(segments: Segmentation, misfit: Tensor, doubtful: Tensor) -> Tensor:
-    """Let doubtful segments (K,) count as if their noise were as large as their misfit; shape (R, T, 1, 1)."""
-    own = torch.where(doubtful, _usual(segments, misfit) / misfit.clamp_min(1e-9), torch.ones_like(misfit))
-    return segments.spread(own.clamp_max(1).sqrt())[..., None, None]
-
-
-def _usual(segments: Segmentation, misfit: Tensor) -> Tensor:
-    """Return the median misfit of contact segments, at least 1: what an effect does to all of them is usual."""
-    contact = misfit[segments.contact]
-    return contact.median().clamp_min(1) if len(contact) else torch.ones((), dtype=misfit.dtype)
-
-
-def weighed(
-    experiment: Experiment, fit: Fit, present: Tensor, error: TrackingError | None, settings: Settings
-) -> tuple[Noise, Experiment]:
-    """Estimate the noise from the residuals of a fit, and weigh its frames, if set by how far they stand out."""
-    noise = estimate_noise(fit.residual, present, error, settings.noise)
-    weight, time = present, experiment.predictor.timeline.time
-    if settings.nominal_fit.robust:
-        weight = frame_weights(fit.residual, present, time, noise, settings.noise)
-    return noise, experiment.replace(scale=weight[..., None].sqrt() / noise.spread())
 
 
 def count_numerics(
@@ -90,3 +67,8 @@ def count_numerics(
     segments = experiment.predictor.segments
     experiment = experiment.replace(scale=experiment.scale * segments.spread(extra)[..., None, None])
     return *fit_with_reference(experiment, fit, NONE, (), settings, say), settings
+
+
+def _own_scale(segments: Segmentation, misfit: Tensor, doubtful: Tensor) -> Tensor:
+    """Return the roots of the weights of segments (see `own_weights`) at each frame, shape (R, T, 1, 1)."""
+    return segments.spread(own_weights(segments, misfit, doubtful).sqrt())[..., None, None]

@@ -13,6 +13,7 @@ from physid.diagnosis.settings.settings import Settings
 from physid.estimation.least_squares import Directions, Experiment
 from physid.estimation.measurement import Noise
 from physid.estimation.prediction import Predictor, Segmentation, Variants
+from physid.estimation.segmented_fit import without_outliers
 
 LAYOUT = 6  # of what is stored; another one is not read
 GRID = ("steps", "wrench", "frame_step", "count")
@@ -60,7 +61,7 @@ def from_tensors(state: Mapping[str, Any], inputs: Inputs, settings: Settings) -
         state["engine"],
         state["follow"],
         settings.least_squares,
-        observations.common,
+        without_outliers(observations, settings.noise).common,
     )
     fit = experiment.linearise(Variants(*(state[f"point.{name}"] for name in POINT)), NONE)
     rotation, position = map(float, state["noise"])

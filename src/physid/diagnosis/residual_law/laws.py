@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from physid.diagnosis.inputs import PHASES
 from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.residual_law.motion import Direction, Kind, Region, Variable, directions_of, variables_of
 from physid.diagnosis.settings.testing import ResidualLawSettings
 from physid.diagnosis.testing import Hypothesis, LackOfFit
+from physid.estimation.segmented_fit import PHASES
 from physid.physics import Site
 
 

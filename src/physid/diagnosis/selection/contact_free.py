@@ -9,12 +9,12 @@ from torch import Tensor
 
 from physid.diagnosis.progress import Progress, Stage, silent
 from physid.diagnosis.reference.discrepancy import fit_with_reference
-from physid.diagnosis.reference.nominal_fit import NONE, NominalFit, begin
+from physid.diagnosis.reference.nominal_fit import NONE, NominalFit
 from physid.diagnosis.reference.null_simulations import floors
 from physid.diagnosis.testing import Hypothesis, conclude
 from physid.estimation.least_squares import choose_steps, gauss_newton, try_new_states
-from physid.estimation.measurement import frame_weights
 from physid.estimation.prediction import Segmentation, acts_late
+from physid.estimation.segmented_fit import begin, weights_of_frames, without_outliers
 
 
 def contact_free(nominal_fit: NominalFit, generator: torch.Generator, say: Progress = silent) -> NominalFit | None:
@@ -40,13 +40,11 @@ def contact_free(nominal_fit: NominalFit, generator: torch.Generator, say: Progr
         return None
     say(Stage.FITTING_CONTACT_FREE)
     predictor = nominal_fit.experiment.predictor.over(segments.only(chosen), base.state[0])
-    quiet, point = begin(
-        predictor, observations, nominal_fit.present, noise, settings, nominal_fit.fit.point.nominal, base
-    )
+    observed = without_outliers(observations, settings.noise)
+    quiet, point = begin(predictor, observed, noise, settings.least_squares, nominal_fit.fit.point.nominal, base)
     fit = gauss_newton(quiet, point.replace(engine=nominal_fit.fit.point.engine), NONE)
-    weight, time = nominal_fit.present, observations.timeline.time
-    if settings.nominal_fit.robust:
-        weight = frame_weights(fit.residual, weight, time, noise, settings.noise)
+    robust = settings.nominal_fit.robust
+    weight = weights_of_frames(quiet, fit, observed.present, noise, settings.noise, robust=robust)
     late = round(settings.contact_free.late / observations.scene.time_step)
     weight = weight * _own_frames(predictor.segments, late)[..., None]
     quiet = quiet.replace(scale=weight[..., None].sqrt() / noise.spread())

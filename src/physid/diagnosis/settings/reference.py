@@ -1,4 +1,4 @@
-"""Settings of the nominal fit, of reference simulators and of null simulations."""
+"""Settings of segments, of reference simulators and of null simulations."""
 
 from __future__ import annotations
 
@@ -7,22 +7,6 @@ from typing import Literal
 from physid.diagnosis.settings.origins import AGREEMENT, IMPACTS
 from physid.estimation.prediction import CutRule
 from physid.setting import Section, setting
-
-
-class NominalFitSettings(Section):
-    """How the nominal model is fitted."""
-
-    first_rotation_noise: float = setting(5e-3, "rad", "noise of the first fit, before any is estimated", gt=0)
-    first_position_noise: float = setting(2e-3, "m", "noise of the first fit, before any is estimated", gt=0)
-    cuts: int = setting(3, "times", "most that trajectories are cut into segments around events", ge=1)
-    step_choices: int = setting(2, "times", "that the steps of the engine are chosen; 0 keeps the longest", ge=0)
-    new_states: bool = setting(True, "", "whether badly fitted segments are fitted from new guesses of their states")
-    robust: bool = setting(True, "", "whether frames that stand alone off the motion count less")
-    own_weights: bool = setting(True, "", "whether contact segments count as little as their misfit says")
-    follows: bool = setting(True, "", "whether the fit follows a reference simulator whose steps are known")
-    lost: float = setting(
-        1.5, "usual misfits", "of a contact segment, from which on it does not follow the reference simulator", gt=1
-    )
 
 
 class SegmentSettings(Section):
@@ -38,6 +22,10 @@ class SegmentSettings(Section):
 class DiscrepancySettings(Section):
     """Fitting and replaying in turn."""
 
+    follows: bool = setting(True, "", "whether the fit follows a reference simulator whose steps are known")
+    lost: float = setting(
+        1.5, "usual misfits", "of a contact segment, from which on it does not follow the reference simulator", gt=1
+    )
     rounds: int = setting(5, "replays", "most of one fit", ge=1)
     settled: float = setting(0.1, "standard deviations", "of the loss; less change ends the rounds", gt=0)
     shorter: float = setting(0.4, "-", "factor of a step of an initial state that did not help", gt=0, lt=1)

@@ -13,6 +13,7 @@ from pydantic import ValidationError
 from physid.diagnosis.settings import conclusion, inputs, reference, selection, testing
 from physid.estimation.least_squares import FirstGuess, LeastSquaresSettings, StepChoice
 from physid.estimation.measurement import NoiseSettings
+from physid.estimation.segmented_fit import EventSettings, PhaseSettings, RoundSettings, SegmentedFitSettings
 from physid.inspection.usability import RequirementSettings
 from physid.setting import Section
 from physid.strict import nearest, quoted, shown
@@ -48,12 +49,12 @@ class Settings(Section):
 
     roles: inputs.RoleSettings = inputs.RoleSettings()
     requirements: RequirementSettings = RequirementSettings()
-    phases: inputs.PhaseSettings = inputs.PhaseSettings()
-    events: inputs.EventSettings = inputs.EventSettings()
+    phases: PhaseSettings = PhaseSettings()
+    events: EventSettings = EventSettings()
     noise: NoiseSettings = NoiseSettings()
     least_squares: LeastSquaresSettings = LeastSquaresSettings()
     first_guess: FirstGuess = FirstGuess()
-    nominal_fit: reference.NominalFitSettings = reference.NominalFitSettings()
+    nominal_fit: RoundSettings = RoundSettings()
     segments: reference.SegmentSettings = reference.SegmentSettings()
     steps: StepChoice = StepChoice(shortest=5e-4)
     discrepancy: reference.DiscrepancySettings = reference.DiscrepancySettings()
@@ -79,6 +80,20 @@ class Settings(Section):
     verdict: conclusion.VerdictSettings = conclusion.VerdictSettings()
     localisation: conclusion.SiteSettings = conclusion.SiteSettings()
     next_experiment: conclusion.NextExperimentSettings = conclusion.NextExperimentSettings()
+
+    @property
+    def segmented_fit(self) -> SegmentedFitSettings:
+        """What decides in the fit to segments around events."""
+        return SegmentedFitSettings(
+            noise=self.noise,
+            least_squares=self.least_squares,
+            first_guess=self.first_guess,
+            phases=self.phases,
+            events=self.events,
+            rounds=self.nominal_fit,
+            impacts=self.segments.impacts,
+            steps=self.steps,
+        )
 
     def changed(self, changes: Mapping[str, Any]) -> Settings:
         """Return the settings with some of them changed.

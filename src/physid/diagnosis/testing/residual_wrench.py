@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from physid.diagnosis.inputs import PHASES
 from physid.diagnosis.settings.testing import ResidualWrenchSettings
 from physid.estimation.least_squares import Fit, Linearised, Part
 from physid.estimation.prediction import Segmentation
+from physid.estimation.segmented_fit import PHASES
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from physid.estimation.least_squares.discretisation import (
 from physid.estimation.least_squares.experiment import Experiment, Fit, lay_out
 from physid.estimation.least_squares.first_guess import FirstGuess
 from physid.estimation.least_squares.jacobian import Directions
-from physid.estimation.least_squares.levenberg_marquardt import gauss_newton, solve_shared
+from physid.estimation.least_squares.levenberg_marquardt import NONE, gauss_newton, solve_shared
 from physid.estimation.least_squares.line_search import Step, best_step, try_losses
 from physid.estimation.least_squares.multi_start import best_guess, carried, search, try_new_states
 from physid.estimation.least_squares.normal_equations import Linearised, Normal, Part
@@ -18,6 +18,7 @@ from physid.estimation.least_squares.prior import clamp_effects, prior
 from physid.estimation.least_squares.settings import LeastSquaresSettings
 
 __all__ = [
+    "NONE",
     "ChosenSteps",
     "Directions",
     "Experiment",

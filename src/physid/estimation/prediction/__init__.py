@@ -1,5 +1,6 @@
 """What the model predicts: the nominal model, candidate effects, segments, rollouts of variants."""
 
+from physid.estimation.prediction.candidates import EffectKinds
 from physid.estimation.prediction.effect_parameters import EffectParameter
 from physid.estimation.prediction.nominal_model import NominalModel
 from physid.estimation.prediction.rollout import Predictor
@@ -11,6 +12,7 @@ from physid.estimation.prediction.variants import Prediction, Variants
 __all__ = [
     "AtStep",
     "CutRule",
+    "EffectKinds",
     "EffectParameter",
     "NominalModel",
     "Prediction",

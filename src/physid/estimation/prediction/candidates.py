@@ -12,6 +12,9 @@ from physid.estimation.prediction.effect_parameters import EffectParameter
 from physid.estimation.prediction.step_effects import acts_late, has, only_steps, with_values
 from physid.physics import Effect
 
+EffectKinds = Sequence[type[Effect]]
+"""Classes of effects that may be at work."""
+
 
 class Candidates:
     """Effects that may be at work.
@@ -25,7 +28,7 @@ class Candidates:
         null: The values at which they do nothing, shape (Q,).
     """
 
-    def __init__(self, kinds: Sequence[type[Effect]]) -> None:
+    def __init__(self, kinds: EffectKinds) -> None:
         self.kinds = tuple(kinds)
         self.terms = tuple(EffectParameter(effect, name) for effect in kinds for name in effect.quantities())
         self.null = torch.tensor([term.quantity.null for term in self.terms], dtype=torch.float64)

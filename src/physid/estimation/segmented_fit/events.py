@@ -5,10 +5,10 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from physid.diagnosis.inputs.motion_phases import PHASES
-from physid.diagnosis.settings.inputs import EventSettings
 from physid.estimation.measurement import Noise, pose_difference
 from physid.estimation.prediction import Segmentation
+from physid.estimation.segmented_fit.motion_phases import PHASES
+from physid.estimation.segmented_fit.settings import EventSettings
 from physid.physics.rotations import to_matrix
 from physid.scenes import Scene
 

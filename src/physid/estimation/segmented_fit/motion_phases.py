@@ -5,8 +5,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from physid.diagnosis.settings.inputs import PhaseSettings
 from physid.estimation.prediction import Prediction, Timeline
+from physid.estimation.segmented_fit.settings import PhaseSettings
 from physid.physics.contact import PATCH
 from physid.scenes import Scene
 

@@ -1,0 +1,38 @@
+"""Fits to segments that are cut around impacts: what bodies do, where errors grow fast, and the fit between."""
+
+from physid.estimation.segmented_fit.events import find_events, smooth_path
+from physid.estimation.segmented_fit.fit import (
+    SegmentedFit,
+    begin,
+    fit_around_events,
+    fit_short_segments,
+    fit_with_chosen_steps,
+)
+from physid.estimation.segmented_fit.motion_phases import PHASES, phases_of, phases_of_steps
+from physid.estimation.segmented_fit.observed import Observed, Recorded, without_outliers
+from physid.estimation.segmented_fit.settings import EventSettings, PhaseSettings, RoundSettings, SegmentedFitSettings
+from physid.estimation.segmented_fit.weights import own_weights, usual_misfit, weighed, weights_of_frames
+
+__all__ = [
+    "PHASES",
+    "EventSettings",
+    "Observed",
+    "PhaseSettings",
+    "Recorded",
+    "RoundSettings",
+    "SegmentedFit",
+    "SegmentedFitSettings",
+    "begin",
+    "find_events",
+    "fit_around_events",
+    "fit_short_segments",
+    "fit_with_chosen_steps",
+    "own_weights",
+    "phases_of",
+    "phases_of_steps",
+    "smooth_path",
+    "usual_misfit",
+    "weighed",
+    "weights_of_frames",
+    "without_outliers",
+]

@@ -1,0 +1,74 @@
+"""Settings of a fit to segments that are cut around impacts: phases of motion, events, and the fit itself."""
+
+from __future__ import annotations
+
+from physid.estimation.least_squares import FirstGuess, LeastSquaresSettings, StepChoice
+from physid.estimation.measurement import NoiseSettings
+from physid.estimation.prediction import CutRule
+from physid.setting import Section, setting
+
+
+class PhaseSettings(Section):
+    """What a body is doing at each frame."""
+
+    still_speed: float = setting(0.01, "m/s", "speed below which a body is at rest or sticks", gt=0)
+    still_spin: float = setting(0.05, "rad/s", "spin below which it is", gt=0)
+    slow: float = setting(0.3, "m/s", "speed that parts slow from fast sliding", gt=0)
+    light: float = setting(0.02, "weights", "contact force below which a body flies", gt=0)
+    hard: float = setting(
+        2 * 9.81 / 240,
+        "m/s",
+        "that a contact changes a velocity by, beyond the weight, from which on it is an impact",
+        gt=0,
+    )
+    impact_time: float = setting(2 / 240, "s", "that an impact or a contact between bodies lasts", ge=0)
+    impact_frames: int = setting(
+        2, "frames", "that poses show it at least: in the evidence, and where trajectories are cut", ge=0
+    )
+    switch: float = setting(0.3, "share", "of a trajectory's largest command; a larger change of it is a switch", gt=0)
+    switch_time: float = setting(0.02, "s", "that a switch lasts in the map", gt=0)
+    rare: float = setting(
+        0.2, "share", "of a trajectory's frames; if more are switches, its command is noise and none is", gt=0, le=1
+    )
+
+
+class EventSettings(Section):
+    """Frames at which small errors grow fast."""
+
+    tilted: float = setting(
+        0.05,
+        "rad",
+        "lean of a body that touches the ground with an edge",
+        "decision 0011, calibration bank 607",
+        gt=0,
+    )
+    reach: float = setting(0.025, "s", "before and after a frame, in which velocities are compared", gt=0)
+    fewest: int = setting(3, "frames", "before and after a frame at least, however slow the camera", ge=2)
+    jolt: float = setting(6.0, "standard deviations", "by which a velocity changes that was jolted", gt=0)
+    jolt_spin: float = setting(1.5, "rad/s", "least change that is a jolt", gt=0)
+    jolt_speed: float = setting(0.5, "m/s", "least change that is a jolt", gt=0)
+
+
+class RoundSettings(Section):
+    """How often trajectories are cut and steps are chosen, and how segments and frames are weighed."""
+
+    first_rotation_noise: float = setting(5e-3, "rad", "noise of the first fit, before any is estimated", gt=0)
+    first_position_noise: float = setting(2e-3, "m", "noise of the first fit, before any is estimated", gt=0)
+    cuts: int = setting(3, "times", "most that trajectories are cut into segments around events", ge=1)
+    step_choices: int = setting(2, "times", "that the steps of the engine are chosen; 0 keeps the longest", ge=0)
+    new_states: bool = setting(True, "", "whether badly fitted segments are fitted from new guesses of their states")
+    robust: bool = setting(True, "", "whether frames that stand alone off the motion count less")
+    own_weights: bool = setting(True, "", "whether contact segments count as little as their misfit says")
+
+
+class SegmentedFitSettings(Section):
+    """All that decides in a fit to segments around impacts."""
+
+    noise: NoiseSettings = NoiseSettings()
+    least_squares: LeastSquaresSettings = LeastSquaresSettings()
+    first_guess: FirstGuess = FirstGuess()
+    phases: PhaseSettings = PhaseSettings()
+    events: EventSettings = EventSettings()
+    rounds: RoundSettings = RoundSettings()
+    impacts: CutRule = CutRule()
+    steps: StepChoice = StepChoice()
