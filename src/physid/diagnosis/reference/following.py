@@ -5,15 +5,33 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from physid.diagnosis.progress import Progress, Stage
-from physid.diagnosis.reference.agreement import keep_agreeing
+from physid.diagnosis.progress import Progress
 from physid.diagnosis.reference.discrepancy import between, fit_with_reference
-from physid.diagnosis.reference.null_simulations import floors
+from physid.diagnosis.reference.numerics import count_numerics
 from physid.diagnosis.settings.settings import Settings
 from physid.estimation.least_squares import NONE, Experiment, Fit
 from physid.estimation.measurement import Noise, TrackingError
 from physid.estimation.prediction import Segmentation
 from physid.estimation.segmented_fit import own_weights, usual_misfit, weighed
+
+
+def fit_beside_references(
+    experiment: Experiment,
+    alone: Fit,
+    present: Tensor,
+    error: TrackingError | None,
+    settings: Settings,
+    generator: torch.Generator,
+    say: Progress,
+) -> tuple[Experiment, Fit, Noise, Settings]:
+    """Follow the reference simulator from a fit without it, where its steps are known, and see what numerics do.
+
+    Returns:
+        The experiment, the fit, the noise, and the settings with the reference simulators that count from here on.
+    """
+    experiment, fit, noise = follow(experiment, alone, present, error, settings, say)
+    experiment, fit, settings = count_numerics(experiment, fit, settings, generator, say)
+    return experiment, fit, noise, settings
 
 
 def follow(
@@ -51,22 +69,6 @@ def follow(
     own = _own_scale(segments, experiment.misfit(fit.point), lost & rounds.own_weights)
     experiment = experiment.replace(scale=experiment.scale * own)
     return experiment, experiment.linearise(point, NONE), noise
-
-
-def count_numerics(
-    experiment: Experiment, fit: Fit, settings: Settings, generator: torch.Generator, say: Progress
-) -> tuple[Experiment, Fit, Settings]:
-    """Let segments count less by what null simulations show of the numerics there, and fit once more.
-
-    Returns:
-        The experiment, the fit, and the settings with the reference simulators that count from here on.
-    """
-    settings = keep_agreeing(experiment, fit, settings, say)
-    say(Stage.MEASURING_NUMERICS)
-    extra = (1 + floors(experiment, fit, settings, generator)).rsqrt()
-    segments = experiment.predictor.segments
-    experiment = experiment.replace(scale=experiment.scale * segments.spread(extra)[..., None, None])
-    return *fit_with_reference(experiment, fit, NONE, (), settings, say), settings
 
 
 def _own_scale(segments: Segmentation, misfit: Tensor, doubtful: Tensor) -> Tensor:

@@ -9,8 +9,7 @@ from torch import Tensor
 
 from physid.diagnosis.inputs import Observations
 from physid.diagnosis.progress import Progress, Stage, silent
-from physid.diagnosis.reference.following import count_numerics, follow
-from physid.diagnosis.reference.replay import references_of
+from physid.diagnosis.reference.following import fit_beside_references
 from physid.diagnosis.settings.settings import Settings
 from physid.estimation.least_squares import ChosenSteps, Experiment, Fit
 from physid.estimation.measurement import Noise
@@ -24,7 +23,6 @@ from physid.estimation.segmented_fit import (
 )
 
 DEFAULT = Settings()
-NONE = torch.zeros(0, dtype=torch.int64)
 
 
 @dataclass(frozen=True)
@@ -59,9 +57,7 @@ class NominalFit:
     @property
     def references(self) -> tuple[str, ...]:
         """Names of the simulators that make its null simulations."""
-        model = self.experiment.predictor.model
-        made = references_of(model.scene, self.settings.replay, model.effects_at(self.fit.point.nominal))
-        return tuple(one.name for one in made)
+        return self.settings.replay.simulators
 
 
 def fit_nominal_model(
@@ -94,25 +90,11 @@ def fit_nominal_model(
     found = fit_around_events(first, own)
     for _ in range(own.rounds.step_choices if _chooses_steps(model) else 0):
         say(Stage.CHOOSING_STEPS)
-<<<<<<< HEAD
-        noise, experiment = weighed(experiment, fit, present, noise.error, settings)
-        near, base = experiment.linearise(fit.point, NONE), observations.timeline
-        chosen = choose_steps(experiment, near, base, settings.steps)
-        least = chosen.parts
-        if late:
-            predicted = near.jacobian.base.twist[0]
-            least = least.maximum(parts_for_late_forces(experiment, base, settings.steps, predicted))
-        predictor = experiment.predictor.at_times(chosen.timeline, base.refined(least))
-        experiment, fit, events = _fit_segments(observations, predictor, present, noise, fit, settings)
-    experiment, fit, noise = follow(experiment, fit, present, noise.error, settings, say)
-    experiment, fit, settings = count_numerics(experiment, fit, settings, generator, say)
-=======
         found = fit_with_chosen_steps(found, own)
     present = found.observed.present
-    experiment, fit, noise = follow(found.experiment, found.fit, present, found.noise.error, settings, say)
-    say(Stage.MEASURING_NUMERICS)
-    experiment, fit = count_numerics(experiment, fit, settings, generator, say)
->>>>>>> 5c8cf32 (estimation: the fit to segments around impacts is a room of its own, for training as well)
+    experiment, fit, noise, settings = fit_beside_references(
+        found.experiment, found.fit, present, found.noise.error, settings, generator, say
+    )
     phases = phases_of(fit.jacobian.base, observations.timeline, model.scene, settings.phases)
     return NominalFit(observations, experiment, fit, noise, phases, found.events, settings, found.steps)
 

@@ -8,9 +8,9 @@ from typing import Any
 
 from physid.data.observations.step_grid import StepGrid
 from physid.diagnosis.inputs import Inputs
-from physid.diagnosis.reference.nominal_fit import NONE, NominalFit
+from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.settings.settings import Settings
-from physid.estimation.least_squares import Directions, Experiment
+from physid.estimation.least_squares import NONE, Directions, Experiment
 from physid.estimation.measurement import Noise
 from physid.estimation.prediction import Predictor, Segmentation, Variants
 from physid.estimation.segmented_fit import without_outliers

@@ -9,10 +9,10 @@ from torch import Tensor
 
 from physid.diagnosis.progress import Progress, Stage, silent
 from physid.diagnosis.reference.discrepancy import fit_with_reference
-from physid.diagnosis.reference.nominal_fit import NONE, NominalFit
+from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.reference.null_simulations import floors
 from physid.diagnosis.testing import Hypothesis, conclude
-from physid.estimation.least_squares import choose_steps, gauss_newton, try_new_states
+from physid.estimation.least_squares import NONE, choose_steps, gauss_newton, try_new_states
 from physid.estimation.prediction import Segmentation, acts_late
 from physid.estimation.segmented_fit import begin, weights_of_frames, without_outliers
 

@@ -1,20 +1,38 @@
-"""Which reference simulators count: those that the model and all others contradict do not."""
+"""What numerics do: which reference simulators count, and how little segments do in which engines part."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import combinations
 
 import torch
 from torch import Tensor
 
 from physid.diagnosis.progress import Progress, Stage
-from physid.diagnosis.reference.null_simulations import left_by_states
+from physid.diagnosis.reference.discrepancy import fit_with_reference
+from physid.diagnosis.reference.null_simulations import floors, left_by_states
 from physid.diagnosis.reference.replay import Reference, references_of, replay
 from physid.diagnosis.settings.settings import Settings
-from physid.estimation.least_squares import Experiment, Fit
+from physid.estimation.least_squares import NONE, Experiment, Fit
 from physid.estimation.measurement import pose_difference
 
 MODEL = "model"
+
+
+def count_numerics(
+    experiment: Experiment, fit: Fit, settings: Settings, generator: torch.Generator, say: Progress
+) -> tuple[Experiment, Fit, Settings]:
+    """Let segments count less by what null simulations show of the numerics there, and fit once more.
+
+    Returns:
+        The experiment, the fit, and the settings with the reference simulators that count from here on.
+    """
+    settings = keep_agreeing(experiment, fit, settings, say)
+    say(Stage.MEASURING_NUMERICS)
+    extra = (1 + floors(experiment, fit, settings, generator)).rsqrt()
+    segments = experiment.predictor.segments
+    experiment = experiment.replace(scale=experiment.scale * segments.spread(extra)[..., None, None])
+    return *fit_with_reference(experiment, fit, NONE, (), settings, say), settings
 
 
 def keep_agreeing(experiment: Experiment, fit: Fit, settings: Settings, say: Progress) -> Settings:
@@ -38,18 +56,25 @@ def keep_agreeing(experiment: Experiment, fit: Fit, settings: Settings, say: Pro
     limits = settings.replay
     model = experiment.predictor.model
     references = references_of(model.scene, limits, model.effects_at(fit.point.nominal))
-    if len(references) < 2:
-        return settings
-    say(Stage.REPLAYING_NOMINAL)
+    kept = tuple(one.name for one in references)
+    if len(references) > 1:
+        say(Stage.REPLAYING_NOMINAL)
+        apart = _distances(experiment, fit, references, settings)
+        kept = tuple(name for name in kept if not _alone(name, apart, limits.far, limits.farther)) or kept
+    return settings.changed({"replay.simulators": kept})
+
+
+def _distances(
+    experiment: Experiment, fit: Fit, references: Sequence[Reference], settings: Settings
+) -> dict[frozenset[str], float]:
+    """Return how far each two of the engines are apart."""
     motions = {MODEL: fit.jacobian.base.pose[0]} | {
         one.name: _replayed(experiment, fit, one, settings) for one in references
     }
-    apart = {
+    return {
         frozenset(pair): _distance(experiment, fit, *(motions[name] for name in pair))
         for pair in combinations(motions, 2)
     }
-    kept = tuple(one.name for one in references if not _alone(one.name, apart, limits.far, limits.farther))
-    return settings.changed({"replay.simulators": kept}) if kept and len(kept) < len(references) else settings
 
 
 def _alone(name: str, apart: dict[frozenset[str], float], far: float, farther: float) -> bool:
