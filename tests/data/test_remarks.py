@@ -12,9 +12,8 @@ from tests.data.sets import SCENE, write_set
 
 from physid.cli import main
 from physid.data import Recording, RecordingSet
-from physid.data.batches.dataset import Segments
 from physid.data.observations.remarks import NEXT, TURN, pace_of, remarks_on
-from physid.data.observations.trajectories import load_trajectories
+from physid.inspection.examination import examine, require_usable_set
 from physid.scenes.rotations import from_vector
 
 STEP, EDGE = SCENE.time_step, float(SCENE.sizes.min())
@@ -60,20 +59,16 @@ def test_lost_frames_and_bodies_that_were_not_seen_say_nothing_of_the_rate() -> 
     assert not remarks_on(Recording(pose=jump, time=time), STEP, SCENE.sizes)
 
 
-def test_check_fit_and_diagnose_say_it_of_the_same_frames(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_check_fit_and_diagnose_say_it_of_the_same_frames(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     slow, fast = moving(0.1 * EDGE), moving(0.1 * EDGE)
     assert fast.pose is not None
     fast.pose[5:, 0, 0] += 1.5 * EDGE
     recordings = RecordingSet(write_set(tmp_path, [slow, fast]))
     main(["check", str(tmp_path)])
     assert f"trajectory 1: pose: {TOO_LOW}: from frame 4 " in " ".join(capsys.readouterr().out.split())
-    for read in (lambda: load_trajectories(recordings), lambda: [*Segments(recordings, [0, 1])]):
-        caplog.clear()
-        read()
-        (said,) = (one.getMessage() for one in caplog.records)
-        assert said.startswith(f"{recordings.paths[1]}: pose: {TOO_LOW}: from frame 4 ")
+    for found in (examine(recordings, [0, 1]), require_usable_set(recordings, [0, 1])):
+        (said,) = (one.what for one in found if TOO_LOW in one.what)
+        assert said.startswith(f"trajectory 1: pose: {TOO_LOW}: from frame 4 ")
 
 
 @pytest.mark.parametrize("tolerance", ["0", "-0.001"])

@@ -14,8 +14,9 @@ from tests.diagnosis.sets import recorded, rewritten
 from physid.cli import main
 from physid.data import Recording, RecordingSet
 from physid.data.observations.trajectories import load_trajectories
+from physid.inspection.examination import require_usable_set
 from physid.inspection.report import inspect
-from physid.inspection.usability import Motion, mistakes_in, require_usable, require_usable_set
+from physid.inspection.usability import Motion, mistakes_in, require_usable
 
 CONFIG = Path(__file__).parents[2] / "configs" / "sysid" / "push_friction.yaml"
 

@@ -10,6 +10,7 @@ def check(recordings: Path, *, limit: int | None = None) -> None:
 
     Says rates, gaps, noise, ranges, contact and forces, and what looks like a mistake: units, axes, the order of
     quaternions, forces of the wrong sign or of another clock, heights, jumps. Exits with 1 where something looks wrong.
+    `fit`, `identifiability` and `diagnose` ask the same rules at their start, and warn.
 
     Examples:
       physid check data/mine

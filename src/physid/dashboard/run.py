@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from physid.dashboard.curves import Curve, read_curves
+from physid.dashboard.doubts import doubts_about
 from physid.dashboard.folders import (
     CELLS,
     CONFIG,
@@ -23,7 +24,6 @@ from physid.dashboard.folders import (
 from physid.dashboard.media import MOST_BYTES, read_media
 from physid.diagnosis.document.document import Diagnosis, check_diagnosis
 from physid.diagnosis.document.sentences import verdict_sentence
-from physid.estimation.measurement.unexplained import lack_of_fit_sentence, unexplained_kinds
 from physid.estimation.prediction.coordinates import Unknown
 from physid.yaml_files import parse_yaml
 
@@ -68,9 +68,7 @@ def read_run(folder: Path, root: Path, *, light: bool = False) -> dict[str, Any]
     kind = _kind(bool(diagnosis), bool(identifiability), bool(cells or score) and not curves)
     figures = {name: value for name, value in figures.items() if isinstance(value, int | float)}
     figures |= {each["name"]: each["value"] for each in score.get("figures", ()) if each.get("value") is not None}
-    if unexplained_kinds(figures):
-        doubt = "The intervals of the parameters hold for a model that explains the recordings; "
-        notes.append(doubt + str(lack_of_fit_sentence(figures, _folder(config) or "RECORDINGS")))
+    notes += doubts_about(folder, figures, _folder(config) or "RECORDINGS", said, identifiability)
     return {
         "id": _name(folder, root),
         "kind": kind,

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from physid.data import Recording, RecordingSet
-from physid.data.observations.remarks import remarks_on
-from physid.inspection.evidence import Evidence
+from physid.data import RecordingSet
+from physid.inspection.examination import read_posed
 from physid.inspection.facts import facts_of
-from physid.inspection.finding import Finding
+from physid.inspection.finding import Finding, ordered
 from physid.inspection.mistakes import mistakes_in
-from physid.inspection.origin import Origin
-from physid.inspection.usability import shows_motion, too_few
+from physid.inspection.usability import too_few
 
-MOST_NAMED = 5
 WIDTH = 14
 
 
@@ -37,7 +34,7 @@ class Report:
     def text(self) -> str:
         """Return it as text for a terminal."""
         lines = [f"{name:<{WIDTH}}{value}" for name, value in self.facts]
-        for one in sorted(self.findings, key=lambda one: not one.wrong):
+        for one in ordered(self.findings):
             lines += ["", f"{'wrong?' if one.wrong else 'note':<{WIDTH}}{one.what}", f"{'mend':<{WIDTH}}{one.mend}"]
         if not self.findings:
             lines += ["", "Nothing looks wrong."]
@@ -51,46 +48,13 @@ def inspect(recordings: RecordingSet, limit: int | None = None) -> Report:
         recordings: The set.
         limit: At most so many trajectories, the first ones.
     """
-    read: list[Recording] = []
-    indices, findings = list[int](), list[Finding]()
-    broken = 0
-    for index in range(len(recordings))[:limit]:
-        try:
-            one = recordings.read(index, blank=True)
-        except (ValueError, OSError) as error:
-            broken += 1
-            if broken <= MOST_NAMED:
-                findings.append(Finding.of_file(error))
-            continue
-        if not shows_motion(one):
-            findings.append(
-                Finding(
-                    f"{recordings.paths[index].name}: a body, or all, has no poses beyond the first",
-                    "physid track reads films",
-                    wrong=False,
-                )
-            )
-            continue
-        read.append(one)
-        indices.append(index)
-    if broken > MOST_NAMED:
-        findings.append(Finding(f"{broken - MOST_NAMED} more trajectories cannot be read", "as above"))
-    if not read:
+    seen, findings = read_posed(recordings, range(len(recordings))[:limit])
+    if seen is None:
         return Report((("set", str(recordings.folder)),), tuple(findings))
-    evidence = Evidence(recordings.scene, read, indices, Origin.of(recordings.folder))
-    findings += mistakes_in(evidence)
-    scene = recordings.scene
-    said = [
-        f"trajectory {index}: {remark}"
-        for index, one in zip(indices, read, strict=True)
-        for remark in remarks_on(one, scene.time_step, scene.sizes)
-    ]
-    findings += [Finding(remark, "see docs/recordings.md, Time", wrong=False) for remark in said[:MOST_NAMED]]
-    if len(said) > MOST_NAMED:
-        findings.append(Finding(f"{len(said) - MOST_NAMED} more such remarks", "as above", wrong=False))
-    few = too_few(len(read), max(one.length for one in read))
+    findings += mistakes_in(seen)
+    few = too_few(len(seen.recordings), max(one.length for one in seen.recordings))
     findings += [] if few is None else [replace(few, wrong=False)]
-    return Report(tuple(facts_of(recordings, evidence)), tuple(findings))
+    return Report(tuple(facts_of(recordings, seen)), tuple(findings))
 
 
 class UnsoundError(RuntimeError):

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from physid.data import Recording, RecordingSet
+from physid.data import Recording
 from physid.data.importers.units import UNITS
-from physid.data.observations.trajectories import Trajectories, from_recordings
+from physid.data.observations.trajectories import Trajectories
 from physid.estimation.measurement import NoiseSettings, outlier_poses
 from physid.inspection.finding import Finding
 from physid.scenes import Scene
@@ -90,7 +90,7 @@ def require_usable(
     noise: NoiseSettings = NOISE,
     *,
     least: tuple[float, float] | None = None,
-) -> None:
+) -> list[Finding]:
     """Refuse recordings from which nothing can be concluded.
 
     Args:
@@ -100,29 +100,18 @@ def require_usable(
         noise: What an outlier is.
         least: Turn [rad] and way [m] below which nothing moves; None for what the settings say.
 
+    Returns:
+        What some trajectories alone have: remarks.
+
     Raises:
         ValueError: If units are evidently wrong, nothing moves, poses jump about, or forces are missing; the message
             says what was expected, what was found, and the remedy.
     """
-    wrong = next((found for found in mistakes_in(motion, settings, noise, least) if found.wrong), None)
+    found = mistakes_in(motion, settings, noise, least)
+    wrong = next((one for one in found if one.wrong), None)
     if wrong is not None:
         raise ValueError(f"{where}: {wrong.what}; {wrong.mend}")
-
-
-def require_usable_set(recordings: RecordingSet, indices: Sequence[int]) -> None:
-    """Refuse trajectories of a set from which no fit can learn; those without poses are left to who reads the films.
-
-    A fit learns from small motions, too: what moves by more than the least noise that is ever assumed does move.
-
-    Raises:
-        ValueError: As `require_usable` does, or if a file is damaged.
-    """
-    posed = {index: recordings.read(index) for index in indices if recordings.has_poses(index)}
-    posed = {index: one for index, one in posed.items() if shows_motion(one)}
-    if posed:
-        scene = recordings.scene
-        motion = Motion.of(scene, from_recordings(list(posed.values()), scene.time_step, list(posed)))
-        require_usable(recordings.folder, motion, least=NOISE.least)
+    return found
 
 
 def shows_motion(recording: Recording) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import lightning as L
@@ -12,7 +12,8 @@ from torch import Tensor, nn
 from torch.optim import LBFGS, Optimizer
 
 from physid.data.batches.datamodule import RecordingsDataModule
-from physid.inspection.usability import require_usable_set
+from physid.inspection.examination import examine, require_usable_set
+from physid.inspection.finding import Finding, warn_of
 from physid.training.parameters import GaussNewton, PhysicalParameters
 
 LEARNED = "learned"
@@ -31,9 +32,11 @@ class TrainingModule(L.LightningModule, ABC):
 
     Attributes:
         evaluations: How often the losses of the whole training set were computed, a gradient included; shape ().
+        findings: What looks like a mistake in the recordings; None before anybody asked.
     """
 
     evaluations: Tensor
+    findings: tuple[Finding, ...] | None = None
 
     def __init__(self, optimizer: OptimizerFactory | None) -> None:
         super().__init__()
@@ -49,10 +52,40 @@ class TrainingModule(L.LightningModule, ABC):
         """Return which trajectory of the recording set each value of a loss belongs to, shape (B,)."""
 
     def on_fit_start(self) -> None:
-        """Refuse recordings that no fit could learn from (see `inspection.usability`)."""
+        """Refuse recordings that no fit could learn from, and say what else looks like a mistake (see `inspection`)."""
+        data = self._data()
+        if data is not None:
+            self._say(require_usable_set(data.recordings, data.trajectories("fit"), data.trajectories("predict")))
+
+    def on_validation_start(self) -> None:
+        """Say what looks like a mistake in recordings that are measured and were not fitted to."""
+        self._examine("validate")
+
+    def on_test_start(self) -> None:
+        """Say the same of those that are tested on."""
+        self._examine("test")
+
+    def on_predict_start(self) -> None:
+        """Say the same of those that are predicted."""
+        self._examine("predict")
+
+    def _examine(self, use: str) -> None:
+        """Say what looks like a mistake, unless a fit has."""
+        data = self._data()
+        if self.findings is None and data is not None:
+            self._say(examine(data.recordings, data.trajectories(use)))
+
+    def _data(self) -> RecordingsDataModule | None:
+        """Return the recordings; None where a user's own module serves something else."""
         data = self.trainer.datamodule  # type: ignore[attr-defined]
-        if isinstance(data, RecordingsDataModule):
-            require_usable_set(data.recordings, data.trajectories("fit"))
+        return data if isinstance(data, RecordingsDataModule) else None
+
+    def _say(self, findings: Sequence[Finding]) -> None:
+        """Keep what was found, and tell the user once, however many processes there are."""
+        self.findings = tuple(findings)
+        data = self._data()
+        if self.trainer.is_global_zero and data is not None:
+            warn_of(findings, data.recordings.folder)
 
     def training_step(self, batch: Any, batch_idx: int) -> Tensor:
         """Return the sum of the losses, averaged over the batch."""

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from physid.estimation.measurement.unexplained import lack_of_fit_sentence
 from physid.estimation.prediction.coordinates import Unknown
+from physid.inspection.finding import Findings, trust_sentence
 
 if TYPE_CHECKING:
     from physid.configuration import Configuration
@@ -20,11 +21,11 @@ def recordings_of(configuration: Configuration) -> str:
 
 
 def summarize(figures: Mapping[str, float], folder: Path, recordings: str = "RECORDINGS") -> str:
-    """Return the figures of a run as lines: parameters with units and intervals, what is left, what was tested.
+    """Return the figures of a run as lines: parameters with units and intervals, what is left, what looks wrong.
 
     Args:
         figures: What was logged, by name.
-        folder: Of the run.
+        folder: Of the run, with findings.json.
         recordings: The set that was fitted, to name in advice.
     """
     names = sorted({key.split("/")[1] for key in figures if key.startswith("params/") and key.endswith("/estimate")})
@@ -39,8 +40,9 @@ def summarize(figures: Mapping[str, float], folder: Path, recordings: str = "REC
         lines.append(f"  correlation of {' and '.join(key.split('/')[1:])}: {figures[key]:+.2f}")
     lines += [f"  {key:<{width}}  {_measured(key, figures)}" for key in measured]
     lines += [f"  {key:<{width}}  {figures[key]:.6g}" for key in effort]
-    left = lack_of_fit_sentence(figures, recordings)
-    return "\n".join([*lines, *([] if left is None else [f"  {left}"])])
+    kept = Findings.read(folder)
+    said = [lack_of_fit_sentence(figures, recordings), kept and trust_sentence(kept.findings, kept.recordings)]
+    return "\n".join([*lines, *(f"  {one}" for one in said if one is not None)])
 
 
 def _estimate(own: Mapping[str, float], unit: str) -> str:

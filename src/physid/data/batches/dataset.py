@@ -11,7 +11,6 @@ from torch import Tensor
 from torch.utils.data import Dataset
 
 from physid.data import Recording, RecordingSet
-from physid.data.observations.remarks import warn_of
 from physid.data.observations.step_grid import SHORTEST, mean_wrench
 from physid.data.observations.trajectories import from_recordings
 from physid.data.reading import echo_of, read_reading, stretch_of
@@ -191,8 +190,6 @@ def _numbers_of(recordings: RecordingSet, trajectory: int, unposed: bool, even: 
             f"{reason}; resample the recording for what learns from segments or films (physid fit with SysID takes "
             "whole trajectories as they are: leave data.segment and data.video out)"
         )
-    if posed:
-        warn_of(recordings, trajectory, recording)
     if reason and posed:
         return _timed(recording, time_step, trajectory)
     pose = recording.pose

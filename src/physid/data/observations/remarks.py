@@ -1,19 +1,15 @@
-"""What is odd about a trajectory and no contradiction: said to the user, one sentence each, wherever it is read."""
+"""What is odd about a trajectory and no contradiction: one sentence each, which `inspection` says."""
 
 from __future__ import annotations
-
-import logging
 
 import numpy as np
 from numpy.typing import NDArray
 
-from physid.data.format import RecordingSet
 from physid.data.observations.stamps import change_in, rhythm_of
 from physid.data.recording import Recording
 from physid.scenes.rotations import conjugate, multiply, to_vector
 
 Array = NDArray[np.float64]
-logger = logging.getLogger("physid")
 TURN = 1.0  # [rad] between two frames; from pi on nobody knows the sense of a rotation
 NEXT = 1.5  # time steps to the next frame: what lies behind a longer gap says nothing about the rate
 NAMED = 5  # frames that a remark names
@@ -40,12 +36,6 @@ def pace_of(recording: Recording, time_step: float, sizes: Array) -> Array:
     near = np.diff(recording.stamps(time_step)) <= NEXT * time_step
     held = np.concatenate([np.zeros((1, pace.shape[1]), bool), (before[1:] == before[:-1]).all(-1)])[: len(pace)]
     return np.where(near[:, None] & ~held & np.isfinite(pace), pace, 0.0)
-
-
-def warn_of(recordings: RecordingSet, trajectory: int, recording: Recording) -> None:
-    """Tell the user what is odd about a trajectory that was read."""
-    for remark in remarks_on(recording, recordings.scene.time_step, recordings.scene.sizes):
-        logger.warning("%s: %s", recordings.paths[trajectory], remark)
 
 
 def remarks_on(recording: Recording, time_step: float, sizes: Array) -> tuple[str, ...]:

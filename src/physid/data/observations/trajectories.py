@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from physid.data.format import RecordingSet
-from physid.data.observations.remarks import warn_of
 from physid.data.observations.step_grid import SHORTEST, StepGrid, lay_steps, stacked
 from physid.data.recording import UNIT_TOLERANCE, Recording
 from physid.physics import check_shape
@@ -138,7 +137,6 @@ def load_trajectories(
         except ValueError as error:
             path = str(recordings.paths[index])
             raise ValueError(str(error) if str(error).startswith(path) else f"{path}: {error}") from None
-        warn_of(recordings, index, recording)
         read.append(recording)
     return from_recordings(read, recordings.scene.time_step, chosen, shortest=shortest)
 

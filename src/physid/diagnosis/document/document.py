@@ -17,6 +17,7 @@ from physid.diagnosis.document.errors import Positive, Text
 from physid.diagnosis.document.errors import Rotations as Rotations
 from physid.diagnosis.document.evidence import Evidence
 from physid.diagnosis.document.residual_law import ResidualLaw
+from physid.inspection.finding import Finding
 from physid.physics import Site
 from physid.typed_files import CLOSED, check_as, read_json_as
 
@@ -181,6 +182,7 @@ class Diagnosis:
         causes: Probability of each cause (see `Evidence`), the most probable first; evidence: what they follow from.
         residual: What a better model would have to add; excess: size of the gap as scores measure it, if known.
         null_simulations: How many; references: the simulators that made them; seconds: how long it took.
+        findings: What looks like a mistake in the recordings, or is odd, by the rules of `physid check`.
     """
 
     __pydantic_config__: ClassVar[Any] = CLOSED
@@ -206,6 +208,7 @@ class Diagnosis:
     null_simulations: int | None = None
     references: tuple[Text, ...] = ()
     seconds: Positive | None = field(default=None, compare=False)
+    findings: tuple[Finding, ...] = ()
 
     def __post_init__(self) -> None:
         """Check that effects and group fit the verdict, and shares the splits that there are."""
@@ -244,7 +247,10 @@ class Diagnosis:
 
     def to_mapping(self) -> dict[str, Any]:
         """Return the content of the file as plain values; what is optional and not known is left out."""
-        optional = ("settings", "causes", "evidence", "residual", "excess", "null_simulations", "references", "seconds")
+        optional = (
+            *("settings", "causes", "evidence", "residual", "excess"),
+            *("null_simulations", "references", "seconds", "findings"),
+        )
         made = {name: value for name, value in asdict(self).items() if value or name not in optional}
         if self.gap.rotations is None:
             del made["gap"]["rotations"]

@@ -9,6 +9,7 @@ from physid.diagnosis.document.document import Cell, Diagnosis, Errors, Estimate
 from physid.diagnosis.document.residual_sentences import law_name as law_name
 from physid.diagnosis.document.residual_sentences import residual_sentences as residual_sentences
 from physid.diagnosis.settings.conclusion import GapSettings
+from physid.inspection.finding import trust_sentence
 from physid.pages.numbers import capital, figure, interval, join, p_value, percent, quantity, words
 
 MOST_LINES = 10
@@ -107,6 +108,11 @@ def caveat(diagnosis: Diagnosis) -> str:
     if diagnosis.effects and diagnosis.gap.transfer is None:
         return "Predictive only, cause not certified: there is no transfer set."
     return ""
+
+
+def doubt(diagnosis: Diagnosis) -> str:
+    """Say that something in the recordings looks like a mistake; empty where nothing does."""
+    return trust_sentence(diagnosis.findings) or ""
 
 
 def power_sentence(diagnosis: Diagnosis) -> str:
@@ -218,10 +224,12 @@ def summary_lines(diagnosis: Diagnosis) -> list[str]:
         diagnosis: The document.
 
     Returns:
-        At most ten lines, and one more for each further effect or residual law.
+        At most ten lines, and one more for each further effect, residual law, or mistake in the recordings.
     """
     sure = f"(confidence {percent(diagnosis.confidence)})"
     lines = _labelled("Verdict", [f"{diagnosis.verdict}: {verdict_sentence(diagnosis)} {sure}"])
+    doubts = [doubt(diagnosis), *(one.what for one in diagnosis.findings if one.wrong)] if doubt(diagnosis) else []
+    lines += _labelled("Beware", doubts)
     lines += _labelled("Where", [where_sentence(diagnosis)])
     lines += _labelled("Which", _which(diagnosis))
     lines += _labelled("Missing", residual_sentences(diagnosis.residual))
@@ -230,7 +238,7 @@ def summary_lines(diagnosis: Diagnosis) -> list[str]:
     lines += _labelled("Note", [caveat(diagnosis)] if caveat(diagnosis) else [])
     lines += _labelled("Refitted", _refitted(diagnosis))
     lines += _labelled("Next", [diagnosis.next_experiment] if diagnosis.next_experiment else [])
-    return lines[: MOST_LINES + max(0, len(diagnosis.effects) - 1) + len(diagnosis.residual)]
+    return lines[: MOST_LINES + max(0, len(diagnosis.effects) - 1) + len(diagnosis.residual) + len(doubts)]
 
 
 def _which(diagnosis: Diagnosis) -> list[str]:

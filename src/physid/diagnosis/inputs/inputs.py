@@ -10,7 +10,7 @@ from typing import Any
 from physid.data import RecordingSet
 from physid.diagnosis.inputs.model_source import read_nominal_model
 from physid.diagnosis.inputs.observations import Observations, load_observations
-from physid.diagnosis.inputs.requirements import require_usable
+from physid.diagnosis.inputs.requirements import Mistakes, require_usable
 from physid.diagnosis.settings.settings import Settings
 from physid.effects import candidates_beside
 from physid.estimation.prediction import NominalModel
@@ -25,11 +25,13 @@ class Inputs:
         observations: What was recorded.
         model: What is believed of the system.
         candidates: Effects that may be added to it.
+        findings: What looks like a mistake in the recordings, or is odd.
     """
 
     observations: Observations
     model: NominalModel
     candidates: Sequence[type[Effect]]
+    findings: Mistakes = ()
 
 
 def read_inputs(
@@ -40,7 +42,7 @@ def read_inputs(
     limit: int | None,
     settings: Settings,
 ) -> Inputs:
-    """Read what a diagnosis starts from, and refuse what nothing can be concluded from.
+    """Read what a diagnosis starts from, refuse what nothing can be concluded from, and find what looks like a mistake.
 
     Args:
         recordings: The recording set.
@@ -55,5 +57,5 @@ def read_inputs(
     """
     observations = load_observations(recordings, transfer, limit, settings.roles)
     believed = read_nominal_model(observations.scene, model)
-    require_usable(observations, settings.requirements, settings.noise)
-    return Inputs(observations, believed, candidates_beside(believed.effects, effects))
+    findings = require_usable(observations, settings.requirements, settings.noise)
+    return Inputs(observations, believed, candidates_beside(believed.effects, effects), findings)

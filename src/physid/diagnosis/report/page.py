@@ -12,6 +12,7 @@ from physid.diagnosis.document.sentences import (
     cell_share,
     closed,
     decided,
+    doubt,
     explained,
     explains,
     how_far_sentence,
@@ -83,6 +84,7 @@ def render(said: Diagnosis, data: ReportData) -> str:
         sentence=verdict_sentence(said),
         splits={name: split for split, name in SPLIT_NAMES.items()},
         caveat=caveat(said),
+        doubt=doubt(said),
         answers=_answers(said),
         cuts=[(SPLIT_NAMES[split], cut) for split in SPLITS if (cut := _cut(said, data, split))],
         maps={

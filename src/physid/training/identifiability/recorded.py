@@ -7,7 +7,7 @@ import logging
 import tempfile
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, final
 
@@ -16,6 +16,7 @@ import torch
 
 from physid.data.batches.datamodule import RecordingsDataModule
 from physid.data.files import write_text
+from physid.inspection.finding import Finding, trust_sentence
 from physid.training.callbacks.identifiability_warning import Judging
 from physid.training.identifiability.plot import draw
 from physid.training.learners.sysid import SysID
@@ -35,12 +36,14 @@ class RecordedIdentifiability:
         result: The verdicts.
         values: The parameters near which they hold.
         count: Trajectories.
+        findings: What looks like a mistake in them, or is odd.
     """
 
     recordings: Path
     result: Identifiability
     values: dict[str, float]
     count: int
+    findings: tuple[Finding, ...] = ()
 
     def table(self) -> str:
         """Return recordings and verdicts as text."""
@@ -52,11 +55,14 @@ class RecordedIdentifiability:
             "",
             self.result.table(),
         ]
+        if (doubt := trust_sentence(self.findings)) is not None:
+            lines += ["", doubt]
         return "\n".join(lines)
 
     def write(self, folder: Path) -> None:
         """Write identifiability.json and identifiability.png."""
         plain: dict[str, Any] = {"recordings": str(self.recordings), "values": self.values, "examined": self.count}
+        plain["findings"] = [asdict(one) for one in self.findings]
         write_text(folder / "identifiability.json", json.dumps(plain | self.result.to_mapping(), indent=2) + "\n")
         draw(self.result, self.recordings.resolve().name, folder / "identifiability.png")
 
@@ -81,7 +87,8 @@ def analyse_recordings(recordings: Path, learn: Sequence[str] | None = None) -> 
             enable_checkpointing=False, enable_progress_bar=False, enable_model_summary=False,
         ).fit(module, datamodule=data)  # fmt: skip
     assert keep.result is not None
-    return RecordedIdentifiability(recordings, keep.result, module.physical.estimates(), len(data.trajectories("fit")))
+    count, findings = len(data.trajectories("fit")), module.findings or ()
+    return RecordedIdentifiability(recordings, keep.result, module.physical.estimates(), count, findings)
 
 
 @final

@@ -17,22 +17,20 @@ from typing import Any, Literal
 import lightning as L
 from lightning.fabric.utilities.exceptions import MisconfigurationException
 from lightning.fabric.utilities.warnings import PossibleUserWarning
-from lightning.pytorch.callbacks import ModelCheckpoint
 from lightning.pytorch.cli import LightningCLI
 from lightning.pytorch.utilities.model_helpers import is_overridden
 from torch import Tensor
 
 from physid.class_paths import class_paths, require_trusted
 from physid.data.files import read_tensors, write_text
-from physid.training.callbacks.learning_rates import LearningRates
 from physid.training.callbacks.progress import Progress
-from physid.training.callbacks.run_state import RunState
+from physid.training.runs.every_run import CHECKPOINT as CHECKPOINT
+from physid.training.runs.every_run import callbacks_of
 from physid.training.runs.loggers import build_loggers, history_of
 from physid.training.training_module import LEARNED
 from physid.yaml_files import read_yaml
 
 Stage = Literal["validate", "test", "predict"]
-CHECKPOINT = Path("checkpoints", "last.ckpt")
 PARTS = ("state_dict", "epoch", "global_step", "loops", "callbacks", "pytorch-lightning_version")
 """Of a checkpoint that a run goes on from."""
 SAFELY: dict[str, Any] = {"weights_only": True}
@@ -113,14 +111,11 @@ def fit(config: Mapping[str, Any], folder: Path, *, resume: bool = False) -> dic
         ValueError: If the configuration does not fit the classes it names.
     """
     checkpoint = folder / CHECKPOINT if resume and (folder / CHECKPOINT).exists() else None
-    state = RunState(repr(sorted(config.items())))
-    keep = ModelCheckpoint(
-        folder / CHECKPOINT.parent, CHECKPOINT.stem, save_on_train_epoch_end=True, enable_version_counter=False
-    )
+    state, callbacks = callbacks_of(folder, config)
     config = dict(config)
     reached = {} if checkpoint is None else read_tensors(checkpoint, PARTS)
     loggers = build_loggers(folder, config.pop("wandb", "offline"), config, history_of(reached))
-    cli = _build(config, folder, [keep, state, LearningRates()], logger=loggers)
+    cli = _build(config, folder, callbacks, logger=loggers)
     trainer, model, data = cli.trainer, cli.model, cli.datamodule
     _until_interrupted(trainer, lambda: trainer.fit(model, datamodule=data, ckpt_path=checkpoint, **SAFELY))
     figures = _flat({**state.figures, **trainer.callback_metrics})
