@@ -18,7 +18,7 @@ from tests.diagnosis.sets import rewritten
 from physid.cli import main
 from physid.data import Recording, RecordingSet
 from physid.data.importers.rotations import axes_of
-from physid.inspection.kinematics import noise_of
+from physid.inspection.kinematics import kinematics_of, noise_of, shifted_forces
 from physid.inspection.report import inspect
 from physid.scenes import Ground, Scene, find_setup
 from physid.simulators.bullet.world import simulate
@@ -272,9 +272,9 @@ def test_a_mistake_is_found_with_its_mend(tmp_path: Path, name: str, change: Cha
     assert any(message in one for one in found), found
 
 
-@pytest.mark.parametrize(("sign", "said"), [(1, "forces.offset=-0.2,"), (-1, "import with the other sign")])
+@pytest.mark.parametrize(("sign", "offset"), [(1, [-0.2]), (-1, [])])
 def test_forces_so_late_that_they_point_against_accelerations_are_late_and_not_of_another_sign(
-    tmp_path: Path, sign: int, said: str
+    tmp_path: Path, sign: int, offset: list[float]
 ) -> None:
     words = {"simulator": "mujoco", "frame_rate": 60.0, "trajectories": 8, "steps": 90}
 
@@ -284,7 +284,47 @@ def test_forces_so_late_that_they_point_against_accelerations_are_late_and_not_o
 
     spoilt = rewritten(generated(tmp_path / "set", **words), tmp_path / "late", late)
     found = [one.mend for one in inspect(RecordingSet(spoilt)).findings]
-    assert [said in one for one in found if "forces.offset" in one or "other sign" in one] == [True]
+    assert offsets(found) == pytest.approx(offset, abs=4e-3)
+    assert sum("other sign" in one for one in found) == (sign < 0)
+
+
+def offsets(mends: list[str]) -> list[float]:
+    """Return the offsets of the clock of the forces that mends name [s]."""
+    return [float(one) for mend in mends for one in re.findall(r"forces.offset=(-?[0-9.]+),", mend)]
+
+
+@pytest.mark.parametrize("rate", [60.0, pytest.param(30.0, marks=pytest.mark.slow)])
+def test_a_clock_is_off_by_as_much_as_check_says_though_forces_change_slowly(tmp_path: Path, rate: float) -> None:
+    words = {"simulator": "mujoco", "frame_rate": rate, "trajectories": 10, "steps": int(1.5 * rate)}
+    exact = generated(tmp_path / "set", **words)
+    for late in (0.0, 0.023, -0.023):
+
+        def shifted(_: int, one: Recording, late: float = late) -> Recording:
+            return dataclasses.replace(one, wrench_time=one.wrench_stamps(1 / rate) + late)
+
+        spoilt = rewritten(exact, tmp_path / f"late {late}", shifted)
+        found = offsets([one.mend for one in inspect(RecordingSet(spoilt)).findings])
+        assert found == pytest.approx([-late] * bool(late), abs=2e-3)
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.02, -0.05])
+def test_forces_are_smoothed_as_the_accelerations_that_they_cause(shift: float) -> None:
+    """Held forces move a free body along pieces of parabolas; stamps of poses are uneven, and forces have their own."""
+    generator = np.random.default_rng(0)
+    scene = dataclasses.replace(find_setup("push").scene, gravity=(0.0, 0.0, 0.0))
+    mass, start = scene.bodies[0].mass, np.sort(generator.uniform(0, 1, 40))
+    force = generator.normal(size=(40, 3))
+    time = np.arange(90) / 60 + generator.uniform(-0.002, 0.002, 90)
+    since = np.maximum(time[:, None] - start - shift, 0)
+    change = np.diff(force, axis=0, prepend=0.0)
+    pose = np.zeros((90, 1, 7))
+    pose[:, 0, :3], pose[..., 6] = 0.5 * since**2 @ change / mass, 1.0
+    wrench = np.concatenate([np.zeros((40, 1, 3)), force[:, None]], -1)
+    one = Recording(pose=pose, wrench=wrench, time=time, wrench_time=start)
+    scene = dataclasses.replace(scene, time_step=1 / 60)
+    expected = mass * kinematics_of([one], scene, 7).acceleration
+    (found,) = shifted_forces(one, scene, 0, 7, np.array([shift]))
+    assert np.abs(found - expected).max() < 1e-9 * np.abs(expected).max()
 
 
 @pytest.mark.parametrize("tare", [0.0, 0.3, 1.0])
@@ -497,7 +537,7 @@ def test_friction_at_a_camera_s_rate_is_no_late_clock_and_a_late_clock_is_found(
         found.append(Recording(pose=pose, wrench=np.roll(wrench, -late, 0)))
     clocks = [one for one in said(tmp_path, dataclasses.replace(scene, time_step=1 / rate), found) if "clocks" in one]
     assert len(clocks) == bool(late)
-    assert all("forces.offset=0.1" in one for one in clocks)
+    assert offsets(clocks) == pytest.approx([late / rate] * bool(late), abs=1 / (3 * rate))
 
 
 def test_the_noise_is_told_whatever_frames_are_lost_or_wild(tmp_path: Path) -> None:

@@ -52,18 +52,18 @@ class Evidence:
     @cached_property
     def kinematics(self) -> Kinematics:
         """Local parabolas through the positions."""
-        return kinematics_of(self.recordings, self.scene, self._window)
+        return kinematics_of(self.recordings, self.scene, self.kinematics_window)
 
     @cached_property
-    def _window(self) -> int:
-        """Frames of a parabola."""
+    def kinematics_window(self) -> int:
+        """Frames of a parabola, an odd number."""
         wanted = EXACT * float(np.linalg.norm(self.weight))
         return window_for(self.noise.position, self.scene.time_step, wanted)
 
     @cached_property
     def acceleration_noise(self) -> float:
         """Standard deviation of the accelerations [m/s^2]."""
-        return acceleration_noise(self.noise.position, self.scene.time_step, self._window)
+        return acceleration_noise(self.noise.position, self.scene.time_step, self.kinematics_window)
 
     @cached_property
     def noise(self) -> Noise:

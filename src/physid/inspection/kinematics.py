@@ -88,14 +88,9 @@ def _windows(one: Recording, scene: Scene, index: int, body: int, window: int) -
     assert one.pose is not None
     frame = np.flatnonzero(one.seen[:, body])
     time, pose = one.stamps(scene.time_step)[frame], one.pose[frame, body]
-    count = max(len(frame) - window + 1, 0)
-    place = np.arange(count)[:, None] + np.arange(window)
-    within = time[place[:, -1]] - time[place[:, 0]] <= GAP * window * scene.time_step if count else np.zeros(0, bool)
-    place = place[within]
+    place, design, inverse = _parabolas(time, scene.time_step, window)
     middle = place[:, window // 2]
-    since = (time[place] - time[middle][:, None]) / scene.time_step
-    design = np.stack([np.ones_like(since), since, since**2 / 2], -1)
-    fit = np.linalg.pinv(design) @ (pose[place, :3] - pose[middle][:, None, :3]) if len(place) else np.zeros((0, 3, 3))
+    fit = inverse @ (pose[place, :3] - pose[middle][:, None, :3])
     off = pose[place, :3] - pose[middle][:, None, :3] - design @ fit
     turn = pose_difference(torch.from_numpy(pose[1:]), torch.from_numpy(pose[:-1]))[:, :3].numpy()
     lowest = lowest_corner(pose, scene, body)
@@ -111,6 +106,48 @@ def _windows(one: Recording, scene: Scene, index: int, body: int, window: int) -
         "height": lowest[middle],
         "turning": np.linalg.norm(turn, axis=-1)[np.maximum(middle - 1, 0)] if len(turn) else np.zeros(len(place)),
     }
+
+
+def _parabolas(time: Array, time_step: float, window: int) -> tuple[NDArray[np.int64], Array, Array]:
+    """Return the frames of each window (n, w), what a parabola is in them (n, w, 3), and what fits it (n, 3, w)."""
+    count = max(len(time) - window + 1, 0)
+    place = np.arange(count)[:, None] + np.arange(window)
+    within = time[place[:, -1]] - time[place[:, 0]] <= GAP * window * time_step if count else np.zeros(0, bool)
+    place = place[within]
+    since = (time[place] - time[place[:, window // 2]][:, None]) / time_step
+    design = np.stack([np.ones_like(since), since, since**2 / 2], -1)
+    return place, design, np.linalg.pinv(design) if len(place) else np.zeros((0, 3, window))
+
+
+def shifted_forces(one: Recording, scene: Scene, body: int, window: int, shifts: Array) -> Array:
+    """Return forces as the parabolas of `kinematics_of` smooth accelerations, at other times.
+
+    Held forces are integrated twice, and a parabola goes through each window of that: where a body is pushed by nothing
+    else, this is exactly its mass times the acceleration of its window, whatever the stamps.
+
+    Args:
+        one: With poses and forces.
+        scene: Its scene.
+        body: Which body.
+        window: Frames of a window, an odd number.
+        shifts: By which the forces are taken to come later [s], shape (S,).
+
+    Returns:
+        For the windows of this body in `kinematics_of`, shape (S, n, 3) [N].
+    """
+    assert one.wrench is not None
+    time = one.stamps(scene.time_step)[np.flatnonzero(one.seen[:, body])]
+    place, _, inverse = _parabolas(time, scene.time_step, window)
+    force, start = one.wrench[:, body, 3:], one.wrench_stamps(scene.time_step)
+    held = np.diff(start, append=start[-1:])[:, None]
+    impulse = np.concatenate([np.zeros((1, 3)), np.cumsum(force * held, 0)[:-1]])
+    moved = np.concatenate([np.zeros((1, 3)), np.cumsum((impulse + 0.5 * force * held) * held, 0)[:-1]])
+    at = time - shifts[:, None]
+    row = np.clip(np.searchsorted(start, at, side="right") - 1, 0, None)
+    since = np.maximum(at - start[row], 0.0)[..., None]
+    twice = moved[row] + impulse[row] * since + 0.5 * force[row] * since**2
+    ways = twice[:, place] - twice[:, place[:, window // 2]][:, :, None]
+    return np.asarray(np.einsum("nw,snwd->snd", inverse[:, 2], ways) / scene.time_step**2)
 
 
 def lowest_corner(pose: Array, scene: Scene, body: int) -> Array:

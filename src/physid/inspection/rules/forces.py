@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from physid.inspection.evidence import Evidence
 from physid.inspection.finding import Finding
+from physid.inspection.rules.clocks import delay
 from physid.inspection.rules.falls import ENOUGH
-from physid.inspection.rules.tracking import delay
 
 Array = NDArray[np.float64]
 WRONG, OTHER = -0.3, 0.6  # correlation of forces with accelerations: of the wrong sign, of other axes

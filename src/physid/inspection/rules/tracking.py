@@ -1,4 +1,4 @@
-"""What looks like a mistake of the tracker or of its clock: jumps, frames that repeat, wild turns, late forces."""
+"""What looks like a mistake of the tracker: jumps, frames that repeat, poses that it held, wild turns."""
 
 from __future__ import annotations
 
@@ -6,17 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physid.data.observations.remarks import NAMED, TURN
-from physid.data.observations.stamps import unlike_lengths
-from physid.inspection.evidence import LEAST_SMOOTH, STILL, Evidence
+from physid.inspection.evidence import LEAST_SMOOTH, Evidence
 from physid.inspection.finding import Finding
-from physid.inspection.rules.falls import ENOUGH
 
 Array = NDArray[np.float64]
 JUMP = 10.0  # times the distance of its neighbours
-LAG, BETTER = 20, 0.05  # frames that a clock may be off, gain in correlation that says so
-AGAINST = -0.3  # correlation below which the sign of the forces may be wrong, unless a shift explains more
-FOLLOWS = 0.4  # correlation of accelerations with shifted forces below which they follow no force, whatever the shift
-NOMINAL = 1e-6  # share of a time step by which stamps stray that were computed from a rate
 SHARE = 0.1  # of frames, from which on it is no accident
 HELD = 5  # frames with one and the same pose, to the last digit, from which on the tracker may have held it
 CATCH_UP = 3.0  # times the step after it by which a body moves on from a pose that was held while it went on
@@ -98,69 +92,6 @@ def jumps(seen: Evidence) -> Finding | None:
         "empty these cells, or tell the tracker to drop what it lost",
         wrong=False,
     )
-
-
-def delay(seen: Evidence) -> Finding | None:
-    """Forces that act before or after their accelerations: two clocks with an offset.
-
-    Where a body slides, a = f(t - lag) / m - c v / |v|: without the second part, dry friction, which turns round later
-    than the force does, looks like a shift. So what follows the direction of the motion is taken out of both (partial
-    correlation, Yule 1907), and frames without motion, in which friction cancels the force, are left out.
-    """
-    k = seen.kinematics
-    normal = np.array(seen.scene.ground.normal)
-    along = np.eye(3) - np.outer(normal, normal)
-    if np.count_nonzero(~seen.unforced) < ENOUGH:
-        return None
-    moments = np.zeros((2 * LAG + 1, 3, 3))
-    for trajectory in np.unique(k.trajectory):
-        for body in np.unique(k.body):
-            here = (k.trajectory == trajectory) & (k.body == body)
-            if np.count_nonzero(here) < 3 * LAG:
-                continue
-            push, pull, speed = k.force[here] @ along, k.acceleration[here] @ along, k.velocity[here] @ along
-            way = speed / np.maximum(np.linalg.norm(speed, axis=1, keepdims=True), STILL)
-            push, moving = push - push.mean(0), ~seen.still[here]
-            for index, lag in enumerate(range(-LAG, LAG + 1)):
-                early, late = slice(max(0, -lag), len(push) - max(0, lag)), slice(max(0, lag), len(push) + min(0, lag))
-                pairs = np.stack([push[early], pull[late], way[late]])[:, moving[late]]
-                moments[index] += np.einsum("ant,bnt->ab", pairs, pairs)
-    match = _partial_correlation(moments)
-    best = int(match.argmax()) - LAG
-    reversed_explains_more = match[LAG] < AGAINST and match[best + LAG] < BETTER - match[LAG]
-    if reversed_explains_more or match[best + LAG] < FOLLOWS:
-        return None
-    if abs(best) < 2 or match[best + LAG] < match[LAG] + BETTER:
-        return None
-    late_by = best * seen.scene.time_step
-    return Finding(
-        f"accelerations come {abs(late_by):.3g} s {'after' if late_by > 0 else 'before'} the forces (correlation "
-        f"{match[best + LAG]:.2f}, without a shift {match[LAG]:.2f}): the two clocks seem to differ",
-        f"import with forces.offset={late_by:.3g}, if nothing in the plant delays them",
-    )
-
-
-def lengths(seen: Evidence) -> Finding | None:
-    """Poses without stamps of a clock that last much longer, or shorter, than their forces, in every trajectory."""
-    step, found = seen.scene.time_step, list[str | None]()
-    for one in seen.recordings:
-        stamps = one.stamps(step)
-        # Stamps without any jitter are those of a nominal rate, as of films.
-        if one.wrench_time is None or len(stamps) < 2 or np.ptp(np.diff(stamps)) > NOMINAL * step:
-            return None
-        found.append(unlike_lengths(float(np.ptp(stamps)) + step, float(np.ptp(one.wrench_time)), 1 / step))
-    if found[0] is None or None in found:
-        return None
-    return Finding(found[0], "import with this rate", wrong=False)
-
-
-def _partial_correlation(moments: Array) -> Array:
-    """Correlate the first two of three variables, the third taken out, by their second moments (n, 3, 3); 0 if none."""
-    kept = moments[:, :2, :2] - (
-        moments[:, :2, 2:] * moments[:, 2:, :2] / np.maximum(moments[:, 2:, 2:], np.finfo(float).tiny)
-    )
-    size = np.sqrt(np.maximum(kept[:, 0, 0] * kept[:, 1, 1], 0.0))
-    return np.asarray(np.divide(kept[:, 0, 1], size, out=np.zeros(len(kept)), where=size > 0))
 
 
 def unseen(seen: Evidence) -> Finding | None:
