@@ -424,6 +424,43 @@ def test_a_guess_finds_the_log_of_forces_that_is_named_like_the_log(tmp_path: Pa
     assert np.allclose(RecordingSet(tmp_path / "out").read(0).wrench_time, time)
 
 
+@pytest.mark.parametrize(
+    ("names", "torque"),
+    [
+        (["fx", "fy", "fz", "tx", "ty", "tz"], ["tx", "ty", "tz"]),
+        (["ft_Fx", "ft_Fy", "ft_Fz", "ft_Tx", "ft_Ty", "ft_Tz"], ["ft_Tx", "ft_Ty", "ft_Tz"]),
+        (["fx", "fy", "fz", "mx", "my", "mz"], ["mx", "my", "mz"]),
+        (["fx", "fy", "fz", "ax", "ay", "az"], None),
+    ],
+)
+@pytest.mark.parametrize("beside", [False, True])
+def test_torques_are_guessed_and_no_column_is_left_out_without_a_word(
+    tmp_path: Path, names: list[str], torque: list[str] | None, beside: bool
+) -> None:
+    time = np.arange(60) / 100
+    columns = {name: (index + 1) * time for index, name in enumerate(names)}
+    poses = {"t": time, "x": time, "y": 0 * time, "z": 0 * time + 0.1, "quality": 0 * time}
+    here = poses if beside else poses | columns
+    write_csv(tmp_path / "run.csv", list(here), list(here.values()))
+    if beside:
+        write_csv(tmp_path / "run_ft.csv", ["t", *names], [time, *columns.values()])
+    said = guess_mapping(tmp_path / "run.csv")
+    assert yaml.safe_load(said).get("torque") == torque
+    left = {line.partition(": ")[0]: line.partition(": ")[2] for line in said.splitlines() if "# not read" in line}
+    others = [] if torque else names[3:]
+    expected = {"# not read, of run.csv": ", ".join(["quality", *([] if beside else others)])}
+    assert left == expected | ({"# not read, of run_ft.csv": ", ".join(others)} if beside and others else {})
+
+
+def test_a_position_that_is_called_a_translation_is_no_torque(tmp_path: Path) -> None:
+    time = np.arange(60) / 100
+    names = ["time", "tx", "ty", "tz", "fx", "fy", "fz"]
+    write_csv(tmp_path / "run.csv", names, [time, *[(index + 1) * time for index in range(6)]])
+    said = yaml.safe_load(guess_mapping(tmp_path / "run.csv"))
+    assert said["position"] == ["tx", "ty", "tz"]
+    assert "torque" not in said
+
+
 def test_a_guess_with_its_blanks_filled_in_is_the_motion(tmp_path: Path) -> None:
     log = write_csv(tmp_path / "log.csv", list(COLUMNS), list(COLUMNS.values()))
     said = guess_mapping(log)

@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
 from physid.data.importers.tables.table import Table
@@ -38,6 +39,7 @@ POSE = 7  # numbers of a position and a quaternion in one array
 RATES = (10.0, 2000.0)  # [1/s] that loggers have
 NUMBERED = ("episode_index", "episode", "trajectory", "trial", "run", "take")
 OF_MESSAGES = ("pose", "transform", "position", "odometry", "observation", "state")
+MOST_NAMED = 12  # columns that a comment lists
 UNIT_LENGTH = 0.01  # by which four columns may differ from a unit quaternion
 Pair = tuple[dict[str, str], dict[str, str]]
 
@@ -71,6 +73,33 @@ def first_of(groups: dict[str, dict[str, str]], stems: tuple[str, ...], letters:
     return []
 
 
+def torque_beside(groups: dict[str, dict[str, str]], force: list[str]) -> list[str]:
+    """Return the columns that are called as those of forces, but with t for f: tx beside fx, ft_tx beside ft_fx."""
+    for stem, found in groups.items():
+        twin = groups.get(f"{stem[:-1]}f") if stem.endswith("t") else None
+        if twin and set("xyz") <= set(found) & set(twin) and columns_of(twin, "xyz") == force:
+            return columns_of(found, "xyz")
+    return []
+
+
+def not_read(table: Table, lines: Sequence[str]) -> list[str]:
+    """Say in a comment which columns of a log the lines of a mapping leave out; nothing where they leave out none."""
+    said, open_ends = set[str](), [yaml.safe_load("\n".join(lines))]
+    while open_ends:
+        value = open_ends.pop()
+        if isinstance(value, Mapping):
+            open_ends += value.values()
+        elif isinstance(value, list):
+            open_ends += value
+        else:
+            said.add(str(value))
+    left = [name for name in table.columns if not {name, name.partition("[")[0], name.rpartition("/")[0]} & said]
+    if not left:
+        return []
+    more = f" and {len(left) - MOST_NAMED} more" if len(left) > MOST_NAMED else ""
+    return [f"# not read, of {table.path.name}: {', '.join(map(quoted, left[:MOST_NAMED]))}{more}"]
+
+
 def pairs_of(groups: dict[str, dict[str, str]]) -> dict[str, Pair]:
     """Return what has both a position and a quaternion: what their names begin with -> the columns of the two.
 
@@ -99,6 +128,14 @@ def named(prefix: str) -> str:
 def columns_of(group: Mapping[str, str], letters: str) -> list[str]:
     """Return the columns of a group by their letters."""
     return [quoted(group[letter]) for letter in letters]
+
+
+def listed(table: Table, columns: list[str]) -> str:
+    """Write columns as a list, or by the one name that stands for them all, and for nothing else."""
+    names = [bare(one) for one in columns]
+    stem = names[0].rpartition("/")[0]
+    alone = bool(stem) and table.components(stem) == names
+    return quoted(stem) if alone else f"[{', '.join(columns)}]"
 
 
 def frame_of(table: Table, columns: list[str], point: str = "") -> str:

@@ -27,11 +27,14 @@ from physid.data.importers.grouping import (
     first_of,
     frame_of,
     groups_of,
+    listed,
     named,
+    not_read,
     pairs_of,
     quoted,
     rises,
     step_of,
+    torque_beside,
     unit_columns,
     units_of_stamps,
 )
@@ -107,6 +110,7 @@ def guess_mapping(path: Path) -> str:
     said.say(
         f"unknown: [{named(next(iter(pairs))) if len(pairs) > 1 else 'block'}.friction]", "what shall be identified"
     )
+    said.lines += not_read(table, said.lines)
     doubts = "".join(f"#   {doubt}\n" for doubt in said.doubts)
     return "\n".join(said.lines) + f"\n# {len(said.doubts)} lines are not sure:\n{doubts}"
 
@@ -124,9 +128,9 @@ def _say_bodies(
     for index, (prefix, (place, turn)) in enumerate(pairs.items()):
         columns, four = columns_of(place, "xyz"), columns_of(turn, "xyzw")
         said.say(f"  - name: {named(prefix)}")
-        said.say(f"    position: {_listed(table, columns)}", frame_of(table, columns))
+        said.say(f"    position: {listed(table, columns)}", frame_of(table, columns))
         _guess_length(table, columns, units, said)
-        said.say(f"    quaternion: {_listed(table, four)}")
+        said.say(f"    quaternion: {listed(table, four)}")
         order, why = _order_of(table, four)
         if order:
             said.say(f"    order: {order}", why)
@@ -140,7 +144,7 @@ def _say_bodies(
 def _guess_place(table: Table, place: list[str], units: dict[str, str], said: _Guess) -> None:
     """Write the position, or that there is none."""
     if place:
-        said.say(f"position: {_listed(table, place)}", frame_of(table, place))
+        said.say(f"position: {listed(table, place)}", frame_of(table, place))
         _guess_length(table, place, units, said)
         return
     said.say(
@@ -151,13 +155,15 @@ def _guess_place(table: Table, place: list[str], units: dict[str, str], said: _G
 
 def _forces(table: Table, groups: dict[str, dict[str, str]], place: list[str]) -> dict[str, str]:
     """Return lines of forces and torques, each with its doubt."""
-    lines = {}
-    for name, words in (("force", FORCE), ("torque", TORQUE)):
-        columns = first_of(groups, words, "xyz")
+    lines, force = {}, first_of(groups, FORCE, "xyz")
+    for name, columns in (
+        ("force", force),
+        ("torque", first_of(groups, TORQUE, "xyz") or torque_beside(groups, force)),
+    ):
         if columns and columns != place:
             frame = frame_of(table, columns, "the centre of the body")
             side = "commanded, or measured with the other sign? physid check tells"
-            lines[f"{name}: {_listed(table, columns)}"] = f"{frame} {side}".strip()
+            lines[f"{name}: {listed(table, columns)}"] = f"{frame} {side}".strip()
     return lines
 
 
@@ -178,6 +184,7 @@ def _guess_forces_beside(path: Path, units: dict[str, str], said: _Guess) -> boo
             if unit != units.get("time"):
                 units["forces_time"] = unit
                 said.doubt(f"units.forces_time: {unit}, since the stamps of {other.name} rise like that")
+        said.lines += not_read(table, said.lines)
         return True
     return False
 
@@ -190,14 +197,6 @@ def _guess_force_clock(table: Table, found: list[str], clock: str, said: _Guess)
     own = clock_of(table, found)
     if own and own != clock and not table.line:
         said.say(f"forces: {{time: {quoted(own)}}}")
-
-
-def _listed(table: Table, columns: list[str]) -> str:
-    """Write columns as a list, or by the one name that stands for them all, and for nothing else."""
-    names = [bare(one) for one in columns]
-    stem = names[0].rpartition("/")[0]
-    alone = bool(stem) and table.components(stem) == names
-    return quoted(stem) if alone else f"[{', '.join(columns)}]"
 
 
 def _guess_time(table: Table, place: list[str], units: dict[str, str], said: _Guess) -> str:
@@ -243,7 +242,7 @@ def _guess_turn(
     if pair is not None:
         found = columns_of(pair[1], "xyzw")
     if found:
-        said.say(f"quaternion: {_listed(table, found)}")
+        said.say(f"quaternion: {listed(table, found)}")
         order, why = _order_of(table, found)
         if order:
             said.say(f"order: {order}", why)
