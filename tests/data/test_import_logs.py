@@ -18,6 +18,7 @@ from physid.data.importers.finding import find_logs
 from physid.data.importers.guess import guess_mapping
 from physid.data.importers.mapping_files import read_mapping
 from physid.data.observations.trajectories import load_trajectories
+from physid.inspection.kinematics import lowest_corner
 
 BODY = {"size": [0.1, 0.1, 0.05], "mass": 0.4, "friction": 0.3}
 COLUMNS = {"time": "t", "position": ["x", "y", "z"], "quaternion": ["qx", "qy", "qz", "qw"]} | BODY
@@ -341,3 +342,23 @@ def test_a_preamble_is_passed_over_and_the_number_of_a_frame_is_no_time(tmp_path
     assert "time" not in said
     assert said["position"] == ["TX", "TY", "TZ"]
     assert said["euler"] == ["RX", "RY", "RZ"]
+
+
+@pytest.mark.parametrize(("axes", "up"), [("z-up", 2), ("y-up", 1), ("x-up", 0), ("left-handed-y-up", 1)])
+@pytest.mark.parametrize("turned", [False, True])
+def test_edges_are_along_the_axes_of_the_body_in_the_log(tmp_path: Path, axes: str, up: int, turned: bool) -> None:
+    """A box that is not turned in its log is as high as the edge along the log's axis that is up."""
+    time, size = np.arange(20) / 100, (0.1, 0.2, 0.3)
+    place = np.zeros((20, 3))
+    place[:, up] = size[up] / 2
+    columns = {"t": time, "x": place[:, 0], "y": place[:, 1], "z": place[:, 2]}
+    words: dict[str, object] = {"time": "t", "position": ["x", "y", "z"], "size": list(size), "mass": 1.0, "axes": axes}
+    if turned:
+        columns |= {"qx": 0 * time, "qy": 0 * time, "qz": 0 * time, "qw": 0 * time + 1}
+    write_csv(tmp_path / "log.csv", list(columns), list(columns.values()))
+    words |= {"quaternion": ["qx", "qy", "qz", "qw"]} if turned else {"orientation": "none"}
+    import_logs([tmp_path / "log.csv"], words, tmp_path / "out")
+    found = RecordingSet(tmp_path / "out")
+    pose = found.read(0).pose
+    assert pose is not None
+    assert np.allclose(lowest_corner(pose[:, 0], found.scene, 0), 0, atol=1e-9)

@@ -8,6 +8,7 @@ import pytest
 
 from diagnosis.documents import diagnosis, said
 from physid.diagnosis.document.document import SPLITS, VERDICTS, Estimate, Share, Shrink, check_diagnosis
+from physid.diagnosis.document.rounding import rounded
 from physid.diagnosis.document.sentences import (
     MOST_LINES,
     caveat,
@@ -19,9 +20,12 @@ from physid.diagnosis.document.sentences import (
     kind_of,
     percent,
     quantity,
+    residual_sentences,
     summary_lines,
     verdict_sentence,
 )
+from physid.diagnosis.report.contents import ReportData
+from physid.diagnosis.report.page import render
 
 SENTENCES = {
     "none": "The model explains these recordings within 0.4 mm beyond the noise.",
@@ -147,12 +151,26 @@ def test_of_several_sizes_the_one_that_is_known_best_comes_first() -> None:
     assert [line.split(" = ")[0] for line in lines] == [f"viscous_drag.{name}" for name in ("mass", "z", "y", "x")]
 
 
-def test_a_gap_close_to_its_floor_has_no_share() -> None:
+@pytest.mark.parametrize(("floors", "near"), [(1.0, True), (1.019, True), (1.021, False), (3.0, False), (30.0, False)])
+def test_a_gap_without_a_share_is_near_to_its_floor_only_where_it_is(floors: float, near: bool) -> None:
     document = diagnosis()
     document["shrink"]["same"] = None
-    assert any(
-        "same protocol" in line and "too near to the floor" in line for line in summary_lines(check_diagnosis(document))
-    )
+    document["gap"]["same"] = {"before": floors * document["gap"]["floor"], "after": 0.001}
+    known = check_diagnosis(document)
+    (line,) = (line for line in summary_lines(known) if "same protocol" in line)
+    for text in (line, render(known, ReportData())):
+        assert ("too near to the floor" in text) == near
+        assert ("numerics alone may leave as much" in text) == (not near)
+
+
+@pytest.mark.parametrize(("first", "said"), [(6.8e-16, "at 0 m/s"), (0.012, "at 0.012 m/s")])
+def test_a_place_of_a_residual_law_that_is_nothing_but_rounding_is_zero(first: float, said: str) -> None:
+    document = diagnosis("unknown")
+    document["residual"][0] |= {"at": [first, 0.5, 1.0], "size": [0.6, 0.2, 0.1], "low": [0.5, 0.1, 0.0]}
+    document["residual"][0]["high"] = [0.7, 0.3, 0.2]
+    known = rounded(check_diagnosis(document))
+    assert said in residual_sentences(known.residual)[0]
+    assert known.residual[0].at[1:] == (0.5, 1.0)
 
 
 @pytest.mark.parametrize(

@@ -61,7 +61,9 @@ def validate(
     run_dir: Path | None = None,
     checkpoint: Path | None = None,
 ) -> None:
-    """Measure a fitted model on the validation split of its recordings.
+    """Measure a fitted model on the trajectories that are kept to choose between models (splits val and select).
+
+    Whoever chooses settings or models by these errors needs others to report: those of `physid test`.
 
     Examples:
       physid validate --run-dir runs/cube_tosses
@@ -82,7 +84,10 @@ def test(
     run_dir: Path | None = None,
     checkpoint: Path | None = None,
 ) -> None:
-    """Measure a fitted model on recordings that the fit has not seen.
+    """Measure a fitted model on the trajectories that nothing was chosen by (split test), or on others.
+
+    `physid fit` does so by itself at its end where there are any. `physid validate` measures the same on the
+    trajectories that models are chosen by.
 
     Examples:
       physid test --run-dir runs/push_friction

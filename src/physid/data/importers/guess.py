@@ -45,7 +45,10 @@ from physid.data.importers.units import split_header
 Array = NDArray[np.float64]
 LARGE = 5.0  # [m] spread of positions beyond which they are rather millimetres
 OF_BODY = (
-    ("size: [FILL_IN, FILL_IN, FILL_IN]", "the full edges of the body [m], no log holds them"),
+    (
+        "size: [FILL_IN, FILL_IN, FILL_IN]",
+        "full edges [m] along the body's own axes in this log; no log holds them",
+    ),
     ("mass: FILL_IN", "[kg]; a first guess where it is in unknown"),
 )
 SURE = 0.95  # of a component that stays w of a body that hardly turns

@@ -12,8 +12,14 @@ DIGITS = 5
 
 
 def rounded(diagnosis: Diagnosis) -> Diagnosis:
-    """Return a diagnosis with the digits that its file has."""
+    """Return a diagnosis with the digits that its file has.
+
+    Values of a variable have those of its range: 0 m/s on a scale of metres a second, not 7e-16.
+    """
     plain = diagnosis.to_mapping()
+    for law in plain.get("residual", ()):
+        decimals = DIGITS - math.ceil(math.log10(max(map(abs, law["at"])) or 1.0))
+        law["at"] = tuple(round(value, decimals) + 0.0 for value in law["at"])
     return check_diagnosis(_rounded(plain) | {"settings": diagnosis.settings})
 
 

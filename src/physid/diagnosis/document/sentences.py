@@ -194,7 +194,18 @@ def how_far_sentence(diagnosis: Diagnosis, split: Split) -> str:
         parts = diagnosis.shrink.parts.get(split, {})
         divided = join((f"{words(name)} {percent(each)}" for name, each in parts.items()), "and")
         return f"{text}, {' closed ('.join(part)})" + (f": {divided}" if len(parts) > 1 else "") + beside
-    return (text if error.after is None else f"{text}, too near to the floor for a share") + beside
+    return (text if error.after is None else f"{text}, {no_share(diagnosis, split)}") + beside
+
+
+def no_share(diagnosis: Diagnosis, split: Split) -> str:
+    """Say why no share of the gap is known on a split: the error is near the floor, or numerics may leave as much.
+
+    The floor is that of the noise; a share is of what exceeds the noise and what numerics disturb in each trajectory.
+    """
+    error, floor, _ = diagnosis.shown(split) or (None, 0.0, "")
+    if error is None or error.before <= decided(diagnosis, "gap", "no_gap", GapSettings().no_gap) * floor:
+        return "too near to the floor for a share"
+    return "no share is known: in these trajectories numerics alone may leave as much"
 
 
 def before_and_after(error: Errors, unit: str) -> str:

@@ -18,6 +18,7 @@ from physid.diagnosis.document.sentences import (
     how_far_sentence,
     kind_of,
     law_name,
+    no_share,
     residual_sentences,
     undetectable,
     verdict_sentence,
@@ -69,7 +70,7 @@ def render(said: Diagnosis, data: ReportData) -> str:
     overlay = data.overlay
     names = [name for name in LINES if any(name in curve.lines for curve in data.curves)]
     shares = [
-        (SPLIT_NAMES[split], *(closed(said, split) or ("", "")))
+        (SPLIT_NAMES[split], *(closed(said, split) or ("", no_share(said, split))))
         for split in SPLITS
         if (error := said.errors(split)) and error.after is not None
     ]
@@ -194,7 +195,7 @@ def _far(said: Diagnosis, split: Split) -> str:
     if share is not None:
         return f"{share[0]} closed"
     if error is not None and error.after is not None:
-        return "Near the floor"
+        return "Near the floor" if no_share(said, split).startswith("too near") else "No share known"
     return "Nothing to close" if _nothing_left(said) else "Not closed"
 
 
