@@ -226,7 +226,12 @@ MISTAKES: list[tuple[str, str, Change, str]] = [
         forced(lambda force: force[..., [0, 1, 2, 4, 3, 5]]),
         "import forces as force=[fy, fx, fz]",
     ),
-    ("push", "millinewtons", forced(lambda force: force * 1000), "of the force: one of them is in another unit"),
+    (
+        "push",
+        "millinewtons",
+        forced(lambda force: force * 1000),
+        "in mN -> import with units.force=mN",
+    ),
     (
         "push",
         "late forces",
@@ -345,6 +350,31 @@ def test_one_run_of_another_unit_is_named_by_its_number(tmp_path: Path) -> None:
              for n, one in enumerate(recordings)]  # fmt: skip
     found = said(tmp_path, scene, mixed)
     assert len([one for one in found if "in 1 of 6 trajectories (the first is 3)" in one and "metres" in one]) == 1
+
+
+@pytest.mark.parametrize("newtons", [1.0, 1e3])
+@pytest.mark.parametrize(("scale", "unit"), [(1e2, "centimetres"), (1e3, "millimetres"), (39.37, "inches")])
+def test_positions_in_another_unit_are_named_whatever_that_of_the_forces_is(
+    tmp_path: Path, scale: float, unit: str, newtons: float
+) -> None:
+    scene, recordings = recorded("push")
+    scaled = [posed(lambda p: p * ([scale] * 3 + [1] * 4))(scene, one)[1] for one in recordings]
+    found = said(tmp_path, scene, [forced(lambda force: newtons * force)(scene, one)[1] for one in scaled])
+    assert any(f"positions seem to be in {unit} -> import with the unit of the log" in one for one in found), found
+    assert any("units.force=mN" in one for one in found) == (newtons > 1), "what else is wrong is said of metres"
+    assert not any("slides in 0 frames" in one for one in found)
+
+
+@pytest.mark.parametrize("over", [9.9, 38.37, 99.0])
+def test_a_small_block_on_a_table_is_in_metres_though_it_would_touch_the_ground_in_another_unit(
+    tmp_path: Path, over: float
+) -> None:
+    """A table is as high as hundred blocks half are: that alone says nothing of the unit."""
+    scene, recordings = recorded("push")
+    height = over * scene.bodies[0].size[2] / 2
+    raised = [posed(lambda pose: pose + np.eye(7)[2] * height)(scene, one)[1] for one in recordings]
+    found = said(tmp_path, scene, raised)
+    assert not any("positions seem to be" in one for one in found)
 
 
 def test_heights_that_are_noise_about_the_origin_are_of_no_unit(tmp_path: Path) -> None:

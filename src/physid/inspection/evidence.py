@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -43,6 +43,14 @@ class Evidence:
     recordings: list[Recording]
     indices: list[int]
     origin: Origin = field(default_factory=Origin)
+
+    def scaled(self, factor: float) -> Evidence:
+        """Return the same with other positions: these, times a factor."""
+        change = np.array([factor] * 3 + [1.0] * 4)
+        moved = [
+            one if one.pose is None else replace(one, pose=one.pose * change, twist=None) for one in self.recordings
+        ]
+        return replace(self, recordings=moved)
 
     @cached_property
     def motion(self) -> Motion:

@@ -7,6 +7,7 @@ from physid.inspection import usability
 from physid.inspection.evidence import Evidence
 from physid.inspection.finding import Finding
 from physid.inspection.rules import PLACES, RULES
+from physid.inspection.rules.units import positions
 
 MOST_NAMED = 5
 
@@ -18,6 +19,9 @@ def mistakes_in(seen: Evidence) -> list[Finding]:
 
 def oddities_in(seen: Evidence) -> list[Finding]:
     """Return what looks like a mistake in recordings that are not useless (see `usability`), or is odd."""
+    unit = positions(seen)
+    if unit is not None:
+        return [unit[0], *oddities_in(unit[1])]  # what else is wrong shows in metres alone
     place = next((one for rule in PLACES if (one := rule(seen)) is not None), None)
     found = [place, *(rule(seen) for rule in RULES)]
     return [one for one in found if one is not None] + _remarks_on(seen)

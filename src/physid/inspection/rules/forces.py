@@ -7,6 +7,7 @@ from itertools import permutations, product
 import numpy as np
 from numpy.typing import NDArray
 
+from physid.data.importers.units import UNITS
 from physid.inspection.evidence import Evidence
 from physid.inspection.finding import Finding
 from physid.inspection.rules.clocks import delay
@@ -15,6 +16,7 @@ from physid.inspection.rules.falls import ENOUGH
 Array = NDArray[np.float64]
 WRONG, OTHER = -0.3, 0.6  # correlation of forces with accelerations: of the wrong sign, of other axes
 RATIO = (0.02, 20.0)  # of mass times acceleration over force, whatever the mass, which may be a first guess
+GUESS = 5.0  # factor by which a first guess of a mass, and friction beside the force, may be off
 KNOWN = (0.5, 2.0)  # the same where masses are known: 2 is a clock that is off by a factor of 1.4
 SHARE = 0.1  # of the squared force along an axis, from which on accelerations along it say something
 CLEAR = 0.5  # quantile of the forces from which on a body is clearly pushed
@@ -55,11 +57,20 @@ def forces(seen: Evidence) -> Finding | None:
         return mirrored
     ratio = float((push * pull).sum() / np.square(push).sum())
     if match > OTHER and not RATIO[0] < ratio < RATIO[1]:
-        return Finding(
-            f"mass times acceleration is {ratio:.3g} of the force: one of them is in another unit",
-            "check units.force (N, mN, kN) and the mass (kg)",
-        )
+        return _other_unit(ratio)
     return _known_mass(seen, push, pull, k.velocity[chosen] @ along) if match > OTHER else None
+
+
+def _other_unit(ratio: float) -> Finding:
+    """Name the unit of the forces that explains mass times acceleration over force, up to how well masses are known."""
+    fitting = [unit for unit, newtons in UNITS["force"].items() if 1 / GUESS < ratio / newtons < GUESS]
+    unit = fitting[0] if len(fitting) == 1 else None
+    return Finding(
+        f"mass times acceleration is {ratio:.3g} of the force: "
+        + (f"forces seem to be in {unit}" if unit else "one of them is in another unit")
+        + (", or masses in grams" if ratio > 1 else ""),
+        (f"import with units.force={unit}; or " if unit else "") + "check units.force (N, mN, kN) and the mass (kg)",
+    )
 
 
 def _mirrored(seen: Evidence, push: Array, pull: Array) -> Finding | None:

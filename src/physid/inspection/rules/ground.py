@@ -24,7 +24,7 @@ THERE = 0.8  # share of these moments in which they must touch it with other axe
 
 
 @dataclass(frozen=True)
-class _Carried:
+class Carried:
     """Moments at which bodies do not fall, so that something carries them.
 
     Attributes:
@@ -42,7 +42,7 @@ class _Carried:
     near: float
 
     @classmethod
-    def of(cls, seen: Evidence) -> _Carried | None:
+    def of(cls, seen: Evidence) -> Carried | None:
         """Choose them; None where there are few, or noise looks like half a fall."""
         k, g = seen.kinematics, float(np.linalg.norm(seen.weight))
         if not g or seen.acceleration_noise > 0.5 * CARRIED * g:
@@ -81,7 +81,7 @@ class _Carried:
 
 def carried(seen: Evidence) -> Finding | None:
     """Bodies that neither fall nor touch the ground, and would with other axes, or quaternions in another order."""
-    here = _Carried.of(seen)
+    here = Carried.of(seen)
     what = None if here is None else here.away()
     if here is None or what is None:
         return None
@@ -100,7 +100,7 @@ def carried(seen: Evidence) -> Finding | None:
 
 def adrift(seen: Evidence) -> Finding | None:
     """Bodies that neither fall nor touch the ground, at heights that change."""
-    here = _Carried.of(seen)
+    here = Carried.of(seen)
     what = None if here is None else here.away()
     if here is None or what is None:
         return None
