@@ -118,8 +118,8 @@ def doubt(diagnosis: Diagnosis) -> str:
     if not wrong:
         return ""
     return (
-        f"{wrong} thing{'s look' if wrong > 1 else ' looks'} like a mistake of the recording, which a verdict takes for "
-        "an effect: mend it, or know it to be right, before you blame the plant (physid check, physid show)."
+        f"{wrong} thing{'s look' if wrong > 1 else ' looks'} like a mistake of the recording, which a verdict takes "
+        "for an effect: mend it, or know it to be right, before you blame the plant (physid check, physid show)."
     )
 
 
