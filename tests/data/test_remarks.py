@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 
@@ -40,7 +41,7 @@ def moving(way: float = 0.0, turn: float = 0.0, frames: int = 12, time: NDArray[
 def test_a_body_that_goes_an_edge_or_turns_a_radian_between_frames_is_too_fast(
     recording: Recording, named: bool
 ) -> None:
-    said = remarks_on(recording, STEP, SCENE.sizes)
+    said = [one.text for one in remarks_on(recording, STEP, SCENE.sizes)]
     assert bool(said) == named
     if named:
         assert "from frame 0, 1, 2, 3, 4 and 6 more" in said[0]
@@ -69,6 +70,25 @@ def test_check_fit_and_diagnose_say_it_of_the_same_frames(tmp_path: Path, capsys
     for found in (examine(recordings, [0, 1]), require_usable_set(recordings, [0, 1])):
         (said,) = (one.what for one in found if TOO_LOW in one.what)
         assert said.startswith(f"trajectory 1: pose: {TOO_LOW}: from frame 4 ")
+
+
+def test_a_remark_on_many_trajectories_is_said_once_with_the_list_of_them(tmp_path: Path) -> None:
+    rows, time = np.ones((20, 1, 6)), STEP * np.arange(12.0)
+    short, long, begin = 3 * STEP, 5 * STEP, "wrench_time: forces begin"
+
+    def late(by: float) -> Recording:
+        clock = by + STEP * np.arange(20.0)
+        return dataclasses.replace(moving(0.1 * EDGE, time=time), wrench=rows, wrench_time=clock)
+
+    for name, starts, said in (
+        ("alike", [short] * 8, f"trajectories 0, 1, 2, 3, 4 and 3 more: {begin} {short:.3g} s after"),
+        ("unlike", [short, long, 0.0], f"trajectories 0, 1 (most in 1): {begin} {long:.3g} s after"),
+        ("one", [0.0, 0.0, short], f"trajectory 2: {begin} {short:.3g} s after"),
+        ("none", [0.0, 0.0], None),
+    ):
+        recordings = RecordingSet(write_set(tmp_path / name, [late(by) for by in starts]))
+        found = [one.what for one in examine(recordings, range(len(starts))) if "wrench_time" in one.what]
+        assert [one.startswith(str(said)) for one in found] == [True] * (said is not None)
 
 
 @pytest.mark.parametrize("tolerance", ["0", "-0.001"])

@@ -74,7 +74,7 @@ def test_a_rate_that_changes_is_remarked_with_the_frame() -> None:
     slower = np.append(np.arange(150) / RATE, 150 / RATE + np.arange(100) / 30)
     check_clocks(moving(slower), 1 / RATE)
     (remark,) = remarks_on(moving(slower), 1 / RATE, SIZES)
-    assert "changes from 60 to 30 frames per second in frame 150" in remark
+    assert "changes from 60 to 30 frames per second in frame 150" in remark.text
     assert not remarks_on(moving(stamps(300, jitter=0.2, missing=0.1)), 1 / RATE, SIZES)
 
 
@@ -93,8 +93,8 @@ def test_forces_that_begin_late_or_end_early_are_remarked() -> None:
     rows = np.ones((100, 1, 6))
     late = moving(stamps(300), wrench=rows, wrench_time=1 + np.arange(100) / 100)
     begin, end = remarks_on(late, 1 / RATE, SIZES)
-    assert "forces begin 1 s after the poses" in begin
-    assert "forces end 2.99 s before the poses" in end
+    assert "forces begin 1 s after the poses" in begin.text
+    assert "forces end 2.99 s before the poses" in end.text
 
 
 @pytest.mark.parametrize(

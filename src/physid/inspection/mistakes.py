@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from physid.data.observations.remarks import remarks_on
+from collections.abc import Sequence
+
+from physid.data.observations.remarks import Remark, remarks_on
 from physid.inspection import usability
 from physid.inspection.evidence import Evidence
 from physid.inspection.finding import Finding
@@ -28,13 +30,20 @@ def oddities_in(seen: Evidence) -> list[Finding]:
 
 
 def _remarks_on(seen: Evidence) -> list[Finding]:
-    """Return what is odd about the clocks of trajectories."""
-    said = [
-        f"trajectory {index}: {remark}"
-        for index, one in zip(seen.indices, seen.recordings, strict=True)
-        for remark in remarks_on(one, seen.scene.time_step, seen.scene.sizes)
-    ]
-    found = [Finding(remark, "see docs/recordings.md, Time", wrong=False) for remark in said[:MOST_NAMED]]
-    if len(said) > MOST_NAMED:
-        found.append(Finding(f"{len(said) - MOST_NAMED} more such remarks", "as above", wrong=False))
-    return found
+    """Return what is odd about the clocks of trajectories: each kind once, with all that have it and the largest."""
+    kinds: dict[str, list[tuple[int, Remark]]] = {}
+    for index, one in zip(seen.indices, seen.recordings, strict=True):
+        for remark in remarks_on(one, seen.scene.time_step, seen.scene.sizes):
+            kinds.setdefault(remark.kind, []).append((index, remark))
+    return [Finding(_together(found), "see docs/recordings.md, Time", wrong=False) for found in kinds.values()]
+
+
+def _together(found: Sequence[tuple[int, Remark]]) -> str:
+    """Say one remark of several trajectories, which they are, and where it is largest if they differ."""
+    largest, remark = max(found, key=lambda one: one[1].size)
+    if len(found) == 1:
+        return f"trajectory {largest}: {remark.text}"
+    named = ", ".join(str(index) for index, _ in found[:MOST_NAMED])
+    more = f" and {len(found) - MOST_NAMED} more" if len(found) > MOST_NAMED else ""
+    where = f" (most in {largest})" if len({one.text for _, one in found}) > 1 else ""
+    return f"trajectories {named}{more}{where}: {remark.text}"

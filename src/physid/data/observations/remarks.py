@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -38,8 +40,23 @@ def pace_of(recording: Recording, time_step: float, sizes: Array) -> Array:
     return np.where(near[:, None] & ~held & np.isfinite(pace), pace, 0.0)
 
 
-def remarks_on(recording: Recording, time_step: float, sizes: Array) -> tuple[str, ...]:
-    """Return what is odd about the clocks of a trajectory, and no contradiction: one sentence each.
+@dataclass(frozen=True)
+class Remark:
+    """What is odd about the clocks of a trajectory.
+
+    Attributes:
+        kind: What sort of thing, in a few words; remarks of one kind are said together.
+        text: One sentence.
+        size: How large it is; of several the largest is said.
+    """
+
+    kind: str
+    text: str
+    size: float = 0.0
+
+
+def remarks_on(recording: Recording, time_step: float, sizes: Array) -> tuple[Remark, ...]:
+    """Return what is odd about the clocks of a trajectory, and no contradiction.
 
     Args:
         recording: One trajectory, which `check_clocks` lets pass.
@@ -50,27 +67,28 @@ def remarks_on(recording: Recording, time_step: float, sizes: Array) -> tuple[st
     pace = pace_of(recording, time_step, sizes).max(1, initial=0.0)
     if len(fast := np.flatnonzero(pace > 1)):
         named = ", ".join(map(str, fast[:NAMED])) + (f" and {len(fast) - NAMED} more" if len(fast) > NAMED else "")
-        remarks.append(
+        text = (
             f"pose: the frame rate is too low for the motion: from frame {named} bodies turn by more than {TURN:g} rad "
             f"or go further than their smallest edge until the next; what they hit in between cannot be told; record "
             f"{float(pace.max()) / time_step:.3g} frames per second, or leave these frames out"
         )
+        remarks.append(Remark("rate", text, float(pace.max())))
     time = recording.time
     if time is not None and change_in(np.diff(time))[0] is not None:
         rhythm = rhythm_of(time)
-        remarks.append(
+        text = (
             f"time: the rate changes from {1 / rhythm.period:.4g} to {1 / rhythm.later:.4g} frames per second in frame "
             f"{rhythm.change}; poses are compared at their stamps, but check that these are true, or cut it there"
         )
+        remarks.append(Remark("change of the rate", text, abs(float(np.log(rhythm.later / rhythm.period)))))
     if recording.wrench is not None and recording.wrench_time is not None:
         poses, forces = recording.stamps(time_step), recording.wrench_time
         held = max(time_step, float(np.median(np.diff(forces))) if len(forces) > 1 else np.inf)
-        if forces[0] > poses[0] + time_step and recording.wrench[0].any():
-            remarks.append(
-                f"wrench_time: forces begin {forces[0] - poses[0]:.3g} s after the poses; until then none is assumed"
-            )
-        if poses[-1] - forces[-1] > 2 * held and recording.wrench[-1].any():
-            remarks.append(
-                f"wrench_time: forces end {poses[-1] - forces[-1]:.3g} s before the poses; the last is held until then"
-            )
+        late, early = float(forces[0] - poses[0]), float(poses[-1] - forces[-1])
+        if late > time_step and recording.wrench[0].any():
+            text = f"wrench_time: forces begin {late:.3g} s after the poses; until then none is assumed"
+            remarks.append(Remark("late forces", text, late))
+        if early > 2 * held and recording.wrench[-1].any():
+            text = f"wrench_time: forces end {early:.3g} s before the poses; the last is held until then"
+            remarks.append(Remark("early end of the forces", text, early))
     return tuple(remarks)

@@ -198,10 +198,7 @@ def how_far_sentence(diagnosis: Diagnosis, split: Split) -> str:
 
 
 def no_share(diagnosis: Diagnosis, split: Split) -> str:
-    """Say why no share of the gap is known on a split: the error is near the floor, or numerics may leave as much.
-
-    The floor is that of the noise; a share is of what exceeds the noise and what numerics disturb in each trajectory.
-    """
+    """Say why no share of the gap is known: errors are near the floor of the noise, or near what numerics leave."""
     error, floor, _ = diagnosis.shown(split) or (None, 0.0, "")
     if error is None or error.before <= decided(diagnosis, "gap", "no_gap", GapSettings().no_gap) * floor:
         return "too near to the floor for a share"
