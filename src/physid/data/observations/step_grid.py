@@ -61,6 +61,15 @@ class StepGrid:
         """Which steps are real, shape (R, S)."""
         return torch.arange(self.steps.shape[1], device=self.steps.device) < self.count[:, None]
 
+    def between(self, row: Tensor, frame: Tensor) -> StepGrid:
+        """Return the steps between consecutive frames (k, L) of trajectories (k,)."""
+        states = self.frame_step[row[:, None], frame]
+        first = states[:, :1]
+        count = (states[:, -1:] - first).clamp_min(1)
+        index = (first + torch.arange(int(count.max()), device=first.device)).clamp_max(self.steps.shape[1] - 1)
+        steps, wrench = self.steps[row[:, None], index], self.wrench[row[:, None], index]
+        return StepGrid(steps, wrench, states - first, count[:, 0])
+
     def refine(self, factors: int | Tensor) -> StepGrid:
         """Return the grid with steps that are cut into equal parts; frames stay where they are, and so do forces.
 

@@ -73,4 +73,4 @@ def follow(
 
 def _own_scale(segments: Segmentation, misfit: Tensor, doubtful: Tensor) -> Tensor:
     """Return the roots of the weights of segments (see `own_weights`) at each frame, shape (R, T, 1, 1)."""
-    return segments.spread(own_weights(segments, misfit, doubtful).sqrt())[..., None, None]
+    return segments.spread(own_weights(misfit, usual_misfit(segments, misfit), doubtful).sqrt())[..., None, None]

@@ -12,7 +12,7 @@ from physid.estimation.least_squares.first_guess import FirstGuess
 from physid.estimation.least_squares.jacobian import Directions
 from physid.estimation.least_squares.levenberg_marquardt import NONE, gauss_newton, solve_shared
 from physid.estimation.least_squares.line_search import Step, best_step, try_losses
-from physid.estimation.least_squares.multi_start import best_guess, carried, search, try_new_states
+from physid.estimation.least_squares.multi_start import best_guess, carried, choose, search, try_new_states
 from physid.estimation.least_squares.normal_equations import Linearised, Normal, Part
 from physid.estimation.least_squares.prior import clamp_effects, prior
 from physid.estimation.least_squares.settings import LeastSquaresSettings
@@ -33,6 +33,7 @@ __all__ = [
     "best_guess",
     "best_step",
     "carried",
+    "choose",
     "choose_steps",
     "clamp_effects",
     "covariance_of",

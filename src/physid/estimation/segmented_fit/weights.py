@@ -51,18 +51,18 @@ def weights_of_frames(
     return frame_weights(fit.residual, present, time, noise, settings) if robust else present
 
 
-def own_weights(segments: Segmentation, misfit: Tensor, doubtful: Tensor) -> Tensor:
+def own_weights(misfit: Tensor, usual: Tensor, doubtful: Tensor) -> Tensor:
     """Return how much segments (K,) count if doubtful ones do as if their noise were as large as their misfit, (K,).
 
     With m the mean squared residual of a segment in units of the noise and u the usual one, a doubtful segment counts
     min(1, u / m), any other 1. In some segments with impacts no initial state is found that explains them.
 
     Args:
-        segments: K of them.
         misfit: m, shape (K,).
+        usual: u, shape ().
         doubtful: Which are, shape (K,).
     """
-    own = torch.where(doubtful, usual_misfit(segments, misfit) / misfit.clamp_min(1e-9), torch.ones_like(misfit))
+    own = torch.where(doubtful, usual / misfit.clamp_min(1e-9), torch.ones_like(misfit))
     return own.clamp_max(1)
 
 

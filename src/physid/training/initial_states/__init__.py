@@ -1,8 +1,19 @@
 """Initial states of trajectories: given, guessed, or fitted together with the parameters."""
 
+from physid.training.initial_states.around_impacts import AROUND_IMPACTS, fit_around_impacts, weighed_anew
 from physid.training.initial_states.elimination import slopes, without_initial_states
 from physid.training.initial_states.explaining import Explaining, started_from
 from physid.training.initial_states.fitted import fit_states
 from physid.training.initial_states.tracked import TrackedFit
 
-__all__ = ["Explaining", "TrackedFit", "fit_states", "slopes", "started_from", "without_initial_states"]
+__all__ = [
+    "AROUND_IMPACTS",
+    "Explaining",
+    "TrackedFit",
+    "fit_around_impacts",
+    "fit_states",
+    "slopes",
+    "started_from",
+    "weighed_anew",
+    "without_initial_states",
+]

@@ -54,7 +54,7 @@ def losses_at(explaining: Explaining, tracked: TrackedFit, points: Tensor) -> tu
         pose = torch.cat([fit.jacobian.base.state[0, :, 0] for _, fit in fits])
         many = started(many, pose, torch.cat([fit.point.twist[0] for _, fit in fits]))
     losses = explaining.loss(many.residual(explaining.layer, physical(every)), many.real)
-    return torch.stack(list(losses.values())).sum(0).unflatten(0, (len(points), -1)), rollouts
+    return torch.stack(list(losses.values())).sum(0).unflatten(0, (len(points), -1)) * cut.share, rollouts
 
 
 @torch.no_grad()

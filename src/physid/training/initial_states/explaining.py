@@ -77,6 +77,7 @@ class Explaining:
         """Return one over the standard deviation of the noise times the root of the weight, shape (B, T, N, 6)."""
         real = cut.real if self.counted is None else self.counted.cpu()
         weights = self.loss.weights(torch.zeros_like(cut.pose[..., :6]) if residual is None else residual, real)
+        weights = weights * cut.share[:, None, None, None]
         return (weights * self._frames(cut)).sqrt() / cut.noise.position
 
     def _weighed(self, experiment: Experiment, point: Variants, cut: Trajectories) -> Experiment:

@@ -14,7 +14,7 @@ from physid.scenes import Scene
 from physid.training.initial_states import Explaining, TrackedFit, fit_states, started_from
 from physid.training.learners.engine import Engine
 from physid.training.learners.step_control import StepControl
-from physid.training.parameters import PhysicalParameters, PoseErrors, PoseLoss, Trajectories
+from physid.training.parameters import PhysicalParameters, Pieces, PoseErrors, PoseLoss, Trajectories
 
 Batch = Mapping[str, Any]
 
@@ -71,18 +71,19 @@ class PredictingModule(L.LightningModule):
         self.errors = torch.nn.ModuleDict({name: PoseErrors(scene) for name in ("fitted", "segments", "whole")})
         return self
 
-    def trajectories(self, batch: Batch, segment: int | None = None) -> Trajectories:
+    def trajectories(self, batch: Batch, segment: int | Pieces | None = None) -> Trajectories:
         """Return a batch of the data module as trajectories, cut into segments, with the steps chosen for them."""
         return self.steps.apply(self._coarse(batch, segment))
 
-    def _coarse(self, batch: Batch, segment: int | None = None) -> Trajectories:
+    def _coarse(self, batch: Batch, segment: int | Pieces | None = None) -> Trajectories:
         """Return the same with the longest steps that there may be."""
         if self._known is None or self._known[0] is not batch:
             seen = {name: batch[name] for name in batch if name != "twist" or self.twist == "recorded"}
             world = self.layer.world
             arrival = 0.0 if world.midpoint else world.step
             self._known = (batch, self.steps.lay(Trajectories.of(seen, world.time_step, arrival)))
-        return self._known[1].segments(segment)
+        whole = self._known[1]
+        return segment.of(whole) if isinstance(segment, Pieces) else whole.segments(segment)
 
     def fits_starts(self, batch: Batch) -> bool:
         """Return whether initial states are fitted: where they were not recorded, or not seen."""

@@ -12,12 +12,14 @@ import torch
 from torch import Tensor
 
 from physid.estimation.least_squares import FirstGuess
-from physid.training.initial_states import Explaining, answers
+from physid.estimation.segmented_fit import SegmentedFitSettings
+from physid.training.initial_states import AROUND_IMPACTS, Explaining, answers, fit_around_impacts, weighed_anew
 from physid.training.learners.engine import Engine
 from physid.training.learners.judging import judging_callbacks
 from physid.training.learners.prediction import PredictingModule
 from physid.training.parameters import (
     Identifiability,
+    Pieces,
     PoseLoss,
     Response,
     SensorNoise,
@@ -58,6 +60,8 @@ class SysID(TrainingModule, PredictingModule):
         loss: What an error of the poses costs; None for the paper's loss.
         guess: How first values are found over short segments where initial states are fitted, so that a first guess
             may be far off; None to begin with the guess itself.
+        impacts: How trajectories are cut around impacts where initial states are fitted and nobody says how recordings
+            were integrated, if no initial states explain the whole of most; None to leave them whole, or in segments.
         engine: Rules of the physics; None for the layer's own.
         optimizer: Adam, LBFGS, GaussNewton or PatternSearch; None for GaussNewton.
     """
@@ -72,6 +76,7 @@ class SysID(TrainingModule, PredictingModule):
         start: Literal["recorded", "fitted"] | None = None,
         seen: int = 60,
         guess: FirstGuess | None = FIRST_GUESS,
+        impacts: SegmentedFitSettings | None = AROUND_IMPACTS,
         loss: PoseLoss | None = None,
         engine: Engine | None = None,
         optimizer: OptimizerFactory | None = None,
@@ -83,7 +88,8 @@ class SysID(TrainingModule, PredictingModule):
         self.learn, self.values = learn, values
         self.segment, self.test_segment, self.twist = segment, test_segment, twist
         self.start, self.seen = start, seen
-        self.guess = guess
+        self.guess, self.impacts = guess, impacts
+        self.pieces: Pieces | None = None
         self.loss, self.engine = loss or PoseLoss(), engine or Engine()
         self._weighs = loss is None
         self._known: tuple[Batch, Trajectories] | None = None  # the last batch, asked for again and again
@@ -94,14 +100,15 @@ class SysID(TrainingModule, PredictingModule):
 
     def losses(self, batch: Batch) -> dict[str, Tensor]:
         """Compute the losses of each training segment (see `PoseLoss`), its initial state following the parameters."""
-        cut = self.trajectories(batch, self.segment)
+        cut = self.trajectories(batch, self._cutting)
         if self.fits_starts(batch):
             self._weigh(batch)
             cut, rollouts = answers.improve(self._explaining(cut), self.tracked, afresh=self._afresh)
             self.count_evaluations(rollouts)
         predicted = cut.rolled(self.layer, self.physical()).pose
         self._evaluated = predicted.detach(), cut
-        return self.loss.between(predicted, cut.pose, cut.real)
+        losses = self.loss.between(predicted, cut.pose, cut.real)
+        return {name: loss * cut.share for name, loss in losses.items()}
 
     @torch.no_grad()
     def curvature(self, batch: Batch) -> Tensor:
@@ -115,7 +122,22 @@ class SysID(TrainingModule, PredictingModule):
 
     def _training(self, batch: Batch) -> Explaining:
         """Return the training segments of a batch, with initial states to be fitted where they are unknown."""
-        return self._explaining(self.trajectories(batch, self.segment), fitted=self.fits_starts(batch))
+        return self._explaining(self.trajectories(batch, self._cutting), fitted=self.fits_starts(batch))
+
+    @property
+    def _cutting(self) -> int | Pieces | None:
+        """How trajectories are cut in training."""
+        return self.segment if self.segment is not None else self.pieces
+
+    def _may_be_cut(self, batch: Batch) -> bool:
+        """Return whether whole trajectories of a single batch are fitted, by slopes, and no simulator is known.
+
+        Where the scheme and the steps of a simulator are known, what a fit leaves at impacts is how that simulator
+        resolves contact: short segments tell the parameters no better (decision 77).
+        """
+        cut = self._coarse(batch)
+        single = self.trainer.num_training_batches == 1 and len(cut.index.unique()) == len(cut)
+        return self.steps.chooses and self.segment is None and single and cut.again is None and uses_slopes(self._kind)
 
     @property
     def _afresh(self) -> bool:
@@ -128,7 +150,7 @@ class SysID(TrainingModule, PredictingModule):
 
     def indices(self, batch: Batch) -> Tensor:
         """Return the trajectory of each training segment."""
-        return self.trajectories(batch, self.segment).index
+        return self.trajectories(batch, self._cutting).index
 
     @torch.no_grad()
     def values_at(self, batch: Batch, points: Tensor) -> Tensor:
@@ -168,7 +190,7 @@ class SysID(TrainingModule, PredictingModule):
 
     def _coarse_from(self, cut: Trajectories) -> Trajectories:
         """Return training segments with the longest steps, from the initial states of others."""
-        return dataclasses.replace(self._coarse(self._batch, self.segment), origin=cut.origin)
+        return dataclasses.replace(self._coarse(self._batch, self._cutting), origin=cut.origin)
 
     @torch.no_grad()
     def _choose_steps(self) -> None:
@@ -177,6 +199,9 @@ class SysID(TrainingModule, PredictingModule):
         Where it has judged points already, at the best of them: the present one is a try.
         """
         if take_back(self._kind):
+            self.tracked.forget_loss()
+        if self.pieces is not None and self.impacts is not None and self.impacts.rounds.own_weights:
+            self.pieces = weighed_anew(self.pieces, self._training(self._batch), self.tracked)
             self.tracked.forget_loss()
         explaining = self._training(self._batch)
         cut, response = explaining.trajectories, Response.unknown(len(self.physical.names))
@@ -216,6 +241,15 @@ class SysID(TrainingModule, PredictingModule):
         self._weigh(batch)
         short = self.trajectories(batch, guess.length(self.scene.time_step) - 1)
         explaining = self._explaining(self.trajectories(batch, self.segment))
+        if self.impacts is not None and self._may_be_cut(batch):
+            coarse = self._explaining(self._coarse(batch))
+            found = fit_around_impacts(coarse, explaining, self.impacts, chooses=self.steps.chooses)
+            if found is not None:
+                self.pieces, states = found
+                self.tracked.begin(self._training(batch), states)
+                if self.pieces is not None:
+                    self.print(self.pieces.described())
+                return
         self.count_evaluations(answers.guess(explaining, self.tracked, short, guess))
 
     def on_train_batch_end(self, outputs: Any, batch: Batch, batch_idx: int) -> None:
@@ -232,8 +266,10 @@ class SysID(TrainingModule, PredictingModule):
         super().on_save_checkpoint(checkpoint)
         checkpoint["starts"] = self.tracked.state_dict(self.physical.coordinates)
         checkpoint["steps"] = self.steps.state_dict()
+        checkpoint["pieces"] = {} if self.pieces is None else self.pieces.state_dict()
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Take the initial states of the run that is resumed."""
         self.tracked.load_state_dict(checkpoint.get("starts", {}))
         self.steps.load_state_dict(checkpoint.get("steps", {}))
+        self.pieces = Pieces.of_state(checkpoint.get("pieces", {}))

@@ -5,6 +5,7 @@ from physid.training.parameters.identifiability import ACCEPT, Identifiability, 
 from physid.training.parameters.intervals import RIDGE, ROUNDING, Response, known, normal_of, ridge_of
 from physid.training.parameters.metrics import PoseErrors
 from physid.training.parameters.physical_parameters import PhysicalParameters
+from physid.training.parameters.pieces import Pieces
 from physid.training.parameters.pose_loss import PoseLoss, mean_over_time
 from physid.training.parameters.posterior import Posterior, read_posterior
 from physid.training.parameters.taking_steps import take_back, take_step, uses_slopes
@@ -17,6 +18,7 @@ __all__ = [
     "GaussNewton",
     "Identifiability",
     "PhysicalParameters",
+    "Pieces",
     "PoseErrors",
     "PoseLoss",
     "Posterior",

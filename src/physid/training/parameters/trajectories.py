@@ -37,6 +37,8 @@ class Trajectories:
         again: Poses that were read from films, drawn and read a second time, shape (B, T, N, 7); None for a sensor of
             poses.
         stretch: What a standard deviation of the scale of such poses changes of them, shape (B, T, N, 6).
+        weight: How much each frame of a trajectory counts beside those of others, shape (B,); None where each
+            trajectory counts as much as any other, however long it is.
 
     Raises:
         ValueError: If a shape is off, or there are steps without times.
@@ -53,6 +55,7 @@ class Trajectories:
     grid: StepGrid | None = None
     again: Tensor | None = None
     stretch: Tensor | None = None
+    weight: Tensor | None = None
 
     def __post_init__(self) -> None:
         check_shape("pose", self.pose, (None, None, None, 7))
@@ -106,6 +109,14 @@ class Trajectories:
         """Which frames count: real ones in which all bodies were seen, shape (B, T)."""
         real = torch.arange(self.pose.shape[1], device=self.pose.device) < self.length[:, None]
         return real if self.seen is None else real & self.seen
+
+    @property
+    def share(self) -> Tensor:
+        """How much each trajectory counts beside the others, 1 in the mean, shape (B,)."""
+        if self.weight is None:
+            return torch.ones_like(self.pose[:, 0, 0, 0])
+        counts = self.weight * self.real.sum(1)
+        return counts / counts.mean()
 
     @property
     def noise(self) -> Noise:
@@ -260,7 +271,7 @@ class Trajectories:
         grid = self.grid
         if grid is not None:
             row = torch.arange(len(self), device=at.device).repeat_interleave(len(starts))[keep]
-            grid = _cut(grid, row, at.repeat(len(self), 1)[keep])
+            grid = grid.between(row, at.repeat(len(self), 1)[keep])
         return Trajectories(**cut, length=length[keep], index=index, grid=grid)
 
     def beginnings(self, frames: int) -> Trajectories:
@@ -270,7 +281,7 @@ class Trajectories:
         grid = self.grid
         if grid is not None:
             every = torch.arange(len(self), device=grid.count.device)
-            grid = _cut(grid, every, torch.arange(frames, device=grid.count.device).expand(len(self), -1))
+            grid = grid.between(every, torch.arange(frames, device=grid.count.device).expand(len(self), -1))
         return dataclasses.replace(self, **cut, length=self.length.clamp_max(frames), grid=grid)
 
     def _map(self, change: Any) -> Trajectories:
@@ -280,13 +291,3 @@ class Trajectories:
         return Trajectories(
             **{name: change(value) if isinstance(value, Tensor) else value for name, value in values.items()}
         )
-
-
-def _cut(grid: StepGrid, row: Tensor, frame: Tensor) -> StepGrid:
-    """Return the steps between consecutive frames (k, L) of trajectories (k,)."""
-    states = grid.frame_step[row[:, None], frame]
-    first = states[:, :1]
-    count = (states[:, -1:] - first).clamp_min(1)
-    index = (first + torch.arange(int(count.max()), device=first.device)).clamp_max(grid.steps.shape[1] - 1)
-    steps, wrench = grid.steps[row[:, None], index], grid.wrench[row[:, None], index]
-    return StepGrid(steps, wrench, states - first, count[:, 0])

@@ -1,0 +1,133 @@
+"""First values and initial states where impacts amplify every error: fitted to segments that are cut around them."""
+
+from __future__ import annotations
+
+import contextlib
+import copy
+from dataclasses import replace
+
+import torch
+from torch import Tensor
+
+from physid.estimation.least_squares import NONE, StepChoice, choose, gauss_newton
+from physid.estimation.prediction import Predictor, Segmentation, Timeline, Variants
+from physid.estimation.segmented_fit import (
+    Observed,
+    RoundSettings,
+    SegmentedFit,
+    SegmentedFitSettings,
+    fit_around_events,
+    fit_short_segments,
+    fit_with_chosen_steps,
+    own_weights,
+    usual_misfit,
+    weighed,
+)
+from physid.physics import SolverError
+from physid.training.initial_states.explaining import Explaining, States
+from physid.training.initial_states.fitted import FITTING, MOST
+from physid.training.initial_states.tracked import TrackedFit
+from physid.training.parameters import Pieces
+
+AROUND_IMPACTS = SegmentedFitSettings(rounds=RoundSettings(step_choices=1), steps=StepChoice(shortest=5e-4))
+"""As in a diagnosis, but that steps are chosen once: the run that follows chooses them again."""
+WEIGHED = 2
+"""How often segments are weighed by what they leave, and fitted again."""
+
+
+@torch.no_grad()
+def fit_around_impacts(
+    coarse: Explaining, whole: Explaining, settings: SegmentedFitSettings, *, chooses: bool
+) -> tuple[Pieces | None, States] | None:
+    """Fit parameters and initial states to segments around impacts, and say whether trajectories have to be cut there.
+
+    Trajectories stay whole where initial states explain the whole of most of them up to noise, at the parameters that
+    segments say: what is known of a parameter grows with the time that an error has to show. Else all are cut around
+    their impacts, and segments that no state explains count as little as their misfit says.
+
+    Args:
+        coarse: Whole trajectories with the longest steps, model and loss; the parameters are moved.
+        whole: The same trajectories, with the steps that the run begins with.
+        settings: What decides.
+        chooses: Whether steps of the engine are chosen.
+
+    Returns:
+        The pieces and their initial states, no pieces where trajectories stay whole; None where there are no impacts,
+        or where the physics has no solution.
+    """
+    with contextlib.suppress(SolverError):
+        found = fit_short_segments(*_recorded(coarse), settings)
+        found = fit_around_events(found, settings)
+        if bool(found.experiment.predictor.segments.contact.any()):
+            for _ in range(settings.rounds.step_choices if chooses else 0):
+                found = fit_with_chosen_steps(found, settings)
+            found, weight = _by_own_weights(found, settings)
+            physical = whole.physical
+            physical.coordinates.copy_(found.fit.point.nominal[0])
+            physical.confine()
+            return _cut(whole, found, weight)
+    return None
+
+
+def _recorded(explaining: Explaining) -> tuple[Observed, Predictor]:
+    """Return trajectories as the fit to segments takes them, and the model with its present parameters."""
+    cut = explaining.trajectories.stepped(explaining.layer.world.time_step).to("cpu")
+    assert cut.time is not None and cut.grid is not None
+    timeline, rows = Timeline(cut.time, cut.grid), len(cut)
+    present = cut.real[..., None].expand(-1, -1, cut.pose.shape[2]).to(cut.pose)
+    physical = copy.deepcopy(explaining.physical).cpu()
+    whole = Segmentation.equal(rows, timeline.frames, timeline.frames)
+    predictor = Predictor(physical.model(explaining.layer), timeline, whole)
+    return Observed(cut.pose, present, timeline, torch.ones(rows, dtype=torch.bool)), predictor
+
+
+def _by_own_weights(found: SegmentedFit, settings: SegmentedFitSettings) -> tuple[SegmentedFit, Tensor]:
+    """Fit again with segments that count as little as they are explained; also return their weights (K,)."""
+    noise, experiment = weighed(
+        found.experiment, found.fit, found.observed.present, None, settings.noise, robust=settings.rounds.robust
+    )
+    segments, fit = experiment.predictor.segments, found.fit
+    doubtful = torch.full_like(segments.contact, settings.rounds.own_weights)
+    weight = torch.ones(len(segments), dtype=torch.float64)
+    for _ in range(WEIGHED):
+        misfit = experiment.misfit(fit.point)
+        weight = own_weights(misfit, usual_misfit(segments, misfit), doubtful)
+        counted = experiment.replace(scale=experiment.scale * segments.spread(weight.sqrt())[..., None, None])
+        fit = gauss_newton(counted, counted.linearise(fit.point, NONE), NONE)
+    return replace(found, experiment=experiment, fit=fit, noise=noise), weight
+
+
+def _cut(whole: Explaining, found: SegmentedFit, weight: Tensor) -> tuple[Pieces | None, States]:
+    """Cut trajectories into segments of weights (K,), unless most of them are explained whole.
+
+    States are tried that the segments begin with, and those that the poses suggest.
+    """
+    segments, point = found.experiment.predictor.segments, found.fit.point
+    first = (segments.start == 0).nonzero()[:, 0]  # one of each trajectory, in their order
+    states = point.pose[0, first], point.twist[0, first]
+    experiment, guess = whole.begin()
+    held = experiment.with_known_parameters().replace(settings=FITTING)
+    begun = Variants.join((guess, whole.begin(states=states)[1]))
+    fit = gauss_newton(held, choose(held, begun), NONE, MOST)
+    failed = (~held.explained(fit.loss)).double().mean()
+    if float(failed) <= held.settings.multi_start.most:
+        return None, (fit.point.pose[0], fit.point.twist[0])
+    cut = (segments.size > 1).nonzero()[:, 0]
+    index = whole.trajectories.index.cpu()[segments.trajectory[cut]]
+    pieces = Pieces(index, segments.start[cut], segments.size[cut], weight[cut])
+    return pieces, (point.pose[0, cut], point.twist[0, cut])
+
+
+@torch.no_grad()
+def weighed_anew(pieces: Pieces, explaining: Explaining, tracked: TrackedFit) -> Pieces:
+    """Let pieces count as little as their misfit says where a fit stands.
+
+    The steps of the engine, and the initial states with them, have changed since they were weighed.
+    """
+    fit, experiment = copy.copy(tracked).linearised(explaining)
+    cut = explaining.trajectories.to("cpu")
+    noise = cut.noise_beside(fit.residual, experiment.scale)
+    square = (fit.residual / noise.spread()).square().mean((2, 3))
+    misfit = (square * cut.real).sum(1) / cut.real.sum(1).clamp_min(1)
+    weight = own_weights(misfit, misfit.median().clamp_min(1), torch.ones_like(misfit, dtype=torch.bool))
+    return replace(pieces, weight=weight)
