@@ -67,6 +67,7 @@ CASES = {
     "push_both": Case("push", "paper", ("block.mass", "block.friction")),
     "push_rich_both": Case("push", "rich", ("block.mass", "block.friction")),
     "slide_rich_friction": Case("slide", "rich", ("block.friction",)),
+    "toss_rich": Case("toss", "rich", ("block.friction", "block.restitution"), trajectories=16, steps=192),
     "push_straight": Case("push", "straight", ("block.mass", "block.friction"), steps=300, closed=True),
     "slide_straight": Case("slide", "straight", ("block.friction",), steps=300, closed=True),
     "toss_straight": Case("toss", "straight", ("block.friction", "block.restitution"), steps=200, closed=True),
