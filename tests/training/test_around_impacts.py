@@ -82,8 +82,8 @@ def fitted(folder: Path, *, scene: str, epochs: int, cuts: bool = True, **made: 
 
 @quiet
 def test_without_impacts_nothing_is_cut_and_nothing_changes(tmp_path: Path) -> None:
-    made = {
-        "simulator": "closed_form",
+    made: dict[str, object] = {
+        "simulator": "mujoco",
         "trajectories": 3,
         "steps": 30,
         "unknown": ["block.friction"],

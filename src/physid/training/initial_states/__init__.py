@@ -1,5 +1,6 @@
 """Initial states of trajectories: given, guessed, or fitted together with the parameters."""
 
+from physid.estimation.segmented_fit import SegmentedFitSettings
 from physid.training.initial_states.around_impacts import AROUND_IMPACTS, fit_around_impacts, weighed_anew
 from physid.training.initial_states.elimination import slopes, without_initial_states
 from physid.training.initial_states.explaining import Explaining, started_from
@@ -9,6 +10,7 @@ from physid.training.initial_states.tracked import TrackedFit
 __all__ = [
     "AROUND_IMPACTS",
     "Explaining",
+    "SegmentedFitSettings",
     "TrackedFit",
     "fit_around_impacts",
     "fit_states",

@@ -12,8 +12,14 @@ import torch
 from torch import Tensor
 
 from physid.estimation.least_squares import FirstGuess
-from physid.estimation.segmented_fit import SegmentedFitSettings
-from physid.training.initial_states import AROUND_IMPACTS, Explaining, answers, fit_around_impacts, weighed_anew
+from physid.training.initial_states import (
+    AROUND_IMPACTS,
+    Explaining,
+    SegmentedFitSettings,
+    answers,
+    fit_around_impacts,
+    weighed_anew,
+)
 from physid.training.learners.engine import Engine
 from physid.training.learners.judging import judging_callbacks
 from physid.training.learners.prediction import PredictingModule
