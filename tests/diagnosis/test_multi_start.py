@@ -10,8 +10,9 @@ from diagnosis.sets import recorded
 from physid.data import RecordingSet
 from physid.diagnosis.inputs.model_source import read_nominal_model
 from physid.diagnosis.inputs.observations import load_observations
-from physid.diagnosis.reference.nominal_fit import NONE, NominalFit, fit_nominal_model
+from physid.diagnosis.reference.nominal_fit import NominalFit, fit_nominal_model
 from physid.effects import find
+from physid.estimation.least_squares import NONE
 from physid.estimation.least_squares.multi_start import carried, guesses, search, try_new_states, varied
 from physid.estimation.least_squares.settings import MultiStartSettings
 from physid.estimation.prediction import Predictor, Variants

@@ -98,7 +98,7 @@ def test_a_fit_and_identifiability_say_what_check_says_and_keep_it(
         assert len(asked) == 1
         warned = [one.getMessage() for one in caplog.records if one.levelno == logging.WARNING]
         assert [sum(what in line for line in warned) for what in expected] == [1] * len(expected)
-        assert ("do not rely on the result" in capsys.readouterr().out) == bool(name)
+        assert ("before you rely on the result" in capsys.readouterr().out) == bool(name)
     kept = Findings.read(run)
     assert kept is not None
     assert kept.recordings == str(spoilt)
@@ -149,9 +149,9 @@ def test_a_document_keeps_findings_and_its_pages_show_them(tmp_path: Path) -> No
     assert "findings" not in without.to_mapping()
     for said, shown in ((with_them, True), (without, False)):
         page, lines = render(said, ReportData()), "\n".join(summary_lines(said))
-        assert ("1 thing looks like a mistake of the recording" in page) == shown
+        assert ("1 thing looks wrong in these recordings" in page) == shown
         assert ("Forces &lt;b&gt;" in page) == shown
-        assert ("Beware    1 thing looks like a mistake" in lines) == shown
+        assert ("Beware    1 thing looks wrong" in lines) == shown
         assert "odd" not in lines
         assert lines.count("Refitted") == 1
         (tmp_path / "diagnosis.json").write_text(json.dumps(said.to_mapping()))

@@ -88,6 +88,6 @@ def trust_sentence(findings: Iterable[Finding], where: str = "these recordings")
     if not wrong:
         return None
     return (
-        f"{wrong} thing{'s look' if wrong > 1 else ' looks'} wrong in {where}: do not rely on the result before that "
-        "is mended, or known to be right (physid check, physid show)"
+        f"{wrong} thing{'s look' if wrong > 1 else ' looks'} wrong in {where}, which may be all that the result says: "
+        "mend it, or know it to be right, before you rely on the result (physid check, physid show)"
     )

@@ -9,6 +9,7 @@ from physid.diagnosis.document.document import Cell, Diagnosis, Errors, Estimate
 from physid.diagnosis.document.residual_sentences import law_name as law_name
 from physid.diagnosis.document.residual_sentences import residual_sentences as residual_sentences
 from physid.diagnosis.settings.conclusion import GapSettings
+from physid.inspection.finding import trust_sentence
 from physid.pages.numbers import capital, figure, interval, join, p_value, percent, quantity, words
 
 MOST_LINES = 10
@@ -110,17 +111,8 @@ def caveat(diagnosis: Diagnosis) -> str:
 
 
 def doubt(diagnosis: Diagnosis) -> str:
-    """Say that something in the recordings looks like a mistake; empty where nothing does.
-
-    A late clock looks like a latency: the verdict may name what the finding does, and both are right.
-    """
-    wrong = sum(one.wrong for one in diagnosis.findings)
-    if not wrong:
-        return ""
-    return (
-        f"{wrong} thing{'s look' if wrong > 1 else ' looks'} like a mistake of the recording, which a verdict takes "
-        "for an effect: mend it, or know it to be right, before you blame the plant (physid check, physid show)."
-    )
+    """Say that something in the recordings looks like a mistake; empty where nothing does."""
+    return trust_sentence(diagnosis.findings) or ""
 
 
 def power_sentence(diagnosis: Diagnosis) -> str:
