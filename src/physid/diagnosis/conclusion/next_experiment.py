@@ -105,9 +105,12 @@ def _best_protocol(
     settings = nominal_fit.settings.next_experiment
     steps = settings.steps_with_impacts if setup.impacts else settings.steps
     scene = model.scene_at(one.fit.point.nominal[0])
+    turned = bool(nominal_fit.observations.timeline.grid.wrench[..., :3].any())
     for protocol in setup.protocols:
         generator = np.random.default_rng(0)
         drawn = [setup.draw(scene, protocol, generator, steps) for _ in range(settings.drawn)]
+        if not turned and any(each.wrench[..., :3].any() for each in drawn):
+            continue  # who pushed at the centre of mass is not asked for torques
         try:
             tried.append((_planned(drawn, one, other, nominal_fit), protocol, steps))
         except SolverError:

@@ -11,7 +11,7 @@ from physid.diagnosis.inputs import Observations
 from physid.diagnosis.progress import Progress, Stage, silent
 from physid.diagnosis.reference.following import fit_beside_references
 from physid.diagnosis.settings.settings import Settings
-from physid.estimation.least_squares import ChosenSteps, Experiment, Fit
+from physid.estimation.least_squares import NONE, ChosenSteps, Experiment, Fit
 from physid.estimation.measurement import Noise
 from physid.estimation.prediction import EffectKinds, NominalModel, Predictor, Segmentation, Timeline
 from physid.estimation.segmented_fit import (
@@ -95,6 +95,8 @@ def fit_nominal_model(
     experiment, fit, noise, settings = fit_beside_references(
         found.experiment, found.fit, present, found.noise.error, settings, generator, say
     )
+    # A fit may end with the slopes of a point nearby; those of a run that is taken up again are of its own point.
+    fit = experiment.linearise(fit.point, NONE)
     phases = phases_of(fit.jacobian.base, observations.timeline, model.scene, settings.phases)
     return NominalFit(observations, experiment, fit, noise, phases, found.events, settings, found.steps)
 
