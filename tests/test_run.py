@@ -215,6 +215,7 @@ def test_an_error_of_the_code_in_a_loader_is_not_taken_for_a_killed_one(config: 
         main(["fit", "--config", config, "data.harm=fail"])
 
 
+@pytest.mark.slow
 def test_a_run_that_is_resumed_for_fewer_epochs_than_it_has_is_refused_in_one_line(
     config: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

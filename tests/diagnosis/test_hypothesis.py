@@ -131,6 +131,7 @@ def test_an_interval_knows_what_an_error_that_all_poses_share_moves(tmp_path: Pa
     assert torch.equal(read.experiment.common, common)
 
 
+@pytest.mark.slow
 def test_forces_that_come_late_between_two_frames_of_a_slow_camera_leave_nothing(tmp_path: Path) -> None:
     late = {"force_delay": {"delay": 0.015}}
     changes = {"protocol": "straight", "trajectories": 5, "split": {"fit": 1}, "unknown": ("block.friction",)}

@@ -90,6 +90,7 @@ def test_machine_code_is_kept_and_a_place_that_cannot_be_written_does_no_harm(tm
     machine.load("idle", lambda: code)(0, 0, 0, 0)
 
 
+@pytest.mark.slow
 def test_as_many_worlds_at_once_as_another_processor_would_compute_give_the_same(tmp_path: Path) -> None:
     test = "tests/physics/test_fused.py::test_states_and_gradients_are_those_of_the_reference_in_every_scene"
     answer = subprocess.run(

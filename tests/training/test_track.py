@@ -109,6 +109,7 @@ def test_reading_drawn_films_tells_how_far_off_read_poses_are(films: Path, read:
         assert 1 / ALIKE < size(again) / size(own) < ALIKE
 
 
+@pytest.mark.slow
 def test_only_first_poses_are_looked_at(films: Path, read: Path, tmp_path: Path) -> None:
     track(rewritten(films, tmp_path / "films", 1), tmp_path / "read")
     for here, there in zip(RecordingSet(tmp_path / "read"), RecordingSet(read), strict=True):
@@ -193,6 +194,7 @@ def test_an_interrupted_reading_goes_on_and_ends_as_one_that_was_not(films: Path
         assert sums[0] == sums[1]
 
 
+@pytest.mark.slow
 def test_a_lost_body_is_said_with_trajectory_and_frame(films: Path, tmp_path: Path) -> None:
     def jump(one: Recording) -> Recording:
         assert one.frames is not None
@@ -215,6 +217,7 @@ def test_a_lost_body_is_said_with_trajectory_and_frame(films: Path, tmp_path: Pa
     assert read_reading(tmp_path / "read") is not None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("part", "noise"), [(0.0, 0.0), (0.0, 15.0), (0.6, 0.0), (0.6, 5.0)])
 def test_frames_in_which_something_hides_a_body_are_said_and_no_others(
     films: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture, part: float, noise: float
