@@ -48,6 +48,7 @@ def seen(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     return request.param, folder
 
 
+@pytest.mark.slow
 def test_a_known_perception_effect_does_not_bias_the_fit_and_is_part_of_what_is_predicted(
     seen: tuple[str, Path], tmp_path: Path
 ) -> None:

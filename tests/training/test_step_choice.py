@@ -255,6 +255,7 @@ def test_steps_after_a_change_of_the_force_are_as_long_as_forces_allow_that_come
     assert torch.equal(parts_for_late_forces(experiment, base, choice, far), found), "it rests long after the change"
 
 
+@pytest.mark.slow
 def test_steps_are_short_only_where_blocks_turn_around() -> None:
     judged = judgement(5e-5)
     chosen = halve_steps(judged, StepChoice())

@@ -203,6 +203,7 @@ def test_films_without_poses_are_predicted_alike(films: Path, tmp_path: Path) ->
         assert np.array_equal(seen, unseen)
 
 
+@pytest.mark.slow
 def test_a_run_begins_with_the_encoder_of_another_one_of_its_kind(films: Path, tmp_path: Path) -> None:
     run, config = tmp_path / "run", str(CONFIGS / "supervised" / "push_friction.yaml")
     assert main(["fit", "--config", config, f"--run-dir={run}", f"data.folder={films}", *TINY]) == 0
