@@ -9,11 +9,13 @@ import torch
 
 from diagnosis.sets import recorded
 from physid.data import RecordingSet
+from physid.diagnosis.conclusion import next_experiment as proposals
 from physid.diagnosis.diagnose import diagnose
 from physid.diagnosis.inputs.model_source import read_nominal_model
 from physid.diagnosis.inputs.observations import load_observations
 from physid.diagnosis.reference.nominal_fit import NominalFit, fit_nominal_model
 from physid.diagnosis.settings.settings import Settings
+from physid.scenes import find_setup
 
 pytest.importorskip("mujoco")
 SOME = {"trajectories": 4, "steps": 45, "simulator": "mujoco", "frame_rate": 60.0, "split": {"fit": 1}}
@@ -63,3 +65,16 @@ def test_pushes_off_the_centre_hide_no_gap_and_make_none(tmp_path: Path, drag: f
     found = diagnose(RecordingSet(made), tmp_path / "out")
     assert found.references == ("mujoco",)
     assert found.verdict == "none" if not drag else "viscous_drag" in found.group
+
+
+def test_torques_are_proposed_to_whoever_recorded_some(
+    pushed_off_centre: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whoever pushed at the centre of mass may have no way to push elsewhere, however much it would say."""
+    monkeypatch.setattr(proposals, "_planned", lambda drawn, *_: sum(abs(one.wrench[..., :3]).sum() for one in drawn))
+    central = recorded(tmp_path / "set", {}, protocol="straight", **SOME)
+    for made, torques in ((pushed_off_centre, True), (central, False)):
+        found = fitted(made, DEFAULT.changed({"replay.simulators": ("mujoco",)}))
+        best = proposals._best_protocol(find_setup("push"), found, found, found)  # type: ignore[arg-type]
+        assert best is not None
+        assert (best[1] == "off_centre") == torques

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 import torch
 from tests.training.pushed import SCENE, TRUE_FRICTION, layer, push_batch
 
+from physid.cli import main
 from physid.data.batches.datamodule import RecordingsDataModule
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig, Noise
@@ -111,3 +113,25 @@ def test_tumbling_blocks_are_cut_where_nobody_says_who_made_the_recordings(simul
         low, high = (float(trainer.callback_metrics[f"params/{name}/{end}"]) for end in ("low", "high"))
         assert value == pytest.approx(true, rel=0.02)
         assert abs(math.log(value / true)) < LARGE * math.log(high / low) / 2
+
+
+@pytest.mark.slow
+@quiet
+def test_a_run_over_pieces_that_is_resumed_ends_as_an_undisturbed_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made = {"simulator": "mujoco", "trajectories": 5, "steps": 48, "frame_rate": 60.0, "seed": 1}
+    config = GenerateConfig(
+        "toss", protocol="rich", video=False, split={"train": 1}, noise=NOISE,
+        unknown=("block.friction", "block.restitution"), **made,
+    )  # fmt: skip
+    generate(config, tmp_path / "set", quiet=True)
+    words = ["fit", str(tmp_path / "set"), "--run-dir"]
+    assert main([*words, str(tmp_path / "whole"), "trainer.max_epochs=2"]) == 0
+    assert "are cut around their impacts" in capsys.readouterr().out
+    assert main([*words, str(tmp_path / "halves"), "trainer.max_epochs=1"]) == 0
+    assert main([*words, str(tmp_path / "halves"), "trainer.max_epochs=2", "--resume"]) == 0
+    whole, halves = (json.loads((tmp_path / name / "metrics.json").read_text()) for name in ("whole", "halves"))
+    assert {name: halves[name] for name in whole if name.startswith("params/")} == {
+        name: value for name, value in whole.items() if name.startswith("params/")
+    }

@@ -77,7 +77,7 @@ def ordered(findings: Iterable[Finding]) -> list[Finding]:
 
 
 def warn_of(findings: Iterable[Finding], where: object) -> None:
-    """Tell the user what looks like a mistake in a set, before anything is computed from it."""
+    """Warn of what looks like a mistake in a set, before anything is computed from it."""
     for one in ordered(findings):
         logger.warning("%s: %s", where, one.text())
 

@@ -81,7 +81,7 @@ class TrainingModule(L.LightningModule, ABC):
         return data if isinstance(data, RecordingsDataModule) else None
 
     def _say(self, findings: Sequence[Finding]) -> None:
-        """Keep what was found, and tell the user once, however many processes there are."""
+        """Keep what was found, and warn the user once, however many processes there are."""
         self.findings = tuple(findings)
         data = self._data()
         if self.trainer.is_global_zero and data is not None:

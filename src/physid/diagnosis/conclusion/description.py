@@ -49,7 +49,6 @@ def describe(judged: Judgement, next_experiment: str | None, generator: torch.Ge
         residual=laws.described,
         excess=found.lack.missing,
         null_simulations=len(found.lack.null_best),
-        references=nominal_fit.references,
     )
 
 

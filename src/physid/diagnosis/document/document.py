@@ -181,7 +181,7 @@ class Diagnosis:
         settings: What decided: thresholds by section and name; empty where the file does not say.
         causes: Probability of each cause (see `Evidence`), the most probable first; evidence: what they follow from.
         residual: What a better model would have to add; excess: size of the gap as scores measure it, if known.
-        null_simulations: How many; references: the simulators that made them; seconds: how long it took.
+        null_simulations: How many; seconds: how long it took.
         findings: What looks like a mistake in the recordings, or is odd, by the rules of `physid check`.
     """
 
@@ -206,7 +206,6 @@ class Diagnosis:
     residual: tuple[ResidualLaw, ...] = ()
     excess: Positive | None = None
     null_simulations: int | None = None
-    references: tuple[Text, ...] = ()
     seconds: Positive | None = field(default=None, compare=False)
     findings: tuple[Finding, ...] = ()
 
@@ -229,6 +228,11 @@ class Diagnosis:
         """Names of the effects."""
         return tuple(effect.name for effect in self.effects)
 
+    @property
+    def references(self) -> tuple[str, ...]:
+        """The simulators that made the null simulations; none where an older file does not say."""
+        return tuple(self.settings.get("replay", {}).get("simulators", ()))
+
     def errors(self, split: Split) -> Errors | None:
         """Return the errors on a split, None where there is none."""
         return self.gap.same if split == "same" else self.gap.transfer
@@ -247,10 +251,7 @@ class Diagnosis:
 
     def to_mapping(self) -> dict[str, Any]:
         """Return the content of the file as plain values; what is optional and not known is left out."""
-        optional = (
-            *("settings", "causes", "evidence", "residual", "excess"),
-            *("null_simulations", "references", "seconds", "findings"),
-        )
+        optional = ("settings", "causes", "evidence", "residual", "excess", "null_simulations", "seconds", "findings")
         made = {name: value for name, value in asdict(self).items() if value or name not in optional}
         if self.gap.rotations is None:
             del made["gap"]["rotations"]

@@ -38,7 +38,7 @@ def count_numerics(
 def keep_agreeing(experiment: Experiment, fit: Fit, settings: Settings, say: Progress) -> Settings:
     """Leave out reference simulators that stand alone, far off the model and off all others.
 
-    Three independent engines tell which one is wrong: where two go the same way from the same states, and the third
+    Three independent engines show which one is wrong: where two go the same way from the same states, and the third
     another one by more than the noise, the error is its own, and null simulations of it would hide what the model
     lacks. Where all three differ, each may be right, and all stay. Distances are root mean squares in standard
     deviations of the noise, after initial states are fitted anew; of the segments the median, since after an impact

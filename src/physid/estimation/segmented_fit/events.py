@@ -25,7 +25,7 @@ def find_events(
     scene: Scene,
     settings: EventSettings,
 ) -> Tensor:
-    """Find the frames in which a body hits another, is jolted, or touches the ground other than with a whole face.
+    """Find the frames in which a body strikes another, is jolted, or touches the ground other than with a whole face.
 
     Args:
         phases: Codes of PHASES, shape (R, T, N).

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physid.data.importers.units import UNITS
-from physid.inspection.evidence import Evidence
+from physid.inspection.evidence import STILL, Evidence
 from physid.inspection.finding import Finding
 from physid.inspection.rules.clocks import delay
 from physid.inspection.rules.falls import ENOUGH
@@ -20,7 +20,6 @@ GUESS = 5.0  # factor by which a first guess of a mass, and friction beside the 
 KNOWN = (0.5, 2.0)  # the same where masses are known: 2 is a clock that is off by a factor of 1.4
 SHARE = 0.1  # of the squared force along an axis, from which on accelerations along it say something
 CLEAR = 0.5  # quantile of the forces from which on a body is clearly pushed
-STILL = 0.01  # [m/s] below which the direction of a motion is noise
 
 
 def forces(seen: Evidence) -> Finding | None:

@@ -139,7 +139,7 @@ class SysID(TrainingModule, PredictingModule):
         """Return whether whole trajectories of a single batch are fitted, by slopes, and no simulator is known.
 
         Where the scheme and the steps of a simulator are known, what a fit leaves at impacts is how that simulator
-        resolves contact: short segments tell the parameters no better (decision 78).
+        resolves contact: short segments identify the parameters no better (decision 78).
         """
         cut = self._coarse(batch)
         single = self.trainer.num_training_batches == 1 and len(cut.index.unique()) == len(cut)
