@@ -67,7 +67,7 @@ def diagnose_bank(
     with warnings.catch_warnings():
         # A worker whose memory has grown is replaced by a fresh one, between two sets; nothing is lost.
         warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
-        bar = tqdm(parallel(jobs), total=len(missing), desc="diagnosing", disable=quiet or None)
+        bar = tqdm(parallel(jobs), total=len(missing), desc="diagnosing", smoothing=0, disable=quiet or None)
         return len(missing), sum(not done for done in bar)
 
 

@@ -40,7 +40,7 @@ def seal(folder: Path, plan: Plan, workers: int = 1, *, quiet: bool = False) -> 
     _keep_apart(folder, plan)
     jobs = (joblib.delayed(make)(folder.absolute(), plan, task) for task in tasks(plan))
     parallel = joblib.Parallel(n_jobs=workers, return_as="generator_unordered", batch_size=1)
-    labels = dict(tqdm(parallel(jobs), total=plan.size.sets, desc="sealing", disable=quiet or None))
+    labels = dict(tqdm(parallel(jobs), total=plan.size.sets, desc="sealing", smoothing=0, disable=quiet or None))
     mark = seal_all(folder, labels)
     sums = {name: checksum(folder / SETS / name) for name in sorted(labels)}
     recorded = {name: Recorder(one.simulator, one.frame_rate) for name, one in sorted(labels.items())}

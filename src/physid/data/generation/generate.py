@@ -69,7 +69,13 @@ def generate(
     _describe(config, folder, effects)
     jobs = (joblib.delayed(record)(config, folder, index, splits[index], tuple(effects)) for index in missing)
     parallel = joblib.Parallel(n_jobs=workers, return_as="generator_unordered", batch_size="auto")
-    bar = tqdm(parallel(jobs), total=len(missing), desc=f"{config.scene} ({config.protocol})", disable=quiet or None)
+    bar = tqdm(
+        parallel(jobs),
+        total=len(missing),
+        desc=f"{config.scene} ({config.protocol})",
+        smoothing=0,
+        disable=quiet or None,
+    )
     redrawn = sum(bar)
     write_sums(folder)
     return Generated(folder, len(missing), len(indices) - len(missing), redrawn)

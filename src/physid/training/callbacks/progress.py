@@ -19,7 +19,8 @@ class Progress(RichProgressBar):
     """Lightning's bar with losses in three significant digits (they fall over decades), and without a version.
 
     Its own columns of time are those of an epoch, which may be a single batch. So the time that all epochs still take
-    stands beside them, after the first one: as many of the mean length so far. A run that settles ends before.
+    stands beside them, after the second one: as many of the mean length since the first, in which first values and
+    initial states are found, which happens once. A run that settles ends before.
     """
 
     def __init__(self) -> None:
@@ -27,12 +28,21 @@ class Progress(RichProgressBar):
         self._began: tuple[float, int] | None = None
 
     def on_train_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        """Note when the first epoch of this call begins."""
+        """Forget the epochs of an earlier call."""
         super().on_train_start(trainer, pl_module)
-        self._began = clock(), trainer.current_epoch
+        self._began = None
+
+    def on_train_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        """Note when the first epoch of this call has ended."""
+        super().on_train_epoch_end(trainer, pl_module)
+        if self._began is None:
+            self._began = clock(), trainer.current_epoch + 1
 
     def left(self, trainer: L.Trainer) -> float | None:
-        """Compute how long [s] the epochs that are allowed still take: t (E - e) / e after e of E; None before one."""
+        """Compute how long [s] the epochs that are allowed still take: t (E - e) / e.
+
+        t is the time since the end of the first epoch of this call, e the epochs since, of E; None before one.
+        """
         if self._began is None or not trainer.training or trainer.max_epochs in (None, -1):
             return None
         start, first = self._began
