@@ -61,6 +61,8 @@ def running_on(backend: Backend = "loky", scheduler: str | None = None) -> Itera
             ) from None
         return
     client = None
+    # What a worker loses is computed again, and what fails is said by physid: no line of its own for that.
+    logging.getLogger("distributed.client").setLevel(logging.ERROR)
     try:
         with _signals_wait():
             client = _connect(scheduler)

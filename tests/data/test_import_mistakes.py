@@ -424,6 +424,20 @@ def test_a_guess_finds_the_log_of_forces_that_is_named_like_the_log(tmp_path: Pa
     assert np.allclose(RecordingSet(tmp_path / "out").read(0).wrench_time, time)
 
 
+@pytest.mark.parametrize("clock", ["\x07", 't "raw"', "t\\1", "t: 1", "été", "\x85t"])
+def test_a_guess_is_a_mapping_whatever_columns_and_files_are_called(tmp_path: Path, clock: str) -> None:
+    time = np.arange(60) / 100
+    names, values = ["x", "y", "z"], [time, 0 * time, 0 * time + 0.1]
+    np.savez(tmp_path / 'a "run".npz', **dict(zip([clock, *names, clock + "2"], [time, *values, 0 * time], strict=True)))
+    forces = dict(zip([clock, "fx", "fy", "fz"], [time, *values], strict=True))
+    np.savez(tmp_path / 'a "run"_wrench.npz', **forces)
+    said = yaml.safe_load(guess_mapping(tmp_path / 'a "run".npz'))
+    assert said["time"] == said["forces"]["time"] == clock
+    assert said["position"] == names
+    said |= {"size": [0.1, 0.1, 0.2], "mass": 1.0}
+    import_logs([tmp_path / 'a "run".npz'], said, tmp_path / "out")
+
+
 @pytest.mark.parametrize(
     ("names", "torque"),
     [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Mapping, Sequence
 
@@ -203,13 +204,13 @@ def quoted(name: str) -> str:
     return (
         name
         if re.fullmatch(r"[A-Za-z_/][\w. /]*", name) and name.lower() not in ("yes", "no", "on", "off")
-        else f'"{name}"'
+        else json.dumps(name, ensure_ascii=not name.isprintable())
     )
 
 
 def bare(name: str) -> str:
     """Return a name without its quotes."""
-    return name.strip('"')
+    return str(json.loads(name)) if name.startswith('"') else name
 
 
 def step_of(stamps: Array) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -181,7 +182,7 @@ def _guess_forces_beside(path: Path, units: dict[str, str], said: _Guess) -> boo
         for line, doubt in lines.items():
             said.say(line, doubt)
         clock = clock_of(table, []) or next((name for name, each in table.columns.items() if rises(each)), "")
-        said.say(f'forces: {{file: "{pattern}", time: {quoted(clock)}}}' if clock else f'forces: {{file: "{pattern}"}}')
+        said.say(f"forces: {{file: {json.dumps(pattern)}{f', time: {quoted(clock)}' if clock else ''}}}")
         if clock and not table.units.get(clock):
             unit = next(iter(units_of_stamps(table.columns[clock])), "FILL_IN")
             if unit != units.get("time"):

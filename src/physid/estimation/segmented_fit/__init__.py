@@ -10,11 +10,24 @@ from physid.estimation.segmented_fit.fit import (
 )
 from physid.estimation.segmented_fit.motion_phases import PHASES, phases_of, phases_of_steps
 from physid.estimation.segmented_fit.observed import Observed, Recorded, without_outliers
-from physid.estimation.segmented_fit.settings import EventSettings, PhaseSettings, RoundSettings, SegmentedFitSettings
-from physid.estimation.segmented_fit.weights import own_weights, usual_misfit, weighed, weights_of_frames
+from physid.estimation.segmented_fit.settings import (
+    AgreementSettings,
+    EventSettings,
+    PhaseSettings,
+    RoundSettings,
+    SegmentedFitSettings,
+)
+from physid.estimation.segmented_fit.weights import (
+    agreed_weights,
+    own_weights,
+    usual_misfit,
+    weighed,
+    weights_of_frames,
+)
 
 __all__ = [
     "PHASES",
+    "AgreementSettings",
     "EventSettings",
     "Observed",
     "PhaseSettings",
@@ -22,6 +35,7 @@ __all__ = [
     "RoundSettings",
     "SegmentedFit",
     "SegmentedFitSettings",
+    "agreed_weights",
     "begin",
     "find_events",
     "fit_around_events",

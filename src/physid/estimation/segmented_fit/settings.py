@@ -61,6 +61,21 @@ class RoundSettings(Section):
     own_weights: bool = setting(True, "", "whether contact segments count as little as their misfit says")
 
 
+class AgreementSettings(Section):
+    """When trajectories that disagree about the parameters count less, and how their deviations are sought."""
+
+    chance: float = setting(
+        1e-3,
+        "probability",
+        "of trajectories that disagree as much by chance, below which none counts more than they agree on; decision 79",
+        ge=0,
+        lt=1,
+    )
+    deviations: tuple[float, float] = setting((-6.0, 0.5), "decades", "of a parameter's deviations that are tried")
+    tries: int = setting(40, "values", "in these decades, in equal ratios", ge=2)
+    sweeps: int = setting(3, "times", "that the deviation of each parameter is sought beside the others", ge=1)
+
+
 class SegmentedFitSettings(Section):
     """All that decides in a fit to segments around impacts."""
 
@@ -70,5 +85,6 @@ class SegmentedFitSettings(Section):
     phases: PhaseSettings = PhaseSettings()
     events: EventSettings = EventSettings()
     rounds: RoundSettings = RoundSettings()
+    agreement: AgreementSettings = AgreementSettings()
     impacts: CutRule = CutRule()
     steps: StepChoice = StepChoice()

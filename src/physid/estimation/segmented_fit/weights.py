@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import torch
+from scipy.stats import chi2
 from torch import Tensor
 
-from physid.estimation.least_squares import Experiment, Fit
+from physid.estimation.least_squares import Experiment, Fit, Normal
 from physid.estimation.measurement import Noise, NoiseSettings, TrackingError, estimate_noise, frame_weights
 from physid.estimation.prediction import Segmentation
+from physid.estimation.segmented_fit.settings import AgreementSettings
 
 
 def weighed(
@@ -70,3 +72,58 @@ def usual_misfit(segments: Segmentation, misfit: Tensor) -> Tensor:
     """Return the median misfit of contact segments, at least 1: what an effect does to all of them is usual."""
     contact = misfit[segments.contact]
     return contact.median().clamp_min(1) if len(contact) else torch.ones((), dtype=misfit.dtype)
+
+
+def agreed_weights(normal: Normal, settings: AgreementSettings) -> Tensor:
+    """Return how much trajectories or segments (K,) count if none says more of a parameter than they agree on.
+
+    After an impact on a corner a trajectory has many narrow valleys. In a wrong one it says little but claims much: its
+    curvature A_i may be 10^5 times that of the others, and its parameters are theirs no more. So the parameters of each
+    are taken for those of all plus a deviation of its own, of the variances T = diag(t^2), which have the largest
+    restricted likelihood (random effects; Patterson & Thompson 1971),
+
+        -2 ln L = sum_i {L_i(x) - s_i (A_i + T^-1)^-1 s_i + ln det(1 + A_i T)} + ln det sum_i A_i',
+        A_i' = A_i - A_i (A_i + T^-1)^-1 A_i,
+
+    with the squared residual L_i, its slope s_i = b_i - A_i x, and x that solves sum_i A_i' A_i^-1 s_i = 0. Whoever
+    knows more than that counts as if he did not: w_i = 1 / (1 + the largest eigenvalue of A_i T), so that w_i A_i is at
+    most A_i'. All count 1 where T = 0 explains them too (a likelihood ratio within the quantile of chi-square).
+
+    Args:
+        normal: Normal equations of each, in units of the noise; nothing is known of a parameter whose A is zero.
+        settings: How improbable a disagreement must be, and which deviations are tried.
+    """
+    weight = normal.matrix.new_ones(len(normal.matrix))
+    normal = normal.select(normal.matrix.sum(0).diagonal() > 0)
+    count = normal.matrix.shape[-1]
+    if not count:
+        return weight
+    deviation = normal.matrix.new_zeros(count)
+    agreed = least = float(_disagreement(normal, deviation[None]))
+    tried = torch.cat([deviation[:1], torch.logspace(*settings.deviations, settings.tries).to(deviation)])
+    for _ in range(settings.sweeps):
+        for k in range(count):
+            several = deviation.repeat(len(tried), 1)
+            several[:, k] = tried
+            found = _disagreement(normal, several)
+            least, deviation = float(found.amin()), several[found.argmin()]
+    if agreed - least <= chi2.isf(settings.chance, count):
+        return weight
+    known = torch.linalg.eigvalsh(deviation[:, None] * normal.matrix * deviation)
+    return 1 / (1 + known.clamp_min(0).amax(-1))
+
+
+def _disagreement(normal: Normal, deviation: Tensor) -> Tensor:
+    """Return -2 ln L of D deviations (D, P), up to a constant, shape (D,)."""
+    spread = deviation[:, None, :, None]
+    own = torch.eye(deviation.shape[1]).to(deviation) + spread * normal.matrix * spread.mT
+    inner = spread * torch.linalg.inv(own) * spread.mT  # (A + T^-1)^-1, shape (D, K, P, P)
+    shared = normal.matrix @ inner
+    total = (normal.matrix - shared @ normal.matrix).sum(1)
+    left = (normal.vector - (shared @ normal.vector[..., None])[..., 0]).sum(1)
+    change = torch.linalg.solve(total, left)
+    slope = normal.vector - (normal.matrix @ change[:, None, :, None])[..., 0]
+    square = normal.square - ((normal.vector + slope) * change[:, None]).sum(-1)
+    explained = (slope * (inner @ slope[..., None])[..., 0]).sum(-1)
+    known = torch.linalg.slogdet(own).logabsdet.sum(1) + torch.linalg.slogdet(total).logabsdet
+    return (square - explained).sum(1) + known

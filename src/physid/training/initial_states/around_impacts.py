@@ -9,13 +9,14 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from physid.estimation.least_squares import NONE, StepChoice, choose, gauss_newton
+from physid.estimation.least_squares import NONE, Normal, StepChoice, choose, gauss_newton
 from physid.estimation.prediction import Predictor, Segmentation, Timeline, Variants
 from physid.estimation.segmented_fit import (
     Observed,
     RoundSettings,
     SegmentedFit,
     SegmentedFitSettings,
+    agreed_weights,
     fit_around_events,
     fit_short_segments,
     fit_with_chosen_steps,
@@ -38,7 +39,7 @@ WEIGHED = 2
 @torch.no_grad()
 def fit_around_impacts(
     coarse: Explaining, whole: Explaining, settings: SegmentedFitSettings, *, chooses: bool
-) -> tuple[Pieces | None, States] | None:
+) -> tuple[Pieces, States] | None:
     """Fit parameters and initial states to segments around impacts, and say whether trajectories have to be cut there.
 
     Trajectories stay whole where initial states explain the whole of most of them up to noise, at the parameters that
@@ -52,7 +53,7 @@ def fit_around_impacts(
         chooses: Whether steps of the engine are chosen.
 
     Returns:
-        The pieces and their initial states, no pieces where trajectories stay whole; None where there are no impacts,
+        The pieces and their initial states, each a trajectory where these stay whole; None where there are no impacts,
         or where the physics has no solution.
     """
     with contextlib.suppress(SolverError):
@@ -97,7 +98,7 @@ def _by_own_weights(found: SegmentedFit, settings: SegmentedFitSettings) -> tupl
     return replace(found, experiment=experiment, fit=fit, noise=noise), weight
 
 
-def _cut(whole: Explaining, found: SegmentedFit, weight: Tensor) -> tuple[Pieces | None, States]:
+def _cut(whole: Explaining, found: SegmentedFit, weight: Tensor) -> tuple[Pieces, States]:
     """Cut trajectories into segments of weights (K,), unless most of them are explained whole.
 
     States are tried that the segments begin with, and those that the poses suggest.
@@ -111,7 +112,9 @@ def _cut(whole: Explaining, found: SegmentedFit, weight: Tensor) -> tuple[Pieces
     fit = gauss_newton(held, choose(held, begun), NONE, MOST)
     failed = (~held.explained(fit.loss)).double().mean()
     if float(failed) <= held.settings.multi_start.most:
-        return None, (fit.point.pose[0], fit.point.twist[0])
+        kept = whole.trajectories.to("cpu")
+        pieces = Pieces(kept.index, torch.zeros_like(kept.length), kept.length, torch.ones(len(kept)).double())
+        return pieces, (fit.point.pose[0], fit.point.twist[0])
     cut = (segments.size > 1).nonzero()[:, 0]
     index = whole.trajectories.index.cpu()[segments.trajectory[cut]]
     pieces = Pieces(index, segments.start[cut], segments.size[cut], weight[cut])
@@ -119,15 +122,25 @@ def _cut(whole: Explaining, found: SegmentedFit, weight: Tensor) -> tuple[Pieces
 
 
 @torch.no_grad()
-def weighed_anew(pieces: Pieces, explaining: Explaining, tracked: TrackedFit) -> Pieces:
-    """Let pieces count as little as their misfit says where a fit stands.
+def weighed_anew(pieces: Pieces, explaining: Explaining, tracked: TrackedFit, settings: SegmentedFitSettings) -> Pieces:
+    """Let pieces count as little as their misfit says where a fit stands, and none more than pieces agree on.
 
-    The steps of the engine, and the initial states with them, have changed since they were weighed.
+    The steps of the engine, the parameters, and the initial states with them, have changed since they were weighed.
+
+    Args:
+        pieces: The pieces.
+        explaining: The pieces with their steps, model and loss.
+        tracked: The fit of their initial states.
+        settings: What decides.
     """
-    fit, experiment = copy.copy(tracked).linearised(explaining)
-    cut = explaining.trajectories.to("cpu")
+    alike = replace(explaining, trajectories=replace(explaining.trajectories, weight=None))
+    fit, experiment = copy.copy(tracked).linearised(alike)
+    cut = alike.trajectories.to("cpu")
     noise = cut.noise_beside(fit.residual, experiment.scale)
     square = (fit.residual / noise.spread()).square().mean((2, 3))
     misfit = (square * cut.real).sum(1) / cut.real.sum(1).clamp_min(1)
-    weight = own_weights(misfit, misfit.median().clamp_min(1), torch.ones_like(misfit, dtype=torch.bool))
-    return replace(pieces, weight=weight)
+    doubtful = torch.full_like(misfit, settings.rounds.own_weights, dtype=torch.bool)
+    own = own_weights(misfit, misfit.median().clamp_min(1), doubtful)
+    known, unit = fit.normal(), own * (cut.noise.position / noise.position) ** 2
+    known = Normal(unit[:, None, None] * known.matrix, unit[:, None] * known.vector, unit * known.square)
+    return replace(pieces, weight=own * agreed_weights(known, settings.agreement))

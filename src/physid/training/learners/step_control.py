@@ -140,6 +140,11 @@ class StepControl:
         )
         return not self._asked
 
+    def ask(self) -> bool:
+        """Have steps chosen before the next epoch; return whether that will be, as it is no more after so many times."""
+        self._asked = self.chooses and self._reviews < MOST_REVIEWS
+        return self._asked
+
     def reviewed(self) -> None:
         """Take note that all trajectories of an epoch have their steps."""
         self._asked = False

@@ -206,8 +206,8 @@ class SysID(TrainingModule, PredictingModule):
         """
         if take_back(self._kind):
             self.tracked.forget_loss()
-        if self.pieces is not None and self.impacts is not None and self.impacts.rounds.own_weights:
-            self.pieces = weighed_anew(self.pieces, self._training(self._batch), self.tracked)
+        if (weighed := self._weighed_here()) is not None:
+            self.pieces = weighed
             self.tracked.forget_loss()
         explaining = self._training(self._batch)
         cut, response = explaining.trajectories, Response.unknown(len(self.physical.names))
@@ -217,14 +217,23 @@ class SysID(TrainingModule, PredictingModule):
         self._kind.state.clear()
         self.print(self.steps.report)
 
+    def _weighed_here(self) -> Pieces | None:
+        """Return the pieces, each counting as it is explained here, and agrees with the others; None without any."""
+        if self.pieces is None or self.impacts is None:
+            return None
+        return weighed_anew(self.pieces, self._training(self._batch), self.tracked, self.impacts)
+
     def settled(self) -> bool:
-        """Return whether loss and initial states are final, and the engine's steps were chosen near the parameters.
+        """Return whether loss and initial states are final, and steps and weights were chosen near the parameters.
 
         Initial states take a step in each epoch, and may need more of them than the parameters. Steps of the engine
-        that were not chosen near will be chosen before the next epoch.
+        and weights that were not chosen near will be chosen before the next epoch.
         """
-        fits = self.fits_starts(self._batch)
-        return (not fits or self.tracked.converged) and self.steps.settled(self.physical.coordinates)
+        states = not self.fits_starts(self._batch) or self.tracked.converged
+        if not states or not self.steps.settled(self.physical.coordinates):
+            return False
+        weighed = self._weighed_here()
+        return weighed is None or self.pieces is None or weighed.counts_like(self.pieces) or not self.steps.ask()
 
     def optimizer_step(self, epoch: int, batch_idx: int, optimizer: Any, optimizer_closure: Any = None) -> None:
         """Give GaussNewton the curvature, PatternSearch the losses of other points; others step as ever."""
@@ -253,8 +262,7 @@ class SysID(TrainingModule, PredictingModule):
             if found is not None:
                 self.pieces, states = found
                 self.tracked.begin(self._training(batch), states)
-                if self.pieces is not None:
-                    self.print(self.pieces.described())
+                self.print(self.pieces.described())
                 return
         self.count_evaluations(answers.guess(explaining, self.tracked, short, guess))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import final
@@ -10,6 +11,9 @@ import torch
 from torch import Tensor
 
 from physid.training.parameters.trajectories import OVER_TIME, Trajectories
+
+NEARLY = 1.5
+"""Ratio of two weights that are nearly the same."""
 
 
 @final
@@ -39,11 +43,18 @@ class Pieces:
         return dict(vars(self))
 
     def described(self) -> str:
-        """Say that trajectories are cut, a sentence for the user."""
+        """Say whether trajectories are cut, a sentence for the user; nothing where they are whole."""
+        whole = len(self.index.unique())
+        if whole == len(self.index):
+            return ""
         return (
-            f"{len(self.index.unique())} trajectories are cut around their impacts into {len(self.index)} pieces: no "
-            "initial states explain the whole of most of them"
+            f"{whole} trajectories are cut around their impacts into {len(self.index)} pieces: no initial states explain "
+            "the whole of most of them"
         )
+
+    def counts_like(self, other: Pieces) -> bool:
+        """Return whether each piece counts nearly as much as it does there, beside the others."""
+        return bool(((self.weight / other.weight).log().abs() <= math.log(NEARLY)).all())
 
     def of(self, whole: Trajectories) -> Trajectories:
         """Cut them out of whole trajectories; shorter ones are padded at the end.
