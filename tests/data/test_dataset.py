@@ -1,5 +1,7 @@
 """Batches hold what the recordings hold."""
 
+import resource
+import signal
 from pathlib import Path
 
 import numpy as np
@@ -117,6 +119,20 @@ def test_worker_processes_load_the_same_batches(film: Path) -> None:
     ]
     assert all(torch.equal(batches[0][name], batches[1][name]) for name in batches[0])
     assert batches[0]["frames"].shape == (2, 2, 128, 128, 3)
+
+
+def test_worker_processes_need_no_shared_memory(film: Path) -> None:
+    """Where it is full, or no file may grow, torch would wait for ever for tensors that no process can hand over."""
+    data = RecordingsDataModule(film, video="all", shuffle=False, workers=1)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1024, hard))
+        (batch,) = data.train_dataloader()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        signal.signal(signal.SIGXFSZ, before)
+    assert batch["frames"].nbytes > 1024
 
 
 def test_a_video_that_is_whole_passes_the_check(film: Path) -> None:

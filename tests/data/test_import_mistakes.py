@@ -428,7 +428,8 @@ def test_a_guess_finds_the_log_of_forces_that_is_named_like_the_log(tmp_path: Pa
 def test_a_guess_is_a_mapping_whatever_columns_and_files_are_called(tmp_path: Path, clock: str) -> None:
     time = np.arange(60) / 100
     names, values = ["x", "y", "z"], [time, 0 * time, 0 * time + 0.1]
-    np.savez(tmp_path / 'a "run".npz', **dict(zip([clock, *names, clock + "2"], [time, *values, 0 * time], strict=True)))
+    poses = dict(zip([clock, *names, clock + "2"], [time, *values, 0 * time], strict=True))
+    np.savez(tmp_path / 'a "run".npz', **poses)
     forces = dict(zip([clock, "fx", "fy", "fz"], [time, *values], strict=True))
     np.savez(tmp_path / 'a "run"_wrench.npz', **forces)
     said = yaml.safe_load(guess_mapping(tmp_path / 'a "run".npz'))

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import torch
 from lightning.pytorch import LightningDataModule
@@ -148,11 +149,29 @@ class RecordingsDataModule(LightningDataModule):
     def _loader(self, use: str, shuffle: bool = False) -> DataLoader[Item]:
         """Return the loader of one use."""
         segments = self.segments(use)
-        return DataLoader(
+        return _Loader(
             segments,
             batch_size=self._batch_size or len(segments),
             shuffle=shuffle,
             num_workers=self._workers,
             persistent_workers=self._workers > 0,
-            collate_fn=collate,
+            collate_fn=_collate_by_value if self._workers else collate,
         )
+
+
+class _Loader(DataLoader[Item]):
+    """Loads batches of tensors, whatever they are handed over as."""
+
+    def __iter__(self) -> Iterator[Item]:  # type: ignore[override]
+        """Go through all batches."""
+        for batch in super().__iter__():
+            yield {name: torch.as_tensor(value) for name, value in batch.items()}
+
+
+def _collate_by_value(items: Sequence[Item]) -> dict[str, Any]:
+    """Collate to arrays, which are handed over through a pipe.
+
+    Tensors would be through a file in shared memory. Where that is full (64 MB in a container) or files may not grow,
+    torch's thread that hands over says so and ends, and who waits for the batch waits for ever.
+    """
+    return {name: value.numpy() for name, value in collate(items).items()}
