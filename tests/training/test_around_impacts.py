@@ -1,4 +1,4 @@
-"""Tumbling blocks: trajectories whose whole no initial states explain are cut around impacts, and others stay whole."""
+"""Trajectories that tumble, or that no initial states explain, are cut around impacts; others stay whole."""
 
 from __future__ import annotations
 
@@ -64,12 +64,16 @@ def test_pieces_are_kept_and_described() -> None:
     assert again is not None
     assert all(torch.equal(one, other) for one, other in zip(vars(again).values(), vars(cut).values(), strict=True))
     assert Pieces.of_state({}) is None
+    assert cut.counts_like(pieces((0, 0, 25, 0.9), (1, 0, 10, 1.2), (1, 10, 15, 0.3)))
+    assert not cut.counts_like(pieces((0, 0, 25, 1.0), (1, 0, 10, 1.0), (1, 10, 15, 0.1)))
     assert cut.described().startswith("2 trajectories are cut around their impacts into 3 pieces")
 
 
-def fitted(folder: Path, *, scene: str, epochs: int, cuts: bool = True, **made: object) -> tuple[SysID, L.Trainer]:
+def fitted(
+    folder: Path, *, scene: str, epochs: int, cuts: bool = True, protocol: str = "rich", **made: object
+) -> tuple[SysID, L.Trainer]:
     """Generate a set and fit it; returns the module and its trainer, with all its figures."""
-    config = GenerateConfig(scene, protocol="rich", video=False, split={"train": 1}, noise=NOISE, **made)  # type: ignore[arg-type]
+    config = GenerateConfig(scene, protocol=protocol, video=False, split={"train": 1}, noise=NOISE, **made)  # type: ignore[arg-type]
     if not folder.exists():
         generate(config, folder, quiet=True)
     module = SysID(impacts=AROUND_IMPACTS if cuts else None)
@@ -94,6 +98,15 @@ def test_without_impacts_nothing_is_cut_and_nothing_changes(tmp_path: Path) -> N
     found = [fitted(tmp_path / "set", scene="push", epochs=2, cuts=cuts, **made)[0] for cuts in (True, False)]
     assert found[0].pieces is None
     assert found[0].physical.estimates() == found[1].physical.estimates()
+
+
+@pytest.mark.slow
+@quiet
+def test_blocks_that_land_flat_stay_whole(tmp_path: Path) -> None:
+    made: dict[str, object] = {"simulator": "closed_form", "trajectories": 4, "steps": 48, "frame_rate": 60.0}
+    made["unknown"] = ["block.friction", "block.restitution"]
+    module, _ = fitted(tmp_path / "set", scene="toss", protocol="straight", epochs=1, **made)
+    assert module.pieces is None
 
 
 @pytest.mark.slow

@@ -7,6 +7,7 @@ from physid.estimation.segmented_fit.fit import (
     fit_around_events,
     fit_short_segments,
     fit_with_chosen_steps,
+    tumbles,
 )
 from physid.estimation.segmented_fit.motion_phases import PHASES, phases_of, phases_of_steps
 from physid.estimation.segmented_fit.observed import Observed, Recorded, without_outliers
@@ -45,6 +46,7 @@ __all__ = [
     "phases_of",
     "phases_of_steps",
     "smooth_path",
+    "tumbles",
     "usual_misfit",
     "weighed",
     "weights_of_frames",

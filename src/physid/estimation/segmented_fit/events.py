@@ -40,12 +40,23 @@ def find_events(
     Returns:
         Shape (R, T).
     """
+    jolts = find_jolts(pose, present, time, smooth, noise, scene.time_step, settings)
+    return (_hot(phases) | find_tumbling(phases, pose, scene, settings) | jolts).any(-1)
+
+
+def find_tumbling(phases: Tensor, pose: Tensor, scene: Scene, settings: EventSettings) -> Tensor:
+    """Find where a body touches the ground other than with a whole face, shape (R, T, N).
+
+    Args:
+        phases: Codes of PHASES, shape (R, T, N).
+        pose: Poses, shape (R, T, N, 7).
+        scene: The ground.
+        settings: From which lean on a body touches with an edge.
+    """
     normal = torch.tensor(scene.ground.normal, dtype=pose.dtype)
     along = (normal @ to_matrix(pose[..., 3:])).abs().amax(-1)
     tilted = torch.acos(along.clamp(-1, 1)) > settings.tilted
-    flying = phases == PHASES.index("free_fall")
-    jolts = find_jolts(pose, present, time, smooth, noise, scene.time_step, settings)
-    return (_hot(phases) | (tilted & ~flying) | jolts).any(-1)
+    return tilted & (phases != PHASES.index("free_fall"))
 
 
 def _hot(phases: Tensor) -> Tensor:

@@ -28,7 +28,7 @@ from physid.estimation.prediction import (
     Variants,
     acts_late,
 )
-from physid.estimation.segmented_fit.events import find_events, smooth_path
+from physid.estimation.segmented_fit.events import find_events, find_tumbling, smooth_path
 from physid.estimation.segmented_fit.motion_phases import phases_of
 from physid.estimation.segmented_fit.observed import Observed, Recorded, without_outliers
 from physid.estimation.segmented_fit.settings import SegmentedFitSettings
@@ -134,6 +134,14 @@ def fit_with_chosen_steps(before: SegmentedFit, settings: SegmentedFitSettings) 
     predictor = experiment.predictor.at_times(chosen.timeline, base.refined(least))
     stepped = replace(before, experiment=experiment.replace(predictor=predictor), noise=noise, steps=chosen)
     return fit_around_events(stepped, settings)
+
+
+def tumbles(found: SegmentedFit, settings: SegmentedFitSettings) -> Tensor:
+    """Return in which trajectories a body touches the ground with an edge or a corner, shape (R,)."""
+    observed, scene = found.observed, found.experiment.predictor.model.scene
+    phases = phases_of(found.fit.jacobian.base, observed.timeline, scene, settings.phases)
+    seen = observed.present > 0
+    return (find_tumbling(phases, observed.pose, scene, settings.events) & seen).any(-1).any(-1)
 
 
 def begin(

@@ -109,8 +109,8 @@ def agreed_weights(normal: Normal, settings: AgreementSettings) -> Tensor:
             least, deviation = float(found.amin()), several[found.argmin()]
     if agreed - least <= chi2.isf(settings.chance, count):
         return weight
-    known = torch.linalg.eigvalsh(deviation[:, None] * normal.matrix * deviation)
-    return 1 / (1 + known.clamp_min(0).amax(-1))
+    known: Tensor = torch.linalg.eigvalsh(deviation[:, None] * normal.matrix * deviation).amax(-1)
+    return 1 / (1 + known.clamp_min(0))
 
 
 def _disagreement(normal: Normal, deviation: Tensor) -> Tensor:
@@ -125,5 +125,6 @@ def _disagreement(normal: Normal, deviation: Tensor) -> Tensor:
     slope = normal.vector - (normal.matrix @ change[:, None, :, None])[..., 0]
     square = normal.square - ((normal.vector + slope) * change[:, None]).sum(-1)
     explained = (slope * (inner @ slope[..., None])[..., 0]).sum(-1)
-    known = torch.linalg.slogdet(own).logabsdet.sum(1) + torch.linalg.slogdet(total).logabsdet
-    return (square - explained).sum(1) + known
+    known: Tensor = torch.linalg.slogdet(own).logabsdet.sum(1) + torch.linalg.slogdet(total).logabsdet
+    likelihood: Tensor = (square - explained).sum(1) + known
+    return likelihood

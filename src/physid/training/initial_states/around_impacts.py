@@ -21,6 +21,7 @@ from physid.estimation.segmented_fit import (
     fit_short_segments,
     fit_with_chosen_steps,
     own_weights,
+    tumbles,
     usual_misfit,
     weighed,
 )
@@ -39,12 +40,14 @@ WEIGHED = 2
 @torch.no_grad()
 def fit_around_impacts(
     coarse: Explaining, whole: Explaining, settings: SegmentedFitSettings, *, chooses: bool
-) -> tuple[Pieces, States] | None:
+) -> tuple[Pieces | None, States] | None:
     """Fit parameters and initial states to segments around impacts, and say whether trajectories have to be cut there.
 
-    Trajectories stay whole where initial states explain the whole of most of them up to noise, at the parameters that
-    segments say: what is known of a parameter grows with the time that an error has to show. Else all are cut around
-    their impacts, and segments that no state explains count as little as their misfit says.
+    Trajectories stay whole where in most of them no body touches the ground with an edge or a corner, and initial
+    states explain the whole up to noise, at the parameters that segments say: what is known of a parameter grows with
+    the time that an error has to show. Else all are cut around their impacts, and segments that no state explains count
+    as little as their misfit says. A whole toss that tumbles may be explained as well, but in one of many narrow
+    valleys.
 
     Args:
         coarse: Whole trajectories with the longest steps, model and loss; the parameters are moved.
@@ -53,7 +56,7 @@ def fit_around_impacts(
         chooses: Whether steps of the engine are chosen.
 
     Returns:
-        The pieces and their initial states, each a trajectory where these stay whole; None where there are no impacts,
+        The pieces and their initial states, no pieces where trajectories stay whole; None where there are no impacts,
         or where the physics has no solution.
     """
     with contextlib.suppress(SolverError):
@@ -66,7 +69,7 @@ def fit_around_impacts(
             physical = whole.physical
             physical.coordinates.copy_(found.fit.point.nominal[0])
             physical.confine()
-            return _cut(whole, found, weight)
+            return _cut(whole, found, weight, settings)
     return None
 
 
@@ -98,8 +101,10 @@ def _by_own_weights(found: SegmentedFit, settings: SegmentedFitSettings) -> tupl
     return replace(found, experiment=experiment, fit=fit, noise=noise), weight
 
 
-def _cut(whole: Explaining, found: SegmentedFit, weight: Tensor) -> tuple[Pieces, States]:
-    """Cut trajectories into segments of weights (K,), unless most of them are explained whole.
+def _cut(
+    whole: Explaining, found: SegmentedFit, weight: Tensor, settings: SegmentedFitSettings
+) -> tuple[Pieces | None, States]:
+    """Cut trajectories into segments of weights (K,), unless in most of them no body tumbles and all is explained.
 
     States are tried that the segments begin with, and those that the poses suggest.
     """
@@ -110,11 +115,9 @@ def _cut(whole: Explaining, found: SegmentedFit, weight: Tensor) -> tuple[Pieces
     held = experiment.with_known_parameters().replace(settings=FITTING)
     begun = Variants.join((guess, whole.begin(states=states)[1]))
     fit = gauss_newton(held, choose(held, begun), NONE, MOST)
-    failed = (~held.explained(fit.loss)).double().mean()
-    if float(failed) <= held.settings.multi_start.most:
-        kept = whole.trajectories.to("cpu")
-        pieces = Pieces(kept.index, torch.zeros_like(kept.length), kept.length, torch.ones(len(kept)).double())
-        return pieces, (fit.point.pose[0], fit.point.twist[0])
+    rugged = (tumbles(found, settings) | ~held.explained(fit.loss)).double().mean()
+    if float(rugged) <= held.settings.multi_start.most:
+        return None, (fit.point.pose[0], fit.point.twist[0])
     cut = (segments.size > 1).nonzero()[:, 0]
     index = whole.trajectories.index.cpu()[segments.trajectory[cut]]
     pieces = Pieces(index, segments.start[cut], segments.size[cut], weight[cut])

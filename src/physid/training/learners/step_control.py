@@ -141,7 +141,7 @@ class StepControl:
         return not self._asked
 
     def ask(self) -> bool:
-        """Have steps chosen before the next epoch; return whether that will be, as it is no more after so many times."""
+        """Have steps chosen before the next epoch; return whether that will be: after so many times it is not."""
         self._asked = self.chooses and self._reviews < MOST_REVIEWS
         return self._asked
 

@@ -67,7 +67,7 @@ class SysID(TrainingModule, PredictingModule):
         guess: How first values are found over short segments where initial states are fitted, so that a first guess
             may be far off; None to begin with the guess itself.
         impacts: How trajectories are cut around impacts where initial states are fitted and nobody says how recordings
-            were integrated, if no initial states explain the whole of most; None to leave them whole, or in segments.
+            were integrated, if bodies tumble in most or no states explain the whole; None to leave them as they are.
         engine: Rules of the physics; None for the layer's own.
         optimizer: Adam, LBFGS, GaussNewton or PatternSearch; None for GaussNewton.
     """
@@ -262,7 +262,8 @@ class SysID(TrainingModule, PredictingModule):
             if found is not None:
                 self.pieces, states = found
                 self.tracked.begin(self._training(batch), states)
-                self.print(self.pieces.described())
+                if self.pieces is not None:
+                    self.print(self.pieces.described())
                 return
         self.count_evaluations(answers.guess(explaining, self.tracked, short, guess))
 

@@ -43,13 +43,10 @@ class Pieces:
         return dict(vars(self))
 
     def described(self) -> str:
-        """Say whether trajectories are cut, a sentence for the user; nothing where they are whole."""
-        whole = len(self.index.unique())
-        if whole == len(self.index):
-            return ""
+        """Say that trajectories are cut, a sentence for the user."""
         return (
-            f"{whole} trajectories are cut around their impacts into {len(self.index)} pieces: no initial states explain "
-            "the whole of most of them"
+            f"{len(self.index.unique())} trajectories are cut around their impacts into {len(self.index)} pieces: "
+            "bodies tumble in most of them, or no initial states explain the whole"
         )
 
     def counts_like(self, other: Pieces) -> bool:
