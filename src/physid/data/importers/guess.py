@@ -111,9 +111,8 @@ def guess_mapping(path: Path) -> str:
     if len(pairs) < 2:
         for line, doubt in OF_BODY:
             said.say(line, doubt)
-    said.say(
-        f"unknown: [{named(next(iter(pairs))) if len(pairs) > 1 else 'block'}.friction]", "what shall be identified"
-    )
+    body = named(next(iter(pairs))) if len(pairs) > 1 else "block"
+    said.say(f"unknown: [{body}.friction]", "what shall be identified")
     said.lines += not_read(table, said.lines)
     doubts = "".join(f"#   {doubt}\n" for doubt in said.doubts)
     return "\n".join(said.lines) + f"\n# {len(said.doubts)} lines are not sure:\n{doubts}"
