@@ -88,3 +88,26 @@ def test_a_parameter_of_which_nothing_is_known_changes_no_weight() -> None:
     assert torch.equal(agreed_weights(known, AgreementSettings()), agreed_weights(beside, AgreementSettings()))
     nothing = known.select(torch.zeros(1, dtype=torch.bool))
     assert agreed_weights(nothing, AgreementSettings()).tolist() == [1.0] * 8
+
+
+def test_parameters_of_which_only_the_sum_is_known_are_weighed_by_the_sum() -> None:
+    torch.manual_seed(4)
+    deviation = torch.full((12, 1), 1e-2, dtype=torch.float64)
+    values = deviation * torch.randn_like(deviation)
+    deviation[5], values[5] = 1e-6, 0.06
+    one, both = stated(values, deviation), torch.ones(1, 2, dtype=torch.float64)
+    summed = Normal(both.mT @ one.matrix @ both, one.vector @ both, one.square)
+    weight = agreed_weights(summed, AgreementSettings())
+    assert bool(weight.isfinite().all())
+    assert float(weight[5]) < 1e-5 * float(weight[torch.arange(12) != 5].min())
+
+
+@pytest.mark.parametrize("known", [1e16, 1e22])
+def test_a_slope_without_bounds_gives_a_weight_and_no_number_that_is_none(known: float) -> None:
+    torch.manual_seed(5)
+    deviation = torch.full((12, 2), 1e-2, dtype=torch.float64)
+    values = deviation * torch.randn_like(deviation)
+    deviation[3], values[3, 0] = known**-0.5, 0.08
+    weight = agreed_weights(stated(values, deviation), AgreementSettings())
+    assert bool(weight.isfinite().all())
+    assert float(weight[3]) < 1e-5 * float(weight[torch.arange(12) != 3].min())

@@ -12,6 +12,9 @@ from physid.estimation.prediction import Segmentation
 from physid.estimation.segmented_fit.settings import AgreementSettings
 
 
+ROUNDING = 1e-12
+
+
 def weighed(
     experiment: Experiment,
     fit: Fit,
@@ -120,11 +123,12 @@ def _disagreement(normal: Normal, deviation: Tensor) -> Tensor:
     inner = spread * torch.linalg.inv(own) * spread.mT  # (A + T^-1)^-1, shape (D, K, P, P)
     shared = normal.matrix @ inner
     total = (normal.matrix - shared @ normal.matrix).sum(1)
+    total = total + ROUNDING * torch.diag_embed(total.diagonal(dim1=1, dim2=2))  # parameters that only a sum shows
     left = (normal.vector - (shared @ normal.vector[..., None])[..., 0]).sum(1)
     change = torch.linalg.solve(total, left)
     slope = normal.vector - (normal.matrix @ change[:, None, :, None])[..., 0]
     square = normal.square - ((normal.vector + slope) * change[:, None]).sum(-1)
     explained = (slope * (inner @ slope[..., None])[..., 0]).sum(-1)
     known: Tensor = torch.linalg.slogdet(own).logabsdet.sum(1) + torch.linalg.slogdet(total).logabsdet
-    likelihood: Tensor = (square - explained).sum(1) + known
+    likelihood: Tensor = ((square - explained).sum(1) + known).nan_to_num(nan=torch.inf)
     return likelihood
