@@ -12,9 +12,6 @@ from physid.estimation.prediction import Segmentation
 from physid.estimation.segmented_fit.settings import AgreementSettings
 
 
-ROUNDING = 1e-12
-
-
 def weighed(
     experiment: Experiment,
     fit: Fit,
@@ -123,7 +120,8 @@ def _disagreement(normal: Normal, deviation: Tensor) -> Tensor:
     inner = spread * torch.linalg.inv(own) * spread.mT  # (A + T^-1)^-1, shape (D, K, P, P)
     shared = normal.matrix @ inner
     total = (normal.matrix - shared @ normal.matrix).sum(1)
-    total = total + ROUNDING * torch.diag_embed(total.diagonal(dim1=1, dim2=2))  # parameters that only a sum shows
+    rounding = torch.finfo(total.dtype).eps  # where only a sum of parameters is known
+    total = total + rounding * torch.diag_embed(total.diagonal(dim1=1, dim2=2))
     left = (normal.vector - (shared @ normal.vector[..., None])[..., 0]).sum(1)
     change = torch.linalg.solve(total, left)
     slope = normal.vector - (normal.matrix @ change[:, None, :, None])[..., 0]
