@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import lightning as L
 import pytest
@@ -128,10 +130,22 @@ def test_tumbling_blocks_are_cut_where_nobody_says_who_made_the_recordings(simul
         assert abs(math.log(value / true)) < LARGE * math.log(high / low) / 2
 
 
+def interrupted_in(epoch: int) -> Callable[..., None]:
+    """Return what SysID does before a batch, but for a Ctrl-C in an epoch."""
+    start = SysID.on_train_batch_start
+
+    def interrupted(self: SysID, *words: Any) -> None:
+        if self.current_epoch == epoch:
+            raise KeyboardInterrupt
+        start(self, *words)
+
+    return interrupted
+
+
 @pytest.mark.slow
 @quiet
 def test_a_run_over_pieces_that_is_resumed_ends_as_an_undisturbed_one(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     made = {"simulator": "mujoco", "trajectories": 5, "steps": 48, "frame_rate": 60.0, "seed": 1}
     config = GenerateConfig(
@@ -142,7 +156,9 @@ def test_a_run_over_pieces_that_is_resumed_ends_as_an_undisturbed_one(
     words = ["fit", str(tmp_path / "set"), "--run-dir"]
     assert main([*words, str(tmp_path / "whole"), "trainer.max_epochs=2"]) == 0
     assert "are cut around their impacts" in capsys.readouterr().out
-    assert main([*words, str(tmp_path / "halves"), "trainer.max_epochs=1"]) == 0
+    with monkeypatch.context() as interrupting:
+        interrupting.setattr(SysID, "on_train_batch_start", interrupted_in(1))
+        assert main([*words, str(tmp_path / "halves"), "trainer.max_epochs=2"]) == 130
     assert main([*words, str(tmp_path / "halves"), "trainer.max_epochs=2", "--resume"]) == 0
     whole, halves = (json.loads((tmp_path / name / "metrics.json").read_text()) for name in ("whole", "halves"))
     assert {name: halves[name] for name in whole if name.startswith("params/")} == {

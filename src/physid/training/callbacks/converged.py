@@ -16,7 +16,8 @@ from physid.training.parameters import PhysicalParameters
 class Converged(L.Callback):
     """End training once an epoch has changed no physical parameter by more than a tolerance.
 
-    A module that chooses the steps of its engine (`settled`) may ask for more: they must have been chosen there.
+    A module that chooses the steps of its engine (`settled`) may ask for more: they must have been chosen there. One
+    whose loss has ripples may say that nothing else is left (`exhausted`), however parameters still move.
 
     With `lengthen` segments grow first, each time the parameters have settled: over a long horizon a loss has a
     narrow valley around the truth and ripples beside it, and a fit that starts far away does not come through; from
@@ -47,6 +48,7 @@ class Converged(L.Callback):
         """Compare, and stop."""
         now = PhysicalParameters.of(pl_module).coordinates.detach()
         still = self._before is not None and bool(torch.all((now - self._before).abs() <= self.tolerance))
+        still = still or (hasattr(pl_module, "exhausted") and pl_module.exhausted())  # type: ignore[operator]
         if still and (not hasattr(pl_module, "settled") or pl_module.settled()):  # type: ignore[operator]
             if self._longer == len(self.lengthen):
                 trainer.should_stop = True

@@ -25,6 +25,8 @@ SETTLED = 0.5
 SEARCHED = 2.0
 """Squared residual, in units of the noise, that a search for other initial states may still gain at the end of a fit:
 about what a parameter that is off by a standard error costs."""
+SEARCHES = 2
+"""Searches for other initial states over which the least loss must gain more than that, or only ripples are left."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +76,12 @@ class TrackedFit:
         self._resumed: dict[str, Tensor] | None = None
         self._loss = self._gained = math.inf
         self._searched = False
+        self._best: tuple[float, ...] = ()  # least loss at each search so far
+
+    @property
+    def exhausted(self) -> bool:
+        """Whether the least loss has hardly changed since the search before the last: only ripples are left."""
+        return len(self._best) > SEARCHES and self._best[-1 - SEARCHES] - self._best[-1] < SEARCHED
 
     @property
     def converged(self) -> bool:
@@ -115,6 +123,8 @@ class TrackedFit:
         self._gained, self._loss = self._loss - loss, loss
         if afresh:
             self._searched = self._gained < SEARCHED
+            assert self._base is not None
+            self._best = (*self._best[-SEARCHES:], self._base.loss)
         return fit, experiment.predictor.simulated[0]
 
     @torch.no_grad()
@@ -144,7 +154,7 @@ class TrackedFit:
         """Let the next fit replace the best one so far, as the loss will be another one."""
         if self._base is not None:
             self._base = replace(self._base, loss=math.inf)
-        self._loss = math.inf
+        self._loss, self._best = math.inf, ()
 
     def started(self, explaining: Explaining) -> Trajectories:
         """Return trajectories that are predicted from where the fit stands, at the present parameters."""
@@ -165,6 +175,7 @@ class TrackedFit:
         pose, twist = self._base.moved(self._last[0], coordinates.detach())
         kept = {f"base_{name}": torch.as_tensor(value) for name, value in vars(self._base).items()}
         kept |= {"loss": torch.tensor(self._loss).double(), "searched": torch.tensor(self._searched)}
+        kept["best"] = torch.tensor(self._best, dtype=torch.float64)
         return {"index": self._index, "pose": pose, "twist": twist, **kept}
 
     def begin(self, explaining: Explaining, states: States | None) -> None:
@@ -180,6 +191,7 @@ class TrackedFit:
             pose, twist, response, at = (state[f"base_{name}"] for name in ("pose", "twist", "response", "coordinates"))
             self._base = _Base(pose, twist, response, at, float(state["base_loss"]))
             self._loss, self._searched = float(state["loss"]), bool(state["searched"])
+            self._best = tuple(state["best"].tolist())
 
 
 def _improved(

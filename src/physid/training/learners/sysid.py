@@ -229,17 +229,23 @@ class SysID(TrainingModule, PredictingModule):
         Initial states take a step in each epoch, and may need more of them than the parameters. Steps of the engine
         and weights that were not chosen near will be chosen before the next epoch.
         """
-        states = not self.fits_starts(self._batch) or self.tracked.converged
+        states = not self.fits_starts(self._batch) or self.tracked.converged or self.exhausted()
         if not states or not self.steps.settled(self.physical.coordinates):
             return False
         weighed = self._weighed_here()
         return weighed is None or self.pieces is None or weighed.counts_like(self.pieces) or not self.steps.ask()
+
+    def exhausted(self) -> bool:
+        """Return whether a fit over pieces finds only ripples any more; its parameters are then the best so far."""
+        return self.pieces is not None and self.tracked.exhausted and take_back(self._kind)
 
     def optimizer_step(self, epoch: int, batch_idx: int, optimizer: Any, optimizer_closure: Any = None) -> None:
         """Give GaussNewton the curvature, PatternSearch the losses of other points; others step as ever."""
         curvature, values = partial(self.curvature, self._batch), partial(self.values_at, self._batch)
         take_step(optimizer, optimizer_closure, curvature, values, self.physical.space.ends)
         self.physical.confine()
+        if self.pieces is not None and self.current_epoch + 1 == self.trainer.max_epochs:
+            take_back(optimizer)  # on a rugged loss, a step that nothing judges any more may lead anywhere
 
     def on_train_batch_start(self, batch: Batch, batch_idx: int) -> None:
         """Keep the batch for the optimizer, and choose the steps of the engine where that is due."""
