@@ -85,8 +85,8 @@ def agreed_weights(normal: Normal, settings: AgreementSettings) -> Tensor:
         -2 ln L = sum_i {L_i(x) - s_i (A_i + T^-1)^-1 s_i + ln det(1 + A_i T)} + ln det sum_i A_i',
         A_i' = A_i - A_i (A_i + T^-1)^-1 A_i,
 
-    with the squared residual L_i, its slope s_i = b_i - A_i x, and x that solves sum_i A_i' A_i^-1 s_i = 0. Whoever
-    knows more than that counts as if he did not: w_i = 1 / (1 + the largest eigenvalue of A_i T), so that w_i A_i is at
+    with the squared residual L_i, its slope s_i = b_i - A_i x, and x that solves sum_i A_i' A_i^-1 s_i = 0. Whichever
+    knows more than that counts as if it did not: w_i = 1 / (1 + the largest eigenvalue of A_i T), so that w_i A_i is at
     most A_i'. All count 1 where T = 0 explains them too (a likelihood ratio within the quantile of chi-square).
 
     Args:

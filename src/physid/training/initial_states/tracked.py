@@ -191,7 +191,7 @@ class TrackedFit:
             pose, twist, response, at = (state[f"base_{name}"] for name in ("pose", "twist", "response", "coordinates"))
             self._base = _Base(pose, twist, response, at, float(state["base_loss"]))
             self._loss, self._searched = float(state["loss"]), bool(state["searched"])
-            self._best = tuple(state["best"].tolist())
+            self._best = tuple(state.get("best", torch.empty(0)).tolist())
 
 
 def _improved(
