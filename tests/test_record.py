@@ -32,6 +32,7 @@ def record(folder: Path) -> dict[str, Any]:
     return read
 
 
+@pytest.mark.slow
 def test_two_runs_of_a_configuration_give_the_same_figures_to_the_last_digit(
     recordings: Callable[[str], Path], tmp_path: Path
 ) -> None:

@@ -153,6 +153,7 @@ def test_the_noise_of_poses_is_seen_in_their_third_differences(noise: Noise, tmp
     assert found.rotation == pytest.approx(noise.rotation, rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_resumed_identification_with_fitted_initial_states_equals_one_in_one_go(
     recordings: Callable[[str], Path], tmp_path: Path
 ) -> None:

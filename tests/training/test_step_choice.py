@@ -120,6 +120,7 @@ def test_the_shortest_step_is_a_length_whatever_the_frame_rate(rate: int, bodies
     assert int(StepChoice(shortest=1.0).most(grid, bodies).max()) == 1
 
 
+@pytest.mark.slow
 def test_what_the_shortest_steps_leave_is_what_the_closed_form_says() -> None:
     noise = 1e-4
     judged = judgement(noise)
