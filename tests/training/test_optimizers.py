@@ -84,6 +84,29 @@ def test_where_the_loss_changes_it_begins_anew_from_the_best_point() -> None:
     assert not optimizer.state
 
 
+@pytest.mark.parametrize(("begin", "kept"), [(3.0, False), (0.5, True)])
+def test_a_last_step_that_makes_the_loss_worse_is_taken_back(begin: float, kept: bool) -> None:
+    """The squared arc tangent: from beyond 1.39, a step of Gauss-Newton leads further away than it begins."""
+    x = nn.Parameter(torch.tensor([begin], dtype=torch.float64))
+    optimizer = GaussNewton([x], max_step=100.0)
+    optimizer.step(closure_of(optimizer, lambda: x.atan().square().sum()), bent(x))
+    assert (abs(float(x.detach())) < begin) == kept
+    optimizer.judge_last(lambda points: points.atan().square().sum(1))
+    assert abs(float(x.detach())) < begin if kept else float(x.detach()) == begin
+
+
+def test_a_last_step_to_where_the_physics_has_no_solution_is_taken_back() -> None:
+    x = nn.Parameter(torch.tensor([0.5], dtype=torch.float64))
+    optimizer = GaussNewton([x])
+
+    def fails(points: Tensor) -> Tensor:
+        raise SolverError("no solution")
+
+    optimizer.step(closure_of(optimizer, lambda: x.atan().square().sum()), bent(x))
+    optimizer.judge_last(fails)
+    assert float(x.detach()) == 0.5
+
+
 def test_a_step_to_where_the_physics_has_no_solution_is_shortened() -> None:
     x = nn.Parameter(torch.tensor([3.0], dtype=torch.float64))
     optimizer = GaussNewton([x], max_step=100.0)

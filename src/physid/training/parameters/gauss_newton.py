@@ -97,6 +97,21 @@ class GaussNewton(Optimizer):
                 parameter.copy_(state["point"])
         self.state.clear()
 
+    def judge_last(self, values: Callable[[Tensor], Tensor]) -> None:
+        """Judge the last step, where no other follows: go back to the best point if it has not made the loss less.
+
+        Args:
+            values: Computes the losses (K,) at points (K, P).
+        """
+        for parameter, state in self.state.items():
+            try:
+                loss = float(values(parameter.detach()[None])[0])
+            except SolverError:
+                loss = math.inf
+            if not loss < float(state["loss"]):
+                with torch.no_grad():
+                    parameter.copy_(state["point"])
+
     def _evaluate(self, closure: Closure, parameter: Tensor, ends: tuple[Tensor, Tensor] | None) -> Any:
         """Return the loss; where the physics has no solution, after a step too long, that of a shorter one."""
         state, longest = self.state[parameter], self.param_groups[0]["max_step"]

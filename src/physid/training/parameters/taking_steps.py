@@ -36,6 +36,13 @@ def take_step(
         optimizer.step(closure=closure)
 
 
+def judge_last(optimizer: Any, values: Callable[[Tensor], Tensor]) -> None:
+    """Judge a step that no other follows, where an optimizer leaves that to its next one (see `GaussNewton`)."""
+    kind = getattr(optimizer, "optimizer", optimizer)
+    if isinstance(kind, GaussNewton):
+        kind.judge_last(values)
+
+
 def take_back(optimizer: Any) -> bool:
     """Return to the best point that was judged so far, where an optimizer remembers one; whether it does."""
     if not isinstance(optimizer, GaussNewton):
