@@ -48,6 +48,8 @@ BOTH = ("paper", "rich")
 MOVED = ("rich", "off_centre")
 DRAWN = ("paper", "rich", "off_centre")
 """Protocols that are drawn, where a scene has them, of simulators that know every motion."""
+STRAIGHT = ("straight",)
+HEIGHT = "a body that never turns, and touches the ground alone: only its height shows either"
 CONFUSIONS: tuple[Confusion, ...] = (
     Confusion(("constant_force", "ground_tilt"), "push", DRAWN, "one mass on a plane: wind or tilt"),
     Confusion(("camera_yaw", "force_misalignment"), "push", DRAWN, "no fixed edge in view"),
@@ -56,8 +58,11 @@ CONFUSIONS: tuple[Confusion, ...] = (
     Confusion(("force_delay", "force_lag", "observation_latency"), "push", MOVED, "few steps of the command"),
     Confusion(("length_scale", "gravity_error", "clock_rate"), "toss", ("paper",), "free flight fills most frames"),
     Confusion(("ground_restitution", "contact_compliance"), "toss", BOTH, "one height of fall"),
+    *(Confusion(("camera_offset", "object_size"), scene, STRAIGHT, HEIGHT) for scene in ("push", "slide", "toss")),
+    Confusion(("force_delay", "observation_latency"), "push", STRAIGHT, "the same motion, later"),
 )
-"""From the confusions that were known before the diagnosis was written."""
+"""From the confusions that were known before the diagnosis was written, and, since bank 106821, those of straight
+motions, under which nothing at all distinguishes the effects."""
 
 ABSORBED: Mapping[str, tuple[str, ...]] = {"toss": ("ground_restitution",)}
 """By scene: effects of the catalogue that are a change of an unknown parameter, and no right answer there."""
@@ -100,7 +105,8 @@ def candidates(role: Role, scene: str, protocol: str, simulator: str = "pybullet
         return [Hidden("free")]
     if role == "alias":
         fitting = (one for one in CONFUSIONS if one.scene == scene and protocol in one.protocols)
-        return [Hidden("alias", (find(name),)) for one in fitting for name in one.effects]
+        kinds = (find(name) for one in fitting for name in one.effects)
+        return [Hidden("alias", (kind,)) for kind in kinds if _makes(simulator, kind)]
     near = {name for one in CONFUSIONS if one.scene == scene and protocol in one.protocols for name in one.effects}
     clear = [kind for kind in CATALOGUE if kind.name not in near and _makes(simulator, kind)]
     if role in TOGETHER and find_simulator(simulator).from_any_state:
