@@ -1,0 +1,108 @@
+"""Which steps a fit takes: parts of those that lead too far, and those that the fitted trajectories want alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from estimation.blocks import two_blocks
+from estimation.flights import FORCE, G, flights
+from physid.estimation.least_squares.experiment import Experiment, Fit
+from physid.estimation.least_squares.levenberg_marquardt import NONE, gauss_newton
+from physid.estimation.least_squares.multi_start import carried
+from physid.estimation.prediction import Prediction, Predictor, Variants
+from physid.physics.rotations import exponential
+
+BOTH = torch.arange(2)
+
+
+class Saturated(Predictor):
+    """Sees bodies at x = atan(10 u) for an unknown parameter that is off by u: a step by the slope leads too far."""
+
+    def predict(self, variants: Variants) -> Prediction:
+        found = super().predict(variants)
+        off = (variants.nominal - self.model.guess)[:, 0, None, None, None]
+        found.pose[..., 0] = torch.atan(10 * off)
+        return found
+
+
+@pytest.mark.parametrize("off", [0.05, 0.2, -0.3])
+def test_a_fit_ends_where_nothing_is_left_although_a_whole_step_leads_further_away(off: float) -> None:
+    """Newton's method for the zero of atan diverges from 1.39 on."""
+    made = flights(unknown=("block.mass",), noise=(0.0, 0.0), sizes=(0.0, 0.0))
+    old = made.experiment.predictor
+    pose = made.experiment.pose.clone()
+    pose[..., 0] = 0.0
+    predictor = Saturated(old.model, old.timeline, old.segments, old.candidates)
+    experiment = made.experiment.with_known_states().replace(predictor=predictor, pose=pose)
+    begun = made.start.replace(nominal=made.start.nominal + off)
+    fit = gauss_newton(experiment, begun, NONE)
+    assert float(fit.point.nominal - made.start.nominal) == pytest.approx(0.0, abs=1e-4)
+
+
+@pytest.mark.parametrize("fitted", [0, 3])
+def test_held_out_trajectories_have_no_say_however_much_worse_they_are_explained(fitted: int) -> None:
+    """A wind blows in one of four trajectories, whose initial states are known; a fit to it begins where none blows."""
+    made = flights(noise=(0.0, 0.0), fitted=torch.arange(4) == fitted)
+    pose = made.experiment.predictor.predict(made.start).pose[0]
+    pose[fitted] = made.experiment.pose[fitted]
+    experiment = made.experiment.with_known_states().replace(pose=pose)
+    fit = gauss_newton(experiment, made.start, BOTH)
+    assert fit.point.effects[0].tolist() == pytest.approx(FORCE, rel=0.02)
+    before, after = (experiment.losses(one).sum() for one in (made.start, fit.point))
+    assert float(after) > 2 * float(before), "all of them together are explained worse"
+
+
+class Blind(Predictor):
+    """A camera that shows every body at x = 0."""
+
+    def observe(self, state: torch.Tensor, variants: Variants) -> torch.Tensor:
+        return torch.cat([0 * state[..., :1], state[..., 1:]], -1)
+
+
+def test_a_camera_that_does_not_see_along_an_axis_leaves_initial_states_where_they_were_along_it() -> None:
+    made = flights(noise=(0.0, 0.0))
+    fit, old = made.experiment.linearise(made.true, NONE), made.experiment.predictor
+    blind = made.experiment.replace(predictor=Blind(old.model, old.timeline, old.segments, old.candidates))
+    aside = made.true.replace(pose=made.true.pose.clone())
+    aside.pose[..., 1] += 0.3
+    found = carried(blind, fit, aside)
+    assert torch.allclose(found.pose[..., :3], made.true.pose[..., :3], atol=1e-2)
+    assert torch.allclose(found.effects, made.true.effects)
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.002, 0.004])
+def test_a_velocity_that_friction_stops_within_a_step_moves_a_block_by_half_of_its_way_and_none_at_rest(
+    speed: float,
+) -> None:
+    """A step takes a velocity evenly away. At rest there is no slope: the braking distance is v^2 / (2 mu g)."""
+    friction, step = 0.12, 1 / 240
+    made = two_blocks(torch.zeros(1, 24, 2).double(), friction)
+    twist = torch.zeros_like(made.start.twist)
+    twist[0, 0, 1, 3] = speed
+    assert speed < friction * G * step
+    fit = made.experiment.linearise(made.start.replace(twist=twist), NONE)
+    columns = made.experiment.directions.used
+    slope = fit.jacobian.state[columns.index((1, 9)), 0, 2:, 1, 3]
+    assert torch.allclose(slope, torch.full_like(slope, step / 2 if speed else 0.0), rtol=1e-3, atol=1e-12)
+    assert not bool(fit.jacobian.state[columns.index((0, 9))].any()), "the other block is at rest"
+    place = fit.jacobian.state[columns.index((1, 3)), 0, :, 1, 3]
+    assert torch.allclose(place, torch.ones_like(place), rtol=1e-6)
+
+
+def test_a_step_of_one_segment_leaves_the_others_where_they_are() -> None:
+    """All segments but one begin where they should: that one is mended, and its spin with it."""
+    made = flights(noise=(0.0, 0.0))
+    off = made.true.replace(pose=made.true.pose.clone(), twist=made.true.twist.clone())
+    off.pose[0, 3, 0, 3:] = exponential(torch.tensor([0.02, 0.0, -0.01]).double())
+    off.pose[0, 3, 0, 0] += 0.05
+    off.twist[0, 3, 0, 5] -= 0.2
+    experiment: Experiment = made.experiment
+    fit: Fit = gauss_newton(experiment, off, BOTH)
+    assert float(fit.loss.sum()) < 1e-2
+    assert torch.allclose(fit.point.pose[..., :3], made.true.pose[..., :3], atol=1e-4)
+    assert torch.allclose(fit.point.twist[..., 3:], made.true.twist[..., 3:], atol=1e-3)
+    one = replace(made, start=fit.point).start
+    assert one.effects[0].tolist() == pytest.approx(FORCE, rel=1e-2)
