@@ -87,17 +87,31 @@ SUITES: dict[str, tuple[str, ...]] = {
     "estimation/prediction/coordinates.py": (
         *("training/test_physical_parameters.py", "diagnosis/test_equivalence.py", "estimation/test_starts.py"),
     ),
-    "estimation/prediction/lying.py": ("diagnosis/test_lying.py",),
+    "estimation/prediction/variants.py estimation/prediction/nominal_model.py estimation/prediction/effect_*.py": (
+        *("estimation/test_nominal_model.py", "estimation/test_effects_at_work.py", "estimation/test_cuts.py"),
+    ),
     "estimation/prediction/rollout.py estimation/prediction/candidates.py": (
         *("diagnosis/test_timeline.py", "diagnosis/test_prediction.py", "estimation/test_cuts.py"),
-        "estimation/test_effects_at_work.py",
+        *("estimation/test_effects_at_work.py", "estimation/test_two_bodies.py", "diagnosis/test_lying.py"),
     ),
-    "estimation/measurement/sensor_noise.py": ("diagnosis/test_noise.py", "estimation/test_errors_of_poses.py"),
+    "estimation/measurement/sensor_noise.py estimation/measurement/poses.py": (
+        *("diagnosis/test_noise.py", "estimation/test_errors_of_poses.py", "estimation/test_frame_weights.py"),
+        "estimation/test_moved_poses.py",
+    ),
     "estimation/measurement/misfit.py estimation/measurement/unexplained.py estimation/measurement/tracking_error.py": (
         *("training/test_unexplained.py", "diagnosis/test_tracking_error.py", "estimation/test_errors_of_poses.py"),
     ),
-    "estimation/least_squares/multi_start.py": ("diagnosis/test_multi_start.py", "estimation/test_starts.py"),
-    "estimation/least_squares/initial_states.py": ("diagnosis/test_initial_states.py", "estimation/test_starts.py"),
+    "estimation/least_squares/multi_start.py": (
+        *("diagnosis/test_multi_start.py", "estimation/test_starts.py", "estimation/test_steps_taken.py"),
+    ),
+    "estimation/least_squares/initial_states.py": (
+        *("diagnosis/test_initial_states.py", "estimation/test_starts.py", "estimation/test_unseen_frames.py"),
+        "estimation/test_parallel_bodies.py",
+    ),
+    "estimation/least_squares/experiment.py estimation/least_squares/prior.py estimation/least_squares/first_*.py": (
+        *("estimation/test_fits.py", "estimation/test_directions.py", "estimation/test_steps_taken.py"),
+        *("estimation/test_starts.py", "estimation/test_nominal_model.py", "diagnosis/test_multi_start.py"),
+    ),
     "estimation/least_squares/normal_equations.py": (
         *("diagnosis/test_normal_equations.py", "diagnosis/test_residual_wrench.py", "diagnosis/test_score_test.py"),
         *("diagnosis/test_equivalence.py", "diagnosis/test_hypothesis.py", "training/test_intervals.py"),
@@ -105,7 +119,8 @@ SUITES: dict[str, tuple[str, ...]] = {
     ),
     "estimation/least_squares/jacobian.py": (
         *("diagnosis/test_slopes.py", "diagnosis/test_initial_states.py", "diagnosis/test_equivalence.py"),
-        *("training/test_identifiability.py", "estimation/test_directions.py"),
+        *("training/test_identifiability.py", "estimation/test_directions.py", "estimation/test_steps_taken.py"),
+        "estimation/test_parallel_bodies.py",
     ),
     "estimation/least_squares/covariance.py": (
         *("training/test_intervals.py", "diagnosis/test_hypothesis.py", "estimation/test_scatter.py"),
@@ -113,9 +128,15 @@ SUITES: dict[str, tuple[str, ...]] = {
     "estimation/least_squares/discretisation.py": ("training/test_step_choice.py",),
     "estimation/least_squares/levenberg_marquardt.py estimation/least_squares/line_search.py": (
         *("training/test_intervals.py", "diagnosis/test_nominal_fit.py", "training/test_optimizers.py"),
-        *("estimation/test_fits.py", "estimation/test_starts.py"),
+        *("estimation/test_fits.py", "estimation/test_starts.py", "estimation/test_steps_taken.py"),
     ),
-    "estimation/segmented_fit/events.py": ("diagnosis/test_noise.py", "diagnosis/test_inputs.py"),
+    "estimation/segmented_fit/events.py": (
+        *("diagnosis/test_noise.py", "diagnosis/test_inputs.py", "estimation/test_events.py"),
+    ),
+    "estimation/segmented_fit/motion_phases.py": ("diagnosis/test_motion_phases.py", "estimation/test_phases.py"),
+    "estimation/segmented_fit/fit.py estimation/segmented_fit/observed.py estimation/segmented_fit/weights.py": (
+        *("estimation/test_segmented_fit.py", "estimation/test_fit_around_events.py"),
+    ),
     "diagnosis/inputs/model_source.py": ("diagnosis/test_inputs.py", "diagnosis/test_model_source.py"),
     "diagnosis/inputs/requirements.py": ("diagnosis/test_requirements.py",),
     "diagnosis/reference/replay.py": (
