@@ -92,7 +92,7 @@ SUITES: dict[str, tuple[str, ...]] = {
     ),
     "estimation/prediction/rollout.py estimation/prediction/candidates.py": (
         *("diagnosis/test_timeline.py", "diagnosis/test_prediction.py", "estimation/test_cuts.py"),
-        *("estimation/test_effects_at_work.py", "estimation/test_two_bodies.py", "diagnosis/test_lying.py"),
+        *("estimation/test_effects_at_work.py", "estimation/test_two_bodies.py", "estimation/test_variants.py"),
     ),
     "estimation/measurement/sensor_noise.py estimation/measurement/poses.py": (
         *("diagnosis/test_noise.py", "estimation/test_errors_of_poses.py", "estimation/test_frame_weights.py"),

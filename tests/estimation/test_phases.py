@@ -75,6 +75,12 @@ def test_a_body_is_at_rest_below_a_speed_and_a_spin(
         assert named(of_bodies(1, gravity), twist, load)[0] == [name] * FRAMES
 
 
+def test_a_speed_is_no_spin_and_a_spin_no_speed() -> None:
+    twist, load = still()
+    twist[..., 2], twist[..., 3] = 0.99 * SETTINGS.still_spin, 0.99 * SETTINGS.still_speed
+    assert named(of_bodies(1), twist, load)[0] == ["rest"] * FRAMES
+
+
 @pytest.mark.parametrize(
     ("speed", "name"),
     [
