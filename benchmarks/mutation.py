@@ -135,7 +135,7 @@ SUITES: dict[str, tuple[str, ...]] = {
     ),
     "estimation/segmented_fit/motion_phases.py": ("diagnosis/test_motion_phases.py", "estimation/test_phases.py"),
     "estimation/segmented_fit/fit.py estimation/segmented_fit/observed.py estimation/segmented_fit/weights.py": (
-        *("estimation/test_segmented_fit.py", "estimation/test_fit_around_events.py"),
+        *("estimation/test_segmented_fit.py", "estimation/test_agreement.py", "estimation/test_fit_around_events.py"),
     ),
     "diagnosis/inputs/model_source.py": ("diagnosis/test_inputs.py", "diagnosis/test_model_source.py"),
     "diagnosis/inputs/requirements.py": ("diagnosis/test_requirements.py",),

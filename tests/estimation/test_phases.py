@@ -79,6 +79,16 @@ def test_a_speed_is_no_spin_and_a_spin_no_speed() -> None:
     twist, load = still()
     twist[..., 2], twist[..., 3] = 0.99 * SETTINGS.still_spin, 0.99 * SETTINGS.still_speed
     assert named(of_bodies(1), twist, load)[0] == ["rest"] * FRAMES
+    twist[..., 2], twist[..., 3] = 0.0, SETTINGS.still_speed
+    assert named(of_bodies(1), twist, load)[0] == ["coast"] * FRAMES, "at rest is what is slower than that"
+
+
+def test_a_switch_lasts_for_one_more_frame_however_slow_the_camera() -> None:
+    twist, load = still()
+    wrench = torch.zeros(FRAMES, 1, 6).double()
+    wrench[:20, 0, 3] = 1.0
+    found = named(replace(of_bodies(1), time_step=0.2), twist, load, wrench, step=0.2)[0]
+    assert found == ["stick"] * 20 + ["force_switch"] * 2 + ["rest"] * 8
 
 
 @pytest.mark.parametrize(
