@@ -79,6 +79,7 @@ def test_frames_that_are_not_there_say_nothing_of_a_jolt() -> None:
     present[0, [3, 8, 20, 21]] = 0.0
     wild = pose.clone()
     wild[0, [3, 8, 20, 21], :, 0] = 7.0
+    wild[0, [3, 20, 21], :, 3:] = exponential(torch.tensor([[[1.0, 0, 2]], [[0, 2.0, 1]], [[-2.0, 1, 0]]]).double())
     assert found(wild, EVEN, present=present) == []
     assert len(found(wild, EVEN)) > 10
     for factor, any_found in ((0.99, False), (1.01, True)):
@@ -132,6 +133,27 @@ def test_impacts_and_new_segments_are_taken_out_of_what_a_model_accelerates() ->
     assert torch.allclose(path[..., 0, 3], (pull * time**2 / 2).expand(2, -1))
     every = torch.full_like(phases, PHASES.index("impact"))
     assert not bool(smooth_path(twist, every, time.expand(2, -1), segments).any())
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_where_a_step_says_nothing_the_last_one_that_does_goes_on_and_the_first_before_all(seed: int) -> None:
+    """Of two bodies that are hit in different frames, each goes on by itself; times are uneven."""
+    generator = torch.Generator().manual_seed(seed)
+    time = UNEVEN[:16]
+    twist = torch.randn(1, 16, 2, 6, generator=generator).double()
+    hit = torch.rand(1, 16, 2, generator=generator) < 0.4
+    hit[0, :2, 0], hit[0, 0, 1] = True, False
+    phases = torch.where(hit, PHASES.index("impact"), REST)
+    path = smooth_path(twist, phases, time[None], Segmentation.equal(1, 16, 8))
+    for body in range(2):
+        known = [k for k in range(15) if not hit[0, k, body] and k != 7]  # at the frame 8 a segment begins
+        place, speed = torch.zeros(6).double(), torch.zeros(6).double()
+        for k in range(15):
+            step = max([j for j in known if j <= k], default=known[0])
+            pull = (twist[0, step + 1, body] - twist[0, step, body]) / (time[step + 1] - time[step])
+            length = time[k + 1] - time[k]
+            place, speed = place + speed * length + pull * length**2 / 2, speed + pull * length
+            assert torch.allclose(path[0, k + 1, body], place, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", ["impact", "contact_between_objects"])
