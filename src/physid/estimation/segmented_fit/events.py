@@ -41,7 +41,8 @@ def find_events(
         Shape (R, T).
     """
     jolts = find_jolts(pose, present, time, smooth, noise, scene.time_step, settings)
-    return (_hot(phases) | find_tumbling(phases, pose, scene, settings) | jolts).any(-1)
+    tumbling = find_tumbling(phases, pose, scene, settings) & (present > 0)
+    return (_hot(phases) | tumbling | jolts).any(-1)
 
 
 def find_tumbling(phases: Tensor, pose: Tensor, scene: Scene, settings: EventSettings) -> Tensor:
