@@ -16,6 +16,7 @@ from physid.estimation.segmented_fit import (
     fit_short_segments,
     fit_with_chosen_steps,
     tumbles,
+    weighed,
 )
 from physid.physics.rotations import exponential, multiply
 from physid.scenes import find_setup
@@ -104,6 +105,24 @@ def test_steps_are_chosen_where_a_fit_stands_and_noise_and_frames_are_weighed_an
     assert found.noise.position == pytest.approx(SPREAD[1], rel=0.2)
     assert restitution(found) == pytest.approx(SCENE.bodies[0].restitution, rel=0.05)
     assert torch.equal(found.observed.present, landed.observed.present)
+
+
+@pytest.mark.parametrize("robust", [False, True])
+def test_a_frame_that_stands_alone_counts_less_only_if_that_is_asked_for(robust: bool, landed: SegmentedFit) -> None:
+    observed, fit = landed.observed, landed.fit
+    off = fit.residual.clone()
+    off[0, 8, 0, 4] += 5 * SPREAD[1]
+    noise, experiment = weighed(
+        landed.experiment, replace(fit, residual=off), observed.present, None, SETTINGS.noise, robust=robust
+    )
+    assert noise.position == pytest.approx(SPREAD[1], rel=0.2)
+    share = (experiment.scale * noise.spread()).square()
+    assert torch.allclose(share, share[..., :1].expand_as(share))
+    assert bool((share[0, 8] < 0.9).all()) is robust
+    assert not bool(share[1, 7].any())
+    assert bool((share[..., 0].le(observed.present + 1e-12)).all())
+    if not robust:
+        assert torch.allclose(share[..., 0], observed.present)
 
 
 @pytest.mark.parametrize(("lean", "edge"), [(0.0, False), (0.5, True)])
