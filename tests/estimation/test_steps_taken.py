@@ -10,7 +10,7 @@ import torch
 from estimation.blocks import two_blocks
 from estimation.flights import FORCE, G, flights
 from physid.estimation.least_squares.experiment import Experiment, Fit
-from physid.estimation.least_squares.levenberg_marquardt import NONE, gauss_newton
+from physid.estimation.least_squares.levenberg_marquardt import NONE, bodies_at_rest, gauss_newton
 from physid.estimation.least_squares.multi_start import carried
 from physid.estimation.prediction import Prediction, Predictor, Variants
 from physid.physics.rotations import exponential
@@ -53,6 +53,62 @@ def test_held_out_trajectories_have_no_say_however_much_worse_they_are_explained
     assert fit.point.effects[0].tolist() == pytest.approx(FORCE, rel=0.02)
     before, after = (experiment.losses(one).sum() for one in (made.start, fit.point))
     assert float(after) > 2 * float(before), "all of them together are explained worse"
+
+
+@pytest.mark.parametrize("steps", [1, 2, 3])
+def test_no_more_jacobians_are_made_than_are_asked_for_and_one_at_the_end(
+    steps: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = flights(unknown=("block.mass",), noise=(0.0, 0.0), sizes=(2.0, 0.0))
+    begun, asked = made.true.replace(nominal=made.true.nominal + 2.9), list[int]()
+    line_search = made.experiment.settings.line_search.model_copy(update={"chords": 0})
+    settings = made.experiment.settings.model_copy(update={"line_search": line_search})
+    usual = Experiment.linearise
+
+    def watched(self: Experiment, point: Variants, *words: torch.Tensor) -> Fit:
+        asked.append(len(point))
+        return usual(self, point, *words)
+
+    monkeypatch.setattr(Experiment, "linearise", watched)
+    fit = gauss_newton(made.experiment.replace(settings=settings), begun, NONE, steps=steps)
+    assert asked == [1] * (steps + 1)
+    # A step changes the logarithm of the mass by one at most.
+    assert float(fit.point.nominal - made.true.nominal) > 2.9 - steps - 1e-9
+
+
+@pytest.mark.parametrize("frames", [24, 8])
+def test_bodies_are_brought_to_rest_alone_and_together_where_they_start_and_where_they_stop(frames: int) -> None:
+    """Of two blocks the one that stops within the segment rests where it stops, the other at the segment's end."""
+    friction, step = 0.12, 1 / 240
+    made = two_blocks(torch.zeros(2, frames, 2).double(), friction)
+    speed = torch.tensor([[0.03, 0.06], [0.0, 0.02]]).double()
+    twist = torch.zeros_like(made.start.twist)
+    twist[0, :, :, 4] = speed
+    many, still = bodies_at_rest(made.experiment, made.start.replace(twist=twist), each=True)
+    stops, last = speed / (friction * G), step * (frames - 1)
+    time = stops.clamp_max(last)
+    way = speed * time - friction * G * time**2 / 2
+    moves = speed > 0
+    chosen = [moves, moves & torch.tensor([True, False]), moves & torch.tensor([False, True])]
+    assert still.tolist() == torch.stack([0 * moves > 0, *chosen, *chosen]).tolist()
+    for k, one in enumerate([0 * moves > 0, *chosen, *chosen]):
+        assert torch.allclose(many.twist[k, ..., 4], torch.where(one, 0.0, speed))
+        off = (many.pose[k] - made.start.pose[0])[..., 1]
+        # A step that takes the share f of its change of velocity away goes on by f / 2 of its way, and not by f^2 / 2.
+        assert torch.allclose(off, torch.where(one & (torch.tensor(k) > 3), way, 0.0), atol=friction * G * step**2 / 8)
+    assert float(way[0].min()) > 15 * friction * G * step**2
+
+
+def test_who_does_not_move_or_moves_fast_is_not_brought_to_rest() -> None:
+    made = two_blocks(torch.zeros(1, 12, 2).double())
+    limit = made.experiment.settings.line_search.at_rest
+    for speeds in ((0.0, 0.0), (limit, -2 * limit), (0.0, limit)):
+        twist = torch.zeros_like(made.start.twist)
+        twist[0, 0, :, 3] = torch.tensor(speeds).double()
+        point = made.start.replace(twist=twist)
+        many, still = bodies_at_rest(made.experiment, point, each=True)
+        assert many is point
+        assert still.tolist() == [[[False, False]]]
 
 
 class Blind(Predictor):
