@@ -96,7 +96,7 @@ SUITES: dict[str, tuple[str, ...]] = {
     ),
     "estimation/measurement/sensor_noise.py estimation/measurement/poses.py": (
         *("diagnosis/test_noise.py", "estimation/test_errors_of_poses.py", "estimation/test_frame_weights.py"),
-        "estimation/test_moved_poses.py",
+        *("estimation/test_moved_poses.py", "estimation/test_outliers.py"),
     ),
     "estimation/measurement/misfit.py estimation/measurement/unexplained.py estimation/measurement/tracking_error.py": (
         *("training/test_unexplained.py", "diagnosis/test_tracking_error.py", "estimation/test_errors_of_poses.py"),
