@@ -189,6 +189,8 @@ def test_beside_errors_of_a_reader_a_misfit_is_judged_by_the_logarithm_of_its_me
     assert found.score == pytest.approx(math.log(ratio) / 0.2, abs=1e-9)
     assert found.size == pytest.approx(math.sqrt(max(0.03 - expected, 0.0)), abs=1e-7)
     assert found.noise == pytest.approx(math.sqrt(expected / 3))
+    two = Misfit.of(value.expand(3, 10, 2, 3), torch.ones(3, 10, dtype=torch.bool), (expected, 0.2))
+    assert (two.size, two.noise, two.score) == pytest.approx((found.size, found.noise, found.score), abs=1e-12)
 
 
 @pytest.mark.parametrize(("factor", "size"), [(0.3, 1.0), (1.0, 1.0), (3.0, 3.0)])

@@ -93,3 +93,15 @@ def test_noise_is_seen_in_three_frames_in_a_row_alone(pattern: tuple[float, ...]
     some = weight.clone()
     some[0, 4:7] = 1.0
     assert estimate_noise(residual, some, None, settings).position != settings.unseen[1]
+
+
+@pytest.mark.parametrize("off", [[0, 1, 0], [0, 0, 1, 1, 0], [0, 0, 1, 1, 0, 0]])
+def test_of_few_frames_the_median_is_that_of_as_many_as_there_are_on_both_sides(off: list[int]) -> None:
+    """Two of five neighbours that go together are outliers, as is one of three."""
+    noise, away = Noise(0.004, 0.001), torch.tensor(off).double()
+    frames = len(off)
+    residual = torch.zeros(1, frames, 1, 6).double()
+    residual[0, :, 0, 5] = 40 * noise.position * away
+    found = frame_weights(residual, torch.ones(1, frames, 1), TIME[:1, :frames], noise)[0, :, 0]
+    assert bool((found[away > 0] < 0.1).all())
+    assert bool((found[away == 0] == 1).all())

@@ -81,6 +81,8 @@ def test_a_speed_is_no_spin_and_a_spin_no_speed() -> None:
     assert named(of_bodies(1), twist, load)[0] == ["rest"] * FRAMES
     twist[..., 2], twist[..., 3] = 0.0, SETTINGS.still_speed
     assert named(of_bodies(1), twist, load)[0] == ["coast"] * FRAMES, "at rest is what is slower than that"
+    twist[..., 2], twist[..., 3] = SETTINGS.still_spin, 0.0
+    assert named(of_bodies(1), twist, load)[0] == ["coast"] * FRAMES, "and what turns slower than that"
 
 
 def test_a_switch_lasts_for_one_more_frame_however_slow_the_camera() -> None:
