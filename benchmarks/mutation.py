@@ -125,7 +125,7 @@ SUITES: dict[str, tuple[str, ...]] = {
     "estimation/least_squares/covariance.py": (
         *("training/test_intervals.py", "diagnosis/test_hypothesis.py", "estimation/test_scatter.py"),
     ),
-    "estimation/least_squares/discretisation.py": ("training/test_step_choice.py",),
+    "estimation/least_squares/discretisation.py": ("training/test_step_choice.py", "estimation/test_late_forces.py"),
     "estimation/least_squares/levenberg_marquardt.py estimation/least_squares/line_search.py": (
         *("training/test_intervals.py", "diagnosis/test_nominal_fit.py", "training/test_optimizers.py"),
         *("estimation/test_fits.py", "estimation/test_starts.py", "estimation/test_steps_taken.py"),
