@@ -3,9 +3,9 @@
     python benchmarks/long_runs.py                                    two hours of each command, one after the other
     python benchmarks/long_runs.py --commands "fit films" --hours 8 --kept runs/long_runs.jsonl
 
-A command runs on one thread, with no end in sight, and is interrupted when the time is over. Every ten seconds /proc says
-what the process and its workers hold together. The slope of memory is that of Theil and Sen (deaf to single jumps),
-with its 95 % interval, after the first tenth of the time, in which caches fill and the allocator settles.
+A command runs on one thread, with no end in sight, and is interrupted when the time is over. Every ten seconds /proc
+says what the process and its workers hold together. The slope of memory is that of Theil and Sen (deaf to single
+jumps), with its 95 % interval, after the first tenth of the time, in which caches fill and the allocator settles.
 """
 
 from __future__ import annotations
@@ -124,11 +124,8 @@ def held(process: int, place: Path, done: str, seconds: float) -> Sample:
         except OSError:
             continue
     found = list(place.glob(done))
-    if done.endswith(".csv"):
-        steps = sum(1 for path in found for _ in path.open()) - len(found)
-    else:
-        steps = len(found)
-    return Sample(seconds, memory, files, threads, processes, len(list(place.glob("run/wandb/*run-*"))), steps)
+    lines = sum(1 for path in found for _ in path.open()) - len(found) if done.endswith(".csv") else len(found)
+    return Sample(seconds, memory, files, threads, processes, len(list(place.glob("run/wandb/*run-*"))), lines)
 
 
 def watch(name: str, command: Command, place: Path, hours: float) -> tuple[list[Sample], int, str]:
@@ -192,8 +189,8 @@ def main() -> None:
             with chosen.kept.open("a") as file:
                 file.writelines(json.dumps({"command": name} | asdict(each)) + "\n" for each in samples)
         rows.append(row(name, samples, code))
-    print("| command | hours | steps | memory [MiB] | slope [MiB/h] | files | threads | processes | wandb | ends with |")
-    print("|---|---|---|---|---|---|---|---|---|---|")
+    names = ("command", "hours", "steps", "memory [MiB]", "slope [MiB/h]", "files", "threads", "processes", "wandb")
+    print(f"| {' | '.join(names)} | ends with |\n{'|---' * (len(names) + 1)}|")
     print("\n".join(rows))
 
 
