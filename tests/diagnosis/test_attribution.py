@@ -55,6 +55,7 @@ def test_a_hypothesis_that_cannot_be_looked_at_is_passed_over_and_the_next_one_a
         ("complete", lambda *_: True),
         ("distinguishable", lambda *_: False),
         ("alike", lambda *_: ()),
+        ("least_gain", lambda *_: 0.0),
     ):
         monkeypatch.setattr(search, name, stand_in)
     monkeypatch.setattr(attribution, "contact_free", lambda *_: None)

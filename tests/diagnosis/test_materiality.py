@@ -8,7 +8,16 @@ from typing import Any
 import pytest
 import torch
 
-from physid.diagnosis.selection.materiality import Excess, Tolerance, excess_of, share_closed, unexplained_size
+from physid.diagnosis.conclusion.judgement import minor_effects
+from physid.diagnosis.document.document import Minor
+from physid.diagnosis.selection.evidence import least_gain
+from physid.diagnosis.selection.materiality import (
+    Excess,
+    Tolerance,
+    excess_of,
+    share_closed,
+    unexplained_size,
+)
 from physid.diagnosis.settings.conclusion import MaterialitySettings
 from physid.estimation.measurement.sensor_noise import Noise
 from physid.scenes import find_setup
@@ -94,3 +103,41 @@ def test_no_tolerance_at_all_is_refused() -> None:
 def test_half_the_error_left_closes_three_quarters_of_the_mean_square() -> None:
     assert share_closed(Excess(2e-3, 0.0), Excess(1e-3, 0.0)) == pytest.approx(0.75)
     assert share_closed(Excess(0.0, 2e-2), Excess(0.0, 0.0)) == pytest.approx(1.0)
+
+
+def fitted(noise: Noise) -> Any:
+    """Return a nominal fit, as far as a tolerance looks at it."""
+    settings = SimpleNamespace(materiality=MaterialitySettings())
+    return SimpleNamespace(noise=noise, observations=SimpleNamespace(scene=SCENE), settings=settings)
+
+
+@pytest.mark.parametrize("frames", [100.0, 4000.0])
+@pytest.mark.parametrize("noise", [NOISE, Noise(rotation=1e-3, position=6e-4), Noise(rotation=4e-3, position=1e-4)])
+def test_an_effect_beside_others_counts_where_it_moves_predictions_by_the_tolerance(
+    frames: float, noise: Noise
+) -> None:
+    lack: Any = SimpleNamespace(frames=frames)
+    allowed, least = Tolerance.of(noise, SCENE, MaterialitySettings()), least_gain(fitted(noise), lack)
+    moved = [frames * (allowed.position / noise.position) ** 2, frames * (allowed.rotation / noise.rotation) ** 2]
+    assert least == pytest.approx(min(moved))
+    single: Any = SimpleNamespace(missing=least, frames=frames)
+    assert unexplained_size(single, noise) <= allowed.position * (1 + 1e-12), "as small as what is not blamed alone"
+
+
+@pytest.mark.parametrize(("share", "listed"), [(0.99, True), (1.01, False)])
+def test_what_is_significant_beside_a_cause_is_minor_below_the_tolerance(share: float, listed: bool) -> None:
+    frames = 500.0
+    missing = share * frames * (Tolerance.of(NOISE, SCENE, MaterialitySettings()).position / NOISE.position) ** 2
+    row = SimpleNamespace(names=("tether",), gain=missing, p_value=0.004)
+    left = SimpleNamespace(significant=[row], missing=missing, frames=frames)
+    every = torch.ones(2, dtype=torch.bool)
+    nominal: Any = SimpleNamespace(
+        held_out=torch.tensor([3.0, 1.0]) * missing, experiment=SimpleNamespace(fitted=every)
+    )
+    chosen: Any = SimpleNamespace(held_out=torch.tensor([0.5, 0.5]) * missing, experiment=nominal.experiment)
+    found: Any = SimpleNamespace(left=left, nominal=nominal)
+    said = minor_effects(fitted(NOISE), found, chosen)
+    assert said == ((Minor(("tether",), 0.004, pytest.approx(0.25)),) if listed else ())
+    assert minor_effects(fitted(NOISE), found, None) == (), "nothing is blamed"
+    left.significant = []
+    assert minor_effects(fitted(NOISE), found, chosen) == ()

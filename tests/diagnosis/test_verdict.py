@@ -170,19 +170,20 @@ def left_by_drag(missing: float) -> Any:
 
 
 @pytest.mark.parametrize(
-    ("missing", "behind", "absent", "needed"),
+    ("missing", "behind", "absent", "least", "needed"),
     [
-        (200.0, 150.0, [], True),
-        (400.0, 150.0, [], False),  # most of what the drag leaves is left by the pair as well
-        (20.0, 15.0, [], False),  # so much is chance
-        (200.0, 150.0, ["tether"], False),  # its stiffness may be zero
+        (200.0, 150.0, [], 149.0, True),
+        (400.0, 150.0, [], 0.0, False),  # most of what the drag leaves is left by the pair as well
+        (20.0, 15.0, [], 0.0, False),  # so much is chance
+        (200.0, 150.0, ["tether"], 0.0, False),  # its stiffness may be zero
+        (200.0, 150.0, [], 151.0, False),  # it moves predictions by less than the tolerance
     ],
 )
 def test_a_pair_is_needed_if_it_explains_most_of_what_one_effect_leaves(
-    calm: torch.Generator, missing: float, behind: float, absent: list[str], needed: bool
+    calm: torch.Generator, missing: float, behind: float, absent: list[str], least: float, needed: bool
 ) -> None:
     nominal, drag, both = hypothesis(900, 900), hypothesis(100 + behind, 100), pair(absent, 100, 100)
-    assert all_needed(both, nominal, [drag], left_by_drag(missing), calm) is needed
+    assert all_needed(both, nominal, [drag], left_by_drag(missing), least, calm) is needed
 
 
 @pytest.mark.parametrize(
@@ -214,7 +215,7 @@ def test_a_pair_must_gain_over_all_trajectories_together(calm: torch.Generator, 
     least = max(SETTINGS.evidence.least, SETTINGS.evidence.same * 1600)
     drag = hypothesis(100 + factor * least / 2, 100 + factor * least / 2)
     chance: Any = SimpleNamespace(missing=factor * least, reach=lambda _: 0.0)
-    assert all_needed(both, nominal, [drag], chance, calm) is needed
+    assert all_needed(both, nominal, [drag], chance, 0.0, calm) is needed
 
 
 @pytest.mark.parametrize(
@@ -225,7 +226,7 @@ def test_a_second_effect_that_explains_as_much_alone_needs_no_first_one(
 ) -> None:
     nominal, drag, both, other = hypothesis(900, 900), hypothesis(400, 100), pair([], 100, 100), hypothesis(loss, 100)
     other.names = (name,)
-    assert all_needed(both, nominal, [drag, other], left_by_drag(300.0), calm) is needed
+    assert all_needed(both, nominal, [drag, other], left_by_drag(300.0), 0.0, calm) is needed
 
 
 @pytest.mark.parametrize("amplified", [0.0, 1.0])
@@ -234,7 +235,7 @@ def test_an_effect_that_impacts_may_feign_is_not_needed(monkeypatch: pytest.Monk
     monkeypatch.setattr(evidence, "bootstrap_spread", lambda *_: amplified)
     nominal, drag, both = hypothesis(900, 900), hypothesis(250, 100), pair([], 100, 100)
     both.absent = lambda spread: ["tether"] if spread > 0.5 else []
-    needed = all_needed(both, nominal, [drag], left_by_drag(200.0), torch.Generator())
+    needed = all_needed(both, nominal, [drag], left_by_drag(200.0), 0.0, torch.Generator())
     assert needed == (amplified < 0.5)
 
 

@@ -142,7 +142,14 @@ def test_one_effect_accounts_for_a_gap_and_several_do_unless_a_transfer_set_cert
 def test_what_is_minor_is_said_first_then_what_could_not_be_found_then_what_is_not_certified() -> None:
     minor = (Minor(("tether",), 0.01, 0.25), Minor(("a_b", "c"), 0.01, 0.5))
     assert caveat(with_changes("none", minor=minor)) == (
-        "Significant but minor, below the tolerance: tether (closes 25 % of it) and a b + c (closes 50 % of it)."
+        "Significant but minor, below the tolerance: tether (closes 25 % of the gap) "
+        "and a b + c (closes 50 % of the gap)."
+    )
+    beside = with_changes("named", minor=minor[:1])
+    beside = replace(beside, gap=replace(beside.gap, transfer=None), shrink=replace(beside.shrink, transfer=None))
+    assert caveat(beside) == (
+        "Significant but minor, below the tolerance: tether (closes 25 % of the gap). "
+        "Predictive only, cause not certified: there is no transfer set."
     )
     assert caveat(with_changes("unknown")) == ""
     assert caveat(with_changes("none")) == power_sentence(said("none"))

@@ -12,7 +12,14 @@ from physid.diagnosis.conclusion.verdict import BLAMING, in_all_frames, indistin
 from physid.diagnosis.document.document import Minor, Verdict
 from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.selection.comparison import gain
-from physid.diagnosis.selection.materiality import Tolerance, excess_left, is_material, share_closed, tolerance_of
+from physid.diagnosis.selection.materiality import (
+    Tolerance,
+    excess_left,
+    is_material,
+    share_closed,
+    tolerance_of,
+    unexplained_size,
+)
 from physid.diagnosis.selection.search import Attribution
 from physid.diagnosis.testing import Hypothesis, bootstrap_spread
 
@@ -76,11 +83,25 @@ def judgement_of(nominal_fit: NominalFit, found: Attribution, generator: torch.G
         covariance=covariance,
         shown=shown,
         closings=closings.unclosed() if chosen is None else closings,
-        minor=() if best is None or before else (_minor(nominal_fit, found, best),),
+        minor=minor_effects(nominal_fit, found, chosen) if before else _immaterial(nominal_fit, found),
     )
 
 
-def _minor(nominal_fit: NominalFit, found: Attribution, best: Hypothesis) -> Minor:
+def _immaterial(nominal_fit: NominalFit, found: Attribution) -> tuple[Minor, ...]:
     """Say what the best hypothesis explains of a gap that is not material."""
+    best = found.best
+    if best is None:
+        return ()
     closes = share_closed(*(excess_left(nominal_fit, one) for one in (found.nominal, best)))
-    return Minor(best.names, found.lack.chance(best.names, gain(found.nominal, best)), closes)
+    return (Minor(best.names, found.lack.chance(best.names, gain(found.nominal, best)), closes),)
+
+
+def minor_effects(nominal_fit: NominalFit, found: Attribution, chosen: Hypothesis | None) -> tuple[Minor, ...]:
+    """Say which effect is significant beside those blamed, where it moves predictions by less than the tolerance."""
+    left = found.left
+    if chosen is None or left is None or not left.significant:
+        return ()
+    if unexplained_size(left, nominal_fit.noise) > tolerance_of(nominal_fit).position:
+        return ()
+    row = left.significant[0]
+    return (Minor(row.names, row.p_value, row.gain / (row.gain + max(gain(found.nominal, chosen), 0.0))),)

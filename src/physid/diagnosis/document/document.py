@@ -93,7 +93,10 @@ class Ranked:
 
 @dataclass(frozen=True)
 class Minor:
-    """What was significant and is not blamed, as the gap is not material; `closes` is its share of the excess."""
+    """What was significant and is not blamed, as it moves predictions by less than the tolerance.
+
+    `closes` is its share of the excess, as mean squares.
+    """
 
     __pydantic_config__: ClassVar[Any] = CLOSED
     effects: tuple[Text, ...]

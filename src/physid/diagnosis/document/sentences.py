@@ -97,17 +97,18 @@ def _replaced(diagnosis: Diagnosis, rival: str) -> str | None:
 
 def caveat(diagnosis: Diagnosis) -> str:
     """Say what the verdict does not mean; empty where there is nothing to warn of."""
+    said = []
     if diagnosis.minor:
         named = [
-            f"{' + '.join(words(name) for name in one.effects)} (closes {percent(one.closes)} of it)"
+            f"{' + '.join(words(name) for name in one.effects)} (closes {percent(one.closes)} of the gap)"
             for one in diagnosis.minor
         ]
-        return f"Significant but minor, below the tolerance: {join(named, 'and')}."
-    if diagnosis.verdict == "none":
-        return power_sentence(diagnosis)
+        said.append(f"Significant but minor, below the tolerance: {join(named, 'and')}.")
+    elif diagnosis.verdict == "none":
+        said.append(power_sentence(diagnosis))
     if diagnosis.effects and diagnosis.gap.transfer is None:
-        return "Predictive only, cause not certified: there is no transfer set."
-    return ""
+        said.append("Predictive only, cause not certified: there is no transfer set.")
+    return " ".join(said)
 
 
 def doubt(diagnosis: Diagnosis) -> str:

@@ -9,7 +9,9 @@ from numpy import sign
 from scipy.stats import rankdata, wilcoxon
 from torch import Tensor
 
+from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.selection.comparison import gain
+from physid.diagnosis.selection.materiality import tolerance_of
 from physid.diagnosis.testing import Hypothesis, LackOfFit, bootstrap_spread
 
 
@@ -108,11 +110,28 @@ def clearly_preferred(one: Hypothesis, other: Hypothesis) -> bool:
     return chance <= one.settings.evidence.alpha
 
 
+def least_gain(nominal_fit: NominalFit, lack: LackOfFit) -> float:
+    """Return what an effect gains that moves predictions by the tolerance d, (d / sigma)^2 a frame.
+
+    Of positions or of rotations, whichever is less: it may show in either.
+
+    What a gap must exceed before anything is blamed, each of several effects must add to the others: one that only
+    thousands of frames show beside them is as little worth a word as one that they show alone.
+
+    Args:
+        nominal_fit: The recordings.
+        lack: What some hypothesis leaves in the segments that decide: so many frames count.
+    """
+    allowed, noise = tolerance_of(nominal_fit), nominal_fit.noise
+    return lack.frames * min(allowed.position / noise.position, allowed.rotation / noise.rotation) ** 2
+
+
 def all_needed(
     more: Hypothesis,
     nominal: Hypothesis,
     fewer: Sequence[Hypothesis],
     left: LackOfFit,
+    least: float,
     generator: torch.Generator,
 ) -> bool:
     """Return whether effects account for most of what one fewer leave, and for more than each choice of one fewer does.
@@ -124,14 +143,15 @@ def all_needed(
         nominal: The model without effects.
         fewer: Hypotheses of fewer effects, the best first.
         left: What the best of these leaves.
+        least: What each effect must gain beside the others, see `least_gain`.
         generator: Randomness of the replays that tell what impacts amplify.
     """
     settings = nominal.settings.evidence
     if gain(fewer[0], more) < settings.further_explains * left.missing or more.absent(more.covariance()):
         return False
-    least = max(settings.least, settings.same * float((nominal.held_out - more.held_out).sum()))
+    clear = max(settings.least, settings.same * float((nominal.held_out - more.held_out).sum()))
     better = all(
-        float((one.held_out - more.held_out).sum()) > least and gain(one, more) > left.reach(more.names)
+        float((one.held_out - more.held_out).sum()) > clear and gain(one, more) > max(least, left.reach(more.names))
         for one in fewer
         if set(one.names) < set(more.names)
     )

@@ -7,7 +7,14 @@ import torch
 from physid.diagnosis.progress import Progress, Stage
 from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.selection.comparison import compare_candidates
-from physid.diagnosis.selection.evidence import all_needed, clearly_preferred, complete, distinguishable, sound
+from physid.diagnosis.selection.evidence import (
+    all_needed,
+    clearly_preferred,
+    complete,
+    distinguishable,
+    least_gain,
+    sound,
+)
 from physid.diagnosis.selection.search import Attribution
 from physid.diagnosis.testing import Hypothesis, alike, begin_hypothesis, find_lack_of_fit
 from physid.physics import SolverError
@@ -39,7 +46,8 @@ def _beside(
     nominal, settings = found.whole_nominal, nominal_fit.settings
     left = find_lack_of_fit(nominal_fit, one, generator)
     further = sorted(left.significant, key=lambda row: -row.deviation())[: settings.attribution.at_impacts]
-    if left.p_value > settings.evidence.alpha or not further:
+    least = least_gain(nominal_fit, left)
+    if left.p_value > settings.evidence.alpha or left.missing <= least or not further:
         return None
     fitted = compare_candidates(
         [(*one.names, *row.names) for row in further],
@@ -53,7 +61,7 @@ def _beside(
         for more in fitted
         if sound(nominal, more, left)
         and clearly_preferred(more, one)
-        and all_needed(more, nominal, fewer, left, generator)
+        and all_needed(more, nominal, fewer, left, least, generator)
     ]
     if not needed:
         return None

@@ -11,7 +11,7 @@ from physid.diagnosis.progress import Progress, Stage
 from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.selection.comparison import by_prediction, compare_candidates, survivors
 from physid.diagnosis.selection.contact_free import with_own_steps
-from physid.diagnosis.selection.evidence import complete, distinguishable, evident, sound
+from physid.diagnosis.selection.evidence import complete, distinguishable, evident, least_gain, sound
 from physid.diagnosis.selection.several import leaves, of_one_more, with_twins
 from physid.diagnosis.testing import (
     Hypothesis,
@@ -131,7 +131,8 @@ def search_catalogue(nominal_fit: NominalFit, generator: torch.Generator, say: P
     if best is None or left is None:
         return Attribution(nominal, lack, [], None, None, [])
     tried = [one for one in _since(best, singles) if sound(nominal, one, lack)]
-    while len(best.names) < settings.candidates.most_effects and leaves(nominal, best, lack, left):
+    least, most = least_gain(nominal_fit, left), settings.candidates.most_effects
+    while len(best.names) < most and leaves(nominal, best, lack, left, least):
         count = len(best.names)
         tried = by_prediction([*tried, *of_one_more(nominal_fit, nominal, lack, tried, left, generator, say)])
         if tried[0] is best:

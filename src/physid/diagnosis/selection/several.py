@@ -12,7 +12,7 @@ import torch
 from physid.diagnosis.progress import Progress
 from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.selection.comparison import Names, by_prediction, compare_candidates
-from physid.diagnosis.selection.evidence import all_needed, explained
+from physid.diagnosis.selection.evidence import all_needed, explained, least_gain
 from physid.diagnosis.settings.testing import ScoreTestSettings
 from physid.diagnosis.testing import (
     Hypothesis,
@@ -120,12 +120,12 @@ def first_combinations(ranked: list[Names], best: Hypothesis, left: LackOfFit, m
     return chosen[:most]
 
 
-def leaves(nominal: Hypothesis, best: Hypothesis, lack: LackOfFit, left: LackOfFit) -> bool:
-    """Return whether the best leaves enough to look for one effect more."""
+def leaves(nominal: Hypothesis, best: Hypothesis, lack: LackOfFit, left: LackOfFit, least: float) -> bool:
+    """Return whether the best leaves enough to look for one effect more: more than what it must gain at least."""
     settings = nominal.settings
     if left.p_value > settings.evidence.alpha:
         return False
-    return left.missing > settings.attribution.further * explained(nominal, best, lack)
+    return left.missing > max(least, settings.attribution.further * explained(nominal, best, lack))
 
 
 def of_one_more(
@@ -146,15 +146,15 @@ def of_one_more(
         Those of which all effects are needed.
     """
     best, settings = tried[0], nominal_fit.settings
-    fits = Fitted(nominal, lack.fit, tried)
+    fits, least = Fitted(nominal, lack.fit, tried), least_gain(nominal_fit, left)
 
     def closes(one: Hypothesis) -> bool:
         with suppress(SolverError):
-            return not leaves(nominal, one, lack, find_lack_of_fit(nominal_fit, one, generator))
+            return not leaves(nominal, one, lack, find_lack_of_fit(nominal_fit, one, generator), least)
         return False
 
     def needed(one: Hypothesis) -> bool:
-        return all_needed(one, nominal, [*fits.known.values()], left, generator)
+        return all_needed(one, nominal, [*fits.known.values()], left, least, generator)
 
     most = settings.candidates.most_combinations
     ranked = one_more(lack, best.names, settings.score_test)
