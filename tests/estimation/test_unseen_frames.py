@@ -192,3 +192,11 @@ def test_velocities_are_guessed_with_the_deviation_of_a_line_through_their_frame
         speed, place = found.twist[k, :, 0, 3:], found.pose[k, :, 0, :3]
         assert speed.std(0).tolist() == pytest.approx([noise / step * (12 / (n * (n * n - 1))) ** 0.5] * 3, rel=0.08)
         assert place.std(0).tolist() == pytest.approx([noise * ((4 * n - 2) / (n * (n + 1))) ** 0.5] * 3, rel=0.08)
+
+
+@pytest.mark.parametrize(("share", "parallel"), [(0.95, True), (1.05, False)])
+def test_two_headings_differ_by_the_root_of_two_of_what_one_may_turn_by(share: float, parallel: bool) -> None:
+    """Of the difference of two the variance is twice that of one."""
+    apart = share * 2**0.5 * GuessSettings().turned * LEAN / FRAMES**0.5
+    headings = torch.tensor([0.2, 0.2 + apart]).double().expand(1, FRAMES, 2)
+    assert bool(guessed(lying(headings)).parallel.all()) is parallel
