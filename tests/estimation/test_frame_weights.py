@@ -86,3 +86,10 @@ def test_short_recordings_have_weights_and_frames_that_are_not_there_none(frames
     present[0, -1] = 0.0
     found = frame_weights(torch.zeros(1, frames, 1, 6).double(), present, TIME[:, :frames], NOISE)
     assert torch.equal(found, present.to(found))
+
+
+def test_a_frame_that_counts_by_a_part_has_that_part_of_its_weight() -> None:
+    residual, present = with_gaps()
+    time, part = TIME.expand(8, -1), 0.5 + 0.5 * torch.rand(8, FRAMES, 2, generator=torch.Generator().manual_seed(5))
+    found = frame_weights(residual, present * part, time, NOISE)
+    assert torch.allclose(found, part * frame_weights(residual, present, time, NOISE))
