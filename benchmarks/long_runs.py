@@ -128,8 +128,8 @@ def held(process: int, place: Path, done: str, seconds: float) -> Sample:
     return Sample(seconds, memory, files, threads, processes, len(list(place.glob("run/wandb/*run-*"))), lines)
 
 
-def watch(name: str, command: Command, place: Path, hours: float) -> tuple[list[Sample], int, str]:
-    """Run a command for a time; returns what it held, its exit code and the last that it said."""
+def watch(name: str, command: Command, place: Path, hours: float, kept: Path | None) -> tuple[list[Sample], int]:
+    """Run a command for a time; returns what it held and its exit code. Samples are kept as they come."""
     environment = os.environ | {"OMP_NUM_THREADS": "1", "WANDB_MODE": "offline", "MPLBACKEND": "agg"}
     for words in command.before:
         subprocess.run([*PHYSID, *words], check=True, cwd=place, env=environment)
@@ -141,15 +141,21 @@ def watch(name: str, command: Command, place: Path, hours: float) -> tuple[list[
         begun, samples = time.monotonic(), list[Sample]()
         while process.poll() is None and (gone := time.monotonic() - begun) < hours * HOUR:
             samples.append(held(process.pid, place, command.done, gone))
+            if kept:
+                with kept.open("a") as table:
+                    table.write(json.dumps({"command": name} | asdict(samples[-1])) + "\n")
             time.sleep(EVERY)
         early = process.poll() is not None
         process.send_signal(signal.SIGINT)
-        code = process.wait(PATIENCE)
-    lines = said.read_text(errors="replace").replace("\r", "\n").splitlines()
-    last = next((line for line in reversed(lines) if line.strip()), "")
+        try:
+            code = process.wait(PATIENCE)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            code = process.wait()
     if early:
-        print(f"{name} ended by itself after {samples[-1].seconds / HOUR:.2f} h: {last}", file=sys.stderr)
-    return samples, code, last
+        lines = [line for line in said.read_text(errors="replace").replace("\r", "\n").splitlines() if line.strip()]
+        print(f"{name} ended after {samples[-1].seconds / HOUR:.2f} h: {lines[-1] if lines else ''}", file=sys.stderr)
+    return samples, code
 
 
 def row(name: str, samples: list[Sample], code: int) -> str:
@@ -177,17 +183,15 @@ def main() -> None:
     parser.add_argument("--commands", default="fit films,fit poses,benchmark", help="which, with commas between")
     parser.add_argument("--kept", type=Path, help="file to which every sample is added")
     chosen = parser.parse_args()
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # what runs in the background is begun to ignore it
     rows = []
     for name in chosen.commands.split(","):
-        with tempfile.TemporaryDirectory(prefix="physid-long-") as folder:
+        with tempfile.TemporaryDirectory(prefix="physid-long-", ignore_cleanup_errors=True) as folder:
             place = Path(folder)
             known = commands(place)
             if name not in known:
                 parser.error(f"--commands: {name!r} is none of {', '.join(known)}")
-            samples, code, _ = watch(name, known[name], place, chosen.hours)
-        if chosen.kept:
-            with chosen.kept.open("a") as file:
-                file.writelines(json.dumps({"command": name} | asdict(each)) + "\n" for each in samples)
+            samples, code = watch(name, known[name], place, chosen.hours, chosen.kept)
         rows.append(row(name, samples, code))
     names = ("command", "hours", "steps", "memory [MiB]", "slope [MiB/h]", "files", "threads", "processes", "wandb")
     print(f"| {' | '.join(names)} | ends with |\n{'|---' * (len(names) + 1)}|")
