@@ -197,6 +197,17 @@ class Cluster:
             client.wait_for_workers(2, timeout=PATIENCE)
         return [each.pid for each in self._started[1:]]
 
+    def rest(self) -> None:
+        """Wait for workers to end what they were about: Dask interrupts no task, whatever became of its command."""
+        from distributed import Client
+
+        def busy(dask_worker: Any) -> bool:
+            return bool(dask_worker.state.executing)
+
+        with Client(self.address, timeout=PATIENCE, set_as_default=False) as client:
+            while any(client.run(busy).values()):
+                time.sleep(0.05)
+
     def close(self) -> None:
         """End all of it."""
         for process in self._started:
@@ -445,6 +456,8 @@ def starve(task: Task, folder: Path, name: str, truth: Undisturbed, draw: random
     if process is None:
         process = Task(task.name, lambda _: task.words(place)).start(folder, limit)
     said = end(process, 600)
+    if task.cluster is not None:
+        task.cluster.rest()  # or it would write what is left into the folder that comes after this one
     if name == "full disk":
         subprocess.run(["umount", str(folder)], check=True)
         folder.rmdir()
