@@ -231,7 +231,9 @@ def test_recordings_without_video_are_refused(tmp_path: Path, capsys: pytest.Cap
     assert "video=true" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("imagined", "compared"), [(0, [0, 1, 2, 3, 4, 5]), (1, [2, 3, 4, 5])])
+@pytest.mark.parametrize(
+    ("imagined", "compared"), [(0, [0, 1, 2, 3, 4, 5]), pytest.param(1, [2, 3, 4, 5], marks=pytest.mark.slow)]
+)
 def test_the_blur_goes_all_the_way_over_the_epochs_whose_loss_compares_images(
     imagined: int, compared: list[int], films: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
