@@ -26,7 +26,7 @@ def spread_by(ratio: float, columns: int = 1) -> Tensor:
     """Return values (K, P) around 0.2 whose sample variance is so many times that of noise."""
     values = torch.randn(COUNT, columns, generator=torch.Generator().manual_seed(1)).double()
     values = values - values.mean(0)
-    values, _ = torch.linalg.qr(values)  # of several parameters those of one tell nothing of another
+    values, _ = torch.linalg.qr(values)  # several parameters whose values are uncorrelated
     return 0.2 + values * (ratio * (COUNT - 1) / KNOWN) ** 0.5
 
 

@@ -106,7 +106,7 @@ class Fragile(Predictor):
 def test_a_first_guess_that_is_off_by_a_factor_that_is_tried_is_mended_by_that_factor(
     factor: float, fragile: bool
 ) -> None:
-    """Only trajectories that count are looked at; an unknown that changes nothing keeps its guess."""
+    """Only trajectories that count are inspected; an unknown that changes nothing keeps its guess."""
     made = flights(
         unknown=("block.mass", "block.friction"), sizes=(3.0, -2.0), noise=(0.0, 0.0),
         fitted=torch.tensor([True, True, False, True]),

@@ -129,7 +129,7 @@ def test_a_body_flies_that_the_ground_hardly_carries_whatever_is_commanded(load:
 
 @pytest.mark.parametrize("step", [STEP, 3 * STEP])
 def test_an_impact_is_more_than_a_change_of_velocity_beyond_the_weight_and_lasts(step: float) -> None:
-    for factor, hits in ((0.99, False), (1.01, True)):
+    for factor, strikes in ((0.99, False), (1.01, True)):
         twist, load = still(bodies=2)
         load[AT, 1] += factor * SETTINGS.hard / (G * step)
         scene = replace(of_bodies(2), time_step=step)
@@ -137,7 +137,7 @@ def test_an_impact_is_more_than_a_change_of_velocity_beyond_the_weight_and_lasts
             lasting = max(least, round(SETTINGS.impact_time / step))
             first, second = named(scene, twist, load, step=step, poses=poses)
             assert first == ["rest"] * FRAMES
-            impact = ["impact"] * (1 + lasting) if hits else ["rest"] * (1 + lasting)
+            impact = ["impact"] * (1 + lasting) if strikes else ["rest"] * (1 + lasting)
             assert second == ["rest"] * AT + impact + ["rest"] * (FRAMES - AT - 1 - lasting)
 
 

@@ -161,7 +161,7 @@ def test_bodies_that_lie_and_hardly_move_are_at_rest_where_that_explains_more() 
     places[1, :, 0] = torch.where(slides.diff(append=slides[-1:]) > 0, slides, slides.max())
     made = lying(places)
     twist = torch.zeros_like(made.start.twist)
-    twist[0, :, 0, 3] = torch.tensor([0.09, 0.09, 0.11]).double()  # the third is too fast to be looked at
+    twist[0, :, 0, 3] = torch.tensor([0.09, 0.09, 0.11]).double()  # the third is too fast to be inspected
     found = at_rest(made.experiment, made.start.replace(twist=twist))
     assert found.twist[0, :, 0, 3].tolist() == pytest.approx([0.0, 0.09, 0.11])
     fast = made.start.replace(twist=twist + 0.2)
