@@ -94,7 +94,7 @@ SUITES: dict[str, tuple[str, ...]] = {
         *("diagnosis/test_timeline.py", "diagnosis/test_prediction.py", "estimation/test_cuts.py"),
         *("estimation/test_effects_at_work.py", "estimation/test_two_bodies.py", "estimation/test_variants.py"),
     ),
-    "estimation/measurement/sensor_noise.py estimation/measurement/poses.py": (
+    "estimation/measurement/sensor_noise.py estimation/measurement/outliers.py estimation/measurement/poses.py": (
         *("diagnosis/test_noise.py", "estimation/test_errors_of_poses.py", "estimation/test_frame_weights.py"),
         *("estimation/test_moved_poses.py", "estimation/test_outliers.py"),
     ),

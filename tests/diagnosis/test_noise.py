@@ -6,14 +6,8 @@ import pytest
 import torch
 from torch import Tensor
 
-from physid.estimation.measurement.sensor_noise import (
-    Noise,
-    NoiseSettings,
-    estimate_noise,
-    frame_weights,
-    noise_of_poses,
-    outlier_poses,
-)
+from physid.estimation.measurement.outliers import frame_weights, outlier_poses
+from physid.estimation.measurement.sensor_noise import Noise, NoiseSettings, estimate_noise, noise_of_poses
 from physid.estimation.prediction import Segmentation
 from physid.estimation.segmented_fit import EventSettings
 from physid.estimation.segmented_fit.events import find_events, find_jolts, smooth_path

@@ -43,6 +43,7 @@ LISTED = {
     "estimation/least_squares/jacobian.py": {4, 12, 0.9, 1e-3, 2.5e-4, 0.1, 1e-5},  # directions of a state; see below
     "estimation/least_squares/line_search.py": {1e3},  # largest damping: a state that stays where it is
     "estimation/measurement/misfit.py": {4, 9, 15, 20, 0.15, 2e-4},  # third differences; SHARE_OF_...
+    "estimation/measurement/outliers.py": {5},  # NEXT
     "estimation/measurement/sensor_noise.py": {4, 1.4826, 0.98661, 1.5},  # of a normal distribution, of differences
     "estimation/measurement/tracking_error.py": {4, 8, 16, 32, 0.15},  # SPANS, SURE
     "estimation/measurement/unexplained.py": {1e3, 180},  # units
@@ -63,6 +64,7 @@ CONSTANTS = {
         "SHARE_OF_NOISE, SHARE_OF_SIZE",  # of a fit, and the defaults of `materiality`
         "SQUARES", "DEVIATION", "TINY",  # coefficients of a third difference
     },
+    "estimation/measurement/outliers.py": {"NEXT"},  # so many that one outlier among them does not count
     "estimation/measurement/sensor_noise.py": {
         "NORMAL_MAD", "TRIM, TRIMMED",  # of a normal distribution, and the cut that they belong to
         "WINDOW",  # frames of a third difference

@@ -12,13 +12,8 @@ from torch import Tensor
 
 from physid.estimation.measurement import sensor_noise
 from physid.estimation.measurement.misfit import Misfit
-from physid.estimation.measurement.sensor_noise import (
-    Noise,
-    NoiseSettings,
-    estimate_noise,
-    noise_of_poses,
-    outlier_poses,
-)
+from physid.estimation.measurement.outliers import outlier_poses
+from physid.estimation.measurement.sensor_noise import Noise, NoiseSettings, estimate_noise, noise_of_poses
 from physid.estimation.measurement.tracking_error import TrackingError, without_line
 from physid.estimation.measurement.unexplained import lack_of_fit_sentence, unexplained_kinds
 from physid.physics.rotations import exponential

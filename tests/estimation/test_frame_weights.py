@@ -6,7 +6,8 @@ import pytest
 import torch
 from torch import Tensor
 
-from physid.estimation.measurement.sensor_noise import Noise, frame_weights
+from physid.estimation.measurement.outliers import _from_what_ends_continue, frame_weights
+from physid.estimation.measurement.sensor_noise import Noise
 
 FRAMES = 60
 NOISE = Noise(rotation=0.004, position=0.001)
@@ -93,3 +94,43 @@ def test_a_frame_that_counts_by_a_part_has_that_part_of_its_weight() -> None:
     time, part = TIME.expand(8, -1), 0.5 + 0.5 * torch.rand(8, FRAMES, 2, generator=torch.Generator().manual_seed(5))
     found = frame_weights(residual, present * part, time, NOISE)
     assert torch.allclose(found, part * frame_weights(residual, present, time, NOISE))
+
+
+@pytest.mark.parametrize("late", [False, True])
+@pytest.mark.parametrize(("start", "gap", "seen"), [(0, None, True), (7, None, True), (7, 5, False), (54, None, True)])
+def test_an_end_that_leaves_the_line_of_the_five_beside_it_counts_only_where_one_of_them_is_not_there(
+    late: bool, start: int, gap: int | None, seen: bool
+) -> None:
+    """The residuals grow as those of a wrong speed do: such a line has no end that stands alone."""
+    residual, present = torch.zeros(1, FRAMES, 2, 6).double(), torch.ones(1, FRAMES, 2)
+    residual[0, :, 0, 4] = 0.03 * TIME[0]
+    present[0, :start] = 0.0
+    if gap is not None:
+        present[0, start + gap] = 0.0
+    for off in (0.0, 20 * NOISE.position):
+        moved = residual.clone()
+        moved[0, start, 0, 4] += off
+        expected = present.clone()
+        expected[0, start, 0] = 0.0 if off and seen else 1.0
+        found = frame_weights(*((each.flip(1) if late else each) for each in (moved, present)), TIME, NOISE)
+        assert torch.equal(found.flip(1) if late else found, expected.to(found))
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 5])
+def test_where_fewer_than_six_frames_count_none_is_an_end_that_stands_alone(count: int) -> None:
+    for place in (slice(0, count), slice(FRAMES - count, None)):
+        residual, present = torch.zeros(1, FRAMES, 1, 6).double(), torch.zeros(1, FRAMES, 1)
+        present[:, place] = 1.0
+        residual[0, place, 0, 3] = 1e3 * torch.arange(count).double()
+        assert torch.equal(frame_weights(residual, present, TIME, NOISE), present.to(residual))
+
+
+def test_how_far_an_end_may_leave_its_line_is_what_least_squares_of_five_enlarge_noise_by() -> None:
+    """Five even steps: 1 + 1/5 + 9/10; the line of two alone would admit 6 times the root of 6."""
+    generator = torch.Generator().manual_seed(8)
+    residual = torch.randn(4000, 6, 1, 6, generator=generator).double() * NOISE.spread()
+    off = _from_what_ends_continue(residual, TIME[:, :6].expand(4000, -1), torch.ones(4000, 6, 1, dtype=torch.bool))
+    for end in (0, -1):
+        spread = (off[:, end, 0] / NOISE.spread()).std(0)
+        assert spread.tolist() == pytest.approx([1.0] * 6, abs=0.08)  # the median is less exact than the mean
+    assert (off[:, 1:-1] == 0).all()

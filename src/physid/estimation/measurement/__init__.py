@@ -1,15 +1,8 @@
 """What a sensor adds: the noise of recorded poses, and the error of poses that were tracked in films."""
 
+from physid.estimation.measurement.outliers import frame_weights, outlier_poses
 from physid.estimation.measurement.poses import moved, pose_difference
-from physid.estimation.measurement.sensor_noise import (
-    UNSEEN,
-    Noise,
-    NoiseSettings,
-    estimate_noise,
-    frame_weights,
-    noise_of_poses,
-    outlier_poses,
-)
+from physid.estimation.measurement.sensor_noise import UNSEEN, Noise, NoiseSettings, estimate_noise, noise_of_poses
 from physid.estimation.measurement.tracking_error import TrackingError
 
 __all__ = [
