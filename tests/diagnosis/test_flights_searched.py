@@ -171,14 +171,14 @@ def test_a_gap_is_evident_where_most_trajectories_leave_the_model_by_one_and_a_h
 
 @pytest.mark.parametrize(
     ("p_value", "missing", "least", "more"),
-    [(0.019, 0.26, 0.0, True), (0.021, 0.26, 0.0, False), (0.019, 0.24, 0.0, False), (0.019, 0.26, 0.27, False)],
+    [(0.019, 0.26, 0.129, True), (0.021, 0.26, 0.0, False), (0.019, 0.24, 0.0, False), (0.019, 0.26, 0.131, False)],
 )
 def test_one_effect_more_is_looked_for_where_enough_is_left_beyond_chance(
     p_value: float, missing: float, least: float, more: bool
 ) -> None:
     before, best = stand_in("", [30.0]), stand_in("a", [5.0])
     lack: Any = SimpleNamespace(excess=0.0)
-    left: Any = SimpleNamespace(p_value=p_value, missing=missing)
+    left: Any = SimpleNamespace(p_value=p_value, missing=missing, frames=2.0)
     assert leaves(before, best, lack, left, least) is more
 
 

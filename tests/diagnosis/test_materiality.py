@@ -116,8 +116,7 @@ def fitted(noise: Noise) -> Any:
 def test_an_effect_beside_others_counts_where_it_moves_predictions_by_the_tolerance(
     frames: float, noise: Noise
 ) -> None:
-    lack: Any = SimpleNamespace(frames=frames)
-    allowed, least = Tolerance.of(noise, SCENE, MaterialitySettings()), least_gain(fitted(noise), lack)
+    allowed, least = Tolerance.of(noise, SCENE, MaterialitySettings()), frames * least_gain(fitted(noise))
     moved = [frames * (allowed.position / noise.position) ** 2, frames * (allowed.rotation / noise.rotation) ** 2]
     assert least == pytest.approx(min(moved))
     single: Any = SimpleNamespace(missing=least, frames=frames)

@@ -27,7 +27,8 @@ SETTINGS = Settings()
 
 
 def hypothesis(*held_out: float) -> Any:
-    fitted = SimpleNamespace(fitted=torch.ones(len(held_out), dtype=torch.bool))
+    scale, every = torch.ones(len(held_out), 10, 1, 6), torch.ones(len(held_out), dtype=torch.bool)
+    fitted = SimpleNamespace(fitted=every, scale=scale)
     held = torch.tensor(held_out, dtype=torch.float64)
     return SimpleNamespace(names=("viscous_drag",), held_out=held, experiment=fitted, settings=SETTINGS)
 
@@ -172,11 +173,11 @@ def left_by_drag(missing: float) -> Any:
 @pytest.mark.parametrize(
     ("missing", "behind", "absent", "least", "needed"),
     [
-        (200.0, 150.0, [], 149.0, True),
+        (200.0, 150.0, [], 7.45, True),
         (400.0, 150.0, [], 0.0, False),  # most of what the drag leaves is left by the pair as well
         (20.0, 15.0, [], 0.0, False),  # so much is chance
         (200.0, 150.0, ["tether"], 0.0, False),  # its stiffness may be zero
-        (200.0, 150.0, [], 151.0, False),  # it moves predictions by less than the tolerance
+        (200.0, 150.0, [], 7.55, False),  # it moves predictions by less than the tolerance
     ],
 )
 def test_a_pair_is_needed_if_it_explains_most_of_what_one_effect_leaves(
@@ -184,6 +185,20 @@ def test_a_pair_is_needed_if_it_explains_most_of_what_one_effect_leaves(
 ) -> None:
     nominal, drag, both = hypothesis(900, 900), hypothesis(100 + behind, 100), pair(absent, 100, 100)
     assert all_needed(both, nominal, [drag], left_by_drag(missing), least, calm) is needed
+
+
+@pytest.mark.parametrize(
+    ("gained", "least", "needed"),
+    [(41.0, 10.0, True), (39.0, 10.0, False), (0.0, 0.0, True), (-1.0, 0.0, False)],
+)
+def test_a_pair_is_needed_if_it_moves_predictions_by_the_tolerance_where_nothing_was_fitted(
+    calm: torch.Generator, gained: float, least: float, needed: bool
+) -> None:
+    """In four frames of the last trajectory; ten of the first, which it was fitted to, show more by far."""
+    nominal, drag, both = hypothesis(900, 900), hypothesis(250, 100 + gained), pair([], 100, 100)
+    for one in (nominal, drag, both):
+        one.experiment.fitted[-1], one.experiment.scale[-1, 4:] = False, 0.0
+    assert all_needed(both, nominal, [drag], left_by_drag(200.0), least, calm) is needed
 
 
 @pytest.mark.parametrize(

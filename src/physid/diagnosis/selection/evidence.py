@@ -110,20 +110,16 @@ def clearly_preferred(one: Hypothesis, other: Hypothesis) -> bool:
     return chance <= one.settings.evidence.alpha
 
 
-def least_gain(nominal_fit: NominalFit, lack: LackOfFit) -> float:
-    """Return what an effect gains that moves predictions by the tolerance d, (d / sigma)^2 a frame.
+def least_gain(nominal_fit: NominalFit) -> float:
+    """Return what an effect gains by frame that moves predictions by the tolerance d, (d / sigma)^2.
 
     Of positions or of rotations, whichever is less: it may show in either.
 
     What a gap must exceed before anything is blamed, each of several effects must add to the others: one that only
     thousands of frames show beside them is as little worth a word as one that they show alone.
-
-    Args:
-        nominal_fit: The recordings.
-        lack: What some hypothesis leaves in the segments that decide: so many frames count.
     """
     allowed, noise = tolerance_of(nominal_fit), nominal_fit.noise
-    return lack.frames * min(allowed.position / noise.position, allowed.rotation / noise.rotation) ** 2
+    return min(allowed.position / noise.position, allowed.rotation / noise.rotation) ** 2
 
 
 def all_needed(
@@ -136,22 +132,29 @@ def all_needed(
 ) -> bool:
     """Return whether effects account for most of what one fewer leave, and for more than each choice of one fewer does.
 
-    None may have sizes that are known no better than that they may be null, by noise or by what impacts amplify.
+    Each must move predictions by the tolerance beside the others, where effects were fitted and where nothing was:
+    what some law takes up of an error of another kind, fitted trajectories alone show. None may have sizes that are
+    known no better than that they may be null, by noise or by what impacts amplify.
 
     Args:
         more: The effects.
         nominal: The model without effects.
         fewer: Hypotheses of fewer effects, the best first.
         left: What the best of these leaves.
-        least: What each effect must gain beside the others, see `least_gain`.
+        least: What each effect must gain by frame beside the others, see `least_gain`.
         generator: Randomness of the replays that tell what impacts amplify.
     """
     settings = nominal.settings.evidence
     if gain(fewer[0], more) < settings.further_explains * left.missing or more.absent(more.covariance()):
         return False
     clear = max(settings.least, settings.same * float((nominal.held_out - more.held_out).sum()))
+    fitted = more.experiment.fitted
+    frames = (more.experiment.scale > 0).flatten(2).any(2).sum(1)
+    moved, moved_held_out = (least * float(frames[rows].sum()) for rows in (fitted, ~fitted))
     better = all(
-        float((one.held_out - more.held_out).sum()) > clear and gain(one, more) > max(least, left.reach(more.names))
+        float((one.held_out - more.held_out).sum()) > clear
+        and gain(one, more) > max(moved, left.reach(more.names))
+        and float(_advance(one, more).sum()) >= moved_held_out
         for one in fewer
         if set(one.names) < set(more.names)
     )

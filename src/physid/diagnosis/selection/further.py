@@ -46,8 +46,8 @@ def _beside(
     nominal, settings = found.whole_nominal, nominal_fit.settings
     left = find_lack_of_fit(nominal_fit, one, generator)
     further = sorted(left.significant, key=lambda row: -row.deviation())[: settings.attribution.at_impacts]
-    least = least_gain(nominal_fit, left)
-    if left.p_value > settings.evidence.alpha or left.missing <= least or not further:
+    least = least_gain(nominal_fit)
+    if left.p_value > settings.evidence.alpha or left.missing <= least * left.frames or not further:
         return None
     fitted = compare_candidates(
         [(*one.names, *row.names) for row in further],

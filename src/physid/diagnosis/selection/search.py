@@ -131,7 +131,7 @@ def search_catalogue(nominal_fit: NominalFit, generator: torch.Generator, say: P
     if best is None or left is None:
         return Attribution(nominal, lack, [], None, None, [])
     tried = [one for one in _since(best, singles) if sound(nominal, one, lack)]
-    least, most = least_gain(nominal_fit, left), settings.candidates.most_effects
+    least, most = least_gain(nominal_fit), settings.candidates.most_effects
     while len(best.names) < most and leaves(nominal, best, lack, left, least):
         count = len(best.names)
         tried = by_prediction([*tried, *of_one_more(nominal_fit, nominal, lack, tried, left, generator, say)])

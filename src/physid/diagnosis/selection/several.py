@@ -121,11 +121,19 @@ def first_combinations(ranked: list[Names], best: Hypothesis, left: LackOfFit, m
 
 
 def leaves(nominal: Hypothesis, best: Hypothesis, lack: LackOfFit, left: LackOfFit, least: float) -> bool:
-    """Return whether the best leaves enough to look for one effect more: more than what it must gain at least."""
+    """Return whether the best leaves enough to look for one effect more: more than what it must gain at least.
+
+    Args:
+        nominal: The model without effects.
+        best: The effects found.
+        lack: What the model without effects leaves.
+        left: What the best leaves.
+        least: What one effect more must gain by frame.
+    """
     settings = nominal.settings
     if left.p_value > settings.evidence.alpha:
         return False
-    return left.missing > max(least, settings.attribution.further * explained(nominal, best, lack))
+    return left.missing > max(least * left.frames, settings.attribution.further * explained(nominal, best, lack))
 
 
 def of_one_more(
@@ -146,7 +154,7 @@ def of_one_more(
         Those of which all effects are needed.
     """
     best, settings = tried[0], nominal_fit.settings
-    fits, least = Fitted(nominal, lack.fit, tried), least_gain(nominal_fit, left)
+    fits, least = Fitted(nominal, lack.fit, tried), least_gain(nominal_fit)
 
     def closes(one: Hypothesis) -> bool:
         with suppress(SolverError):
