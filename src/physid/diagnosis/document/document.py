@@ -95,7 +95,7 @@ class Ranked:
 class Minor:
     """What was significant and is not blamed, as it moves predictions by less than the tolerance.
 
-    `closes` is its share of the excess, as mean squares.
+    `closes` is its share of the excess, as mean squares; beside a cause, of the squared residual that both explain.
     """
 
     __pydantic_config__: ClassVar[Any] = CLOSED
