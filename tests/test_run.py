@@ -226,6 +226,7 @@ def test_a_run_that_is_resumed_for_fewer_epochs_than_it_has_is_refused_in_one_li
     assert error.startswith("physid: trainer: You restored a checkpoint with current_epoch=3")
 
 
+@pytest.mark.slow
 def test_a_run_of_another_version_is_refused_in_one_line_and_its_checkpoint_stays(
     config: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -68,6 +68,7 @@ def test_roles_may_be_chosen_and_wrong_names_end_in_one_line() -> None:
         Plan("score", 1, Size(), ())
 
 
+@pytest.mark.slow
 def test_severity_does_not_depend_on_who_judges_or_how_often_it_is_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
     """Compared with the same simulator without the effect, a drag shows as much in each, at any frame rate."""
     drag = [from_values("viscous_drag", {"coefficient": 0.5})]

@@ -107,6 +107,7 @@ def test_a_state_from_which_no_step_leads_back_is_found_anew_if_that_is_asked_fo
     assert refitted_from_new_states(left) is left
 
 
+@pytest.mark.slow
 def test_an_interval_knows_what_an_error_that_all_poses_share_moves(tmp_path: Path) -> None:
     """The scale of films: recordings that are seen larger by it are fitted with parameters that are moved so far."""
     scale, unknown = 2e-3, ("block.friction",)

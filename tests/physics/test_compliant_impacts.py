@@ -44,7 +44,7 @@ def test_what_bounces_leaves_with_the_restitution_however_the_ground_yields(
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-@pytest.mark.parametrize("compliance", [6e-4, 1e-4])
+@pytest.mark.parametrize("compliance", [6e-4, pytest.param(1e-4, marks=pytest.mark.slow)])
 def test_a_blow_without_a_bounce_is_taken_up_by_a_critically_damped_spring(compliance: float, backend: str) -> None:
     """z = -s (1 - (1 + w t) exp(-w t)) - v t exp(-w t), see `test_midpoint`, to the first order of the step."""
     mass, speed = 2.0, 1.0
