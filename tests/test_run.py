@@ -244,6 +244,7 @@ def test_a_run_of_another_version_is_refused_in_one_line_and_its_checkpoint_stay
     assert path.read_bytes() == before
 
 
+@pytest.mark.slow
 def test_the_bar_counts_epochs_and_leaves_out_what_tells_nothing(
     config: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -67,6 +67,7 @@ def test_pushes_off_the_centre_hide_no_gap_and_make_none(tmp_path: Path, drag: f
     assert found.verdict == "none" if not drag else "viscous_drag" in found.group
 
 
+@pytest.mark.slow
 def test_torques_are_proposed_to_whoever_recorded_some(
     pushed_off_centre: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -72,7 +72,7 @@ def wrong(findings: tuple[Finding, ...] | list[Finding]) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    "name", [None, "sign", *(pytest.param(name, marks=pytest.mark.slow) for name in ("clock", "order"))]
+    "name", ["sign", *(pytest.param(name, marks=pytest.mark.slow) for name in (None, "clock", "order"))]
 )
 def test_a_fit_and_identifiability_say_what_check_says_and_keep_it(
     name: str | None,
@@ -111,6 +111,7 @@ def test_a_fit_and_identifiability_say_what_check_says_and_keep_it(
         assert [sum(what in note for note in notes) for what in expected] == [1] * len(expected)
 
 
+@pytest.mark.slow
 def test_a_model_that_is_tested_on_other_recordings_says_what_is_wrong_with_them(
     sound: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

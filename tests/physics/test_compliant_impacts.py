@@ -43,7 +43,7 @@ def test_what_bounces_leaves_with_the_restitution_however_the_ground_yields(
     torch.testing.assert_close(flown[since > 0], rising[since > 0], rtol=0, atol=2e-6)
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("backend", [pytest.param("reference", marks=pytest.mark.slow), "fused"])
 @pytest.mark.parametrize("compliance", [6e-4, pytest.param(1e-4, marks=pytest.mark.slow)])
 def test_a_blow_without_a_bounce_is_taken_up_by_a_critically_damped_spring(compliance: float, backend: str) -> None:
     """z = -s (1 - (1 + w t) exp(-w t)) - v t exp(-w t), see `test_midpoint`, to the first order of the step."""

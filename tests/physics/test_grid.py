@@ -61,7 +61,7 @@ def test_each_step_is_that_of_a_world_with_this_time_step(backend: str) -> None:
         torch.testing.assert_close(whole.impulse[:, t].sum(1), one.impulse[:, 0].sum(1), rtol=0, atol=STATE)
 
 
-@pytest.mark.parametrize("substeps", [1, 3])
+@pytest.mark.parametrize("substeps", [1, pytest.param(3, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("effects", EFFECTS.values(), ids=EFFECTS)
 @pytest.mark.parametrize("scene", ["push", "collide"])
 @pytest.mark.parametrize("integration", [SemiImplicit(), Midpoint()])

@@ -145,7 +145,7 @@ def test_first_velocities_without_their_frames_are_refused(
     assert "name them in data.video" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("cell", ["collide", "slide_friction"])
+@pytest.mark.parametrize("cell", ["collide", pytest.param("slide_friction", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("method", ["supervised", "self_supervised"])
 def test_two_blocks_and_an_incline_go_through_all_phases(cell: str, method: str, tmp_path: Path) -> None:
     films, config = tmp_path / "films", str(CONFIGS / "generate" / f"{cell.split('_')[0]}.yaml")
@@ -260,7 +260,12 @@ def test_the_blur_goes_all_the_way_over_the_epochs_whose_loss_compares_images(
 
 
 @pytest.mark.parametrize(
-    "encoder", ["encoder.PoseEncoder", "encoder.VariationalPoseEncoder", "voting.VotingPoseEncoder"]
+    "encoder",
+    [
+        "encoder.PoseEncoder",
+        "encoder.VariationalPoseEncoder",
+        pytest.param("voting.VotingPoseEncoder", marks=pytest.mark.slow),
+    ],
 )
 @pytest.mark.parametrize("method", ["supervised", "self_supervised"])
 def test_either_method_takes_any_encoder_and_a_distribution_has_its_price(
