@@ -10,6 +10,7 @@ from tests.training.pushed import SCENE, push_batch
 
 from physid.estimation.prediction import NominalModel, Predictor, Timeline, Variants
 from physid.physics import State
+from physid.training.initial_states import Cutting
 from physid.training.learners.engine import Engine
 from physid.training.learners.sysid import SysID
 from physid.training.parameters.gauss_newton import GaussNewton
@@ -27,7 +28,7 @@ def test_gradients_by_sizes_of_effects_agree_with_differences() -> None:
     batch, step = push_batch(), 1e-4
 
     def loss() -> torch.Tensor:
-        cut = module.trajectories(batch, 8)
+        cut = module.trajectories(batch, Cutting(8))
         predicted = cut.rolled(module.layer, module.physical()).pose
         return (predicted - cut.pose).square().mean()
 

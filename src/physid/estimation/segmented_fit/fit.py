@@ -40,7 +40,9 @@ class SegmentedFit:
     """A model that is fitted to segments of trajectories, each with an initial state of its own.
 
     Attributes:
-        observed: What was recorded, without outliers.
+        observed: What was recorded, without outliers: poses that no motion explains, and those that stand alone off the
+            fit.
+        seen: Frames that exist and that some motion explains, shape (R, T, N).
         experiment: Model, segments and weights.
         fit: The fit.
         noise: White noise of the poses.
@@ -49,6 +51,7 @@ class SegmentedFit:
     """
 
     observed: Observed
+    seen: Tensor
     experiment: Experiment
     fit: Fit
     noise: Noise
@@ -59,6 +62,9 @@ class SegmentedFit:
 def fit_short_segments(recorded: Recorded, predictor: Predictor, settings: SegmentedFitSettings) -> SegmentedFit:
     """Fit equal short segments: errors have no time to grow in them, wherever impacts are.
 
+    Frames that stand alone off the fit (see `frame_weights`) are left out, and segments are fitted again: a pose that
+    is a few millimetres off changes velocities as an impact does, and impacts are sought next.
+
     Args:
         recorded: What was recorded.
         predictor: The model whose unknown parameters are fitted, in the first steps of the engine; its candidate
@@ -66,7 +72,7 @@ def fit_short_segments(recorded: Recorded, predictor: Predictor, settings: Segme
         settings: What decides.
 
     Returns:
-        The fit with the noise that its residuals show, and no events yet.
+        The fit with the noise that its residuals show, without outliers and without events yet.
 
     Raises:
         SolverError: If the physics has no solution at the first guess.
@@ -80,7 +86,24 @@ def fit_short_segments(recorded: Recorded, predictor: Predictor, settings: Segme
     first = settings.first_guess.fit(experiment, point)
     noise = estimate_noise(first.residual, observed.present, observed.error, settings.noise)
     events = torch.zeros(trajectories, frames, dtype=torch.bool)
-    return SegmentedFit(observed, experiment, first, noise, events)
+    found = SegmentedFit(observed, observed.present, experiment, first, noise, events)
+    for _ in range(own.outlier_rounds if own.robust else 0):
+        before, found = found, _without_frames_that_stand_alone(found, settings)
+        if found is before:
+            break
+    return found
+
+
+def _without_frames_that_stand_alone(found: SegmentedFit, settings: SegmentedFitSettings) -> SegmentedFit:
+    """Leave out frames that stand alone off a fit and fit the others again; return the same where there are none."""
+    observed, first = found.observed, settings.noise
+    noise, experiment = weighed(found.experiment, found.fit, observed.present, found.noise.error, first, robust=True)
+    present = observed.present * (experiment.scale > 0).any(-1)
+    if torch.equal(present, observed.present):
+        return found
+    fit = gauss_newton(experiment, found.fit.point, NONE, settings.first_guess.steps)
+    noise = estimate_noise(fit.residual, present, noise.error, first)
+    return replace(found, observed=replace(observed, present=present), experiment=experiment, fit=fit, noise=noise)
 
 
 def fit_around_events(before: SegmentedFit, settings: SegmentedFitSettings) -> SegmentedFit:
@@ -115,16 +138,17 @@ def fit_around_events(before: SegmentedFit, settings: SegmentedFitSettings) -> S
 def fit_with_chosen_steps(before: SegmentedFit, settings: SegmentedFitSettings) -> SegmentedFit:
     """Choose the steps of the engine where a fit stands (see `choose_steps`), and fit segments around events again.
 
-    Where effects may act late, steps are short enough for forces that change within them.
+    Where effects may act late, steps are short enough for forces that change within them. Which frames stand alone is
+    decided anew: at impacts, those that short segments cannot follow seem to.
 
     Args:
         before: The fit; its noise is estimated anew, and its frames are weighed, first.
         settings: What decides.
     """
-    observed, own = before.observed, settings.rounds
     noise, experiment = weighed(
-        before.experiment, before.fit, observed.present, before.noise.error, settings.noise, robust=own.robust
+        before.experiment, before.fit, before.seen, before.noise.error, settings.noise, robust=settings.rounds.robust
     )
+    observed = replace(before.observed, present=before.seen * (experiment.scale > 0).any(-1))
     near, base = experiment.linearise(before.fit.point, NONE), observed.timeline
     chosen = choose_steps(experiment, near, base, settings.steps)
     least = chosen.parts
@@ -132,7 +156,9 @@ def fit_with_chosen_steps(before: SegmentedFit, settings: SegmentedFitSettings) 
         predicted = near.jacobian.base.twist[0]
         least = least.maximum(parts_for_late_forces(experiment, base, settings.steps, predicted))
     predictor = experiment.predictor.at_times(chosen.timeline, base.refined(least))
-    stepped = replace(before, experiment=experiment.replace(predictor=predictor), noise=noise, steps=chosen)
+    stepped = replace(
+        before, observed=observed, experiment=experiment.replace(predictor=predictor), noise=noise, steps=chosen
+    )
     return fit_around_events(stepped, settings)
 
 

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import contextlib
 import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
 
-from physid.estimation.least_squares import NONE, Normal, StepChoice, choose, gauss_newton
+from physid.estimation.least_squares import NONE, StepChoice, choose, gauss_newton
 from physid.estimation.prediction import Predictor, Segmentation, Timeline, Variants
 from physid.estimation.segmented_fit import (
     Observed,
     RoundSettings,
     SegmentedFit,
     SegmentedFitSettings,
-    agreed_weights,
     fit_around_events,
     fit_short_segments,
     fit_with_chosen_steps,
@@ -26,9 +25,9 @@ from physid.estimation.segmented_fit import (
     weighed,
 )
 from physid.physics import SolverError
+from physid.training.initial_states.cutting import Cutting, OutlierFrames
 from physid.training.initial_states.explaining import Explaining, States
 from physid.training.initial_states.fitted import FITTING, MOST
-from physid.training.initial_states.tracked import TrackedFit
 from physid.training.parameters import Pieces
 
 AROUND_IMPACTS = SegmentedFitSettings(rounds=RoundSettings(step_choices=1), steps=StepChoice(shortest=5e-4))
@@ -37,11 +36,29 @@ WEIGHED = 2
 """How often segments are weighed by what they leave, and fitted again."""
 
 
+@dataclass(frozen=True)
+class FirstFit:
+    """What a fit to segments finds for the run that follows.
+
+    Attributes:
+        outliers: Frames that stand alone; None where there are none.
+        states: Initial states of the pieces, or of whole trajectories; None where there are no impacts, or where the
+            physics has no solution.
+        pieces: The pieces; None where trajectories stay whole.
+    """
+
+    outliers: OutlierFrames | None = None
+    states: States | None = None
+    pieces: Pieces | None = None
+
+
 @torch.no_grad()
 def fit_around_impacts(
     coarse: Explaining, whole: Explaining, settings: SegmentedFitSettings, *, chooses: bool
-) -> tuple[Pieces | None, States] | None:
+) -> FirstFit:
     """Fit parameters and initial states to segments around impacts, and say whether trajectories have to be cut there.
+
+    Which frames stand alone (see `fit_short_segments`) is decided again by what the last fit leaves.
 
     Trajectories stay whole where in most of them no body touches the ground with an edge or a corner, and initial
     states explain the whole up to noise, at the parameters that segments say: what is known of a parameter grows with
@@ -55,22 +72,30 @@ def fit_around_impacts(
         settings: What decides.
         chooses: Whether steps of the engine are chosen.
 
-    Returns:
-        The pieces and their initial states, no pieces where trajectories stay whole; None where there are no impacts,
-        or where the physics has no solution.
     """
+    outliers = None
     with contextlib.suppress(SolverError):
-        found = fit_short_segments(*_recorded(coarse), settings)
+        recorded, predictor = _recorded(coarse)
+        found = fit_short_segments(recorded, predictor, settings)
+        outliers = _outliers(coarse, recorded, found.observed.present)
         found = fit_around_events(found, settings)
         if bool(found.experiment.predictor.segments.contact.any()):
             for _ in range(settings.rounds.step_choices if chooses else 0):
                 found = fit_with_chosen_steps(found, settings)
-            found, weight = _by_own_weights(found, settings)
+            found, weight = _by_own_weights(found, recorded.present, settings)
+            outliers = _outliers(coarse, recorded, found.experiment.scale.amax(-1))
             physical = whole.physical
             physical.coordinates.copy_(found.fit.point.nominal[0])
             physical.confine()
-            return _cut(whole, found, weight, settings)
-    return None
+            counted = Cutting(None, outliers).of(whole.trajectories)
+            return _cut(replace(whole, trajectories=counted), found, weight, settings, outliers)
+    return FirstFit(outliers)
+
+
+def _outliers(coarse: Explaining, recorded: Observed, counts: Tensor) -> OutlierFrames | None:
+    """Return the frames in which a pose was recorded that counts nothing (R, T, N)."""
+    outlier = ((recorded.present > 0) & (counts == 0)).any(-1)
+    return OutlierFrames.among(coarse.trajectories, outlier) if bool(outlier.any()) else None
 
 
 def _recorded(explaining: Explaining) -> tuple[Observed, Predictor]:
@@ -85,10 +110,15 @@ def _recorded(explaining: Explaining) -> tuple[Observed, Predictor]:
     return Observed(cut.pose, present, timeline, torch.ones(rows, dtype=torch.bool)), predictor
 
 
-def _by_own_weights(found: SegmentedFit, settings: SegmentedFitSettings) -> tuple[SegmentedFit, Tensor]:
-    """Fit again with segments that count as little as they are explained; also return their weights (K,)."""
+def _by_own_weights(
+    found: SegmentedFit, recorded: Tensor, settings: SegmentedFitSettings
+) -> tuple[SegmentedFit, Tensor]:
+    """Fit again with segments that count as little as they are explained; also return their weights (K,).
+
+    Which of the frames that were recorded (R, T, N) stand alone is decided anew.
+    """
     noise, experiment = weighed(
-        found.experiment, found.fit, found.observed.present, None, settings.noise, robust=settings.rounds.robust
+        found.experiment, found.fit, recorded, None, settings.noise, robust=settings.rounds.robust
     )
     segments, fit = experiment.predictor.segments, found.fit
     doubtful = torch.full_like(segments.contact, settings.rounds.own_weights)
@@ -102,8 +132,12 @@ def _by_own_weights(found: SegmentedFit, settings: SegmentedFitSettings) -> tupl
 
 
 def _cut(
-    whole: Explaining, found: SegmentedFit, weight: Tensor, settings: SegmentedFitSettings
-) -> tuple[Pieces | None, States]:
+    whole: Explaining,
+    found: SegmentedFit,
+    weight: Tensor,
+    settings: SegmentedFitSettings,
+    outliers: OutlierFrames | None,
+) -> FirstFit:
     """Cut trajectories into segments of weights (K,), unless in most of them no body tumbles and all is explained.
 
     States are tried that the segments begin with, and those that the poses suggest.
@@ -117,33 +151,8 @@ def _cut(
     fit = gauss_newton(held, choose(held, begun), NONE, MOST)
     rugged = (tumbles(found, settings) | ~held.explained(fit.loss)).double().mean()
     if float(rugged) <= held.settings.multi_start.most:
-        return None, (fit.point.pose[0], fit.point.twist[0])
+        return FirstFit(outliers, (fit.point.pose[0], fit.point.twist[0]))
     cut = (segments.size > 1).nonzero()[:, 0]
     index = whole.trajectories.index.cpu()[segments.trajectory[cut]]
     pieces = Pieces(index, segments.start[cut], segments.size[cut], weight[cut])
-    return pieces, (point.pose[0, cut], point.twist[0, cut])
-
-
-@torch.no_grad()
-def weighed_anew(pieces: Pieces, explaining: Explaining, tracked: TrackedFit, settings: SegmentedFitSettings) -> Pieces:
-    """Let pieces count as little as their misfit says where a fit stands, and none more than pieces agree on.
-
-    The steps of the engine, the parameters, and the initial states with them, have changed since they were weighed.
-
-    Args:
-        pieces: The pieces.
-        explaining: The pieces with their steps, model and loss.
-        tracked: The fit of their initial states.
-        settings: What decides.
-    """
-    alike = replace(explaining, trajectories=replace(explaining.trajectories, weight=None))
-    fit, experiment = copy.copy(tracked).linearised(alike)
-    cut = alike.trajectories.to("cpu")
-    noise = cut.noise_beside(fit.residual, experiment.scale)
-    square = (fit.residual / noise.spread()).square().mean((2, 3))
-    misfit = (square * cut.real).sum(1) / cut.real.sum(1).clamp_min(1)
-    doubtful = torch.full_like(misfit, settings.rounds.own_weights, dtype=torch.bool)
-    own = own_weights(misfit, misfit.median().clamp_min(1), doubtful)
-    known, unit = fit.normal(), own * (cut.noise.position / noise.position) ** 2
-    known = Normal(unit[:, None, None] * known.matrix, unit[:, None] * known.vector, unit * known.square)
-    return replace(pieces, weight=own * agreed_weights(known, settings.agreement))
+    return FirstFit(outliers, (point.pose[0, cut], point.twist[0, cut]), pieces)

@@ -11,6 +11,7 @@ from torch import Tensor
 from physid.estimation.least_squares import Directions, Experiment, FirstGuess, Fit, LeastSquaresSettings, gauss_newton
 from physid.estimation.least_squares.levenberg_marquardt import NONE
 from physid.estimation.least_squares.settings import LineSearchSettings
+from physid.estimation.measurement import frame_weights
 from physid.physics import SolverError
 from physid.training.initial_states.explaining import Explaining, States
 from physid.training.parameters import Trajectories
@@ -45,6 +46,24 @@ def fit_states(
     if directions is not None:
         experiment = experiment.replace(directions=directions)
     return experiment, gauss_newton(experiment.with_known_parameters().replace(settings=FITTING), point, NONE, steps)
+
+
+@torch.no_grad()
+def fit_beginnings(explaining: Explaining) -> Fit:
+    """Fit the initial states of trajectories, parameters as they are, to frames that do not stand alone.
+
+    Args:
+        explaining: The beginnings of trajectories, model and loss.
+    """
+    _, fit = fit_states(explaining)
+    cut = explaining.trajectories.stepped(explaining.layer.world.time_step).to("cpu")
+    assert cut.time is not None
+    real = cut.real[..., None].expand(cut.pose.shape[:3]).to(cut.pose)
+    counted = (frame_weights(fit.residual, real, cut.time, cut.noise) > 0).all(-1)
+    if torch.equal(counted, cut.real):
+        return fit
+    states = fit.point.pose[0], fit.point.twist[0]
+    return fit_states(dataclasses.replace(explaining, counted=counted), states=states)[1]
 
 
 @torch.no_grad()

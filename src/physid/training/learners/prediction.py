@@ -11,10 +11,10 @@ import torch
 
 from physid.physics import PhysicsLayer
 from physid.scenes import Scene
-from physid.training.initial_states import Explaining, TrackedFit, fit_states, started_from
+from physid.training.initial_states import WHOLE, Cutting, Explaining, TrackedFit, fit_beginnings, started_from
 from physid.training.learners.engine import Engine
 from physid.training.learners.step_control import StepControl
-from physid.training.parameters import PhysicalParameters, Pieces, PoseErrors, PoseLoss, Trajectories
+from physid.training.parameters import PhysicalParameters, PoseErrors, PoseLoss, Trajectories
 
 Batch = Mapping[str, Any]
 
@@ -71,19 +71,18 @@ class PredictingModule(L.LightningModule):
         self.errors = torch.nn.ModuleDict({name: PoseErrors(scene) for name in ("fitted", "segments", "whole")})
         return self
 
-    def trajectories(self, batch: Batch, segment: int | Pieces | None = None) -> Trajectories:
+    def trajectories(self, batch: Batch, cutting: Cutting = WHOLE) -> Trajectories:
         """Return a batch of the data module as trajectories, cut into segments, with the steps chosen for them."""
-        return self.steps.apply(self._coarse(batch, segment))
+        return self.steps.apply(self._coarse(batch, cutting))
 
-    def _coarse(self, batch: Batch, segment: int | Pieces | None = None) -> Trajectories:
+    def _coarse(self, batch: Batch, cutting: Cutting = WHOLE) -> Trajectories:
         """Return the same with the longest steps that there may be."""
         if self._known is None or self._known[0] is not batch:
             seen = {name: batch[name] for name in batch if name != "twist" or self.twist == "recorded"}
             world = self.layer.world
             arrival = 0.0 if world.midpoint else world.step
             self._known = (batch, self.steps.lay(Trajectories.of(seen, world.time_step, arrival)))
-        whole = self._known[1]
-        return segment.of(whole) if isinstance(segment, Pieces) else whole.segments(segment)
+        return cutting.of(self._known[1])
 
     def fits_starts(self, batch: Batch) -> bool:
         """Return whether initial states are fitted: where they were not recorded, or not seen."""
@@ -121,23 +120,23 @@ class PredictingModule(L.LightningModule):
 
     def _started(self, batch: Batch, segment: int | None = None) -> Trajectories:
         """Return trajectories with initial states from their beginnings alone, and steps, where these are chosen."""
-        started = self._from_beginnings(self.trajectories(batch, segment), batch)
+        started = self._from_beginnings(self.trajectories(batch, Cutting(segment)), batch)
         if not self.steps.chooses:
             return started
-        coarse = dataclasses.replace(self._coarse(batch, segment), origin=started.origin)
+        coarse = dataclasses.replace(self._coarse(batch, Cutting(segment)), origin=started.origin)
         return self._from_beginnings(self.steps.choose(self.layer, self.physical, coarse, coarse.noise), batch)
 
     def _from_beginnings(self, cut: Trajectories, batch: Batch) -> Trajectories:
         """Return trajectories with initial states from their beginnings alone, where these are to be fitted."""
         if not self.fits_starts(batch):
             return cut
-        self._weigh(batch)
-        return started_from(cut, fit_states(self._explaining(cut.beginnings(self.seen)))[1])
+        self._weigh(self.trajectories(batch))
+        return started_from(cut, fit_beginnings(self._explaining(cut.beginnings(self.seen))))
 
-    def _weigh(self, batch: Batch) -> None:
+    def _weigh(self, whole: Trajectories) -> None:
         """Weigh rotations by the noise of the poses, if no loss is given."""
         if self._weighs:
-            self.loss = PoseLoss.weighed_by(self.trajectories(batch).noise)
+            self.loss = PoseLoss.weighed_by(whole.noise)
 
     def _explaining(self, cut: Trajectories, *, fitted: bool = True) -> Explaining:
         return Explaining(self.layer, self.physical, self.loss, cut, fitted)

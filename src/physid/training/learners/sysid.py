@@ -14,7 +14,9 @@ from torch import Tensor
 from physid.estimation.least_squares import FirstGuess
 from physid.training.initial_states import (
     AROUND_IMPACTS,
+    Cutting,
     Explaining,
+    OutlierFrames,
     SegmentedFitSettings,
     answers,
     fit_around_impacts,
@@ -97,6 +99,7 @@ class SysID(TrainingModule, PredictingModule):
         self.start, self.seen = start, seen
         self.guess, self.impacts = guess, impacts
         self.pieces: Pieces | None = None
+        self.outliers: OutlierFrames | None = None
         self.loss, self.engine = loss or PoseLoss(), engine or Engine()
         self._weighs = loss is None
         self._known: tuple[Batch, Trajectories] | None = None  # the last batch, asked for again and again
@@ -109,8 +112,9 @@ class SysID(TrainingModule, PredictingModule):
         """Compute the losses of each training segment (see `PoseLoss`), its initial state following the parameters."""
         cut = self.trajectories(batch, self._cutting)
         if self.fits_starts(batch):
-            self._weigh(batch)
-            cut, rollouts = answers.improve(self._explaining(cut), self.tracked, afresh=self._afresh)
+            self._weigh(self.trajectories(batch, Cutting(None, self.outliers)))
+            afresh = self.current_epoch % AFRESH == AFRESH - 1
+            cut, rollouts = answers.improve(self._explaining(cut), self.tracked, afresh=afresh)
             self.count_evaluations(rollouts)
         predicted = cut.rolled(self.layer, self.physical()).pose
         self._evaluated = predicted.detach(), cut
@@ -132,9 +136,9 @@ class SysID(TrainingModule, PredictingModule):
         return self._explaining(self.trajectories(batch, self._cutting), fitted=self.fits_starts(batch))
 
     @property
-    def _cutting(self) -> int | Pieces | None:
+    def _cutting(self) -> Cutting:
         """How trajectories are cut in training."""
-        return self.segment if self.segment is not None else self.pieces
+        return Cutting(self.pieces if self.segment is None else self.segment, self.outliers)
 
     def _may_be_cut(self, batch: Batch) -> bool:
         """Return whether whole trajectories of a single batch are fitted, by slopes, and no simulator is known.
@@ -145,10 +149,6 @@ class SysID(TrainingModule, PredictingModule):
         cut = self._coarse(batch)
         single = self.trainer.num_training_batches == 1 and len(cut.index.unique()) == len(cut)
         return self.steps.chooses and self.segment is None and single and cut.again is None and uses_slopes(self._kind)
-
-    @property
-    def _afresh(self) -> bool:
-        return self.current_epoch % AFRESH == AFRESH - 1
 
     @property
     def _kind(self) -> Any:
@@ -261,19 +261,19 @@ class SysID(TrainingModule, PredictingModule):
 
     def _guess(self, batch: Batch, guess: FirstGuess) -> None:
         """Find first values of the parameters, and initial states that go with them."""
-        self._weigh(batch)
-        short = self.trajectories(batch, guess.length(self.scene.time_step) - 1)
-        explaining = self._explaining(self.trajectories(batch, self.segment))
+        self._weigh(self.trajectories(batch))
         if self.impacts is not None and self._may_be_cut(batch):
-            coarse = self._explaining(self._coarse(batch))
-            found = fit_around_impacts(coarse, explaining, self.impacts, chooses=self.steps.chooses)
-            if found is not None:
-                self.pieces, states = found
-                self.tracked.begin(self._training(batch), states)
-                if self.pieces is not None:
-                    self.print(self.pieces.described())
+            coarse, whole = self._explaining(self._coarse(batch)), self._training(batch)
+            found = fit_around_impacts(coarse, whole, self.impacts, chooses=self.steps.chooses)
+            self.outliers, self.pieces = found.outliers, found.pieces
+            for told in (self.outliers, self.pieces):
+                if told is not None:
+                    self.print(told.described())
+            if found.states is not None:
+                self.tracked.begin(self._training(batch), found.states)
                 return
-        self.count_evaluations(answers.guess(explaining, self.tracked, short, guess))
+        short = self.trajectories(batch, Cutting(guess.length(self.scene.time_step) - 1, self.outliers))
+        self.count_evaluations(answers.guess(self._training(batch), self.tracked, short, guess))
 
     def on_train_batch_end(self, outputs: Any, batch: Batch, batch_idx: int) -> None:
         """Add the errors of the last evaluation."""
@@ -290,9 +290,11 @@ class SysID(TrainingModule, PredictingModule):
         checkpoint["starts"] = self.tracked.state_dict(self.physical.coordinates)
         checkpoint["steps"] = self.steps.state_dict()
         checkpoint["pieces"] = {} if self.pieces is None else self.pieces.state_dict()
+        checkpoint["outliers"] = {} if self.outliers is None else self.outliers.state_dict()
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Take the initial states of the run that is resumed."""
         self.tracked.load_state_dict(checkpoint.get("starts", {}))
         self.steps.load_state_dict(checkpoint.get("steps", {}))
         self.pieces = Pieces.of_state(checkpoint.get("pieces", {}))
+        self.outliers = OutlierFrames.of_state(checkpoint.get("outliers", {}))
