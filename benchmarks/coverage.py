@@ -4,12 +4,14 @@
     python benchmarks/coverage.py --sets 10 --cases push_friction
     timeout -s INT 800 python benchmarks/coverage.py ...        as many as there is time for, case by case
     python benchmarks/coverage.py --simulator closed_form --rates 30,60,100,148,240 --jitter 0.2 --missing 0.1
+    python benchmarks/coverage.py --simulator mujoco --rates 60 --glitches 0.02 --glitch 8
 
 Each set has its own seed, forces, starts and noise (1 mm and 10 mrad on every pose unless --noise says otherwise, no
 velocities). First guesses are twice the truth, initial states are fitted. "covered" is the share of the intervals that
 hold the truth, with Wilson's 95 % interval; "error / half width" is the median; "bias / s.e." the mean error by the
 standard error, with the standard error of that mean; "worst" the largest error in a set. With rates, trajectories last
-as long as at 240 Hz, and forces change at the rate of --force-rate, another one than that of the poses.
+as long as at 240 Hz, and forces change at the rate of --force-rate, another one than that of the poses. With glitches,
+that share of the poses is moved by as many millimetres (standard deviation of each coordinate), as trackers do.
 """
 
 from __future__ import annotations
@@ -25,7 +27,9 @@ from pathlib import Path
 from statistics import mean, median, stdev
 from typing import Any
 
+import h5py
 import lightning as L
+import numpy as np
 from tqdm import tqdm
 
 from physid.benchmark.scoring.intervals import wilson
@@ -75,8 +79,23 @@ CASES = {
 }
 
 
-def identify(case: Case, seed: int, made: dict[str, Any], noise: Noise) -> dict[str, tuple[float, float, float, float]]:
-    """Generate a set and identify it; returns truth, estimate and interval of each parameter."""
+def move_some(folder: Path, share: float, size: float, seed: int) -> None:
+    """Move a share of the poses of a set, by normal shifts of a standard deviation [m]."""
+    random = np.random.default_rng(seed)
+    for path in sorted((folder / "trajectories").glob("*.h5")):
+        with h5py.File(path, "r+") as file:
+            poses = file["pose"]
+            moved = random.random(poses.shape[:2]) < share
+            poses[..., :3] += moved[..., None] * random.normal(0, size, (*poses.shape[:2], 3))
+
+
+def identify(
+    case: Case, seed: int, made: dict[str, Any], noise: Noise, glitches: tuple[float, float]
+) -> dict[str, tuple[float, float, float, float]]:
+    """Generate a set and identify it; returns truth, estimate and interval of each parameter.
+
+    Glitches are the share of the poses that are moved, and by how much [m].
+    """
     rate = made.get("frame_rate")
     steps = case.steps if rate is None else max(20, round(case.steps * rate / 240))
     common = {"trajectories": case.trajectories, "steps": steps, "split": {"train": 1}, "noise": noise}
@@ -85,6 +104,8 @@ def identify(case: Case, seed: int, made: dict[str, Any], noise: Noise) -> dict[
     true = config.true_parameters()
     with tempfile.TemporaryDirectory() as folder:
         generate(config, folder, quiet=True)
+        if glitches[0] > 0:
+            move_some(Path(folder), *glitches, seed)
         quiet = {"logger": False, "enable_progress_bar": False, "enable_model_summary": False}
         trainer = L.Trainer(
             max_epochs=EPOCHS, accelerator="cpu", default_root_dir=folder, enable_checkpointing=False,
@@ -126,6 +147,8 @@ def main() -> None:
     parser.add_argument("--jitter", type=float, default=0.0)
     parser.add_argument("--missing", type=float, default=0.0)
     parser.add_argument("--noise", type=float, default=1.0, help="[mm], and ten times as many mrad")
+    parser.add_argument("--glitches", type=float, default=0.0, help="share of the poses that are moved")
+    parser.add_argument("--glitch", type=float, default=8.0, help="by so many mm")
     options = parser.parse_args()
     warnings.filterwarnings("ignore")
     for name in ("lightning.pytorch", "physid"):
@@ -133,6 +156,7 @@ def main() -> None:
     closed = options.simulator == "closed_form"
     chosen = options.cases or [name for name, case in CASES.items() if case.closed == closed]
     noise = Noise(position=1e-3 * options.noise, rotation=1e-2 * options.noise)
+    glitches = options.glitches, 1e-3 * options.glitch
     print("| case | rate | parameter | sets | covered | Wilson | width | error / half width | bias / s.e. | worst |")
     print("|---|---:|---|---:|---:|---|---:|---:|---:|---:|")
     for name in chosen:
@@ -142,7 +166,7 @@ def main() -> None:
             runs: list[dict[str, tuple[float, float, float, float]]] = []
             with contextlib.suppress(KeyboardInterrupt, SystemExit):  # as Lightning ends; what was measured counts
                 for seed in tqdm(range(options.first, options.first + options.sets), desc=f"{name} {rate}"):
-                    runs.append(identify(CASES[name], seed, made, noise))
+                    runs.append(identify(CASES[name], seed, made, noise, glitches))
             if not runs:
                 continue
             for parameter in CASES[name].learn:

@@ -594,3 +594,51 @@ def test_the_energy_of_several_bodies_is_theirs_together(tmp_path: Path) -> None
     said = next(what for name, what in report.facts if name == "energy")
     first, last, most = (float(one) for one in re.findall(r"([\d.e+-]+) J", said))
     assert most >= max(first, last)
+
+
+def moving(pose: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+    """Move a block along at 3 m/s beside all else, so that it never lies still."""
+    pose[..., 0] += 3.0 * np.arange(len(pose))[:, None] / 240
+    return pose
+
+
+@pytest.mark.parametrize(("change", "does"), [(posed(lambda pose: pose), "lie still"), (posed(moving), "move along")])
+@pytest.mark.parametrize(("off", "where"), [(-0.012, "below"), (0.012, "above")])
+def test_a_block_that_is_off_the_ground_is_no_block_that_does_not_slide(
+    tmp_path: Path, off: float, where: str, change: Change, does: str
+) -> None:
+    scene, recordings = recorded("push")
+    scene = dataclasses.replace(scene, unknown=("block.friction",), ground=Ground(offset=-off))
+    found = said(tmp_path, scene, [change(scene, one)[1] for one in recordings])
+    said_so = [
+        float(at[1]) for one in found if (at := re.match(rf"bodies {does} .* ([\d.]+) mm {where} the ground", one))
+    ]
+    assert said_so == [pytest.approx(12, abs=0.5)], found
+    assert not any("slides in 0 frames" in one for one in found)
+
+
+@pytest.mark.parametrize("factor", [1e-3, 1.0])
+def test_forces_too_small_to_show_a_mass_are_said_to_be_so(tmp_path: Path, factor: float) -> None:
+    scene, recordings = recorded("push")
+    scene = dataclasses.replace(scene, unknown=("block.mass",))
+    _, weak = zip(*(forced(lambda wrench: wrench * factor)(scene, one) for one in recordings), strict=True)
+    found = said(tmp_path, scene, list(weak))
+    assert any("too small to show block.mass -> check units.force" in one for one in found) == (factor < 1)
+
+
+def test_the_unit_of_forces_is_that_of_the_log_and_not_of_what_was_imported(tmp_path: Path) -> None:
+    """Newtons that were imported as kN are a thousand times too large: the log is in N, not in mN."""
+    scene, recordings = recorded("push")
+    _, large = zip(*(forced(lambda wrench: wrench * 1e3)(scene, one) for one in recordings), strict=True)
+    folder = write_set(tmp_path, list(large), scene)
+    assert any("seem to be in mN" in one.what for one in inspect(RecordingSet(folder)).findings)
+    (folder / "import.yaml").write_text("units: {force: kN}\n")
+    found = [f"{one.what} -> {one.mend}" for one in inspect(RecordingSet(folder)).findings if one.wrong]
+    assert any("seem to be in N -> import with units.force=N" in one for one in found), found
+
+
+def test_stamps_in_another_unit_are_not_positions_in_millimetres(tmp_path: Path) -> None:
+    scene, recordings = recorded("toss")
+    found = said(tmp_path, dataclasses.replace(scene, time_step=scene.time_step / 1e3), list(recordings))
+    assert any("stamps seem to be in another unit -> import with units.time" in one for one in found), found
+    assert not any("millimetres" in one for one in found)

@@ -38,8 +38,11 @@ def configure(
     if recordings is not None:
         name = _examine(command, recordings)
         if "run_dir" not in values:
-            if files:
-                raise ConfigurationError(f"{command.name}: expected a configuration or recordings, got both")
+            if files or overrides:
+                given = ", ".join([*files, *overrides])
+                raise ConfigurationError(
+                    f"{command.name}: expected a configuration or recordings, got both: {given} beside {recordings}"
+                )
             return None
         run_dir = run_dir or (Path("runs") / name if not files else None)
         laid = [f"data.folder={json.dumps(str(recordings))}"]

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from physid.data.importers.rotations import PRESETS, axes_of
 from physid.data.importers.sets import MAPPING
+from physid.data.importers.units import UNITS
 from physid.yaml_files import read_yaml
 
 Array = NDArray[np.float64]
@@ -24,11 +25,13 @@ class Origin:
         axes: Turns vectors of the log into the world of the set, shape (3, 3).
         force: The log's columns of forces, as the mapping lists them.
         order: In which quaternions were read, xyzw or wxyz.
+        newtons: What one of the log's unit of forces was taken for [N].
     """
 
     axes: Array = field(default_factory=lambda: np.eye(3))
     force: tuple[str, ...] = ("fx", "fy", "fz")
     order: str = "xyzw"
+    newtons: float = 1.0
 
     @classmethod
     def of(cls, folder: Path) -> Origin:
@@ -43,7 +46,9 @@ class Origin:
         force, turn = _names(known.get("force"), 3), _names(known.get("quaternion"), 4)
         ends = "".join(name[-1:].lower() for name in turn)
         order = known.get("order") or ("wxyz" if ends in ("wxyz", "rijk") else "xyzw")
-        return cls(axes, force or cls.force, str(order))
+        units = known.get("units")
+        unit = units.get("force", "N") if isinstance(units, dict) else "N"
+        return cls(axes, force or cls.force, str(order), UNITS["force"].get(str(unit), 1.0))
 
     def up(self, direction: str) -> tuple[str, str]:
         """Return which of the log's axes points along a signed axis of the set's world, and the axes that put it up.

@@ -27,6 +27,7 @@ class RequirementSettings(Section):
     still_rotation: float = setting(0.02, "rad", "turn below which nothing moves", ge=0)
     still_position: float = setting(0.005, "m", "way below which nothing moves", ge=0)
     fastest: float = setting(100.0, "m/s", "median speed beyond which it is the unit that is wrong", gt=0)
+    quickest: float = setting(2e4, "Hz", "beyond which it is the unit of the stamps that is wrong", gt=0)
     farthest: float = setting(100.0, "largest edges", "median height beyond which it is the unit that is wrong", gt=0)
     slowest: float = setting(1.0, "s", "between frames, beyond which it is the unit that is wrong", gt=0)
     gravity: float = setting(0.02, "share", "by which gravity may be off that of the Earth in another unit", gt=0)
@@ -209,6 +210,12 @@ def _units(motion: Motion, settings: RequirementSettings) -> Finding | None:
     largest = float(motion.scene.sizes.max())
     if height <= settings.farthest * largest and speed <= settings.fastest:
         return None
+    if height <= settings.farthest * largest and 1 / motion.scene.time_step > settings.quickest:
+        return Finding(
+            f"expected stamps in seconds, found {1 / motion.scene.time_step:.4g} frames per second of bodies that move "
+            f"at {speed:.4g} m/s: stamps seem to be in another unit",
+            "import with units.time of the log (s, ms, us, ns), or with rate",
+        )
     return Finding(
         f"expected poses in metres, found bodies of {largest:g} m at {height:.4g} m from the ground, moving at "
         f"{speed:.4g} m/s: positions seem to be in millimetres",

@@ -56,13 +56,18 @@ def forces(seen: Evidence) -> Finding | None:
         return mirrored
     ratio = float((push * pull).sum() / np.square(push).sum())
     if match > OTHER and not RATIO[0] < ratio < RATIO[1]:
-        return _other_unit(ratio)
+        return _other_unit(ratio, seen.origin.newtons)
     return _known_mass(seen, push, pull, k.velocity[chosen] @ along) if match > OTHER else None
 
 
-def _other_unit(ratio: float) -> Finding:
-    """Name the unit of the forces that explains mass times acceleration over force, up to how well masses are known."""
-    fitting = [unit for unit, newtons in UNITS["force"].items() if 1 / GUESS < ratio / newtons < GUESS]
+def _other_unit(ratio: float, taken: float) -> Finding:
+    """Name the unit of the log's forces that explains mass times acceleration over force, as masses are known roughly.
+
+    Args:
+        ratio: Mass times acceleration over force.
+        taken: What one of the log's unit was taken for [N].
+    """
+    fitting = [unit for unit, newtons in UNITS["force"].items() if 1 / GUESS < ratio * taken / newtons < GUESS]
     unit = fitting[0] if len(fitting) == 1 else None
     return Finding(
         f"mass times acceleration is {ratio:.3g} of the force: "

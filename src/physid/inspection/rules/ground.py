@@ -20,6 +20,9 @@ Array = NDArray[np.float64]
 DEEP = 0.05  # share of the smallest edge that a body may sink in
 CARRIED = 0.5  # share of gravity: a body that accelerates along it by less does not fall
 AWAY = 0.5  # share of the moments without a fall, in which bodies touch no ground, from which on it is a mistake
+LEVEL = 0.3  # share of the median height of lowest corners that bodies which move along keep to ...
+ROUGH = 4.0  # ... or standard deviations of the noise ...
+MOSTLY = 0.8  # ... in so many of the moments
 THERE = 0.8  # share of these moments in which they must touch it with other axes, or another order, to name these
 
 
@@ -192,20 +195,31 @@ def orders(seen: Evidence) -> Finding | None:
 
 
 def heights(seen: Evidence) -> Finding | None:
-    """Bodies that lie still above or below the ground."""
+    """Bodies that lie still, or move along, above or below the ground."""
     k = seen.kinematics
-    if np.count_nonzero(seen.still) < ENOUGH:
-        return None
     edge = float(seen.scene.sizes.min())
-    lying = k.height[seen.still & (np.abs(k.height) < edge)]
+    near = np.abs(k.height) < edge
+    lying, doing = k.height[seen.still & near], "lie still"
+    if len(lying) < ENOUGH:
+        lying, doing = _moving_along(seen, near), "move along"
     if len(lying) < ENOUGH:
         return None
     height = float(np.median(lying))
     if abs(height) < FLOAT * edge + seen.noise.position:
         return None
-    where = "above" if height > 0 else "below"
+    where = f"{1000 * abs(height):.3g} mm {'above' if height > 0 else 'below'} the ground"
     return Finding(
-        f"bodies lie still with their lowest corner {1000 * abs(height):.3g} mm {where} the ground",
+        f"bodies {doing} with their lowest corner {where}",
         "check ground.offset, size, and whether the tracked point is the centre (tracked_point)",
-        wrong=abs(height) > 5 * FLOAT * edge,
+        wrong=abs(height) > 5 * FLOAT * edge or not seen.touching.any(),
     )
+
+
+def _moving_along(seen: Evidence, near: NDArray[np.bool_]) -> Array:
+    """Return heights of the lowest corners [m] where bodies keep them in nearly all windows; none where they do not."""
+    heights = seen.kinematics.height
+    if not len(heights):
+        return heights
+    middle = np.median(heights)
+    level = near & (np.abs(heights - middle) < max(LEVEL * abs(middle), ROUGH * seen.noise.position))
+    return heights[level] if level.mean() > MOSTLY else heights[:0]

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from physid.inspection.evidence import Evidence
 from physid.inspection.finding import Finding
+from physid.inspection.rules.ground import heights
 
 SLIDING = 0.03  # [m/s] along the ground, from which on a body that touches it slides
 HITTING = 0.1  # [m/s] towards the ground, from which on a body that touches it later hits it
@@ -32,19 +33,38 @@ def shown(seen: Evidence) -> str:
 
 
 def hidden(seen: Evidence) -> Finding | None:
-    """Unknown parameters that nothing shows."""
+    """Unknown parameters that nothing shows, unless it is how poses were imported that hides it."""
     if len(seen.scene.bodies) > 1:
         return None  # bodies show each other's
+    floats = heights(seen) is not None
     for name in seen.scene.unknown:
         body, parameter = seen.scene.locate(name)
         count = int(_frames(seen, body, parameter).sum())
-        if count < FEWEST:
+        if count < FEWEST and parameter == "mass" and (faint := _faint_forces(seen, body)):
+            return faint
+        if count < FEWEST and not (floats and parameter != "mass"):
             return Finding(
                 f"{name} is unknown, and {seen.scene.bodies[body].name} {HAPPENS[parameter]} in {count} frames: "
                 "nothing shows it",
                 f"{WANTED[parameter]}, or take {name} out of unknown (recording.yaml)",
             )
     return None
+
+
+def _faint_forces(seen: Evidence, body: int) -> Finding | None:
+    """Forces that are there, but far too small beside the weight of a body to move it."""
+    k = seen.kinematics
+    own = k.body == body
+    largest = float(np.linalg.norm(k.force[own], axis=1).max(initial=0.0))
+    weight = float(np.linalg.norm(seen.weight)) * seen.scene.bodies[body].mass
+    if not largest:
+        return None
+    name = seen.scene.bodies[body].name
+    return Finding(
+        f"forces on {name} are {largest:.2g} N at most, {100 * largest / weight:.2g} % of its weight: too small to "
+        f"show {name}.mass",
+        "check units.force (N, mN, kN) and the mass (kg); or push harder",
+    )
 
 
 def _frames(seen: Evidence, body: int, parameter: str) -> NDArray[np.bool_]:

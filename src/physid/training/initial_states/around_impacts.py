@@ -45,11 +45,25 @@ class FirstFit:
         states: Initial states of the pieces, or of whole trajectories; None where there are no impacts, or where the
             physics has no solution.
         pieces: The pieces; None where trajectories stay whole.
+        tumbling: In how many trajectories a body touches the ground with an edge or a corner.
+        unexplained: How many are not explained as a whole.
     """
 
     outliers: OutlierFrames | None = None
     states: States | None = None
     pieces: Pieces | None = None
+    tumbling: int = 0
+    unexplained: int = 0
+
+    def described(self) -> list[str]:
+        """Say what is left out and what is cut, in sentences for the user."""
+        said = [] if self.outliers is None else [self.outliers.described()]
+        if self.pieces is not None:
+            said.append(
+                f"{self.pieces.described()}: bodies touch the ground with an edge or a corner in {self.tumbling}, no "
+                f"initial states explain the whole of {self.unexplained}"
+            )
+        return said
 
 
 @torch.no_grad()
@@ -71,7 +85,6 @@ def fit_around_impacts(
         whole: The same trajectories, with the steps that the run begins with.
         settings: What decides.
         chooses: Whether steps of the engine are chosen.
-
     """
     outliers = None
     with contextlib.suppress(SolverError):
@@ -149,10 +162,11 @@ def _cut(
     held = experiment.with_known_parameters().replace(settings=FITTING)
     begun = Variants.join((guess, whole.begin(states=states)[1]))
     fit = gauss_newton(held, choose(held, begun), NONE, MOST)
-    rugged = (tumbles(found, settings) | ~held.explained(fit.loss)).double().mean()
-    if float(rugged) <= held.settings.multi_start.most:
+    tumbling, unexplained = tumbles(found, settings), ~held.explained(fit.loss)
+    if float((tumbling | unexplained).double().mean()) <= held.settings.multi_start.most:
         return FirstFit(outliers, (fit.point.pose[0], fit.point.twist[0]))
     cut = (segments.size > 1).nonzero()[:, 0]
     index = whole.trajectories.index.cpu()[segments.trajectory[cut]]
     pieces = Pieces(index, segments.start[cut], segments.size[cut], weight[cut])
-    return FirstFit(outliers, (point.pose[0, cut], point.twist[0, cut]), pieces)
+    states = point.pose[0, cut], point.twist[0, cut]
+    return FirstFit(outliers, states, pieces, int(tumbling.sum()), int(unexplained.sum()))

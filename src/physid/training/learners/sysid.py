@@ -266,9 +266,8 @@ class SysID(TrainingModule, PredictingModule):
             coarse, whole = self._explaining(self._coarse(batch)), self._training(batch)
             found = fit_around_impacts(coarse, whole, self.impacts, chooses=self.steps.chooses)
             self.outliers, self.pieces = found.outliers, found.pieces
-            for told in (self.outliers, self.pieces):
-                if told is not None:
-                    self.print(told.described())
+            for sentence in found.described():
+                self.print(sentence)
             if found.states is not None:
                 self.tracked.begin(self._training(batch), found.states)
                 return

@@ -44,10 +44,7 @@ class Pieces:
 
     def described(self) -> str:
         """Say that trajectories are cut, a sentence for the user."""
-        return (
-            f"{len(self.index.unique())} trajectories are cut around their impacts into {len(self.index)} pieces: "
-            "bodies tumble in most of them, or no initial states explain the whole"
-        )
+        return f"{len(self.index.unique())} trajectories are cut around their impacts into {len(self.index)} pieces"
 
     def counts_like(self, other: Pieces) -> bool:
         """Return whether each piece counts nearly as much as it does there, beside the others."""
