@@ -48,6 +48,11 @@ def test_a_set_says_what_it_identifies(made: Path, capsys: pytest.CaptureFixture
     assert found["examined"] > 0
 
 
+def test_keys_beside_a_set_that_would_be_ignored_are_refused(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["identifiability", str(made), "model.engine.substeps=4"]) == 2
+    assert "expected a configuration or recordings, got both: model.engine.substeps=4" in capsys.readouterr().err
+
+
 def test_an_interrupted_fit_of_a_set_goes_on(made: Path) -> None:
     assert main(["fit", str(made), "trainer.max_epochs=2"]) == 0
     assert main(["fit", str(made)]) == 2, "an earlier run is there"
