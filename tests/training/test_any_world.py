@@ -215,7 +215,7 @@ def test_collisions_of_parallel_blocks_are_explained_as_well_as_by_the_states_th
     data = [RecordingsDataModule(tmp_path / name, shuffle=False) for name in ("noisy", "exact")]
     module = SysID(values=config.true_parameters(), engine=Engine(substeps=8)).attach(data[0].scene)
     noisy, exact = (next(iter(one.train_dataloader())) for one in data)
-    module._weigh(noisy)
+    module._weigh(module.trajectories(noisy))
     explaining, start = module._training(noisy), module.trajectories(exact).start
     (_, found), (_, best) = (fit_states(explaining, states=states) for states in (None, (start.pose, start.twist)))
     worse = found.loss - best.loss
