@@ -5,19 +5,18 @@ from __future__ import annotations
 import dataclasses
 from pathlib import Path
 
-import lightning as L
 import numpy as np
 import pytest
 import torch
 from tests.data.sets import SCENE, recording, write_set
 from tests.training.pushed import SCENE as MADE
+from tests.training.trainers import trainer_in
 
 from physid.data import Recording, RecordingSet
 from physid.data.batches.datamodule import RecordingsDataModule
 from physid.data.batches.dataset import Segments, collate
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig, Noise
-from physid.training.callbacks.converged import Converged
 from physid.training.initial_states.fitted import fit_states
 from physid.training.learners.engine import Engine
 from physid.training.learners.sysid import SysID
@@ -28,13 +27,6 @@ STEP = SCENE.time_step
 SLIGHT = 2e-3  # of a motion that nothing disturbs: stops and turns fall between frames
 LARGE = 3.0  # half widths of an interval: a miss is no surprise, three of them are
 quiet = pytest.mark.filterwarnings("ignore::UserWarning")  # Lightning's, about loaders
-
-
-def trainer_in(folder: Path, epochs: int = 30) -> L.Trainer:
-    return L.Trainer(
-        max_epochs=epochs, accelerator="cpu", default_root_dir=folder, enable_checkpointing=False, logger=False,
-        enable_progress_bar=False, enable_model_summary=False, callbacks=[Converged()],
-    )  # fmt: skip
 
 
 def jittered(frames: int = 40, seed: int = 0) -> Recording:

@@ -12,12 +12,12 @@ import lightning as L
 import pytest
 import torch
 from tests.training.pushed import SCENE, TRUE_FRICTION, layer, push_batch
+from tests.training.trainers import trainer_in
 
 from physid.cli import main
 from physid.data.batches.datamodule import RecordingsDataModule
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig, Noise
-from physid.training.callbacks.converged import Converged
 from physid.training.initial_states.around_impacts import AROUND_IMPACTS
 from physid.training.learners.sysid import SysID
 from physid.training.parameters import Pieces, Trajectories
@@ -80,10 +80,7 @@ def fitted(
         generate(config, folder, quiet=True)
     module = SysID(impacts=AROUND_IMPACTS if cuts else None)
     module.print = lambda *_, **__: None  # type: ignore[method-assign]
-    trainer = L.Trainer(
-        max_epochs=epochs, accelerator="cpu", default_root_dir=folder, enable_checkpointing=False, logger=False,
-        enable_progress_bar=False, enable_model_summary=False, callbacks=[Converged()],
-    )  # fmt: skip
+    trainer = trainer_in(folder, epochs)
     trainer.fit(module, RecordingsDataModule(folder, shuffle=False))
     return module, trainer
 

@@ -10,11 +10,11 @@ import lightning as L
 import pytest
 import torch
 from tests.training.pushed import SCENE, push_batch
+from tests.training.trainers import trainer_in
 
 from physid.data.batches.datamodule import RecordingsDataModule
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig, Noise
-from physid.training.callbacks.converged import Converged
 from physid.training.initial_states import Cutting, OutlierFrames
 from physid.training.learners.sysid import SysID
 from physid.training.parameters import Trajectories
@@ -61,12 +61,7 @@ def moved(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def fitted(folder: Path, epochs: int) -> tuple[SysID, L.Trainer]:
-    L.seed_everything(0)
-    module = SysID()
-    trainer = L.Trainer(
-        max_epochs=epochs, accelerator="cpu", default_root_dir=folder, logger=False, enable_checkpointing=False,
-        enable_progress_bar=False, enable_model_summary=False, callbacks=[Converged()],
-    )  # fmt: skip
+    module, trainer = SysID(), trainer_in(folder, epochs)
     trainer.fit(module, RecordingsDataModule(folder, shuffle=False))
     return module, trainer
 
@@ -99,9 +94,9 @@ def test_what_is_left_out_is_kept_with_a_run(moved: Path) -> None:
     assert again.outliers is not None
     assert torch.equal(again.outliers.index, module.outliers.index)
     assert torch.equal(again.outliers.frame, module.outliers.frame)
-    assert again.outliers.described() == module.outliers.described()
-    assert "8 of 288 frames do not count" in module.outliers.described()
-    assert "the first in trajectory 0, frame 1)" in module.outliers.described()
+    said = again.outliers.described(6 * 48)
+    assert said.startswith("8 of 288 frames do not count")
+    assert said.endswith("the first in trajectory 0, frame 1)")
     assert OutlierFrames.of_state({}) is None
 
 
@@ -111,7 +106,6 @@ def test_only_those_frames_of_those_trajectories_do_not_count() -> None:
     outlier[1, 4] = outlier[2, 0] = True
     frames = OutlierFrames.among(known, outlier)
     assert len(frames) == 2
-    assert frames.total == int(known.real.sum())
     backwards = known.chosen(torch.tensor([2, 1]))
     left = Cutting(None, frames).of(backwards)
     assert torch.equal(left.real, backwards.real & ~outlier[[2, 1]])

@@ -96,14 +96,19 @@ def fit_short_segments(recorded: Recorded, predictor: Predictor, settings: Segme
 
 def _without_frames_that_stand_alone(found: SegmentedFit, settings: SegmentedFitSettings) -> SegmentedFit:
     """Leave out frames that stand alone off a fit and fit the others again; return the same where there are none."""
-    observed, first = found.observed, settings.noise
-    noise, experiment = weighed(found.experiment, found.fit, observed.present, found.noise.error, first, robust=True)
-    present = observed.present * (experiment.scale > 0).any(-1)
-    if torch.equal(present, observed.present):
+    before = found.observed.present
+    noise, experiment = weighed(found.experiment, found.fit, before, found.noise.error, settings.noise, robust=True)
+    observed = _counted(found.observed, before, experiment)
+    if torch.equal(observed.present, before):
         return found
     fit = gauss_newton(experiment, found.fit.point, NONE, settings.first_guess.steps)
-    noise = estimate_noise(fit.residual, present, noise.error, first)
-    return replace(found, observed=replace(observed, present=present), experiment=experiment, fit=fit, noise=noise)
+    noise = estimate_noise(fit.residual, observed.present, noise.error, settings.noise)
+    return replace(found, observed=observed, experiment=experiment, fit=fit, noise=noise)
+
+
+def _counted(observed: Observed, present: Tensor, experiment: Experiment) -> Observed:
+    """Return what was observed in those of some frames (R, T, N) that have a weight in an experiment."""
+    return replace(observed, present=present * (experiment.scale > 0).any(-1))
 
 
 def fit_around_events(before: SegmentedFit, settings: SegmentedFitSettings) -> SegmentedFit:
@@ -148,7 +153,9 @@ def fit_with_chosen_steps(before: SegmentedFit, settings: SegmentedFitSettings) 
     noise, experiment = weighed(
         before.experiment, before.fit, before.seen, before.noise.error, settings.noise, robust=settings.rounds.robust
     )
-    observed = replace(before.observed, present=before.seen * (experiment.scale > 0).any(-1))
+    observed = before.observed
+    if settings.rounds.outlier_rounds > 0:
+        observed = _counted(observed, before.seen, experiment)
     near, base = experiment.linearise(before.fit.point, NONE), observed.timeline
     chosen = choose_steps(experiment, near, base, settings.steps)
     least = chosen.parts

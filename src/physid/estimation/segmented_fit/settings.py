@@ -58,7 +58,9 @@ class RoundSettings(Section):
     step_choices: int = setting(2, "times", "that the steps of the engine are chosen; 0 keeps the longest", ge=0)
     new_states: bool = setting(True, "", "whether badly fitted segments are fitted from new guesses of their states")
     robust: bool = setting(True, "", "whether frames that stand alone off the motion count less")
-    outlier_rounds: int = setting(2, "times", "that frames which stand alone off short segments are left out", ge=0)
+    outlier_rounds: int = setting(
+        2, "times", "that frames which stand alone off short segments are left out; decision 82", ge=0
+    )
     own_weights: bool = setting(True, "", "whether contact segments count as little as their misfit says")
 
 

@@ -55,9 +55,9 @@ class FirstFit:
     tumbling: int = 0
     unexplained: int = 0
 
-    def described(self) -> list[str]:
-        """Say what is left out and what is cut, in sentences for the user."""
-        said = [] if self.outliers is None else [self.outliers.described()]
+    def described(self, frames: int) -> list[str]:
+        """Say what is left out, of so many frames, and what is cut, in sentences for the user."""
+        said = [] if self.outliers is None else [self.outliers.described(frames)]
         if self.pieces is not None:
             said.append(
                 f"{self.pieces.described()}: bodies touch the ground with an edge or a corner in {self.tumbling}, no "

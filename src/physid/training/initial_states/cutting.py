@@ -21,35 +21,33 @@ class OutlierFrames:
     Attributes:
         index: Trajectory of the recording set that each is of, shape (n,).
         frame: Its place there, shape (n,).
-        total: Frames of all trajectories, these included.
     """
 
     index: Tensor
     frame: Tensor
-    total: int
 
     @classmethod
     def among(cls, whole: Trajectories, outlier: Tensor) -> OutlierFrames:
         """Take those of whole trajectories, of which some frames (B, T) are outliers."""
         row, frame = (outlier & whole.real.to(outlier.device)).nonzero().unbind(1)
-        return cls(whole.index.to(row.device)[row], frame, int(whole.real.sum()))
+        return cls(whole.index.to(row.device)[row], frame)
 
     @classmethod
     def of_state(cls, state: Mapping[str, Tensor]) -> OutlierFrames | None:
         """Take what `state_dict` returned; None for an empty mapping."""
-        return cls(state["index"], state["frame"], int(state["total"])) if state else None
+        return cls(**state) if state else None
 
     def __len__(self) -> int:
         return len(self.index)
 
     def state_dict(self) -> dict[str, Tensor]:
         """Return what a checkpoint needs."""
-        return {"index": self.index, "frame": self.frame, "total": torch.tensor(self.total)}
+        return dict(vars(self))
 
-    def described(self) -> str:
-        """Say that they do not count, a sentence for the user."""
+    def described(self, frames: int) -> str:
+        """Say that they do not count, of so many frames, a sentence for the user."""
         return (
-            f"{len(self)} of {self.total} frames do not count: a pose in them stands alone, off what comes before and "
+            f"{len(self)} of {frames} frames do not count: a pose in them stands alone, off what comes before and "
             f"after (the first in trajectory {int(self.index[0])}, frame {int(self.frame[0])})"
         )
 

@@ -266,7 +266,7 @@ class SysID(TrainingModule, PredictingModule):
             coarse, whole = self._explaining(self._coarse(batch)), self._training(batch)
             found = fit_around_impacts(coarse, whole, self.impacts, chooses=self.steps.chooses)
             self.outliers, self.pieces = found.outliers, found.pieces
-            for sentence in found.described():
+            for sentence in found.described(int(whole.trajectories.real.sum())):
                 self.print(sentence)
             if found.states is not None:
                 self.tracked.begin(self._training(batch), found.states)
