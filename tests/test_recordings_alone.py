@@ -32,6 +32,30 @@ def test_a_set_is_fitted_tested_and_predicted_by_its_name(made: Path, capsys: py
     assert len(RecordingSet(Path("runs", made.name, "predictions"))) == 2
 
 
+def test_others_that_name_no_split_are_tested_whole_and_what_was_fitted_only_where_it_is_asked_for(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    taken = [dataclasses.replace(RecordingSet(made).read(index), split=None) for index in range(3)]
+    mine, others = (write_set(tmp_path / name, taken, RecordingSet(made).scene) for name in ("mine", "others"))
+    assert main(["fit", str(mine), "trainer.max_epochs=1"]) == 0
+    capsys.readouterr()
+    assert main(["test", str(others), "--run-dir", "runs/mine"]) == 0
+    whole = capsys.readouterr().out
+    assert "% of the size" in whole
+    assert main(["test", str(mine)]) == 2
+    assert "data.test=[train] tests on what was fitted" in capsys.readouterr().err
+    assert main(["test", str(mine), "data.test=[train]"]) == 0
+    assert capsys.readouterr().out == whole, "the same trajectories"
+
+
+@pytest.mark.parametrize("given", ["null", "train", "3"])
+def test_splits_that_are_no_list_are_refused(given: str, made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["fit", str(made), f"data.test={given}"]) == 2
+    said = capsys.readouterr().err
+    assert "data.test" in said
+    assert "expected Sequence" in said or "must be a list of splits" in said
+
+
 def test_another_parameter_and_another_run_are_chosen_on_the_command_line(
     made: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

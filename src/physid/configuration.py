@@ -49,6 +49,12 @@ class Configuration:
     layers: tuple[tuple[str, dict[str, Any]], ...] = ()
     allowed: tuple[str, ...] = ()
 
+    @property
+    def recordings(self) -> str:
+        """Which recordings it names for a fit; RECORDINGS if none."""
+        data = self.values.get("data") or {}
+        return str((data.get("init_args") or {}).get("folder", data.get("folder", "RECORDINGS")))
+
     def source_of(self, key: str) -> str:
         """Return where a dotted key was set last: a file, or the command line."""
         path = [part for part in key.split(".") if part not in CLASS_KEYS]

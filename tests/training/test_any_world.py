@@ -165,7 +165,7 @@ def test_friction_and_mass_are_found_from_closed_forms_with_jitter_and_gaps(
         assert abs(value - true) < LARGE * half
         assert half < 0.02 * true
     assert module.settled()
-    assert figures["steps/most"] > 1
+    assert figures["steps/largest"] > 1
     again = SysID().attach(module.scene)
     again.steps.load_state_dict(module.steps.state_dict())
     laid, kept = (one.trajectories(module._batch).grid for one in (module, again))

@@ -231,3 +231,20 @@ def test_a_mistake_is_answered_in_one_line(override: str, said: str, capsys: pyt
     message = capsys.readouterr().err
     assert said in message
     assert message.count("\n") == 1
+
+
+@pytest.mark.parametrize(("left", "kind"), [(4e-4, "combination"), (2e-3, "identified")])
+def test_what_is_left_where_derivatives_cancel_identifies_nothing_however_little_noise_there_is(
+    left: float, kind: str
+) -> None:
+    # Two derivatives at an angle of `left`; poses so exact that either parameter would be known to 1e-6.
+    alone, between = 1e-6, math.sqrt(1 - left**2)
+    information = torch.tensor([[1.0, between], [between, 1.0]], dtype=torch.float64) / alone**2
+    for verdict in Identifiability(BOTH, information).verdicts():
+        assert verdict.deviation == pytest.approx(alone / left, rel=1e-6)
+        assert verdict.deviation < 0.05
+        assert verdict.alone == pytest.approx(alone)
+        assert verdict.kind == kind
+        if kind == "combination":
+            assert verdict.combination == "block.mass * block.friction"
+            assert verdict.combined == pytest.approx(alone, rel=1e-4)

@@ -54,7 +54,22 @@ def configure(
     if "run_dir" in values:
         values["run_dir"] = run_dir
     reads = load_class(command.reads) if command.reads else None
-    return compose(chosen, [*laid, *overrides], reads=reads, allowed=allowed)
+    composed = compose(chosen, [*laid, *overrides], reads=reads, allowed=allowed)
+    if command.name == "test" and recordings is not None:
+        _test_all_others(composed, recordings, run_dir)
+    return composed
+
+
+def _test_all_others(configuration: Configuration, recordings: Path, run_dir: Path | None) -> None:
+    """Let all trajectories of a set that names no split be tested, if the run was not fitted to that set."""
+    from physid.data import RecordingSet
+    from physid.runs import recorded_config
+
+    own = [compose([file], allowed=configuration.allowed).recordings for file in recorded_config(run_dir)]
+    if any(Path(one).resolve() == recordings.resolve() for one in own) or any(RecordingSet(recordings).splits()):
+        return
+    data = configuration.values["data"]
+    data["init_args"] = {"test": ["train"], **(data.get("init_args") or {})}
 
 
 def _examine(command: Command, recordings: Path) -> str:

@@ -42,7 +42,7 @@ def fit(
         resume: Go on from the last checkpoint of the run.
         overwrite: Delete what an earlier run left in the folder.
     """
-    from physid.commands.terminal.summary import recordings_of, summarize
+    from physid.commands.terminal.summary import summarize
     from physid.runs import first_process, open_folder
     from physid.schema.check import check_fit
     from physid.training.runs import run
@@ -51,7 +51,7 @@ def fit(
     with open_folder(configuration, run_dir, resume=resume, overwrite=overwrite) as folder:
         figures = run.fit(configuration.values, folder, resume=resume)
     if first_process():
-        print(summarize(figures, folder, recordings_of(configuration)))
+        print(summarize(figures, folder, configuration.recordings))
 
 
 def validate(
@@ -87,11 +87,12 @@ def test(
     """Measure a fitted model on the trajectories that nothing was chosen by (split test), or on others.
 
     `physid fit` does so by itself at its end where there are any. `physid validate` measures the same on the
-    trajectories that models are chosen by.
+    trajectories that models are chosen by. Of other recordings than the run's, none of which names a split, all are
+    predicted; data.test=[train] measures on the trajectories that were fitted.
 
     Examples:
       physid test --run-dir runs/push_friction
-      physid test data/push_rich --run-dir runs/push_friction
+      physid test data/others --run-dir runs/mine
 
     Args:
         configuration: As for fit; RUN/config.yaml by default.
@@ -117,7 +118,8 @@ def predict(
     Each trajectory is predicted from its initial state, under the recorded forces or under planned ones. The result is
     a recording set (docs/recordings.md): predicted poses, velocities and forces under the numbers of the trajectories,
     the scene with the identified parameters; and parameters.json. Planned forces are a CSV file, one row for each time
-    step, with columns such as block.force_x [N] or block.torque_z [N m]; or a .npy array (n, bodies, 6).
+    step, with columns such as block.force_x [N] or block.torque_z [N m]; or a .npy array (n, bodies, 6). How far a
+    prediction is from what was recorded is said by `physid test`.
 
     Examples:
       physid predict data/mine

@@ -103,7 +103,8 @@ class RecordingSet:
             there = ", ".join(sorted({"without a split" if split is None else split for split in splits}))
             raise ValueError(
                 f"{self.folder}: expected trajectories of split {', '.join(sorted(wanted))}, found only {there}; deal "
-                "them out when they are imported or generated (split={train: 2, test: 1})"
+                "them out when they are imported or generated (split={train: 2, test: 1}), or name others "
+                "(data.test=[train] tests on what was fitted)"
             )
         return found
 

@@ -4,20 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from physid.estimation.measurement.unexplained import lack_of_fit_sentence
 from physid.estimation.prediction.coordinates import Unknown
 from physid.inspection.finding import Findings, trust_sentence
-
-if TYPE_CHECKING:
-    from physid.configuration import Configuration
-
-
-def recordings_of(configuration: Configuration) -> str:
-    """Return which recordings a configuration of a fit names."""
-    data = configuration.values.get("data") or {}
-    return str((data.get("init_args") or {}).get("folder", data.get("folder", "RECORDINGS")))
 
 
 def summarize(figures: Mapping[str, float], folder: Path, recordings: str = "RECORDINGS") -> str:
@@ -40,6 +30,7 @@ def summarize(figures: Mapping[str, float], folder: Path, recordings: str = "REC
         lines.append(f"  correlation of {' and '.join(key.split('/')[1:])}: {figures[key]:+.2f}")
     lines += [f"  {key:<{width}}  {_measured(key, figures)}" for key in measured]
     lines += [f"  {key:<{width}}  {figures[key]:.6g}" for key in effort]
+    lines += [f"  {_steps(figures)}"] if "steps/mean" in figures else []
     kept = Findings.read(folder)
     said = [lack_of_fit_sentence(figures, recordings), kept and trust_sentence(kept.findings, kept.recordings)]
     return "\n".join([*lines, *(f"  {one}" for one in said if one is not None)])
@@ -53,6 +44,15 @@ def _estimate(own: Mapping[str, float], unit: str) -> str:
         known.append(f"true {true:.6g}" + (f", off by {abs(estimate / true - 1):.3%}" if true else ""))
     warning = "" if own.get("observable", 1.0) else "  DO NOT RELY ON IT: these recordings do not identify it by itself"
     return f"{estimate:.6g}{f' {unit}' * bool(unit)}" + (f" ({'; '.join(known)})" if known else "") + warning
+
+
+def _steps(figures: Mapping[str, float]) -> str:
+    """Write the steps that were chosen, and what shorter ones would change."""
+    mean, largest, bias, left = (figures.get(f"steps/{name}", 0.0) for name in ("mean", "largest", "bias", "left"))
+    return (
+        f"steps of the engine: {mean:.3g} from frame to frame on average, {largest:.0f} at most; shorter ones would "
+        f"move estimates by {bias + left:.2g} standard errors at most"
+    )
 
 
 def _measured(key: str, figures: Mapping[str, float]) -> str:

@@ -79,6 +79,9 @@ class RecordingsDataModule(LightningDataModule):
         for name, value in (("limit", limit), ("batch_size", batch_size)):
             if value is not None and value < 1:
                 raise ValueError(f"data.{name} must be at least 1, or null for all, got {value}")
+        for name, splits in (("fit", fit), ("validate", validate), ("test", test)):
+            if not isinstance(splits, Sequence) or isinstance(splits, str):
+                raise ValueError(f"data.{name} must be a list of splits, such as [train], got {splits!r}")
         self._splits = {"fit": tuple(fit), "validate": tuple(validate), "test": tuple(test)}
         self._limit, self._shuffle, self._workers = limit, shuffle, workers
         self._future = None if forces is None else torch.from_numpy(read_forces(forces, self.scene))

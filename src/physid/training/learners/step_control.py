@@ -43,7 +43,7 @@ class StepControl:
     """
 
     def __init__(self, chooses: bool, time_step: float) -> None:
-        self.chooses, self.version, self.report = chooses, 0, ""
+        self.chooses, self.version = chooses, 0
         self._time_step = time_step
         self._parts: dict[Key, Tensor] = {}
         self._reviews, self._asked = 0, False
@@ -89,12 +89,6 @@ class StepControl:
             parts = _widened(chosen.parts)
             if response is not None:
                 self._keep(started, parts, physical.coordinates.detach(), response.deviation())
-                judged = judge_steps(judgement, parts, CHOICE)
-                self.report = (
-                    f"steps of the engine: {judged.mean:.3g} from frame to frame on average, {judged.largest} at most; "
-                    f"{1e3 * CHOICE.shortest_among(judgement.bodies):g} ms everywhere would move the estimates by "
-                    f"{judged.bias:.2g} standard errors at most, and even shorter ones by {judged.left:.2g} more"
-                )
         return started.refined(parts)
 
     def remaining(

@@ -191,8 +191,8 @@ class SysID(TrainingModule, PredictingModule):
         if self.steps.chooses:
             shift, chosen = self.steps.remaining(self.layer, self.physical, self._coarse_from(cut), cut.noise, response)
             shared.append(shift)
-            for name, value in (("mean", chosen.mean), ("most", chosen.largest), ("bias", chosen.bias)):
-                self.log(f"steps/{name}", float(value))
+            for name in ("mean", "largest", "bias", "left"):
+                self.log(f"steps/{name}", float(getattr(chosen, name)))
         return dataclasses.replace(response, shared=torch.stack(shared) if shared else None)
 
     def _coarse_from(self, cut: Trajectories) -> Trajectories:
@@ -216,7 +216,6 @@ class SysID(TrainingModule, PredictingModule):
             cut, response = answers.respond(explaining, self.tracked)
         self.steps.choose(self.layer, self.physical, self._coarse_from(cut), cut.noise, response)
         self._kind.state.clear()
-        self.print(self.steps.report)
 
     def _weighed_here(self) -> Pieces | None:
         """Return the pieces, each counting as it is explained here, and agrees with the others; None without any."""
