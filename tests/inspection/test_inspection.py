@@ -588,6 +588,22 @@ def test_the_noise_is_told_whatever_frames_are_lost_or_wild(tmp_path: Path) -> N
     assert "too little to tell" in inspect(RecordingSet(write_set(tmp_path, short, scene))).text()
 
 
+def _weighing(scene: Scene, factor: float, *unknown: str) -> Scene:
+    (body,) = scene.bodies
+    return dataclasses.replace(scene, bodies=(dataclasses.replace(body, mass=factor * body.mass),), unknown=unknown)
+
+
+@pytest.mark.parametrize(("factor", "pushed"), [(0.15, True), (1.0, True), (6.0, True), (1.0, False)])
+def test_energy_comes_from_nowhere_where_no_mass_or_the_given_one_does_not_explain_it(
+    tmp_path: Path, factor: float, pushed: bool
+) -> None:
+    scene, recordings = recorded("push")
+    made = [one if pushed else dataclasses.replace(one, wrench=None) for one in recordings]
+    for unknown, nowhere in (("block.mass", not pushed), ("block.friction", not pushed or factor != 1)):
+        report = inspect(RecordingSet(write_set(tmp_path / unknown, made, _weighing(scene, factor, unknown))))
+        assert any("energy comes from nowhere" in one.what for one in report.findings) is nowhere
+
+
 def test_the_energy_of_several_bodies_is_theirs_together(tmp_path: Path) -> None:
     scene, recordings = recorded("collide")
     report = inspect(RecordingSet(write_set(tmp_path, list(recordings), scene)))

@@ -69,7 +69,8 @@ def phase_shares(found: Sequence[Place], nominal_fit: NominalFit, shown: Hypothe
         except SolverError:
             return {}
         observations, rows = nominal_fit.observations, nominal_fit.observations.fitted
-        code = phases_of_steps(stepped, observations.timeline, observations.scene, settings.phases)
+        scene = shown.experiment.predictor.model.scene_at(shown.fit.point.nominal[0])
+        code = phases_of_steps(stepped, observations.timeline, scene, settings.phases)
         for phase in PHASES:
             sums[phase] = float(work[rows][code[rows] == CODES.index(phase)].sum())
     total = sum(sums.values())
@@ -98,7 +99,7 @@ def work_of(hypothesis: Hypothesis) -> tuple[Tensor, Prediction]:
             without[0, k] = predictor.null[k]
     trajectories, frames, bodies = base.twist.shape[1:4]
     work, impulse = base.twist.new_zeros(trajectories, frames, bodies), torch.zeros_like(base.impulse)
-    known = predictor.model.scene.bodies
+    known = predictor.model.scene_at(point.nominal[0]).bodies
     mass = torch.tensor([body.mass for body in known], dtype=torch.float64)
     moment = torch.tensor([float(body.moments().mean()) for body in known], dtype=torch.float64)
     for first in (0, 1):

@@ -96,7 +96,8 @@ def fit_nominal_model(
     )
     # A fit may end with the slopes of a point nearby; those of a run that is taken up again are of its own point.
     fit = experiment.linearise(fit.point, NONE)
-    phases = phases_of(fit.jacobian.base, observations.timeline, model.scene, settings.phases)
+    scene = model.scene_at(fit.point.nominal[0])
+    phases = phases_of(fit.jacobian.base, observations.timeline, scene, settings.phases)
     return NominalFit(observations, experiment, fit, noise, phases, found.events, settings, found.steps)
 
 

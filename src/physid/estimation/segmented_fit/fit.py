@@ -171,7 +171,7 @@ def fit_with_chosen_steps(before: SegmentedFit, settings: SegmentedFitSettings) 
 
 def tumbles(found: SegmentedFit, settings: SegmentedFitSettings) -> Tensor:
     """Return in which trajectories a body touches the ground with an edge or a corner, shape (R,)."""
-    observed, scene = found.observed, found.experiment.predictor.model.scene
+    observed, scene = found.observed, found.experiment.predictor.model.scene_at(found.fit.point.nominal[0])
     phases = phases_of(found.fit.jacobian.base, observed.timeline, scene, settings.phases)
     seen = observed.present > 0
     return (find_tumbling(phases, observed.pose, scene, settings.events) & seen).any(-1).any(-1)
@@ -194,7 +194,7 @@ def begin(
 
 def _events_of(before: SegmentedFit, predictor: Predictor, fit: Fit, settings: SegmentedFitSettings) -> Tensor:
     """Return the frames at which a fit over the segments of a predictor shows events, shape (R, T)."""
-    observed, base, scene = before.observed, fit.jacobian.base, predictor.model.scene
+    observed, base, scene = before.observed, fit.jacobian.base, predictor.model.scene_at(fit.point.nominal[0])
     time = observed.timeline.time
     phases = phases_of(base, observed.timeline, scene, settings.phases)
     smooth = smooth_path(base.twist[0], phases, time, predictor.segments)

@@ -33,7 +33,8 @@ def phases_of(prediction: Prediction, timeline: Timeline, scene: Scene, settings
     Args:
         prediction: A single variant.
         timeline: Times of the frames, and commanded wrenches.
-        scene: Masses, gravity, time step.
+        scene: Gravity, time step, and the masses that were predicted with: a first guess of half a mass would make each
+            resting weight an impact.
         settings: What is still, slow, light, hard, and how long an impact lasts.
 
     Returns:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from physid.inspection.evidence import Evidence
 from physid.inspection.finding import Finding
 
 GAIN = 0.2  # share of the largest energy of a trajectory that noise and rotation may seem to add
 SHARE = 0.2  # of trajectories, from which on it is no accident
+FACTORS = (0.1, 0.25, 0.5, 2.0, 4.0, 10.0)  # of the first guess of a mass, which are tried
 AWAY = 5  # windows beside an impact, which parabolas smear
 
 
@@ -16,16 +18,38 @@ def energy(seen: Evidence) -> Finding | None:
     """Translational energy that grows by more than gravity and the forces give.
 
     E = m v^2 / 2 - m g x changes by the work of the commanded forces, and contact only takes. What spins may give to
-    what flies, so that only gains of many windows count; bodies that push each other are left out.
+    what flies, so that only gains of many windows count; bodies that push each other are left out. A mass that is
+    unknown is a guess: energy comes from nowhere if it does for each that is tried.
     """
-    k, gained = seen.kinematics, []
     if len(seen.scene.bodies) > 1:
         return None
+    (body,) = seen.scene.bodies
+    guessed = f"{body.name}.mass" in seen.scene.unknown
+    gained = _gains(seen, body.mass)
+    if _few(gained) or (guessed and any(_few(_gains(seen, factor * body.mass)) for factor in FACTORS)):
+        return None
+    return Finding(
+        f"in {int(np.sum(gained > GAIN))} of {len(gained)} trajectories energy comes from nowhere: up to "
+        f"{100 * gained.max():.0f} % of what there is, beyond gravity and the work of the forces",
+        f"are forces missing, too small (units.force), or late; {'is' if guessed else 'are mass and'} gravity "
+        "right; does a hand push?",
+        wrong=not seen.kinematics.force.any(),  # with forces it may be their measure; without, something pushed
+    )
+
+
+def _few(gained: NDArray[np.float64]) -> bool:
+    """Return whether trajectories gain energy by accident at most."""
+    return not len(gained) or bool(np.mean(gained > GAIN) < SHARE)
+
+
+def _gains(seen: Evidence, mass: float) -> NDArray[np.float64]:
+    """Return what the energy of each trajectory of a body of such a mass gains, relative to the largest part of it."""
+    k, gained = seen.kinematics, []
     for trajectory in np.unique(k.trajectory):
         one = k.of(k.trajectory == trajectory)
         if len(one.frame) < 4 * AWAY:
             continue
-        recording, mass = seen.recordings[int(trajectory)], seen.scene.bodies[0].mass
+        recording = seen.recordings[int(trajectory)]
         assert recording.pose is not None
         place = recording.pose[one.frame, 0, :3]
         kinetic, potential = 0.5 * mass * np.square(one.velocity).sum(1), -mass * place @ seen.weight
@@ -37,15 +61,7 @@ def energy(seen: Evidence) -> Finding | None:
         rise = float((calm - np.minimum.accumulate(calm)).max())
         scale = max(float(np.ptp(part)) for part in (kinetic, potential, work))
         gained.append(rise / scale if scale > 0 else 0.0)
-    if not gained or np.mean(np.array(gained) > GAIN) < SHARE:
-        return None
-    many = int(np.sum(np.array(gained) > GAIN))
-    return Finding(
-        f"in {many} of {len(gained)} trajectories energy comes from nowhere: up to {100 * max(gained):.0f} % of what "
-        "there is, beyond gravity and the work of the forces",
-        "are forces missing, too small (units.force), or late; are mass and gravity right; does a hand push?",
-        wrong=not k.force.any(),  # with forces it may be their measure; without, something pushed
-    )
+    return np.array(gained)
 
 
 def energy_over_time(seen: Evidence) -> str:
