@@ -32,7 +32,7 @@ def cut(frames: list[int], speed: Tensor) -> Tensor:
     twist[:, :, 0, 3] = speed
     scale = torch.full((rows, longest, 1, 6), 1e3).double()
     experiment: Any = SimpleNamespace(predictor=SimpleNamespace(model=NominalModel(PUSH)), scale=scale)
-    return parts_for_late_forces(experiment, Timeline(grid.times.gather(1, places), grid), CHOICE, twist)
+    return parts_for_late_forces(experiment, Timeline(grid.times.gather(1, places), grid), CHOICE, twist, PUSH)
 
 
 @pytest.mark.parametrize("rests", [0, 1, 9, 13])

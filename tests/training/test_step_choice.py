@@ -230,11 +230,11 @@ def test_steps_after_a_change_of_the_force_are_as_long_as_forces_allow_that_come
     expected = torch.where(inside, min(least, int(choice.most(base.grid, 1).max())), 1)
     assert least > 1, "the case must ask for something"
     rest = torch.zeros(1, count + 1, 1, 6, dtype=torch.float64)
-    assert parts_for_late_forces(experiment, base, choice, rest).tolist() == [expected.tolist()]
+    assert parts_for_late_forces(experiment, base, choice, rest, scene).tolist() == [expected.tolist()]
     for none in (choice.model_copy(update={"late": 0.0}), choice.model_copy(update={"defect": 1e9})):
-        assert bool((parts_for_late_forces(experiment, base, none, rest) == 1).all())
+        assert bool((parts_for_late_forces(experiment, base, none, rest, scene) == 1).all())
     steady = Timeline.regular(torch.full_like(wrench, force), step)
-    assert bool((parts_for_late_forces(experiment, steady, choice, rest) == 1).all())
+    assert bool((parts_for_late_forces(experiment, steady, choice, rest, scene) == 1).all())
 
     def moved(parts: int) -> float:  # of a body that does not set off, because it slides all the time
         return force / block.mass * (step / parts) ** 2 / 8 / noise
@@ -244,16 +244,18 @@ def test_steps_after_a_change_of_the_force_are_as_long_as_forces_allow_that_come
     enough = min(
         next(2**power for power in range(20) if moved(2**power) <= defect), int(choice.most(base.grid, 1).max())
     )
-    found = parts_for_late_forces(experiment, base, choice, sliding)
+    found = parts_for_late_forces(experiment, base, choice, sliding, scene)
     assert found.tolist() == [torch.where(inside, enough, 1).tolist()]
     for moment in (change - 3, change + 3):
         still, back = sliding.clone(), sliding.clone()
         still[:, moment, :, 3], back[:, moment:, :, 3] = 0.0, -1.0
         for twist in (still, back):
-            assert parts_for_late_forces(experiment, base, choice, twist).tolist() == [expected.tolist()]
+            assert parts_for_late_forces(experiment, base, choice, twist, scene).tolist() == [expected.tolist()]
     far = sliding.clone()
     far[:, -1, :, 3] = 0.0
-    assert torch.equal(parts_for_late_forces(experiment, base, choice, far), found), "it rests long after the change"
+    assert torch.equal(parts_for_late_forces(experiment, base, choice, far, scene), found), (
+        "it rests long after the change"
+    )
 
 
 @pytest.mark.slow

@@ -13,6 +13,7 @@ from physid.data.observations.step_grid import StepGrid
 from physid.estimation.least_squares.experiment import Experiment, Fit
 from physid.estimation.measurement.poses import pose_difference
 from physid.estimation.prediction.timeline import Timeline
+from physid.scenes import Scene
 from physid.setting import Section, setting
 
 
@@ -160,7 +161,9 @@ def halve_steps(judgement: Judgement, choice: StepChoice | None = None, first: T
     return chosen
 
 
-def parts_for_late_forces(experiment: Experiment, base: Timeline, choice: StepChoice, twist: Tensor) -> Tensor:
+def parts_for_late_forces(
+    experiment: Experiment, base: Timeline, choice: StepChoice, twist: Tensor, scene: Scene
+) -> Tensor:
     """Cut steps so short that forces which act late may change within one, shape (R, S).
 
     An engine holds the mean wrench for a whole step of length h. A change by F at any other moment of it moves a body
@@ -175,9 +178,9 @@ def parts_for_late_forces(experiment: Experiment, base: Timeline, choice: StepCh
         base: The frames with the longest steps that there may be.
         choice: When steps are short enough.
         twist: Predicted at the frames, shape (R, T, N, 6).
+        scene: With the masses and frictions that it was predicted with.
     """
-    model, noise = experiment.predictor.model, _noise(experiment)
-    bodies, gravity = model.scene.bodies, math.hypot(*model.world.gravity)
+    noise, bodies, gravity = _noise(experiment), scene.bodies, math.hypot(*scene.gravity)
     mass = torch.tensor([body.mass for body in bodies], dtype=torch.float64)
     moment = torch.tensor([min(body.moments()) for body in bodies], dtype=torch.float64)
     held = gravity * torch.tensor([body.friction for body in bodies], dtype=torch.float64)

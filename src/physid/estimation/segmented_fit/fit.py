@@ -160,8 +160,8 @@ def fit_with_chosen_steps(before: SegmentedFit, settings: SegmentedFitSettings) 
     chosen = choose_steps(experiment, near, base, settings.steps)
     least = chosen.parts
     if any(acts_late(kind) for kind in experiment.predictor.candidates):
-        predicted = near.jacobian.base.twist[0]
-        least = least.maximum(parts_for_late_forces(experiment, base, settings.steps, predicted))
+        predicted, scene = near.jacobian.base.twist[0], experiment.predictor.model.scene_at(near.point.nominal[0])
+        least = least.maximum(parts_for_late_forces(experiment, base, settings.steps, predicted, scene))
     predictor = experiment.predictor.at_times(chosen.timeline, base.refined(least))
     stepped = replace(
         before, observed=observed, experiment=experiment.replace(predictor=predictor), noise=noise, steps=chosen
