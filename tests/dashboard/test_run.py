@@ -205,6 +205,20 @@ def test_a_run_whose_model_leaves_more_than_noise_says_so_beside_its_intervals(r
     assert ("The intervals of the parameters hold for a model" in notes) == (explained == 0)
 
 
+@pytest.mark.parametrize(("observable", "shown"), [(0.0, True), (1.0, False), (None, False)])
+def test_an_estimate_that_recordings_do_not_identify_is_marked_in_the_table_and_beside_its_interval(
+    tmp_path: Path, observable: float | None, shown: bool
+) -> None:
+    write_fit(tmp_path / "mine", 0.21, 4.0)
+    path = tmp_path / "mine" / "metrics.json"
+    said = {} if observable is None else {"params/block.friction/observable": observable}
+    path.write_text(json.dumps(json.loads(path.read_text()) | said))
+    write_dashboard(tmp_path, tmp_path / "page.html")
+    page = (tmp_path / "page.html").read_text()
+    assert (">not identified<" in page) is shown
+    assert ("do not rely on it: these recordings do not identify it by itself" in page) is shown
+
+
 def test_the_table_has_intervals_and_no_column_without_a_value(tmp_path: Path) -> None:
     write_fit(tmp_path / "mine", 0.21, 4.0)
     path = tmp_path / "mine" / "metrics.json"

@@ -18,6 +18,7 @@ from tests.diagnosis.sets import rewritten
 from physid.cli import main
 from physid.data import Recording, RecordingSet
 from physid.data.importers.rotations import axes_of
+from physid.data.reading import Reading, write_reading
 from physid.inspection.kinematics import kinematics_of, noise_of, shifted_forces
 from physid.inspection.report import inspect
 from physid.scenes import Ground, Scene, find_setup
@@ -291,6 +292,18 @@ def test_forces_so_late_that_they_point_against_accelerations_are_late_and_not_o
     found = [one.mend for one in inspect(RecordingSet(spoilt)).findings]
     assert offsets(found) == pytest.approx(offset, abs=4e-3)
     assert sum("other sign" in one for one in found) == (sign < 0)
+
+
+def test_a_clock_that_was_shifted_already_is_to_be_shifted_by_both_in_sets_of_films_too(tmp_path: Path) -> None:
+    scene, several = recorded("push")
+    late = [dataclasses.replace(one, wrench=np.roll(one.wrench, -12, 0)) for one in several]
+    (plain,) = offsets(said(tmp_path / "plain", scene, late))
+    shifted, read = (write_set(tmp_path / name, late, scene) for name in ("shifted", "read"))
+    (shifted / "import.yaml").write_text("forces: {offset: -3.2}\n")
+    write_reading(read, Reading(str(shifted), "", "planar", 0.0, 0.0, ""))
+    for folder in (shifted, read):
+        report = inspect(RecordingSet(folder))
+        assert offsets([one.mend for one in report.findings]) == [pytest.approx(plain - 3.2, abs=2e-3)]
 
 
 def offsets(mends: list[str]) -> list[float]:

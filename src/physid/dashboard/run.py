@@ -147,6 +147,7 @@ def parameters(figures: Mapping[str, float], curves: list[Curve], history: list[
                 "low": last.get(f"params/{name}/low"),
                 "high": last.get(f"params/{name}/high"),
                 "error": abs(estimate / true - 1) if true else None,
+                "identified": bool(last.get(f"params/{name}/observable", 1.0)),
                 "axis": curve.axis if curve else "epoch",
                 "x": curve.x if curve else [],
                 "y": curve.y if curve else [],

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from physid.data.importers.rotations import PRESETS, axes_of
 from physid.data.importers.sets import MAPPING
 from physid.data.importers.units import UNITS
+from physid.data.reading import read_reading
 from physid.yaml_files import read_yaml
 
 Array = NDArray[np.float64]
@@ -26,18 +27,24 @@ class Origin:
         force: The log's columns of forces, as the mapping lists them.
         order: In which quaternions were read, xyzw or wxyz.
         newtons: What one of the log's unit of forces was taken for [N].
+        offset: What was added to the stamps of the forces [s].
     """
 
     axes: Array = field(default_factory=lambda: np.eye(3))
     force: tuple[str, ...] = ("fx", "fy", "fz")
     order: str = "xyzw"
     newtons: float = 1.0
+    offset: float = 0.0
 
     @classmethod
     def of(cls, folder: Path) -> Origin:
-        """Read it from the mapping that an import leaves in its set; without one the log's world is the set's."""
+        """Read it from the mapping that an import leaves in its set; without one the log's world is the set's.
+
+        Poses that were read from films have that of the films.
+        """
         try:
-            known = read_yaml(folder / MAPPING)
+            reading = None if (folder / MAPPING).is_file() else read_reading(folder)
+            known = read_yaml((folder if reading is None else Path(reading.films)) / MAPPING)
             axes = axes_of(known.get("axes", "z-up")) if isinstance(known, dict) else np.eye(3)
         except (OSError, ValueError):
             return cls()
@@ -48,7 +55,15 @@ class Origin:
         order = known.get("order") or ("wxyz" if ends in ("wxyz", "rijk") else "xyzw")
         units = known.get("units")
         unit = units.get("force", "N") if isinstance(units, dict) else "N"
-        return cls(axes, force or cls.force, str(order), UNITS["force"].get(str(unit), 1.0))
+        forces = known.get("forces")
+        offset = forces.get("offset", 0.0) if isinstance(forces, dict) else 0.0
+        return cls(
+            axes,
+            force or cls.force,
+            str(order),
+            UNITS["force"].get(str(unit), 1.0),
+            float(offset) if isinstance(offset, int | float) else 0.0,
+        )
 
     def up(self, direction: str) -> tuple[str, str]:
         """Return which of the log's axes points along a signed axis of the set's world, and the axes that put it up.

@@ -18,6 +18,10 @@ FEWEST_PIXELS = 6.0
 FAINTEST = 0.05
 """Weight of a texel below which it fades into the mean colour of its face."""
 LEAST_OVERLAP = 0.5
+WRONG_PLACE = (
+    "does not lie where camera, size and initial pose put the body: does the background show the body, too (import "
+    "with background=FILE, an image of the empty scene), or are size or camera not in metres?"
+)
 """Smallest share of a mask and its predicted outline that must coincide (intersection over union)."""
 
 
@@ -111,11 +115,13 @@ def _check_overlap(mask: Tensor, outline: Tensor) -> None:
     overlap = torch.minimum(mask, outline).sum((-2, -1)) / torch.maximum(mask, outline).sum((-2, -1)).clamp_min(1)
     for wrong, complaint in (
         (area == 0, "is empty: the body is out of view; draw the recording again, or leave it out"),
-        (overlap < LEAST_OVERLAP, "does not lie where the initial pose and the camera put the body; check both"),
+        (overlap < LEAST_OVERLAP, WRONG_PLACE),
     ):
         if wrong.any():
             sample, body = wrong.nonzero()[0].tolist()
-            raise ValueError(f"mask of body {body} in sample {sample} of the batch {complaint}")
+            raise ValueError(
+                f"mask of body {body} in sample {sample} of the batch (of the films, in track) {complaint}"
+            )
 
 
 def _face_points(size: Tensor, texels: int) -> Tensor:

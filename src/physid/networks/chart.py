@@ -110,7 +110,8 @@ class PlanarChart(PoseChart):
         if forward @ up >= 0 or (depth <= 0).any():
             raise ValueError(
                 f"camera at {camera.position} looking at {camera.target} must look down on the plane "
-                f"{tuple(normal)} . p = {offset:.6g} from above its bodies; move it, or use SpatialChart"
+                f"{tuple(normal)} . p = {offset:.6g} from above its bodies; are size and "
+                "camera in metres, and does z point up? Else move it, or use SpatialChart"
             )
         across = right - (right @ up) * up
         across = across / across.norm()

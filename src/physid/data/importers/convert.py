@@ -68,8 +68,7 @@ def _write(files: Sequence[Path], log: LogMap, folder: Path, notes: list[str]) -
         try:
             check_clocks(recording, step)
         except ValueError as error:
-            hint = "; forces.offset=SECONDS is added to the stamps of the forces" if "wrench_time" in str(error) else ""
-            raise ValueError(f"{file}: {str(error).replace('recording.yaml', 'the mapping')}{hint}") from None
+            raise ValueError(f"{file}: {str(error).replace('recording.yaml', 'the mapping')}") from None
         write_trajectory(trajectory_path(folder, count), recording)
         count += 1
     assert step is not None

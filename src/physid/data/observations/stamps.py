@@ -119,7 +119,7 @@ def check_clocks(recording: Recording, time_step: float) -> None:
         raise ValueError(
             f"wrench_time: expected forces on the clock of the poses, {poses[0]:.9g} to {poses[-1]:.9g} s, found them "
             f"from {forces[0]:.9g} to {forces[-1]:.9g} s: the two never overlap; shift one clock by the offset between "
-            "them, and check that both are in seconds"
+            "them (import adds forces.offset=SECONDS to the stamps of the forces), and check that both are in seconds"
         )
 
 

@@ -65,7 +65,7 @@ def delay(seen: Evidence) -> Finding | None:
     return Finding(
         f"accelerations come {round(abs(late_by), 3):g} s{known} {'after' if late_by > 0 else 'before'} the forces "
         f"(correlation {most:.2f}, without a shift {now:.2f}): the two clocks seem to differ",
-        f"import with forces.offset={round(late_by, 3):g}, if nothing in the plant delays them",
+        f"import with forces.offset={round(seen.origin.offset + late_by, 3):g}, if nothing in the plant delays them",
     )
 
 

@@ -24,6 +24,7 @@ from physid.data.importers.video.survey import (
     first_masks,
     straightener,
     survey,
+    unlike_outlines,
 )
 from physid.data.observations.stamps import check_clocks, unlike_lengths
 
@@ -90,6 +91,7 @@ def _converted(
             mask = _in_order(first_masks(film, straighten, background, len(known.log.bodies)), known)
         except ValueError as error:
             raise ValueError(f"{film.path}: {error}") from None
+        notes += [f"{film.path}: {remark}" for remark in unlike_outlines(mask, known.scene(found.step, ""))]
         shape = np.broadcast_to(np.uint8(0), (found.count, *background.shape))  # no memory: the images follow
         filmed = replace(recording, pose=None, mask=mask, background=background, frames=shape)
         gauge = ShutterGauge(background) if len(known.log.bodies) == 1 else None

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import final
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image as Picture
@@ -15,6 +17,8 @@ from physid.data.importers.video.cameras import Lens
 from physid.data.importers.video.films import Film, Image, open_film
 from physid.data.importers.video.sights import background_of, find_bodies
 from physid.data.observations.stamps import rhythm_of
+from physid.scenes import Scene
+from physid.scenes.camera import Camera
 
 EVEN = 0.02
 """Share of a frame's time by which stamps may stray and still count as even."""
@@ -23,6 +27,11 @@ RATE_DIFFERS = 0.02
 FEWEST_FRAMES = 4
 NAMED = 5
 """Missing images that a note names."""
+FEWEST, MOST = 0.4, 1.7
+"""Pixels of a body over those that it should cover at least and at most: shadows add some, and what it hides behind."""
+GHOST = 5.0
+"""Times the most that it should cover that a body covers at most, together with itself at another place."""
+METRES = "are size, points and tvec of the camera in metres"
 
 
 @final
@@ -146,3 +155,50 @@ def common_background(surveys: Sequence[Survey], count: int) -> Image:
 def first_masks(film: Film, straighten: Callable[[Image], Image], background: Image, count: int) -> NDArray[np.bool_]:
     """Find the bodies in the first frame of a film, (N, H, W) (see `find_bodies`)."""
     return find_bodies(straighten(next(iter(film.frames()))[1]), background, count)
+
+
+def unlike_outlines(masks: NDArray[np.bool_], scene: Scene) -> list[str]:
+    """Say which bodies cover more or fewer pixels than they can where they lie on the ground, and why that may be.
+
+    Args:
+        masks: Of the bodies in one image, shape (N, H, W).
+        scene: Gives camera, ground and sizes.
+    """
+    remarks, camera = [], scene.camera
+    assert camera is not None
+    normal, eye = np.array(scene.ground.normal), np.array(camera.position)
+    for body, mask in zip(scene.bodies, masks, strict=True):
+        row, column = np.argwhere(mask).mean(0) + 0.5
+        focal = 0.5 * camera.height / np.tan(np.radians(camera.fov_y) / 2)
+        right, upward, backward = camera.axes()
+        ray = (column - camera.width / 2) / focal * right - (row - camera.height / 2) / focal * upward - backward
+        away = (scene.ground.offset - normal @ eye) / (normal @ ray)
+        if away <= 0 or normal @ eye <= scene.ground.offset:
+            remarks.append(f"{body.name}: the camera does not see the ground there; {METRES}, and does its z point up?")
+            continue
+        areas = [_area_of(camera, eye + away * ray, normal, np.roll(body.size, axis)) for axis in range(3)]
+        low, high, found = min(map(min, areas)), max(map(max, areas)), int(mask.sum())
+        if FEWEST * low <= found <= MOST * high:
+            continue
+        ghost = "does the background show the body, too (background=FILE names an image of the empty scene); "
+        remarks.append(
+            f"{body.name} covers {found} pixels in the first frame, where a body of its size on the ground covers "
+            f"{low:.3g} to {high:.3g}: {ghost * (high < found < GHOST * high)}{METRES}?"
+        )
+    return remarks
+
+
+def _area_of(
+    camera: Camera, place: NDArray[np.float64], normal: NDArray[np.float64], size: NDArray[np.float64]
+) -> list[float]:
+    """Return the pixels that a box covers at some headings, which stands on the ground with its last edge upright."""
+    across = np.cross(normal, np.eye(3)[int(np.abs(normal).argmin())])
+    across = across / np.linalg.norm(across)
+    signs = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
+    areas = []
+    for angle in np.radians(np.arange(0, 180, 30)):
+        along = np.cos(angle) * across + np.sin(angle) * np.cross(normal, across)
+        axes = np.stack([along, np.cross(normal, along), normal])
+        seen = camera.project(place + size[2] / 2 * normal + signs * size @ axes)
+        areas.append(float(cv2.contourArea(cv2.convexHull(seen[:, :2].astype(np.float32)))))
+    return areas
