@@ -319,7 +319,7 @@ def test_a_log_without_the_line_that_names_its_columns_is_answered(tmp_path: Pat
 def test_two_clocks_that_never_overlap_are_answered_with_the_offset(tmp_path: Path) -> None:
     log = write_csv(tmp_path / "log.csv", list(COLUMNS), list(COLUMNS.values()))
     write_csv(tmp_path / "f.csv", ["t", "fx", "fy", "fz"], [np.arange(100) / 500 + 1.7e9, *np.ones((3, 100))])
-    with pytest.raises(ValueError, match=r"the two never overlap; .* forces.offset=SECONDS is added"):
+    with pytest.raises(ValueError, match=r"the two never overlap; .* adds forces.offset=SECONDS"):
         import_logs([log], GOOD | {"forces": {"file": "f.csv", "time": "t"}}, tmp_path / "out")
     shift = {"forces": {"file": "f.csv", "time": "t", "offset": -1.7e9}}
     assert import_logs([log], GOOD | shift, tmp_path / "out").trajectories == 1

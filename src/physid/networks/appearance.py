@@ -119,9 +119,7 @@ def _check_overlap(mask: Tensor, outline: Tensor) -> None:
     ):
         if wrong.any():
             sample, body = wrong.nonzero()[0].tolist()
-            raise ValueError(
-                f"mask of body {body} in sample {sample} of the batch (of the films, in track) {complaint}"
-            )
+            raise ValueError(f"mask of body {body} in sample {sample} of the batch {complaint}")
 
 
 def _face_points(size: Tensor, texels: int) -> Tensor:
