@@ -23,6 +23,7 @@ FRAMES = 2.0
 AGAINST = -0.3  # correlation below which the sign of the forces may be wrong, unless a shift explains more
 FOLLOWS = 0.4  # correlation of accelerations with shifted forces below which they follow no force, whatever the shift
 NOMINAL = 1e-6  # share of a time step by which stamps stray that were computed from a rate
+OFF = 3e-3  # [s] that a shift may be off by however many trajectories agree: 40 ms were read as 37 and as 43
 
 
 def delay(seen: Evidence) -> Finding | None:
@@ -61,7 +62,7 @@ def delay(seen: Evidence) -> Finding | None:
     clear = most > now + BETTER and abs(late_by) > FRAMES * seen.scene.time_step
     if abs(late_by) < LEAST or not (clear if len(without) < FEW else abs(late_by) > SURE * deviation):
         return None
-    known = f" (+- {deviation:.1g})" if len(without) >= FEW else ""
+    known = f" (+- {np.hypot(deviation, OFF):.1g})" if len(without) >= FEW else ""
     return Finding(
         f"accelerations come {round(abs(late_by), 3):g} s{known} {'after' if late_by > 0 else 'before'} the forces "
         f"(correlation {most:.2f}, without a shift {now:.2f}): the two clocks seem to differ",

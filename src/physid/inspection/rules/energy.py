@@ -11,7 +11,8 @@ from physid.inspection.finding import Finding
 GAIN = 0.2  # share of the largest energy of a trajectory that noise and rotation may seem to add
 SHARE = 0.2  # of trajectories, from which on it is no accident
 FACTORS = (0.1, 0.25, 0.5, 2.0, 4.0, 10.0)  # of the first guess of a mass, which are tried
-AWAY = 5  # windows beside an impact, which parabolas smear
+AWAY = 5  # windows that one bad frame is to count little among
+NOISES = 10.0  # times the energy of the noise alone, below which a motion is not judged
 
 
 def energy(seen: Evidence) -> Finding | None:
@@ -45,9 +46,12 @@ def _few(gained: NDArray[np.float64]) -> bool:
 def _gains(seen: Evidence, mass: float) -> NDArray[np.float64]:
     """Return what the energy of each trajectory of a body of such a mass gains, relative to the largest part of it."""
     k, gained = seen.kinematics, []
+    heavy = float(np.linalg.norm(seen.weight))
+    unseen = max(NOISES * mass * (0.5 * seen.slowest**2 + heavy * seen.noise.position), np.finfo(float).tiny)
     for trajectory in np.unique(k.trajectory):
-        one = k.of(k.trajectory == trajectory)
-        if len(one.frame) < 4 * AWAY:
+        here = k.trajectory == trajectory
+        one, smooth = k.of(here), seen.smooth[here]
+        if smooth.sum() < 4 * AWAY:
             continue
         recording = seen.recordings[int(trajectory)]
         assert recording.pose is not None
@@ -55,12 +59,12 @@ def _gains(seen: Evidence, mass: float) -> NDArray[np.float64]:
         kinetic, potential = 0.5 * mass * np.square(one.velocity).sum(1), -mass * place @ seen.weight
         between = 0.5 * (one.force[1:] + one.force[:-1])
         work = np.append(0.0, np.cumsum((between * np.diff(place, axis=0)).sum(1)))
-        free = kinetic + potential - work
+        free = (kinetic + potential - work)[smooth]  # a window with an impact in it has no velocity
         # Medians over some windows, so that one bad frame counts little.
         calm = np.median(np.lib.stride_tricks.sliding_window_view(free, AWAY), 1)
         rise = float((calm - np.minimum.accumulate(calm)).max())
-        scale = max(float(np.ptp(part)) for part in (kinetic, potential, work))
-        gained.append(rise / scale if scale > 0 else 0.0)
+        scale = max(float(np.ptp(part[smooth])) for part in (kinetic, potential, work))
+        gained.append(rise / max(scale, unseen))
     return np.array(gained)
 
 

@@ -75,10 +75,11 @@ def fit_around_impacts(
     Which frames stand alone (see `fit_short_segments`) is decided again by what the last fit leaves.
 
     Trajectories stay whole where in most of them no body touches the ground with an edge or a corner, and initial
-    states explain the whole up to noise, at the parameters that segments say: what is known of a parameter grows with
-    the time that an error has to show. Else all are cut around their impacts, and segments that no state explains count
-    as little as their misfit says. A whole toss that tumbles may be explained as well, but in one of many narrow
-    valleys.
+    states explain the whole up to noise: what is known of a parameter grows with the time that an error has to show.
+    Parameters are those that segments say, and where these do not explain it, fitted to the whole: the second bounce
+    shows a restitution that segments around single ones know too little of. Else all are cut around their impacts, and
+    segments that no state explains count as little as their misfit says. A whole toss that tumbles may be explained as
+    well, but in one of many narrow valleys.
 
     Args:
         coarse: Whole trajectories with the longest steps, model and loss; the parameters are moved.
@@ -163,7 +164,14 @@ def _cut(
     begun = Variants.join((guess, whole.begin(states=states)[1]))
     fit = gauss_newton(held, choose(held, begun), NONE, MOST)
     tumbling, unexplained = tumbles(found, settings), ~held.explained(fit.loss)
-    if float((tumbling | unexplained).double().mean()) <= held.settings.multi_start.most:
+    most = held.settings.multi_start.most
+    if float((tumbling | unexplained).double().mean()) > most >= float(tumbling.double().mean()):
+        together = experiment.replace(settings=FITTING)
+        fit = gauss_newton(together, together.linearise(fit.point, NONE), NONE, MOST)
+        unexplained = ~together.explained(fit.loss)
+    if float((tumbling | unexplained).double().mean()) <= most:
+        whole.physical.coordinates.copy_(fit.point.nominal[0])
+        whole.physical.confine()
         return FirstFit(outliers, (fit.point.pose[0], fit.point.twist[0]))
     cut = (segments.size > 1).nonzero()[:, 0]
     index = whole.trajectories.index.cpu()[segments.trajectory[cut]]
