@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import final
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image as Picture
@@ -192,6 +191,8 @@ def _area_of(
     camera: Camera, place: NDArray[np.float64], normal: NDArray[np.float64], size: NDArray[np.float64]
 ) -> list[float]:
     """Return the pixels that a box covers at some headings, which stands on the ground with its last edge upright."""
+    from physid.data.importers.video.opencv import cv2
+
     across = np.cross(normal, np.eye(3)[int(np.abs(normal).argmin())])
     across = across / np.linalg.norm(across)
     signs = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
