@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import subprocess
+import sys
 
-import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from physid.data.importers.video.survey import unlike_outlines
 from physid.scenes import Scene, find_setup
 from physid.scenes.camera import corners
 
+cv2 = pytest.importorskip("cv2")
 SCENE = find_setup("push").scene
 BODY, CAMERA = SCENE.bodies[0], SCENE.camera
 
@@ -57,3 +59,8 @@ def test_a_camera_below_the_ground_is_said_to_be() -> None:
     upside_down = dataclasses.replace(SCENE, camera=dataclasses.replace(CAMERA, position=below))
     (said,) = unlike_outlines(outline((0.0, 0.0, 0.3)), upside_down)
     assert "does its z point up?" in said
+
+
+def test_what_imports_films_can_be_loaded_without_opencv_which_is_an_extra() -> None:
+    code = "import sys; sys.modules['cv2'] = None; import physid.data.importers.video.convert"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False).stderr == ""
