@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,13 +10,14 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image as Picture
+from scipy.spatial.transform import Rotation
 
 from physid.data.importers.video.cameras import Lens
 from physid.data.importers.video.films import Film, Image, open_film
 from physid.data.importers.video.sights import background_of, find_bodies
 from physid.data.observations.stamps import rhythm_of
 from physid.scenes import Scene
-from physid.scenes.camera import Camera
+from physid.scenes.camera import Camera, corners
 
 EVEN = 0.02
 """Share of a frame's time by which stamps may stray and still count as even."""
@@ -182,7 +182,7 @@ def unlike_outlines(masks: NDArray[np.bool_], scene: Scene) -> list[str]:
         ghost = "does the background show the body, too (background=FILE names an image of the empty scene); "
         remarks.append(
             f"{body.name} covers {found} pixels in the first frame, where a body of its size on the ground covers "
-            f"{low:.3g} to {high:.3g}: {ghost * (high < found < GHOST * high)}{METRES}?"
+            f"{low:.0f} to {high:.0f}: {ghost * (high < found < GHOST * high)}{METRES}?"
         )
     return remarks
 
@@ -195,11 +195,11 @@ def _area_of(
 
     across = np.cross(normal, np.eye(3)[int(np.abs(normal).argmin())])
     across = across / np.linalg.norm(across)
-    signs = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
     areas = []
     for angle in np.radians(np.arange(0, 180, 30)):
         along = np.cos(angle) * across + np.sin(angle) * np.cross(normal, across)
-        axes = np.stack([along, np.cross(normal, along), normal])
-        seen = camera.project(place + size[2] / 2 * normal + signs * size @ axes)
+        turned = Rotation.from_matrix(np.stack([along, np.cross(normal, along), normal], 1)).as_quat()
+        pose = np.concatenate([place + size[2] / 2 * normal, turned])
+        seen = camera.project(corners(pose[None], size[None])[0])
         areas.append(float(cv2.contourArea(cv2.convexHull(seen[:, :2].astype(np.float32)))))
     return areas
