@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import torch
@@ -9,6 +10,7 @@ import torch
 from physid.diagnosis.conclusion.conclusion import Conclusion, draw_conclusion
 from physid.diagnosis.inputs import Inputs
 from physid.diagnosis.progress import Progress, silent
+from physid.diagnosis.reference.fit_findings import findings_of_fit
 from physid.diagnosis.reference.nominal_fit_cache import fit_or_resume
 from physid.diagnosis.selection.attribution import attribute
 from physid.diagnosis.settings.settings import Settings
@@ -30,4 +32,6 @@ def analyse(inputs: Inputs, folder: Path, seed: int, settings: Settings, say: Pr
     generator = torch.Generator().manual_seed(seed)
     nominal_fit = fit_or_resume(folder, inputs, generator, settings, say)
     found = attribute(nominal_fit, generator, say)
-    return draw_conclusion(nominal_fit, found, generator)
+    conclusion = draw_conclusion(nominal_fit, found, generator)
+    said = replace(conclusion.diagnosis, findings=(*inputs.findings, *findings_of_fit(nominal_fit)))
+    return replace(conclusion, diagnosis=said)

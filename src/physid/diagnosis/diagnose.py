@@ -63,6 +63,6 @@ def diagnose(
         conclusion = analyse(inputs, out, seed, settings, say)
         say(Stage.WRITING)
         seconds = float(f"{time.perf_counter() - begun:.3g}")
-        document = dataclasses.replace(conclusion.diagnosis, seconds=seconds, findings=inputs.findings)
+        document = dataclasses.replace(conclusion.diagnosis, seconds=seconds)
         write_results(out, document, conclusion, save)
     return document

@@ -17,6 +17,7 @@ from physid.inspection.finding import Finding, warn_of
 from physid.training.parameters import GaussNewton, PhysicalParameters
 
 LEARNED = "learned"
+Mistakes = tuple[Finding, ...]
 OptimizerFactory = Callable[[Iterable[nn.Parameter]], Optimizer]
 
 
@@ -36,7 +37,7 @@ class TrainingModule(L.LightningModule, ABC):
     """
 
     evaluations: Tensor
-    findings: tuple[Finding, ...] | None = None
+    findings: Mistakes | None = None
 
     def __init__(self, optimizer: OptimizerFactory | None) -> None:
         super().__init__()
@@ -50,6 +51,10 @@ class TrainingModule(L.LightningModule, ABC):
     @abstractmethod
     def indices(self, batch: Any) -> Tensor:
         """Return which trajectory of the recording set each value of a loss belongs to, shape (B,)."""
+
+    def findings_of_fit(self) -> Mistakes:
+        """Return what looks like a mistake in the recordings once they are fitted."""
+        return ()
 
     def on_fit_start(self) -> None:
         """Refuse recordings that no fit could learn from, and say what else looks like a mistake (see `inspection`)."""

@@ -92,7 +92,7 @@ def fit_nominal_model(
         say(Stage.CHOOSING_STEPS)
         found = fit_with_chosen_steps(found, own)
     experiment, fit, noise, settings = fit_beside_references(
-        found.experiment, found.fit, found.seen, found.noise.error, settings, generator, say
+        found.experiment, found.fit, found.seen, observations.error, settings, generator, say
     )
     # A fit may end with the slopes of a point nearby; those of a run that is taken up again are of its own point.
     fit = experiment.linearise(fit.point, NONE)

@@ -11,11 +11,11 @@ from physid.diagnosis.inputs import Inputs
 from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.settings.settings import Settings
 from physid.estimation.least_squares import NONE, Directions, Experiment
-from physid.estimation.measurement import Noise
+from physid.estimation.measurement import CorrelatedNoise, Correlation, Noise, TrackingError
 from physid.estimation.prediction import Predictor, Segmentation, Variants
 from physid.estimation.segmented_fit import without_outliers
 
-LAYOUT = 6  # of what is stored; another one is not read
+LAYOUT = 7  # of what is stored; another one is not read
 GRID = ("steps", "wrench", "frame_step", "count")
 WINDOWS = ("trajectory", "start", "size", "contact")
 DIRECTIONS = ("frame", "free", "parallel")
@@ -34,7 +34,9 @@ def to_tensors(nominal_fit: NominalFit) -> dict[str, Any]:
     state |= {name: getattr(experiment.directions, name) for name in DIRECTIONS}
     state |= {"phases": nominal_fit.phases, "events": nominal_fit.events}
     state |= {"noise": (nominal_fit.noise.rotation, nominal_fit.noise.position)}
-    state |= {"factors": None if nominal_fit.noise.error is None else nominal_fit.noise.error.factors}
+    error = nominal_fit.noise.error
+    state |= {"factors": error.factors if isinstance(error, TrackingError) else None}
+    state |= {"correlated": dataclasses.astuple(error) if isinstance(error, CorrelatedNoise) else None}
     state |= {"simulators": list(nominal_fit.settings.replay.simulators)}
     return state
 
@@ -65,9 +67,14 @@ def from_tensors(state: Mapping[str, Any], inputs: Inputs, settings: Settings) -
     )
     fit = experiment.linearise(Variants(*(state[f"point.{name}"] for name in POINT)), NONE)
     rotation, position = map(float, state["noise"])
-    error = observations.error
-    if error is not None:
+    error: TrackingError | CorrelatedNoise | None = observations.error
+    if isinstance(error, TrackingError):
         rotations, positions = map(float, state["factors"])
         error = dataclasses.replace(error, factors=(rotations, positions), sure=settings.noise.sure)
+    elif state["correlated"] is not None:
+        sizes, (rotation_parts, position_parts), frames, _ = state["correlated"]
+        error = CorrelatedNoise(
+            sizes, (Correlation(*rotation_parts), Correlation(*position_parts)), frames, settings.noise.sure
+        )
     noise = Noise(rotation, position, error, settings.noise.least)
     return NominalFit(observations, experiment, fit, noise, state["phases"], state["events"], settings)

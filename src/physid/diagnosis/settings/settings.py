@@ -13,7 +13,13 @@ from pydantic import ValidationError
 from physid.diagnosis.settings import conclusion, inputs, reference, selection, testing
 from physid.estimation.least_squares import FirstGuess, LeastSquaresSettings, StepChoice
 from physid.estimation.measurement import NoiseSettings
-from physid.estimation.segmented_fit import EventSettings, PhaseSettings, RoundSettings, SegmentedFitSettings
+from physid.estimation.segmented_fit import (
+    EventSettings,
+    OddSettings,
+    PhaseSettings,
+    RoundSettings,
+    SegmentedFitSettings,
+)
 from physid.inspection.usability import RequirementSettings
 from physid.setting import Section
 from physid.strict import nearest, quoted, shown
@@ -55,6 +61,7 @@ class Settings(Section):
     least_squares: LeastSquaresSettings = LeastSquaresSettings()
     first_guess: FirstGuess = FirstGuess()
     nominal_fit: RoundSettings = RoundSettings()
+    odd: OddSettings = OddSettings()
     segments: reference.SegmentSettings = reference.SegmentSettings()
     steps: StepChoice = StepChoice(shortest=5e-4)
     discrepancy: reference.DiscrepancySettings = reference.DiscrepancySettings()
@@ -91,6 +98,7 @@ class Settings(Section):
             phases=self.phases,
             events=self.events,
             rounds=self.nominal_fit,
+            odd=self.odd,
             impacts=self.segments.impacts,
             steps=self.steps,
         )

@@ -1,15 +1,20 @@
 """What a sensor adds: the noise of recorded poses, and the error of poses that were tracked in films."""
 
+from physid.estimation.measurement.correlated_noise import CorrelatedNoise, Correlation, correlated_noise
+from physid.estimation.measurement.noise_settings import NoiseSettings
 from physid.estimation.measurement.outliers import frame_weights, outlier_poses
 from physid.estimation.measurement.poses import moved, pose_difference
-from physid.estimation.measurement.sensor_noise import UNSEEN, Noise, NoiseSettings, estimate_noise, noise_of_poses
+from physid.estimation.measurement.sensor_noise import UNSEEN, Noise, estimate_noise, noise_of_poses
 from physid.estimation.measurement.tracking_error import TrackingError
 
 __all__ = [
     "UNSEEN",
+    "CorrelatedNoise",
+    "Correlation",
     "Noise",
     "NoiseSettings",
     "TrackingError",
+    "correlated_noise",
     "estimate_noise",
     "frame_weights",
     "moved",

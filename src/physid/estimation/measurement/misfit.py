@@ -45,7 +45,7 @@ class Misfit:
         Args:
             residual: Predicted less recorded positions or rotation vectors of N bodies, shape (B, T, N, 3).
             real: Which frames count, shape (B, T).
-            tracked: Where poses were read from films, whose errors are as smooth as a motion: the mean square that
+            tracked: Where errors of the poses are as smooth as a motion, in films and of trackers: the mean square that
                 these leave, and the standard deviation of its logarithm (see `TrackingError.left_by_fit`).
 
         Returns:

@@ -7,8 +7,10 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
+from physid.estimation.measurement.correlated_noise import NORMAL_MAD
+from physid.estimation.measurement.noise_settings import DEFAULT, NoiseSettings
 from physid.estimation.measurement.poses import pose_difference
-from physid.estimation.measurement.sensor_noise import DEFAULT, NORMAL_MAD, Noise, NoiseSettings
+from physid.estimation.measurement.sensor_noise import Noise
 
 NEXT = 5  # frames that an end is judged by: of the ten slopes of their pairs an outlier among them bends four
 

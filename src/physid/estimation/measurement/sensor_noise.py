@@ -7,53 +7,29 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
+from physid.estimation.measurement.correlated_noise import CorrelatedNoise, deviation
+from physid.estimation.measurement.noise_settings import DEFAULT, NoiseSettings
 from physid.estimation.measurement.poses import pose_difference
-from physid.estimation.measurement.tracking_error import SURE, TrackingError
-from physid.setting import Section, setting
+from physid.estimation.measurement.tracking_error import TrackingError
 
-NORMAL_MAD = 1.4826  # standard deviation over median absolute deviation, for a normal distribution
-TRIM, TRIMMED = 3.0, 0.98661  # cut [standard deviations], and what it leaves of a normal standard deviation
 WINDOW = 4  # frames of a third difference, in which a smooth motion hardly shows
-
-
-class NoiseSettings(Section):
-    """The noise of observed poses, and which of them count."""
-
-    least: tuple[float, float] = setting(
-        (1e-3, 1e-4), "rad, m", "least noise: below, engines differ by more, say in how a pushed block turns"
-    )
-    unseen: tuple[float, float] = setting((1e-2, 1e-3), "rad, m", "noise that is assumed where too little is seen")
-    still: float = setting(
-        1e-2, "share", "of the noise of the other axes below which an axis did not move, and says nothing", gt=0
-    )
-    jump: tuple[float, float] = setting(
-        (0.1, 0.015), "rad, m", "least deviation of a pose from its neighbours that no motion explains"
-    )
-    usual: float = setting(10.0, "standard deviations", "from the neighbours, that are usual", gt=0)
-    soft: float = setting(3.0, "standard deviations", "from the neighbours, beyond which a frame counts less", gt=0)
-    wild: float = setting(6.0, "standard deviations", "beyond which it does not count at all", gt=0)
-    sure: float = setting(
-        SURE, "-", "deviation of the logarithm of the errors' size in films: drawn films differ from real ones", ge=0
-    )
-
-
-DEFAULT = NoiseSettings()
 
 
 @dataclass(frozen=True)
 class Noise:
-    """White noise of the observed poses.
+    """Noise of the observed poses: white, or as white noise that disturbs slow changes as much.
 
     Attributes:
         rotation: Standard deviation of each component of a rotation vector [rad].
         position: Standard deviation of each coordinate [m].
-        error: Where poses were read from films, the error that this noise stands for; it is not white.
+        error: What this noise stands for where it is not white: the error of a reader of films, or of a tracker whose
+            errors are alike in neighbouring frames.
         least: Least noise of rotations [rad] and of positions [m].
     """
 
     rotation: float
     position: float
-    error: TrackingError | None = None
+    error: TrackingError | CorrelatedNoise | None = None
     least: tuple[float, float] = DEFAULT.least
 
     @property
@@ -63,7 +39,9 @@ class Noise:
 
     @property
     def rotation_floor(self) -> float:
-        """Root mean square rotation error of a perfect model, sqrt(3) sigma [rad]."""
+        """Root mean square rotation error of a perfect model, sqrt(3) sigma where the noise is white [rad]."""
+        if isinstance(self.error, CorrelatedNoise):
+            return self.error.rotation_floor
         return 3**0.5 * self.rotation
 
     def spread(self) -> Tensor:
@@ -76,10 +54,14 @@ class Noise:
         """Return this noise with the smaller deviations of both: each estimate holds motion that it did not remove."""
         return replace(self, rotation=min(self.rotation, other.rotation), position=min(self.position, other.position))
 
+    def of_tracker(self, error: CorrelatedNoise | None) -> Noise:
+        """Return the noise of a tracker whose errors are alike in neighbouring frames; the same where none are."""
+        return self if error is None else Noise(*_largest(error.spread, self.least), error, self.least)
+
     def draw(self, count: int, like: Tensor, generator: torch.Generator) -> Tensor:
         """Draw the noise of so many data sets, each of the shape of `like` (R, T, N, 6)."""
         if self.error is not None:
-            return self.error.draw(count, generator)
+            return self.error.draw(count, like, generator)
         return torch.randn(count, *like.shape, generator=generator, dtype=like.dtype) * self.spread()
 
 
@@ -141,17 +123,10 @@ def _of_differences(values: Tensor, settings: NoiseSettings) -> Noise:
     found = []
     for kind, floor in zip(values.abs().split(3, -1), settings.least, strict=True):
         rough = kind.median(0).values
-        found.append(max(_spread(kind[:, rough >= settings.still * rough.max()].flatten()), floor))
+        found.append(max(float(deviation(kind[:, rough >= settings.still * rough.max()].flatten())), floor))
     return Noise(found[0], found[1], least=settings.least)
 
 
 def _largest(spread: Tensor, least: tuple[float, float]) -> tuple[float, float]:
     """Return the largest standard deviation of a rotation and of a position, of six."""
     return max(float(spread[:3].max()), least[0]), max(float(spread[3:].max()), least[1])
-
-
-def _spread(values: Tensor) -> float:
-    """Estimate a standard deviation from absolute values: by their median, then by those within a few of it."""
-    rough = NORMAL_MAD * values.median()
-    normal = values[values <= TRIM * rough]
-    return float(normal.square().mean().sqrt()) / TRIMMED

@@ -97,8 +97,8 @@ class TrackingError:
         among = few / mean.square().clamp_min(torch.finfo(mean.dtype).tiny)
         return mean + scale.mean(0), (among + (2 * self.sure) ** 2).sqrt()
 
-    def draw(self, count: int, generator: torch.Generator) -> Tensor:
-        """Draw errors of data sets, shape (count, R, T, N, 6).
+    def draw(self, count: int, like: Tensor, generator: torch.Generator) -> Tensor:
+        """Draw errors of so many data sets, each of the shape of `like` (R, T, N, 6), which is that of the track.
 
         Each trajectory has the error of a random one, forwards or backwards and with a random sign; errors are larger
         or smaller in all alike, for their size is not known exactly, and the scale is off in all alike.

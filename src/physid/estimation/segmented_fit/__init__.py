@@ -11,9 +11,11 @@ from physid.estimation.segmented_fit.fit import (
 )
 from physid.estimation.segmented_fit.motion_phases import PHASES, phases_of, phases_of_steps
 from physid.estimation.segmented_fit.observed import Observed, Recorded, without_outliers
+from physid.estimation.segmented_fit.odd_trajectories import OddTrajectory, odd_trajectories
 from physid.estimation.segmented_fit.settings import (
     AgreementSettings,
     EventSettings,
+    OddSettings,
     PhaseSettings,
     RoundSettings,
     SegmentedFitSettings,
@@ -31,6 +33,8 @@ __all__ = [
     "AgreementSettings",
     "EventSettings",
     "Observed",
+    "OddSettings",
+    "OddTrajectory",
     "PhaseSettings",
     "Recorded",
     "RoundSettings",
@@ -42,6 +46,7 @@ __all__ = [
     "fit_around_events",
     "fit_short_segments",
     "fit_with_chosen_steps",
+    "odd_trajectories",
     "own_weights",
     "phases_of",
     "phases_of_steps",

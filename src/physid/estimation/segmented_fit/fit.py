@@ -97,12 +97,12 @@ def fit_short_segments(recorded: Recorded, predictor: Predictor, settings: Segme
 def _without_frames_that_stand_alone(found: SegmentedFit, settings: SegmentedFitSettings) -> SegmentedFit:
     """Leave out frames that stand alone off a fit and fit the others again; return the same where there are none."""
     before = found.observed.present
-    noise, experiment = weighed(found.experiment, found.fit, before, found.noise.error, settings.noise, robust=True)
+    noise, experiment = weighed(found.experiment, found.fit, before, found.observed.error, settings.noise, robust=True)
     observed = _counted(found.observed, before, experiment)
     if torch.equal(observed.present, before):
         return found
     fit = gauss_newton(experiment, found.fit.point, NONE, settings.first_guess.steps)
-    noise = estimate_noise(fit.residual, observed.present, noise.error, settings.noise)
+    noise = estimate_noise(fit.residual, observed.present, observed.error, settings.noise)
     return replace(found, observed=observed, experiment=experiment, fit=fit, noise=noise)
 
 
@@ -151,7 +151,7 @@ def fit_with_chosen_steps(before: SegmentedFit, settings: SegmentedFitSettings) 
         settings: What decides.
     """
     noise, experiment = weighed(
-        before.experiment, before.fit, before.seen, before.noise.error, settings.noise, robust=settings.rounds.robust
+        before.experiment, before.fit, before.seen, before.observed.error, settings.noise, robust=settings.rounds.robust
     )
     observed = before.observed
     if settings.rounds.outlier_rounds > 0:

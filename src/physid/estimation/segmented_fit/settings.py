@@ -79,6 +79,19 @@ class AgreementSettings(Section):
     sweeps: int = setting(3, "times", "that the deviation of each parameter is sought beside the others", ge=1)
 
 
+class OddSettings(Section):
+    """When a trajectory is said to have parameters of its own."""
+
+    misfit: float = setting(
+        2.0, "-", "mean squared residual of a trajectory, in that of the noise, up to which it is explained", gt=1
+    )
+    beyond: float = setting(
+        10.0, "-", "the same of an odd trajectory, with the parameters of the others, at least; decision 85", gt=1
+    )
+    share: float = setting(0.2, "share", "of the trajectories that may be odd, at least one", ge=0, lt=0.5)
+    others: int = setting(3, "trajectories", "that the parameters of the others are fitted to, at least", ge=2)
+
+
 class SegmentedFitSettings(Section):
     """All that decides in a fit to segments around impacts."""
 
@@ -89,5 +102,6 @@ class SegmentedFitSettings(Section):
     events: EventSettings = EventSettings()
     rounds: RoundSettings = RoundSettings()
     agreement: AgreementSettings = AgreementSettings()
+    odd: OddSettings = OddSettings()
     impacts: CutRule = CutRule()
     steps: StepChoice = StepChoice()

@@ -7,7 +7,14 @@ from scipy.stats import chi2
 from torch import Tensor
 
 from physid.estimation.least_squares import Experiment, Fit, Normal
-from physid.estimation.measurement import Noise, NoiseSettings, TrackingError, estimate_noise, frame_weights
+from physid.estimation.measurement import (
+    Noise,
+    NoiseSettings,
+    TrackingError,
+    correlated_noise,
+    estimate_noise,
+    frame_weights,
+)
 from physid.estimation.prediction import Segmentation
 from physid.estimation.segmented_fit.settings import AgreementSettings
 
@@ -32,6 +39,10 @@ def weighed(
         robust: Whether frames count less that stand alone (see `frame_weights`).
     """
     noise = estimate_noise(fit.residual, present, error, settings)
+    if error is None:
+        scene, predicted = experiment.predictor.model.scene, fit.jacobian.base.pose[0]
+        up = scene.ground.normal
+        noise = noise.of_tracker(correlated_noise(fit.residual, predicted, present, scene.time_step, up, settings))
     weight = weights_of_frames(experiment, fit, present, noise, settings, robust=robust)
     return noise, experiment.replace(scale=weight[..., None].sqrt() / noise.spread())
 

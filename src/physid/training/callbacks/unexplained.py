@@ -13,6 +13,7 @@ from torch import Tensor
 from physid.estimation.measurement import TrackingError, pose_difference
 from physid.estimation.measurement.misfit import SHARE_OF_NOISE, SHARE_OF_SIZE, Misfit
 from physid.scenes import Scene
+from physid.training.initial_states.tracker_noise import noise_of_tracker
 from physid.training.parameters import Trajectories
 
 SIGNIFICANT = 3.09
@@ -50,6 +51,8 @@ class Unexplained(L.Callback):
         tracked: Sequence[tuple[float, float] | None] = (None, None)
         if cut.again is not None:
             tracked = left_by_tracking(predicted, cut)
+        elif (noise := noise_of_tracker(predicted, cut, module.scene)) is not None:
+            tracked = noise.left_by_fit(3.0 * float(cut.real.sum()) * cut.pose.shape[2])
         size = float(module.scene.sizes.max())
         pixel = module.scene.camera.pixel if cut.again is not None and module.scene.camera is not None else 0.0
         apart, moved = pose_difference(predicted, cut.pose), pose_difference(cut.pose, cut.pose[:, :1])

@@ -9,6 +9,8 @@ import torch
 from torch import Tensor
 
 from physid.estimation.least_squares import FirstGuess
+from physid.inspection.finding import Finding
+from physid.training.initial_states import fit_findings
 from physid.training.initial_states.elimination import slopes, without_initial_states
 from physid.training.initial_states.explaining import Explaining, started, started_from
 from physid.training.initial_states.fitted import fit_states, guess_parameters
@@ -71,6 +73,13 @@ def respond(explaining: Explaining, tracked: TrackedFit) -> tuple[Trajectories, 
 def respond_coarsely(losses: Callable[[Tensor], Tensor], explaining: Explaining, index: Tensor) -> Response:
     """Return how estimates respond where slopes mean nothing, from the losses (K, B) at points (K, P)."""
     return Response.coarse(losses, explaining.physical.coordinates.detach(), index)
+
+
+@torch.no_grad()
+def findings_of_fit(explaining: Explaining, tracked: TrackedFit) -> tuple[Finding, ...]:
+    """Return what looks like a mistake in segments once they are fitted."""
+    fit, experiment = copy.copy(tracked).linearised(explaining)
+    return fit_findings.findings_of_fit(explaining.trajectories, experiment, fit)
 
 
 def judge(explaining: Explaining, tracked: TrackedFit, noise: SensorNoise | None) -> Identifiability:

@@ -37,12 +37,11 @@ from physid.training.parameters import (
     take_step,
     uses_slopes,
 )
-from physid.training.training_module import OptimizerFactory, TrainingModule
+from physid.training.training_module import Mistakes, OptimizerFactory, TrainingModule
 
 Batch = Mapping[str, Any]
 AFRESH = 3
 """Every so many epochs initial states are also fitted from the first guess again, to leave a local minimum."""
-
 FIRST_GUESS = FirstGuess()
 
 
@@ -179,6 +178,10 @@ class SysID(TrainingModule, PredictingModule):
         """Judge what some trajectories of the last training batch tell, under their own noise if none is given."""
         return answers.judge(self._training(self._batch), self.tracked, noise)
 
+    def findings_of_fit(self) -> Mistakes:
+        """Return what the trajectories of the last training batch show beside the fit."""
+        return answers.findings_of_fit(self._training(self._batch), self.tracked)
+
     @torch.no_grad()
     def response(self) -> Response:
         """Compute how the estimates respond to the trajectories of the last training batch."""
@@ -191,8 +194,7 @@ class SysID(TrainingModule, PredictingModule):
         if self.steps.chooses:
             shift, chosen = self.steps.remaining(self.layer, self.physical, self._coarse_from(cut), cut.noise, response)
             shared.append(shift)
-            for name in ("mean", "largest", "bias", "left"):
-                self.log(f"steps/{name}", float(getattr(chosen, name)))
+            self.log_dict({f"steps/{name}": getattr(chosen, name) for name in ("mean", "largest", "bias", "left")})
         return dataclasses.replace(response, shared=torch.stack(shared) if shared else None)
 
     def _coarse_from(self, cut: Trajectories) -> Trajectories:

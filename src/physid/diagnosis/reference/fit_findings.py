@@ -1,0 +1,21 @@
+"""What the fitted nominal model shows of the recordings: trajectories of another body, noise that is not white."""
+
+from __future__ import annotations
+
+from physid.diagnosis.inputs.observations import TRANSFER
+from physid.diagnosis.reference.nominal_fit import NominalFit
+from physid.estimation.measurement import CorrelatedNoise
+from physid.estimation.segmented_fit import odd_trajectories
+from physid.inspection.finding import Finding, warn_of
+from physid.inspection.rules.fitted import correlated_noise, odd_trajectory
+
+
+def findings_of_fit(nominal_fit: NominalFit) -> tuple[Finding, ...]:
+    """Return what looks wrong with trajectories once the model is fitted, and remarks on the noise; warn of it."""
+    experiment, observations = nominal_fit.experiment, nominal_fit.observations
+    model, among, error = experiment.predictor.model, ~observations.having(TRANSFER), nominal_fit.noise.error
+    odd = odd_trajectories(experiment, nominal_fit.fit, among, nominal_fit.settings.odd)
+    found = [odd_trajectory(observations.indices[one.row], *one.compared(model)) for one in odd]
+    found += [correlated_noise(error)] if isinstance(error, CorrelatedNoise) else []
+    warn_of(found, observations.folder)
+    return tuple(found)

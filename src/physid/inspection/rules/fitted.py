@@ -1,0 +1,39 @@
+"""What a fit shows that no rule can see before: trajectories of another body, and noise that is not white."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from physid.estimation.measurement import CorrelatedNoise
+from physid.inspection.finding import Finding
+
+
+def odd_trajectory(index: int, names: Sequence[str], own: Sequence[float], others: Sequence[float]) -> Finding:
+    """Name a trajectory that has parameters of its own.
+
+    Args:
+        index: Its number in the set.
+        names: Of the parameters.
+        own: What it says of them alone, roughly: it is one trajectory.
+        others: What the others say.
+    """
+    rows = zip(names, own, others, strict=True)
+    values = [f"{name} about {value:.2g} (the others: {other:.3g})" for name, value, other in rows]
+    return Finding(
+        f"trajectory {index} alone has other parameters: {', '.join(values)}",
+        "was it another body, another ground, or are its forces in another unit? leave it out, or correct it: without "
+        "it the model explains all others",
+    )
+
+
+def correlated_noise(noise: CorrelatedNoise) -> Finding:
+    """Say how alike the noise of neighbouring frames is, and that what smooths poses smooths the motion."""
+    alike = max(float(each.between(np.ones(()))) for each in noise.correlations)
+    return Finding(
+        f"the noise of neighbouring frames is alike (correlation {alike:.2f}), and counts as such",
+        "a filter or an interpolation of the poses does this, and smooths the motion, too: record poses as they are "
+        "measured, if you can",
+        wrong=False,
+    )

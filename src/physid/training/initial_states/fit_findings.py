@@ -1,0 +1,33 @@
+"""What a fit shows of its recordings: trajectories of another body, and noise that is not white."""
+
+from __future__ import annotations
+
+import torch
+
+from physid.estimation.least_squares import Experiment, Fit
+from physid.estimation.segmented_fit import OddSettings, odd_trajectories
+from physid.inspection.finding import Finding
+from physid.inspection.rules import fitted
+from physid.training.initial_states.tracker_noise import noise_of_tracker
+from physid.training.parameters import Trajectories
+
+
+def findings_of_fit(cut: Trajectories, experiment: Experiment, fit: Fit) -> tuple[Finding, ...]:
+    """Return which trajectories have parameters of their own, and whether noise is alike in neighbouring frames.
+
+    Trajectories that are cut into segments say nothing: each holds a part of what parameters do.
+
+    Args:
+        cut: What was fitted.
+        experiment: The same.
+        fit: The fit.
+    """
+    if len(cut.index.unique()) < len(cut):
+        return ()
+    spread = cut.noise_beside(fit.residual, experiment.scale).spread()
+    experiment = experiment.replace(scale=(experiment.scale > 0) / spread)
+    odd = odd_trajectories(experiment, fit, torch.ones(len(cut), dtype=torch.bool), OddSettings())
+    model = experiment.predictor.model
+    found = [fitted.odd_trajectory(int(cut.index[one.row]), *one.compared(model)) for one in odd]
+    noise = noise_of_tracker(fit.jacobian.base.pose[0], cut, model.scene)
+    return (*found, fitted.correlated_noise(noise)) if noise else tuple(found)
