@@ -5,13 +5,15 @@
     timeout -s INT 800 python benchmarks/coverage.py ...        as many as there is time for, case by case
     python benchmarks/coverage.py --simulator closed_form --rates 30,60,100,148,240 --jitter 0.2 --missing 0.1
     python benchmarks/coverage.py --simulator mujoco --rates 60 --glitches 0.02 --glitch 8
+    python benchmarks/coverage.py --simulator mujoco --rates 60 --noise 0.5 --alike 0.05
 
 Each set has its own seed, forces, starts and noise (1 mm and 10 mrad on every pose unless --noise says otherwise, no
 velocities). First guesses are twice the truth, initial states are fitted. "covered" is the share of the intervals that
 hold the truth, with Wilson's 95 % interval; "error / half width" is the median; "bias / s.e." the mean error by the
 standard error, with the standard error of that mean; "worst" the largest error in a set. With rates, trajectories last
 as long as at 240 Hz, and forces change at the rate of --force-rate, another one than that of the poses. With glitches,
-that share of the poses is moved by as many millimetres (standard deviation of each coordinate), as trackers do.
+that share of the poses is moved by as many millimetres (standard deviation of each coordinate), as trackers do. The
+noise is white unless --alike says for how many seconds it is alike: its correlation then falls as exp(-time / alike).
 """
 
 from __future__ import annotations
@@ -30,13 +32,17 @@ from typing import Any
 import h5py
 import lightning as L
 import numpy as np
+import torch
+from scipy.signal import lfilter
 from tqdm import tqdm
 
 from physid.benchmark.scoring.intervals import wilson
+from physid.data import RecordingSet
 from physid.data.batches.datamodule import RecordingsDataModule
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig, Noise
 from physid.estimation.least_squares.covariance import CONFIDENCE, quantile
+from physid.estimation.measurement import moved
 from physid.training.callbacks.converged import Converged
 from physid.training.learners.sysid import SysID
 
@@ -89,21 +95,44 @@ def move_some(folder: Path, share: float, size: float, seed: int) -> None:
             poses[..., :3] += moved[..., None] * random.normal(0, size, (*poses.shape[:2], 3))
 
 
+def add_alike(folder: Path, noise: Noise, alike: float, seed: int) -> None:
+    """Add noise whose correlation falls as exp(-time / alike) [s] to the poses of a set that has none."""
+    random = np.random.default_rng(seed)
+    size, kept = (
+        np.array([noise.rotation] * 3 + [noise.position] * 3),
+        math.exp(-RecordingSet(folder).scene.time_step / alike),
+    )
+    for path in sorted((folder / "trajectories").glob("*.h5")):
+        with h5py.File(path, "r+") as file:
+            poses = file["pose"][...]
+            drive = random.standard_normal((*poses.shape[:2], 6)) * math.sqrt(1 - kept**2)
+            drive[0] /= math.sqrt(1 - kept**2)
+            change = size * lfilter([1.0], [1.0, -kept], drive, axis=0)
+            file["pose"][...] = moved(torch.from_numpy(poses).double(), torch.from_numpy(change)).numpy()
+
+
 def identify(
-    case: Case, seed: int, made: dict[str, Any], noise: Noise, glitches: tuple[float, float]
+    case: Case, seed: int, made: dict[str, Any], noise: Noise, glitches: tuple[float, float], alike: float
 ) -> dict[str, tuple[float, float, float, float]]:
     """Generate a set and identify it; returns truth, estimate and interval of each parameter.
 
-    Glitches are the share of the poses that are moved, and by how much [m].
+    Glitches are the share of the poses that are moved, and by how much [m]; noise is alike for so long [s].
     """
     rate = made.get("frame_rate")
     steps = case.steps if rate is None else max(20, round(case.steps * rate / 240))
-    common = {"trajectories": case.trajectories, "steps": steps, "split": {"train": 1}, "noise": noise}
+    common = {
+        "trajectories": case.trajectories,
+        "steps": steps,
+        "split": {"train": 1},
+        "noise": noise if not alike else Noise(),
+    }
     common |= {"true_values": dict(case.true_values), **made}
     config = GenerateConfig(case.scene, protocol=case.protocol, seed=seed, video=False, unknown=case.learn, **common)
     true = config.true_parameters()
     with tempfile.TemporaryDirectory() as folder:
         generate(config, folder, quiet=True)
+        if alike:
+            add_alike(Path(folder), noise, alike, seed)
         if glitches[0] > 0:
             move_some(Path(folder), *glitches, seed)
         quiet = {"logger": False, "enable_progress_bar": False, "enable_model_summary": False}
@@ -149,6 +178,7 @@ def main() -> None:
     parser.add_argument("--noise", type=float, default=1.0, help="[mm], and ten times as many mrad")
     parser.add_argument("--glitches", type=float, default=0.0, help="share of the poses that are moved")
     parser.add_argument("--glitch", type=float, default=8.0, help="by so many mm")
+    parser.add_argument("--alike", type=float, default=0.0, help="[s] for which the noise is alike; white without")
     options = parser.parse_args()
     warnings.filterwarnings("ignore")
     for name in ("lightning.pytorch", "physid"):
@@ -166,7 +196,7 @@ def main() -> None:
             runs: list[dict[str, tuple[float, float, float, float]]] = []
             with contextlib.suppress(KeyboardInterrupt, SystemExit):  # as Lightning ends; what was measured counts
                 for seed in tqdm(range(options.first, options.first + options.sets), desc=f"{name} {rate}"):
-                    runs.append(identify(CASES[name], seed, made, noise, glitches))
+                    runs.append(identify(CASES[name], seed, made, noise, glitches, options.alike))
             if not runs:
                 continue
             for parameter in CASES[name].learn:

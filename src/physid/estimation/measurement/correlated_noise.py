@@ -46,7 +46,7 @@ class Correlation:
     def of(cls, bends: dict[int, float], longest: float) -> tuple[Correlation, float]:
         """Explain how far poses leave the middle of their neighbours by noise, and by what a model lacks.
 
-        What a model lacks is a smooth process of twice the longest time of noise, which is half the longest span at most.
+        What a model lacks is a smooth process of twice the longest time of noise, half the longest span at most.
 
         Args:
             bends: Variance of r_t - (r_{t-k} + r_{t+k}) / 2 by span k, in that of white noise of some size.

@@ -1,0 +1,92 @@
+"""A trajectory that parameters of its own explain is named, and nothing else is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import pytest
+import torch
+from torch import Tensor
+
+from physid.estimation.least_squares import NONE
+from physid.estimation.prediction import NominalModel, Predictor, Segmentation, Timeline, Variants
+from physid.estimation.segmented_fit import (
+    Observed,
+    OddTrajectory,
+    SegmentedFitSettings,
+    fit_around_events,
+    fit_short_segments,
+    odd_trajectories,
+    weighed,
+)
+from physid.scenes import find_setup
+
+STEP, FRAMES, PARTS, ROWS = 1 / 60, 60, 4, 6
+MASS, FRICTION, FORCE = 2.0, 0.24, 9.0
+SETTINGS = SegmentedFitSettings()
+UNKNOWN = ("block.mass", "block.friction")
+SCENE = replace(find_setup("push").scene, time_step=STEP, integration=None, unknown=UNKNOWN)
+
+
+def seen_of(mass: float, friction: float, gain: float = 1.0) -> tuple[Timeline, Tensor]:
+    """Return the forces that were logged, and what a camera sees of blocks pushed by so many times these."""
+    strength = torch.linspace(0.7, 1.3, ROWS).double()
+    wrench = torch.zeros(ROWS, FRAMES, 1, 6).double()
+    wrench[:, :20, 0, 3] = FORCE * strength[:, None]
+    wrench[:, 30:, 0, 4] = -0.8 * FORCE * strength.flip(0)[:, None]
+    timeline, whole = Timeline.regular(wrench, STEP), Segmentation.equal(ROWS, FRAMES, FRAMES)
+    scene = replace(SCENE, bodies=(replace(SCENE.bodies[0], mass=mass, friction=friction),))
+    pose, twist = torch.zeros(1, ROWS, 1, 7).double(), torch.zeros(1, ROWS, 1, 6).double()
+    pose[..., 2], pose[..., 6] = scene.bodies[0].size[2] / 2, 1.0
+    point = Variants.of_states(pose, twist, NominalModel(scene).guess[None], torch.zeros(1, 0).double())
+    acting = Timeline.regular(gain * wrench, STEP).refined(PARTS)
+    seen = Predictor(NominalModel(scene), acting, whole).predict(point).pose[0]
+    seen[..., :3] += 3e-4 * torch.randn(seen[..., :3].shape, generator=torch.Generator().manual_seed(0)).double()
+    return timeline, seen
+
+
+def odd_ones(pose: Tensor, timeline: Timeline, fitted: Sequence[bool] = (True,) * ROWS) -> tuple[OddTrajectory, ...]:
+    there = torch.ones(ROWS, FRAMES, 1).double()
+    observed = Observed(pose, there, timeline, torch.tensor(fitted))
+    whole = Segmentation.equal(ROWS, FRAMES, FRAMES)
+    predictor = Predictor(NominalModel(SCENE), timeline.refined(PARTS), whole)
+    found = fit_around_events(fit_short_segments(observed, predictor, SETTINGS), SETTINGS)
+    _, experiment = weighed(found.experiment, found.fit, found.seen, None, SETTINGS.noise, robust=True)
+    fit = experiment.linearise(found.fit.point, NONE)
+    return odd_trajectories(experiment, fit, torch.ones(ROWS, dtype=torch.bool), SETTINGS.odd)
+
+
+@pytest.mark.parametrize(("row", "mass", "friction"), [(0, 3.0, FRICTION), (4, MASS, 0.36)])
+def test_a_trajectory_of_another_body_or_on_another_ground_is_named_with_its_parameters(
+    row: int, mass: float, friction: float
+) -> None:
+    timeline, pose = seen_of(MASS, FRICTION)
+    pose[row] = seen_of(mass, friction)[1][row]
+    (odd,) = odd_ones(pose, timeline)
+    names, own, others = odd.compared(NominalModel(SCENE))
+    assert (odd.row, tuple(names)) == (row, UNKNOWN)
+    assert own == pytest.approx([mass, friction], rel=0.1)
+    assert others == pytest.approx([MASS, FRICTION], rel=0.03)
+
+
+def test_one_that_nothing_was_fitted_to_is_named_too() -> None:
+    timeline, pose = seen_of(MASS, FRICTION)
+    pose[3] = seen_of(3.0, FRICTION)[1][3]
+    fitted = [row != 3 for row in range(ROWS)]
+    assert [odd.row for odd in odd_ones(pose, timeline, fitted)] == [3]
+
+
+def test_none_is_odd_where_all_are_alike_or_each_is_another() -> None:
+    timeline, pose = seen_of(MASS, FRICTION)
+    assert odd_ones(pose, timeline) == ()
+    for row in range(ROWS):
+        pose[row] = seen_of(MASS * (0.5 + 0.3 * row), FRICTION)[1][row]
+    assert odd_ones(pose, timeline) == ()
+
+
+def test_none_is_odd_whose_own_parameters_explain_nothing() -> None:
+    """A block that wanders off by itself is not another block."""
+    timeline, pose = seen_of(MASS, FRICTION)
+    pose[2, :, 0, 1] += 0.05 * torch.sin(torch.arange(FRAMES).double() / 5)
+    assert odd_ones(pose, timeline) == ()
