@@ -108,6 +108,7 @@ def add_alike(folder: Path, noise: Noise, alike: float, seed: int) -> None:
             drive = random.standard_normal((*poses.shape[:2], 6)) * math.sqrt(1 - kept**2)
             drive[0] /= math.sqrt(1 - kept**2)
             change = size * lfilter([1.0], [1.0, -kept], drive, axis=0)
+            del file["twist"]  # exact velocities, that no tracker knows
             file["pose"][...] = moved(torch.from_numpy(poses).double(), torch.from_numpy(change)).numpy()
 
 

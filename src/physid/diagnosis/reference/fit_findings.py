@@ -13,9 +13,9 @@ from physid.inspection.rules.fitted import correlated_noise, odd_trajectory
 def findings_of_fit(nominal_fit: NominalFit) -> tuple[Finding, ...]:
     """Return what looks wrong with trajectories once the model is fitted, and remarks on the noise; warn of it."""
     experiment, observations = nominal_fit.experiment, nominal_fit.observations
-    model, among, error = experiment.predictor.model, ~observations.having(TRANSFER), nominal_fit.noise.error
+    among, error = ~observations.having(TRANSFER), nominal_fit.noise.error
     odd = odd_trajectories(experiment, nominal_fit.fit, among, nominal_fit.settings.odd)
-    found = [odd_trajectory(observations.indices[one.row], *one.compared(model)) for one in odd]
+    found = [odd_trajectory(observations.indices[one.row], one.names, one.own, one.others) for one in odd]
     found += [correlated_noise(error)] if isinstance(error, CorrelatedNoise) else []
     warn_of(found, observations.folder)
     return tuple(found)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import torch
@@ -89,6 +90,13 @@ class NominalModel:
         return with_parameters(
             self.scene, dict(zip(self.scene.unknown, values[: len(self.scene.unknown)], strict=True))
         )
+
+    def with_unknown(self, which: Sequence[int], coordinates: Tensor) -> NominalModel:
+        """Return the model with some of its unknown parameters; the others have the values of coordinates (P,)."""
+        names = tuple(self.unknown[k] for k in which)
+        scene = replace(self.scene_at(coordinates), unknown=tuple(one for one in names if one in self.scene.unknown))
+        sizes = tuple(one for one in names if one in self.sizes)
+        return replace(self, scene=scene, effects=self.effects_at(coordinates[None]), sizes=sizes)
 
     def effects_at(self, coordinates: Tensor) -> tuple[Effect, ...]:
         """Return the effects with the sizes that coordinates (C, P) stand for, shape (C,); known ones as they are."""

@@ -57,6 +57,10 @@ class Predictor:
         """Return one of whole trajectories, of which so many frames (R,) are real."""
         return cls(model, timeline, Segmentation.whole(length, timeline.time.shape[1]))
 
+    def with_model(self, model: NominalModel) -> Predictor:
+        """Return the same with another model."""
+        return Predictor(model, self.timeline, self.segments, self.candidates, self._most, self._elsewhere, self.late)
+
     def over(self, segments: Segmentation, elsewhere: Tensor | None = None) -> Predictor:
         """Return the same with other segments, and states (R, T, N, 7) of the frames that are in none of them.
 

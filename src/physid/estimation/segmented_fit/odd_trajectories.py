@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from physid.estimation.least_squares import NONE, Experiment, Fit, gauss_newton
-from physid.estimation.prediction import NominalModel
+from physid.estimation.prediction import Variants
 from physid.estimation.segmented_fit.settings import OddSettings
 
 
@@ -18,18 +18,15 @@ class OddTrajectory:
 
     Attributes:
         row: Which one.
-        own: The model's unknown parameters for it alone, in the coordinates that are fitted, shape (P,).
-        others: The parameters of the others, those that are odd left out, shape (P,).
+        names: What it has of its own: one parameter if one alone explains it, else all.
+        own: Their values, roughly: they are those of one trajectory.
+        others: Their values for the others, those that are odd left out.
     """
 
     row: int
-    own: Tensor
-    others: Tensor
-
-    def compared(self, model: NominalModel) -> tuple[list[str], list[float], list[float]]:
-        """Return names of the parameters, their values and those of the others."""
-        own, others = (model.to_values(each).tolist() for each in (self.own, self.others))
-        return [one.name for one in model.coordinates.unknowns], own, others
+    names: tuple[str, ...]
+    own: tuple[float, ...]
+    others: tuple[float, ...]
 
 
 def odd_trajectories(
@@ -63,15 +60,32 @@ def odd_trajectories(
             break
     else:
         return ()
-    found, stands_out = [], _misfit(experiment, without)
-    for row in (among & ~left).nonzero()[:, 0].tolist():
-        own = torch.zeros_like(left)
-        own[row] = True
-        alone = gauss_newton(experiment.replace(fitted=own), without.point, NONE)
-        if float(_misfit(experiment, alone)[row]) > settings.misfit or stands_out[row] < settings.beyond:
-            return ()
-        found.append(OddTrajectory(row, alone.point.nominal[0], without.point.nominal[0]))
-    return tuple(found)
+    odd, stands_out = (among & ~left).nonzero()[:, 0].tolist(), _misfit(experiment, without)
+    if bool((stands_out[odd] < settings.beyond).any()):
+        return ()
+    found = [_explained(experiment, without.point, row, settings) for row in odd]
+    return tuple(one for one in found if one is not None) if None not in found else ()
+
+
+def _explained(experiment: Experiment, point: Variants, row: int, settings: OddSettings) -> OddTrajectory | None:
+    """Explain a trajectory by one parameter of its own, or else by all; None where that leaves more than noise."""
+    alone, model = torch.zeros_like(experiment.fitted), experiment.predictor.model
+    alone[row] = True
+    others, best = model.to_values(point.nominal[0]).tolist(), []
+    count = len(others)
+    for chosen in [*([k] for k in range(count)), *([list(range(count))] if count > 1 else [])]:
+        predictor = experiment.predictor.with_model(model.with_unknown(chosen, point.nominal[0]))
+        begun = point.replace(nominal=point.nominal[:, chosen])
+        fit = gauss_newton(experiment.replace(fitted=alone, predictor=predictor), begun, NONE)
+        own = predictor.model.to_values(fit.point.nominal[0]).tolist()
+        names = tuple(model.unknown[k] for k in chosen)
+        one = OddTrajectory(row, names, tuple(own), tuple(others[k] for k in chosen))
+        # All of them together explain it no worse; one that explains it is enough.
+        best.append((float(_misfit(experiment, fit)[row]), one))
+        if chosen == [count - 1] and min(best, key=lambda each: each[0])[0] <= settings.misfit:
+            break
+    misfit, one = min(best, key=lambda each: each[0])
+    return one if misfit <= settings.misfit else None
 
 
 def _worst(misfit: Tensor, among: Tensor) -> int:

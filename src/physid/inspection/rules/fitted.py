@@ -16,13 +16,13 @@ def odd_trajectory(index: int, names: Sequence[str], own: Sequence[float], other
     Args:
         index: Its number in the set.
         names: Of the parameters.
-        own: What it says of them alone, roughly: it is one trajectory.
+        own: What it says of them, roughly: it is one trajectory.
         others: What the others say.
     """
     rows = zip(names, own, others, strict=True)
     values = [f"{name} about {value:.2g} (the others: {other:.3g})" for name, value, other in rows]
     return Finding(
-        f"trajectory {index} alone has other parameters: {', '.join(values)}",
+        f"trajectory {index} alone has another {' and another '.join(values)}",
         "was it another body, another ground, or are its forces in another unit? leave it out, or correct it: without "
         "it the model explains all others",
     )
