@@ -439,6 +439,15 @@ def test_a_guess_is_a_mapping_whatever_columns_and_files_are_called(tmp_path: Pa
     import_logs([tmp_path / 'a "run".npz'], said, tmp_path / "out")
 
 
+def test_a_guess_is_yaml_where_a_comment_names_columns_that_cannot_be_printed(tmp_path: Path) -> None:
+    time = np.arange(60) / 100
+    write_csv(tmp_path / "run_\x07.csv", ["t", "x", "\x00", "fx", "fy", "fz"], [time, time, *(0 * time,) * 4])
+    text = guess_mapping(tmp_path / "run_\x07.csv")
+    assert yaml.safe_load(text)["force"] == ["fx", "fy", "fz"]
+    assert "run_\\x07.csv" in text
+    assert "there are t, x, \\x00, fx" in text
+
+
 @pytest.mark.parametrize(
     ("names", "torque"),
     [

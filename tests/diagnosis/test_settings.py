@@ -42,9 +42,12 @@ LISTED = {
     "estimation/least_squares/experiment.py": {4},  # an axis
     "estimation/least_squares/jacobian.py": {4, 12, 0.9, 1e-3, 2.5e-4, 0.1, 1e-5},  # directions of a state; see below
     "estimation/least_squares/line_search.py": {1e3},  # largest damping: a state that stays where it is
+    "estimation/measurement/correlated_noise.py": {4, 8, 12, 16, 24, 32, 48, 64, 0.9},  # NEIGHBOURS; a ninth decile
+    "estimation/measurement/correlation.py": {0.7, 1.5, 4, 8, 12, 16, 24, 32},  # TIMES, WHITE, FORGOTTEN
+    "estimation/measurement/deviation.py": {1.4826, 0.98661},  # of a normal distribution
     "estimation/measurement/misfit.py": {4, 9, 15, 20, 0.15, 2e-4},  # third differences; SHARE_OF_...
     "estimation/measurement/outliers.py": {5},  # NEXT
-    "estimation/measurement/sensor_noise.py": {4, 1.4826, 0.98661, 1.5},  # of a normal distribution, of differences
+    "estimation/measurement/sensor_noise.py": {4, 1.5},  # of differences
     "estimation/measurement/tracking_error.py": {4, 8, 16, 32, 0.15},  # SPANS, SURE
     "estimation/measurement/unexplained.py": {1e3, 180},  # units
     "estimation/prediction/coordinates.py": {14, 0.1},  # see below
@@ -65,10 +68,17 @@ CONSTANTS = {
         "SQUARES", "DEVIATION", "TINY",  # coefficients of a third difference
     },
     "estimation/measurement/outliers.py": {"NEXT"},  # so many that one outlier among them does not count
-    "estimation/measurement/sensor_noise.py": {
-        "NORMAL_MAD", "TRIM, TRIMMED",  # of a normal distribution, and the cut that they belong to
-        "WINDOW",  # frames of a third difference
+    "estimation/measurement/correlated_noise.py": {
+        "KINDS",  # columns of a pose
+        "NEIGHBOURS",  # all that a trajectory holds
     },
+    "estimation/measurement/correlation.py": {
+        "TIMES", "POWERS",  # a grid, as fine as can be told apart
+        "WHITE",  # of a second difference
+        "FORGOTTEN",  # exp(-8)
+    },
+    "estimation/measurement/deviation.py": {"NORMAL_MAD", "TRIM, TRIMMED"},  # of a normal distribution, and its cut
+    "estimation/measurement/sensor_noise.py": {"WINDOW"},  # frames of a third difference
     "estimation/measurement/tracking_error.py": {
         "SPANS",  # all that a trajectory holds
         "SURE",  # the default of `noise.sure`
@@ -146,7 +156,7 @@ def test_a_change_reaches_what_is_used_and_leaves_the_rest() -> None:
     [
         ("lack_of_fit.margn=2", r'unknown key "lack_of_fit.margn"; did you mean "lack_of_fit.margin"\?'),
         ("margin=2", r'unknown key "margin"; known are lack_of_fit.margin'),
-        ("nothing.like=2", r"known are roles\.\*, .*"),
+        ("nothing.alike_at_all=2", r"known are roles\.\*, .*"),
         ("lack_of_fit.margin=much", r"lack_of_fit.margin: expected a valid number, .*got 'much'"),
         (
             "lack_of_fit.margin=0.5",

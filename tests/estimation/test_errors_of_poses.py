@@ -10,7 +10,7 @@ import torch
 from scipy.stats import norm
 from torch import Tensor
 
-from physid.estimation.measurement import sensor_noise
+from physid.estimation.measurement import deviation
 from physid.estimation.measurement.misfit import Misfit
 from physid.estimation.measurement.outliers import outlier_poses
 from physid.estimation.measurement.sensor_noise import Noise, NoiseSettings, estimate_noise, noise_of_poses
@@ -29,10 +29,10 @@ def white(*shape: int, seed: int = 0) -> Tensor:
 
 
 def test_constants_of_robust_deviations_are_those_of_the_normal_distribution() -> None:
-    cut = sensor_noise.TRIM
+    cut = deviation.TRIM
     inside = 1 - 2 * cut * norm.pdf(cut) / (2 * norm.cdf(cut) - 1)
-    assert pytest.approx(inside**0.5, abs=1e-4) == sensor_noise.TRIMMED
-    assert pytest.approx(1 / norm.ppf(0.75), abs=1e-4) == sensor_noise.NORMAL_MAD
+    assert pytest.approx(inside**0.5, abs=1e-4) == deviation.TRIMMED
+    assert pytest.approx(1 / norm.ppf(0.75), abs=1e-4) == deviation.NORMAL_MAD
 
 
 def test_a_perfect_model_leaves_three_coordinates_of_noise_or_what_a_reader_errs() -> None:
@@ -122,7 +122,7 @@ def test_a_pose_is_an_outlier_beyond_a_jump_or_ten_usual_deviations(
     # How far poses usually are from the line between their neighbours, by the definition of the deviation.
     away = [off[:, k:-k] - (off[:, 2 * k :] + off[:, : -2 * k]) / 2 for k in (1, 2, 3)]
     odd = torch.stack([one[:, 2 - k : FRAMES - 4 - k, 0, axis].abs() for k, one in enumerate(away)]).median(0).values
-    usual = SETTINGS.usual * sensor_noise.NORMAL_MAD * float(odd.median())
+    usual = SETTINGS.usual * deviation.NORMAL_MAD * float(odd.median())
     limit = max(SETTINGS.jump[kind], usual)
     assert (limit > SETTINGS.jump[kind]) is noisy
     moved = off.clone()
@@ -203,7 +203,7 @@ def test_errors_of_a_reader_are_as_large_as_recordings_are_rough_and_no_smaller_
     larger = replace(error, factors=(2.0, 3.0))
     assert larger.floor == pytest.approx(3 * error.floor)
     assert torch.allclose(larger.spread, error.spread * torch.tensor([2, 2, 2, 3, 3, 3]))
-    drawn = replace(larger, deviation=0.0, sure=0.0).draw(1, torch.Generator().manual_seed(0))[0]
+    drawn = replace(larger, deviation=0.0, sure=0.0).draw(1, larger.track, torch.Generator().manual_seed(0))[0]
     both = torch.cat([track, track.flip(1)]) * torch.tensor([2, 2, 2, 3, 3, 3])
     assert float((drawn[:, None] - torch.cat([both, -both])).abs().amax((2, 3, 4)).amin(1).max()) == 0
 
@@ -211,7 +211,7 @@ def test_errors_of_a_reader_are_as_large_as_recordings_are_rough_and_no_smaller_
 def test_a_scale_that_all_share_is_off_in_all_alike() -> None:
     zero = torch.zeros(3, 8, 1, 6).double()
     error = TrackingError(zero, zero + 2.0, 0.1, sure=0.0)
-    drawn = error.draw(4000, torch.Generator().manual_seed(1))
+    drawn = error.draw(4000, error.track, torch.Generator().manual_seed(1))
     assert torch.equal(drawn, drawn[:, :1, :1, :, :1].expand_as(drawn))
     assert float(drawn[:, 0, 0, 0, 0].std()) == pytest.approx(0.2, rel=0.05)
     assert float(drawn.mean()) == pytest.approx(0, abs=0.02)

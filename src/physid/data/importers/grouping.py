@@ -85,7 +85,7 @@ def torque_beside(groups: dict[str, dict[str, str]], force: list[str]) -> list[s
 
 def not_read(table: Table, lines: Sequence[str]) -> list[str]:
     """Say in a comment which columns of a log the lines of a mapping leave out; nothing where they leave out none."""
-    said, open_ends = set[str](), [yaml.safe_load("\n".join(lines))]
+    said, open_ends = set[str](), [yaml.safe_load(printable("\n".join(lines)))]
     while open_ends:
         value = open_ends.pop()
         if isinstance(value, Mapping):
@@ -205,6 +205,13 @@ def quoted(name: str) -> str:
         name
         if re.fullmatch(r"[A-Za-z_/][\w. /]*", name) and name.lower() not in ("yes", "no", "on", "off")
         else json.dumps(name, ensure_ascii=not name.isprintable())
+    )
+
+
+def printable(text: str) -> str:
+    """Return a text whose comments YAML takes, control characters escaped."""
+    return "".join(
+        each if each.isprintable() or each == "\n" else each.encode("unicode_escape").decode() for each in text
     )
 
 

@@ -32,6 +32,7 @@ from physid.data.importers.grouping import (
     named,
     not_read,
     pairs_of,
+    printable,
     quoted,
     rises,
     step_of,
@@ -102,8 +103,7 @@ def guess_mapping(path: Path) -> str:
         _guess_turn(table, groups, place, units, said)
         for line, doubt in forces.items():
             said.say(line, doubt)
-    found = first_of(groups, FORCE, "xyz")
-    if found or not _guess_forces_beside(path, units, said):
+    if (found := first_of(groups, FORCE, "xyz")) or not _guess_forces_beside(path, units, said):
         _guess_force_clock(table, found, clock, said)
     if units:
         said.say(f"units: {{{', '.join(f'{name}: {unit}' for name, unit in units.items())}}}")
@@ -115,7 +115,7 @@ def guess_mapping(path: Path) -> str:
     said.say(f"unknown: [{body}.friction]", "what shall be identified")
     said.lines += not_read(table, said.lines)
     doubts = "".join(f"#   {doubt}\n" for doubt in said.doubts)
-    return "\n".join(said.lines) + f"\n# {len(said.doubts)} lines are not sure:\n{doubts}"
+    return printable("\n".join(said.lines) + f"\n# {len(said.doubts)} lines are not sure:\n{doubts}")
 
 
 def _say_bodies(

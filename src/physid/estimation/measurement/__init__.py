@@ -1,6 +1,7 @@
 """What a sensor adds: the noise of recorded poses, and the error of poses that were tracked in films."""
 
-from physid.estimation.measurement.correlated_noise import CorrelatedNoise, Correlation, correlated_noise
+from physid.estimation.measurement.correlated_noise import CorrelatedNoise, correlated_noise
+from physid.estimation.measurement.correlation import Correlation
 from physid.estimation.measurement.noise_settings import NoiseSettings
 from physid.estimation.measurement.outliers import frame_weights, outlier_poses
 from physid.estimation.measurement.poses import moved, pose_difference

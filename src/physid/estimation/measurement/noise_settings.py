@@ -36,6 +36,10 @@ class NoiseSettings(Section):
     idle: float = setting(
         0.1, "standard deviations", "by which a coordinate may move among frames that show what noise is", gt=0
     )
+    windows: float = setting(20.0, "windows", "for each frame of a span, that show what noise is at that span", gt=0)
+    regular: float = setting(
+        0.2, "-", "median of deviations over their ninth decile, from which on they are no interpolation's", ge=0, lt=1
+    )
     sure: float = setting(
         SURE,
         "-",

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-from physid.estimation.measurement.correlated_noise import NORMAL_MAD
+from physid.estimation.measurement.deviation import NORMAL_MAD
 from physid.estimation.measurement.noise_settings import DEFAULT, NoiseSettings
 from physid.estimation.measurement.poses import pose_difference
 from physid.estimation.measurement.sensor_noise import Noise

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from physid.estimation.measurement.correlated_noise import CorrelatedNoise, deviation
+from physid.estimation.measurement.correlated_noise import CorrelatedNoise
+from physid.estimation.measurement.deviation import deviation
 from physid.estimation.measurement.noise_settings import DEFAULT, NoiseSettings
 from physid.estimation.measurement.poses import pose_difference
 from physid.estimation.measurement.tracking_error import TrackingError

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from physid.estimation.least_squares import NONE, Experiment, Fit, gauss_newton
+from physid.estimation.least_squares import NONE, Experiment, Fit, gauss_newton, search
 from physid.estimation.prediction import Variants
 from physid.estimation.segmented_fit.settings import OddSettings
 
@@ -55,7 +55,11 @@ def odd_trajectories(
         left[_worst(_misfit(experiment, without), left)] = False
         if int((left & experiment.fitted).sum()) < settings.others:
             return ()
-        without = gauss_newton(experiment.replace(fitted=left & experiment.fitted), without.point, NONE)
+        others = experiment.replace(fitted=left & experiment.fitted)
+        without = gauss_newton(others, without.point, NONE)
+        if not bool((_misfit(experiment, without)[left] <= settings.misfit).all()):
+            # Initial states may still lie where they explained most with the parameters of the odd one.
+            without = gauss_newton(others, search(others, without), NONE)
         if bool((_misfit(experiment, without)[left] <= settings.misfit).all()):
             break
     else:

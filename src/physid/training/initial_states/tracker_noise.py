@@ -19,6 +19,7 @@ def noise_of_tracker(predicted: Tensor, cut: Trajectories, scene: Scene) -> Corr
     """
     if cut.again is not None:
         return None
-    good = cut.real[..., None].expand(cut.pose.shape[:3]).to(cut.pose)
+    cut, predicted = cut.to("cpu"), predicted.detach().cpu().double()
+    good = cut.real[..., None].expand(cut.pose.shape[:3])
     residual, up = pose_difference(cut.pose, predicted), scene.ground.normal
     return correlated_noise(residual, predicted, good, scene.time_step, up, NoiseSettings())
