@@ -90,14 +90,28 @@ def test_what_a_model_lacks_is_no_noise() -> None:
         for axis in shown:
             residual[..., axis] += wave
         assert found(residual) is None
-    thrown = sliding()
-    thrown[..., 2] = thrown[..., 0]
-    thrown[..., 3] = 0.5 * thrown[..., 5]
-    thrown[..., 4] = 0.3 * thrown[..., 5]
-    thrown[..., 3:] /= thrown[..., 3:].norm(dim=-1, keepdim=True)
-    assert found(white + wave[..., None], thrown) is None
+    assert found(white + wave[..., None], thrown()) is None
     slow = 5e-3 * torch.sin(torch.arange(FRAMES) * STEP * 2 * math.pi / 2.5)[None, :, None, None]
     assert found(white + slow) is None
+
+
+def thrown() -> Tensor:
+    """Return poses of blocks that move in each coordinate."""
+    pose = sliding()
+    pose[..., 2] = pose[..., 0]
+    pose[..., 3], pose[..., 4] = 0.5 * pose[..., 5], 0.3 * pose[..., 5]
+    pose[..., 3:] /= pose[..., 3:].norm(dim=-1, keepdim=True)
+    return pose
+
+
+def test_what_impacts_leave_before_a_body_rests_is_no_noise_either() -> None:
+    """Residuals with heavy tails are no interpolation, in which most poses lie on lines."""
+    predicted, residual = thrown(), autoregressive(0.0)
+    predicted[:, 60:] = predicted[:, 60:61]
+    struck = torch.from_numpy(np.random.default_rng(1).random((ROWS, FRAMES, 1, 1)) < 0.2)
+    left = torch.cumsum(torch.where(struck, 20 * autoregressive(0.0, seed=2), 0.0), 1)
+    left[:, 60:] = left[:, 60:61]
+    assert found(residual + left, predicted) is None
 
 
 def test_less_than_the_least_noise_is_white() -> None:

@@ -28,6 +28,7 @@ class Origin:
         order: In which quaternions were read, xyzw or wxyz.
         newtons: What one of the log's unit of forces was taken for [N].
         offset: What was added to the stamps of the forces [s].
+        held: Whether forces are held from row to row.
     """
 
     axes: Array = field(default_factory=lambda: np.eye(3))
@@ -35,6 +36,7 @@ class Origin:
     order: str = "xyzw"
     newtons: float = 1.0
     offset: float = 0.0
+    held: bool = True
 
     @classmethod
     def of(cls, folder: Path) -> Origin:
@@ -55,14 +57,16 @@ class Origin:
         order = known.get("order") or ("wxyz" if ends in ("wxyz", "rijk") else "xyzw")
         units = known.get("units")
         unit = units.get("force", "N") if isinstance(units, dict) else "N"
-        forces = known.get("forces")
-        offset = forces.get("offset", 0.0) if isinstance(forces, dict) else 0.0
+        told = known.get("forces")
+        forces = told if isinstance(told, dict) else {}
+        offset = forces.get("offset", 0.0)
         return cls(
             axes,
             force or cls.force,
             str(order),
             UNITS["force"].get(str(unit), 1.0),
             float(offset) if isinstance(offset, int | float) else 0.0,
+            forces.get("between", "held") == "held",
         )
 
     def up(self, direction: str) -> tuple[str, str]:

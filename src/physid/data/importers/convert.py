@@ -20,7 +20,7 @@ from physid.data import (
 )
 from physid.data.importers.finding import explained, force_logs
 from physid.data.importers.mapping import GUESSED_FRICTION, LogMap
-from physid.data.importers.reading_logs import Forces, Poses, read_forces, read_poses
+from physid.data.importers.reading_logs import Forces, Poses, along_lines, read_forces, read_poses
 from physid.data.importers.sets import Imported, new_set
 from physid.data.importers.tables.files import read_table
 from physid.data.observations.stamps import check_clocks, rhythm_of, unlike_lengths
@@ -137,6 +137,12 @@ def _recording(file: Path, poses: Poses, forces: Forces | None, group: int, log:
                 f"{file}: expected as many rows of forces as of poses, found {len(wrench)} and {len(frames)}; give the "
                 "forces a clock: forces.time=COLUMN or forces.rate=ROWS_PER_SECOND"
             )
+        if log.forces.between == "linear":
+            if (clock := time if wrench_time is None else wrench_time) is None:
+                raise ValueError(
+                    f"{file}: expected stamps for forces.between=linear, found none; say time, or forces.rate"
+                )
+            wrench_time, wrench = along_lines(clock, wrench)
     return Recording(pose=poses.pose[frames], wrench=wrench, time=time, wrench_time=wrench_time, protocol=log.protocol)
 
 

@@ -64,9 +64,9 @@ class ForceLog:
 
     Attributes:
         file: A file beside each log of poses; `{stem}` stands for the name of that log, * for anything. None: the same.
-        time: Column of stamps; None for that of the poses, or `rate`.
-        rate: Rows per second where there are no stamps.
+        time, rate: Column of stamps, or rows per second; with neither the stamps are those of the poses.
         offset: What is added to their stamps to be on the clock of the poses [s].
+        between: What acts between two rows: the first, or what lies on the line from the one to the other.
         header: Line that names the columns.
     """
 
@@ -75,6 +75,7 @@ class ForceLog:
     time: Any = None
     rate: Positive | None = None
     offset: float = 0.0
+    between: Literal["held", "linear"] = "held"
     header: Line | None = None
 
 
@@ -143,8 +144,7 @@ class MappingKeys(BodyKeys):
 
 OF_BODY = tuple(each.name for each in dataclasses.fields(BodyKeys))
 OF_SET = tuple(each.name for each in dataclasses.fields(MappingKeys) if each.name not in OF_BODY)
-QUANTITIES = (*UNITS, "forces_time")
-"""That have units; the stamps of forces may have another one than those of poses."""
+QUANTITIES = (*UNITS, "forces_time")  # that have units; stamps of forces may have another one than those of poses
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from physid.data.importers.units import split_header
 from physid.scenes.rotations import rotate
 
 Array = NDArray[np.float64]
+PARTS = 8  # of the time between two rows of forces that change steadily
 TURN = 1.01 * 2 * np.pi  # [rad] with what rounding adds
 
 
@@ -164,6 +165,19 @@ def read_forces(table: Table, log: LogMap, *, own: bool) -> Forces | None:
     if time is not None and log.trajectory is None:
         require_increasing(table, time[row], row)
     return Forces(None if time is None else time[row] + log.forces.offset, wrench[row], row, int(empty.sum()))
+
+
+def along_lines(time: Array, wrench: Array) -> tuple[Array, Array]:
+    """Return forces that are held for an eighth of the time between two rows: the means of lines from one to the next.
+
+    Args:
+        time: Stamps [s], shape (S,).
+        wrench: Shape (S, N, 6); the last one is held.
+    """
+    share = np.arange(PARTS) / PARTS
+    stamps = time[:-1, None] + np.diff(time)[:, None] * share
+    means = wrench[:-1, None] + np.diff(wrench, axis=0)[:, None] * (share + 0.5 / PARTS)[:, None, None]
+    return np.append(stamps, time[-1]), np.concatenate([means.reshape(-1, *wrench.shape[1:]), wrench[-1:]])
 
 
 def _pose_of(table: Table, each: BodyMap, log: LogMap) -> Array:

@@ -167,11 +167,12 @@ class _Windows:
         return cls(span, along, torch.maximum(*moved))
 
     def regular(self, settings: NoiseSettings) -> bool:
-        """Whether deviations are spread as normal ones are; of poses that were interpolated most are nearly zero."""
+        """Whether no axis goes along straight lines: of poses that were interpolated most lie between two others."""
         if len(self.bent) < settings.windows * self.span:
             return False
-        middle, high = np.quantile(self.bent.numpy(), [0.5, 0.9], axis=0)
-        return bool((middle > settings.regular * high).any())
+        high = torch.from_numpy(np.quantile(self.bent.numpy(), 0.9, axis=0))
+        straight = (self.bent <= settings.straight * high).double().mean(0)
+        return bool((straight <= 0.5)[high >= settings.still * high.amax()].all())
 
     def rough(self) -> Tensor:
         """Return the standard deviation of white noise that is as rough, by all windows, shape (3,)."""

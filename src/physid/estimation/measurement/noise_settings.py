@@ -37,8 +37,11 @@ class NoiseSettings(Section):
         0.1, "standard deviations", "by which a coordinate may move among frames that show what noise is", gt=0
     )
     windows: float = setting(20.0, "windows", "for each frame of a span, that show what noise is at that span", gt=0)
-    regular: float = setting(
-        0.2, "-", "median of deviations over their ninth decile, from which on they are no interpolation's", ge=0, lt=1
+    straight: float = setting(
+        0.01,
+        "-",
+        "of the largest tenth of deviations, below which poses lie on a line: half of them do if interpolated",
+        ge=0,
     )
     sure: float = setting(
         SURE,

@@ -23,6 +23,7 @@ FRAMES = 2.0
 AGAINST = -0.3  # correlation below which the sign of the forces may be wrong, unless a shift explains more
 FOLLOWS = 0.4  # correlation of accelerations with shifted forces below which they follow no force, whatever the shift
 NOMINAL = 1e-6  # share of a time step by which stamps stray that were computed from a rate
+NEAR = 0.25  # of the time between two rows of forces: a shift so near to half of it may be that these are held
 OFF = 3e-3  # [s] that a shift may be off by however many trajectories agree: 40 ms were read as 37 and as 43
 
 
@@ -63,11 +64,24 @@ def delay(seen: Evidence) -> Finding | None:
     if abs(late_by) < LEAST or not (clear if len(without) < FEW else abs(late_by) > SURE * deviation):
         return None
     known = f" (+- {np.hypot(deviation, OFF):.1g})" if len(without) >= FEW else ""
+    mend = f"import with forces.offset={round(seen.origin.offset + late_by, 3):g}, if nothing in the plant delays them"
+    held = _between_rows(seen)
+    if seen.origin.held and abs(late_by + held / 2) < NEAR * held:
+        mend = (
+            f"forces are held from row to row, {held:.2g} s; forces.between=linear if they change steadily; else {mend}"
+        )
     return Finding(
         f"accelerations come {round(abs(late_by), 3):g} s{known} {'after' if late_by > 0 else 'before'} the forces "
         f"(correlation {most:.2f}, without a shift {now:.2f}): the two clocks seem to differ",
-        f"import with forces.offset={round(seen.origin.offset + late_by, 3):g}, if nothing in the plant delays them",
+        mend,
     )
+
+
+def _between_rows(seen: Evidence) -> float:
+    """Return the median time between two rows of forces [s]."""
+    clocks = [np.diff(one.wrench_time) for one in seen.recordings if one.wrench_time is not None]
+    steps = np.concatenate(clocks) if clocks else np.zeros(0)
+    return float(np.median(steps)) if len(steps) else seen.scene.time_step
 
 
 def _moments(seen: Evidence, shifts: Array) -> Array:
