@@ -185,7 +185,7 @@ class Diagnosis:
         causes: Probability of each cause (see `Evidence`), the most probable first; evidence: what they follow from.
         residual: What a better model would have to add; excess: size of the gap as scores measure it, if known.
         null_simulations: How many; seconds: how long it took.
-        findings: What looks like a mistake in the recordings, or is odd, by the rules of `physid check`.
+        findings: What looks like a mistake in the recordings, or is odd, by the rules of `physid check` and by the fit.
     """
 
     __pydantic_config__: ClassVar[Any] = CLOSED
