@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NoReturn
 
 import pytest
 import torch
@@ -20,6 +21,7 @@ from physid.estimation.segmented_fit import (
     odd_trajectories,
     weighed,
 )
+from physid.physics import SolverError
 from physid.scenes import find_setup
 
 STEP, FRAMES, PARTS, ROWS = 1 / 60, 60, 4, 6
@@ -91,6 +93,17 @@ def test_none_is_odd_where_all_are_alike_or_each_is_another() -> None:
     assert odd_ones(pose, timeline) == ()
     for row in range(ROWS):
         pose[row] = seen_of(MASS * (0.5 + 0.3 * row), FRICTION)[1][row]
+    assert odd_ones(pose, timeline) == ()
+
+
+def test_where_a_try_has_no_solution_nothing_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    timeline, pose = seen_of(MASS, FRICTION)
+    pose[3] = seen_of(3.0, FRICTION)[1][3]
+
+    def unsolved(*_: object) -> NoReturn:
+        raise SolverError("contact problems were not solved")
+
+    monkeypatch.setattr(Predictor, "with_model", unsolved)
     assert odd_ones(pose, timeline) == ()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
 
 import torch
@@ -10,6 +11,7 @@ from torch import Tensor
 from physid.estimation.least_squares import NONE, Experiment, Fit, gauss_newton, search
 from physid.estimation.prediction import Variants
 from physid.estimation.segmented_fit.settings import OddSettings
+from physid.physics import SolverError
 
 
 @dataclass(frozen=True)
@@ -45,13 +47,26 @@ def odd_trajectories(
         settings: What is explained, and how many may be odd.
 
     Returns:
-        The odd ones; none where the model explains all, or not the others.
+        The odd ones; none where the model explains all, or not the others, or where the physics of a try has no
+        solution.
     """
+    with contextlib.suppress(SolverError):
+        return _odd_trajectories(experiment, fit, among, settings)
+    return ()
+
+
+def _odd_trajectories(
+    experiment: Experiment, fit: Fit, among: Tensor, settings: OddSettings
+) -> tuple[OddTrajectory, ...]:
     rows, left = among.nonzero()[:, 0], among.clone()
     without = fit
-    if not fit.point.nominal.shape[1] or bool((_misfit(experiment, fit)[rows] <= settings.misfit).all()):
+    if (
+        not fit.point.nominal.shape[1]
+        or len(rows) > settings.among
+        or bool((_misfit(experiment, fit)[rows] <= settings.misfit).all())
+    ):
         return ()
-    for _ in range(max(1, int(settings.share * len(rows)))):
+    for _ in range(min(max(1, int(settings.share * len(rows))), settings.most)):
         left[_worst(_misfit(experiment, without), left)] = False
         if int((left & experiment.fitted).sum()) < settings.others:
             return ()
@@ -84,7 +99,7 @@ def _explained(experiment: Experiment, point: Variants, row: int, settings: OddS
         own = predictor.model.to_values(fit.point.nominal[0]).tolist()
         names = tuple(model.unknown[k] for k in chosen)
         one = OddTrajectory(row, names, tuple(own), tuple(others[k] for k in chosen))
-        # All of them together explain it no worse; one that explains it is enough.
+        # All together explain it no worse, and are tried only where no single one does.
         best.append((float(_misfit(experiment, fit)[row]), one))
         if chosen == [count - 1] and min(best, key=lambda each: each[0])[0] <= settings.misfit:
             break

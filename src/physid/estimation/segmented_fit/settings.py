@@ -89,7 +89,11 @@ class OddSettings(Section):
         10.0, "-", "the same of an odd trajectory, with the parameters of the others, at least; decision 85", gt=1
     )
     share: float = setting(0.2, "share", "of the trajectories that may be odd, at least one", ge=0, lt=0.5)
+    most: int = setting(3, "trajectories", "that may be odd, at most: each takes a few fits", ge=1)
     others: int = setting(3, "trajectories", "that the parameters of the others are fitted to, at least", ge=2)
+    among: int = setting(
+        200, "trajectories", "of a set, at most, for the same reason; larger ones are not looked at", ge=1
+    )
 
 
 class SegmentedFitSettings(Section):
