@@ -69,10 +69,10 @@ def test_the_size_of_the_error_is_that_of_the_recordings_and_never_smaller_than_
 def test_drawn_errors_have_the_size_of_the_track_and_a_common_scale() -> None:
     track = correlated(10, 100, 0.5)
     generator = torch.Generator().manual_seed(0)
-    drawn = error_of(track).draw(200, generator)
+    drawn = error_of(track).draw(200, track, generator)
     assert drawn.shape == (200, 10, 100, 1, 6)
     assert float(drawn.square().mean().sqrt()) == pytest.approx(float(track.square().mean().sqrt()), rel=2 * SURE)
-    scaled = error_of(0 * track, deviation=0.01).draw(400, generator)
+    scaled = error_of(0 * track, deviation=0.01).draw(400, track, generator)
     assert float(scaled[:, 0, 0, 0, 0].std()) == pytest.approx(0.01, rel=0.1)
     assert torch.equal(scaled[:, 0], scaled[:, 5]), "the scale is off in all trajectories alike"
 

@@ -94,12 +94,13 @@ def test_what_errors_leave_of_a_fit_is_a_mean_over_trajectories_as_sure_as_those
 
 def test_drawn_errors_are_those_that_were_read_with_a_size_that_is_not_known() -> None:
     track = white(5, 30)
-    draws = error_of(track, sure=0.0).draw(200, torch.Generator().manual_seed(1))
+    draws = error_of(track, sure=0.0).draw(200, track, torch.Generator().manual_seed(1))
     assert draws.shape == (200, 5, 30, 1, 6)
     both = torch.cat([track, track.flip(1)])
     same = (draws[:, :, None] - torch.cat([both, -both])).abs().amax((3, 4, 5)).amin(-1)
     assert float(same.max()) == 0.0
-    sizes = error_of(torch.ones(1, 4, 1, 6, dtype=torch.float64), sure=0.3).draw(4000, torch.Generator().manual_seed(1))
+    even = torch.ones(1, 4, 1, 6, dtype=torch.float64)
+    sizes = error_of(even, sure=0.3).draw(4000, even, torch.Generator().manual_seed(1))
     logs = sizes[:, 0, 0, 0, 0].abs().log()
     assert float(logs.std()) == pytest.approx(0.3, rel=0.05)
     assert float(logs.mean()) == pytest.approx(0.0, abs=0.02)
