@@ -51,10 +51,10 @@ def averaged(folder: Path, count: int = 5) -> Path:
     return folder
 
 
-def mixed(folder: Path) -> Path:
+def mixed(folder: Path, noise: float = 1.0) -> Path:
     """Return a set one of whose trajectories is of a lighter block under the same forces."""
-    pushed(folder)
-    light = pushed(folder.parent / "light", OTHER)
+    pushed(folder, noise=noise)
+    light = pushed(folder.parent / "light", OTHER, noise)
     name = f"trajectories/{ODD:06d}.h5"
     with h5py.File(folder / name, "r+") as file, h5py.File(light / name) as other:
         assert np.array_equal(file["wrench"][...], other["wrench"][...])
@@ -91,6 +91,15 @@ def test_a_fit_and_a_diagnosis_name_the_trajectory_of_another_block(
     assert said in caplog.text
     assert "1 thing looks wrong" in capsys.readouterr().out
     assert [one.what for one in of_diagnosis(folder)] == [said]
+
+
+@pytest.mark.slow
+def test_behind_a_filter_it_is_named_as_well(tmp_path: Path) -> None:
+    folder = mixed(tmp_path / "set", noise=0.0)
+    (folder / "SHA256SUMS").touch()
+    for found in (of_fit(averaged(folder)), of_diagnosis(folder)):
+        (wrong,) = [one.what for one in found if one.wrong]
+        assert wrong.startswith(f"trajectory {ODD} alone has another block.mass about 1.4 (the others: ")
 
 
 @pytest.mark.slow

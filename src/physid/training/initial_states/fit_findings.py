@@ -24,9 +24,9 @@ def findings_of_fit(cut: Trajectories, experiment: Experiment, fit: Fit) -> tupl
     """
     if len(cut.index.unique()) < len(cut):
         return ()
-    spread = cut.noise_beside(fit.residual, experiment.scale).spread()
+    noise = noise_of_tracker(fit.jacobian.base.pose[0], cut, experiment.predictor.model.scene)
+    spread = cut.noise_beside(fit.residual, experiment.scale).of_tracker(noise).spread()
     experiment = experiment.replace(scale=(experiment.scale > 0) / spread)
     odd = odd_trajectories(experiment, fit, torch.ones(len(cut), dtype=torch.bool), OddSettings())
     found = [fitted.odd_trajectory(int(cut.index[one.row]), one.names, one.own, one.others) for one in odd]
-    noise = noise_of_tracker(fit.jacobian.base.pose[0], cut, experiment.predictor.model.scene)
     return (*found, fitted.correlated_noise(noise)) if noise else tuple(found)
