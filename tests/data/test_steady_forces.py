@@ -1,4 +1,4 @@
-"""Forces that change steadily from row to row: imported along the lines, and told from a clock that is off."""
+"""Forces that change steadily from row to row: imported along the lines, and distinguished from a clock that is off."""
 
 from __future__ import annotations
 

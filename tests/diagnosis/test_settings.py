@@ -36,7 +36,6 @@ LISTED = {
     "diagnosis/reference/null_simulations.py": {12},  # the same of one line, 12 sigma^2 / n^3
     "diagnosis/testing/null_tails.py": {9},  # Wilson and Hilferty 1931
     "diagnosis/conclusion/localisation.py": {4},  # digits
-    "diagnosis/reference/stored_fit.py": {5},  # LAYOUT
     "estimation/least_squares/covariance.py": {0.9},  # CONFIDENCE
     "estimation/least_squares/discretisation.py": {4},  # an axis, and the quarter that the settings describe
     "estimation/least_squares/experiment.py": {4},  # an axis
@@ -73,7 +72,7 @@ CONSTANTS = {
         "NEIGHBOURS",  # all that a trajectory holds
     },
     "estimation/measurement/correlation.py": {
-        "TIMES", "POWERS",  # a grid, as fine as can be told apart
+        "TIMES", "POWERS",  # a grid, as fine as can be distinguished
         "WHITE",  # of a second difference
         "FORGOTTEN",  # exp(-8)
     },

@@ -74,6 +74,13 @@ class Evidence:
         return acceleration_noise(self.noise.position, self.scene.time_step, self.kinematics_window)
 
     @cached_property
+    def force_step(self) -> float | None:
+        """Median time between two rows of forces [s]; None where they come with the frames, or not at all."""
+        clocks = [one.wrench_time for one in self.recordings if one.wrench_time is not None and one.wrench is not None]
+        steps = np.concatenate([np.diff(clock) for clock in clocks]) if clocks else np.zeros(0)
+        return float(np.median(steps)) if len(steps) else None
+
+    @cached_property
     def noise(self) -> Noise:
         """Noise of the poses."""
         return noise_of(self.recordings, self.scene.time_step)

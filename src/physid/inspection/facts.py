@@ -80,10 +80,5 @@ def _forces(seen: Evidence) -> str:
     strongest = max(
         float(np.linalg.norm(one.wrench[..., 3:], axis=-1).max()) for one in given if one.wrench is not None
     )
-    clocks = [one.wrench_time for one in given if one.wrench_time is not None and len(one.wrench_time) > 1]
-    often = (
-        f"{1 / np.median(np.concatenate([np.diff(clock) for clock in clocks])):.4g} per second"
-        if clocks
-        else "with the frames"
-    )
+    often = f"{1 / seen.force_step:.4g} per second" if seen.force_step else "with the frames"
     return f"up to {strongest:.3g} N, {often}, in {len(given)} of {len(seen.recordings)} trajectories"

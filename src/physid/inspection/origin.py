@@ -57,8 +57,8 @@ class Origin:
         order = known.get("order") or ("wxyz" if ends in ("wxyz", "rijk") else "xyzw")
         units = known.get("units")
         unit = units.get("force", "N") if isinstance(units, dict) else "N"
-        told = known.get("forces")
-        forces = told if isinstance(told, dict) else {}
+        given = known.get("forces")
+        forces = given if isinstance(given, dict) else {}
         offset = forces.get("offset", 0.0)
         return cls(
             axes,

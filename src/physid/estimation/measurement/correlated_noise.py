@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from physid.estimation.measurement.correlation import UNCORRELATED, WHITE, Correlation
-from physid.estimation.measurement.deviation import deviation
+from physid.estimation.measurement.deviation import bends, deviation
 from physid.estimation.measurement.noise_settings import NoiseSettings
 from physid.estimation.measurement.poses import pose_difference
 
@@ -100,7 +100,7 @@ def correlated_noise(
         predicted: Poses, shape (R, T, N, 7).
         good: Frames that count, shape (R, T, N).
         time_step: From frame to frame [s].
-        up: The ground's normal: coordinates along it and across it are looked at.
+        up: The ground's normal: coordinates along it and across it are inspected.
         settings: For how long noise may be alike, what counts as alike, and where nothing moves.
     """
     longest, axes = settings.alike_for / time_step, _axes_with(up)
@@ -159,10 +159,9 @@ class _Windows:
     @classmethod
     def of(cls, residual: Tensor, predicted: Tensor, good: Tensor, axes: Tensor, kind: slice, span: int) -> _Windows:
         """Return the windows whose three frames count, of rotations or positions along some axes (3, 3)."""
-        before, middle, after = slice(None, -2 * span), slice(span, -span), slice(2 * span, None)
-        used = (good[:, before] > 0) & (good[:, middle] > 0) & (good[:, after] > 0)
-        bent = residual[:, middle, :, kind] - (residual[:, before, :, kind] + residual[:, after, :, kind]) / 2
-        ways = [pose_difference(predicted[:, end], predicted[:, middle])[..., kind] for end in (before, after)]
+        bent, used = bends(residual[..., kind], good, span)
+        ends = predicted[:, : -2 * span], predicted[:, 2 * span :]
+        ways = [pose_difference(end, predicted[:, span:-span])[..., kind] for end in ends]
         along, *moved = ((each[used] @ axes.mT).abs() for each in (bent, *ways))
         return cls(span, along, torch.maximum(*moved))
 

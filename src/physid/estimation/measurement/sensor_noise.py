@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from physid.estimation.measurement.correlated_noise import CorrelatedNoise
-from physid.estimation.measurement.deviation import deviation
+from physid.estimation.measurement.deviation import bends, deviation
 from physid.estimation.measurement.noise_settings import DEFAULT, NoiseSettings
 from physid.estimation.measurement.poses import pose_difference
 from physid.estimation.measurement.tracking_error import TrackingError
@@ -84,8 +84,7 @@ def estimate_noise(
     if error is not None:
         error = replace(error.sized(residual, weight), sure=settings.sure)
         return Noise(*_largest(error.spread, settings.least), error, settings.least)
-    bent = residual[:, 1:-1] - (residual[:, :-2] + residual[:, 2:]) / 2
-    good = (weight[:, 1:-1] > 0) & (weight[:, :-2] > 0) & (weight[:, 2:] > 0)
+    bent, good = bends(residual, weight)
     return _of_differences(bent[good] / 1.5**0.5, settings)
 
 

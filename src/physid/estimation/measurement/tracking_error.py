@@ -8,6 +8,7 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
+from physid.estimation.measurement.deviation import bends
 from physid.estimation.measurement.poses import pose_difference
 
 SPANS = (1, 2, 4, 8, 16, 32)  # frames over which errors are averaged, to see how slowly they change
@@ -50,8 +51,7 @@ class TrackingError:
             residual: Observed minus predicted.
             weight: Weights of the frames, 0 for those to ignore, shape (R, T, N).
         """
-        good = (weight[:, 1:-1] > 0) & (weight[:, :-2] > 0) & (weight[:, 2:] > 0)
-        found, own = (_roughness(each, good) for each in (residual, self.track))
+        found, own = (_roughness(each, weight) for each in (residual, self.track))
         first, second = (max(1.0, a / max(b, 1e-12)) for a, b in zip(found, own, strict=True))
         return replace(self, factors=(first, second))
 
@@ -152,8 +152,8 @@ def without_line(value: Tensor, weight: Tensor) -> Tensor:
     return line
 
 
-def _roughness(value: Tensor, good: Tensor) -> tuple[float, float]:
+def _roughness(value: Tensor, weight: Tensor) -> tuple[float, float]:
     """Return the median length of what leaves the middle of its neighbours, of rotations and of positions."""
-    bent = (value[:, 1:-1] - (value[:, :-2] + value[:, 2:]) / 2)[good]
-    first, second = (float(bent[:, kind].norm(dim=-1).median()) for kind in KINDS)
+    bent, good = bends(value, weight)
+    first, second = (float(bent[good][:, kind].norm(dim=-1).median()) for kind in KINDS)
     return first, second

@@ -43,7 +43,7 @@ def odd_trajectories(
     Args:
         experiment: What was fitted.
         fit: The fit.
-        among: Trajectories that may be odd; the others are not looked at, shape (R,).
+        among: Trajectories that may be odd; the others are not inspected, shape (R,).
         settings: What is explained, and how many may be odd.
 
     Returns:
@@ -90,20 +90,20 @@ def _explained(experiment: Experiment, point: Variants, row: int, settings: OddS
     """Explain a trajectory by one parameter of its own, or else by all; None where that leaves more than noise."""
     alone, model = torch.zeros_like(experiment.fitted), experiment.predictor.model
     alone[row] = True
-    others, best = model.to_values(point.nominal[0]).tolist(), []
-    count = len(others)
-    for chosen in [*([k] for k in range(count)), *([list(range(count))] if count > 1 else [])]:
-        predictor = experiment.predictor.with_model(model.with_unknown(chosen, point.nominal[0]))
-        begun = point.replace(nominal=point.nominal[:, chosen])
+    others = model.to_values(point.nominal[0]).tolist()
+
+    def by(which: list[int]) -> tuple[float, OddTrajectory]:
+        predictor = experiment.predictor.with_model(model.with_unknown(which, point.nominal[0]))
+        begun = point.replace(nominal=point.nominal[:, which])
         fit = gauss_newton(experiment.replace(fitted=alone, predictor=predictor), begun, NONE)
-        own = predictor.model.to_values(fit.point.nominal[0]).tolist()
-        names = tuple(model.unknown[k] for k in chosen)
-        one = OddTrajectory(row, names, tuple(own), tuple(others[k] for k in chosen))
-        # All together explain it no worse, and are tried only where no single one does.
-        best.append((float(_misfit(experiment, fit)[row]), one))
-        if chosen == [count - 1] and min(best, key=lambda each: each[0])[0] <= settings.misfit:
-            break
-    misfit, one = min(best, key=lambda each: each[0])
+        own, names = predictor.model.to_values(fit.point.nominal[0]).tolist(), tuple(model.unknown[k] for k in which)
+        return float(_misfit(experiment, fit)[row]), OddTrajectory(
+            row, names, tuple(own), tuple(others[k] for k in which)
+        )
+
+    misfit, one = min((by([k]) for k in range(len(others))), key=lambda each: each[0])
+    if misfit > settings.misfit and len(others) > 1:
+        misfit, one = by(list(range(len(others))))
     return one if misfit <= settings.misfit else None
 
 

@@ -92,7 +92,7 @@ class OddSettings(Section):
     most: int = setting(3, "trajectories", "that may be odd, at most: each takes a few fits", ge=1)
     others: int = setting(3, "trajectories", "that the parameters of the others are fitted to, at least", ge=2)
     among: int = setting(
-        200, "trajectories", "of a set, at most, for the same reason; larger ones are not looked at", ge=1
+        200, "trajectories", "of a set, at most, for the same reason; larger ones are not inspected", ge=1
     )
 
 

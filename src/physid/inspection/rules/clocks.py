@@ -65,7 +65,7 @@ def delay(seen: Evidence) -> Finding | None:
         return None
     known = f" (+- {np.hypot(deviation, OFF):.1g})" if len(without) >= FEW else ""
     mend = f"import with forces.offset={round(seen.origin.offset + late_by, 3):g}, if nothing in the plant delays them"
-    held = _between_rows(seen)
+    held = seen.force_step or seen.scene.time_step
     if seen.origin.held and abs(late_by + held / 2) < NEAR * held:
         mend = (
             f"forces are held from row to row, {held:.2g} s; forces.between=linear if they change steadily; else {mend}"
@@ -75,13 +75,6 @@ def delay(seen: Evidence) -> Finding | None:
         f"(correlation {most:.2f}, without a shift {now:.2f}): the two clocks seem to differ",
         mend,
     )
-
-
-def _between_rows(seen: Evidence) -> float:
-    """Return the median time between two rows of forces [s]."""
-    clocks = [np.diff(one.wrench_time) for one in seen.recordings if one.wrench_time is not None]
-    steps = np.concatenate(clocks) if clocks else np.zeros(0)
-    return float(np.median(steps)) if len(steps) else seen.scene.time_step
 
 
 def _moments(seen: Evidence, shifts: Array) -> Array:
