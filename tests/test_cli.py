@@ -192,6 +192,7 @@ def test_an_interrupt_in_a_destructor_is_not_lost() -> None:
         interrupted()
 
 
+@pytest.mark.slow
 def test_an_interrupted_generation_exits_with_130_and_goes_on(tmp_path: Path) -> None:
     words = ["generate", "--config", PUSH, "--out", str(tmp_path / "set"), "--workers=1", "--quiet", "video=false"]
     running = subprocess.Popen(

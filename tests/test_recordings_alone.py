@@ -32,6 +32,7 @@ def test_a_set_is_fitted_tested_and_predicted_by_its_name(made: Path, capsys: py
     assert len(RecordingSet(Path("runs", made.name, "predictions"))) == 2
 
 
+@pytest.mark.slow
 def test_others_that_name_no_split_are_tested_whole_and_what_was_fitted_only_where_it_is_asked_for(
     made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -77,6 +78,7 @@ def test_keys_beside_a_set_that_would_be_ignored_are_refused(made: Path, capsys:
     assert "expected a configuration or recordings, got both: model.engine.substeps=4" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_an_interrupted_fit_of_a_set_goes_on(made: Path) -> None:
     assert main(["fit", str(made), "trainer.max_epochs=2"]) == 0
     assert main(["fit", str(made)]) == 2, "an earlier run is there"

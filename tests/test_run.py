@@ -254,6 +254,7 @@ def test_the_bar_counts_epochs_and_leaves_out_what_tells_nothing(
     assert "v_num" not in shown
 
 
+@pytest.mark.slow
 def test_a_run_interrupted_before_its_first_checkpoint_starts_again(config: str) -> None:
     assert main(["fit", "--config", config, "model.interrupt_in=0"]) == 130
     assert main(["fit", "--config", config, "--resume"]) == 0

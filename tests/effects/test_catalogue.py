@@ -47,6 +47,8 @@ DESIGN = [
     "camera_yaw",
     "camera_offset",
     "observation_latency",
+    "observation_lag",
+    "observation_smoothing",
     "clock_rate",
     "lens_distortion",
     "object_size",
@@ -164,7 +166,9 @@ def test_the_documented_table_is_the_catalogue() -> None:
 
 
 def _sum(probe: Probe, effect: Effect) -> Tensor:
-    """Return one random sum of all that an effect gives."""
-    source = torch.Generator().manual_seed(3)
-    shown = probe.show(effect).values()
-    return torch.stack([(torch.rand(one.shape, generator=source, dtype=one.dtype) * one).sum() for one in shown]).sum()
+    """Return one random sum of all that an effect changes."""
+    source, before = torch.Generator().manual_seed(3), probe.untouched()
+    changes = [shown - before[name] for name, shown in probe.show(effect).items()]
+    return torch.stack(
+        [(torch.rand(one.shape, generator=source, dtype=one.dtype) * one).sum() for one in changes]
+    ).sum()

@@ -88,6 +88,7 @@ def test_one_that_nothing_was_fitted_to_is_named_too() -> None:
     assert [odd.row for odd in odd_ones(pose, timeline, fitted)] == [3]
 
 
+@pytest.mark.slow
 def test_none_is_odd_where_all_are_alike_or_each_is_another() -> None:
     timeline, pose = seen_of(MASS, FRICTION)
     assert odd_ones(pose, timeline) == ()

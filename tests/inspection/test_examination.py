@@ -71,6 +71,7 @@ def wrong(findings: tuple[Finding, ...] | list[Finding]) -> list[str]:
     return [one.what for one in findings if one.wrong]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["sign", *(pytest.param(name, marks=pytest.mark.slow) for name in (None, "clock", "order"))]
 )

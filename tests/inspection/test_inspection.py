@@ -278,6 +278,7 @@ def test_a_mistake_is_found_with_its_mend(tmp_path: Path, name: str, change: Cha
     assert any(message in one for one in found), found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("sign", "offset"), [(1, [-0.2]), (-1, [])])
 def test_forces_so_late_that_they_point_against_accelerations_are_late_and_not_of_another_sign(
     tmp_path: Path, sign: int, offset: list[float]

@@ -77,6 +77,7 @@ def test_a_zero_axis_is_refused() -> None:
         layer.rollout(state([[0, 0, 0]]), forces(1, [[0.0, 0, 0]]), boxes())
 
 
+@pytest.mark.slow
 def test_a_pendulum_under_midpoint_converges_with_order_two() -> None:
     turn = exponential(torch.tensor([0, 0.6, 0], dtype=torch.float64))
     place = -rotate(turn, torch.tensor([0, 0, 0.3], dtype=torch.float64))

@@ -110,6 +110,7 @@ def test_the_untransposed_system_would_give_another_gradient() -> None:
     assert float(asymmetry.max()) > 0.01
 
 
+@pytest.mark.slow
 def test_joint_rows_hold_and_their_gradient_is_right() -> None:
     problem = random_problem(4)
     rows = torch.zeros(4, 2, 6, dtype=torch.float64)

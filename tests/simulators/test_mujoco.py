@@ -164,6 +164,7 @@ def test_tumbling_boxes_gain_no_energy_and_do_not_sink_in(seed: int) -> None:
     assert corners(motion.pose, scene.sizes)[..., 2].min() > -1e-4
 
 
+@pytest.mark.slow
 def test_a_motion_that_leaves_the_finite_numbers_is_refused_and_nothing_is_left_behind(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

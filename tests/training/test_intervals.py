@@ -184,6 +184,7 @@ def test_differences_over_a_coarse_step_are_those_of_a_parabola() -> None:
     assert torch.allclose(2 * normal.matrix, bend.expand(3, 2, 2))
 
 
+@pytest.mark.slow
 def test_a_fit_reports_intervals_and_marks_what_is_not_identifiable(
     recordings: Callable[[str], Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -145,6 +145,7 @@ def test_where_the_error_falls_with_the_step_half_of_it_is_left_to_the_halves(pa
     assert chosen.left == pytest.approx(halved), "the halves miss as much again"
 
 
+@pytest.mark.slow
 def test_steps_are_cut_in_halves_as_often_as_they_may_be_and_not_beyond_the_end_of_a_shorter_trajectory() -> None:
     judged, choice, end = judgement(2e-4), StepChoice(finest=False, shortest=FRAME / 8), 5
     asked: set[int] = set()

@@ -201,6 +201,7 @@ def test_free_flight_is_the_ballistic_baseline_until_touch_down() -> None:
     assert torch.equal(baselines.held(known)[:, 5], known.pose[:, 0])
 
 
+@pytest.mark.slow
 def test_a_resumed_identification_equals_one_in_one_go(recordings: Callable[[str], Path], tmp_path: Path) -> None:
     common = ["--config", str(CONFIG), f"data.folder={recordings('push')}", "data.limit=2"]
 

@@ -77,6 +77,7 @@ def size(error: Tensor) -> float:
     return float(error.square().mean().sqrt())
 
 
+@pytest.mark.slow
 def test_read_poses_are_a_tenth_of_a_pixel_off(films: Path, read: Path) -> None:
     place, turn = errors(read, films)
     assert size(place) < EXACT
@@ -104,6 +105,7 @@ def test_poses_settle_where_a_motion_changes_between_two_frames(films: Path, tmp
     assert size(turn) < TURNED
 
 
+@pytest.mark.slow
 def test_reading_drawn_films_tells_how_far_off_read_poses_are(films: Path, read: Path) -> None:
     for own, again in zip(errors(read, films), errors(read / ECHO, read), strict=True):
         assert 1 / ALIKE < size(again) / size(own) < ALIKE
@@ -254,6 +256,7 @@ def test_films_without_a_mask_are_refused(films: Path, tmp_path: Path, capsys: p
     assert not (tmp_path / "read").exists()
 
 
+@pytest.mark.slow
 def test_a_folder_with_poses_of_other_films_is_kept(films: Path, read: Path, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="read from other films"):
         track(films_of(tmp_path / "films", trajectories=1, seed=5), read)

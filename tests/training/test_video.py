@@ -61,7 +61,7 @@ def test_films_whose_maker_is_not_known_are_predicted_with_one_step_per_frame_an
     assert "model.engine.substeps=16" in said
 
 
-@pytest.mark.parametrize("method", ["supervised", "self_supervised"])
+@pytest.mark.parametrize("method", ["supervised", pytest.param("self_supervised", marks=pytest.mark.slow)])
 def test_all_phases_run_within_one_fit_and_leave_films(method: str, films: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
     config = str(CONFIGS / method / "push_friction.yaml")
@@ -146,7 +146,7 @@ def test_first_velocities_without_their_frames_are_refused(
 
 
 @pytest.mark.parametrize("cell", ["collide", pytest.param("slide_friction", marks=pytest.mark.slow)])
-@pytest.mark.parametrize("method", ["supervised", "self_supervised"])
+@pytest.mark.parametrize("method", [pytest.param("supervised", marks=pytest.mark.slow), "self_supervised"])
 def test_two_blocks_and_an_incline_go_through_all_phases(cell: str, method: str, tmp_path: Path) -> None:
     films, config = tmp_path / "films", str(CONFIGS / "generate" / f"{cell.split('_')[0]}.yaml")
     tiny = ["trajectories=10", "steps=11", "--workers=1", "--quiet", f"--out={films}"]
@@ -161,6 +161,7 @@ def pose(recording: Recording) -> np.ndarray:
     return recording.pose
 
 
+@pytest.mark.slow
 def test_what_is_predicted_lands_in_a_recording_set_with_films(films: Path, tmp_path: Path) -> None:
     run, config = tmp_path / "run", str(CONFIGS / "supervised" / "push_friction.yaml")
     assert main(["fit", "--config", config, f"--run-dir={run}", f"data.folder={films}", *TINY]) == 0
@@ -186,6 +187,7 @@ def test_what_is_predicted_lands_in_a_recording_set_with_films(films: Path, tmp_
     assert strong[-1, 0, 0] > strong[0, 0, 0] + MOVED
 
 
+@pytest.mark.slow
 def test_films_without_poses_are_predicted_alike(films: Path, tmp_path: Path) -> None:
     run, config = tmp_path / "run", str(CONFIGS / "supervised" / "push_friction.yaml")
     assert main(["fit", "--config", config, f"--run-dir={run}", f"data.folder={films}", *TINY]) == 0
@@ -231,9 +233,8 @@ def test_recordings_without_video_are_refused(tmp_path: Path, capsys: pytest.Cap
     assert "video=true" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("imagined", "compared"), [(0, [0, 1, 2, 3, 4, 5]), pytest.param(1, [2, 3, 4, 5], marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("imagined", "compared"), [(0, [0, 1, 2, 3, 4, 5]), (1, [2, 3, 4, 5])])
 def test_the_blur_goes_all_the_way_over_the_epochs_whose_loss_compares_images(
     imagined: int, compared: list[int], films: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -263,7 +264,7 @@ def test_the_blur_goes_all_the_way_over_the_epochs_whose_loss_compares_images(
     "encoder",
     [
         "encoder.PoseEncoder",
-        "encoder.VariationalPoseEncoder",
+        pytest.param("encoder.VariationalPoseEncoder", marks=pytest.mark.slow),
         pytest.param("voting.VotingPoseEncoder", marks=pytest.mark.slow),
     ],
 )

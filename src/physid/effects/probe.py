@@ -65,8 +65,8 @@ def draw_probe(batch: int = 3, frames: int = 8) -> Probe:
     place, turn = values(batch, bodies, 3, low=0.4, high=0.8), values(batch, bodies, 3)
     place[:, 0, 2], turn[:, 0, :2] = size[:, 0, 2] / 2, 0.0
     state = State(torch.cat([place, exponential(turn)], -1), values(batch, bodies, 6))
-    motion = TIME_STEP * torch.arange(frames)[:, None, None] * values(batch, 1, bodies, 6)
-    pose = torch.cat([place[:, None] + motion[..., 3:], exponential(turn[:, None] + motion[..., :3])], -1)
+    time = TIME_STEP * torch.arange(frames, dtype=torch.float64)[:, None, None]
+    motion = time * values(batch, 1, bodies, 6)
     wrench, mass = 5 * values(batch, frames, bodies, 6), values(batch, bodies, low=1.0, high=2.0)
     drawn = {
         "time": values(batch, low=0.3, high=0.9),
@@ -80,4 +80,6 @@ def draw_probe(batch: int = 3, frames: int = 8) -> Probe:
         "ground_normal": mass.new_tensor([0.0, 0.0, 1.0]),
     }
     inputs = StepInputs.nominal(state.pose, drawn)
+    motion = motion + time**2 * values(batch, 1, bodies, 6, low=-40.0, high=40.0)
+    pose = torch.cat([place[:, None] + motion[..., 3:], exponential(turn[:, None] + motion[..., :3])], -1)
     return Probe(wrench, state, inputs, pose)

@@ -55,7 +55,12 @@ CONFUSIONS: tuple[Confusion, ...] = (
     Confusion(("camera_yaw", "force_misalignment"), "push", DRAWN, "no fixed edge in view"),
     Confusion(("force_offset", "com_offset"), "push", MOVED, "no free fall"),
     Confusion(("viscous_drag", "quadratic_drag", "friction_drift"), "push", ("paper",), "speed grows with time"),
-    Confusion(("force_delay", "force_lag", "observation_latency"), "push", MOVED, "few steps of the command"),
+    Confusion(
+        ("force_delay", "force_lag", "observation_latency", "observation_lag"),
+        "push",
+        MOVED,
+        "few steps of the command",
+    ),
     Confusion(("length_scale", "gravity_error", "clock_rate"), "toss", ("paper",), "free flight fills most frames"),
     Confusion(("ground_restitution", "contact_compliance"), "toss", BOTH, "one height of fall"),
     *(Confusion(("camera_offset", "object_size"), scene, STRAIGHT, HEIGHT) for scene in ("push", "slide", "toss")),

@@ -30,7 +30,10 @@ REMEDIES: tuple[tuple[frozenset[str], str], ...] = (
         frozenset({"viscous_drag", "quadratic_drag"}),
         "let the body coast from speeds that differ by a factor of 3 or more",
     ),
-    (frozenset({"force_delay", "force_lag", "observation_latency"}), "record coasting, and steps of the command"),
+    (
+        frozenset({"force_delay", "force_lag", "observation_latency", "observation_lag"}),
+        "record coasting, and steps of the command",
+    ),
     (frozenset({"viscous_drag", "quadratic_drag", "friction_drift"}), "start with a velocity, early and late"),
     (frozenset({"camera_yaw", "force_misalignment"}), "film an edge of the table whose direction is known"),
     (
