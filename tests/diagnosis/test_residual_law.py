@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from diagnosis.sets import Vortex, recorded_with
-from physid.benchmark.sealing.outside import CameraSway
+from physid.benchmark.sealing.outside import CameraSway, Keystone
 from physid.data import RecordingSet
 from physid.diagnosis.document.residual_law import ResidualLaw
 from physid.diagnosis.document.residual_sentences import residual_sentences
@@ -69,17 +69,28 @@ def test_a_picture_that_sways_is_found_as_a_shift_over_time(tmp_path: Path) -> N
     assert max(found.gains, key=lambda site: found.gains[site]) == "perception"
 
 
+def test_a_camera_that_does_not_look_straight_down_is_found_as_a_stretch_that_changes_with_a_place(
+    tmp_path: Path,
+) -> None:
+    """(x, y)' = (1 + k x) (x, y) moves pictures away from the origin by k x for each metre from there."""
+    found = laws_beyond(tmp_path / "keystone", Keystone(slope=torch.tensor([0.15], dtype=torch.float64)))
+    law = found.described[0]
+    assert (law.kind, law.direction, law.variable) == ("shift", "away from the origin", "x")
+    assert law.explains > 0.9
+    assert max(found.gains, key=lambda site: found.gains[site]) == "perception"
+
+
 def test_without_a_gap_there_is_no_law(tmp_path: Path) -> None:
     assert laws_beyond(tmp_path / "free") == ResidualLaws()
 
 
-def test_hats_interpolate_between_knots_and_are_constant_beyond() -> None:
+def test_hats_interpolate_between_knots_and_go_on_straight_beyond() -> None:
     knots = torch.tensor([0.0, 1.0, 4.0], dtype=torch.float64)
     value = torch.tensor([-1.0, 0.0, 0.25, 1.0, 2.5, 4.0, 9.0], dtype=torch.float64)
     table = hats(value, knots)
     assert torch.allclose(table.sum(-1), torch.ones(7, dtype=torch.float64))
     heights = torch.tensor([2.0, 4.0, 1.0], dtype=torch.float64)
-    assert (table @ heights).tolist() == pytest.approx([2.0, 2.0, 2.5, 4.0, 2.5, 1.0, 1.0])
+    assert (table @ heights).tolist() == pytest.approx([0.0, 2.0, 2.5, 4.0, 2.5, 1.0, -4.0])
 
 
 def law(**changes: Any) -> ResidualLaw:
@@ -122,6 +133,10 @@ def law(**changes: Any) -> ResidualLaw:
         (
             {"kind": "shift", "direction": "along x", "variable": "time", "unit": "m"},
             "a shift of the picture along x that changes with the time, by 1.8 mm; it explains 83 %",
+        ),
+        (
+            {"kind": "shift", "direction": "away from the origin", "variable": None, "unit": "m"},
+            "a shift of the picture away from the origin, by 1.8 mm; it explains 83 %",
         ),
         (
             {"low": (-0.5,) * 3, "high": (0.5,) * 3},

@@ -51,12 +51,27 @@ def test_a_lag_reports_a_steady_motion_late_by_its_time_constant_from_the_first_
     assert angle_between(found[:, 20:, :, 3:], late[:, 20:, :, 3:]).max() < (0.9 * 0.03) ** 3
 
 
-def test_a_lag_is_the_solution_of_its_equation_between_straight_lines() -> None:
-    x = torch.where(TIME > 1.0, TIME - 1.0, 0.0) * 2.0
-    found = seen("observation_lag", "time_constant", 0.05, poses(along(x)))[..., 0, 0]
-    since = (TIME - 1.0).clamp_min(0)
-    wanted = 2.0 * (since - 0.05 * (1 - torch.exp(-since / 0.05)))
-    assert torch.allclose(found, wanted, atol=1e-12)
+def test_a_lag_is_exponential_smoothing_and_at_short_steps_the_solution_of_a_low_pass() -> None:
+    weight, x = 0.4, torch.randn(1, 60, dtype=torch.float64).cumsum(1)
+    tau = (1 - weight) / weight / RATE
+    found = seen("observation_lag", "time_constant", tau, poses(along(x)), TIME[:, :60])[0, :, 0, 0]
+    wanted = found[:1].tolist()
+    for value in x[0, 1:].tolist():
+        wanted.append(wanted[-1] + weight * (value - wanted[-1]))
+    assert torch.allclose(found, torch.tensor(wanted).double(), atol=1e-12)
+
+    errors = []
+    for rate in (1000, 2000):
+        time = torch.arange(2 * rate).double()[None] / rate
+        since = (time - 1.0).clamp_min(0)
+        low_pass = 2.0 * (since - 0.05 * (1 - torch.exp(-since / 0.05)))
+        errors.append(
+            (seen("observation_lag", "time_constant", 0.05, poses(along(2.0 * since)), time)[..., 0, 0] - low_pass)
+            .abs()
+            .max()
+        )
+    assert errors[1] < 4e-4
+    assert float(errors[0] / errors[1]) == pytest.approx(2, rel=0.05)
 
 
 @pytest.mark.parametrize("time", [TIME, uneven()], ids=["even", "uneven"])

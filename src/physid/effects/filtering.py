@@ -37,10 +37,10 @@ def filtered(pose: Tensor, change: Change) -> Tensor:
 
 
 def lag(values: Tensor, time: Tensor, constant: Tensor) -> Tensor:
-    """Compute what a low pass of first order adds to values: d = y - x, where tau dy/dt = x - y.
+    """Compute what exponential smoothing adds to values: d = y - x, where y_k = y_{k-1} + a_k (x_k - y_{k-1}).
 
-    Values are linear from frame to frame, and went on as in the first step before the first frame. With v_k the slope
-    and e = exp(-h_k / tau), d_0 = -tau v_0 and d_{k+1} = e d_k - tau (1 - e) v_k.
+    With a_k = h_k / (h_k + tau) a steady motion is tau late: d_k = (1 - a_k) (d_{k-1} - (x_k - x_{k-1})). Before the
+    first frame values went on as in the first step, d_0 = -tau (x_1 - x_0) / h_1.
 
     Args:
         values: x, shape (B, T, K).
@@ -52,16 +52,13 @@ def lag(values: Tensor, time: Tensor, constant: Tensor) -> Tensor:
     """
     if values.shape[1] < 2:
         return torch.zeros_like(values)
-    step, constant = time.diff(dim=1), constant[:, None]
-    slope = values.diff(dim=1) * torch.where(step > 0, 1 / torch.where(step > 0, step, 1.0), 0.0)[..., None]
-    # Where tau < h / 500, exp(-h / tau) is below the smallest number; leaving it out keeps the derivative finite.
-    fast = constant < step / 500
-    slow = torch.where(fast | (constant <= 0), 1.0, constant)
-    decay = torch.where(fast, 0.0, torch.exp(-step / slow))[..., None]
-    gain = constant[..., None] * (1 - decay) * slope
-    behind = [-constant * slope[:, 0]]
-    for kept, more in zip(decay.unbind(1), gain.unbind(1), strict=True):
-        behind.append(kept * behind[-1] - more)
+    step, constant, way = time.diff(dim=1), constant[:, None], values.diff(dim=1)
+    # Frames that only fill up a shorter trajectory have the time of its last one.
+    there = step > 0
+    kept = torch.where(there, constant / torch.where(there, step + constant, 1.0), 1.0)[..., None]
+    behind = [-(constant / torch.where(there[:, :1], step[:, :1], 1.0)) * way[:, 0]]
+    for share, moved in zip(kept.unbind(1), way.unbind(1), strict=True):
+        behind.append(share * (behind[-1] - moved))
     return torch.stack(behind, 1)
 
 

@@ -46,7 +46,8 @@ def law_phrase(law: ResidualLaw) -> str:
     if turned:
         value, low, high = -value, -high, -low
     if law.kind == "shift":
-        return f"{name} {law.direction} that changes with {_variable(law)}, by {quantity(law.moves, 'm')}"
+        depends = "" if law.variable is None else f" that changes with {_variable(law)}"
+        return f"{name} {law.direction}{depends}, by {quantity(law.moves, 'm')}"
     size = interval(value, low, high, law.unit)
     if law.variable is None:
         return f"{name} {direction}{region}, {size}"

@@ -55,13 +55,13 @@ class Law:
 
 
 def hats(value: Tensor, knots: Tensor) -> Tensor:
-    """Return piecewise linear functions that are one at one of the knots (B,) each, constant beyond the ends; (..., B).
+    """Return piecewise linear functions that are one at one of the knots (B,) each, linear beyond the ends; (..., B).
 
     Their sum is one everywhere.
     """
     right = torch.searchsorted(knots, value.contiguous()).clamp(1, len(knots) - 1)
     low, high = knots[right - 1], knots[right]
-    share = ((value - low) / (high - low)).clamp(0, 1)
+    share = (value - low) / (high - low)
     empty = value.new_zeros(*value.shape, len(knots))
     return empty.scatter(-1, right[..., None] - 1, (1 - share)[..., None]).scatter(
         -1, right[..., None], share[..., None]

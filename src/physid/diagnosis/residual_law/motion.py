@@ -24,7 +24,8 @@ class Direction:
         name: As it is said: "across the velocity".
         kind: A force, a torque, or a shift of reported positions.
         value: Unit vectors, in the last three of six components of a force or shift, in the first three of a torque;
-            zero where there is no such direction, shape (R, T, N, 6).
+            zero where there is no such direction, shape (R, T, N, 6). A shift away from the origin grows with the
+            distance from there, and has length one at 1 m.
         commanded: Whether it is that of the command.
         rubs: Whether it is that of a friction.
     """
@@ -69,7 +70,7 @@ def directions_of(
         planar: Whether bodies stay on the ground.
         still: Speed below which a velocity has no direction [m/s].
     """
-    twist, command = prediction.twist[0], timeline.wrench[..., 3:]
+    twist, command, place = prediction.twist[0], timeline.wrench[..., 3:], prediction.state[0, ..., :3]
     spin, velocity = twist[..., :3], twist[..., 3:]
     up = frame[2].expand_as(velocity)
     none = torch.zeros_like(up)
@@ -89,6 +90,7 @@ def directions_of(
         Direction("about the vertical", "torque", torch.cat([up, none], -1)),
         Direction("along the spin", "torque", torch.cat([_unit(spin), none], -1), rubs=planar),
         *(Direction(name, "shift", torch.cat([none, value], -1)) for name, value in axes),
+        Direction("away from the origin", "shift", torch.cat([none, place - (place * up).sum(-1, True) * up], -1)),
     ]
 
 

@@ -12,10 +12,10 @@ from physid.physics import Effect, Site, quantity
 @final
 @dataclass(frozen=True)
 class ObservationLag(Effect):
-    """tau dP'/dt = P - P' for the pose P, which went on before the first frame as in the first step.
+    """P'_k = P'_{k-1} + h / (h + tau) (P_k - P'_{k-1}) for the pose P of frame k, h after the one before.
 
-    Poses are linear from frame to frame: P' is tau late where a body moves steadily. A filter that also looks ahead is
-    `observation_smoothing`.
+    Exponential smoothing of poses, after which a steady motion is reported tau late; a weight a of the newest pose is
+    tau = h (1 - a) / a. A filter that also looks ahead is `observation_smoothing`.
 
     Attributes:
         time_constant: tau [s].
