@@ -59,7 +59,7 @@ def test_a_simulator_gets_only_what_it_can_make() -> None:
 def test_roles_may_be_chosen_and_wrong_names_end_in_one_line() -> None:
     some = Plan("score", 1, Size(sets=14), ("mujoco",), roles_of("free, catalogue"))
     assert Counter(task.role for task in tasks(some)) == {"free": 5, "catalogue": 9}
-    assert roles_of("") == ROLES
+    assert roles_of("") == roles_of("all") == ROLES
     with pytest.raises(ValueError, match=r'unknown simulator "bullet".*pybullet'):
         Plan("score", 1, Size(), simulators_of("bullet"))
     with pytest.raises(ValueError, match=r'unknown role "frei".*free'):

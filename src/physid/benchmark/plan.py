@@ -138,8 +138,8 @@ def simulators_of(text: str) -> tuple[str, ...]:
 
 
 def roles_of(text: str) -> tuple[Role, ...]:
-    """Read roles from names with commas between them; all where there is none."""
-    return cast(tuple[Role, ...], tuple(_names(text))) or ROLES
+    """Read roles from names with commas between them; all for `all`, and where there is none."""
+    return ROLES if text.strip() in ("", "all") else cast(tuple[Role, ...], tuple(_names(text)))
 
 
 def _names(text: str) -> list[str]:

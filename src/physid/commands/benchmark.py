@@ -25,7 +25,7 @@ def benchmark(
     seed: int = 0,
     quick: bool = False,
     simulator: str = "pybullet",
-    roles: str = "",
+    roles: str = "all",
     least_severity: float = 0.0,
     calibration: bool = False,
     workers: int = -1,
