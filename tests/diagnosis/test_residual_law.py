@@ -84,13 +84,15 @@ def test_without_a_gap_there_is_no_law(tmp_path: Path) -> None:
     assert laws_beyond(tmp_path / "free") == ResidualLaws()
 
 
-def test_hats_interpolate_between_knots_and_go_on_straight_beyond() -> None:
+def test_hats_interpolate_between_knots_and_go_on_straight_beyond_for_as_far_again() -> None:
     knots = torch.tensor([0.0, 1.0, 4.0], dtype=torch.float64)
-    value = torch.tensor([-1.0, 0.0, 0.25, 1.0, 2.5, 4.0, 9.0], dtype=torch.float64)
+    value = torch.tensor([-1.0, 0.0, 0.25, 1.0, 2.5, 4.0, 7.0], dtype=torch.float64)
     table = hats(value, knots)
     assert torch.allclose(table.sum(-1), torch.ones(7, dtype=torch.float64))
     heights = torch.tensor([2.0, 4.0, 1.0], dtype=torch.float64)
-    assert (table @ heights).tolist() == pytest.approx([0.0, 2.0, 2.5, 4.0, 2.5, 1.0, -4.0])
+    assert (table @ heights).tolist() == pytest.approx([0.0, 2.0, 2.5, 4.0, 2.5, 1.0, -2.0])
+    ends = torch.tensor([-4.0, -1e6, 8.0, 1e6], dtype=torch.float64)
+    assert (hats(ends, knots) @ heights).tolist() == pytest.approx([-6.0, -6.0, -3.0, -3.0])
 
 
 def law(**changes: Any) -> ResidualLaw:

@@ -55,10 +55,13 @@ class Law:
 
 
 def hats(value: Tensor, knots: Tensor) -> Tensor:
-    """Return piecewise linear functions that are one at one of the knots (B,) each, linear beyond the ends; (..., B).
+    """Return piecewise linear functions that are one at one of the knots (B,) each, (..., B).
 
-    Their sum is one everywhere.
+    Beyond the ends they go on straight, for as far again as the knots reach, and are constant from there: a few values
+    that are far off would otherwise outweigh all others. Their sum is one everywhere.
     """
+    reach = knots[-1] - knots[0]
+    value = value.clamp(knots[0] - reach, knots[-1] + reach)
     right = torch.searchsorted(knots, value.contiguous()).clamp(1, len(knots) - 1)
     low, high = knots[right - 1], knots[right]
     share = (value - low) / (high - low)
