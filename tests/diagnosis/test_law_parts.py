@@ -88,13 +88,6 @@ def test_variables_have_their_values_in_the_axes_of_the_ground_and_where_they_ar
         assert one.swings is (name == "time")
 
 
-def test_hats_interpolate_between_knots_and_hold_the_last_beyond() -> None:
-    knots = torch.tensor([1.0, 2.0, 4.0]).double()
-    value = torch.tensor([0.0, 1.0, 1.25, 2.0, 3.0, 4.0, 9.0]).double()
-    expected = [[1, 0, 0], [1, 0, 0], [0.75, 0.25, 0], [0, 1, 0], [0, 0.5, 0.5], [0, 0, 1], [0, 0, 1]]
-    assert torch.allclose(hats(value, knots), torch.tensor(expected).double())
-
-
 def direction(kind: Any = "force", share: float = 1.0, **more: Any) -> Direction:
     value = torch.zeros(1, 100, 1, 6).double()
     value[0, : round(100 * share), 0, 3] = 1.0
