@@ -13,7 +13,7 @@ from torch import Tensor
 from diagnosis.flown import QUICK, examined, hypothesis, random
 from estimation.flights import MASS, NOISE, flights
 from physid.diagnosis.residual_law import find_residual_laws
-from physid.diagnosis.residual_law.laws import Law, _combined, hats, knots_of, over_pieces
+from physid.diagnosis.residual_law.laws import Law, _combined, knots_of, over_pieces
 from physid.diagnosis.residual_law.motion import Direction, Variable, directions_of, variables_of
 from physid.diagnosis.residual_law.regression import Regression
 from physid.diagnosis.settings.testing import ResidualLawSettings

@@ -8,13 +8,16 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import h5py
 import lightning as L
+import numpy as np
 import pytest
 import torch
 from tests.training.pushed import SCENE, TRUE_FRICTION, layer, push_batch
 from tests.training.trainers import trainer_in
 
 from physid.cli import main
+from physid.data import trajectory_path
 from physid.data.batches.datamodule import RecordingsDataModule
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig, Noise
@@ -97,6 +100,24 @@ def test_without_impacts_nothing_is_cut_and_nothing_changes(tmp_path: Path) -> N
     found = [fitted(tmp_path / "set", scene="push", epochs=2, cuts=cuts, **made)[0] for cuts in (True, False)]
     assert found[0].pieces is None
     assert found[0].physical.estimates() == found[1].physical.estimates()
+
+
+@pytest.mark.slow
+@quiet
+def test_what_trajectories_without_an_impact_leave_is_no_reason_to_cut(tmp_path: Path) -> None:
+    """A drag that the model lacks is in all of five pushes, a jolt in one of them."""
+    folder = tmp_path / "set"
+    config = GenerateConfig(
+        "push", protocol="rich", video=False, split={"train": 1}, noise=NOISE, simulator="mujoco", trajectories=5,
+        steps=60, frame_rate=60.0, unknown=("block.friction",), effects={"viscous_drag": {"coefficient": 4.0}},
+    )  # fmt: skip
+    generate(config, folder, quiet=True)
+    with h5py.File(trajectory_path(folder, 0), "r+") as file:
+        pose = file["pose"][...]
+        pose[30:, 0, 0] += np.arange(len(pose) - 30) / 60.0  # [m], 1 m/s from there on
+        file["pose"][...] = pose
+    module, _ = fitted(folder, scene="push", epochs=1)
+    assert module.pieces is None
 
 
 @pytest.mark.slow

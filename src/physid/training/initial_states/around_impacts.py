@@ -46,7 +46,7 @@ class FirstFit:
             physics has no solution.
         pieces: The pieces; None where trajectories stay whole.
         tumbling: In how many trajectories a body touches the ground with an edge or a corner.
-        unexplained: How many are not explained as a whole.
+        unexplained: How many with an impact are not explained as a whole.
     """
 
     outliers: OutlierFrames | None = None
@@ -154,7 +154,8 @@ def _cut(
 ) -> FirstFit:
     """Cut trajectories into segments of weights (K,), unless in most of them no body tumbles and all is explained.
 
-    States are tried that the segments begin with, and those that the poses suggest.
+    States are tried that the segments begin with, and those that the poses suggest. What a trajectory without an impact
+    leaves is no reason to cut.
     """
     segments, point = found.experiment.predictor.segments, found.fit.point
     first = (segments.start == 0).nonzero()[:, 0]  # one of each trajectory, in their order
@@ -163,12 +164,14 @@ def _cut(
     held = experiment.with_known_parameters().replace(settings=FITTING)
     begun = Variants.join((guess, whole.begin(states=states)[1]))
     fit = gauss_newton(held, choose(held, begun), NONE, MOST)
-    tumbling, unexplained = tumbles(found, settings), ~held.explained(fit.loss)
+    struck = torch.zeros(len(first), dtype=torch.bool)
+    struck[segments.trajectory[segments.contact]] = True
+    tumbling, unexplained = tumbles(found, settings), struck & ~held.explained(fit.loss)
     most = held.settings.multi_start.most
     if float((tumbling | unexplained).double().mean()) > most >= float(tumbling.double().mean()):
         together = experiment.replace(settings=FITTING)
         fit = gauss_newton(together, together.linearise(fit.point, NONE), NONE, MOST)
-        unexplained = ~together.explained(fit.loss)
+        unexplained = struck & ~together.explained(fit.loss)
     if float((tumbling | unexplained).double().mean()) <= most:
         whole.physical.coordinates.copy_(fit.point.nominal[0])
         whole.physical.confine()
