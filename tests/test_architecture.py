@@ -79,6 +79,7 @@ LISTS = {
     "commands/__init__.py",
     "diagnosis/settings/settings.py",
     "effects/contact/__init__.py",
+    "effects/perception/__init__.py",
     "effects/dynamics/__init__.py",
     "diagnosis/testing/__init__.py",
     "estimation/least_squares/__init__.py",
