@@ -16,6 +16,7 @@ from physid.data import Recording, RecordingSet, trajectory_path, write_scene, w
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig
 from physid.data.reading import ECHO, read_reading
+from physid.inspection.examination import examine
 from physid.networks import as_image
 from physid.networks.appearance import Appearance
 from physid.physics.rotations import conjugate, logarithm, multiply
@@ -244,6 +245,9 @@ def test_frames_in_which_something_hides_a_body_are_said_and_no_others(
     said = [each.getMessage() for each in caplog.records if "should be bodies" in each.getMessage()]
     assert len(said) == (part > 0)
     assert all("trajectory 1: in 10 frame(s), from 15 to 24, up to" in each for each in said)
+    examined = [one.what for one in examine(RecordingSet(tmp_path / "read"), range(2)) if "something hides" in one.what]
+    assert len(examined) == len(said)
+    assert all("trajectory 1: in 10 frame(s), from 15 to 24, up to" in each for each in examined)
 
 
 def test_films_without_a_mask_are_refused(films: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

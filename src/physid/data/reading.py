@@ -20,6 +20,32 @@ FILE, ECHO = "reading.yaml", "echo"
 
 
 @dataclass(frozen=True)
+class HiddenFrames:
+    """Frames of a film in which much of what should be the bodies does not look like them.
+
+    Attributes:
+        trajectory: Whose film it is.
+        frames: How many there are.
+        first: The first of them.
+        last: The last of them.
+        share: How much of the bodies looks otherwise where it is most, 0 to 1.
+    """
+
+    __pydantic_config__: ClassVar[Any] = CLOSED
+    trajectory: int
+    frames: int
+    first: int
+    last: int
+    share: float
+
+    def __str__(self) -> str:
+        return (
+            f"trajectory {self.trajectory}: in {self.frames} frame(s), from {self.first} to {self.last}, up to "
+            f"{100 * self.share:.0f} % of what should be bodies looks otherwise than in the rest of the film"
+        )
+
+
+@dataclass(frozen=True)
 class Reading:
     """How poses were read from films.
 
@@ -33,6 +59,7 @@ class Reading:
         stretch: By which share of their distance from the middle of the view all places were moved.
         stretch_deviation: How well that share is known, one standard deviation.
         key: Changes with the films.
+        hidden: In which frames something hid the bodies, or their light changed.
     """
 
     __pydantic_config__: ClassVar[Any] = CLOSED
@@ -42,6 +69,7 @@ class Reading:
     stretch: float
     stretch_deviation: float
     key: str
+    hidden: tuple[HiddenFrames, ...] = ()
 
 
 def write_reading(folder: Path, reading: Reading) -> None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from physid.data.importers.rotations import PRESETS, axes_of
 from physid.data.importers.sets import MAPPING
 from physid.data.importers.units import UNITS
-from physid.data.reading import read_reading
+from physid.data.reading import HiddenFrames, read_reading
 from physid.yaml_files import read_yaml
 
 Array = NDArray[np.float64]
@@ -29,6 +29,7 @@ class Origin:
         newtons: What one of the log's unit of forces was taken for [N].
         offset: What was added to the stamps of the forces [s].
         held: Whether forces are held from row to row.
+        hidden: Frames of films in which something hid the bodies as poses were read from them.
     """
 
     axes: Array = field(default_factory=lambda: np.eye(3))
@@ -37,6 +38,7 @@ class Origin:
     newtons: float = 1.0
     offset: float = 0.0
     held: bool = True
+    hidden: tuple[HiddenFrames, ...] = ()
 
     @classmethod
     def of(cls, folder: Path) -> Origin:
@@ -46,12 +48,16 @@ class Origin:
         """
         try:
             reading = None if (folder / MAPPING).is_file() else read_reading(folder)
+        except (OSError, ValueError):
+            return cls()
+        hidden = () if reading is None else reading.hidden
+        try:
             known = read_yaml((folder if reading is None else Path(reading.films)) / MAPPING)
             axes = axes_of(known.get("axes", "z-up")) if isinstance(known, dict) else np.eye(3)
         except (OSError, ValueError):
-            return cls()
+            return cls(hidden=hidden)
         if not isinstance(known, dict):
-            return cls()
+            return cls(hidden=hidden)
         force, turn = _names(known.get("force"), 3), _names(known.get("quaternion"), 4)
         ends = "".join(name[-1:].lower() for name in turn)
         order = known.get("order") or ("wxyz" if ends in ("wxyz", "rijk") else "xyzw")
@@ -67,6 +73,7 @@ class Origin:
             UNITS["force"].get(str(unit), 1.0),
             float(offset) if isinstance(offset, int | float) else 0.0,
             forces.get("between", "held") == "held",
+            hidden,
         )
 
     def up(self, direction: str) -> tuple[str, str]:

@@ -102,3 +102,17 @@ def unseen(seen: Evidence) -> Finding | None:
     return Finding(
         f"bodies are out of sight in {100 * share:.0f} % of the frames", "look at lighting and markers", wrong=False
     )
+
+
+def covered(seen: Evidence) -> Finding | None:
+    """Frames of films in which something hid the bodies, or their light changed, when poses were read from them."""
+    hidden = [one for one in seen.origin.hidden if one.trajectory in seen.indices]
+    if not hidden:
+        return None
+    most, more = max(hidden, key=lambda one: one.share), len(hidden) - 1
+    return Finding(
+        f"{most}{f' (and {more} more trajectories)' if more else ''}: something hides them, or their light changes, "
+        "and poses there are unsure",
+        "cut these films there, or film again",
+        wrong=False,
+    )

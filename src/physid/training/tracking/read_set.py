@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from physid.data import RecordingSet, trajectory_path, write_scene, write_sums, write_trajectory
+from physid.data.reading import HiddenFrames
 from physid.scenes import Scene
 from physid.training.tracking.films import Drawn, Filmed, Footage
 from physid.training.tracking.tracker import Reader
@@ -27,6 +28,7 @@ def read_into(
     first: Tensor,
     say: Callable[[int, int], None],
     become: Callable[[int, Tensor], Tensor] = lambda _, pose: pose,
+    doubt: Callable[[HiddenFrames], object] = lambda _: None,
 ) -> RecordingSet:
     """Write a set with the poses that a reader sees; what is there is kept.
 
@@ -39,6 +41,7 @@ def read_into(
         first: About the initial poses, shape (R, N, 7).
         say: Told how many frames of how many were read.
         become: What is written of poses (T, N, 7) of a trajectory.
+        doubt: Told of frames in which something hides the bodies, before poses of theirs are written.
     """
     missing = [index for index in range(len(known)) if not trajectory_path(folder, index).exists()]
     total = sum(one.length for one in known)
@@ -53,7 +56,7 @@ def read_into(
     for start in range(0, len(missing), AT_ONCE):
         part = missing[start : start + AT_ONCE]
         lengths = [known[index].length for index in part]
-        for index, pose in zip(part, reader.read(footage, part, lengths, first[part], count), strict=True):
+        for index, pose in zip(part, reader.read(footage, part, lengths, first[part], count, doubt), strict=True):
             made = known[index].with_poses(become(index, pose).numpy())
             write_trajectory(trajectory_path(folder, index), made)
     write_scene(folder, scene)

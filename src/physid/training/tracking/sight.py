@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Sequence
 
 import torch
 from torch import Tensor
 
-logger = logging.getLogger("physid")
+from physid.data.reading import HiddenFrames
 
 LOST = 0.5
 """Share of the differences between film and drawing in those between film, drawing and background, where bodies, and
@@ -60,8 +59,8 @@ def require_sight(share: Tensor, frame: int, indices: Sequence[int], real: Tenso
         )
 
 
-def warn_of_hidden(share: Tensor, index: int) -> None:
-    """Warn, in one line, of frames in which much of what should be the bodies does not look like them.
+def hidden_frames(share: Tensor, index: int) -> HiddenFrames | None:
+    """Return the frames in which much of what should be the bodies does not look like them; None if there are none.
 
     Args:
         share: What `unlike` says of each frame, shape (T,).
@@ -71,14 +70,6 @@ def warn_of_hidden(share: Tensor, index: int) -> None:
     deviation = (share - usual).abs().median()
     way = (share - usual) / (LOST - usual).clamp_min(1e-9)
     hidden = ((way > HIDDEN) & (share - usual > UNSTEADY * deviation)).nonzero()[:, 0].tolist()
-    if hidden:
-        logger.warning(
-            "trajectory %d: in %d frame(s), from %d to %d, up to %.0f %% of what should be bodies looks otherwise than "
-            "in the rest of the film: something hides them, or their light changes; poses there are unsure, cut the "
-            "film there or film again",
-            index,
-            len(hidden),
-            hidden[0],
-            hidden[-1],
-            100 * float(way.max().clamp(max=1)),
-        )
+    if not hidden:
+        return None
+    return HiddenFrames(index, len(hidden), hidden[0], hidden[-1], float(way.max().clamp(max=1)))

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import logging
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
 from physid.data import DESCRIPTION, RecordingSet, trajectory_path
 from physid.data.batches.video import check_video
-from physid.data.reading import ECHO, FILE, Reading, read_reading, write_reading
+from physid.data.reading import ECHO, FILE, HiddenFrames, Reading, read_reading, write_reading
 from physid.training.runs.run import CHECKPOINT, restore
 from physid.training.tracking.films import Filmed
 from physid.training.tracking.first_frames import first_frames_of
 from physid.training.tracking.read_set import read_drawn, read_into
 from physid.training.vision import ChartName
+
+logger = logging.getLogger("physid")
+HIDES = "something hides them, or their light changes"
 
 
 def track(
@@ -60,12 +64,23 @@ def track(
     begun = first_frames_of(scene, recordings, known, chart, encoder and restore(encoder, films))
     reader, first, filmed = begun.reader, begun.pose, begun.footage
     stretch, deviation = (float(one) for one in (reader.calibration.stretch, reader.calibration.deviation))
-    write_reading(out, Reading(str(films.resolve()), str(encoder or ""), reader.name, stretch, deviation, key))
+    hidden = {one.trajectory: one for one in (before.hidden if before else ())}
+    reading = Reading(str(films.resolve()), str(encoder or ""), reader.name, stretch, deviation, key)
+
+    def keep(*found: HiddenFrames) -> None:
+        """Keep what is known of the reading, with what was found; a warning says it at once."""
+        for one in found:
+            hidden[one.trajectory] = one
+            logger.warning("%s: %s; poses there are unsure, cut the film there or film again", one, HIDES)
+        write_reading(out, dataclasses.replace(reading, hidden=tuple(hidden[key] for key in sorted(hidden))))
+
+    keep()
     # Both readings take equally long: one count for both.
     try:
         found = read_into(
-            out, scene, reader, filmed, known, first, lambda done, total: say("reading the films", done, 2 * total)
-        )
+            out, scene, reader, filmed, known, first,
+            lambda done, total: say("reading the films", done, 2 * total), doubt=keep,
+        )  # fmt: skip
     except ValueError:
         _clear(out, count)
         raise

@@ -10,11 +10,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from physid.data.reading import HiddenFrames
 from physid.networks import PlanarChart, PoseChart, as_image
 from physid.physics.rotations import to_matrix
 from physid.scenes import Scene
 from physid.training.tracking.films import Drawn, Footage
-from physid.training.tracking.sight import require_sight, unlike, warn_of_hidden
+from physid.training.tracking.sight import hidden_frames, require_sight, unlike
 from physid.training.vision import (
     MODELS,
     Calibration,
@@ -104,8 +105,9 @@ class Reader:
         lengths: Sequence[int],
         first: Tensor,
         say: Callable[[int], object] = lambda _: None,
+        doubt: Callable[[HiddenFrames], object] = lambda _: None,
     ) -> list[Tensor]:
-        """Read the poses of some trajectories, side by side; warn of frames in which something hides the bodies.
+        """Read the poses of some trajectories, side by side.
 
         Args:
             footage: The films.
@@ -113,6 +115,7 @@ class Reader:
             lengths: Their frames.
             first: About where the bodies are in the first frames, shape (B, N, 7).
             say: Told how many frames more were read.
+            doubt: Told of frames in which something hides the bodies.
 
         Returns:
             Poses (T, N, 7) of each, float64.
@@ -137,7 +140,8 @@ class Reader:
             say(int((frame < length).sum()))
         if not isinstance(footage, Drawn):  # nothing hides drawn bodies
             for index, share, count in zip(indices, torch.stack(shares, 1), lengths, strict=True):
-                warn_of_hidden(share[:count], index)
+                if (hidden := hidden_frames(share[:count], index)) is not None:
+                    doubt(hidden)
         read = self.calibration(self.chart, self.decoder.renderer.camera, torch.stack(poses, 1)).double()
         read = torch.cat([read[..., :3], torch.nn.functional.normalize(read[..., 3:], dim=-1)], -1)
         return [one[:count] for one, count in zip(read, lengths, strict=True)]
