@@ -76,7 +76,7 @@ def test_a_step_ends_at_the_end_of_a_range_and_is_best_there_for_the_others() ->
         loss.backward()  # type: ignore[no-untyped-call]
         return loss
 
-    optimizer.step(closure, lambda: matrix, ends)
+    optimizer.step(closure, lambda: (matrix, matrix @ (parameter.detach() - goal)), ends)
     # With x = 0 the sum (x + 1)^2 + (x + 1)(y - 1) + (y - 1)^2 is least where 2 (y - 1) = -1.
     assert parameter.tolist() == pytest.approx([0.0, 0.5])
 

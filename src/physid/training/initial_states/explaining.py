@@ -65,6 +65,13 @@ class Explaining:
             point = Variants.of_states(states[0][None], states[1][None], nominal, predictor.null[None])
         return self._weighed(experiment, point, cut), point
 
+    def quadratic(self, fit: Fit) -> tuple[Tensor, Tensor]:
+        """Return second derivatives (P, P) and slope (P,) of the mean loss near a fit; initial states follow."""
+        normal, here = fit.normal(), self.physical.coordinates
+        factor, count = 2 * self.unit() / len(self.trajectories), len(here)
+        matrix, vector = normal.matrix.sum(0)[:count, :count], normal.vector.sum(0)[:count]
+        return (factor * matrix).to(here), (-factor * vector).to(here)
+
     def unit(self) -> float:
         """Return the loss, summed over trajectories, of a squared residual in units of the noise."""
         cut = self.trajectories.to("cpu")

@@ -121,14 +121,13 @@ class SysID(TrainingModule, PredictingModule):
         return {name: loss * cut.share for name, loss in losses.items()}
 
     @torch.no_grad()
-    def curvature(self, batch: Batch) -> Tensor:
-        """Approximate the second derivative of the loss where it was computed last, 2 J^T W J / B, shape (P, P)."""
+    def quadratic(self, batch: Batch) -> tuple[Tensor, Tensor]:
+        """Approximate the loss where it was computed last: 2 J^T W J / B (P, P), and its slope -2 J^T W r / B (P,)."""
         explaining, fit = self._training(batch), self.tracked.last
         if fit is None or not explaining.fitted:
             self.count_evaluations(1 + len(self.physical.names))
             fit, _ = self.tracked.linearised(explaining)
-        matrix = fit.normal().matrix.sum(0)[: len(self.physical.names), : len(self.physical.names)]
-        return (2 * explaining.unit() / len(explaining.trajectories) * matrix).to(self.physical.coordinates)
+        return explaining.quadratic(fit)
 
     def _training(self, batch: Batch) -> Explaining:
         """Return the training segments of a batch, with initial states to be fitted where they are unknown."""
@@ -242,10 +241,10 @@ class SysID(TrainingModule, PredictingModule):
         return self.pieces is not None and self.tracked.exhausted and take_back(self._kind)
 
     def optimizer_step(self, epoch: int, batch_idx: int, optimizer: Any, optimizer_closure: Any = None) -> None:
-        """Give GaussNewton the curvature, PatternSearch the losses of other points; others step as ever."""
-        curvature, values = partial(self.curvature, self._batch), partial(self.values_at, self._batch)
+        """Give GaussNewton the loss near by, PatternSearch the losses of other points; others step as ever."""
+        near, values = partial(self.quadratic, self._batch), partial(self.values_at, self._batch)
         last = self.trainer.num_training_batches == 1 and self.current_epoch + 1 == self.trainer.max_epochs
-        take_step(optimizer, optimizer_closure, curvature, values, self.physical.space.ends)
+        take_step(optimizer, optimizer_closure, near, values, self.physical.space.ends)
         if last:  # not an evaluation that identifies: it decides between two points, and is not counted
             judge_last(optimizer, lambda points: self.losses_at(self._batch, points)[0].mean(1))
         self.physical.confine()

@@ -13,6 +13,7 @@ from torch.optim import Optimizer
 from physid.physics import SolverError
 
 Closure = Callable[[], Any]
+Quadratic = Callable[[], tuple[Tensor, Tensor]]
 HALVED = 1.0
 """Damping that halves a step: less would try a step that has made the loss worse almost as it was."""
 TRIES = 8
@@ -23,13 +24,14 @@ TRIES = 8
 class GaussNewton(Optimizer):
     """Minimise a sum of squares: x <- x - (H + damping diag H)^-1 g, one try per step.
 
-    g is the exact gradient, from the closure; H = 2 J^T J only shapes the step, so J may come from cheap differences. A
+    g is the exact gradient, from the closure; H = 2 J^T J only shapes the step, so J may come from differences. A
     step that has made the loss worse is taken back, and tried again from there with ten times the damping (Marquardt
     1963) and at most half as long; one that has not makes it ten times smaller. A point at which the physics has no
     solution counts as worse.
 
     No step promises more than the whole loss: with g = 2 J^T r, g^T H^-1 g / 2 = r^T J (J^T J)^-1 J^T r <= r^T r. Where
-    dry friction bends the loss, the exact gradient of one point may be far from J^T r; the step is shortened then.
+    dry friction bends the loss, or a body just touches another, the exact gradient of one point may be far from 2 J^T
+    r, which is taken in its place where it promises more than that.
 
     Args:
         params: One tensor of parameters.
@@ -50,14 +52,14 @@ class GaussNewton(Optimizer):
     def step(
         self,
         closure: Closure | None = None,
-        curvature: Callable[[], Tensor] | None = None,
+        quadratic: Quadratic | None = None,
         ends: tuple[Tensor, Tensor] | None = None,
     ) -> Any:
         """Judge the last step, and take the next.
 
         Args:
             closure: Computes the loss and its gradient.
-            curvature: Computes H at the point where the closure was just evaluated, shape (P, P).
+            quadratic: Computes H (P, P) and 2 J^T r (P,) at the point where the closure was just evaluated.
             ends: Least and largest values, shape (P,) each; None where there are none. What a step would lead beyond
                 an end stays there, and the others take the step that is best then.
 
@@ -65,10 +67,10 @@ class GaussNewton(Optimizer):
             The loss before the step.
 
         Raises:
-            ValueError: If closure or curvature is missing.
+            ValueError: If closure or quadratic is missing.
         """
-        if closure is None or curvature is None:
-            raise ValueError("GaussNewton needs a closure and the curvature; SysID gives both")
+        if closure is None or quadratic is None:
+            raise ValueError("GaussNewton needs a closure and the loss near by; SysID gives both")
         group = self.param_groups[0]
         parameter = group["params"][0]
         state = self.state[parameter]
@@ -79,12 +81,12 @@ class GaussNewton(Optimizer):
             state["damping"] = max(state["damping"] * 10, HALVED)
         else:
             damping = max(state["damping"] / 10, 1e-9) if state else group["damping"]
+            curvature, slope = quadratic()
+            gradient = parameter.grad.detach().clone()
+            if _promised(gradient, curvature) > float(now):
+                gradient = slope.to(gradient).reshape(gradient.shape)
             state.update(
-                point=parameter.detach().clone(),
-                loss=now,
-                gradient=parameter.grad.detach().clone(),
-                curvature=curvature(),
-                damping=damping,
+                point=parameter.detach().clone(), loss=now, gradient=gradient, curvature=curvature, damping=damping
             )
         with torch.no_grad():
             parameter.copy_(state["point"] + _damped_step(state, group["max_step"], ends))
@@ -125,6 +127,12 @@ class GaussNewton(Optimizer):
                 with torch.no_grad():
                     parameter.copy_(state["point"] + _damped_step(state, longest, ends))
         return closure()
+
+
+def _promised(gradient: Tensor, curvature: Tensor) -> float:
+    """Return by how much the loss shall fall, g^T H^-1 g / 2; a parameter without any influence promises nothing."""
+    found = gradient.reshape(-1)
+    return float(found @ torch.linalg.pinv(curvature, hermitian=True) @ found) / 2
 
 
 def _damped_step(state: dict[str, Any], max_step: float, ends: tuple[Tensor, Tensor] | None) -> Tensor:

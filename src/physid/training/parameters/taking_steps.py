@@ -7,29 +7,29 @@ from typing import Any
 
 from torch import Tensor
 
-from physid.training.parameters.gauss_newton import GaussNewton
+from physid.training.parameters.gauss_newton import GaussNewton, Quadratic
 from physid.training.parameters.pattern_search import PatternSearch
 
 
 def take_step(
     optimizer: Any,
     closure: Callable[[], Any],
-    curvature: Callable[[], Tensor],
+    quadratic: Quadratic,
     values: Callable[[Tensor], Tensor],
     ends: tuple[Tensor, Tensor],
 ) -> None:
     """Take a step.
 
     Args:
-        optimizer: GaussNewton is given the curvature and the ends, PatternSearch the losses; others step as ever.
+        optimizer: GaussNewton is given the loss near by and the ends, PatternSearch the losses; others step as ever.
         closure: Computes the loss and its gradient.
-        curvature: Computes an approximate second derivative of the loss, shape (P, P).
+        quadratic: Computes an approximate second derivative of the loss (P, P), and its slope (P,).
         values: Computes the losses (K,) at points (K, P).
         ends: Least and largest values, shape (P,) each.
     """
     kind = getattr(optimizer, "optimizer", optimizer)
     if isinstance(kind, GaussNewton):
-        optimizer.step(closure=closure, curvature=curvature, ends=ends)
+        optimizer.step(closure=closure, quadratic=quadratic, ends=ends)
     elif isinstance(kind, PatternSearch):
         optimizer.step(closure=closure, values=values)
     else:
