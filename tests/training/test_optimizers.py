@@ -13,7 +13,8 @@ from physid.estimation.least_squares.levenberg_marquardt import NONE, gauss_newt
 from physid.estimation.prediction.rollout import Predictor
 from physid.estimation.prediction.variants import Prediction, Variants
 from physid.physics import SolverError
-from physid.training.initial_states.explaining import Explaining
+from physid.training.initial_states.explaining import Explaining, started_from
+from physid.training.initial_states.fitted import fit_states
 from physid.training.learners.sysid import SysID
 from physid.training.parameters.gauss_newton import GaussNewton
 from physid.training.parameters.pattern_search import PatternSearch
@@ -80,6 +81,23 @@ def test_a_gradient_that_promises_more_than_the_whole_loss_is_replaced_and_no_st
     loss = closure_of(optimizer, lambda: (x.square() - 200 * (x - x.detach())).sum())
     optimizer.step(loss, lambda: (torch.tensor([[2.0]]).double(), torch.tensor([slope]).double()))
     assert float(x.detach()) == pytest.approx(end, abs=1e-3)
+
+
+@pytest.mark.parametrize("fitted", [False, True])
+def test_the_slope_of_the_curvatures_derivatives_is_the_gradient_where_the_loss_is_smooth(fitted: bool) -> None:
+    module = SysID(values={"block.friction": 1.1 * TRUE_FRICTION}).attach(SCENE)
+    explaining = module._explaining(module.trajectories(push_batch(frames=60)), fitted=fitted)
+    if fitted:
+        fit = fit_states(explaining)[1]
+    else:
+        experiment, point = explaining.begin()
+        fit = experiment.linearise(point, NONE)
+    curvature, slope = explaining.quadratic(fit)
+    cut = started_from(explaining.trajectories, fit) if fitted else explaining.trajectories
+    losses = module.loss.between(cut.rolled(module.layer, module.physical()).pose, cut.pose, cut.real)
+    (gradient,) = torch.autograd.grad(torch.stack(list(losses.values())).sum(0).mean(), [module.physical.coordinates])
+    assert torch.allclose(slope, gradient, rtol=1e-2)
+    assert float(curvature) > 0
 
 
 def test_where_the_loss_changes_it_begins_anew_from_the_best_point() -> None:
