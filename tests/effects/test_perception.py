@@ -152,3 +152,13 @@ def test_larger_objects_have_larger_moments_at_the_same_mass() -> None:
     assert torch.allclose(after.size, 1.1 * PROBE.inputs.size)
     assert torch.allclose(after.inertia, 1.21 * PROBE.inputs.inertia)
     assert torch.equal(after.mass, PROBE.inputs.mass)
+
+
+def test_each_of_several_trajectories_is_seen_at_its_own_times() -> None:
+    pose = torch.cat([steady(FRAMES), steady(2 * FRAMES), steady(0.5 * FRAMES)])
+    time = torch.stack([FRAMES, 1.5 * FRAMES, FRAMES + 3])
+    wanted = time + torch.tensor([0.3, 0.1, -0.6]).double()[:, None]
+    together = at_times(pose, time, wanted)
+    for k in range(3):
+        assert torch.equal(together[k : k + 1], at_times(pose[k : k + 1], time[k : k + 1], wanted[k : k + 1]))
+    assert torch.equal(at_times(pose, time[:1], wanted[:1])[1:2], at_times(pose[1:2], time[:1], wanted[:1]))

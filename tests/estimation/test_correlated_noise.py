@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from physid.estimation.measurement import CorrelatedNoise, Correlation, NoiseSettings, correlated_noise, estimate_noise
+from physid.estimation.measurement.deviation import bends, deviation
 
 ROWS, FRAMES, STEP = 20, 90, 1 / 60
 UP = (0.0, 0.0, 1.0)
@@ -194,3 +195,78 @@ def test_shares_are_those_that_made_the_bends() -> None:
     assert variance == pytest.approx(2.0, rel=1e-6)
     for k in spans:
         assert float(correlation.between(np.array(float(k)))) == pytest.approx(rho[k], abs=1e-6)
+
+
+@pytest.mark.parametrize("frames", [3, 4, 7, 40])
+def test_a_line_over_few_frames_takes_the_trace_of_its_projection(frames: int) -> None:
+    for parts in (((1.0, 0.0, 1),), ((0.4, 2.0, 1), (0.6, 5.0, 2))):
+        alike = Correlation(parts)
+        lags = np.abs(np.subtract.outer(np.arange(frames), np.arange(frames))).astype(np.float64)
+        line = np.stack([np.ones(frames), np.arange(frames)], 1)
+        rest = np.eye(frames) - line @ np.linalg.pinv(line)
+        assert alike.left_by_line(frames) == pytest.approx(np.trace(rest @ alike.between(lags)) / frames, abs=1e-12)
+    assert Correlation(((1.0, 5.0, 2),)).left_by_line(2) == pytest.approx(0.0, abs=1e-12), "two frames are a line"
+
+
+@pytest.mark.parametrize("frames", [1, 2, 5, 8, 90])
+def test_a_mean_of_frames_that_are_alike_varies_as_the_sum_of_their_correlations(frames: int) -> None:
+    """n var(mean of n frames) grows with n for noise that is alike, and n is half the frames at most."""
+    alike = Correlation(((0.3, 0.0, 1), (0.7, 6.0, 1)))
+    span = max(n for n in (1, 2, 4, 8, 16, 32) if n <= max(frames // 2, 1))
+    pairs = [0.7 * math.exp(-abs(i - j) / 6) + 0.3 * (i == j) for i in range(span) for j in range(span)]
+    assert alike.slow(frames) == pytest.approx(sum(pairs) / span)
+    noise = CorrelatedNoise((3e-3, 5e-4), (Correlation(((1.0, 0.0, 1),)), alike), frames, 0.2)
+    assert noise.spread.tolist() == pytest.approx([3e-3] * 3 + [5e-4 * math.sqrt(sum(pairs) / span)] * 3)
+    for values in (0.0, 1.0, 400.0):
+        unsure = [each for _, each in noise.left_by_fit(values)]
+        independent = [max(values, 1.0) / slow for slow in (1.0, sum(pairs) / span)]
+        assert unsure == pytest.approx([math.sqrt(2 / each + 0.4**2) for each in independent])
+
+
+def test_noise_is_measured_in_its_unit_and_by_the_frames_that_count_alone() -> None:
+    residual, predicted = averaged(5), torch.zeros(ROWS, FRAMES, 1, 7).double()
+    predicted[..., 6] = 1
+    noise, larger = found(residual, predicted), found(3 * residual, predicted)
+    assert noise is not None
+    assert larger is not None
+    assert larger.sizes == pytest.approx([3 * size for size in noise.sizes], rel=1e-9)
+    assert (larger.frames, larger.sure) == (FRAMES, SETTINGS.sure)
+    wild, good = residual.clone(), torch.ones(ROWS, FRAMES, 1)
+    wild[3, 20:40], good[3, 20:40] = 1.0, 0.0
+    without = residual.clone()
+    without[3, 20:40] = 0.0
+    one, other = (correlated_noise(each, predicted, good, STEP, UP, SETTINGS) for each in (wild, without))
+    assert one == other
+    assert one is not None
+    assert one.sizes == pytest.approx(noise.sizes, rel=0.1)
+
+
+def test_too_short_trajectories_show_no_correlation() -> None:
+    """Three spans at least must have windows: with neighbours 1, 2 and 3 frames away."""
+    smooth = averaged(2).unfold(1, 7, 4).movedim(-1, 2).flatten(0, 1)
+    predicted = torch.zeros(len(smooth), 7, 1, 7).double()
+    predicted[..., 6] = 1
+    assert found(smooth, predicted) is not None
+    assert found(smooth[:, :6], predicted[:, :6]) is None
+
+
+@pytest.mark.parametrize("span", [1, 3])
+def test_frames_leave_the_middle_of_their_neighbours_by_half_of_what_they_are_accelerated(span: int) -> None:
+    time = torch.arange(12).double()
+    value = (5.0 - 2.0 * time + 0.7 * time**2 / 2)[None, :, None, None]
+    good = torch.ones(1, 12, 1)
+    good[0, 5] = 0.0
+    bent, counts = bends(value, good, span)
+    assert torch.allclose(bent, torch.full_like(bent, -0.7 * span**2 / 2))
+    lost = {5 - span, 5, 5 + span}
+    assert [span + k for k, one in enumerate(counts[0, :, 0].tolist()) if not one] == sorted(
+        frame for frame in lost if span <= frame < 12 - span
+    )
+
+
+def test_a_deviation_is_that_of_most_values_whatever_a_few_large_ones_are() -> None:
+    values = torch.from_numpy(np.abs(np.random.default_rng(0).standard_normal(40000)))
+    assert float(deviation(values)) == pytest.approx(1.0, rel=0.01)
+    spoiled = torch.cat([values, torch.full((400,), 50.0).double()])
+    assert float(deviation(spoiled)) == pytest.approx(1.0, rel=0.03)
+    assert float(deviation(7 * values)) == pytest.approx(7 * float(deviation(values)))

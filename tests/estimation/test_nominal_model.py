@@ -122,3 +122,21 @@ def test_a_first_guess_that_is_off_by_a_factor_that_is_tried_is_mended_by_that_f
     fit = FirstGuess(steps=1).fit(experiment, begun)
     assert torch.allclose(fit.point.nominal, made.true.nominal, atol=1e-6)
     assert torch.equal(fit.point.effects, made.true.effects)
+
+
+@pytest.mark.parametrize("which", [[0], [1], [2], [0, 2], [1, 0], []])
+def test_a_model_with_some_of_its_unknowns_knows_the_values_of_the_others(which: list[int]) -> None:
+    scene = replace(COLLIDE, unknown=("block.mass", "block.friction"))
+    model = NominalModel(scene, (DRAG, WIND), sizes=("viscous_drag.coefficient",))
+    values = torch.tensor([1.7, 0.4, 0.9]).double()
+    point = model.to_coordinates(values)
+    some = model.with_unknown(which, point)
+    assert set(some.unknown) == {model.unknown[k] for k in which}
+    assert some.scene.unknown == tuple(model.unknown[k] for k in which if k < 2)
+    assert some.to_values(some.guess).tolist() == pytest.approx(
+        [dict(zip(model.unknown, values.tolist(), strict=True))[name] for name in some.unknown]
+    )
+    assert [some.scene.value(name) for name in scene.unknown] == pytest.approx([1.7, 0.4])
+    drag, wind = some.effects_at(some.guess[None])
+    assert float(drag.values()["coefficient"]) == pytest.approx(0.9)
+    assert float(wind.values()["y"]) == -0.25

@@ -176,3 +176,17 @@ def test_a_parameter_that_one_trajectory_knows_shows_none_of_its_variance_and_ha
     assert float(found) == pytest.approx(
         float(least * inflation(torch.ones(1).double(), torch.ones(1).double())), rel=1e-3
     )
+
+
+@pytest.mark.parametrize("ridge", [0.0, 5.0, 100.0])
+def test_a_prior_counts_as_curvature_that_no_trajectory_scatters(ridge: float) -> None:
+    """With one parameter d_i = s_i / sqrt(T (1 - a_i / T)) for slopes s_i and curvatures a_i, T their sum with the
+    ridge, and the covariance is sum d_i^2 / T."""
+    curvature, slope = torch.tensor([4.0, 9.0, 1.0]).double(), torch.tensor([1.5, -2.0, 0.5]).double()
+    total = float(curvature.sum()) + ridge
+    expected = (slope.square() / (1 - curvature / total)).sum() / total**2
+    normal = Normal(curvature[:, None, None], slope[:, None], torch.zeros(3).double())
+    scatter, _, shown = scatter_of(normal, torch.tensor([ridge]).double())
+    assert float(scatter) == pytest.approx(float(expected))
+    share = curvature / total  # of what is known
+    assert float(shown) == pytest.approx(float(share.sum()))

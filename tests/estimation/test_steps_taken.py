@@ -11,7 +11,8 @@ from estimation.blocks import two_blocks
 from estimation.flights import FORCE, G, flights
 from physid.estimation.least_squares.experiment import Experiment, Fit
 from physid.estimation.least_squares.levenberg_marquardt import NONE, bodies_at_rest, gauss_newton
-from physid.estimation.least_squares.multi_start import carried
+from physid.estimation.least_squares.multi_start import carried, search
+from physid.estimation.least_squares.settings import MultiStartSettings
 from physid.estimation.prediction import Prediction, Predictor, Segmentation, Variants
 from physid.physics import SolverError
 from physid.physics.rotations import exponential
@@ -190,3 +191,20 @@ def test_a_step_of_one_segment_leaves_the_others_where_they_are() -> None:
     assert torch.allclose(fit.point.twist[..., 3:], made.true.twist[..., 3:], atol=1e-3)
     one = replace(made, start=fit.point).start
     assert one.effects[0].tolist() == pytest.approx(FORCE, rel=1e-2)
+
+
+def test_a_body_that_stops_at_once_is_found_at_rest_beside_one_that_slides() -> None:
+    """From a wrong speed of the one, both are fitted: that of the other stays what it is."""
+    time = torch.arange(24).double() / 240
+    places = torch.zeros(1, 24, 2).double()
+    places[0, :, 0] = 1.3 * time - 0.12 * G * time**2 / 2
+    made = two_blocks(places)
+    plain = made.experiment.settings.model_copy(update={"multi_start": MultiStartSettings(draws=0, doubtful=1e9)})
+    asked = plain.model_copy(update={"line_search": plain.line_search.model_copy(update={"worth": 6.0})})
+    experiment = made.experiment.replace(settings=asked)
+    twist, pose = torch.zeros_like(made.start.twist), made.start.pose.clone()
+    twist[0, 0, :, 3] = torch.tensor([1.3, 0.05]).double()
+    pose[0, 0, 1, 0] -= 2e-3
+    begun = experiment.linearise(made.start.replace(twist=twist, pose=pose), NONE)
+    found = experiment.losses(search(experiment, begun))[0]
+    assert float(found) < 0.01 * float(begun.loss)

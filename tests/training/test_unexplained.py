@@ -158,3 +158,14 @@ def test_large_shares_are_written_without_an_exponent() -> None:
     assert said is not None
     assert "100 % of the motion, 170 mm" in said
     assert "e+" not in said
+
+
+def test_four_frames_that_follow_each_other_are_enough() -> None:
+    """Their third difference is that of the noise: of an offset it is nothing."""
+    offset = torch.full((1, 4, 1, 3), 2e-3, dtype=torch.float64)
+    real = torch.ones(1, 4, dtype=torch.bool)
+    found = Misfit.of(offset, real)
+    assert (found.size, found.noise) == pytest.approx((2e-3 * math.sqrt(3), 0.0), abs=1e-12)
+    assert found.score == math.inf
+    real[0, 1] = False
+    assert Misfit.of(offset, real) == Misfit(0.0, 0.0, 0.0)
