@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,6 +11,8 @@ import torch
 from torch import Tensor
 
 from estimation.flights import NOISE, Flights
+from physid.diagnosis.inputs.observations import Observations
+from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.settings.settings import Settings
 from physid.diagnosis.testing import Hypothesis, conclude
 from physid.estimation.least_squares.levenberg_marquardt import gauss_newton
@@ -45,6 +49,30 @@ def examined(made: Flights, settings: Settings = QUICK, phases: Tensor | None = 
         observations=observations,
         present=torch.ones(shape).double(),
     )
+
+
+def observed(made: Flights, roles: Sequence[str]) -> Observations:
+    """Return flights as if they had been read from a folder of this name."""
+    one: Any = SimpleNamespace(folder=Path("data/flights"))
+    experiment, rows = made.experiment, range(len(roles))
+    return Observations(
+        experiment.predictor.model.scene,
+        experiment.pose,
+        torch.ones(experiment.pose.shape[:3]).double(),
+        experiment.predictor.timeline,
+        tuple(roles),
+        tuple(rows),
+        tuple((one, row) for row in rows),
+    )
+
+
+def nominal_fit_of(made: Flights, roles: Sequence[str], settings: Settings = QUICK) -> NominalFit:
+    """Fit flights without effects; trajectories play these parts."""
+    observations, shape = observed(made, roles), made.experiment.pose.shape[:3]
+    experiment = made.experiment.replace(fitted=observations.fitted)
+    nominal = hypothesis(Flights(experiment, made.true, made.start), (), settings)
+    phases, events = torch.full(shape, PHASES.index("free_fall")), torch.zeros(shape[:2], dtype=torch.bool)
+    return NominalFit(observations, experiment, nominal.fit, Noise(*NOISE), phases, events, settings)
 
 
 def busy(made: Flights, which: list[int]) -> Flights:

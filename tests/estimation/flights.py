@@ -47,11 +47,17 @@ def flights(
     seed: int = 0,
     settings: LeastSquaresSettings | None = None,
     unknown: tuple[str, ...] = (),
+    push: tuple[float, ...] = (),
 ) -> Flights:
-    """Fly boxes high above the ground, predicted by the layer itself, and add white noise."""
+    """Fly boxes high above the ground, predicted by the layer itself, and add white noise.
+
+    Those of each trajectory may be pushed upwards by a force of its own.
+    """
     generator = torch.Generator().manual_seed(seed)
     scene = replace(TOSS, unknown=unknown)
     model, wrench = NominalModel(scene), torch.zeros(trajectories, frames, 1, 6, dtype=torch.float64)
+    if push:
+        wrench[..., 0, 5] = torch.tensor(push, dtype=torch.float64)[:, None]
     segments = Segmentation.equal(trajectories, frames, frames // cuts)
     timeline = Timeline.regular(wrench, scene.time_step)
     predictor = Predictor(model, timeline, segments, [find(kind) for kind in kinds])
