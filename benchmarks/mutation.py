@@ -78,7 +78,10 @@ SUITES: dict[str, tuple[str, ...]] = {
     "effects/actuation/*.py": ("effects/test_actuation.py", "effects/test_catalogue.py"),
     "effects/contact/*.py": ("effects/test_contact.py", "effects/test_catalogue.py"),
     "effects/dynamics/*.py": ("effects/test_dynamics.py", "effects/test_catalogue.py"),
-    "effects/perception/*.py": ("effects/test_perception.py", "effects/test_catalogue.py"),
+    "effects/perception/*.py": (
+        *("effects/test_perception.py", "effects/test_filtering.py", "effects/test_catalogue.py"),
+    ),
+    "effects/filtering.py": ("effects/test_filtering.py",),
     "effects/resampling.py": ("effects/test_perception.py", "effects/test_actuation.py"),
     "effects/touch.py": ("effects/test_contact.py", "physics/test_shapes.py"),
     "estimation/prediction/timeline.py": ("diagnosis/test_timeline.py", "estimation/test_cuts.py"),
@@ -101,6 +104,11 @@ SUITES: dict[str, tuple[str, ...]] = {
     "estimation/measurement/misfit.py estimation/measurement/unexplained.py estimation/measurement/tracking_error.py": (
         *("training/test_unexplained.py", "diagnosis/test_tracking_error.py", "estimation/test_errors_of_poses.py"),
     ),
+    "estimation/measurement/correlat*.py": ("estimation/test_correlated_noise.py",),
+    "estimation/measurement/deviation.py": (
+        *("estimation/test_correlated_noise.py", "estimation/test_errors_of_poses.py", "diagnosis/test_noise.py"),
+    ),
+    "estimation/segmented_fit/odd_trajectories.py": ("estimation/test_odd_trajectories.py",),
     "estimation/least_squares/multi_start.py": (
         *("diagnosis/test_multi_start.py", "estimation/test_starts.py", "estimation/test_steps_taken.py"),
     ),
@@ -139,6 +147,19 @@ SUITES: dict[str, tuple[str, ...]] = {
     ),
     "diagnosis/inputs/model_source.py": ("diagnosis/test_inputs.py", "diagnosis/test_model_source.py"),
     "diagnosis/inputs/requirements.py": ("diagnosis/test_requirements.py",),
+    "diagnosis/inputs/inputs.py diagnosis/inputs/observations.py": (
+        *("diagnosis/test_roles.py", "diagnosis/test_requirements.py", "diagnosis/test_from_video.py"),
+    ),
+    "diagnosis/reference/nominal_fit.py diagnosis/reference/following.py": (
+        *("diagnosis/test_flights_fitted.py", "diagnosis/test_nominal_fit.py"),
+    ),
+    "diagnosis/reference/discrepancy.py": (
+        *("diagnosis/test_flights_fitted.py", "diagnosis/test_discrepancy.py", "diagnosis/test_lying.py"),
+    ),
+    "diagnosis/reference/numerics.py": ("diagnosis/test_flights_fitted.py", "diagnosis/test_numerics.py"),
+    "diagnosis/reference/*stored_fit.py diagnosis/reference/*cache.py diagnosis/reference/fit_findings.py": (
+        *("diagnosis/test_stored_fit.py", "training/test_fit_findings.py"),
+    ),
     "diagnosis/reference/replay.py": (
         "diagnosis/test_replay.py",
         "diagnosis/test_lying.py",
@@ -180,8 +201,26 @@ SUITES: dict[str, tuple[str, ...]] = {
     "diagnosis/conclusion/gap.py": ("diagnosis/test_gap.py", "diagnosis/test_verdict.py", "diagnosis/test_answers.py"),
     "diagnosis/conclusion/power.py": ("diagnosis/test_power.py", "diagnosis/test_answers.py"),
     "diagnosis/conclusion/decomposition.py": ("diagnosis/test_decomposition.py", "diagnosis/test_answers.py"),
+    "diagnosis/conclusion/closings.py": (
+        *("diagnosis/test_closings.py", "diagnosis/test_decomposition.py", "diagnosis/test_flights_concluded.py"),
+    ),
+    "diagnosis/conclusion/conclusion.py diagnosis/conclusion/judgement.py diagnosis/analysis.py": (
+        *("diagnosis/test_flights_concluded.py", "diagnosis/test_closings.py", "diagnosis/test_materiality.py"),
+    ),
+    "diagnosis/conclusion/description.py diagnosis/conclusion/estimates.py diagnosis/fitted_model.py": (
+        *("diagnosis/test_flights_concluded.py", "diagnosis/test_closings.py"),
+    ),
+    "diagnosis/conclusion/next_experiment.py": ("diagnosis/test_next_experiment.py",),
+    "diagnosis/conclusion/where.py": ("diagnosis/test_localisation.py", "diagnosis/test_flights_concluded.py"),
     "diagnosis/testing/parametric_bootstrap.py": (
         *("diagnosis/test_parametric_bootstrap.py", "diagnosis/test_flights_searched.py"),
+    ),
+    "diagnosis/document/errors.py diagnosis/document/evidence.py diagnosis/document/residual_law.py": (
+        *("diagnosis/test_document.py", "diagnosis/test_figures.py", "diagnosis/test_posterior.py"),
+        "diagnosis/test_answers.py",
+    ),
+    "diagnosis/document/flat_figures.py diagnosis/document/rounding.py": (
+        *("diagnosis/test_figures.py", "diagnosis/test_sentences.py"),
     ),
     "diagnosis/document/residual_sentences.py": ("diagnosis/test_words.py", "diagnosis/test_residual_law.py"),
     "diagnosis/document/sentences.py": (
