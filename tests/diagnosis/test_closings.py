@@ -102,6 +102,7 @@ def test_what_calm_segments_found_is_said_of_all_frames_with_the_sizes_fitted_th
 
 
 @pytest.mark.slow
+@pytest.mark.slow
 def test_where_a_drag_is_left_beside_a_wind_the_wind_is_a_part_and_what_is_left_is_described() -> None:
     nominal_fit, found = searched((0.0, 0.8, -0.3, 0.12))
     made = found.nominal.experiment
