@@ -193,3 +193,28 @@ def test_a_reference_counts_unless_it_stands_alone(
     settings = keep_agreeing(made.experiment, fit, QUICK, silent)
     assert list(settings.replay.simulators) == kept
     assert QUICK.changed({"replay.simulators": kept}) == settings
+
+
+def test_a_contact_segment_in_which_no_state_goes_where_the_recording_went_is_given_up_and_counts_less(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    made, lost = calm(), torch.tensor([False, False, True, False])
+    predictor, away, own = made.experiment.predictor, bent(made, 0.02), bent(made, 0.02)
+    own[2] = 0.5 * own[2].roll(2, -1)  # upwards, where the other engine goes along y
+    away[2] = away[2].roll(1, -1)
+    predictor.segments.contact[:] = True
+    known = NominalModel(replace(predictor.model.scene, integration=BULLET))
+    predictor = Predictor(known, predictor.timeline, predictor.segments, predictor.candidates)
+    monkeypatch.setattr(
+        discrepancy, "replay", lambda _model, _time, _cuts, point, *_: predictor.predict(point).pose[0] + away
+    )
+    experiment = made.experiment.replace(predictor=predictor, pose=made.experiment.pose + own)
+    experiment = experiment.replace(follow=torch.ones_like(experiment.follow))
+    alone = experiment.linearise(made.true, NONE)
+    there = torch.ones(away.shape[:3]).double()
+    found, fit, _ = follow(experiment, alone, there, None, QUICK, silent)
+    assert torch.equal(found.follow, ~lost)
+    assert not found.engine[2].any()
+    assert torch.allclose(fit.point.pose[:, 2], made.true.pose[:, 2], atol=1e-9), "it returns to its fit without it"
+    scale = found.scale[..., 3].median(1).values[:, 0]
+    assert float(scale[2]) < 0.5 * float(scale[~lost].min())
