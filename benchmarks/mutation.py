@@ -204,12 +204,13 @@ SUITES: dict[str, tuple[str, ...]] = {
     "diagnosis/conclusion/closings.py": (
         *("diagnosis/test_closings.py", "diagnosis/test_decomposition.py", "diagnosis/test_flights_concluded.py"),
     ),
-    "diagnosis/conclusion/conclusion.py diagnosis/conclusion/judgement.py diagnosis/analysis.py": (
+    "diagnosis/conclusion/conclusion.py diagnosis/conclusion/judgement.py": (
         *("diagnosis/test_flights_concluded.py", "diagnosis/test_closings.py", "diagnosis/test_materiality.py"),
     ),
     "diagnosis/conclusion/description.py diagnosis/conclusion/estimates.py diagnosis/fitted_model.py": (
         *("diagnosis/test_flights_concluded.py", "diagnosis/test_closings.py"),
     ),
+    "diagnosis/analysis.py": ("diagnosis/test_stored_fit.py",),
     "diagnosis/conclusion/next_experiment.py": ("diagnosis/test_next_experiment.py",),
     "diagnosis/conclusion/where.py": ("diagnosis/test_localisation.py", "diagnosis/test_flights_concluded.py"),
     "diagnosis/testing/parametric_bootstrap.py": (

@@ -67,6 +67,7 @@ def test_flights_that_hit_the_ground_tell_a_wind_from_a_tilted_ground() -> None:
     }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_deviations_grow_as_the_root_of_how_many_trajectories_are_asked_for() -> None:
     many = FEW.changed({"next_experiment.record": 24 * 16})
     (one, here), (other, there) = apart(asked()), apart(asked(settings=many))
