@@ -47,6 +47,17 @@ def test_one_column_explains_its_projection() -> None:
     assert float(gain) == pytest.approx(best**2 * float(columns[:, 0].square().sum()))
 
 
+def test_two_columns_explain_their_common_projection() -> None:
+    columns, data = drawn(2)
+    columns[:, 1] += columns[:, 0]
+    equations, many = normal(columns, data), 1e9 * torch.ones(2, dtype=torch.float64)
+    both = Group(("effect",), torch.tensor([0, 1]), torch.ones(2).double(), 10 * torch.ones(2).double(), -many, many)
+    gain, change = gains(Conditional(equations.matrix[0], equations.vector[0][:, None], *NO_NUISANCE), both, SETTINGS)
+    best = torch.linalg.lstsq(columns, data[:, None]).solution[:, 0]
+    assert torch.allclose(change.flatten(), best)
+    assert float(gain) == pytest.approx(float((columns @ best).square().sum()))
+
+
 def test_beside_a_nuisance_only_what_is_orthogonal_to_it_counts() -> None:
     columns, data = drawn(2)
     clean = columns[:, 1] - columns[:, 0] * (columns[:, 0] @ columns[:, 1] / columns[:, 0].square().sum())
