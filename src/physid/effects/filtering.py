@@ -40,7 +40,8 @@ def lag(values: Tensor, time: Tensor, constant: Tensor) -> Tensor:
     """Compute what exponential smoothing adds to values: d = y - x, where y_k = y_{k-1} + a_k (x_k - y_{k-1}).
 
     With a_k = h_k / (h_k + tau) a steady motion is tau late: d_k = (1 - a_k) (d_{k-1} - (x_k - x_{k-1})). Before the
-    first frame values went on as in the first step, d_0 = -tau (x_1 - x_0) / h_1.
+    first frame values went on as in the first step, d_0 = -tau (x_1 - x_0) / h_1; so they begin anew at a frame that
+    has the time of the one before.
 
     Args:
         values: x, shape (B, T, K).
@@ -53,12 +54,13 @@ def lag(values: Tensor, time: Tensor, constant: Tensor) -> Tensor:
     if values.shape[1] < 2:
         return torch.zeros_like(values)
     step, constant, way = time.diff(dim=1), constant[:, None], values.diff(dim=1)
-    # Frames that only fill up a shorter trajectory have the time of its last one.
-    there = step > 0
-    kept = torch.where(there, constant / torch.where(there, step + constant, 1.0), 1.0)[..., None]
-    behind = [-(constant / torch.where(there[:, :1], step[:, :1], 1.0)) * way[:, 0]]
-    for share, moved in zip(kept.unbind(1), way.unbind(1), strict=True):
-        behind.append(share * (behind[-1] - moved))
+    goes_on = step > 0
+    length = torch.where(goes_on, step, 1.0)
+    kept = (constant / (length + constant))[..., None]
+    anew = torch.nn.functional.pad(torch.where(goes_on, -constant / length, 0.0)[..., None] * way, (0, 0, 0, 1))
+    behind = [anew[:, 0]]
+    for k, moved in enumerate(way.unbind(1)):
+        behind.append(torch.where(goes_on[:, k, None], kept[:, k] * (behind[-1] - moved), anew[:, k + 1]))
     return torch.stack(behind, 1)
 
 
@@ -70,7 +72,7 @@ def smoothing(values: Tensor, time: Tensor, variance: Tensor) -> Tensor:
 
     Args:
         values: x, shape (B, T, K).
-        time: Times of the frames [s], not decreasing, shape (1 or B, T).
+        time: Times of the frames [s], not decreasing, shape (1 or B, T); no mean reaches across frames of equal times.
         variance: s [s^2], shape (1 or B,).
 
     Returns:

@@ -122,7 +122,7 @@ def replay(
         pose = at_times(pose[None], fine[None], stamps[None])[0] if len(fine) > 1 else pose
         seen[row, first : first + size] = pose
     for effect in (*known, *(effect for effect in effects if not has(type(effect), "elapse"))):
-        seen = effect.observe(seen, timeline.time)
+        seen = segments.observe(effect, seen, timeline.time)
     return seen
 
 

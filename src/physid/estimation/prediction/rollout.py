@@ -106,10 +106,10 @@ class Predictor:
         every = time.repeat(count, 1)
         seen = state.flatten(0, 1)
         for effect in self._known(variants, trajectories):
-            seen = effect.observe(seen, every)
+            seen = self.segments.observe(effect, seen, every)
         poses: Tensor = seen.unflatten(0, state.shape[:2])
         for effect, rows in self._candidates.observing(variants.effects, trajectories):
-            own = effect.observe(poses.flatten(0, 1)[rows], every[rows])
+            own = self.segments.observe(effect, poses.flatten(0, 1)[rows], every[rows], rows)
             poses = poses.flatten(0, 1).index_copy(0, rows, own).unflatten(0, state.shape[:2])
         return poses
 

@@ -11,6 +11,8 @@ from itertools import pairwise
 import torch
 from torch import Tensor
 
+from physid.estimation.prediction.seams import observed
+from physid.physics import Effect
 from physid.setting import Section, setting
 
 CALIBRATED = "decisions 0011 and 0012, calibration bank 607"
@@ -153,6 +155,25 @@ class Segmentation:
         )
         lying = None if self.lying is None else self.lying[chosen]
         return Segmentation(self.trajectories, self.frames, trajectory, start, size, contact, lying)
+
+    @cached_property
+    def begins(self) -> Tensor:
+        """Where a segment begins, shape (R, T)."""
+        found = torch.zeros(self.trajectories, self.frames, dtype=torch.bool)
+        found[self.trajectory, self.start] = True
+        return found
+
+    def observe(self, effect: Effect, pose: Tensor, time: Tensor, rows: Tensor | None = None) -> Tensor:
+        """Return what a camera under an effect reports, of each segment by itself if it mixes frames (see `observed`).
+
+        Args:
+            effect: Of perception, one value for each row or for all.
+            pose: Poses of the trajectories, once or several times over, shape (B, T, N, 7).
+            time: Of the frames [s], shape (B, T).
+            rows: Which of these they are, shape (B,); None for all.
+        """
+        place = (torch.arange(len(pose)) if rows is None else rows) % self.trajectories
+        return observed(effect, pose, time, self.begins[place])
 
     @cached_property
     def batches(self) -> list[Batch]:

@@ -1,0 +1,46 @@
+"""What cameras that look at several frames at once report of a prediction whose segments begin anew."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import torch
+from torch import Tensor
+
+from physid.estimation.prediction.step_effects import has, with_values
+from physid.physics import Effect
+
+
+def observed(effect: Effect, pose: Tensor, time: Tensor, begins: Tensor) -> Tensor:
+    """Return what a camera under an effect reports of poses that jump where segments begin.
+
+    A filter that reached across would average what two segments say of the same motion, whose errors are not alike, and
+    so predict better without being at work. It is told that no time passes there, which is where filters end and begin.
+
+    Args:
+        effect: Of perception, one value for each of B rows or for all.
+        pose: Shape (B, T, N, 7).
+        time: Of the frames [s], shape (B, T).
+        begins: Frames at which a segment begins, shape (B, T).
+
+    Returns:
+        Shape (B, T, N, 7).
+    """
+    if not mixes_frames(type(effect)):
+        return effect.observe(pose, time)
+    between = torch.nn.functional.pad(time.diff(dim=1), (1, 0))
+    return effect.observe(pose, time - torch.where(begins, between, 0.0).cumsum(1))
+
+
+@cache
+def mixes_frames(kind: type[Effect]) -> bool:
+    """Return whether what a camera reports of a frame depends on other frames, and not by its clock alone."""
+    if not has(kind, "observe") or has(kind, "elapse"):
+        return False
+    typical = torch.tensor([[one.typical for one in kind.quantities().values()]], dtype=torch.float64)
+    effect, time = with_values(kind, typical), torch.arange(5, dtype=torch.float64)[None] / 60
+    pose = torch.tensor([0.1, 0.2, 0.3, 0.0, 0.0, 0.0, 1.0], dtype=torch.float64).repeat(1, 5, 1, 1)
+    other = pose.clone()
+    other[:, 2, :, :3] += 0.1
+    apart = effect.observe(pose, time) != effect.observe(other, time)
+    return bool(apart[:, [0, 1, 3, 4]].any())
