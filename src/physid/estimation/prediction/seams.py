@@ -7,6 +7,7 @@ from functools import cache
 import torch
 from torch import Tensor
 
+from physid.effects.probe import draw_probe
 from physid.estimation.prediction.step_effects import has, with_values
 from physid.physics import Effect
 
@@ -38,10 +39,8 @@ def mixes_frames(kind: type[Effect]) -> bool:
     if not has(kind, "observe") or has(kind, "elapse"):
         return False
     typical = torch.tensor([[one.typical for one in kind.quantities().values()]], dtype=torch.float64)
-    effect, time = with_values(kind, typical), torch.arange(3, dtype=torch.float64)[None]
-    pose = torch.zeros(1, 3, 1, 7, dtype=torch.float64)
-    pose[..., -1] = 1
-    other = pose.clone()
-    other[:, 1, :, :3] += 1
-    apart = effect.observe(pose, time) != effect.observe(other, time)
-    return bool(apart[:, [0, 2]].any())
+    effect, probe = with_values(kind, typical), draw_probe()
+    other, changed = probe.pose.clone(), torch.arange(probe.pose.shape[1]) == probe.pose.shape[1] // 2
+    other[:, changed, :, :3] += 1
+    apart = effect.observe(probe.pose, probe.time) != effect.observe(other, probe.time)
+    return bool(apart[:, ~changed].any())
