@@ -104,7 +104,7 @@ def test_effects_at_work_are_those_that_are_named_with_the_values_of_a_point() -
 
 
 def bent(made: Flights, size: float) -> Tensor:
-    """Return how far another engine leaves flights along x, (R, T, 1, 7): as far as no first state leads."""
+    """Return how far a reference simulator leaves flights along x, (R, T, 1, 7): as far as no initial state leads."""
     frames = made.experiment.pose.shape[1]
     off = torch.zeros_like(made.experiment.pose)
     off[..., 0] = size * torch.linspace(-1, 1, frames).double()[:, None] ** 2
@@ -115,7 +115,7 @@ def bent(made: Flights, size: float) -> Tensor:
 def test_what_the_reference_makes_is_taken_off_where_it_is_followed(
     followed: list[bool], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The recordings leave the model as the other engine does: then its states are found, and nothing is left."""
+    """Recordings leave the model as the reference simulator does: its states are found, and nothing is left."""
     made = calm(noise=(0.0, 0.0))
     predictor, off = made.experiment.predictor, bent(made, 0.02)
 
@@ -200,7 +200,7 @@ def test_a_contact_segment_in_which_no_state_goes_where_the_recording_went_is_gi
 ) -> None:
     made, lost = calm(), torch.tensor([False, False, True, False])
     predictor, away, own = made.experiment.predictor, bent(made, 0.02), bent(made, 0.02)
-    own[2] = 0.5 * own[2].roll(2, -1)  # upwards, where the other engine goes along y
+    own[2] = 0.5 * own[2].roll(2, -1)  # upwards, where the reference simulator goes along y
     away[2] = away[2].roll(1, -1)
     predictor.segments.contact[:] = True
     known = NominalModel(replace(predictor.model.scene, integration=BULLET))

@@ -1,4 +1,4 @@
-"""The experiment that would tell apart what recordings cannot: what is asked for, and when nothing is."""
+"""The experiment that would distinguish what recordings cannot: what is asked for, and when nothing is."""
 
 from __future__ import annotations
 
@@ -48,9 +48,11 @@ def asked(**changes: Any) -> NextExperiment:
 
 
 def apart(found: NextExperiment) -> tuple[float, float]:
-    told = re.search(r"differ by (\d+) standard deviations of the sensor in all, where .* by ([\d.]+)", found.sentence)
-    assert told is not None, found.sentence
-    return float(told.group(1)), float(told.group(2))
+    reported = re.search(
+        r"differ by (\d+) standard deviations of the sensor in all, where .* by ([\d.]+)", found.sentence
+    )
+    assert reported is not None, found.sentence
+    return float(reported.group(1)), float(reported.group(2))
 
 
 def test_flights_that_hit_the_ground_tell_a_wind_from_a_tilted_ground() -> None:

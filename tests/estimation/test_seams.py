@@ -7,7 +7,8 @@ import torch
 from torch import Tensor
 
 from physid.effects import CATALOGUE, from_values
-from physid.estimation.prediction.seams import mixes_frames, observed
+from physid.estimation.prediction import Segmentation
+from physid.estimation.prediction.seams import mixes_frames, observe_apart
 from physid.physics.rotations import exponential, multiply
 
 TIME = torch.arange(40).double()[None] / 60
@@ -36,7 +37,7 @@ def jumping(pose: Tensor) -> Tensor:
 def test_a_filter_sees_each_segment_by_itself(name: str, key: str, value: float) -> None:
     effect, pose = from_values(name, {key: value}), jumping(steady())
     pose[..., 0] += 0.3 * TIME[..., None].square()
-    found = observed(effect, pose, TIME, BEGINS)
+    found = observe_apart(effect, pose, TIME, BEGINS)
     for part in (slice(0, 13), slice(13, 25), slice(25, 40)):
         assert torch.allclose(found[:, part], effect.observe(pose[:, part], TIME[:, part]), atol=1e-12)
     assert float((effect.observe(pose, TIME) - found).abs().max()) > 2e-3, "what averages the jumps"
@@ -47,13 +48,19 @@ def test_where_nothing_begins_anew_nothing_changes(name: str, key: str, value: f
     effect, whole = from_values(name, {key: value}), torch.zeros_like(BEGINS)
     whole[:, 0] = True
     pose = jumping(steady())
-    assert torch.equal(observed(effect, pose, TIME, whole), effect.observe(pose, TIME))
+    assert torch.equal(observe_apart(effect, pose, TIME, whole), effect.observe(pose, TIME))
 
 
 @pytest.mark.parametrize(("name", "key", "value"), FILTERS)
 def test_an_effect_of_no_size_keeps_jumps_to_the_last_digits(name: str, key: str, value: float) -> None:
     pose = jumping(steady())
-    assert torch.allclose(observed(from_values(name, {key: 0.0}), pose, TIME, BEGINS), pose, atol=1e-12)
+    assert torch.allclose(observe_apart(from_values(name, {key: 0.0}), pose, TIME, BEGINS), pose, atol=1e-12)
+
+
+def test_seams_are_where_segments_begin_and_where_others_end() -> None:
+    whole = Segmentation.equal(2, 12, 4)
+    assert whole.seams.nonzero().tolist() == [[row, frame] for row in (0, 1) for frame in (0, 4, 8)]
+    assert whole.only(torch.tensor([1])).seams.nonzero().tolist() == [[0, 4], [0, 8]]
 
 
 def test_filters_alone_mix_frames() -> None:
@@ -64,5 +71,5 @@ def test_filters_alone_mix_frames() -> None:
 def test_segments_of_single_frames_are_reported(frames: int) -> None:
     effect = from_values("observation_smoothing", {"variance": 0.0008})
     time, pose = TIME[:, :frames], steady()[:, :frames]
-    found = observed(effect, pose, time, torch.ones(1, frames, dtype=torch.bool))
+    found = observe_apart(effect, pose, time, torch.ones(1, frames, dtype=torch.bool))
     assert bool(found.isfinite().all())

@@ -41,7 +41,8 @@ class HiddenFrames:
     def __str__(self) -> str:
         return (
             f"trajectory {self.trajectory}: in {self.frames} frame(s), from {self.first} to {self.last}, up to "
-            f"{100 * self.share:.0f} % of what should be bodies looks otherwise than in the rest of the film"
+            f"{100 * self.share:.0f} % of what should be bodies looks otherwise than in the rest of the film: "
+            "something hides them, or their light changes"
         )
 
 

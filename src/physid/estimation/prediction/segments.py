@@ -11,7 +11,7 @@ from itertools import pairwise
 import torch
 from torch import Tensor
 
-from physid.estimation.prediction.seams import observed
+from physid.estimation.prediction.seams import observe_apart
 from physid.physics import Effect
 from physid.setting import Section, setting
 
@@ -157,14 +157,15 @@ class Segmentation:
         return Segmentation(self.trajectories, self.frames, trajectory, start, size, contact, lying)
 
     @cached_property
-    def begins(self) -> Tensor:
-        """Where a segment begins, shape (R, T)."""
-        found = torch.zeros(self.trajectories, self.frames, dtype=torch.bool)
-        found[self.trajectory, self.start] = True
-        return found
+    def seams(self) -> Tensor:
+        """Frames at which a segment begins, and those after its last one, shape (R, T)."""
+        found = torch.zeros(self.trajectories, self.frames + 1, dtype=torch.bool)
+        for frame in (self.start, self.start + self.size):
+            found[self.trajectory, frame] = True
+        return found[:, :-1]
 
     def observe(self, effect: Effect, pose: Tensor, time: Tensor, rows: Tensor | None = None) -> Tensor:
-        """Return what a camera under an effect reports, of each segment by itself if it mixes frames (see `observed`).
+        """Return what a camera under an effect reports, of each segment alone if it mixes frames (see `observe_apart`).
 
         Args:
             effect: Of perception, one value for each row or for all.
@@ -173,7 +174,7 @@ class Segmentation:
             rows: Which of these they are, shape (B,); None for all.
         """
         place = (torch.arange(len(pose)) if rows is None else rows) % self.trajectories
-        return observed(effect, pose, time, self.begins[place])
+        return observe_apart(effect, pose, time, self.seams[place])
 
     @cached_property
     def batches(self) -> list[Batch]:

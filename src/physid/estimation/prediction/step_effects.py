@@ -50,8 +50,7 @@ def acts_late(kind: type[Effect]) -> bool:
         return True
     if not has(kind, "actuate"):
         return False
-    typical = torch.tensor([[one.typical for one in kind.quantities().values()]], dtype=torch.float64)
-    effect, time = with_values(kind, typical), torch.arange(2, dtype=torch.float64)[None]
+    effect, time = typical(kind), torch.arange(2, dtype=torch.float64)[None]
     wrench = torch.ones(1, 2, 1, 6, dtype=torch.float64)
     other = wrench.clone()
     other[:, 0] = -other[:, 0]
@@ -61,3 +60,8 @@ def acts_late(kind: type[Effect]) -> bool:
 def with_values(kind: type[Effect], values: Tensor) -> Effect:
     """Return an effect with parameters (B, q)."""
     return kind(**{name: values[:, k] for k, name in enumerate(kind.quantities())})
+
+
+def typical(kind: type[Effect]) -> Effect:
+    """Return an effect of a size that is typical in practice."""
+    return with_values(kind, torch.tensor([[one.typical for one in kind.quantities().values()]], dtype=torch.float64))

@@ -111,8 +111,7 @@ def covered(seen: Evidence) -> Finding | None:
         return None
     most, more = max(hidden, key=lambda one: one.share), len(hidden) - 1
     return Finding(
-        f"{most}{f' (and {more} more trajectories)' if more else ''}: something hides them, or their light changes, "
-        "and poses there are unsure",
+        f"{most}, and poses there are unsure{f' (and in {more} more trajectories)' if more else ''}",
         "cut these films there, or film again",
         wrong=False,
     )

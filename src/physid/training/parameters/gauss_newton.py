@@ -130,18 +130,21 @@ class GaussNewton(Optimizer):
 
 
 def _promised(gradient: Tensor, curvature: Tensor) -> float:
-    """Return by how much the loss shall fall, g^T H^-1 g / 2; a parameter without any influence promises nothing."""
+    """Return by how much a step without damping shall make the loss fall, g^T H^-1 g / 2."""
     found = gradient.reshape(-1)
-    return float(found @ torch.linalg.pinv(curvature, hermitian=True) @ found) / 2
+    return float(found @ torch.linalg.solve(_damped(curvature, 0.0), found)) / 2
+
+
+def _damped(curvature: Tensor, damping: float) -> Tensor:
+    """Return H + damping diag H. A parameter without any influence has a zero row: it stays where it is."""
+    diagonal = curvature.diagonal()
+    floor = torch.finfo(curvature.dtype).tiny + 1e-9 * diagonal.max()
+    return curvature + torch.diag(damping * diagonal + floor)
 
 
 def _damped_step(state: dict[str, Any], max_step: float, ends: tuple[Tensor, Tensor] | None) -> Tensor:
     """Solve (H + damping diag H) x = -g within the ends; shorten what promises too much or exceeds `max_step`."""
-    curvature, gradient = state["curvature"], state["gradient"]
-    diagonal = curvature.diagonal()
-    # A parameter without any influence has a zero row: it stays where it is.
-    floor = torch.finfo(curvature.dtype).tiny + 1e-9 * diagonal.max()
-    damped = curvature + torch.diag(state["damping"] * diagonal + floor)
+    damped, gradient = _damped(state["curvature"], state["damping"]), state["gradient"]
     step: Tensor = torch.linalg.solve(damped, -gradient.reshape(-1))
     if ends is not None:
         step = _bounded(

@@ -39,9 +39,9 @@ def read_into(
         footage: The films.
         known: All but the poses.
         first: About the initial poses, shape (R, N, 7).
-        say: Told how many frames of how many were read.
+        say: Called with how many frames of how many were read.
         become: What is written of poses (T, N, 7) of a trajectory.
-        doubt: Told of frames in which something hides the bodies, before poses of theirs are written.
+        doubt: Called with frames in which something hides the bodies, before poses of theirs are written.
     """
     missing = [index for index in range(len(known)) if not trajectory_path(folder, index).exists()]
     total = sum(one.length for one in known)

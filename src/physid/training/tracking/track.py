@@ -19,7 +19,6 @@ from physid.training.tracking.read_set import read_drawn, read_into
 from physid.training.vision import ChartName
 
 logger = logging.getLogger("physid")
-HIDES = "something hides them, or their light changes"
 
 
 def track(
@@ -71,7 +70,7 @@ def track(
         """Keep what is known of the reading, with what was found; a warning says it at once."""
         for one in found:
             hidden[one.trajectory] = one
-            logger.warning("%s: %s; poses there are unsure, cut the film there or film again", one, HIDES)
+            logger.warning("%s; poses there are unsure, cut the film there or film again", one)
         write_reading(out, dataclasses.replace(reading, hidden=tuple(hidden[key] for key in sorted(hidden))))
 
     keep()

@@ -114,8 +114,8 @@ class Reader:
             indices: Trajectories.
             lengths: Their frames.
             first: About where the bodies are in the first frames, shape (B, N, 7).
-            say: Told how many frames more were read.
-            doubt: Told of frames in which something hides the bodies.
+            say: Called with how many frames more were read.
+            doubt: Called with frames in which something hides the bodies.
 
         Returns:
             Poses (T, N, 7) of each, float64.
