@@ -63,6 +63,22 @@ def test_a_film_and_a_log_of_forces_become_a_set(place: Path) -> None:
     assert np.abs(one.frames[3].astype(float) - filmed.images(drift=0.1)[3]).mean() < 3
 
 
+def test_forces_of_a_film_that_change_steadily_go_along_lines(place: Path) -> None:
+    (place / "a_forces.csv").write_text("t,fx,fy,fz\n0,0,0,0\n0.4,4,0,0\n0.8,0,0,0\n")
+    values = {**filmed.MAPPING, "forces": {**filmed.MAPPING["forces"], "between": "linear"}}
+    one = RecordingSet(import_films([place / "a.mp4"], values, place / "set").folder).read(0, video=True)
+    assert one.wrench is not None
+    assert one.wrench_time is not None
+    held = np.diff(one.wrench_time)
+    assert float((one.wrench[:-1, 0, 3] * held).sum()) == pytest.approx(0.4 * 4)
+    assert float(one.wrench[:, 0, 3].max()) == pytest.approx(4 * (1 - 1 / 16))
+
+
+def test_columns_of_forces_without_a_log_that_holds_them_are_refused(place: Path) -> None:
+    with pytest.raises(ValueError, match=r"mapping: missing forces\.file, .* a film has no columns"):
+        import_films([place / "a.mp4"], {**filmed.MAPPING, "forces": None}, place / "set")
+
+
 def test_the_background_is_free_of_a_body_that_lingers_and_of_drifting_exposure(place: Path) -> None:
     frames = filmed.images(drift=0.1)
     filmed.write_film(place / "b.mp4", frames[:10] + frames[10:11] * 6 + frames[11:])

@@ -225,3 +225,16 @@ def test_a_bag_without_numbers_is_answered(tmp_path: Path) -> None:
         bag.write("/said", bag.make("std_msgs/String", data="hello"), 0.0)
     with pytest.raises(ValueError, match="expected topics with numbers, such as geometry_msgs/PoseStamped, found none"):
         import_logs([tmp_path / "run"], MAPPING, tmp_path / "out")
+
+
+@pytest.mark.parametrize("stamped", [True, False])
+def test_poses_of_a_body_at_rest_are_kept_where_stamps_were_never_set(stamped: bool, tmp_path: Path) -> None:
+    """The clock is then when messages arrived; what is sent twice is known by its stamp."""
+    with Bag(tmp_path / "run", "mcap") as bag:
+        for number, place in enumerate([1.0, 1.0, 1.0, 2.0]):
+            header = bag.header(number / 10 if stamped else -EPOCH)
+            pose = bag.pose([place, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0])
+            for _ in range(1 + stamped):
+                bag.write("/block", bag.make("geometry_msgs/PoseStamped", header=header, pose=pose), number / 10)
+    table = read_table(tmp_path / "run")
+    assert table.values("/block/pose/position/x").tolist() == [1.0, 1.0, 1.0, 2.0]

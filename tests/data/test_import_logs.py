@@ -241,9 +241,63 @@ def test_one_file_may_hold_several_trajectories_and_be_dealt_to_splits(tmp_path:
     assert all(same(one, truth) for one in found)
 
 
+def episodes(folder: Path, rows: tuple[int, int], named: bool, stamped: bool = True) -> list[Path]:
+    """Write two episodes, one after the other, and their forces (1 N and 9 N) in a log of their own."""
+    frames = np.arange(30) / 100
+    place = np.tile(np.stack([frames, 0 * frames, 0 * frames + 0.025], 1), (2, 1))
+    which = np.repeat([3.0, 7.0], len(frames))
+    upright = [0 * which] * 3 + [0 * which + 1]
+    names = ["t", "x", "y", "z", "qx", "qy", "qz", "qw", "episode"]
+    log = write_csv(folder / "log.csv", names, [np.tile(frames, 2), *place.T, *upright, which])
+    push, time = np.repeat([1.0, 9.0], rows), np.concatenate([np.arange(count) / 100 for count in rows])
+    columns = ({"t": time} if stamped else {}) | {"fx": push, "fy": 0 * push, "fz": 0 * push}
+    columns |= {"episode": np.repeat([3.0, 7.0], rows)} if named else {}
+    write_csv(folder / "log_forces.csv", list(columns), list(columns.values()))
+    return [log]
+
+
+FORCES = {"force": ["fx", "fy", "fz"], "trajectory": "episode"}
+
+
+@pytest.mark.parametrize("forces", [{"time": "t"}, {"rate": 100.0}], ids=str)
+@pytest.mark.parametrize("rows", [(20, 20), (25, 20), (20, 40)], ids=str)
+def test_a_log_of_forces_that_numbers_trajectories_gives_each_its_own(
+    rows: tuple[int, int], forces: dict[str, Any], tmp_path: Path
+) -> None:
+    logs, where = episodes(tmp_path, rows, named=True, stamped="time" in forces), {"file": "{stem}_forces.csv"}
+    import_logs(logs, COLUMNS | FORCES | {"forces": where | forces}, tmp_path / "out")
+    for index, (count, push) in enumerate(zip(rows, (1.0, 9.0), strict=True)):
+        found = RecordingSet(tmp_path / "out").read(index)
+        assert found.wrench is not None
+        assert found.wrench[:, 0, 3].tolist() == [push] * count
+        assert found.wrench_time == pytest.approx(np.arange(count) / 100)
+
+
+@pytest.mark.parametrize("rows", [(20, 20), (25, 20), (20, 40)], ids=str)
+def test_stamps_of_forces_that_begin_anew_without_a_number_of_the_trajectory_are_refused(
+    rows: tuple[int, int], tmp_path: Path
+) -> None:
+    """Which forces belong to which trajectory cannot be known: both had got those of one."""
+    logs, forces = episodes(tmp_path, rows, named=False), {"file": "{stem}_forces.csv", "time": "t"}
+    line = rows[0] + 2
+    with pytest.raises(ValueError, match=f"log_forces.csv:{line}: expected increasing time stamps, .* runs back"):
+        import_logs(logs, COLUMNS | FORCES | {"forces": forces}, tmp_path / "out")
+
+
+def test_a_trajectory_without_forces_in_the_log_that_numbers_them_is_named(tmp_path: Path) -> None:
+    logs = episodes(tmp_path, (20, 20), named=True)
+    text = (tmp_path / "log_forces.csv").read_text()
+    (tmp_path / "log_forces.csv").write_text(text.replace("7.0\n", "8.0\n"))
+    forces = {"file": "{stem}_forces.csv", "time": "t"}
+    with pytest.raises(ValueError, match="expected forces of trajectory 7, found none"):
+        import_logs(logs, COLUMNS | FORCES | {"forces": forces}, tmp_path / "out")
+
+
 @pytest.mark.parametrize(
     "text",
     [
+        "t,x,y,z\n\nms,cm,cm,cm\n0,50,0,100\n10,60,0,100\n20,70,0,100\n",
+        "t,x,y,z\n# a comment\nms,cm,cm,cm\n0,50,0,100\n10,60,0,100\n20,70,0,100\n",
         "# a comment\nt;x;y;z\n0;0,5;0;1\n0,01;0,6;0;1\n0,02;0,7;0;1\n",
         "t\tx\ty\tz\n0\t0.5\t0\t1\n0.01\t0.6\t0\t1\n0.02\t0.7\t0\t1\n",
         "t x y z\n0 0.5 0 1\n0.01 0.6 0 1\n0.02 0.7 0 1\n",

@@ -18,6 +18,7 @@ from physid.data import RecordingSet
 from physid.data.importers.convert import import_logs
 from physid.data.importers.guess import guess_mapping
 from physid.data.importers.mapping_files import read_mapping
+from physid.data.importers.tables.files import read_table
 
 GOOD: dict[str, Any] = {
     "time": "t",
@@ -544,3 +545,24 @@ def test_a_mapping_is_guessed_from_a_log_of_a_single_row(tmp_path: Path) -> None
     log = tmp_path / "log.csv"
     log.write_text("t,x,y,z,qx,qy,qz,qw\n0,1,2,3,0,0,0,1\n")
     assert "FILL_IN" in guess_mapping(log)
+
+
+def test_lines_are_those_of_the_file_after_blank_lines_and_comments(tmp_path: Path) -> None:
+    rows = ["t,x,y,z", "0,0,0,1", "", "# a note", "0.01,0,0,1", "0.02,inf,0,1", "0.03,0,0,1", "", "0.01,0,0,1", ""]
+    (tmp_path / "log.csv").write_text("\n".join(rows))
+    known = {key: one for key, one in GOOD.items() if key not in ("quaternion", "force")} | {"orientation": "none"}
+    with pytest.raises(ValueError, match=r"log.csv:6: expected finite numbers, found inf"):
+        import_logs([tmp_path / "log.csv"], known, tmp_path / "out")
+    text = (tmp_path / "log.csv").read_text()
+    (tmp_path / "log.csv").write_text(text.replace("inf", "0"))
+    with pytest.raises(ValueError, match=r"log.csv:9: expected increasing time stamps, found time that runs back"):
+        import_logs([tmp_path / "log.csv"], known, tmp_path / "out")
+
+
+@pytest.mark.parametrize("text", ["0,0;;1,5\n0,1;2,5;3,5\n0,2;4,5;5,5\n", "0.0,,1.5\n0.1,2.5,3.5\n0.2,4.5,5.5\n"])
+def test_a_table_without_a_header_keeps_its_first_row_where_a_cell_of_it_is_empty(tmp_path: Path, text: str) -> None:
+    (tmp_path / "log.csv").write_text(text)
+    table = read_table(tmp_path / "log.csv")
+    assert list(table.columns) == ["0", "1", "2"]
+    assert table.values("0").tolist() == [0.0, 0.1, 0.2]
+    assert np.isnan(table.values("1")).tolist() == [True, False, False]

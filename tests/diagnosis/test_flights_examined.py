@@ -16,6 +16,7 @@ from physid.diagnosis.testing import find_lack_of_fit
 from physid.diagnosis.testing.equivalence import alike, twins
 from physid.diagnosis.testing.null_distribution import score_test_of
 from physid.diagnosis.testing.residual_wrench import freed, local_gain, residual_wrenches
+from physid.effects import find
 from physid.estimation.least_squares.settings import LeastSquaresSettings, PriorSettings
 from physid.estimation.measurement import Noise
 from physid.estimation.prediction import Segmentation, Variants
@@ -51,6 +52,19 @@ def test_an_effect_gains_what_its_fit_explains_and_others_what_they_share_with_i
     assert max(row.gain for row in after.rows) < 15
 
 
+def test_a_fit_follows_residuals_as_far_as_what_is_known_beforehand_lets_it() -> None:
+    """(I + P) x = I y, where y is how far it goes if nothing is known, and P = 1 / spread^2."""
+    spread = 0.02  # in typical sizes
+    strong = LeastSquaresSettings(prior=PriorSettings(effect=spread))
+    loose, tied = (hypothesis(windy(settings=own), ("constant_force",)) for own in (None, strong))
+    seen = torch.randn(*loose.experiment.pose.shape[:3], 6, generator=random(2)).double() * 1e-3
+    free, held = (one.follow(seen)[-2:] for one in (loose, tied))
+    information = loose.normal.of(loose.experiment.fitted).matrix.sum(0)[-2:, -2:]
+    known = torch.eye(2).double() / (spread * find("constant_force").quantities()["x"].typical) ** 2
+    assert torch.allclose((information + known) @ held, information @ free, rtol=1e-3)
+    assert float((held / free).max()) < 0.9
+
+
 def test_of_a_right_model_gains_are_chi_squares_and_nothing_is_missing() -> None:
     made = flights(kinds=KINDS, sizes=(0.0,) * 5, trajectories=5)
     lack = find_lack_of_fit(examined(made), hypothesis(made), random())
@@ -60,6 +74,13 @@ def test_of_a_right_model_gains_are_chi_squares_and_nothing_is_missing() -> None
         assert row.p_value > 0.02
     assert lack.p_value > 0.02
     assert lack.null_best.shape == lack.null_steady.shape == (150,)
+    # What effects reach together by chance grows with their parameters; a chance of all is that of the least gain.
+    one, two, all_of_them = ("gravity_error",), ("constant_force",), ("constant_force", "gravity_error")
+    reached = [lack.reach(names) for names in (one, two, all_of_them)]
+    assert reached == sorted(reached)
+    assert reached[0] < reached[-1] - 1
+    assert lack.chance(one, reached[0]) <= 3 / 151
+    assert lack.chance(one, reached[-1]) <= lack.chance(all_of_them, reached[-1])
     # A free wrench in two pieces of six components, beside priors that hardly matter: so many degrees of freedom.
     assert float(lack.null_free.mean()) == pytest.approx(float(lack.free.mean()), rel=0.35)
     # What is nothing but noise has no gain in any cell, on average.

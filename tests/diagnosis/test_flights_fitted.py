@@ -137,6 +137,28 @@ def test_what_the_reference_makes_is_taken_off_where_it_is_followed(
     assert torch.allclose(found[..., 3], torch.where(which[:, None, None], off[..., 0], 0.0), atol=1e-9)
 
 
+@pytest.mark.parametrize(("settled", "replays"), [(1e-12, 7), (0.01, 6), (1.0, 3)])
+def test_rounds_of_fit_and_replay_end_where_the_loss_changes_by_less_than_so_many_standard_deviations(
+    settled: float, replays: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A loss L = chi^2 / 2 of 614 has a standard deviation of sqrt(2 L) = 35; it changes by 4 first, then by less."""
+    made, made_so_far = calm(), list[float]()
+    predictor, off = made.experiment.predictor, bent(made, 0.002)
+
+    def ever_nearer(_model: Any, _time: Any, _cuts: Any, point: Variants, *_: Any) -> Tensor:
+        made_so_far.append(1 - 0.5 ** len(made_so_far))
+        return predictor.predict(point).pose[0] + made_so_far[-1] * off
+
+    monkeypatch.setattr(discrepancy, "replay", ever_nearer)
+    experiment = made.experiment.replace(
+        pose=made.experiment.pose + off, follow=torch.ones_like(made.experiment.follow)
+    )
+    settings = QUICK.changed({"discrepancy.settled": settled, "discrepancy.rounds": 6})
+    known, fit = fit_with_reference(experiment, experiment.linearise(made.true, NONE), NONE, (), settings)
+    assert float(known.losses(fit.point)[0].sum()) == pytest.approx(614, abs=1)
+    assert len(made_so_far) == replays
+
+
 @pytest.mark.parametrize(("follows", "known"), [(True, True), (False, True), (True, False)])
 def test_a_simulator_is_followed_if_its_steps_are_known_and_it_is_asked_for(
     follows: bool, known: bool, monkeypatch: pytest.MonkeyPatch
@@ -218,3 +240,4 @@ def test_a_contact_segment_in_which_no_state_goes_where_the_recording_went_is_gi
     assert torch.allclose(fit.point.pose[:, 2], made.true.pose[:, 2], atol=1e-9), "it returns to its fit without it"
     scale = found.scale[..., 3].median(1).values[:, 0]
     assert float(scale[2]) < 0.5 * float(scale[~lost].min())
+    assert float(scale[~lost].max()) == pytest.approx(float(scale[~lost].min())), "all others count alike"

@@ -88,6 +88,18 @@ def test_variables_have_their_values_in_the_axes_of_the_ground_and_where_they_ar
         assert one.swings is (name == "time")
 
 
+@pytest.mark.parametrize(
+    ("velocity", "moves"), [((0.0, 0.0, -2.0), False), ((STILL, 0.0, 0.0), False), ((2 * STILL, 0.0, 0.0), True)]
+)
+def test_a_body_that_falls_straight_or_hardly_moves_has_no_course(velocity: tuple[float, ...], moves: bool) -> None:
+    made, timeline = moved()
+    made.twist[..., 3:] = torch.tensor(velocity).double()
+    found = {one.name: one for one in variables_of(made, timeline, torch.eye(3).double(), False, STILL)}
+    for name in ("course", "course seen from the body"):
+        assert bool(found[name].defined.any()) is moves
+    assert found["speed"].value[0, :, 0].tolist() == pytest.approx([math.hypot(*velocity)] * 4)
+
+
 def direction(kind: Any = "force", share: float = 1.0, **more: Any) -> Direction:
     value = torch.zeros(1, 100, 1, 6).double()
     value[0, : round(100 * share), 0, 3] = 1.0

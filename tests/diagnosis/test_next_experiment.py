@@ -10,7 +10,9 @@ import pytest
 import yaml
 
 from diagnosis.flown import QUICK, hypothesis, nominal_fit_of
-from estimation.flights import Flights, flights
+from estimation.flights import TOSS, Flights, flights
+from physid.data.generation.settings import GenerateConfig
+from physid.diagnosis.conclusion import next_experiment as planning
 from physid.diagnosis.conclusion.next_experiment import REMEDIES, NextExperiment, next_experiment
 from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.selection.search import Attribution
@@ -62,11 +64,40 @@ def test_flights_that_hit_the_ground_tell_a_wind_from_a_tilted_ground() -> None:
     assert found.sentence.endswith("; or use a second body of another mass, or let one fall freely")
     assert found.config is not None
     config = yaml.safe_load(found.config)
-    toss = find_setup("toss")
-    assert config.pop("protocol") in toss.protocols
+    assert config.pop("protocol") in find_setup("toss").protocols
     assert config == {
-        "scene": "toss", "seed": 0, "trajectories": 24, "steps": 48, "unknown": [], "video": False
+        "scene": "toss", "frame_rate": 60.0, "seed": 0, "trajectories": 24, "steps": 48, "unknown": [], "video": False
     }  # fmt: skip
+    asked_for = GenerateConfig.from_mapping(yaml.safe_load(found.config))
+    step = TOSS.time_step
+    assert asked_for.true_scene().time_step == pytest.approx(step), "of the frame rate that it was judged at"
+    assert asked_for.steps * step <= FEW.next_experiment.longest_with_impacts
+
+
+@pytest.mark.parametrize("longest", [1.0, 0.2])
+def test_a_trajectory_has_so_many_frames_and_lasts_no_longer_than_it_may(
+    longest: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(planning, "_planned", lambda *_: 1e9)
+    settings = FEW.changed({"next_experiment.longest": longest, "next_experiment.steps": 40})
+    found = asked(scene="push", settings=settings)
+    assert found.config is not None
+    assert yaml.safe_load(found.config)["steps"] == min(40, round(60 * longest))
+
+
+@pytest.mark.parametrize("arm", [0.0, 0.03])
+def test_who_pushed_at_the_centre_of_mass_is_not_asked_for_torques(arm: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The protocols of pushes that need a torque are tried only where the recordings have one."""
+    tried = list[bool]()
+    monkeypatch.setattr(
+        planning, "_planned", lambda drawn, *_: tried.append(any(one.wrench[..., :3].any() for one in drawn)) or 1.0
+    )
+    fit, found = searched(scene="push")
+    wrench = fit.observations.timeline.grid.wrench
+    wrench[..., 3], wrench[..., 2] = 1.0, arm
+    assert next_experiment(fit, found) is not None
+    assert tried
+    assert any(tried) is (arm > 0)
 
 
 @pytest.mark.slow

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 import torch
@@ -66,7 +68,24 @@ def test_the_held_out_trajectory_that_is_missed_most_is_drawn_and_small_differen
     assert made.larger in LARGER
     assert made.larger * 0.004 < VISIBLE * 0.5 < 2.5 * made.larger * 0.004
     assert made.film is not None
-    assert made.film.path == tmp_path / FILM
+    assert made.film == tmp_path / FILM
+
+
+def test_frames_are_those_of_the_film_where_a_body_is_seen_late_and_lost_for_a_while(
+    films: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(films, tmp_path / "late")
+    for path in (tmp_path / "late" / "trajectories").glob("*.h5"):
+        with h5py.File(path, "r+") as file:
+            file["pose"][:5] = np.nan
+            file["pose"][9:12] = np.nan
+    asked, film = list[list[int]](), RecordingSet.film
+    monkeypatch.setattr(RecordingSet, "film", lambda self, index, rows: asked.append(rows) or film(self, index, rows))
+    made = drawn(tmp_path / "late", tmp_path, torch.full((4,), 0.03, dtype=torch.float64), None)
+    assert made is not None
+    (rows,) = asked
+    assert (rows[0], rows[-1], len(rows)) == (5, 23, 19)
+    assert made.stills[-1].caption.startswith("0.07 s"), "18 frames of 1/240 s after the first"
 
 
 def test_the_page_carries_film_and_pictures_and_stays_small(films: Path, tmp_path: Path) -> None:

@@ -18,7 +18,8 @@ from physid.diagnosis.document.document import VERDICTS, check_diagnosis
 from physid.diagnosis.document.residual_sentences import residual_sentences
 from physid.diagnosis.document.sentences import verdict_sentence
 from physid.diagnosis.report import page as report_page
-from physid.diagnosis.report.page import Curve, Film, ReportData, TimeMap, render, write_report
+from physid.diagnosis.report.contents import Overlay
+from physid.diagnosis.report.page import Curve, ReportData, TimeMap, render, write_report
 from physid.pages.templates import ICON
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -29,21 +30,21 @@ TIME = np.linspace(0, 1.25, 300)
 
 def pictures(folder: Path | None = None) -> ReportData:
     """Return everything that a report can draw."""
-    films = ()
+    overlay = None
     if folder is not None:
         (folder / "film.mp4").write_bytes(b"a film")
-        films = (Film("model over recording", folder / "film.mp4"),)
+        overlay = Overlay("trajectory 3", ("nominal model",), 1, (), folder / "film.mp4")
     return ReportData(
         title="push_07",
-        curves=(Curve("same", TIME, 0.001 + 0.03 * TIME**2, 0.001 + 0 * TIME, 0.0011 + 0 * TIME),),
+        curves=(Curve("same", TIME, 0.001 + 0.03 * TIME**2, 0.001 + 0 * TIME),),
         time_map=TimeMap((("block", "x"), ("block", "rz")), np.linspace(0, 1.25, 4), np.array([[1, 2, 9], [0, 0, 1]])),
-        levels={"sensor": 0.0012, "repeatability": None, "numerical": 0.0004},
+        levels={"sensor": 0.0012, "numerical": 0.0004},
         residual_wrench={"same": 0.0015},
         threshold=24.0,
         replicates=199,
         formulas={"viscous_drag": "F = -c v at the centre of each body."},
         next_config="scene: push\n",
-        films=films,
+        overlay=overlay,
         facts={"recordings": "24 x 300 frames"},
     )
 
@@ -113,12 +114,21 @@ def test_everything_that_was_found_is_on_the_page() -> None:
         "F = -c v at the centre of each body.",
         "cannot tell viscous drag from quadratic drag",
         "< 0.005", "explains 28 % of the gap", "199 null simulations",
-        "Sensor", "1.2 mm", "Nothing was repeated", "Numerics", "0.4 mm",
+        "Sensor", "1.2 mm", "Numerics", "0.4 mm",
         "0.995 to 1.009",
         "Push at speeds from 0.2 to 2 m/s", "scene: push",
         "24 x 300 frames",
     ):  # fmt: skip
         assert re.sub(r"\s", "", expected) in re.sub(r"\s", "", text), expected
+
+
+def test_intervals_have_the_probability_that_the_diagnosis_was_asked_for() -> None:
+    assert "90 % interval" in text_of(render(said(), pictures()))
+    document = diagnosis()
+    document["settings"] = {**document.get("settings", {}), "hypothesis": {"confidence": 0.5}}
+    text = text_of(render(check_diagnosis(document), pictures()))
+    assert "50 % interval" in text
+    assert "90 % interval" not in text
 
 
 def test_without_a_transfer_set_the_page_says_so_at_the_top() -> None:

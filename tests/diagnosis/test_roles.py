@@ -12,6 +12,7 @@ import torch
 
 from diagnosis.sets import config
 from physid.data import Recording, RecordingSet, trajectory_path, write_scene, write_sums, write_trajectory
+from physid.data.reading import ECHO, FILE, Reading, write_reading
 from physid.diagnosis.inputs import load_observations, read_inputs
 from physid.diagnosis.inputs.observations import require_same_scene
 from physid.diagnosis.settings.inputs import RoleSettings
@@ -152,3 +153,18 @@ def test_what_a_diagnosis_starts_from_is_read_together(tmp_path: Path) -> None:
     beside = read_inputs(recordings, None, known, [], None, settings)
     assert [effect.name for effect in beside.model.effects] == ["viscous_drag"]
     assert [kind.name for kind in beside.candidates] == [name for name in names if name != "viscous_drag"]
+
+
+@pytest.mark.parametrize("lacks", [FILE, ECHO])
+def test_poses_of_films_and_poses_of_a_sensor_are_not_diagnosed_together(lacks: str, tmp_path: Path) -> None:
+    sets = [written(tmp_path / name, ["fit", "select", "report_same"]) for name in ("one", "two")]
+    for one in sets:
+        write_reading(one.folder, Reading("films", "tracker", "", 0.0, 1e-3, "key"))
+        written(one.folder / ECHO, ["fit", "select", "report_same"])
+    path = tmp_path / "two" / lacks
+    path.rename(tmp_path / "aside")
+    with pytest.raises(ValueError, match=r"two: expected poses that were read from films, as in the other set"):
+        load_observations(*sets)
+    (tmp_path / "one" / FILE).unlink()
+    (tmp_path / "two" / FILE).unlink(missing_ok=True)
+    assert load_observations(*sets).error is None

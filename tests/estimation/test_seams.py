@@ -44,6 +44,21 @@ def test_a_filter_sees_each_segment_by_itself(name: str, key: str, value: float)
 
 
 @pytest.mark.parametrize(("name", "key", "value"), FILTERS)
+def test_a_filter_ends_at_each_seam_whatever_stamps_round_to(name: str, key: str, value: float) -> None:
+    """Of bodies at rest, whose places differ from segment to segment, a filter changes nothing."""
+    generator = torch.Generator().manual_seed(0)
+    rows, frames = 400, 240
+    time = (torch.arange(frames) + torch.rand(rows, frames, generator=generator).double() * 0.4 - 0.2) / 60
+    begins = torch.zeros(rows, frames, dtype=torch.bool)
+    begins[:, ::8] = True
+    begins[:, 17::40] = True  # segments of one frame
+    pose = torch.zeros(rows, frames, 1, 7).double()
+    pose[..., 6] = 1.0
+    pose[..., 0] = 0.01 * begins.cumsum(1)[..., None]
+    assert torch.equal(observe_apart(from_values(name, {key: value}), pose, time, begins), pose)
+
+
+@pytest.mark.parametrize(("name", "key", "value"), FILTERS)
 def test_where_nothing_begins_anew_nothing_changes(name: str, key: str, value: float) -> None:
     effect, whole = from_values(name, {key: value}), torch.zeros_like(BEGINS)
     whole[:, 0] = True

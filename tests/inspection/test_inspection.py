@@ -512,7 +512,9 @@ def test_the_axes_of_a_log_are_named_whatever_axes_it_was_imported_with(tmp_path
         )
 
 
-@pytest.mark.parametrize("said_of", ["order: wxyz", "quaternion: [a_w, a_x, a_y, a_z]"])
+@pytest.mark.parametrize(
+    "said_of", ["order: wxyz", "quaternion: [a_w, a_x, a_y, a_z]", "bodies: [{quaternion: [qw, qx, qy, qz]}]"]
+)
 def test_quaternions_with_w_last_that_were_read_with_w_first_are_named(tmp_path: Path, said_of: str) -> None:
     scene, recordings = recorded("push")
     last = posed(lambda pose: pose[..., [0, 1, 2, 4, 5, 6, 3]])
@@ -527,9 +529,15 @@ def test_columns_of_forces_that_are_exchanged_are_named_as_the_log_has_them(tmp_
     axes = axes_of("y-up")
     exchange = axes @ np.eye(3)[[2, 1, 0]] @ axes.T
     wrong = forced(lambda force: np.concatenate([force[..., :3], force[..., 3:] @ exchange.T], -1))
-    (tmp_path / "import.yaml").write_text("axes: y-up\nforce: [Fz, -Fy, Fx]\n")
-    found = said(tmp_path, scene, [wrong(scene, one)[1] for one in recordings])
-    assert [one for one in found if "import forces as force=[Fx, -Fy, Fz], in the axes of the poses" in one], found
+    for mapping, mended in (
+        ("force: [Fz, -Fy, Fx]", "force=[Fx, -Fy, Fz]"),
+        ("bodies: [{force: [Fz, -Fy, Fx]}]", "force=[Fx, -Fy, Fz]"),
+        ("force: hand/wrench", "force=[hand/wrench/z, hand/wrench/y, hand/wrench/x]"),
+        ("force: [pushed]", "force=[pushed[2], pushed[1], pushed[0]]"),
+    ):
+        (tmp_path / "import.yaml").write_text(f"axes: y-up\n{mapping}\n")
+        found = said(tmp_path, scene, [wrong(scene, one)[1] for one in recordings])
+        assert [one for one in found if f"import forces as {mended}, in the axes of the poses" in one], found
 
 
 def test_a_set_with_a_mistake_exits_with_1_and_a_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

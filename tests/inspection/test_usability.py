@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from tests.diagnosis.sets import recorded, rewritten
 
 from physid.cli import main
@@ -182,3 +184,19 @@ def test_a_scene_in_other_units_is_refused_with_what_to_write(
     found = mistakes_in(Motion.of(scene, load_trajectories(recordings)))
     assert [what in one.what for one in found if what] == [True] * (what is not None)
     assert all(mend is not None and mend in one.mend and one.wrong for one in found)
+
+
+def test_frames_that_were_never_recorded_do_not_thin_out_jumps(sound: Path) -> None:
+    """Beside one trajectory of thrice the length the share of jumps is the same."""
+    scene, loaded = RecordingSet(sound).scene, load_trajectories(RecordingSet(sound))
+    motion = Motion.of(scene, loaded)
+    jumping = motion.pose.clone()
+    jumping[:, 3::7, :, 0] += 0.5
+    longer = torch.nn.functional.pad(motion.seen, (0, 0, 0, 80))
+    more = torch.arange(1, 81, dtype=torch.float64) / 240
+    time = torch.cat([motion.time, motion.time[:, -1:] + more], 1)
+    held = torch.cat([jumping, jumping[:, -1:].expand(-1, 80, -1, -1)], 1)
+    padded = replace(motion, pose=held, seen=longer, time=time)
+    told = [[one.what for one in mistakes_in(each)] for each in (replace(motion, pose=jumping), padded)]
+    assert any("found jumps: 1" in one for one in told[0]), told
+    assert told[0] == told[1]

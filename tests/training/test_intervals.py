@@ -283,3 +283,15 @@ def test_an_interval_knows_what_an_unsure_scale_of_films_changes(
     assert same == estimate
     more = math.sqrt((wider_high - wider_low) ** 2 - (high - low) ** 2) / 2
     assert more == pytest.approx(norm.ppf(0.95) * abs(moved - estimate), rel=0.1)
+
+
+def test_a_fit_that_may_take_so_many_steps_ends_with_intervals(
+    recordings: Callable[[str], Path], tmp_path: Path
+) -> None:
+    words = [f"data.folder={recordings('push')}", "data.limit=3", "trainer.max_steps=2", f"--run-dir={tmp_path}"]
+    assert main(["fit", "--config", str(CONFIGS / "push_friction.yaml"), *words]) == 0
+    figures = json.loads((tmp_path / "metrics.json").read_text())
+    assert figures["params/block.friction/low"] < figures["params/block.friction/high"]
+    assert "fit/position_explained" in figures
+    assert "params/block.friction/observable" in figures
+    assert (tmp_path / "posterior.json").is_file()

@@ -212,7 +212,7 @@ def write_samples(path: Path, names: tuple[str, ...], drawn: Tensor) -> None:
 
     from physid.data.files import write_text, write_whole
 
-    if path.suffix == ".npz":
+    if path.suffix.lower() == ".npz":
         columns = dict(zip(names, drawn.T.numpy(), strict=True))
 
         def save(part: Path) -> None:
@@ -220,7 +220,7 @@ def write_samples(path: Path, names: tuple[str, ...], drawn: Tensor) -> None:
                 np.savez(file, **columns)
 
         write_whole(path, save)
-    elif path.suffix == ".yaml":
+    elif path.suffix.lower() == ".yaml":
         worlds = [dict(zip(names, row, strict=True)) for row in drawn.tolist()]
         write_text(path, yaml.safe_dump(worlds, sort_keys=False))
     else:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -58,9 +59,11 @@ class Origin:
             return cls(hidden=hidden)
         if not isinstance(known, dict):
             return cls(hidden=hidden)
-        force, turn = _names(known.get("force"), 3), _names(known.get("quaternion"), 4)
-        ends = "".join(name[-1:].lower() for name in turn)
-        order = known.get("order") or ("wxyz" if ends in ("wxyz", "rijk") else "xyzw")
+        listed = known.get("bodies")
+        bodies = [one for one in listed if isinstance(one, dict)] if isinstance(listed, list) else [known]
+        force = _names(_first(bodies, "force"), "xyz")
+        ends = "".join(name[-1:].lower() for name in _names(_first(bodies, "quaternion"), "xyzw"))
+        order = _first(bodies, "order") or ("wxyz" if ends in ("wxyz", "rijk") else "xyzw")
         units = known.get("units")
         unit = units.get("force", "N") if isinstance(units, dict) else "N"
         given = known.get("forces")
@@ -108,6 +111,17 @@ class Origin:
         return f"force=[{', '.join(words)}]"
 
 
-def _names(value: object, count: int) -> tuple[str, ...]:
-    """Return names of columns, where a mapping lists so many; else none."""
-    return tuple(map(str, value)) if isinstance(value, list) and len(value) == count else ()
+def _first(bodies: Sequence[Mapping[str, object]], key: str) -> object:
+    """Return what the first body that has a key says of it."""
+    return next((one[key] for one in bodies if one.get(key) is not None), None)
+
+
+def _names(value: object, letters: str) -> tuple[str, ...]:
+    """Return names of columns, one for each letter: those that a mapping lists, or of the array that it names."""
+    if isinstance(value, list) and len(value) == len(letters):
+        return tuple(map(str, value))
+    listed = value if isinstance(value, list) else [value]
+    if len(listed) != 1 or not isinstance(listed[0], str):
+        return ()
+    name = listed[0]
+    return tuple(f"{name}/{letter}" if "/" in name else f"{name}[{k}]" for k, letter in enumerate(letters))

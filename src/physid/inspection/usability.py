@@ -247,8 +247,11 @@ def _jumps(motion: Motion, settings: RequirementSettings, noise: NoiseSettings) 
         return None
     stray = outlier_poses(motion.pose, motion.seen, motion.time, noise)
     bent = (position[:, 1:-1] - (position[:, :-2] + position[:, 2:]) / 2).norm(dim=-1)
-    spread = (position - position.mean(1, keepdim=True)).norm(dim=-1).median()
-    rough, share = float(bent[inside].median()), float(stray.double().mean())
+    shown = torch.where(seen[..., None], position, 0.0)
+    spread = (
+        (position - shown.sum(1, keepdim=True) / seen.sum(1)[:, None, :, None].clamp_min(1)).norm(dim=-1)[seen].median()
+    )
+    rough, share = float(bent[inside].median()), float(stray[seen].double().mean())
     if share <= settings.most_outliers and rough <= max(settings.rough * float(spread), settings.still_position):
         return None
     return Finding(

@@ -1,4 +1,4 @@
-"""Numbers and names as people read them, in the terminal and on every page."""
+"""Numbers and names as people read them on every page."""
 
 from __future__ import annotations
 

@@ -146,3 +146,9 @@ class TrainingModule(L.LightningModule, ABC):
                     "learning rate, shorten the segments or look at that recording; checkpoints/last.ckpt holds the "
                     "last good state"
                 )
+
+
+def ends_with_epoch(trainer: L.Trainer) -> bool:
+    """Return whether the epoch that ends is the last one: of all, by the steps allowed, or because a fit stops."""
+    out_of_steps = 0 <= trainer.max_steps <= trainer.global_step
+    return trainer.should_stop or out_of_steps or trainer.current_epoch + 1 == trainer.max_epochs

@@ -102,4 +102,9 @@ def require_increasing(table: Table, time: Array, rows: NDArray[np.intp]) -> Non
 
 def line_of(table: Table, row: int) -> str:
     """Return file and line of a row."""
-    return f"{table.path}:{table.line + row}" if table.line else f"{table.path}: row {row}"
+    if not table.line:
+        return f"{table.path}: row {row}"
+    line = table.line + row
+    for skipped in table.skipped:
+        line += skipped <= line
+    return f"{table.path}:{line}"

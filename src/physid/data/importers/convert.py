@@ -89,9 +89,9 @@ def _recordings(files: Sequence[Path], log: LogMap, notes: list[str]) -> Iterato
         with explained(file, files):
             poses = read_poses(table, log)
             source = table if other is None else read_table(other, header=log.forces.header)
-            forces = read_forces(source, log, own=other is not None)
-        # Arrays of a NumPy archive may be of several lengths: forces of another one are no part of the poses' rows.
-        apart = not table.line and log.forces.time is not None and log.forces.time != log.time
+            # Arrays of a NumPy archive may be of several lengths: forces of another one are no part of the poses' rows.
+            apart = not table.line and log.forces.time is not None and log.forces.time != log.time
+            forces = read_forces(source, log, own=other is not None or apart)
         own = other is not None or (forces is not None and (apart or len(forces.row) + forces.empty != len(poses.pose)))
         if any(each.clock is not None for each in log.bodies):
             whole = int(np.isfinite(poses.pose[..., 0]).all(1).sum())
@@ -122,13 +122,17 @@ def _recording(file: Path, poses: Poses, forces: Forces | None, group: int, log:
     time = None if poses.time is None else poses.time[frames] - start
     wrench = wrench_time = None
     if forces is not None:
-        within = slice(None) if own else np.isin(forces.row, rows)
+        within = np.isin(forces.row, rows)
+        if own:
+            within = np.full(len(forces.row), True) if forces.names is None else forces.names == poses.names[group]
+            if not within.any():
+                raise ValueError(f"{file}: expected forces of trajectory {poses.names[group]:.9g}, found none")
         wrench, row = forces.wrench[within], forces.row[within]
         if forces.time is not None:
             stamps = forces.time[within] - start
             same = not own and log.forces.time is None and not log.forces.offset and np.array_equal(row, frames)
             wrench_time = None if same else stamps
-            if own and poses.group.max() > 0:
+            if own and forces.names is None and poses.group.max() > 0:
                 wrench, wrench_time = _around(
                     wrench, stamps, float(poses.time[frames[-1]] - start) if poses.time is not None else 0.0
                 )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -30,11 +30,13 @@ class Poses:
         time: Stamps [s], on the log's own clock, shape (T,); None where it has none.
         pose: World frame, NaN where not seen, shape (T, N, 7).
         group: Number of the trajectory that each row belongs to, shape (T,).
+        names: By which the log's own column names these trajectories, in their order; none without such a column.
     """
 
     time: Array | None
     pose: Array
     group: NDArray[np.int64]
+    names: Array = field(default_factory=lambda: np.empty(0))
 
 
 @dataclass(frozen=True)
@@ -46,12 +48,14 @@ class Forces:
         wrench: World frame, torque before force, shape (S, N, 6).
         row: Row of the log that each comes from, shape (S,).
         empty: Rows of the log without forces.
+        names: Of the trajectory of each, where a log of forces alone has the column that names them, shape (S,).
     """
 
     time: Array | None
     wrench: Array
     row: NDArray[np.int64]
     empty: int
+    names: Array | None = None
 
 
 def read_poses(table: Table, log: LogMap) -> Poses:
@@ -75,15 +79,14 @@ def read_poses(table: Table, log: LogMap) -> Poses:
     time = None if log.time is None else read_stamps(table, log.time, log.units.get("time"))
     if time is not None and len(time) != len(pose):
         raise ValueError(f"{table.path}: expected a stamp for each of {len(pose)} poses, found {len(time)}")
-    group = np.zeros(len(pose), dtype=np.int64)
+    group, names = np.zeros(len(pose), dtype=np.int64), np.empty(0)
     if log.trajectory is not None:
-        numbers = table.values(log.trajectory)
-        _, first, inverse = np.unique(numbers, return_index=True, return_inverse=True)
-        group = np.argsort(np.argsort(first))[inverse]
+        found, first, inverse = np.unique(table.values(log.trajectory), return_index=True, return_inverse=True)
+        group, names = np.argsort(np.argsort(first))[inverse], found[np.argsort(first)]
     if time is not None:
         for one in range(group.max() + 1):
             require_increasing(table, time[group == one], np.flatnonzero(group == one))
-    return Poses(time, pose, group)
+    return Poses(time, pose, group, names)
 
 
 def _on_one_clock(table: Table, bodies: Sequence[Array], log: LogMap) -> Poses:
@@ -157,14 +160,21 @@ def read_forces(table: Table, log: LogMap, *, own: bool) -> Forces | None:
         time = read_stamps(table, clock, unit)
     elif log.forces.rate is not None:
         time = np.arange(count) / log.forces.rate
+    names = None
+    if own and log.trajectory in table.columns and len(table.values(log.trajectory)) == count:
+        names = table.values(log.trajectory)
+        if clock is None and time is not None:
+            time -= np.array([time[names == name][0] for name in names])
     if time is not None and len(time) != count:
         raise ValueError(f"{table.path}: expected a stamp for each of {count} rows of forces, found {len(time)}")
     row = np.flatnonzero(~empty)
     if not len(row):
         raise ValueError(f"{table.path}: expected forces, found nothing but empty cells")
-    if time is not None and log.trajectory is None:
-        require_increasing(table, time[row], row)
-    return Forces(None if time is None else time[row] + log.forces.offset, wrench[row], row, int(empty.sum()))
+    if time is not None and (own or log.trajectory is None):
+        for one in [row] if names is None else [row[names[row] == name] for name in np.unique(names[row])]:
+            require_increasing(table, time[one], one)
+    stamps = None if time is None else time[row] + log.forces.offset
+    return Forces(stamps, wrench[row], row, int(empty.sum()), None if names is None else names[row])
 
 
 def along_lines(time: Array, wrench: Array) -> tuple[Array, Array]:

@@ -40,10 +40,10 @@ class Closing:
     """Errors of the predicted positions [m], or rotations [rad], on one part of the recordings.
 
     Attributes:
-        before: Root mean square error of the nominal model, refitted [m].
-        after: With the effects [m]; None where none were added.
+        before: Root mean square error of the nominal model, refitted [m or rad].
+        after: With the effects [m or rad]; None where none were added.
         shrink: S = (before - after) / (before - floor), None where there is no gap to close.
-        floor: What the true model would leave on these trajectories [m].
+        floor: What the true model would leave on these trajectories [m or rad].
         values: Coordinates that were compared.
     """
 
@@ -59,7 +59,7 @@ class Closing:
         return math.sqrt(max(self.before**2 - self.floor**2, 0.0))
 
     def ceiling(self, probability: float) -> float:
-        """Return the error that the true model exceeds with some probability, by the noise of so many values [m].
+        """Return the error that the true model exceeds with some probability, by the noise of so many values.
 
         The sum of n squared errors in units of the noise is a chi-square variable of n degrees of freedom.
         """
@@ -126,7 +126,7 @@ def closing(
     settings: GapSettings,
     generator: torch.Generator,
 ) -> Closing | None:
-    """Compare mean square errors (R,) [m^2] of the chosen trajectories; the interval is a bootstrap over them.
+    """Compare mean square errors (R,) [m^2 or rad^2] of the chosen trajectories; the interval is a bootstrap over them.
 
     A bootstrap of one trajectory has no width, and that of two hardly any: fewer than `settings.fewest` give no
     interval.

@@ -92,6 +92,7 @@ def next_experiment(nominal_fit: NominalFit, found: Attribution) -> NextExperime
     config = {
         "scene": model.scene.name,
         "protocol": protocol,
+        "frame_rate": float(f"{1 / model.scene.time_step:.6g}"),
         "seed": 0,
         "trajectories": settings.record,
         "steps": steps,
@@ -106,7 +107,10 @@ def _best_protocol(
     """Return how far two hypotheses lie apart under the protocol where that is most, the protocol, and the frames."""
     tried, model = [], one.experiment.predictor.model
     settings = nominal_fit.settings.next_experiment
-    steps = settings.steps_with_impacts if setup.impacts else settings.steps
+    steps, longest = settings.steps, settings.longest
+    if setup.impacts:
+        steps, longest = settings.steps_with_impacts, settings.longest_with_impacts
+    steps = max(2, min(steps, round(longest / model.scene.time_step)))
     scene = model.scene_at(one.fit.point.nominal[0])
     turned = bool(nominal_fit.observations.timeline.grid.wrench[..., :3].any())
     for protocol in setup.protocols:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from physid.diagnosis.document.document import SPLITS, Split
 
-LEVELS = ("sensor", "repeatability", "numerical")
+LEVELS = ("sensor", "numerical")
 
 
 @dataclass(frozen=True)
@@ -23,14 +23,12 @@ class Curve:
         time: Shape (T,) [s].
         before: Of the refitted nominal model, shape (T,) [m].
         after: With the effect, shape (T,) [m]; None where no effect was added.
-        freeform: With a free residual wrench, shape (T,) [m]; None where there is none.
     """
 
     split: Split
     time: NDArray[np.float64]
     before: NDArray[np.float64]
     after: NDArray[np.float64] | None = None
-    residual_wrench: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         """Check the split and the shapes."""
@@ -46,7 +44,7 @@ class Curve:
     @property
     def lines(self) -> dict[str, NDArray[np.float64]]:
         """The lines that there are, by name."""
-        lines = {"before": self.before, "after": self.after, "free": self.residual_wrench}
+        lines = {"before": self.before, "after": self.after}
         return {name: values for name, values in lines.items() if values is not None}
 
 
@@ -75,19 +73,6 @@ class TimeMap:
 
 
 @dataclass(frozen=True)
-class Film:
-    """A film of recording and model.
-
-    Attributes:
-        title: What it shows.
-        path: An mp4 file.
-    """
-
-    title: str
-    path: Path
-
-
-@dataclass(frozen=True)
 class Still:
     """A picture out of a film.
 
@@ -109,14 +94,14 @@ class Overlay:
         models: Names of the models, one or two.
         larger: How many times as large as they are differences are drawn.
         stills: Pictures at some times.
-        film: All of them as a film; None where it could not be written.
+        film: All of them as an mp4 file; None where it could not be written.
     """
 
     trajectory: str
     models: tuple[str, ...]
     larger: int
     stills: tuple[Still, ...]
-    film: Film | None
+    film: Path | None
 
 
 @dataclass(frozen=True)
@@ -127,35 +112,31 @@ class ReportData:
         title: Name of the recording set.
         curves: Errors over time.
         time_map: Evidence over time.
-        levels: Floors [m] by name: sensor, repeatability (None where nothing was repeated), numerical.
-        freeform: Error [m] that a free residual wrench leaves, by split.
+        levels: Floors [m] by name: sensor, numerical.
+        residual_wrench: Error [m] that a free residual wrench leaves, by split.
         threshold: Score that null simulations seldom exceed.
         replicates: How many null simulations stand behind the p-values.
         formulas: A line about each effect, by name.
         next_config: Text of the generate config of the next experiment.
-        films: Recording and model, before and after.
-        overlay: The same, drawn over a recorded film.
+        overlay: Recording and models, before and after, drawn over a recorded film.
         facts: What was diagnosed, for the small print.
-        interval: Level of the intervals.
     """
 
     title: str = ""
     curves: tuple[Curve, ...] = ()
     time_map: TimeMap | None = None
-    levels: Mapping[str, float | None] = field(default_factory=dict)
+    levels: Mapping[str, float] = field(default_factory=dict)
     residual_wrench: Mapping[str, float] = field(default_factory=dict)
     threshold: float | None = None
     replicates: int | None = None
     formulas: Mapping[str, str] = field(default_factory=dict)
     next_config: str | None = None
-    films: tuple[Film, ...] = ()
     overlay: Overlay | None = None
     facts: Mapping[str, str] = field(default_factory=dict)
-    interval: float = 0.9
 
     def __post_init__(self) -> None:
         """Check the names of levels and splits."""
-        for what, names, known in (("levels", self.levels, LEVELS), ("freeform", self.residual_wrench, SPLITS)):
+        for what, names, known in (("levels", self.levels, LEVELS), ("residual_wrench", self.residual_wrench, SPLITS)):
             strange = [name for name in names if name not in known]
             if strange:
                 raise ValueError(f"ReportData.{what}: expected {', '.join(known)} only, found {', '.join(strange)}")

@@ -18,9 +18,8 @@ from physid.pages.numbers import capital, in_unit, percent, quantity, words
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-LINES = {"before": "nominal model, refitted", "after": "with the effect", "free": "with a free residual wrench"}
-STYLES = {"before": "-", "after": "-", "free": ":"}
-LEVEL_NAMES = {"sensor": "Sensor", "repeatability": "Repeatability", "numerical": "Numerics"}
+LINES = {"before": "nominal model, refitted", "after": "with the effect"}
+LEVEL_NAMES = {"sensor": "Sensor", "numerical": "Numerics"}
 SPREAD_FOR_LOGARITHM = 12.0  # if errors exceed the floor by this factor, only a logarithmic axis shows both
 MOST_POINTS = 240
 ROW = 0.27  # [inch] of a figure, for each row
@@ -36,7 +35,7 @@ def error_curves(curves: Sequence[Curve], said: Diagnosis) -> list[tuple[str, Ma
     for curve in sorted(curves, key=lambda curve: SPLITS.index(curve.split)):
         shown = np.unique(np.linspace(0, len(curve.time) - 1, MOST_POINTS).astype(int))
         series = [
-            Series(LINES[name], name, curve.time[shown].tolist(), values[shown].tolist(), STYLES[name])
+            Series(LINES[name], name, curve.time[shown].tolist(), values[shown].tolist())
             for name, values in curve.lines.items()
         ]
         title = f"{capital(SPLIT_NAMES[curve.split])}: error over time"

@@ -79,7 +79,7 @@ def _judged_in(judged: Judgement) -> str:
     return f"contact-free segments, {percent(decided / whole)} of the frames" if decided < whole else "in all frames"
 
 
-def _levels(judged: Judgement) -> dict[str, float | None]:
+def _levels(judged: Judgement) -> dict[str, float]:
     """Return the floors [m]: of the sensor, and of the numerics, where replays of one fit differ."""
     nominal_fit = judged.nominal_fit
     sensor = floor_of(nominal_fit.noise)

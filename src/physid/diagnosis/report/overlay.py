@@ -13,7 +13,7 @@ from physid.data.mp4 import write_mp4
 from physid.data.reading import film_of
 from physid.diagnosis.conclusion.gap import errors_of, held_out_parts
 from physid.diagnosis.conclusion.judgement import Judgement
-from physid.diagnosis.report.contents import Film, Overlay, Still
+from physid.diagnosis.report.contents import Overlay, Still
 from physid.diagnosis.report.enlargement import corners_of, enlargement, smooth
 from physid.diagnosis.report.outlines import Pixels, Points, draw_panel, to_webp, view_of
 from physid.pages.numbers import quantity, words
@@ -40,21 +40,24 @@ def overlay(out: Path, judged: Judgement) -> Overlay | None:
     if row is None or scene.camera is None:
         return None
     models = [judged.found.whole_nominal] + ([] if judged.shown is None else [judged.shown])
-    length = int(observations.present[row, :, 0].sum())
+    length = int(observations.present[row].any(1).nonzero().max()) + 1
     shown = np.unique(np.linspace(0, length - 1, min(length, MOST_FRAMES)).astype(int))
     away = torch.stack([smooth(model.fit.residual[row, :length])[shown] for model in models])
     pose = observations.pose[row, shown]
     larger = enlargement(scene, pose, away[0])
     recorded, *drawn = (corners_of(scene, pose, change) for change in (0 * away[0], *(-larger * away)))
-    films, index = film_of(*sources[row])
-    panels = _panels(films.film(index, shown.tolist())[0], recorded, drawn)
+    recordings, number = sources[row]
+    films, index = film_of(recordings, number)
+    left_out = int(recordings.read(number).seen.any(1).argmax())  # frames before a body is seen for the first time
+    panels = _panels(films.film(index, (left_out + shown).tolist())[0], recorded, drawn)
+    time = observations.timeline.time[row] - observations.timeline.time[row, 0]
     stills = [
-        Still(_caption(scene.time_step * float(shown[k]), away[:, k]), to_webp(panels[k]))
+        Still(_caption(float(time[shown[k]]), away[:, k]), to_webp(panels[k]))
         for k in (int(share * (len(shown) - 1)) for share in AT)
     ]
     names = ["nominal model"] + [f"with {' and '.join(map(words, one.names))}" for one in models[1:]]
     which = f"trajectory {sources[row][1]}" + " of the transfer set" * (sources[row][0] is not sources[0][0])
-    film = Film("", out / FILM) if write_mp4(out / FILM, panels, RATE) else None
+    film = out / FILM if write_mp4(out / FILM, panels, RATE) else None
     return Overlay(which, tuple(names), larger, tuple(stills), film)
 
 

@@ -24,14 +24,15 @@ from physid.diagnosis.document.sentences import (
     verdict_sentence,
     where_sentence,
 )
-from physid.diagnosis.report.contents import Curve, Film, ReportData, TimeMap
+from physid.diagnosis.report.contents import Curve, ReportData, TimeMap
 from physid.diagnosis.report.drawings import LINES, closing, error_curves, error_levels, residual_law, sizes, time_map
 from physid.diagnosis.settings.conclusion import GapSettings, PosteriorSettings
+from physid.diagnosis.settings.testing import HypothesisSettings
 from physid.pages.numbers import capital, figure, join, p_value, percent, words
 from physid.pages.templates import data_uri
 from physid.pages.templates import render as render_page
 
-__all__ = ["Curve", "Film", "ReportData", "TimeMap", "render", "write_report"]
+__all__ = ["Curve", "ReportData", "TimeMap", "render", "write_report"]
 
 REPORT = "report.html"
 MOST_BYTES = 16_000_000  # of one film; a page beyond this does not open well on a phone
@@ -81,7 +82,7 @@ def render(said: Diagnosis, data: ReportData) -> str:
         data=data,
         file=FILE,
         kind=kind_of(said),
-        level=percent(data.interval),
+        level=percent(decided(said, "hypothesis", "confidence", HypothesisSettings().confidence)),
         sentence=verdict_sentence(said),
         splits={name: split for split, name in SPLIT_NAMES.items()},
         caveat=caveat(said),
@@ -107,7 +108,6 @@ def render(said: Diagnosis, data: ReportData) -> str:
         curves=curves,
         lines=[(name, LINES[name]) for name in names],
         levels=error_levels(said, data),
-        unrepeated="repeatability" in data.levels and data.levels["repeatability"] is None,
         shares=shares,
         closing=closing(said),
         missing=[
@@ -120,7 +120,6 @@ def render(said: Diagnosis, data: ReportData) -> str:
         with_effect=any(value.with_effect for value in said.parameters.values()),
         overlay_film=_film(overlay.film) if overlay and overlay.film else None,
         stills=[(data_uri("image/webp", one.picture), one.caption) for one in overlay.stills] if overlay else [],
-        films=[(film.title, _film(film)) for film in data.films],
     )
 
 
@@ -229,9 +228,9 @@ def _ranking_note(said: Diagnosis, data: ReportData) -> str:
     return " ".join([*notes, *[f"{left} more candidates are in {FILE}."] * (left > 0)])
 
 
-def _film(film: Film) -> str:
-    content = film.path.read_bytes()
+def _film(film: Path) -> str:
+    content = film.read_bytes()
     if len(content) > MOST_BYTES:
         size = f"{len(content) / 1e6:.0f} MB"
-        raise ValueError(f"{film.path}: expected a film of at most 16 MB, found {size}; make it shorter or smaller")
+        raise ValueError(f"{film}: expected a film of at most 16 MB, found {size}; make it shorter or smaller")
     return data_uri("video/mp4", content)

@@ -102,8 +102,10 @@ class NextExperimentSettings(Section):
     """Which experiment would tell a group apart."""
 
     drawn: int = setting(12, "trajectories", "of each protocol that are tried", ge=1)
-    steps: int = setting(300, "frames", "of a trajectory without impacts", ge=2)
+    steps: int = setting(300, "frames", "of a trajectory without impacts, at most", ge=2)
     steps_with_impacts: int = setting(60, "frames", "of one with impacts: only its beginning can be foretold", ge=2)
+    longest: float = setting(3.0, "s", "that a trajectory without impacts lasts, at any frame rate", gt=0)
+    longest_with_impacts: float = setting(1.0, "s", "that one with impacts lasts", gt=0)
     record: int = setting(24, "trajectories", "that are asked for", ge=1)
     apart: float = setting(8.0, "standard deviations", "over all of them, by which predictions must differ", gt=0)
     more: float = setting(2.0, "-", "times as far as over as many like those that are there", ge=1)

@@ -131,7 +131,7 @@ class Linearised:
         return Normal(matrix, vector, square)
 
     def respond(self, residuals: Tensor, scale: Tensor) -> Normal:
-        """Return the normal equations by trajectory for other data; see `respond_by_window`."""
+        """Return the normal equations by trajectory for other data; see `respond_by_segment`."""
         return self.respond_by_segment(residuals, scale).per(self.segments)
 
     def respond_by_segment(self, residuals: Tensor, scale: Tensor) -> Normal:

@@ -31,7 +31,10 @@ def observe_apart(effect: Effect, pose: Tensor, time: Tensor, seams: Tensor) -> 
     if not mixes_frames(type(effect)):
         return effect.observe(pose, time)
     between = torch.nn.functional.pad(time.diff(dim=1), (1, 0))
-    return effect.observe(pose, time - torch.where(seams, between, 0.0).cumsum(1))
+    shifted = time - torch.where(seams, between, 0.0).cumsum(1)
+    # At a seam the time of the frame before, to the last bit: rounding would leave a step that a filter divides by.
+    before = torch.where(seams, 0, torch.arange(seams.shape[1], device=seams.device)).cummax(1).values
+    return effect.observe(pose, shifted.gather(1, before))
 
 
 @cache

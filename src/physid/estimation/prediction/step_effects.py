@@ -36,7 +36,7 @@ def only_steps(effect: Effect) -> Effect:
 
 
 def has(kind: type[Effect], hook: str) -> bool:
-    """Return whether an effect does something at a hook: actuate, act or observe."""
+    """Return whether an effect does something at a hook: elapse, actuate, act or observe."""
     return getattr(kind, hook) is not getattr(Effect, hook)
 
 

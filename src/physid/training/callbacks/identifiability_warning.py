@@ -9,6 +9,7 @@ import lightning as L
 import torch
 
 from physid.training.parameters import Identifiability, SensorNoise
+from physid.training.training_module import ends_with_epoch
 
 logger = logging.getLogger("physid")
 
@@ -37,7 +38,7 @@ class IdentifiabilityWarning(L.Callback):
 
     def on_train_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         """Judge, if this was the last epoch."""
-        if not (trainer.should_stop or trainer.current_epoch + 1 == trainer.max_epochs):
+        if not ends_with_epoch(trainer):
             return
         judge: Judging = pl_module  # type: ignore[assignment]
         judged = judge.identifiability(self.noise)

@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from physid.training.parameters import PhysicalParameters, Posterior, Response
+from physid.training.training_module import ends_with_epoch
 
 logger = logging.getLogger("physid")
 LARGEST_RATIO = 0.9
@@ -49,7 +50,7 @@ class Intervals(L.Callback):
 
     def on_train_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         """Compute them, if this was the last epoch."""
-        if not (trainer.should_stop or trainer.current_epoch + 1 == trainer.max_epochs):
+        if not ends_with_epoch(trainer):
             return
         module: Responding = pl_module  # type: ignore[assignment]
         response, physical = module.response(), PhysicalParameters.of(pl_module)

@@ -15,6 +15,7 @@ from physid.estimation.measurement.misfit import SHARE_OF_NOISE, SHARE_OF_SIZE, 
 from physid.scenes import Scene
 from physid.training.initial_states.tracker_noise import noise_of_tracker
 from physid.training.parameters import Trajectories
+from physid.training.training_module import ends_with_epoch
 
 SIGNIFICANT = 3.09
 """Standard normal: noise alone goes beyond it once in a thousand fits."""
@@ -44,7 +45,7 @@ class Unexplained(L.Callback):
 
     def on_train_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         """Compare, if this was the last epoch."""
-        if not (trainer.should_stop or trainer.current_epoch + 1 == trainer.max_epochs):
+        if not ends_with_epoch(trainer):
             return
         module: Fitted = pl_module  # type: ignore[assignment]
         predicted, cut = module.fitted()

@@ -33,7 +33,7 @@ class IdentifiabilityResult:
         config: The experiment.
         result: The verdicts.
         count: Trajectories, or segments.
-        bent: How many of them were left out (see `Slopes`).
+        bent: How many of them were left out (see `usable_slopes`).
     """
 
     config: IdentifiabilityConfig

@@ -39,7 +39,6 @@ class StepControl:
 
     Attributes:
         version: Grows whenever steps change.
-        report: What was chosen last, a sentence for the user.
     """
 
     def __init__(self, chooses: bool, time_step: float) -> None:

@@ -47,7 +47,7 @@ class Reader:
     """Reads poses from films by following the bodies.
 
     Bodies are expected to go on as in the last two frames; from there their poses are fitted to the frame, by drawing
-    them (see `Refine`).
+    them (see `PoseRefinement`).
 
     Attributes:
         name: Of the chart.

@@ -79,9 +79,12 @@ class _Topic:
         return " and ".join(self._frames)
 
     def columns(self) -> dict[str, Array]:
-        """Return values by name, in the order of stamps, what was sent twice once."""
+        """Return values by name, in the order of stamps, what was sent twice once.
+
+        Stamps that are alike in all messages were never set: what was sent says nothing of when it was measured.
+        """
         values = np.array(self._rows, dtype=np.float64)
-        if STAMP in self._names:
+        if STAMP in self._names and np.ptp(values[:, self._names.index(STAMP)]) > 0:
             values = values[np.argsort(values[:, self._names.index(STAMP)], kind="stable")]
             again = np.append(False, (values[1:, :-1] == values[:-1, :-1]).all(1))
             values = values[~again]

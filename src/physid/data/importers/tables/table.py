@@ -41,6 +41,7 @@ class Table:
         line: Line of the file at which the first row stands; 0 for what has no lines, whose columns may be of several
             lengths, each with a clock of its own.
         frames: What the log says of the frame that columns are in, by how the names of these columns begin.
+        skipped: Lines after that of the first row which hold none, blank ones and comments.
     """
 
     path: Path
@@ -49,6 +50,7 @@ class Table:
     words: dict[str, tuple[int, str]]
     line: int
     frames: dict[str, str] = field(default_factory=dict)
+    skipped: tuple[int, ...] = ()
 
     def values(self, name: object) -> Array:
         """Return the values of a column, shape (T,).

@@ -61,7 +61,10 @@ def _read_csv(path: Path, file: TextIO, header: int | None) -> Table:
         raise ValueError(f"{path}: expected rows of numbers, found {len(head)} lines without any")
     start = _above_numbers(head, start) if header is None else start
     delimiter = _delimiter(head[start:])
-    rows = [[cell.strip() for cell in _cells(line, delimiter)] for line in head[start:] if line.strip()]
+    filled = [
+        row for row in range(start, len(head)) if head[row].strip() and not (row > start and _is_comment(head[row]))
+    ]
+    rows = [[cell.strip() for cell in _cells(head[row], delimiter)] for row in filled]
     comma = delimiter != "," and any(re.fullmatch(r"[+-]?\d+,\d+", cell) for row in rows[1:] for cell in row)
     named = not all(_is_number(cell, comma) for cell in rows[0])
     names = rows[0] if named else [str(index) for index in range(len(rows[0]))]
@@ -76,14 +79,16 @@ def _read_csv(path: Path, file: TextIO, header: int | None) -> Table:
     stated = named and len(rows) > 1 and _is_unit_row(rows[1])
     if stated:
         units |= {name: cell.strip("[]()") for name, cell in zip(names, rows[1], strict=False) if cell.strip("[]()")}
-    first = start + int(named) + int(stated)
+    above = int(named) + int(stated)
+    first = filled[above - 1] + 1 if above else start
     file.seek(0)
     words: dict[str, tuple[int, str]] = {}
-    reader = _Rows(path, delimiter, names, comma, words)
+    skipped: list[int] = []
+    reader = _Rows(path, delimiter, names, comma, words, skipped)
     values = reader.read(islice(_lines(path, file), first, None), first + 1)
     if not len(values):
         raise ValueError(f"{path}: expected rows of numbers under the header, found none")
-    return Table(path, dict(zip(names, values.T, strict=True)), units, words, first + 1)
+    return Table(path, dict(zip(names, values.T, strict=True)), units, words, first + 1, skipped=tuple(skipped))
 
 
 def _above_numbers(head: Sequence[str], start: int) -> int:
@@ -132,13 +137,17 @@ def _distinguished(names: Sequence[str], above: Sequence[Sequence[str]]) -> list
 
 @dataclass(frozen=True)
 class _Rows:
-    """How rows are read; first words that are no numbers are noted, as they matter only in columns that are used."""
+    """How rows are read.
+
+    First words that are no numbers are noted, as they matter only in columns that are used, and lines without a row.
+    """
 
     path: Path
     delimiter: str
     names: Sequence[str]
     comma: bool
     words: dict[str, tuple[int, str]]
+    skipped: list[int]
 
     def read(self, lines: Iterator[str], first: int) -> Array:
         """Read rows of numbers, in C where every cell is one, else cell by cell."""
@@ -161,7 +170,8 @@ class _Rows:
         """Read rows cell by cell."""
         rows = []
         for number, line in enumerate(lines, first):
-            if not line.strip() or line.startswith("#"):
+            if not line.strip() or _is_comment(line):
+                self.skipped.append(number)
                 continue
             cells = [cell.strip() for cell in _cells(line.rstrip("\r\n"), self.delimiter)]
             if len(cells) == len(self.names) + 1 and not cells[-1]:
@@ -200,6 +210,11 @@ def _lines(path: Path, file: TextIO) -> Iterator[str]:
         yield line
 
 
+def _is_comment(line: str) -> bool:
+    """Tell whether a line under the header says nothing of the recording."""
+    return line.startswith("#")
+
+
 def _cells(line: str, delimiter: str) -> list[str]:
     """Split a line into cells."""
     return line.split() if delimiter == " " else next(csv.reader([line], delimiter=delimiter), [])
@@ -219,7 +234,7 @@ def _delimiter(lines: Sequence[str]) -> str:
 def _is_number(cell: str, comma: bool = False) -> bool:
     """Tell whether a cell holds a number, or nothing."""
     try:
-        float(cell.replace(",", ".") if comma else cell or "nan")
+        float((cell.replace(",", ".") if comma else cell) or "nan")
     except ValueError:
         return False
     return True

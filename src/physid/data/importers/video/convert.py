@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from physid.data import Recording
 from physid.data.importers.finding import force_logs
-from physid.data.importers.reading_logs import read_force_log
+from physid.data.importers.reading_logs import along_lines, read_force_log
 from physid.data.importers.sets import Imported, new_set, write_films
 from physid.data.importers.video.mapping import FilmMap
 from physid.data.importers.video.shutter import ShutterGauge
@@ -75,12 +75,17 @@ def _converted(
     """Yield what is known of each film, and its images as the ideal camera would take them; note what they show."""
     for found, path in zip(surveys, logs, strict=True):
         film, forces = found.film, None if path is None else read_force_log(path, known.log)
+        wrench, wrench_time = (None, None) if forces is None else (forces.wrench, forces.time)
+        if wrench is not None and known.log.forces.between == "linear":
+            if wrench_time is None:
+                raise ValueError(f"{path}: expected stamps for forces.between=linear, found none; say forces.rate")
+            wrench_time, wrench = along_lines(wrench_time, wrench)
         recording = Recording(
             pose=np.full((found.count, len(known.log.bodies), 7), np.nan),
             time=found.time,
             protocol=known.log.protocol,
-            wrench=None if forces is None else forces.wrench,
-            wrench_time=None if forces is None else forces.time,
+            wrench=wrench,
+            wrench_time=wrench_time,
         )
         if forces is not None and forces.time is not None:
             length = found.count * found.step if found.time is None else float(np.ptp(found.time))

@@ -59,6 +59,11 @@ class FilmMap:
         bodies = {"bodies": [{**one, **poses} for one in known["bodies"]]} if known.get("bodies") else poses
         rate = None if rate is None else number(rate, "rate", low=0.0, strict=True)
         log = LogMap.from_mapping({**known, **bodies, "rate": 1.0})
+        if log.forces.file is None and any(each.force or each.torque for each in log.bodies):
+            raise ValueError(
+                "mapping: missing forces.file, the log with the columns of force and torque, say "
+                "forces.file={stem}_forces.csv and forces.time=t: a film has no columns"
+            )
         return cls(log, lens, rate, None if given is None else Path(str(given)))
 
     @property
