@@ -10,9 +10,10 @@ import torch
 from torch import Tensor
 
 from physid.diagnosis.inputs.model_source import read_nominal_model
-from physid.estimation.prediction import Predictor, Segmentation, Timeline, Variants
+from physid.estimation.prediction import Prediction, Predictor, Segmentation, Timeline, Variants
 from physid.estimation.segmented_fit import PHASES, PhaseSettings, phases_of, phases_of_steps
 from physid.estimation.segmented_fit.motion_phases import _switched
+from physid.physics.contact import PATCH
 from physid.scenes.setups.push import PUSH
 
 SECONDS = 0.6
@@ -74,6 +75,21 @@ def test_an_impact_lasts_for_a_time_and_poses_show_it_for_some_frames_at_least(
     after = int((code == PHASES.index("impact")).sum()) - 1  # the frame in which it falls
     assert after == max(least, round(settings.impact_time * rate))
     assert after / rate <= max(settings.impact_time + 0.5 / rate, least / rate)
+
+
+@pytest.mark.parametrize("rate", [60, 240])
+def test_an_impact_from_which_a_body_flies_on_takes_up_no_step_of_the_flight(rate: int) -> None:
+    frames, step = 12, 5
+    scene = dataclasses.replace(PUSH.scene, time_step=1 / rate)
+    timeline = Timeline.regular(torch.zeros(1, frames, 1, 6).double(), 1 / rate)
+    impulse = torch.zeros(1, 1, frames, PATCH).double()
+    impulse[0, 0, step] = 2.0  # [N s] of each point
+    pose, twist = torch.zeros(1, 1, frames, 1, 7).double(), torch.ones(1, 1, frames, 1, 6).double()
+    for lasting in (0, 1, 2):
+        settings = PhaseSettings().model_copy(update={"impact_time": lasting / rate})
+        code = phases_of_steps(Prediction(pose, pose, twist, impulse), timeline, scene, settings)[0, :, 0]
+        assert (code == PHASES.index("impact")).nonzero()[:, 0].tolist() == [*range(step, step + lasting + 1)]
+        assert {PHASES[k] for k in code[code != PHASES.index("impact")].tolist()} == {"free_fall"}
 
 
 def test_a_trajectory_is_judged_by_its_own_command_however_noisy_those_beside_it_are() -> None:

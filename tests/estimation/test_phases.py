@@ -164,11 +164,13 @@ def test_the_last_frame_of_a_segment_goes_on_with_what_carried_bodies_before_it(
     twist, load = still(bodies=2)
     load[:, 1] = 0.0
     load[AT], load[-1] = 0.0, 0.0
-    first, second = named(of_bodies(2), twist, load)
+    first, second = named(of_bodies(2), twist, load, poses=True)
     assert first == ["rest"] * FRAMES
     assert second == ["free_fall"] * FRAMES
     load[AT - 1, 0] = 0.0
-    assert named(of_bodies(2), twist, load)[0][AT - 1 : AT + 2] == ["rest", "free_fall", "rest"]
+    assert named(of_bodies(2), twist, load, poses=True)[0][AT - 1 : AT + 2] == ["rest", "free_fall", "rest"]
+    in_steps = named(of_bodies(2), twist, load)[0]
+    assert in_steps[AT - 1 : AT + 2] == ["free_fall", "free_fall", "rest"], "a step in which nothing carries is a fall"
 
 
 @pytest.mark.parametrize(("factor", "switches"), [(0.99, False), (1.01, True)])

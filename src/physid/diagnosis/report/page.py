@@ -27,7 +27,6 @@ from physid.diagnosis.document.sentences import (
 from physid.diagnosis.report.contents import Curve, ReportData, TimeMap
 from physid.diagnosis.report.drawings import LINES, closing, error_curves, error_levels, residual_law, sizes, time_map
 from physid.diagnosis.settings.conclusion import GapSettings, PosteriorSettings
-from physid.diagnosis.settings.testing import HypothesisSettings
 from physid.pages.numbers import capital, figure, join, p_value, percent, words
 from physid.pages.templates import data_uri
 from physid.pages.templates import render as render_page
@@ -35,6 +34,7 @@ from physid.pages.templates import render as render_page
 __all__ = ["Curve", "ReportData", "TimeMap", "render", "write_report"]
 
 REPORT = "report.html"
+CONFIDENCE = 0.9  # of the intervals of files that do not say it
 MOST_BYTES = 16_000_000  # of one film; a page beyond this does not open well on a phone
 MOST_LISTED = 2  # further members of a group that the answers name
 MOST_RANKED = 10
@@ -82,7 +82,7 @@ def render(said: Diagnosis, data: ReportData) -> str:
         data=data,
         file=FILE,
         kind=kind_of(said),
-        level=percent(decided(said, "hypothesis", "confidence", HypothesisSettings().confidence)),
+        level=percent(decided(said, "hypothesis", "confidence", CONFIDENCE)),
         sentence=verdict_sentence(said),
         splits={name: split for split, name in SPLIT_NAMES.items()},
         caveat=caveat(said),

@@ -28,7 +28,8 @@ def phases_of(prediction: Prediction, timeline: Timeline, scene: Scene, settings
     """Name what each body does at each frame, as poses show it.
 
     Poses show an impact, or a contact between bodies, in the frames after it alone: it lasts `impact_time`, and
-    `impact_frames` at least, however slow the camera.
+    `impact_frames` at least, however slow the camera. A frame without a step of its own, the last one of a segment,
+    continues the one before; so does the first frame of a flight.
 
     Args:
         prediction: A single variant.
@@ -41,7 +42,7 @@ def phases_of(prediction: Prediction, timeline: Timeline, scene: Scene, settings
         Codes of PHASES, shape (R, T, N).
     """
     lasting = max(settings.impact_frames, _impact_steps(scene, settings))
-    return _phases(prediction, timeline, scene, settings, lasting)
+    return _phases(prediction, timeline, scene, settings, lasting, continued=True)
 
 
 def phases_of_steps(prediction: Prediction, timeline: Timeline, scene: Scene, settings: PhaseSettings) -> Tensor:
@@ -50,7 +51,7 @@ def phases_of_steps(prediction: Prediction, timeline: Timeline, scene: Scene, se
     An impact lasts `impact_time` alone: what acts in the steps after it is no part of it, though a slow camera hardly
     distinguishes them.
     """
-    return _phases(prediction, timeline, scene, settings, _impact_steps(scene, settings))
+    return _phases(prediction, timeline, scene, settings, _impact_steps(scene, settings), continued=False)
 
 
 def _impact_steps(scene: Scene, settings: PhaseSettings) -> int:
@@ -58,8 +59,13 @@ def _impact_steps(scene: Scene, settings: PhaseSettings) -> int:
     return round(settings.impact_time / scene.time_step)
 
 
-def _phases(prediction: Prediction, timeline: Timeline, scene: Scene, settings: PhaseSettings, lasting: int) -> Tensor:
-    """Name what each body does; an impact lasts for so many frames after that in which it falls."""
+def _phases(
+    prediction: Prediction, timeline: Timeline, scene: Scene, settings: PhaseSettings, lasting: int, continued: bool
+) -> Tensor:
+    """Name what each body does; an impact lasts for so many frames after that in which it falls.
+
+    With `continued` a frame without a contact continues the one before it.
+    """
     bodies = len(scene.bodies)
     wrench = timeline.wrench
     mass = torch.tensor([body.mass for body in scene.bodies], dtype=wrench.dtype)
@@ -67,10 +73,10 @@ def _phases(prediction: Prediction, timeline: Timeline, scene: Scene, settings: 
     weight = mass * torch.tensor(scene.gravity, dtype=wrench.dtype).norm() * length[..., None]
     normal = prediction.impulse[0].unflatten(-1, (-1, PATCH)).sum(-1)
     ground, between = normal[..., :bodies] / weight, _touching_others(normal, bodies)
-    # The last frame of a segment has no step after it and continues the one before.
-    blank = normal.sum(-1) == 0
-    previous = torch.roll(ground, 1, 1)
-    ground = torch.where(blank[..., None] & (previous > settings.light), previous, ground)
+    if continued:
+        previous = torch.nn.functional.pad(ground[:, :-1], (0, 0, 1, 0))
+        blank = normal.sum(-1, keepdim=True) == 0
+        ground = torch.where(blank & (previous > settings.light), previous, ground)
     speed = prediction.twist[0, ..., 3:].norm(dim=-1)
     spin = prediction.twist[0, ..., :3].norm(dim=-1)
     pushed = wrench.norm(dim=-1) > 1e-9
