@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from physid.data.files import read_json, read_tensors, write_tensors, write_text, write_whole
+from physid.data.files import read_json, read_tensors, write_picture, write_tensors, write_text, write_whole
 
 DAMAGES = 200
 
@@ -80,3 +80,14 @@ def test_tensors_for_which_the_disk_has_no_room_are_an_error_of_the_system(tmp_p
     assert not list(tmp_path.iterdir())
     write_tensors(tmp_path / "state.pt", {"a": torch.arange(3.0)})
     assert read_tensors(tmp_path / "state.pt", ["a"])["a"].tolist() == [0, 1, 2]
+
+
+def test_a_picture_is_there_whole_or_not_at_all(tmp_path: Path) -> None:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(1, 1))
+    assert write_picture(tmp_path / "new" / "a.png", figure) == (tmp_path / "new" / "a.png").read_bytes()
+    figure.text(0.5, 0.5, "$x_{$")  # matplotlib cannot draw this
+    with pytest.raises(ValueError, match="x_"):
+        write_picture(tmp_path / "b.png", figure)
+    assert [each.name for each in tmp_path.iterdir()] == ["new"]

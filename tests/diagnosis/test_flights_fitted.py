@@ -21,6 +21,7 @@ from physid.diagnosis.reference.numerics import keep_agreeing
 from physid.diagnosis.reference.replay import Reference
 from physid.estimation.least_squares import NONE
 from physid.estimation.prediction import NominalModel, Predictor, Variants
+from physid.physics.rotations import exponential, multiply
 from physid.scenes.scene import Integration
 
 ROLES = ("fit",) * 3 + ("same",)
@@ -91,6 +92,10 @@ def test_states_between_two_points_lie_on_the_way_and_everything_else_is_the_oth
     along = (found.pose[..., 3:] * one.pose[..., 3:]).sum(-1).abs()
     assert torch.allclose(along, torch.ones(()).double()), "no way lies between q and -q"
     assert torch.equal(found.effects, other.effects)
+    angle = torch.tensor([0.0, 0.0, 1.2]).double()
+    other.pose[..., 3:] = multiply(exponential(angle), one.pose[..., 3:])
+    halfway = between(one, other, torch.full((8,), 0.5).double()).pose[..., 3:]
+    assert torch.allclose(halfway, multiply(exponential(angle / 2), one.pose[..., 3:]), atol=1e-12)
 
 
 def test_effects_at_work_are_those_that_are_named_with_the_values_of_a_point() -> None:

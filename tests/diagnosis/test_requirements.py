@@ -50,6 +50,18 @@ def test_a_force_that_acts_for_a_while_is_what_sets_a_body_off_and_without_any_t
         require_usable(load_observations(RecordingSet(silent)), settings.requirements, settings.noise)
 
 
+def test_what_looks_like_a_mistake_in_a_transfer_set_names_that_set(sound: Path, tmp_path: Path) -> None:
+    other = recorded(tmp_path / "other", steps=40, noise={}, seed=7)
+    turned = rewritten(other, tmp_path / "turned", lambda _, one: dataclasses.replace(one, wrench=-one.wrench))
+    settings = Settings()
+    for sets, named in (((sound, turned), f"{turned}: "), ((turned, sound), "")):
+        observations = load_observations(*map(RecordingSet, sets))
+        odd = [one.what for one in require_usable(observations, settings.requirements, settings.noise)]
+        (pushed,) = [one for one in odd if "the other sign" in one or "against" in one or "opposite" in one]
+        assert pushed.startswith(named)
+        assert (str(turned) in pushed) is bool(named)
+
+
 def test_a_transfer_set_of_another_body_is_refused(sound: Path, tmp_path: Path) -> None:
     other = rewritten(sound, tmp_path / "other", lambda _, one: one)
     scene = RecordingSet(sound).scene

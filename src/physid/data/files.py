@@ -8,12 +8,16 @@ import json
 import os
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 PAGES, YAML = (".html", ".htm"), (".yaml", ".yml")
 """How names of files end that hold a page, or a description."""
 PART = ".part"
 """How the name of a file ends that is being written."""
+DOTS = 130  # of pictures, to an inch
 
 
 def require_ending(out: Path, *endings: str) -> None:
@@ -88,6 +92,19 @@ def write_tensors(path: Path, state: Mapping[str, Any]) -> None:
     content = io.BytesIO()
     torch.save(dict(state), content)
     write_whole(path, lambda part: _ignore(part.write_bytes(content.getbuffer())))
+
+
+def write_picture(path: Path, figure: Figure) -> bytes:
+    """Write a figure of matplotlib as PNG, whole or not at all.
+
+    Returns:
+        What was written; the same for the same figure.
+    """
+    content = io.BytesIO()
+    figure.savefig(content, format="png", dpi=DOTS, metadata={"Software": None})
+    data = content.getvalue()
+    write_whole(path, lambda part: _ignore(part.write_bytes(data)))
+    return data
 
 
 def read_tensors(path: Path, keys: Iterable[str] = ()) -> dict[str, Any]:

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from physid.benchmark.scoring.figures import reliability, truth_of
 from physid.benchmark.scoring.judging import BINS, MEDIUM, STRONG, WEAK, Judged
-from physid.data.files import write_whole
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -109,19 +106,6 @@ def draw_reliability(judged: Sequence[Judged]) -> Canvas:
     axes.set_ylabel("right [%]; numbers: sets", fontsize=8)
     _finish(axes)
     return canvas
-
-
-def save(canvas: Canvas, path: Path) -> bytes:
-    """Write a picture as PNG, whole or not at all, and return its bytes."""
-    buffer = io.BytesIO()
-    canvas.savefig(buffer, format="png", dpi=130, metadata={"Software": None})
-    data = buffer.getvalue()
-
-    def write(part: Path) -> None:
-        part.write_bytes(data)
-
-    write_whole(path, write)
-    return data
 
 
 def _right(clear: Sequence[Judged], role: str, truth: str) -> set[str]:

@@ -10,8 +10,8 @@ from pathlib import Path
 from physid.benchmark.bank import Bank
 from physid.benchmark.scoring.figures import HEADER, Figure
 from physid.benchmark.scoring.judging import Judged
-from physid.benchmark.scoring.pictures import draw_confusion, draw_power, draw_reliability, save
-from physid.data.files import write_text
+from physid.benchmark.scoring.pictures import draw_confusion, draw_power, draw_reliability
+from physid.data.files import write_picture, write_text
 from physid.pages.templates import data_uri, render
 
 Table = list[tuple[str, ...]]
@@ -42,9 +42,9 @@ def report(result: Score) -> str:
 def write_score(bank: Bank, result: Score, out: Path) -> None:
     """Write results.json, results.md, results.html and the pictures."""
     pictures = {
-        "confusion": save(draw_confusion(result.judged), out / "confusion.png"),
-        "power": save(draw_power(result.judged), out / "power.png"),
-        "reliability": save(draw_reliability(result.judged), out / "reliability.png"),
+        "confusion": write_picture(out / "confusion.png", draw_confusion(result.judged)),
+        "power": write_picture(out / "power.png", draw_power(result.judged)),
+        "reliability": write_picture(out / "reliability.png", draw_reliability(result.judged)),
     }
     values = {
         "bank": {"purpose": bank.purpose, "sets": len(bank.sets), "seal": bank.seal},

@@ -13,7 +13,7 @@ import lightning as L
 import torch
 from torch import Tensor
 
-from physid.data.files import write_text
+from physid.data.files import write_picture, write_text
 from physid.data.truth import Truth, read_truth
 from physid.estimation.measurement.unexplained import unexplained_kinds
 from physid.estimation.prediction.coordinates import Unknown
@@ -153,9 +153,14 @@ def draw(
             axes.axhline(true[name], color=RED, label="truth")
         unit = Unknown.of(name).unit
         axes.set(xlabel="epoch", ylabel=f"{name} [{unit}]" if unit else name)
+        said = f"{rows[-1][name]:.4g}"
+        if intervals and name in intervals:
+            low, high = intervals[name]
+            said += f" ({low:.4g} to {high:.4g})"
+        axes.set_title(f"{said} {unit}".rstrip(), fontsize="medium")  # an interval may be too small to be seen
         axes.legend()
     if unexplained:
         what = " and ".join(unexplained)
         doubt = f"the model leaves more than noise ({what}):\nthe truth may lie outside the intervals"
         figure.suptitle(doubt, color=RED, fontsize="small")
-    figure.savefig(path, dpi=120)
+    write_picture(path, figure)

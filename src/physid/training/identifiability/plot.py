@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from physid.data.files import write_picture
 from physid.training.parameters import Identifiability, percent
 
 CEILING = 10.0
@@ -42,5 +43,4 @@ def draw(result: Identifiability, title: str, path: Path) -> None:
     bars.set(xscale="log", xlim=(low, 100 * CEILING * 5), xlabel="known to [%]")
     bars.legend(fontsize=8)
     figure.suptitle(title, fontsize=9)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=120)
+    write_picture(path, figure)

@@ -11,6 +11,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from physid.data.files import write_picture
 from physid.data.mp4 import write_mp4
 from physid.networks import as_image
 from physid.training.vision.model import VideoModel
@@ -87,8 +88,7 @@ def write_rows(panels: Pixels, shown: Sequence[int], wanted: Sequence[int], path
         grid[0, column].set_title(f"frame {shown[place]}", fontsize=8)
     for line, name in enumerate(ROWS[count]):
         grid[line, 0].set_ylabel(name, fontsize=8)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=120)
+    write_picture(path, figure)
 
 
 def enlarge(image: Pixels) -> Pixels:
