@@ -246,3 +246,16 @@ def test_a_contact_segment_in_which_no_state_goes_where_the_recording_went_is_gi
     scale = found.scale[..., 3].median(1).values[:, 0]
     assert float(scale[2]) < 0.5 * float(scale[~lost].min())
     assert float(scale[~lost].max()) == pytest.approx(float(scale[~lost].min())), "all others count alike"
+
+
+def test_segments_count_less_by_what_replays_of_one_fit_differ(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A variance f of the numerics, in that of the noise, adds to it: a weight of 1 / (1 + f)."""
+    made, spread = calm(cuts=2), torch.tensor([0.0, 3.0, 0.0, 8.0, 0.0, 0.0, 0.0, 0.0]).double()
+    monkeypatch.setattr(numerics, "floors", lambda *_: spread)
+    monkeypatch.setattr(numerics, "fit_with_reference", lambda experiment, fit, *_: (experiment, fit))
+    fit = made.experiment.linearise(made.true, NONE)
+    found, _, _ = numerics.count_numerics(made.experiment, fit, QUICK, random(), silent)
+    share = (found.scale / made.experiment.scale)[..., 3].amax((2,))
+    expected = made.experiment.predictor.segments.spread((1 + spread).rsqrt())
+    assert torch.allclose(share, expected)
+    assert float(share.min()) == pytest.approx(1 / 3)

@@ -10,7 +10,7 @@ from typing import Any, cast
 import pytest
 import torch
 
-from physid.diagnosis.conclusion.localisation import Place, over_time, sites
+from physid.diagnosis.conclusion.localisation import Place, over_time, places, sites
 from physid.diagnosis.conclusion.where import phase_shares, work_of
 from physid.diagnosis.inputs.model_source import read_nominal_model
 from physid.diagnosis.selection.search import Attribution
@@ -178,3 +178,17 @@ def test_where_nothing_is_named_the_squares_of_the_evidence_are_divided() -> Non
     shares = phase_shares([*places, Place("impact", "block", "z", 5.0, 0.0)], nominal_fit, None)
     assert shares == pytest.approx({"coast": 0.5, "impact": 0.5})
     assert phase_shares([], nominal_fit, None) == {}
+
+
+def test_a_place_has_the_root_of_what_its_force_gains_in_all_segments_that_count() -> None:
+    cells = [
+        SimpleNamespace(phase=phase, body=k, dof=dof) for k, (phase, dof) in enumerate([("rest", "x"), ("coast", "rz")])
+    ]
+    cells.append(SimpleNamespace(phase=None, body=0, dof="x"))
+    gain = torch.tensor([[9.0, 16.0, 0.0, 100.0], [1.0, 2.0, 1.0, 0.0], [50.0, 0.0, 0.0, 0.0]]).double()
+    counted = torch.tensor([True, True, True, False])
+    lack: Any = SimpleNamespace(cells=cells, cell_gain=gain, counted=counted, excess=50.0)
+    first, second = places(lack, ["block", "other"], 0.1)
+    assert (first.phase, first.body, first.dof, second.phase, second.body) == ("rest", "block", "x", "coast", "other")
+    assert (first.evidence, second.evidence) == pytest.approx((5.0, 2.0))
+    assert (first.share, second.share) == pytest.approx((0.5, 0.08))
