@@ -55,7 +55,7 @@ class Record:
         source: The version of physid.
         python: The version of Python.
         packages: Version of every package that is installed, by name.
-        data: SHA-256 of each recording set, by its folder.
+        data: SHA-256 of the list of checksums of each recording set, by its folder: of what its files should hold.
         machine: Where it ran.
         threads: What the environment said of threads.
         earlier: The sessions that this one resumed, oldest first.
@@ -79,12 +79,13 @@ class Record:
         return plain | ({"earlier": earlier} if earlier else {})
 
 
-def write_record(folder: Path, values: Mapping[str, Any]) -> None:
+def write_record(folder: Path, values: Mapping[str, Any] | Record) -> None:
     """Write record.json into a run folder; the record of a session that is resumed is kept in it.
 
     Args:
         folder: Run folder.
-        values: Resolved configuration; every recording set that it names is recorded by its checksum.
+        values: Resolved configuration; every recording set that it names is recorded by its checksum. Or what
+            `describe` said of a run as it started, if the record is to be written once it has ended.
 
     Raises:
         ValueError: If the record of earlier sessions is damaged.
@@ -92,7 +93,7 @@ def write_record(folder: Path, values: Mapping[str, Any]) -> None:
     from physid.data.files import write_text
 
     path = folder / RECORD
-    record = describe(values)
+    record = values if isinstance(values, Record) else describe(values)
     if path.is_file():
         before = read_json_as(Record, path)
         record = replace(record, earlier=(*before.earlier, replace(before, earlier=())))

@@ -152,6 +152,7 @@ def test_half_of_all_effects_are_seen_where_the_curve_passes_one_half() -> None:
     severities = [0.1, 0.2, 0.4, 0.5, 2.0, 2.5, 5.0, 10.0]
     seen = [severity > 1 for severity in severities]
     assert half_power(severities, seen) == pytest.approx(1.0, rel=1e-6), "symmetric about 1 on a logarithmic axis"
+    assert half_power([0.0, *severities], [False, *seen]) == half_power(severities, seen), "zero has no logarithm"
     assert half_power(severities, [True] * 8) is None
     assert half_power(severities, [not one for one in seen]) is None
 

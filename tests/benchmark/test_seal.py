@@ -13,7 +13,7 @@ import pytest
 import yaml
 from tests.benchmark.conftest import TINY
 
-from physid.benchmark.bank import QUICK, Bank, Size, read_bank
+from physid.benchmark.bank import QUICK, Bank, Size, read_bank, write_bank
 from physid.benchmark.labels import open_labels
 from physid.benchmark.plan import Plan, Task, tasks
 from physid.benchmark.sealing.configurations import in_view
@@ -138,9 +138,21 @@ def test_a_second_call_makes_the_same_recordings_and_an_interrupted_one_goes_on(
     again = seal(tmp_path / "two", small, quiet=True)
     assert first.sets == again.sets
     (tmp_path / "two" / "sealed" / "parts" / "001.json").unlink()
+    (tmp_path / "two" / "bank.yaml").unlink()
     assert seal(tmp_path / "two", small, quiet=True).sets == first.sets
     with pytest.raises(ValueError, match="another seed, size, purpose"):
         seal(tmp_path / "one", Plan("score", 6, small.size), quiet=True)
+
+
+def test_a_bank_that_is_sealed_stays_as_it_was_published_and_a_spent_one_stays_spent(tmp_path: Path) -> None:
+    small = Plan("score", 5, Size(sets=1, trajectories=6, steps=60))
+    first = seal(tmp_path, small, quiet=True)
+    before = (tmp_path / "bank.yaml").read_bytes()
+    assert seal(tmp_path, small, quiet=True) == first
+    assert (tmp_path / "bank.yaml").read_bytes() == before
+    write_bank(dataclasses.replace(first, purpose="calibration"))
+    with pytest.raises(ValueError, match="expected a bank for score, found one for calibration"):
+        seal(tmp_path, small, quiet=True)
 
 
 def test_long_sets_of_a_light_block_stay_in_view() -> None:
@@ -152,15 +164,18 @@ def test_long_sets_of_a_light_block_stay_in_view() -> None:
         assert len(motion.pose) == size.steps
 
 
+@pytest.mark.parametrize("written", [0, 1])
 def test_where_an_effect_drives_bodies_out_of_view_another_is_hidden(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    written: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    small, tried = Plan("score", 5, Size(sets=2, trajectories=6, steps=60)), []
+    """In the first trajectory, of which nothing is written then, or in a later one."""
+    small, tried = Plan("score", 5, Size(sets=2, trajectories=6, steps=60)), list[list[str]]()
 
     def unlucky(config: GenerateConfig, out: Path, *, effects: Sequence[Effect], quiet: bool) -> None:
         tried.append([effect.name for effect in effects])
         if len(tried) == 1 and effects:
-            generate(dataclasses.replace(config, trajectories=1), out, effects=effects, quiet=quiet)
+            if written:
+                generate(dataclasses.replace(config, trajectories=1), out, effects=effects, quiet=quiet)
             raise ValueError("trajectory 1: a body left the view")
         generate(config, out, effects=effects, quiet=quiet)
 

@@ -6,6 +6,7 @@ import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,11 +14,14 @@ from tests.benchmark.stub import cheating, failing, ignorant
 
 from physid.benchmark.bank import Bank, read_bank
 from physid.benchmark.scoring.calibration import calibrate
+from physid.benchmark.scoring.figures import figures as figures_of
+from physid.benchmark.scoring.opening import open_judged
 from physid.benchmark.scoring.results import report
 from physid.benchmark.scoring.scoring import score
 from physid.benchmark.scoring.training import read_table, train
 from physid.benchmark.verdicts import closed, diagnose_bank, diagnose_set
 from physid.cli import main
+from physid.data import RecordingSet
 from physid.diagnosis.posterior.posterior import Posterior
 from physid.typed_files import read_yaml_as
 
@@ -82,6 +86,29 @@ def test_a_bank_that_was_changed_after_sealing_is_not_scored(own: Bank, tmp_path
     sums.write_text(sums.read_text().replace("0", "1", 1))
     with pytest.raises(ValueError, match="expected the recordings that were sealed"):
         score(own, tmp_path / "score")
+
+
+def test_recordings_that_were_exchanged_are_not_scored(own: Bank, tmp_path: Path) -> None:
+    diagnose_bank(own, diagnose=ignorant, quiet=True)
+    first, second = sorted((own.recordings("002") / "trajectories").iterdir())[:2]
+    shutil.copy(second, first)
+    with pytest.raises(ValueError, match=first.name):
+        score(own, tmp_path / "score")
+
+
+def test_whatever_goes_wrong_with_a_set_the_others_get_their_verdicts(own: Bank) -> None:
+    def fails(recordings: RecordingSet, out: Path) -> Any:
+        if recordings.folder.name == "001":
+            return {}["nothing"]
+        return ignorant(recordings, out)
+
+    done, failed = diagnose_bank(own, diagnose=fails, quiet=True)
+    assert (done, failed) == (len(own.sets), 1)
+    assert "KeyError" in (own.verdict("001") / "failure.json").read_text()
+    free = [one for one in open_judged(own)[0] if one.label.role == "free"]
+    figures = {one.name: one for one in figures_of(open_judged(own)[0])}
+    assert figures["false alarms on effect-free sets"].count == len(free)
+    assert figures["diagnoses that failed"].value == pytest.approx(100 / len(own.sets))
 
 
 def test_a_diagnosis_that_always_says_none_raises_no_false_alarm_and_finds_nothing(own: Bank, tmp_path: Path) -> None:
@@ -160,6 +187,8 @@ def test_the_command_seals_and_refuses_what_is_out_of_order(tmp_path: Path, caps
         (["seal", f"--out={place}", "--trajectories=3"], "trajectories must be a whole number of at least 6, got 3"),
         (["score", f"--bank={place}", "--join=shipped"], "--join belongs to calibrate, got it with score"),
         (["score", f"--bank={place}", "--spent"], "--spent belongs to calibrate, got it with score"),
+        (["score", f"--bank={place}", "--again"], "--again belongs to diagnose, got it with score"),
+        (["diagnose", f"--out={place}"], f"the bank to diagnose is named by --bank {place}"),
         (["open"], "expected one of 'all', 'seal', 'diagnose', 'score', 'calibrate', got open"),
     ):
         assert main(["benchmark", "diagnosis", *words]) == 2

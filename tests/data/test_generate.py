@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
 from physid.data import RecordingSet
 from physid.data.generation.draw import draw
@@ -77,6 +78,15 @@ def test_more_trajectories_may_be_added_but_nothing_else_changed(tmp_path: Path)
     assert sums(tmp_path / "a") == sums(tmp_path / "b")
     with pytest.raises(ValueError, match=r"holds another recording set \(seed: 0 there, 1 here\)"):
         generate(dataclasses.replace(SMALL, seed=1), tmp_path / "a", quiet=True)
+
+
+def test_a_set_of_other_effects_is_another_set(tmp_path: Path) -> None:
+    wind, drag = from_values("constant_force", {"x": 0.1, "y": 0.0}), from_values("viscous_drag", {"coefficient": 5.0})
+    generate(dataclasses.replace(SMALL, trajectories=2), tmp_path, effects=[wind, drag], quiet=True)
+    for others in ([drag], [wind], [], [drag, wind]):
+        with pytest.raises(ValueError, match="holds another recording set"):
+            generate(SMALL, tmp_path, effects=others, quiet=True)
+    assert generate(SMALL, tmp_path, effects=[wind, drag], quiet=True).kept == 2
 
 
 @pytest.mark.parametrize(
@@ -237,6 +247,29 @@ def test_uneven_frames_show_the_motion_at_their_own_times_and_forces_have_their_
         path = np.interp(uneven.time, fine.stamps(1 / 960), fine.pose[:, 0, axis])
         assert uneven.pose is not None
         assert np.abs(uneven.pose[:, 0, axis] - path).max() < 1e-5
+
+
+@pytest.mark.parametrize("uneven", [{}, {"force_rate": 30.0}, {"jitter": 0.2, "missing": 0.1}], ids=str)
+@pytest.mark.parametrize("beside", [{}, {"force_delay": {"delay": 0.02}}], ids=str)
+def test_a_filter_sees_the_frames_of_its_camera_and_nothing_between_them(
+    uneven: dict[str, float], beside: dict[str, dict[str, float]], tmp_path: Path
+) -> None:
+    plain = GenerateConfig(
+        "push", protocol="straight", trajectories=1, steps=40, frame_rate=30.0, video=False, simulator="closed_form",
+        effects=beside, **uneven,
+    )  # fmt: skip
+    filters = {"observation_lag": {"time_constant": 0.03}, "observation_smoothing": {"variance": 0.001}}
+    for name, values in filters.items():
+        made = dataclasses.replace(plain, effects={name: values, **beside})
+        for folder, config in (("true", plain), ("seen", made)):
+            generate(config, tmp_path / name / folder, 1, quiet=True)
+        true, seen = (RecordingSet(tmp_path / name / folder).read(0) for folder in ("true", "seen"))
+        assert true.pose is not None
+        assert seen.pose is not None
+        stamps = torch.from_numpy(true.stamps(1 / 30))[None]
+        expected = from_values(name, values).observe(torch.from_numpy(true.pose)[None], stamps)[0]
+        assert np.abs(seen.pose - true.pose).max() > 1e-4
+        assert np.abs(seen.pose - expected.numpy()).max() < 1e-9
 
 
 @pytest.mark.parametrize("simulator", ["closed_form", "mujoco"])

@@ -230,7 +230,7 @@ def test_a_saved_model_starts_from_the_new_estimates_with_the_effects_at_work(
     assert mass is not None
     assert saved["model"]["values"] == {"block.mass": mass.value}
     sizes = {name: one.value for name, one in said.effects[0].parameters.items()}
-    assert saved["model"]["engine"] == {"substeps": 1, "effects": {"constant_force": sizes}}
+    assert saved["model"]["engine"] == {"substeps": None, "effects": {"constant_force": sizes}}
     assert saved["data"]["folder"] == "data/flights"
     assert saved["data"]["shuffle"] is False
     vortex = replace(said, effects=(replace(said.effects[0], name="vortex"),), group=("vortex",))

@@ -21,6 +21,7 @@ from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.reference.stored_fit import from_tensors, to_tensors
 from physid.diagnosis.settings.settings import Settings
 from physid.effects import find, from_values
+from physid.estimation.least_squares import ChosenSteps
 from physid.estimation.measurement import CorrelatedNoise, Correlation, Noise, TrackingError
 from physid.estimation.prediction import NominalModel, Predictor
 from physid.inspection.finding import Finding
@@ -68,6 +69,9 @@ def test_a_fit_that_is_put_together_again_is_the_same(kind: str, late: bool) -> 
         seen = tracked(fit)
         inputs = replace(inputs, observations=replace(fit.observations, error=seen))
         error = replace(seen, factors=(1.5, 2.5), sure=QUICK.noise.sure)
+    if late:
+        grid = fit.observations.timeline.refined(2)
+        fit = replace(fit, steps=ChosenSteps(grid, 2.0, 2, (1e-4, 1e-5), 0.1, 0.2, torch.full((6, 15), 2)))
     fit = replace(
         fit,
         observations=inputs.observations,
@@ -83,6 +87,13 @@ def test_a_fit_that_is_put_together_again_is_the_same(kind: str, late: bool) -> 
     else:
         assert isinstance(found.noise.error, TrackingError)
         assert (found.noise.error.factors, found.noise.error.sure) == (error.factors, error.sure)
+    assert (found.steps is None) is (fit.steps is None)
+    if found.steps is not None and fit.steps is not None:
+        assert torch.equal(found.steps.timeline.grid.steps, fit.steps.timeline.grid.steps)
+        assert torch.equal(found.steps.timeline.time, fit.steps.timeline.time)
+        assert torch.equal(found.steps.parts, fit.steps.parts)
+        for name in ("mean", "largest", "error", "bias", "left"):
+            assert getattr(found.steps, name) == getattr(fit.steps, name)
     assert torch.equal(found.phases, fit.phases)
     assert torch.equal(found.events, fit.events)
     for name in ("scale", "pose", "engine", "follow", "fitted"):

@@ -79,6 +79,10 @@ def test_a_second_call_runs_nothing_again_unless_told(tmp_path: Path) -> None:
         assert reproduce([cell], tmp_path, configs=CONFIGS) == [GOOD]
     assert len(cell.calls) == 1
     assert (tmp_path / "results.md").exists()
+    (cell.calls[0] / "last.ckpt").write_text("a run that would be taken up where it ended")
+    assert reproduce([cell], tmp_path, configs=CONFIGS, again=True) == [GOOD]
+    assert len(cell.calls) == 2
+    assert not (cell.calls[0] / "last.ckpt").exists()
 
 
 def test_seeds_are_kept_one_by_one_and_more_of_them_run_only_what_is_missing(

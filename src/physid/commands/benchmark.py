@@ -79,7 +79,7 @@ def benchmark(
     from physid.benchmark.plan import Plan, roles_of, simulators_of
     from physid.workers import running_on
 
-    _check_step(step, so_far, join, spent)
+    _check_step(step, so_far, join, spent, out, again)
     place = (out if step in ("all", "seal") else None) or bank or Path(f"runs/benchmark/{subject}")
     size = QUICK if quick else Size(sets, trajectories, steps)
     with resumable(), _writing(place, step), running_on(backend, scheduler) as whole_path:
@@ -95,8 +95,12 @@ def benchmark(
         _calibrate([Path(each) for each in str(place).split(",")], join, spent, so_far, out)
 
 
-def _check_step(step: str, so_far: bool, join: str, spent: bool) -> None:
+def _check_step(step: str, so_far: bool, join: str, spent: bool, out: Path | None, again: bool) -> None:
     """Refuse what belongs to another step."""
+    if step == "diagnose" and out is not None:
+        raise ValueError(f"--out belongs to seal, score and calibrate; the bank to diagnose is named by --bank {out}")
+    if again and step not in ("all", "diagnose"):
+        raise ValueError(f"--again belongs to diagnose, got it with {step}")
     if so_far and step != "score" and not (step == "calibrate" and spent):
         raise ValueError(
             f"--so-far belongs to score and to calibrate --spent, got it with {step}: "

@@ -75,7 +75,7 @@ def diagnose(
     from physid.diagnosis import Settings, parse_changes, summary_lines
     from physid.diagnosis.diagnose import diagnose as run
     from physid.effects.loading import own_effects
-    from physid.record import write_record
+    from physid.record import describe, write_record
 
     changes = parse_changes(set or []) | ({} if tolerance is None else {"materiality.tolerance": tolerance})
     settings = Settings().changed(changes)
@@ -83,11 +83,12 @@ def diagnose(
     given = {"read": recordings} | ({} if transfer is None else {"read_transfer": transfer})
     sets = open_with_poses(given, folder, from_video=from_video, encoder=encoder, limit=limit, quiet=quiet)
     own = own_effects([place for place in effects.split(",") if place])
+    record = describe({"recordings": str(recordings), "transfer": str(transfer or "")})
     with resumable(), tqdm(total=100, bar_format=BAR, disable=quiet or None) as bar:
         options: dict[str, Any] = {"transfer": sets.get("read_transfer"), "limit": limit, "seed": seed}
         options |= {"model": model and read_model(model, allow), "effects": own, "settings": settings}
         found = run(sets["read"], folder, save=save_model, say=partial(_show, bar), **options)
-    write_record(folder, {"recordings": str(recordings), "transfer": str(transfer or "")})
+    write_record(folder, record)
     if wandb:
         _log(folder, wandb, {"recordings": str(recordings), "transfer": str(transfer or ""), "seed": seed}, found)
     print("\n".join([*summary_lines(found), str(folder / "report.html")]))

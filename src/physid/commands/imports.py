@@ -53,6 +53,10 @@ def import_(
     from physid.data.importers import find_logs, guess_mapping, import_logs, read_mapping, with_episodes
 
     kind, places = _sorted(kind, sources or [])
+    if guess and kind in ("mp4", "cube-tosses"):
+        raise ValueError(f"--guess belongs to logs, got it with {kind}; docs/films.md lists the keys of a film")
+    if kind == "cube-tosses" and (mapping or map or len(places) > 1):
+        raise ValueError("cube-tosses: expected one folder and no mapping, for its files say what they hold")
     if kind == "mp4":
         _say(_import_films(places, read_mapping(mapping, map or []), out or Path("data") / _name(places)))
         return

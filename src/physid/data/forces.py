@@ -17,7 +17,7 @@ COMPONENTS = ("torque_x", "torque_y", "torque_z", "force_x", "force_y", "force_z
 def read_forces(path: Path | str, scene: Scene) -> NDArray[np.float64]:
     """Read planned wrenches: one row for each time step of the scene, held from its frame to the next.
 
-    A CSV file names its columns BODY.force_x [N] or BODY.torque_z [N m], world frame, at the centre of mass; what it
+    A CSV file names its columns BODY.force_x [N] or BODY.torque_z [N m], world frame, at the centre of the box; what it
     does not name is zero. A NumPy file (.npy) holds an array of shape (n, N, 6), torque before force.
 
     Args:

@@ -44,7 +44,7 @@ def save_model(path: Path, conclusion: Conclusion) -> None:
             "class_path": "physid.training.learners.sysid.SysID",
             "learn": list(model.unknown),
             "values": values,
-            "engine": {"substeps": model.substeps or 1, "effects": effects},
+            "engine": {"substeps": model.substeps, "effects": effects},
             "optimizer": {"class_path": "physid.training.parameters.gauss_newton.GaussNewton"},
         },
         "data": {

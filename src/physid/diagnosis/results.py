@@ -41,6 +41,7 @@ def write_results(out: Path, document: Diagnosis, conclusion: Conclusion, save: 
         conclusion: What was concluded, with the fits and the hypotheses behind it.
         save: Where to write the model with what was found, as a configuration of `physid fit`; None for nowhere.
     """
+    (out / NEXT).unlink(missing_ok=True)  # of an earlier diagnosis; this one may have none
     write_report(out, document, draw(out, conclusion, document.seconds or 0.0))
     write_diagnosis(out, document)
     if conclusion.further and conclusion.further.config:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import time
 import warnings
 from collections.abc import Sequence
@@ -75,8 +76,8 @@ def reproduce(
     if left_out and not cells:
         raise ConfigurationError("nothing is left to run")
     missing = [cell for cell in cells if again or not cell.finished(out / cell.name)]
-    for old in [path for cell in missing for path in (out / cell.name).glob(f"seed_*/{RESULTS}") if again]:
-        old.unlink()
+    for cell in missing if again else ():  # a run that is there would be taken up where it ended
+        shutil.rmtree(out / cell.name, ignore_errors=True)
     for recordings in dict.fromkeys(cell.recordings for cell in missing if cell.recordings is not None):
         _record(recordings, out / "data", configs, workers)
     left, start = sum(cell.minutes for cell in missing), time.monotonic()

@@ -46,8 +46,29 @@ def actuated(wrench: Array, effects: Sequence[Effect], time_step: float) -> Arra
     return np.asarray(acting[0].numpy())
 
 
-def observed(pose: Array, effects: Sequence[Effect], time: Array) -> Array:
-    """Return the poses (T, N, 7) that the camera reports at times (T,) [s] under the effects, in their order."""
+def observed(pose: Array, effects: Sequence[Effect], time: Array, frames: NDArray[np.intp] | None = None) -> Array:
+    """Return the poses (F, N, 7) that a camera reports under effects: of its clock first, then the others in order.
+
+    When poses are taken is looked up among all instants that were simulated. What else a camera does, it does to its
+    own frames: a filter averages these, not what nobody saw between them.
+
+    Args:
+        pose: At all instants, shape (T, N, 7).
+        effects: In their order.
+        time: Of the instants [s], shape (T,).
+        frames: Instants of the frames, shape (F,); None for all.
+    """
+    from physid.physics import Effect
+
+    clocks = [each for each in effects if type(each).elapse is not Effect.elapse]
+    seen = _observed(pose, clocks, time)
+    if frames is not None:
+        seen, time = seen[frames], time[frames]
+    return _observed(seen, [each for each in effects if each not in clocks], time)
+
+
+def _observed(pose: Array, effects: Sequence[Effect], time: Array) -> Array:
+    """Let effects change poses (T, N, 7) at times (T,) [s]."""
     if not effects:
         return pose
     import torch

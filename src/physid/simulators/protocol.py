@@ -112,7 +112,8 @@ class _Simulator:
 SIMULATORS: tuple[Simulator, ...] = (
     _Simulator(
         *("pybullet", BULLET_STEP, "physid.simulators.bullet.world", "semi_implicit_euler"),
-        own_laws=frozenset({"contact_compliance"}),  # its spring takes up what should bounce
+        # Its spring takes up what should bounce; its friction under a load that leans turns a block.
+        own_laws=frozenset({"contact_compliance", "com_offset"}),
     ),
     _Simulator("mujoco", 1e-3, "physid.simulators.mujoco.world"),
     _Simulator("closed_form", math.inf, "physid.simulators.closed_form.world", from_any_state=False),

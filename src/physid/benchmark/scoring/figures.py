@@ -88,7 +88,7 @@ def figures(judged: Sequence[Judged]) -> list[Figure]:
     effects = [hit for one in judged for hit in one.covered[0]]
     others = [hit for one in judged for hit in one.covered[1]]
     return [
-        share("false alarms on effect-free sets", (one.flagged for one in free), "<= 5", "<= 1"),
+        share("false alarms on effect-free sets", (one.verdict != "none" for one in free), "<= 5", "<= 1"),
         share("flagged, medium and up", (one.flagged for one in shown)),
         share("group accuracy, medium and up", (one.grouped for one in known), ">= 95", ">= 98"),
         share("exact accuracy, medium and up", (one.exact for one in plain), ">= 85", ">= 93"),

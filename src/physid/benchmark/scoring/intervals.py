@@ -27,9 +27,11 @@ def half_power(severities: Sequence[float], seen: Sequence[bool]) -> float | Non
     """Return the severity at which a logistic curve of log severity, fitted to what was seen, passes one half.
 
     Returns:
-        The severity; None if nothing or everything was seen, or if what shows more is seen less.
+        The severity; None if nothing or everything was seen, or if what shows more is seen less. A severity of zero,
+        which has no logarithm, is left out.
     """
-    x, y = np.log(np.asarray(severities, dtype=float)), np.asarray(seen, dtype=float)
+    known = [(one, found) for one, found in zip(severities, seen, strict=True) if one > 0]
+    x, y = np.log([one for one, _ in known]), np.asarray([found for _, found in known], dtype=float)
     if len(y) < 2 or y.min() == y.max():
         return None
     middle, spread = x.mean(), x.std() + 1e-9

@@ -8,6 +8,7 @@ from physid.benchmark.bank import Bank
 from physid.benchmark.labels import Label, open_labels
 from physid.benchmark.scoring.judging import Judged, judge
 from physid.benchmark.verdicts import FAILURE, TIME, Spent, is_open
+from physid.data import RecordingSet
 from physid.diagnosis.document.document import FILE, read_diagnosis
 from physid.record import checksum
 from physid.typed_files import read_json_as
@@ -40,6 +41,7 @@ def open_judged(bank: Bank) -> tuple[list[Judged], dict[str, Label]]:
     for name, mark in bank.sets.items():
         if checksum(bank.recordings(name)) != mark:
             raise ValueError(f"{bank.recordings(name)}: expected the recordings that were sealed, found others")
+        RecordingSet(bank.recordings(name)).verify()
     labels = open_labels(bank)
     return [_judged(bank, name, labels[name]) for name in bank.sets], labels
 

@@ -62,7 +62,7 @@ def draw_confusion(judged: Sequence[Judged]) -> Canvas:
 
 def draw_power(judged: Sequence[Judged]) -> Canvas:
     """Draw the shares of sets that are flagged, and named within their group, over severity."""
-    hidden = [one for one in judged if one.label.role != "free"]
+    hidden = [one for one in judged if one.label.role != "free" and one.label.severity > 0]
     canvas = _canvas(5.2, 3.4)
     axes = canvas.add_subplot()
     edges = np.geomspace(0.01, 10, 9)

@@ -28,8 +28,8 @@ def make(folder: Path, plan: Plan, task: Task) -> tuple[str, Label]:
         try:
             generate(whole, place, effects=effects, quiet=True)
         except ValueError:  # with these effects bodies leave the view in some trajectory
-            shutil.rmtree(place)
-            truth.unlink()
+            shutil.rmtree(place, ignore_errors=True)  # of the first trajectory nothing is written
+            truth.unlink(missing_ok=True)
             continue
         if task.film:
             leave_out_poses(place)

@@ -102,12 +102,12 @@ def look_at(config: GenerateConfig, index: int, effects: Sequence[Effect]) -> Lo
     excitation, motion, _ = draw(config, index, config.protocol, effects)
     assert config.substeps is not None
     sampling, before = config.sampling(effects), len(motion.pose) - len(excitation.wrench)
-    seen = observed(motion.pose, effects, sampling.stamps(np.arange(-before, len(motion.pose) - before)))
     frames = before + sampling.frames
+    seen = observed(motion.pose, effects, sampling.stamps(np.arange(-before, len(motion.pose) - before)), frames)
     return Look(
         replace(excitation, wrench=excitation.wrench[sampling.frames]),
         replace(motion, pose=motion.pose[frames], twist=motion.twist[frames]),
-        seen[frames],
+        seen,
         find_simulator(config.simulator),
         config.substeps,
     )

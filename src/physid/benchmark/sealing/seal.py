@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 
-from physid.benchmark.bank import SEALED, SETS, Bank, Recorder, write_bank
+from physid.benchmark.bank import FILE, SEALED, SETS, Bank, Recorder, read_bank, write_bank
 from physid.benchmark.labels import Label, write_labels
 from physid.benchmark.plan import Plan, tasks
 from physid.benchmark.sealing.recorded_set import make
@@ -38,6 +38,8 @@ def seal(folder: Path, plan: Plan, workers: int = 1, *, quiet: bool = False) -> 
     from tqdm import tqdm
 
     _keep_apart(folder, plan)
+    if (folder / FILE).is_file():
+        return _sealed_before(folder, plan)
     jobs = (joblib.delayed(make)(folder.absolute(), plan, task) for task in tasks(plan))
     parallel = joblib.Parallel(n_jobs=workers, return_as="generator_unordered", batch_size=1)
     labels = dict(tqdm(parallel(jobs), total=plan.size.sets, desc="sealing", smoothing=0, disable=quiet or None))
@@ -46,6 +48,17 @@ def seal(folder: Path, plan: Plan, workers: int = 1, *, quiet: bool = False) -> 
     recorded = {name: Recorder(one.simulator, one.frame_rate) for name, one in sorted(labels.items())}
     bank = Bank(folder, plan.purpose, sums, mark, recorded)
     write_bank(bank)
+    return bank
+
+
+def _sealed_before(folder: Path, plan: Plan) -> Bank:
+    """Return a bank that is sealed: a fresh salt would change what was published, and a spent one is spent for good."""
+    bank = read_bank(folder)
+    if bank.purpose != plan.purpose:
+        raise ValueError(
+            f"{folder}: expected a bank for {plan.purpose}, found one for {bank.purpose}; a bank whose labels have "
+            "served for calibration cannot be scored; seal another one in a new folder"
+        )
     return bank
 
 

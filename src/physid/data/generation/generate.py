@@ -90,7 +90,8 @@ def _is_begun(config: GenerateConfig, folder: Path, extra: Sequence[Effect]) -> 
     then = {} if before is None else GenerateConfig.from_mapping(before.generation).to_mapping()
     # More trajectories may be added to a set; anything else would mix two sets in one folder.
     other = [key for key, value in truth.generation.items() if key != "trajectories" and then.get(key) != value]
-    if read_scene(folder) != config.known_scene() or other:
+    unlike = before is not None and list(before.effects.items()) != list(truth.effects.items())
+    if read_scene(folder) != config.known_scene() or other or unlike:
         what = f" ({other[0]}: {then.get(other[0])!r} there, {truth.generation[other[0]]!r} here)" if other else ""
         raise ValueError(f"{folder} holds another recording set{what}; choose another folder, or delete this one first")
     return True

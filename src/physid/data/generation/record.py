@@ -26,15 +26,14 @@ def record(config: GenerateConfig, folder: Path, index: int, split: str, extra: 
     scene, sampling = config.true_scene(), config.sampling(effects)
     before = len(motion.pose) - len(excitation.wrench)
     stamps = sampling.stamps(np.arange(len(motion.pose)) - before)
-    seen = observed(motion.pose, effects, stamps)[before:]
     frames = sampling.draw_frames(np.random.default_rng([config.seed, index, MOST_REDRAWS + 1]), config.missing)
-    pose = seen[frames]
+    pose = observed(motion.pose, effects, stamps, before + frames)
+    disturbed = bool(config.noise) or not np.array_equal(pose, motion.pose[before + frames])
     images = {}
     if scene.camera is not None:
         images = film(scene, pose)
     else:
         pose[~taken(effects, stamps[before + frames], float(stamps[-1]))] = np.nan
-    disturbed = bool(config.noise) or not np.array_equal(seen, motion.pose[before:])
     uneven = bool(config.jitter or config.missing or config.force_rate)
     recording = Recording(
         pose=add_noise(pose, config.noise, np.random.default_rng([config.seed, index, MOST_REDRAWS])),

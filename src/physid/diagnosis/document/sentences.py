@@ -59,8 +59,8 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
 def _none(diagnosis: Diagnosis) -> str:
     """Say that nothing is blamed: since little is left, or since simulations without any effect leave as much."""
     if explains(diagnosis):
-        allowed = quantity(diagnosis.gap.tolerance.position, "m")
-        return f"The model explains these recordings within {allowed} beyond the noise."
+        within = max(diagnosis.gap.tolerance.position, _left(diagnosis))
+        return f"The model explains these recordings within {quantity(within, 'm')} beyond the noise."
     return (
         f"The model leaves {quantity(_left(diagnosis), 'm')} beyond the noise, but reference simulators without any "
         "effect leave as much: these recordings cannot show why."

@@ -10,12 +10,12 @@ from physid.data.observations.step_grid import StepGrid
 from physid.diagnosis.inputs import Inputs
 from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.settings.settings import Settings
-from physid.estimation.least_squares import NONE, Directions, Experiment
+from physid.estimation.least_squares import NONE, ChosenSteps, Directions, Experiment
 from physid.estimation.measurement import CorrelatedNoise, Correlation, Noise, TrackingError
 from physid.estimation.prediction import Predictor, Segmentation, Variants
 from physid.estimation.segmented_fit import without_outliers
 
-LAYOUT = 7  # of what is stored; another one is not read
+LAYOUT = 8  # of what is stored; another one is not read
 GRID = ("steps", "wrench", "frame_step", "count")
 WINDOWS = ("trajectory", "start", "size", "contact")
 DIRECTIONS = ("frame", "free", "parallel")
@@ -37,6 +37,9 @@ def to_tensors(nominal_fit: NominalFit) -> dict[str, Any]:
     error = nominal_fit.noise.error
     state |= {"factors": error.factors if isinstance(error, TrackingError) else None}
     state |= {"correlated": dataclasses.astuple(error) if isinstance(error, CorrelatedNoise) else None}
+    state |= {"steps": nominal_fit.steps and _without_grids(nominal_fit.steps)}
+    if nominal_fit.steps is not None:
+        state |= {f"chosen.{name}": getattr(nominal_fit.steps.timeline.grid, name) for name in GRID}
     state |= {"simulators": list(nominal_fit.settings.replay.simulators)}
     return state
 
@@ -50,7 +53,7 @@ def from_tensors(state: Mapping[str, Any], inputs: Inputs, settings: Settings) -
     segments = Segmentation(trajectories, frames, **cut, lying=directions.planar)
     grids = {
         kind: dataclasses.replace(observations.timeline, grid=StepGrid(*(state[f"{kind}.{name}"] for name in GRID)))
-        for kind in ("grid", "late")
+        for kind in ("grid", "late", "chosen")
         if f"{kind}.steps" in state
     }
     predictor = Predictor(inputs.model, grids["grid"], segments, inputs.candidates, late=grids.get("late"))
@@ -77,4 +80,10 @@ def from_tensors(state: Mapping[str, Any], inputs: Inputs, settings: Settings) -
             sizes, (Correlation(*rotation_parts), Correlation(*position_parts)), frames, settings.noise.sure
         )
     noise = Noise(rotation, position, error, settings.noise.least)
-    return NominalFit(observations, experiment, fit, noise, state["phases"], state["events"], settings)
+    steps = None if "chosen" not in grids else ChosenSteps(grids["chosen"], *state["steps"])
+    return NominalFit(observations, experiment, fit, noise, state["phases"], state["events"], settings, steps)
+
+
+def _without_grids(steps: ChosenSteps) -> tuple[Any, ...]:
+    """Return what is chosen beside the timeline."""
+    return steps.mean, steps.largest, steps.error, steps.bias, steps.left, steps.parts

@@ -35,6 +35,7 @@ def overlay(out: Path, judged: Judgement) -> Overlay | None:
     Returns:
         None where no trajectory was filmed.
     """
+    (out / FILM).unlink(missing_ok=True)  # of an earlier diagnosis
     row, observations = _choose(judged), judged.nominal_fit.observations
     scene, sources = observations.scene, observations.sources
     if row is None or scene.camera is None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 LOW, HIGH = 1.0, 10.0  # [N] the paper's range
 AXES = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
-ARM = 0.03  # [m] largest distance of a push from the centre of mass
+ARM = 0.03  # [m] largest distance of a push from the centre of the box
 PIECE = (24, 72)  # [steps] shortest and longest stretch of one command in the rich protocol
 
 
@@ -56,7 +56,7 @@ def pieces_along(generator: np.random.Generator, direction: Array, steps: int) -
 
 
 def arms(generator: np.random.Generator, force: Array, normal: Array) -> Array:
-    """Draw the torques of a force sequence that does not pass through the centre of mass, as a hand pushes.
+    """Draw the torques of a force sequence that does not pass through the centre of the box, as a hand pushes.
 
     Each stretch of one command has an arm of its own, up to 3 cm to either side: torque = arm |force| normal.
 
@@ -66,7 +66,7 @@ def arms(generator: np.random.Generator, force: Array, normal: Array) -> Array:
         normal: Of the ground, shape (3,).
 
     Returns:
-        Torques about the centre of mass [N m], shape (T, 3).
+        Torques about the centre of the box [N m], shape (T, 3).
     """
     new = np.any(np.diff(force, axis=0, prepend=force[:1]) != 0, axis=1).cumsum()
     arm = generator.uniform(-ARM, ARM, int(new[-1]) + 1)[new]

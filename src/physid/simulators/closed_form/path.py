@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
-from scipy.optimize import brentq
+from scipy.optimize import brentq, minimize_scalar
 
 SERIES = 1e-3  # below this argument the power series has less rounding than the formula
+EXACT: Any = {"xatol": 1e-12}  # [s] to which the widest gap is found
 SAMPLES = 64  # places at which a root is looked for, where there is no formula
 
 
@@ -98,6 +100,9 @@ def _first_crossing(gap: Callable[[float], float], longest: float) -> float:
         time = longest * index / SAMPLES
         now = gap(time)
         if now < 0:
+            if was <= 0:  # it may open first, and close again before this sample
+                widest = minimize_scalar(lambda t: -gap(t), bounds=(before, time), method="bounded", options=EXACT)
+                before, was = float(widest.x), gap(float(widest.x))
             return before if was <= 0 else float(brentq(gap, before, time, xtol=1e-15, rtol=1e-15))
         before, was = time, now
     return math.inf
