@@ -32,6 +32,14 @@ def test_a_set_is_fitted_tested_and_predicted_by_its_name(made: Path, capsys: py
     assert len(RecordingSet(Path("runs", made.name, "predictions"))) == 2
 
 
+def test_the_limit_of_a_run_is_that_of_its_own_recordings(made: Path, tmp_path: Path) -> None:
+    assert main(["fit", str(made), "trainer.max_epochs=1", "data.limit=2", "--run-dir", "runs/few"]) == 0
+    taken = [dataclasses.replace(RecordingSet(made).read(index), split=None) for index in range(3)]
+    others = write_set(tmp_path / "others", taken, RecordingSet(made).scene)
+    assert main(["predict", str(others), "--run-dir", "runs/few"]) == 0
+    assert len(RecordingSet(Path("runs/few/predictions"))) == 3
+
+
 @pytest.mark.slow
 def test_others_that_name_no_split_are_tested_whole_and_what_was_fitted_only_where_it_is_asked_for(
     made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]

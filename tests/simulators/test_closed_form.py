@@ -60,6 +60,16 @@ def test_two_paths_meet_at_the_first_time_at_which_they_touch(drag: float, speed
     assert other.place_at(time) - one.place_at(time) == pytest.approx(0.25, abs=1e-11)
 
 
+@pytest.mark.parametrize("rise", [2e-3, 0.5])
+def test_a_short_bounce_ends_where_it_does_without_a_drag(rise: float) -> None:
+    """A gap of zero that opens first is no meeting: it closes again after 2 v / g."""
+    for drag in (0.0, 1e-6, 1e-3):
+        time = time_of_meeting(Path(0.0, 0.0, 0.0), Path(0.0, rise, -9.81, drag), 0.0, 1.0)
+        assert time == pytest.approx(2 * rise / 9.81, rel=0.1 * drag + 1e-7)
+    closing = time_of_meeting(Path(0.0, 0.0, 0.0), Path(0.0, -rise, -9.81, 0.1), 0.0, 1.0)
+    assert closing == pytest.approx(0.0, abs=1e-9)
+
+
 def test_a_block_slides_stops_turns_back_and_stops_again_when_coulomb_says() -> None:
     force = np.repeat([[0.0, 0, 0], [-7.0, 0, 0], [0.0, 0, 0]], [40, 25, STEPS - 65], axis=0)
     motion = run(scene_of(), on_ground(Ground(), 0, 0, 0.4, 0.2), [0, 0, 0, 1.0, 0, 0], force)

@@ -166,3 +166,15 @@ def test_a_resumed_identification_with_fitted_initial_states_equals_one_in_one_g
             assert main(["fit", *common, *end, f"--run-dir={tmp_path / name}", *more]) == 0
     whole, parts = ((tmp_path / name / "parameters.csv").read_text() for name in ("whole", "parts"))
     assert whole == parts
+
+
+def test_a_fit_that_has_ended_can_be_taken_up_and_stays_as_it_is(
+    recordings: Callable[[str], Path], tmp_path: Path
+) -> None:
+    words = ["--config", str(CONFIG), f"data.folder={recordings('push')}", "data.limit=2", f"--run-dir={tmp_path}"]
+    words += ["trainer.max_epochs=2", "trainer.callbacks=[]"]
+    kept = ("metrics.csv", "parameters.csv", "posterior.json", "findings.json")
+    assert main(["fit", *words]) == 0
+    before = [(tmp_path / name).read_bytes() for name in kept]
+    assert main(["fit", *words, "--resume"]) == 0
+    assert [(tmp_path / name).read_bytes() for name in kept] == before
