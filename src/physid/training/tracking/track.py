@@ -19,6 +19,7 @@ from physid.training.tracking.read_set import read_drawn, read_into
 from physid.training.vision import ChartName
 
 logger = logging.getLogger("physid")
+SAME_SCALE = 0.1  # of its standard deviation, which rounding does not reach
 
 
 def track(
@@ -63,6 +64,11 @@ def track(
     begun = first_frames_of(scene, recordings, known, chart, encoder and restore(encoder, films))
     reader, first, filmed = begun.reader, begun.pose, begun.footage
     stretch, deviation = (float(one) for one in (reader.calibration.stretch, reader.calibration.deviation))
+    if before is not None and abs(before.stretch - stretch) > SAME_SCALE * deviation:
+        logger.warning(
+            "%s: the scale is %+.4f %% by all %d films and was %+.4f %% by those that were read before, whose poses "
+            "stay; to read all with one scale, delete the folder first", out, 100 * stretch, count, 100 * before.stretch,
+        )  # fmt: skip
     hidden = {one.trajectory: one for one in (before.hidden if before else ())}
     reading = Reading(str(films.resolve()), str(encoder or ""), reader.name, stretch, deviation, key)
 
