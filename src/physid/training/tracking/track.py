@@ -67,7 +67,8 @@ def track(
     if before is not None and abs(before.stretch - stretch) > SAME_SCALE * deviation:
         logger.warning(
             "%s: the scale is %+.4f %% by all %d films and was %+.4f %% by those that were read before, whose poses "
-            "stay; to read all with one scale, delete the folder first", out, 100 * stretch, count, 100 * before.stretch,
+            "stay; to read all with one scale, delete the folder first",
+            out, 100 * stretch, count, 100 * before.stretch,
         )  # fmt: skip
     hidden = {one.trajectory: one for one in (before.hidden if before else ())}
     reading = Reading(str(films.resolve()), str(encoder or ""), reader.name, stretch, deviation, key)
