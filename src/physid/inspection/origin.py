@@ -75,7 +75,7 @@ class Origin:
             str(order),
             UNITS["force"].get(str(unit), 1.0),
             float(offset) if isinstance(offset, int | float) else 0.0,
-            forces.get("between", "held") == "held",
+            forces.get("between") in (None, "held"),
             hidden,
         )
 

@@ -103,6 +103,8 @@ def _recordings(files: Sequence[Path], log: LogMap, notes: list[str]) -> Iterato
         if poses.time is None and forces is not None and forces.time is not None and log.time_step is not None:
             remark = unlike_lengths(len(poses.pose) * log.time_step, float(np.ptp(forces.time)), 1 / log.time_step)
             notes += [] if remark is None else [f"{file}: {remark}"]
+        if own and forces is not None and forces.time is not None and log.forces.between is None and not index:
+            notes.append(_held(forces.time))
         groups = poses.group.max() + 1
         if own and groups > 1 and poses.time is None:
             raise ValueError(f"{file}: expected stamps to tell which forces belong to which trajectory, found none")
@@ -146,8 +148,19 @@ def _recording(file: Path, poses: Poses, forces: Forces | None, group: int, log:
                 raise ValueError(
                     f"{file}: expected stamps for forces.between=linear, found none; say time, or forces.rate"
                 )
-            wrench_time, wrench = along_lines(clock, wrench)
+            frame = log.time_step if time is None else float(np.median(np.diff(time)))
+            assert frame is not None, "without stamps a mapping says the rate"
+            wrench_time, wrench = along_lines(clock, wrench, frame)
     return Recording(pose=poses.pose[frames], wrench=wrench, time=time, wrench_time=wrench_time, protocol=log.protocol)
+
+
+def _held(time: Any) -> str:
+    """Say that forces are held, which commands are and samples of a sensor are not."""
+    row = float(np.median(np.diff(time)))
+    return (
+        f"forces: each row is held until the next, {1e3 * row:.3g} ms later, as commands are "
+        f"(forces.between=held); if a sensor sampled them they act {5e2 * row:.3g} ms too late: forces.between=linear"
+    )
 
 
 def _around(wrench: Any, stamps: Any, end: float) -> tuple[Any, Any]:

@@ -66,7 +66,7 @@ class ForceLog:
         file: A file beside each log of poses; `{stem}` stands for the name of that log, * for anything. None: the same.
         time, rate: Column of stamps, or rows per second; with neither the stamps are those of the poses.
         offset: What is added to their stamps to be on the clock of the poses [s].
-        between: What acts between two rows: the first, or what lies on the line from the one to the other.
+        between: What acts between two rows: the first (None too), or what lies on the line from the one to the other.
         header: Line that names the columns.
     """
 
@@ -75,7 +75,7 @@ class ForceLog:
     time: Any = None
     rate: Positive | None = None
     offset: float = 0.0
-    between: Literal["held", "linear"] = "held"
+    between: Literal["held", "linear"] | None = None
     header: Line | None = None
 
 

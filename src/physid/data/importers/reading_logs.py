@@ -18,7 +18,7 @@ from physid.data.importers.units import split_header
 from physid.scenes.rotations import rotate
 
 Array = NDArray[np.float64]
-PARTS = 8  # of the time between two rows of forces that change steadily
+PARTS = 8  # of a frame, or of the time between two rows of forces that change steadily if that is longer
 TURN = 1.01 * 2 * np.pi  # [rad] with what rounding adds
 
 
@@ -177,16 +177,20 @@ def read_forces(table: Table, log: LogMap, *, own: bool) -> Forces | None:
     return Forces(stamps, wrench[row], row, int(empty.sum()), None if names is None else names[row])
 
 
-def along_lines(time: Array, wrench: Array) -> tuple[Array, Array]:
-    """Return forces that are held for an eighth of the time between two rows: the means of lines from one to the next.
+def along_lines(time: Array, wrench: Array, frame: float) -> tuple[Array, Array]:
+    """Return forces that are held for an eighth of a frame or less: the means of lines from one row to the next.
+
+    Rows that come faster are not divided: the mean of a line has its impulse, and half a row is all that it is held.
 
     Args:
         time: Stamps [s], shape (S,).
         wrench: Shape (S, N, 6); the last one is held.
+        frame: Time from one pose to the next [s].
     """
-    share = np.arange(PARTS) / PARTS
+    parts = int(np.clip(np.ceil(PARTS * np.median(np.diff(time)) / frame), 1, PARTS)) if len(time) > 1 else 1
+    share = np.arange(parts) / parts
     stamps = time[:-1, None] + np.diff(time)[:, None] * share
-    means = wrench[:-1, None] + np.diff(wrench, axis=0)[:, None] * (share + 0.5 / PARTS)[:, None, None]
+    means = wrench[:-1, None] + np.diff(wrench, axis=0)[:, None] * (share + 0.5 / parts)[:, None, None]
     return np.append(stamps, time[-1]), np.concatenate([means.reshape(-1, *wrench.shape[1:]), wrench[-1:]])
 
 

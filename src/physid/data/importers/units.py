@@ -29,7 +29,8 @@ BRACKETED = re.compile(r"^(?P<name>.*?)\s*[\[(](?P<unit>[^\])]*)[\])]\s*$")
 SUFFIXED = re.compile(
     r"^(?P<name>.+)_(?P<unit>mm|cm|um|ms|us|ns|deg|degrees|rad|mN|kN|Nm|Nmm|sec|secs|msec|usec|nsec)$"
 )
-# No _m, _s, _N or _in: names end like this for other reasons.
+# No _m, _s, _N or _in: names end like this for other reasons, but for the axis of a force.
+FORCE_IN_N = re.compile(r"^(?P<name>(?:.*_)?f(?:orce)?_?[xyz])_(?P<unit>N)$", re.IGNORECASE)
 
 
 def factor_of(quantity: str, unit: object, where: str) -> float:
@@ -66,5 +67,5 @@ def canonical(unit: str, quantity: str) -> str | None:
 
 def split_header(header: str) -> tuple[str, str | None]:
     """Split "x [mm]", "x (mm)" or "x_mm" into name and unit; None where a header names no unit."""
-    found = BRACKETED.match(header) or SUFFIXED.match(header)
+    found = BRACKETED.match(header) or SUFFIXED.match(header) or FORCE_IN_N.match(header)
     return (found["name"].strip(), found["unit"].strip()) if found and found["name"] else (header.strip(), None)

@@ -65,6 +65,8 @@ def delay(seen: Evidence) -> Finding | None:
         return None
     known = f" (+- {np.hypot(deviation, OFF):.1g})" if len(without) >= FEW else ""
     mend = f"import with forces.offset={round(seen.origin.offset + late_by, 3):g}, if nothing in the plant delays them"
+    if late_by > 0:
+        mend += ", and no filter of the poses, as one does that looks back (then learn observation_lag.time_constant)"
     held = seen.force_step or seen.scene.time_step
     if seen.origin.held and abs(late_by + held / 2) < NEAR * held:
         mend = (

@@ -15,6 +15,11 @@ STRAIGHT = 0.98  # cosine between a fall and gravity from which on it is straigh
 ALIKE = 0.6  # share of straight falls with one acceleration, and of what has it that falls, where it is that of a fall
 AXIS = 0.97  # cosine between a fall and gravity below which the axes are others
 SCALES = {1e3: "millimetres", 1e2: "centimetres", 39.37: "inches", 3.281: "feet"}
+SMALLER = {
+    1e3: "metres read as millimetres", 1e2: "metres read as centimetres", 10.0: "centimetres read as millimetres",
+    25.4: "inches read as millimetres", 2.54: "inches read as centimetres",
+}  # fmt: skip
+SURELY = 0.05  # share by which a fall may differ from that in another unit, where the rate may be another as well
 
 
 def falls(seen: Evidence) -> Finding | None:
@@ -68,6 +73,14 @@ def _clock(acceleration: Array, gravity: Array, enough: float) -> Finding | None
     if not alike or any(abs(share / scale - 1) < FALL for scale in (1.0, *SCALES)):
         return None
     factor = share**0.5
+    for times, what in SMALLER.items():
+        if abs(share * times - 1) < SURELY:
+            return Finding(
+                f"bodies fall straight down with {share * g:.3g} m/s^2, gravity is {g:.3g}: positions seem to be "
+                f"{times:g} times too small, as {what} are",
+                f"import with the unit of the log (units.position); or, if stamps are not to be trusted, with "
+                f"{1 / factor:.3g} times the rate",
+            )
     return Finding(
         f"bodies fall straight down with {share * g:.3g} m/s^2, gravity is {g:.3g}: the frame rate seems to be "
         f"{factor:.3g} times the true one",

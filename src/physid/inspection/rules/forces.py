@@ -14,11 +14,16 @@ from physid.inspection.rules.clocks import delay
 from physid.inspection.rules.falls import ENOUGH
 
 Array = NDArray[np.float64]
+MIRROR = (
+    "; that mirrors them: if the positions are what was exchanged, turn these (position) and not the forces, for "
+    "quaternions and torques would stay as they are"
+)
 WRONG, OTHER = -0.3, 0.6  # correlation of forces with accelerations: of the wrong sign, of other axes
 RATIO = (0.02, 20.0)  # of mass times acceleration over force, whatever the mass, which may be a first guess
 GUESS = 5.0  # factor by which a first guess of a mass, and friction beside the force, may be off
 KNOWN = (0.5, 2.0)  # the same where masses are known: 2 is a clock that is off by a factor of 1.4
 SHARE = 0.1  # of the squared force along an axis, from which on accelerations along it say something
+SAME_UNIT = 0.05  # share by which a factor may differ from that of a unit of force
 CLEAR = 0.5  # quantile of the forces from which on a body is clearly pushed
 
 
@@ -49,7 +54,8 @@ def forces(seen: Evidence) -> Finding | None:
         return Finding(
             f"forces do not follow accelerations (correlation {match:.2f}), but in other axes they would "
             f"(correlation {value:.2f})",
-            f"import forces as {seen.origin.forces(best)}, in the axes of the poses",
+            f"import forces as {seen.origin.forces(best)}, in the axes of the poses"
+            + (MIRROR if np.linalg.det(best) < 0 else ""),
         )
     mirrored = _mirrored(seen, push, pull)
     if mirrored is not None:
@@ -123,7 +129,14 @@ def _known_mass(seen: Evidence, push: Array, pull: Array, speed: Array) -> Findi
     slope = float(np.linalg.lstsq(both, pull[clear].ravel(), rcond=None)[0][0])
     if slope <= 0 or KNOWN[0] < slope < KNOWN[1]:
         return None
-    factor, rate = slope**0.5, 1 / seen.scene.time_step
+    factor, rate, taken = slope**0.5, 1 / seen.scene.time_step, seen.origin.newtons
+    for unit, newtons in UNITS["force"].items():
+        if newtons != taken and abs(slope * taken / newtons - 1) < SAME_UNIT:
+            return Finding(
+                f"mass times acceleration is {slope:.3g} of the force, and masses are known: forces seem to be in "
+                f"{unit}",
+                f"import with units.force={unit}; or check the mass, and the rate ({rate / factor:.4g} would fit)",
+            )
     return Finding(
         f"mass times acceleration is {slope:.3g} of the force, and masses are known: the frame rate seems to be "
         f"{factor:.3g} times the true one, or the mass, or the unit of the forces, is another",

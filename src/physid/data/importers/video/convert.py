@@ -79,7 +79,7 @@ def _converted(
         if wrench is not None and known.log.forces.between == "linear":
             if wrench_time is None:
                 raise ValueError(f"{path}: expected stamps for forces.between=linear, found none; say forces.rate")
-            wrench_time, wrench = along_lines(wrench_time, wrench)
+            wrench_time, wrench = along_lines(wrench_time, wrench, found.step)
         recording = Recording(
             pose=np.full((found.count, len(known.log.bodies), 7), np.nan),
             time=found.time,
