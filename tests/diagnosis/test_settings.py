@@ -33,6 +33,7 @@ TRIVIAL = {0, 1, 2, 3, 6, 7, 0.5}
 TINY, HUGE = 1e-6, 1e9
 """What is at most so small or at least so large keeps a division or a comparison finite, and decides nothing."""
 LISTED = {
+    "diagnosis/reference/stored_fit.py": {8},  # LAYOUT
     "diagnosis/reference/null_simulations.py": {12},  # the same of one line, 12 sigma^2 / n^3
     "diagnosis/testing/null_tails.py": {9},  # Wilson and Hilferty 1931
     "diagnosis/conclusion/localisation.py": {4},  # digits
@@ -44,6 +45,7 @@ LISTED = {
     "estimation/measurement/correlated_noise.py": {4, 8, 12, 16, 24, 32, 48, 64, 0.9},  # NEIGHBOURS; a ninth decile
     "estimation/measurement/correlation.py": {0.7, 1.5, 4, 8, 12, 16, 24, 32},  # TIMES, WHITE, FORGOTTEN
     "estimation/measurement/deviation.py": {1.4826, 0.98661},  # of a normal distribution
+    "estimation/measurement/force_noise.py": {4},  # BLOCKS
     "estimation/measurement/misfit.py": {4, 9, 15, 20, 0.15, 2e-4},  # third differences; SHARE_OF_...
     "estimation/measurement/outliers.py": {5},  # NEXT
     "estimation/measurement/sensor_noise.py": {4, 1.5},  # of differences
@@ -62,6 +64,7 @@ CONSTANTS = {
         "SLOPES", "BEND", "FAINT",  # no part of a diagnosis: identifiability alone looks at two step sizes
     },
     "estimation/least_squares/levenberg_marquardt.py": {"WHOLE"},  # the whole step
+    "estimation/measurement/force_noise.py": {"BLOCKS", "CUBIC"},  # rows that are averaged; a third difference
     "estimation/measurement/misfit.py": {
         "SHARE_OF_NOISE, SHARE_OF_SIZE",  # of a fit, and the defaults of `materiality`
         "SQUARES", "DEVIATION", "TINY",  # coefficients of a third difference

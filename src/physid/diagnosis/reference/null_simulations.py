@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
 from physid.diagnosis.reference.replay import Reference, references_of, replay
-from physid.diagnosis.settings.reference import NullSimulationSettings
 from physid.diagnosis.settings.settings import Settings
 from physid.estimation.least_squares import Experiment, Fit, Part, prior, try_losses
-from physid.estimation.measurement import Noise
+from physid.estimation.measurement import Noise, force_noise, with_force_noise
 from physid.estimation.prediction import Variants
 from physid.physics import Effect
 
@@ -68,11 +68,21 @@ def noiseless(
     generator: torch.Generator,
     reference: Reference | None = None,
 ) -> Tensor:
-    """Return the residuals of one replay without noise, shape (R, T, N, 6); see `draw_null_simulations`."""
+    """Return the residuals of one replay, without noise of the poses, shape (R, T, N, 6); see `draw_null_simulations`.
+
+    Forces are disturbed as much as recorded ones are noisy (`force_noise`): what a sensor adds moves no body.
+    """
     predictor = experiment.predictor
-    point = jitter(experiment, fit, settings, generator)
+    point, timeline = jitter(experiment, fit, settings, generator), predictor.timeline
+    grid = with_force_noise(timeline.grid, force_noise(timeline.grid, settings.noise), generator)
     real = replay(
-        predictor.model, predictor.timeline, predictor.segments, point, settings.replay, effects, None, reference
+        predictor.model,
+        dataclasses.replace(timeline, grid=grid),
+        predictor.segments,
+        point,
+        settings.replay,
+        effects,
+        reference=reference,
     )
     return experiment.replace(pose=real).residual(fit.jacobian.base.pose, fit.point)[0]
 
@@ -133,7 +143,7 @@ def jitter(experiment: Experiment, fit: Fit, settings: Settings, generator: torc
     shared[:unknown] = shift
     states = []
     # A initial velocity that friction stops at once leaves no trace; then what the first frames show bounds the draw.
-    sure = torch.diag(1 / _first_frames(experiment, settings.null_simulations) ** 2)
+    sure = torch.diag(1 / _first_frames(experiment, settings) ** 2)
     for part in fit.linear.parts:
         free = torch.randn(*part.factor.shape[:2], 1, generator=generator, dtype=torch.float64)
         factor = torch.linalg.cholesky(part.factor @ part.factor.mT + sure)
@@ -141,20 +151,18 @@ def jitter(experiment: Experiment, fit: Fit, settings: Settings, generator: torc
         states.append((torch.linalg.solve_triangular(factor.mT, free, upper=True) - follow)[..., 0])
     order = torch.cat([part.batch.segments for part in fit.linear.parts]).argsort()
     drawn = fit.point.replace(nominal=fit.point.nominal + shift)
-    return _believable(experiment, fit, drawn, torch.cat(states)[order], settings.null_simulations)
+    return _believable(experiment, fit, drawn, torch.cat(states)[order], settings)
 
 
-def _believable(
-    experiment: Experiment, fit: Fit, drawn: Variants, change: Tensor, settings: NullSimulationSettings
-) -> Variants:
+def _believable(experiment: Experiment, fit: Fit, drawn: Variants, change: Tensor, settings: Settings) -> Variants:
     """Move initial states by a draw (K, D), shortened in contact-free segments as long as the data contradict it.
 
     A body that starts near rest takes small velocities in its stride or slips for long; a line knows nothing of that.
     """
-    contact_free = ~experiment.predictor.segments.contact
+    contact_free, limits = ~experiment.predictor.segments.contact, settings.null_simulations
     free = change.shape[1]
-    most = fit.loss + free + settings.sure * (2 * free) ** 0.5
-    for _ in range(settings.halvings):
+    most = fit.loss + free + limits.sure * (2 * free) ** 0.5
+    for _ in range(limits.halvings):
         pose, twist = experiment.directions.move(fit.point.pose, fit.point.twist, change[None])
         moved = drawn.replace(pose=pose, twist=twist)
         wrong = contact_free & (try_losses(experiment, moved)[0] > most)
@@ -169,10 +177,10 @@ def p_value(observed: float, null: Tensor) -> float:
     return (1 + int((null >= observed).sum())) / (1 + len(null))
 
 
-def _first_frames(experiment: Experiment, settings: NullSimulationSettings) -> Tensor:
+def _first_frames(experiment: Experiment, settings: Settings) -> Tensor:
     """Return the standard deviations of initial states that a line through the first frames would leave, shape (D,)."""
     step = experiment.predictor.model.scene.time_step
-    count = max(float(settings.first_frames), experiment.settings.guess.spans[0] / step)
+    count = max(float(settings.null_simulations.first_frames), experiment.settings.guess.spans[0] / step)
     still = [1 / float(experiment.scale[..., k : k + 3].amax()) for k in (0, 3)]
     slope = (12 / count**3) ** 0.5 / step
     kinds = [k // 3 for _, k in experiment.directions.used]

@@ -43,6 +43,14 @@ class NoiseSettings(Section):
         "of the largest tenth of deviations, below which poses lie on a line: half of them do if interpolated",
         ge=0,
     )
+    force_share: float = setting(
+        0.05, "-", "of recorded forces that is noise at most; what changes by more from row to row is commanded",
+        "decision 89", ge=0,
+    )  # fmt: skip
+    force_white: float = setting(
+        2.0, "-", "times as much noise of forces may means of twice as many rows show; more is a steady change",
+        "decision 89", ge=1,
+    )  # fmt: skip
     sure: float = setting(
         SURE,
         "-",
