@@ -416,3 +416,13 @@ def test_edges_are_along_the_axes_of_the_body_in_the_log(tmp_path: Path, axes: s
     pose = found.read(0).pose
     assert pose is not None
     assert np.allclose(lowest_corner(pose[:, 0], found.scene, 0), 0, atol=1e-9)
+
+
+@pytest.mark.parametrize("names", [("Fx_N", "Fy_N", "Fz_N"), ("force_x_N", "force_y_N", "force_z_N")], ids=str)
+def test_a_guess_finds_forces_in_a_log_beside_whose_headers_say_newtons(names: tuple[str, ...], tmp_path: Path) -> None:
+    truth = Truth.of()
+    plain(tmp_path, truth)
+    write_csv(tmp_path / "log_forces.csv", ["t", *names], [truth.force_time, *truth.force.T])
+    said = yaml.safe_load(guess_mapping(tmp_path / "log.csv"))
+    assert said["forces"]["file"] == "{stem}_forces.csv"
+    assert said["force"] == list(names)

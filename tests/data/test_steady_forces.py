@@ -11,6 +11,7 @@ from tests.data.logs import write_csv
 
 from physid.data import RecordingSet
 from physid.data.importers.convert import import_logs
+from physid.data.importers.reading_logs import along_lines
 from physid.inspection.examination import examine
 
 MASS, FRICTION, GRAVITY, ROWS = 1.0, 0.2, 9.81, 0.05
@@ -97,3 +98,23 @@ def test_another_word_is_answered(tmp_path: Path) -> None:
     wrong = MAPPING | {"forces": {"file": "{stem}_forces.csv", "time": "t", "between": "lines"}}
     with pytest.raises(ValueError, match=r"forces\.between"):
         import_logs(pushes(tmp_path, 1), wrong, tmp_path / "out")
+
+
+@pytest.mark.parametrize(("rate", "parts"), [(20, 8), (60, 8), (120, 4), (240, 2), (500, 1), (2000, 1)])
+def test_rows_are_cut_as_far_as_an_eighth_of_a_frame_and_keep_the_impulse(rate: float, parts: int) -> None:
+    time = np.arange(40) / rate
+    wrench = np.random.default_rng(0).standard_normal((40, 2, 6))
+    stamps, held = along_lines(time, wrench, 1 / 60)
+    assert len(stamps) == len(held) == 39 * parts + 1
+    whole = (held[:-1] * np.diff(stamps)[:, None, None]).sum(0)
+    assert whole == pytest.approx(np.trapezoid(wrench, time, axis=0))
+    assert stamps[::parts] == pytest.approx(time)
+
+
+@pytest.mark.parametrize("between", [None, "held", "linear"])
+def test_an_import_says_that_forces_are_held_unless_the_mapping_does(between: str | None, tmp_path: Path) -> None:
+    forces = {"file": "{stem}_forces.csv", "time": "t"} | ({} if between is None else {"between": between})
+    done = import_logs(pushes(tmp_path, 2), MAPPING | {"forces": forces}, tmp_path / "set")
+    told = [note for note in done.notes if "each row is held until the next" in note]
+    assert len(told) == (between is None)
+    assert all("50 ms later" in one and "25 ms too late: forces.between=linear" in one for one in told)

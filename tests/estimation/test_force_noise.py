@@ -11,6 +11,7 @@ import torch
 from physid.data.importers.reading_logs import along_lines
 from physid.data.observations.step_grid import StepGrid
 from physid.estimation.measurement import force_noise, with_force_noise
+from physid.inspection.rules.fitted import noisy_forces
 from physid.scenes.setups.forces import pieces, redrawn
 
 RATE, ROWS, SET = 500, 1000, 6  # rows a second, rows, trajectories
@@ -77,3 +78,13 @@ def test_without_noise_nothing_is_drawn() -> None:
     before, grid = generator.get_state(), grid_of(commanded())
     assert with_force_noise(grid, torch.zeros(1, 6).double(), generator) is grid
     assert torch.equal(generator.get_state(), before)
+
+
+def test_how_far_noisy_forces_move_a_body_is_that_of_a_walk_of_its_velocity() -> None:
+    density = torch.zeros(2, 6).double()
+    density[0, 3], density[1, 4] = 3e-6, 3e-6
+    assert "by 2 mm in a second" in noisy_forces(density, [1.0, 0.5]).what
+    generator, steps = torch.Generator().manual_seed(0), 400
+    grid = with_force_noise(grid_of(np.zeros((2000, steps, 3)), rate=steps), density[1:], generator)
+    velocity = (grid.wrench * grid.steps[..., None, None]).cumsum(1)[:, :, 0, 4] / 0.5
+    assert float((velocity * grid.steps).sum(1).std()) == pytest.approx(2e-3, rel=0.05)

@@ -214,6 +214,26 @@ MISTAKES: list[tuple[str, str, Change, str]] = [
         "the frame rate seems to be 4 times the true one -> import with the rate at which it was recorded (rate): 0.25",
     ),
     (
+        "toss",
+        "centimetres read as millimetres",
+        posed(lambda pose: pose * [0.1, 0.1, 0.1, 1, 1, 1, 1]),
+        "10 times too small, as centimetres read as millimetres are -> import with the unit of the log",
+    ),
+    ("push", "kilograms of force", forced(lambda force: force / 9.80665), "in kgf -> import with units.force=kgf"),
+    ("push", "pounds of force", forced(lambda force: force / 4.44822), "in lbf -> import with units.force=lbf"),
+    (
+        "push",
+        "x and y swapped, a mirror",
+        posed(lambda pose: pose[..., [1, 0, *range(2, 7)]]),
+        "that mirrors them: if the positions are what was exchanged, turn these",
+    ),
+    (
+        "push",
+        "a filter that looks back",
+        forced(lambda force: np.roll(force, -12, 0)),
+        "no filter of the poses, as one does that looks back",
+    ),
+    (
         "push",
         "half edges for edges",
         lambda scene, one: (_sized(scene, 0.5), one),

@@ -1,13 +1,13 @@
-"""What the fitted nominal model shows of the recordings: trajectories of another body, noise that is not white."""
+"""What the fitted nominal model shows of recordings: trajectories of another body, noise of poses and of forces."""
 
 from __future__ import annotations
 
 from physid.diagnosis.inputs.observations import TRANSFER
 from physid.diagnosis.reference.nominal_fit import NominalFit
-from physid.estimation.measurement import CorrelatedNoise
+from physid.estimation.measurement import CorrelatedNoise, force_noise
 from physid.estimation.segmented_fit import odd_trajectories
 from physid.inspection.finding import Finding, warn_of
-from physid.inspection.rules.fitted import correlated_noise, odd_trajectory
+from physid.inspection.rules.fitted import correlated_noise, noisy_forces, odd_trajectory
 
 
 def findings_of_fit(nominal_fit: NominalFit) -> tuple[Finding, ...]:
@@ -17,5 +17,7 @@ def findings_of_fit(nominal_fit: NominalFit) -> tuple[Finding, ...]:
     odd = odd_trajectories(experiment, nominal_fit.fit, among, nominal_fit.settings.odd)
     found = [odd_trajectory(observations.indices[one.row], one.names, one.own, one.others) for one in odd]
     found += [correlated_noise(error)] if isinstance(error, CorrelatedNoise) else []
+    if bool((density := force_noise(observations.timeline.grid, nominal_fit.settings.noise)).any()):
+        found.append(noisy_forces(density, [body.mass for body in observations.scene.bodies]))
     warn_of(found, observations.folder)
     return tuple(found)

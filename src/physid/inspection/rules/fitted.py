@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from torch import Tensor
 
 from physid.estimation.measurement import CorrelatedNoise
 from physid.inspection.finding import Finding
@@ -35,5 +36,20 @@ def correlated_noise(noise: CorrelatedNoise) -> Finding:
         f"the noise of neighbouring frames is alike (correlation {alike:.2f}), and counts as such",
         "a filter or an interpolation of the poses does this, and smooths the motion, too: record poses as they are "
         "measured, if you can",
+        wrong=False,
+    )
+
+
+def noisy_forces(density: Tensor, masses: Sequence[float]) -> Finding:
+    """Say how far the noise of recorded forces moves bodies in a second: sqrt(q t^3 / 3) / m, a walk of the velocity.
+
+    Args:
+        density: q, shape (N, 6), see `force_noise`.
+        masses: Of the bodies [kg].
+    """
+    moved = max((float(one) / 3) ** 0.5 / mass for one, mass in zip(density[:, 3:].amax(1), masses, strict=True))
+    return Finding(
+        f"the recorded forces are noisy, which moves a body by {1e3 * moved:.2g} mm in a second, and count as such",
+        "forces that are known, or a sensor that adds less, show smaller effects",
         wrong=False,
     )
