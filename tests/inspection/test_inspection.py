@@ -21,6 +21,7 @@ from physid.data.importers.rotations import axes_of
 from physid.data.reading import Reading, write_reading
 from physid.inspection.kinematics import kinematics_of, noise_of, shifted_forces
 from physid.inspection.report import inspect
+from physid.inspection.rules.falls import _clock as clock_of_falls
 from physid.scenes import Ground, Scene, find_setup
 from physid.simulators.bullet.world import simulate
 
@@ -213,13 +214,6 @@ MISTAKES: list[tuple[str, str, Change, str]] = [
         lambda scene, one: (dataclasses.replace(scene, time_step=scene.time_step / 4), one),
         "the frame rate seems to be 4 times the true one -> import with the rate at which it was recorded (rate): 0.25",
     ),
-    (
-        "toss",
-        "centimetres read as millimetres",
-        posed(lambda pose: pose * [0.1, 0.1, 0.1, 1, 1, 1, 1]),
-        "10 times too small, as centimetres read as millimetres are -> import with the unit of the log",
-    ),
-    ("push", "kilograms of force", forced(lambda force: force / 9.80665), "in kgf -> import with units.force=kgf"),
     ("push", "pounds of force", forced(lambda force: force / 4.44822), "in lbf -> import with units.force=lbf"),
     (
         "push",
@@ -700,3 +694,16 @@ def test_stamps_in_another_unit_are_not_positions_in_millimetres(tmp_path: Path)
     found = said(tmp_path, dataclasses.replace(scene, time_step=scene.time_step / 1e3), list(recordings))
     assert any("stamps seem to be in another unit -> import with units.time" in one for one in found), found
     assert not any("millimetres" in one for one in found)
+
+
+@pytest.mark.parametrize(
+    ("share", "mend"),
+    [(0.0993, "10 times too small, as centimetres read as millimetres"), (0.0394, "25.4 times too small, as inches"),
+     (0.25, "the frame rate seems to be 0.5 times the true one"), (1.0, "")],
+)  # fmt: skip
+def test_straight_falls_that_a_unit_explains_are_of_that_unit_before_another_rate(share: float, mend: str) -> None:
+    generator, gravity = np.random.default_rng(0), np.array([0.0, 0.0, -9.81])
+    acceleration = share * gravity * (1 + 0.02 * generator.standard_normal((100, 1)))
+    found = clock_of_falls(acceleration, gravity, 20)
+    assert mend in (found.what if found else "")
+    assert bool(found) is bool(mend)
