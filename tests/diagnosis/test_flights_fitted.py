@@ -222,6 +222,32 @@ def test_a_reference_counts_unless_it_stands_alone(
     assert QUICK.changed({"replay.simulators": kept}) == settings
 
 
+@pytest.mark.parametrize("follows", [True, False])
+def test_flights_count_whole_however_badly_they_fit_and_contact_segments_by_their_misfit(
+    follows: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = calm()
+    old = made.experiment.predictor
+    predictor = Predictor(
+        NominalModel(replace(old.model.scene, integration=BULLET)), old.timeline, old.segments, old.candidates
+    )
+    monkeypatch.setattr(discrepancy, "replay", lambda _model, _time, _cuts, point, *_: predictor.predict(point).pose[0])
+    off = bent(made, 0.05)
+    off[[0, 2]] = 0.0
+    settings = QUICK.changed({"discrepancy.follows": follows, "nominal_fit.robust": False})
+    scales = []
+    for contact in (False, True):
+        predictor.segments.contact[:] = contact
+        experiment = made.experiment.replace(predictor=predictor, pose=made.experiment.pose + off)
+        experiment = experiment.replace(follow=torch.ones_like(experiment.follow))
+        alone = experiment.linearise(made.true, NONE)
+        found, _, _ = follow(experiment, alone, torch.ones(off.shape[:3]).double(), None, settings, silent)
+        scales.append(found.scale[:, 0, 0, 3])
+    free, busy = scales
+    assert float(free.max()) == pytest.approx(float(free.min()))
+    assert float(busy[[1, 3]].max()) < 0.8 * float(busy[[0, 2]].min())
+
+
 def test_a_contact_segment_in_which_no_state_goes_where_the_recording_went_is_given_up_and_counts_less(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
