@@ -72,13 +72,15 @@ def test_a_column_that_the_nuisance_absorbs_explains_nothing() -> None:
     assert float(gains(given, group(1), SETTINGS)[0]) == 0
 
 
-def test_a_direction_counts_from_the_largest_size_that_its_range_admits() -> None:
+@pytest.mark.parametrize("visible", [0.5, 1.0, 3.0])
+def test_a_direction_counts_from_the_largest_size_that_its_range_admits(visible: float) -> None:
     """However small an effect is in practice, what the recordings demand may be many times as large."""
     columns, _ = drawn(1)
     faint = 0.5 * columns / columns.norm()
     equations = normal(faint, 6 * faint[:, 0])
     given = Conditional(equations.matrix[0], equations.vector[0][:, None], *NO_NUISANCE)
-    seen, unseen = (gains(given, group(0, largest=largest), SETTINGS) for largest in (2.1, 1.9))
+    settings = ScoreTestSettings(visible=visible)
+    seen, unseen = (gains(given, group(0, largest=visible * largest), settings) for largest in (2.1, 1.9))
     assert [float(each) for each in seen] == pytest.approx([0.25 * 6**2, 6.0])
     assert [float(each) for each in unseen] == [0, 0]
 

@@ -46,10 +46,10 @@ def configure(
             return None
         run_dir = run_dir or (Path("runs") / name if not files else None)
         laid = [f"data.folder={json.dumps(str(recordings))}"]
-        if not values.get("resume"):
+        if not files and not values.get("resume"):
             laid.append("data.limit=null")  # that of a run is of its own recordings
-        if not files and command.usual and not values.get("resume"):
-            files, laid = [command.usual], [*laid, f"name={json.dumps(name)}"]
+            if command.usual:
+                files, laid = [command.usual], [*laid, f"name={json.dumps(name)}"]
     chosen = tuple(files) or recorded_config(run_dir)
     if not chosen:
         raise ConfigurationError(_absent(command, values, run_dir))

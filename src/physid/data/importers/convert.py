@@ -104,7 +104,7 @@ def _recordings(files: Sequence[Path], log: LogMap, notes: list[str]) -> Iterato
             remark = unlike_lengths(len(poses.pose) * log.time_step, float(np.ptp(forces.time)), 1 / log.time_step)
             notes += [] if remark is None else [f"{file}: {remark}"]
         if own and forces is not None and forces.time is not None and log.forces.between is None and not index:
-            notes.append(_held(forces.time))
+            notes += _held(forces.time)
         groups = poses.group.max() + 1
         if own and groups > 1 and poses.time is None:
             raise ValueError(f"{file}: expected stamps to tell which forces belong to which trajectory, found none")
@@ -154,13 +154,14 @@ def _recording(file: Path, poses: Poses, forces: Forces | None, group: int, log:
     return Recording(pose=poses.pose[frames], wrench=wrench, time=time, wrench_time=wrench_time, protocol=log.protocol)
 
 
-def _held(time: Any) -> str:
-    """Say that forces are held, which commands are and samples of a sensor are not."""
-    row = float(np.median(np.diff(time)))
-    return (
+def _held(time: Any) -> list[str]:
+    """Say that forces are held, which commands are and samples of a sensor are not; nothing of a single row."""
+    rows = np.diff(time)
+    return [
         f"forces: each row is held until the next, {1e3 * row:.3g} ms later, as commands are "
         f"(forces.between=held); if a sensor sampled them they act {5e2 * row:.3g} ms too late: forces.between=linear"
-    )
+        for row in [float(np.median(rows))] * bool(len(rows))
+    ]
 
 
 def _around(wrench: Any, stamps: Any, end: float) -> tuple[Any, Any]:

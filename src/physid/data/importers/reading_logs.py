@@ -164,7 +164,8 @@ def read_forces(table: Table, log: LogMap, *, own: bool) -> Forces | None:
     if own and log.trajectory in table.columns and len(table.values(log.trajectory)) == count:
         names = table.values(log.trajectory)
         if clock is None and time is not None:
-            time -= np.array([time[names == name][0] for name in names])
+            _, first, which = np.unique(names, return_index=True, return_inverse=True)
+            time = time - time[first][which]
     if time is not None and len(time) != count:
         raise ValueError(f"{table.path}: expected a stamp for each of {count} rows of forces, found {len(time)}")
     row = np.flatnonzero(~empty)
