@@ -426,3 +426,35 @@ def test_a_guess_finds_forces_in_a_log_beside_whose_headers_say_newtons(names: t
     said = yaml.safe_load(guess_mapping(tmp_path / "log.csv"))
     assert said["forces"]["file"] == "{stem}_forces.csv"
     assert said["force"] == list(names)
+
+
+@pytest.mark.parametrize("axes", ["z-up", "y-up", "left-handed-z-up"])
+@pytest.mark.parametrize("beside", [True, False])
+def test_forces_of_a_sensor_that_turns_with_the_body_are_turned_into_the_world(
+    beside: bool, axes: str, tmp_path: Path
+) -> None:
+    """As if each had been logged in the log's world, at its own stamp; of a box that turns steadily."""
+    time = np.arange(60) / 60
+    turn = Rotation.from_rotvec(np.outer(time, [0.3, -0.4, 2.0]))
+    stamps = np.arange(5, 55) / 60 + 0.004 if beside else time
+    there = Rotation.from_rotvec(np.outer(stamps, [0.3, -0.4, 2.0]))
+    force = np.stack([1 + stamps, 2 - stamps, 0 * stamps + 0.5], 1)
+    torque = 0.1 * force[:, [1, 2, 0]]
+    place = {name: 0.1 * k + time for k, name in enumerate("xyz")}
+    quaternion = dict(zip(["qx", "qy", "qz", "qw"], turn.as_quat().T, strict=True))
+    found = []
+    for name, one in (("body", Rotation.identity()), ("world", there)):
+        pushed = {f"f{c}": v for c, v in zip("xyz", one.apply(force).T, strict=True)}
+        pushed |= {f"t{c}": v for c, v in zip("xyz", one.apply(torque).T, strict=True)}
+        log = {"t": time, **place, **quaternion} | ({} if beside else pushed)
+        write_csv(tmp_path / name / "log.csv", list(log), list(log.values()))
+        if beside:
+            write_csv(tmp_path / name / "log_forces.csv", ["t", *pushed], [stamps, *pushed.values()])
+        forces = {"axes": name} | ({"file": "{stem}_forces.csv", "time": "t"} if beside else {})
+        mapping = COLUMNS | {"force": ["fx", "fy", "fz"], "torque": ["tx", "ty", "tz"], "forces": forces, "axes": axes}
+        found.append(RecordingSet(import_logs([tmp_path / name / "log.csv"], mapping, tmp_path / f"set_{name}").folder))
+    one, other = (each.read(0).wrench for each in found)
+    assert one is not None
+    assert other is not None
+    assert np.allclose(one, other, atol=1e-6)
+    assert not np.allclose(one, np.concatenate([torque, force], 1)[:, None], atol=0.1)

@@ -214,6 +214,24 @@ MISTAKES: list[tuple[str, str, Change, str]] = [
         lambda scene, one: (dataclasses.replace(scene, time_step=scene.time_step / 4), one),
         "the frame rate seems to be 4 times the true one -> import with the rate at which it was recorded (rate): 0.25",
     ),
+    (
+        "push",
+        "forces in the axes of the body",
+        lambda scene, one: (
+            scene,
+            dataclasses.replace(
+                one,
+                wrench=np.concatenate(
+                    [
+                        Rotation.from_quat(one.pose[: len(one.wrench), 0, 3:]).inv().apply(one.wrench[:, 0, part])
+                        for part in (slice(0, 3), slice(3, 6))
+                    ],
+                    1,
+                )[:, None],
+            ),
+        ),
+        "turned with the body they would",
+    ),
     ("push", "pounds of force", forced(lambda force: force / 4.44822), "in lbf -> import with units.force=lbf"),
     (
         "push",

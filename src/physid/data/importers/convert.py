@@ -143,6 +143,8 @@ def _recording(file: Path, poses: Poses, forces: Forces | None, group: int, log:
                 f"{file}: expected as many rows of forces as of poses, found {len(wrench)} and {len(frames)}; give the "
                 "forces a clock: forces.time=COLUMN or forces.rate=ROWS_PER_SECOND"
             )
+        if log.forces.axes == "body":
+            wrench = poses.turned(wrench, time if wrench_time is None else wrench_time, frames, time)
         if log.forces.between == "linear":
             if (clock := time if wrench_time is None else wrench_time) is None:
                 raise ValueError(

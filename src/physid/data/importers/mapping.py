@@ -67,6 +67,7 @@ class ForceLog:
         time, rate: Column of stamps, or rows per second; with neither the stamps are those of the poses.
         offset: What is added to their stamps to be on the clock of the poses [s].
         between: What acts between two rows: the first (None too), or what lies on the line from the one to the other.
+        axes: Whether forces are in the log's world, or in the axes of the body, as of a sensor that turns with it.
         header: Line that names the columns.
     """
 
@@ -76,6 +77,7 @@ class ForceLog:
     rate: Positive | None = None
     offset: float = 0.0
     between: Literal["held", "linear"] | None = None
+    axes: Literal["world", "body"] = "world"
     header: Line | None = None
 
 
@@ -200,9 +202,7 @@ class LogMap:
         if isinstance(given, Mapping):
             own = [name for name in OF_BODY if name in given]
             if given.get("bodies") and own:
-                raise ValueError(
-                    f"mapping: expected what is of a body under bodies, found {', '.join(own)} beside them"
-                )
+                raise ValueError(f"mapping: expected what is of a body under bodies, found {', '.join(own)} beside it")
             if isinstance(given.get("unknown"), str):
                 given = {**given, "unknown": [given["unknown"]]}
         known = check_as(MappingKeys, given, "mapping")

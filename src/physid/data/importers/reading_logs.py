@@ -11,7 +11,15 @@ from numpy.typing import NDArray
 
 from physid.data.importers.columns import expanded, line_of, read_columns, read_stamps, require_increasing, signed
 from physid.data.importers.mapping import BodyMap, LogMap, Reference
-from physid.data.importers.rotations import ROUNDED, from_euler, from_matrices, from_quaternions, from_vectors, turned
+from physid.data.importers.rotations import (
+    ROUNDED,
+    from_euler,
+    from_matrices,
+    from_quaternions,
+    from_vectors,
+    in_world,
+    turned,
+)
 from physid.data.importers.tables.files import read_table
 from physid.data.importers.tables.table import Table
 from physid.data.importers.units import split_header
@@ -37,6 +45,10 @@ class Poses:
     pose: Array
     group: NDArray[np.int64]
     names: Array = field(default_factory=lambda: np.empty(0))
+
+    def turned(self, wrench: Array, at: Array | None, frames: NDArray[np.intp], time: Array | None) -> Array:
+        """Turn wrenches in the axes of bodies into the world, see `in_world`; `frames` are those of a trajectory."""
+        return in_world(wrench, at, self.pose[frames], time)
 
 
 @dataclass(frozen=True)
@@ -132,6 +144,7 @@ def read_forces(table: Table, log: LogMap, *, own: bool) -> Forces | None:
     if not any(each.force or each.torque for each in log.bodies):
         return None
     sign = float(np.sign(np.linalg.det(log.axes)))  # a torque is a pseudovector: a mirror turns it round
+    axes = np.diag([1.0, 1.0, sign]) if log.forces.axes == "body" else log.axes  # boxes are mirrored along z (`turned`)
     parts = []
     for each in log.bodies:
         for references, quantity, mirror in ((each.torque, "torque", sign), (each.force, "force", 1.0)):
@@ -144,7 +157,7 @@ def read_forces(table: Table, log: LogMap, *, own: bool) -> Forces | None:
         if values is not None:
             if len(values) != count:
                 raise ValueError(f"{table.path}: expected as many torques as forces, found {len(values)} and {count}")
-            wrench[:, index // 2, 3 * (index % 2) : 3 * (index % 2) + 3] = mirror * values @ log.axes.T
+            wrench[:, index // 2, 3 * (index % 2) : 3 * (index % 2) + 3] = mirror * values @ axes.T
     empty = np.isnan(wrench).any((1, 2))
     partly = empty & ~np.stack([np.isnan(v).all(1) for v, _ in parts if v is not None], 1).all(1)
     if partly.any():
@@ -160,12 +173,11 @@ def read_forces(table: Table, log: LogMap, *, own: bool) -> Forces | None:
         time = read_stamps(table, clock, unit)
     elif log.forces.rate is not None:
         time = np.arange(count) / log.forces.rate
-    names = None
-    if own and log.trajectory in table.columns and len(table.values(log.trajectory)) == count:
-        names = table.values(log.trajectory)
-        if clock is None and time is not None:
-            _, first, which = np.unique(names, return_index=True, return_inverse=True)
-            time = time - time[first][which]
+    listed = table.columns.get(str(log.trajectory)) if own else None
+    names = listed if listed is not None and len(listed) == count else None
+    if names is not None and clock is None and time is not None:
+        _, first, which = np.unique(names, return_index=True, return_inverse=True)
+        time = time - time[first][which]
     if time is not None and len(time) != count:
         raise ValueError(f"{table.path}: expected a stamp for each of {count} rows of forces, found {len(time)}")
     row = np.flatnonzero(~empty)

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import Rotation, Slerp
 
 from physid.strict import nearest
 
@@ -122,3 +122,29 @@ def check_sequence(sequence: str, columns: Sequence[object]) -> None:
             f"euler_order: expected one letter for each of {len(columns)} angles, xyz about the fixed axes or ZYX "
             f"about the body's own (yaw, pitch, roll), got {sequence!r}"
         )
+
+
+def in_world(wrench: Array, at: Array | None, pose: Array, time: Array | None) -> Array:
+    """Turn torques and forces that are given in the axes of bodies into the world, by the attitudes at their stamps.
+
+    Args:
+        wrench: Along the edges of each body, shape (S, N, 6).
+        at: Stamps [s], shape (S,); None for those of the poses.
+        pose: Poses, NaN where not seen, shape (T, N, 7).
+        time: Their stamps [s], shape (T,); None where rows are as far apart as poses.
+
+    Returns:
+        World frame, shape (S, N, 6). Before a body is seen, and after, its first and its last attitude hold.
+    """
+    stamps = np.arange(len(pose), dtype=np.float64) if time is None else time
+    wanted, turned = stamps if at is None else at, np.empty_like(wrench)
+    for body in range(pose.shape[1]):
+        seen = np.isfinite(pose[:, body]).all(1)
+        known, quaternion = stamps[seen], pose[seen, body, 3:]
+        if len(known) > 1:
+            attitude = Slerp(known, Rotation.from_quat(quaternion))(np.clip(wanted, known[0], known[-1]))
+        else:
+            attitude = Rotation.from_quat(np.repeat(quaternion, len(wanted), 0))
+        for part in (slice(0, 3), slice(3, 6)):
+            turned[:, body, part] = attitude.apply(wrench[:, body, part])
+    return turned

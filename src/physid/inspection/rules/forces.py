@@ -12,6 +12,7 @@ from physid.inspection.evidence import STILL, Evidence
 from physid.inspection.finding import Finding
 from physid.inspection.rules.clocks import delay
 from physid.inspection.rules.falls import ENOUGH
+from physid.scenes.rotations import rotate
 
 Array = NDArray[np.float64]
 MIRROR = (
@@ -57,6 +58,13 @@ def forces(seen: Evidence) -> Finding | None:
             f"import forces as {seen.origin.forces(best)}, in the axes of the poses"
             + (MIRROR if np.linalg.det(best) < 0 else ""),
         )
+    turning = _in_body_axes(seen, chosen, pull, along)
+    if turning > OTHER and turning > match + 0.3:
+        return Finding(
+            f"forces do not follow accelerations (correlation {match:.2f}), but turned with the body they would "
+            f"(correlation {turning:.2f}): they seem to be in the body's own axes, as of a sensor that turns with it",
+            "import with forces.axes=body",
+        )
     mirrored = _mirrored(seen, push, pull)
     if mirrored is not None:
         return mirrored
@@ -64,6 +72,20 @@ def forces(seen: Evidence) -> Finding | None:
     if match > OTHER and not RATIO[0] < ratio < RATIO[1]:
         return _other_unit(ratio, seen.origin.newtons)
     return _known_mass(seen, push, pull, k.velocity[chosen] @ along) if match > OTHER else None
+
+
+def _in_body_axes(seen: Evidence, chosen: NDArray[np.bool_], pull: Array, along: Array) -> float:
+    """Return the correlation of accelerations along the ground with forces as if these were in the body's axes."""
+    k = seen.kinematics.of(chosen)
+    turn = np.full((len(k.frame), 4), np.nan)
+    for trajectory in np.unique(k.trajectory):
+        here, pose = k.trajectory == trajectory, seen.recordings[int(trajectory)].pose
+        if pose is not None:
+            turn[here] = pose[k.frame[here], k.body[here], 3:]
+    push = rotate(turn, k.force) / seen.masses[chosen][:, None] @ along
+    known = np.isfinite(push).all(1)
+    sizes = float(np.sqrt(np.square(push[known]).sum() * np.square(pull[known]).sum()))
+    return float((push[known] * pull[known]).sum()) / sizes if sizes else 0.0
 
 
 def _other_unit(ratio: float, taken: float) -> Finding:

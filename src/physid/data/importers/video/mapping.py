@@ -64,6 +64,8 @@ class FilmMap:
                 "mapping: missing forces.file, the log with the columns of force and torque, say "
                 "forces.file={stem}_forces.csv and forces.time=t: a film has no columns"
             )
+        if log.forces.axes == "body":
+            raise ValueError("mapping: expected forces.axes=world, for a film shows attitudes once it is tracked")
         return cls(log, lens, rate, None if given is None else Path(str(given)))
 
     @property
