@@ -131,6 +131,15 @@ def test_intervals_have_the_probability_that_the_diagnosis_was_asked_for() -> No
     assert "90 % interval" not in text
 
 
+@pytest.mark.parametrize("verdict", ["unknown", "named"])
+def test_what_candidates_explain_of_an_unknown_gap_is_called_no_cause(verdict: str) -> None:
+    document = check_diagnosis(diagnosis(verdict) | {"excess": 450.0})
+    text = text_of(render(document, pictures()))
+    assert ("None predicts trajectories that it was not fitted to" in text) is (verdict == "unknown")
+    assert "In null simulations, which have no effect, a candidate seldom explains more than" in text
+    assert "than <" not in text
+
+
 def test_without_a_transfer_set_the_page_says_so_at_the_top() -> None:
     page = render(said(transfer=False), ReportData())
     assert "Predictive only, cause not certified" in text_of(page[: page.index("</header>")])

@@ -216,10 +216,16 @@ def _ranking_note(said: Diagnosis, data: ReportData) -> str:
     notes = []
     if said.excess:
         notes.append("Parts of the gap that a candidate alone explains; candidates overlap.")
+    if said.verdict == "unknown":
+        notes.append(
+            "None predicts trajectories that it was not fitted to so well that it could be blamed: what is missing may "
+            "look like one of them here."
+        )
     if data.threshold is not None and said.excess:
-        notes.append(f"Null simulations seldom exceed {explained(said, data.threshold)}.")
+        most = explained(said, data.threshold).removeprefix("< ")
+        notes.append(f"In null simulations, which have no effect, a candidate seldom explains more than {most}.")
     elif data.threshold is not None:
-        notes.append(f"Null simulations seldom exceed the score {figure(data.threshold)}.")
+        notes.append(f"In null simulations a candidate seldom exceeds the score {figure(data.threshold)}.")
     if said.null_simulations or data.replicates:
         count = said.null_simulations or data.replicates
         made = f" ({', '.join(said.references)})" if said.references else ""
