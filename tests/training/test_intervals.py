@@ -295,3 +295,12 @@ def test_a_fit_that_may_take_so_many_steps_ends_with_intervals(
     assert "fit/position_explained" in figures
     assert "params/block.friction/observable" in figures
     assert (tmp_path / "posterior.json").is_file()
+
+
+@pytest.mark.parametrize(("bias", "said"), [(0.05, "estimates by 0.058 standard errors"), (2e-38, "next to nothing")])
+def test_what_shorter_steps_would_change_is_said_where_it_is_worth_a_number(
+    bias: float, said: str, tmp_path: Path
+) -> None:
+    left = 0.008 if bias > 1e-9 else 0.0
+    figures = {"steps/mean": 1.05, "steps/largest": 8.0, "steps/bias": bias, "steps/left": left}
+    assert said in summarize(figures, tmp_path)

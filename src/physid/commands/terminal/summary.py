@@ -9,6 +9,8 @@ from physid.estimation.measurement.unexplained import lack_of_fit_sentence
 from physid.estimation.prediction.coordinates import Unknown
 from physid.inspection.finding import Findings, trust_sentence
 
+LEAST_MOVE = 1e-3  # [standard errors] of estimates that is worth a number
+
 
 def summarize(figures: Mapping[str, float], folder: Path, recordings: str = "RECORDINGS") -> str:
     """Return the figures of a run as lines: parameters with units and intervals, what is left, what looks wrong.
@@ -49,9 +51,10 @@ def _estimate(own: Mapping[str, float], unit: str) -> str:
 def _steps(figures: Mapping[str, float]) -> str:
     """Write the steps that were chosen, and what shorter ones would change."""
     mean, largest, bias, left = (figures.get(f"steps/{name}", 0.0) for name in ("mean", "largest", "bias", "left"))
+    moved = f"{bias + left:.2g} standard errors at most" if bias + left >= LEAST_MOVE else "next to nothing"
     return (
         f"steps of the engine: {mean:.3g} from frame to frame on average, {largest:.0f} at most; shorter ones would "
-        f"move estimates by {bias + left:.2g} standard errors at most"
+        f"move estimates by {moved}"
     )
 
 
