@@ -20,6 +20,7 @@ from physid.diagnosis.document.sentences import verdict_sentence
 from physid.diagnosis.report import page as report_page
 from physid.diagnosis.report.contents import Overlay
 from physid.diagnosis.report.page import Curve, ReportData, TimeMap, render, write_report
+from physid.pages.figures import HIGH, Series, line_chart
 from physid.pages.templates import ICON
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -243,3 +244,12 @@ def test_what_is_missing_is_said_drawn_and_cut_out_of_the_gap() -> None:
 def test_without_a_law_a_free_wrench_says_what_a_better_model_could_close() -> None:
     text = text_of(render(replace(said("unknown"), residual=()), pictures()))
     assert "a free force and torque" in text
+
+
+@pytest.mark.parametrize("least", [0.5, 4.0])
+def test_a_floor_is_drawn_within_the_axes_though_all_errors_exceed_it(least: float) -> None:
+    lines = [Series("nominal", "before", [0, 1], [5.0, 200.0]), Series("with", "after", [0, 1], [least, 4.0])]
+    drawn = line_chart(lines, "errors", "time [s]", floor=1.0, logarithmic=True, top=240)
+    (height,) = re.findall(r'd="M [\d.]+ ([\d.]+) [^"]*"[^>]*dasharray[^>]*--floor', drawn)
+    (whole,) = map(float, re.findall(r'viewBox="0 0 [\d.]+ ([\d.]+)"', drawn))
+    assert float(height) < whole * (1 - 0.5 / HIGH), "below are numbers and the name of the axis"

@@ -191,7 +191,7 @@ def line_chart(
         if floor:
             axes.axhline(floor, color=CODES["floor"], linewidth=1.2, linestyle=(0, (4, 3)))
         if logarithmic and floor:
-            axes.set_ylim(bottom=max(min(positive, default=floor), floor / 4) / 1.2)
+            axes.set_ylim(bottom=min(max(min(positive, default=floor), floor / 4), floor) / 1.2)
         elif floor:
             axes.set_ylim(bottom=0)
         if top:
