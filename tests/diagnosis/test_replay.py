@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
+import numpy as np
 import pytest
 import torch
 from torch import Tensor
@@ -16,7 +17,8 @@ from physid.estimation.prediction.segments import Segmentation
 from physid.estimation.prediction.timeline import Timeline
 from physid.estimation.prediction.variants import Variants
 from physid.physics import Effect
-from physid.scenes import Integration, Scene, find_setup
+from physid.scenes import Excitation, Integration, Scene, find_setup
+from physid.simulators import find_simulator
 
 TOSS = find_setup("toss").scene
 STEP = 1e-3
@@ -132,3 +134,22 @@ def test_no_reference_has_a_law_of_its_own_for_an_effect_at_work_unless_there_is
     assert names(unknown, soft) == ["mujoco"]
     known = dataclasses.replace(TOSS, integration=Integration("semi_implicit_euler", 1 / 480))
     assert names(known, soft) == ["pybullet"], "it made the recordings"
+
+
+@pytest.mark.parametrize("high", [0.0, 0.015])
+def test_pybullet_leaves_the_line_of_a_push_where_the_centre_of_mass_is_above_that_of_the_box(high: float) -> None:
+    """A block at an angle, pushed along x at its centre: MuJoCo keeps to the line, and so it alone is asked."""
+    scene = dataclasses.replace(find_setup("push").scene, camera=None)
+    off = [from_values("com_offset", {"x": 0.0, "y": 0.0, "z": high})] if high else []
+    wrench = np.zeros((100, 1, 6))
+    wrench[..., 3] = 4.0
+    pose = np.array([[0.0, 0.0, scene.bodies[0].size[2] / 2, 0.0, 0.0, np.sin(0.35), np.cos(0.35)]])
+    pushed = Excitation(pose, np.array([[0.0, 0.0, 0.0, 1.0, 0.0, 0.0]]), wrench)
+    aside = {
+        name: float(np.abs(find_simulator(name).simulate(scene, [pushed], off)[0].pose[-1, 0, 1]))
+        for name in ("pybullet", "mujoco")
+    }
+    assert aside["mujoco"] < 2e-4
+    assert (aside["pybullet"] > 3e-3) is bool(high)
+    names = [each.name for each in references_of(scene, ReplaySettings(), off)]
+    assert names == (["mujoco"] if high else ["pybullet", "mujoco"])
