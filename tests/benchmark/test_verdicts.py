@@ -111,6 +111,15 @@ def test_whatever_goes_wrong_with_a_set_the_others_get_their_verdicts(own: Bank)
     assert figures["diagnoses that failed"].value == pytest.approx(100 / len(own.sets))
 
 
+def test_a_machine_that_runs_out_of_memory_gives_no_verdict(own: Bank) -> None:
+    def starved(_recordings: RecordingSet, _out: Path) -> Any:
+        raise MemoryError
+
+    with pytest.raises(MemoryError):
+        diagnose_set(own, "000", starved)
+    assert not own.verdict("000").joinpath("failure.json").exists()
+
+
 def test_a_diagnosis_that_always_says_none_raises_no_false_alarm_and_finds_nothing(own: Bank, tmp_path: Path) -> None:
     diagnose_bank(own, diagnose=ignorant, quiet=True)
     result = score(own, tmp_path / "score")

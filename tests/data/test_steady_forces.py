@@ -115,6 +115,6 @@ def test_rows_are_cut_as_far_as_an_eighth_of_a_frame_and_keep_the_impulse(rate: 
 def test_an_import_says_that_forces_are_held_unless_the_mapping_does(between: str | None, tmp_path: Path) -> None:
     forces = {"file": "{stem}_forces.csv", "time": "t"} | ({} if between is None else {"between": between})
     done = import_logs(pushes(tmp_path, 2), MAPPING | {"forces": forces}, tmp_path / "set")
-    told = [note for note in done.notes if "each row is held until the next" in note]
-    assert len(told) == (between is None)
-    assert all("50 ms later" in one and "25 ms too late: forces.between=linear" in one for one in told)
+    reported = [note for note in done.notes if "each row is held until the next" in note]
+    assert len(reported) == (between is None)
+    assert all("50 ms later" in one and "25 ms too late: forces.between=linear" in one for one in reported)

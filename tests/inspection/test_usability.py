@@ -197,6 +197,6 @@ def test_frames_that_were_never_recorded_do_not_thin_out_jumps(sound: Path) -> N
     time = torch.cat([motion.time, motion.time[:, -1:] + more], 1)
     held = torch.cat([jumping, jumping[:, -1:].expand(-1, 80, -1, -1)], 1)
     padded = replace(motion, pose=held, seen=longer, time=time)
-    told = [[one.what for one in mistakes_in(each)] for each in (replace(motion, pose=jumping), padded)]
-    assert any("found jumps: 1" in one for one in told[0]), told
-    assert told[0] == told[1]
+    reported = [[one.what for one in mistakes_in(each)] for each in (replace(motion, pose=jumping), padded)]
+    assert any("found jumps: 1" in one for one in reported[0]), reported
+    assert reported[0] == reported[1]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import sys
 import time
 import warnings
@@ -18,6 +19,8 @@ from physid.data import RecordingSet
 from physid.data.files import write_text
 from physid.diagnosis.document.document import FILE, Diagnosis
 from physid.typed_files import CLOSED
+
+logger = logging.getLogger("physid")
 
 TIME, FAILURE = "time.json", "failure.json"
 
@@ -88,7 +91,11 @@ def diagnose_set(bank: Bank, name: str, diagnose: Diagnose | None = None) -> boo
     try:
         with closed(bank.folder / SEALED):
             tested(RecordingSet(with_poses(bank.recordings(name), out)), out)
+    except MemoryError:  # of this machine, and no verdict
+        raise
     except Exception as error:  # whatever it is, the other sets of the bank get their verdicts
+        if not isinstance(error, ValueError | RuntimeError | OSError):
+            logger.exception("%s: a diagnosis failed in a way that nobody foresaw", name)
         write_text(out / FAILURE, json.dumps({"error": f"{type(error).__name__}: {error}"}) + "\n")
         return False
     (out / FAILURE).unlink(missing_ok=True)

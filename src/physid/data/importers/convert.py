@@ -158,11 +158,12 @@ def _recording(file: Path, poses: Poses, forces: Forces | None, group: int, log:
 
 def _held(time: Any) -> list[str]:
     """Say that forces are held, which commands are and samples of a sensor are not; nothing of a single row."""
-    rows = np.diff(time)
+    if len(time) < 2:
+        return []
+    row = float(np.median(np.diff(time)))
     return [
         f"forces: each row is held until the next, {1e3 * row:.3g} ms later, as commands are "
         f"(forces.between=held); if a sensor sampled them they act {5e2 * row:.3g} ms too late: forces.between=linear"
-        for row in [float(np.median(rows))] * bool(len(rows))
     ]
 
 

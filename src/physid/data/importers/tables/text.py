@@ -211,7 +211,7 @@ def _lines(path: Path, file: TextIO) -> Iterator[str]:
 
 
 def _is_comment(line: str) -> bool:
-    """Tell whether a line under the header says nothing of the recording."""
+    """Return whether a line under the header says nothing of the recording."""
     return line.startswith("#")
 
 
