@@ -20,6 +20,7 @@ from physid.data import Recording, RecordingSet
 from physid.data.importers.rotations import axes_of
 from physid.data.reading import Reading, write_reading
 from physid.inspection.kinematics import kinematics_of, noise_of, shifted_forces
+from physid.inspection.origin import Origin
 from physid.inspection.report import inspect
 from physid.inspection.rules.falls import _clock as clock_of_falls
 from physid.scenes import Ground, Scene, find_setup
@@ -725,3 +726,58 @@ def test_straight_falls_that_a_unit_explains_are_of_that_unit_before_another_rat
     found = clock_of_falls(acceleration, gravity, 20)
     assert mend in (found.what if found else "")
     assert bool(found) is bool(mend)
+
+
+def twisted(seed: int) -> Recording:
+    """Turn a block of 1 kg on a table by torques about the vertical, J w' = t - c w / |w|, at 120 frames per second."""
+    generator = np.random.default_rng(seed)
+    time, inner = np.arange(240) / 120, 20
+    fine = np.arange(240 * inner) / (120 * inner)
+    torque = 0.05 * np.sin(2 * np.pi * fine * generator.uniform(0.6, 1.2) + generator.uniform(0, 6))
+    inertia, friction, spin, angle, angles = (0.16**2 + 0.12**2) / 12, 0.015, 0.0, generator.uniform(-3, 3), []
+    for one in torque:
+        moved = spin + (one / inertia) / (120 * inner)
+        spin = np.sign(moved) * max(abs(moved) - friction / inertia / (120 * inner), 0.0)
+        angle += spin / (120 * inner)
+        angles.append(angle)
+    turn = Rotation.from_rotvec(np.array(angles)[::inner, None] * [0, 0, 1])
+    turn = Rotation.from_rotvec(1e-3 * generator.normal(size=(240, 3))) * turn
+    place = np.array([0, 0, 0.04]) + 2e-4 * generator.normal(size=(240, 3))
+    wrench = np.zeros((240, 1, 6))
+    wrench[:, 0, 2] = torque.reshape(240, inner).mean(1)
+    pose = np.concatenate([place, turn.as_quat()], 1)[:, None]
+    return Recording(pose=pose, wrench=wrench, time=time)
+
+
+def torqued(factor: float) -> Change:
+    """Give torques in another unit."""
+    return forced(lambda wrench: wrench * [factor, factor, factor, 1, 1, 1])
+
+
+@pytest.mark.parametrize("known", [True, False], ids=["a known mass", "a first guess"])
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (torqued(1.0), None),
+        (posed(inverse), "bodies turn against the torques (correlation -0.9"),
+        (torqued(-1.0), "or with the other sign of the torque"),
+        (torqued(1e3), "torques seem to be in N mm -> import with units.torque=N mm"),
+        (torqued(1e-3), "torques seem to be in kN m -> import with units.torque=kN m"),
+        (torqued(2.0), None),
+    ],
+    ids=["sound", "inverse rotations", "the other sign", "N mm", "kN m", "another size"],
+)
+def test_torques_that_a_block_on_a_table_does_not_follow_are_named(
+    tmp_path: Path, change: Change, message: str | None, known: bool
+) -> None:
+    scene = dataclasses.replace(find_setup("push").scene, camera=None, time_step=1 / 120)
+    body = dataclasses.replace(scene.bodies[0], size=(0.16, 0.12, 0.08), mass=1.0)
+    scene = dataclasses.replace(scene.with_bodies([body]), unknown=() if known else ("block.mass",))
+    found = said(tmp_path, scene, [change(scene, twisted(seed))[1] for seed in range(6)])
+    spoken = [one for one in found if "torque" in one]
+    assert not spoken if message is None else any(message in one for one in spoken), found
+
+
+def test_columns_of_inverse_rotations_are_named_as_the_log_has_them() -> None:
+    assert Origin(order="wxyz", quaternion=("q0", "-q1", "q2", "q3")).inverse() == "quaternion=[q0, q1, -q2, -q3]"
+    assert Origin().inverse() == "quaternion=[-qx, -qy, -qz, qw]"

@@ -33,6 +33,11 @@ class Kinematics:
         force: Mean over the window [N], shape (n, 3).
         height: Of the lowest corner over the ground [m], shape (n,).
         turning: Angle between neighbouring frames [rad], shape (n,).
+        spin: Angular velocity [rad/s], shape (n, 3).
+        angular: Angular acceleration [rad/s^2], shape (n, 3). Both are of a parabola through the turns from frame to
+            frame, added up, which is exact about an axis that stays.
+        torque: Mean over the window [N m], shape (n, 3).
+        lean: Largest turn within the window about an axis along the ground [rad], shape (n,).
     """
 
     trajectory: NDArray[np.int64]
@@ -44,6 +49,10 @@ class Kinematics:
     force: Array
     height: Array
     turning: Array
+    spin: Array
+    angular: Array
+    torque: Array
+    lean: Array
 
     def of(self, which: NDArray[np.bool_]) -> Kinematics:
         """Return some of the windows."""
@@ -93,6 +102,9 @@ def _windows(one: Recording, scene: Scene, index: int, body: int, window: int) -
     fit = inverse @ (pose[place, :3] - pose[middle][:, None, :3])
     off = pose[place, :3] - pose[middle][:, None, :3] - design @ fit
     turn = pose_difference(torch.from_numpy(pose[1:]), torch.from_numpy(pose[:-1]))[:, :3].numpy()
+    walk, normal = np.concatenate([np.zeros((1, 3)), np.cumsum(turn, 0)]), np.array(scene.ground.normal)
+    about = walk[place] - walk[middle][:, None]
+    twist, wrench = inverse @ about, _mean_wrench(one, scene, body, time, place)
     lowest = lowest_corner(pose, scene, body)
     number = np.full(len(place), index), np.full(len(place), body)
     return {
@@ -102,9 +114,13 @@ def _windows(one: Recording, scene: Scene, index: int, body: int, window: int) -
         "velocity": fit[:, 1] / scene.time_step,
         "acceleration": fit[:, 2] / scene.time_step**2,
         "residual": np.sqrt(np.square(off).sum(-1).mean(-1)),
-        "force": _mean_force(one, scene, body, time, place),
+        "force": wrench[:, 3:],
         "height": lowest[middle],
         "turning": np.linalg.norm(turn, axis=-1)[np.maximum(middle - 1, 0)] if len(turn) else np.zeros(len(place)),
+        "spin": twist[:, 1] / scene.time_step,
+        "angular": twist[:, 2] / scene.time_step**2,
+        "torque": wrench[:, :3],
+        "lean": np.linalg.norm(about - (about @ normal)[..., None] * normal, axis=-1).max(1, initial=0.0),
     }
 
 
@@ -156,19 +172,16 @@ def lowest_corner(pose: Array, scene: Scene, body: int) -> Array:
     return np.asarray(heights.min(-1) - scene.ground.offset)
 
 
-def _mean_force(one: Recording, scene: Scene, body: int, time: Array, place: NDArray[np.int64]) -> Array:
-    """Return the mean of the held forces over windows (n, 3)."""
+def _mean_wrench(one: Recording, scene: Scene, body: int, time: Array, place: NDArray[np.int64]) -> Array:
+    """Return the mean of the held torques and forces over windows (n, 6)."""
     if one.wrench is None or not len(place):
-        return np.zeros((len(place), 3))
+        return np.zeros((len(place), 6))
     start = one.wrench_stamps(scene.time_step)
-    until = max(time[-1], start[-1]) + scene.time_step
-    impulse = np.concatenate(
-        [np.zeros((1, 3)), np.cumsum(one.wrench[:, body, 3:] * np.diff(np.append(start, until))[:, None], 0)]
-    )
-    ends = np.append(start, until)
+    ends = np.append(start, max(time[-1], start[-1]) + scene.time_step)
+    impulse = np.concatenate([np.zeros((1, 6)), np.cumsum(one.wrench[:, body] * np.diff(ends)[:, None], 0)])
     first, last = time[place[:, 0]], time[place[:, -1]]
     given = np.stack(
-        [np.interp(last, ends, impulse[:, k]) - np.interp(first, ends, impulse[:, k]) for k in range(3)], 1
+        [np.interp(last, ends, impulse[:, k]) - np.interp(first, ends, impulse[:, k]) for k in range(6)], 1
     )
     return np.asarray(given / (last - first)[:, None])
 

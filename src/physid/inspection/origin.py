@@ -28,6 +28,8 @@ class Origin:
         force: The log's columns of forces, as the mapping lists them.
         order: In which quaternions were read, xyzw or wxyz.
         newtons: What one of the log's unit of forces was taken for [N].
+        newton_metres: What one of the log's unit of torques was taken for [N m].
+        quaternion: The log's columns of quaternions, as the mapping lists them.
         offset: What was added to the stamps of the forces [s].
         held: Whether forces are held from row to row.
         hidden: Frames of films in which something hid the bodies as poses were read from them.
@@ -37,6 +39,8 @@ class Origin:
     force: tuple[str, ...] = ("fx", "fy", "fz")
     order: str = "xyzw"
     newtons: float = 1.0
+    newton_metres: float = 1.0
+    quaternion: tuple[str, ...] = ()
     offset: float = 0.0
     held: bool = True
     hidden: tuple[HiddenFrames, ...] = ()
@@ -61,11 +65,10 @@ class Origin:
             return cls(hidden=hidden)
         listed = known.get("bodies")
         bodies = [one for one in listed if isinstance(one, dict)] if isinstance(listed, list) else [known]
-        force = _names(_first(bodies, "force"), "xyz")
-        ends = "".join(name[-1:].lower() for name in _names(_first(bodies, "quaternion"), "xyzw"))
+        force, quaternion = _names(_first(bodies, "force"), "xyz"), _names(_first(bodies, "quaternion"), "xyzw")
+        ends = "".join(name[-1:].lower() for name in quaternion)
         order = _first(bodies, "order") or ("wxyz" if ends in ("wxyz", "rijk") else "xyzw")
-        units = known.get("units")
-        unit = units.get("force", "N") if isinstance(units, dict) else "N"
+        units = known["units"] if isinstance(known.get("units"), dict) else {}
         given = known.get("forces")
         forces = given if isinstance(given, dict) else {}
         offset = forces.get("offset", 0.0)
@@ -73,7 +76,9 @@ class Origin:
             axes,
             force or cls.force,
             str(order),
-            UNITS["force"].get(str(unit), 1.0),
+            UNITS["force"].get(str(units.get("force")), 1.0),
+            UNITS["torque"].get(str(units.get("torque")), 1.0),
+            quaternion,
             float(offset) if isinstance(offset, int | float) else 0.0,
             forces.get("between") in (None, "held"),
             hidden,
@@ -99,6 +104,13 @@ class Origin:
         spelled = [f"{first} {second} {word}" for first, second in (letters, letters[::-1])]
         return word, next(one for one in spelled if np.sign(np.linalg.det(axes_of(one))) == side)
 
+    def inverse(self) -> str:
+        """Return the key of the mapping that reads inverse rotations as rotations."""
+        names = self.quaternion or (("qw", "qx", "qy", "qz") if self.order == "wxyz" else ("qx", "qy", "qz", "qw"))
+        scalar = self.order.index("w")
+        words = [name if place == scalar else _negative(name) for place, name in enumerate(names)]
+        return f"quaternion=[{', '.join(words)}]"
+
     def forces(self, change: Array) -> str:
         """Return the key of the mapping that lists the log's columns so as to change the world's forces (3, 3)."""
         wanted = self.axes.T @ change @ self.axes
@@ -106,9 +118,13 @@ class Origin:
         for row in wanted:
             column = int(np.abs(row).argmax())
             name = self.force[column]
-            turned = bool(row[column] < 0)
-            words.append(name.removeprefix("-") if turned and name.startswith("-") else f"{'-' * turned}{name}")
+            words.append(_negative(name) if row[column] < 0 else name)
         return f"force=[{', '.join(words)}]"
+
+
+def _negative(name: str) -> str:
+    """Return a column with the other sign, as a mapping names it."""
+    return name.removeprefix("-") if name.startswith("-") else f"-{name}"
 
 
 def _first(bodies: Sequence[Mapping[str, object]], key: str) -> object:

@@ -12,10 +12,13 @@ UNITS: dict[str, dict[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
     "angle": {"rad": 1.0, "deg": math.pi / 180, "mrad": 1e-3},
     "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3, "kgf": 9.80665, "gf": 9.80665e-3, "lbf": 4.4482216152605},
-    "torque": {"N m": 1.0, "N mm": 1e-3, "N cm": 1e-2, "mN m": 1e-3, "kN m": 1e3},
+    "torque": {
+        "N m": 1.0, "N mm": 1e-3, "N cm": 1e-2, "mN m": 1e-3, "kN m": 1e3, "kgf m": 9.80665, "kgf cm": 0.0980665,
+        "lbf ft": 1.3558179483314, "lbf in": 0.1129848290276,
+    },
     "size": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "in": 0.0254},
     "mass": {"kg": 1.0, "g": 1e-3, "lb": 0.45359237},
-}
+}  # fmt: skip
 """For each quantity [SI] the units it may come in."""
 ALIASES = {
     "meter": "m", "meters": "m", "metre": "m", "metres": "m", "millimeter": "mm", "millimeters": "mm",

@@ -127,7 +127,7 @@ def _orders(seen: Evidence) -> dict[str, Callable[[Array], Array]]:
     inverse = np.array([-1.0, -1.0, -1.0, 1.0])
     return {
         name: lambda q: q[..., other],
-        "the inverse rotations (world to body)": lambda q: q * inverse,
+        f"the inverse rotations, {seen.origin.inverse()} (these are world to body)": lambda q: q * inverse,
         f"{name.split()[1]} of the inverse rotations": lambda q: q[..., other] * inverse,
     }
 
