@@ -31,8 +31,8 @@ def torques(seen: Evidence) -> Finding | None:
     a = s t / J - c w / |w|, with J of a box: friction, which opposes the turning, is taken out of both sides. Where a
     mass is unknown, a torque's unit is judged beside that of the forces: both give a mass.
 
-    In 20 sets of four sealed banks and 25 of pushes by closed forms that have
-    such moments and no mistake, the correlation is -0.02 (21 windows) to 0.92, and s 0.2 to 1.75 where it is above 0.6.
+    In 20 sets of four sealed banks and 25 of pushes by closed forms that have such moments and no mistake, the
+    correlation is -0.02 (21 windows) to 0.92, and s 0.4 to 1.75 where it is above 0.6.
     """
     k, normal = seen.kinematics, np.array(seen.scene.ground.normal)
     torque, turning = k.torque @ normal, k.spin @ normal
