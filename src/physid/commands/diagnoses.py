@@ -72,7 +72,7 @@ def diagnose(
     from physid.commands.configured import read_model
     from physid.commands.films import open_with_poses
     from physid.commands.terminal.screen import resumable
-    from physid.diagnosis import Settings, parse_changes, summary_lines
+    from physid.diagnosis import MISSING, REPORT, Settings, parse_changes, summary_lines
     from physid.diagnosis.diagnose import diagnose as run
     from physid.effects.loading import own_effects
     from physid.record import describe, write_record
@@ -91,7 +91,8 @@ def diagnose(
     write_record(folder, record)
     if wandb:
         _log(folder, wandb, {"recordings": str(recordings), "transfer": str(transfer or ""), "seed": seed}, found)
-    print("\n".join([*summary_lines(found), str(folder / "report.html")]))
+    files = [str(folder / name) for name in (MISSING, REPORT) if (folder / name).is_file()]
+    print("\n".join([*summary_lines(found), *files]))
 
 
 def _log(folder: Path, wandb: str, config: Mapping[str, Any], found: Diagnosis) -> None:

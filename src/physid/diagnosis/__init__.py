@@ -8,5 +8,6 @@ from physid.diagnosis.progress import Progress as Progress
 from physid.diagnosis.progress import Stage as Stage
 from physid.diagnosis.report.overlay import FILM as FILM
 from physid.diagnosis.report.page import REPORT as REPORT
+from physid.diagnosis.results import MISSING as MISSING
 from physid.diagnosis.settings.settings import Settings as Settings
 from physid.diagnosis.settings.settings import parse_changes as parse_changes

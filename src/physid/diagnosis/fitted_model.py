@@ -1,4 +1,4 @@
-"""The nominal model with what was found, as a configuration that `physid fit` takes: the loop is closed."""
+"""The nominal model with what was found, as a configuration that `physid fit` takes, and what is missing as effects."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import yaml
 
 from physid.data.files import write_text
 from physid.diagnosis.conclusion.conclusion import Conclusion
+from physid.diagnosis.document.effect_file import effect_file
 from physid.effects import CATALOGUE
 
 DIGITS = 6
@@ -59,6 +60,18 @@ def save_model(path: Path, conclusion: Conclusion) -> None:
     own = [one.name for one in diagnosis.effects if one.name not in known]
     head += "".join(f"# {name} is not in the catalogue and left out.\n" for name in own)
     write_text(path, head + yaml.safe_dump(content, sort_keys=False, width=120))
+
+
+def missing_effects(place: Path, conclusion: Conclusion) -> str | None:
+    """Return a file with what is missing as effects (see `effect_file`); None where nothing is, or none can be.
+
+    Args:
+        place: Where it will stand.
+        conclusion: What was found.
+    """
+    fit = conclusion.judgement.nominal_fit
+    ground, still = fit.experiment.directions.frame, fit.settings.phases.still_speed
+    return effect_file(conclusion.diagnosis.residual, ground, still, str(place))
 
 
 def _values(values: Mapping[str, Any]) -> dict[str, float]:

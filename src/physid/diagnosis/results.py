@@ -9,13 +9,13 @@ from pathlib import Path
 from physid.data.files import write_text
 from physid.diagnosis.conclusion.conclusion import Conclusion
 from physid.diagnosis.document.document import Diagnosis, write_diagnosis
-from physid.diagnosis.fitted_model import save_model
+from physid.diagnosis.fitted_model import missing_effects, save_model
 from physid.diagnosis.reference.nominal_fit_cache import clear_cache
 from physid.diagnosis.report.figures import draw
 from physid.diagnosis.report.page import write_report
 from physid.one_writer import one_writer
 
-NEXT = "next_experiment.yaml"
+NEXT, MISSING = "next_experiment.yaml", "missing_effects.py"
 
 
 @contextmanager
@@ -33,7 +33,7 @@ def results_in(out: Path) -> Iterator[None]:
 
 
 def write_results(out: Path, document: Diagnosis, conclusion: Conclusion, save: Path | None = None) -> None:
-    """Write report.html, diagnosis.json and, where one would help, next_experiment.yaml.
+    """Write report.html, diagnosis.json and, where they help, next_experiment.yaml and missing_effects.py.
 
     Args:
         out: The folder.
@@ -41,10 +41,16 @@ def write_results(out: Path, document: Diagnosis, conclusion: Conclusion, save: 
         conclusion: What was concluded, with the fits and the hypotheses behind it.
         save: Where to write the model with what was found, as a configuration of `physid fit`; None for nowhere.
     """
-    (out / NEXT).unlink(missing_ok=True)  # of an earlier diagnosis; this one may have none
-    write_report(out, document, draw(out, conclusion, document.seconds or 0.0))
+    further = {
+        NEXT: conclusion.further.config if conclusion.further else None,
+        MISSING: missing_effects(out / MISSING, conclusion),
+    }
+    for name in further:
+        (out / name).unlink(missing_ok=True)  # of an earlier diagnosis; this one may have none
+    write_report(out, document, draw(out, conclusion, document.seconds or 0.0, further[MISSING]))
     write_diagnosis(out, document)
-    if conclusion.further and conclusion.further.config:
-        write_text(out / NEXT, conclusion.further.config)
+    for name, text in further.items():
+        if text:
+            write_text(out / name, text)
     if save is not None:
         save_model(save, conclusion)

@@ -118,6 +118,7 @@ class ReportData:
         replicates: How many null simulations stand behind the p-values.
         formulas: A line about each effect, by name.
         next_config: Text of the generate config of the next experiment.
+        missing_effects: Text of a file with what is missing as effects.
         overlay: Recording and models, before and after, drawn over a recorded film.
         facts: What was diagnosed, for the small print.
     """
@@ -131,6 +132,7 @@ class ReportData:
     replicates: int | None = None
     formulas: Mapping[str, str] = field(default_factory=dict)
     next_config: str | None = None
+    missing_effects: str | None = None
     overlay: Overlay | None = None
     facts: Mapping[str, str] = field(default_factory=dict)
 

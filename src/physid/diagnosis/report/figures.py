@@ -21,13 +21,14 @@ from physid.pages.numbers import percent
 SMOOTH = 9  # frames over which curves are averaged
 
 
-def draw(out: Path, conclusion: Conclusion, seconds: float) -> ReportData:
+def draw(out: Path, conclusion: Conclusion, seconds: float, missing: str | None = None) -> ReportData:
     """Collect what the report draws; a film of recording and model is written.
 
     Args:
         out: Folder of the diagnosis; gets the film.
         conclusion: What was concluded, with the fits and the hypotheses behind it.
         seconds: How long the diagnosis took.
+        missing: Text of a file with what is missing as effects; None where there is none.
     """
     judged = conclusion.judgement
     nominal_fit, found, shown = judged.nominal_fit, judged.found, judged.shown
@@ -60,6 +61,7 @@ def draw(out: Path, conclusion: Conclusion, seconds: float) -> ReportData:
         replicates=len(found.lack.null_best),
         formulas={kind.name: (kind.__doc__ or "").strip().splitlines()[0] for kind in kinds},
         next_config=conclusion.further.config if conclusion.further else None,
+        missing_effects=missing,
         overlay=overlay(out, judged),
         facts={
             "recordings": f"{trajectories} trajectories of {frames} frames",

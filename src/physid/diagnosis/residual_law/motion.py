@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Literal
 
 import torch
 from torch import Tensor
 
+from physid.effects.motion import across, course, course_from_body, from_origin, unit
 from physid.estimation.prediction import Prediction, Timeline
-from physid.physics.rotations import to_matrix
 
 Kind = Literal["force", "torque", "shift"]
 Region = Literal["everywhere", "in contact", "in flight"]
@@ -76,21 +75,20 @@ def directions_of(
     none = torch.zeros_like(up)
     axes = [(f"along {name}", axis.expand_as(velocity)) for name, axis in zip("xyz", frame, strict=True)]
     axes = axes[:2] if planar else axes
-    moving = velocity.norm(dim=-1, keepdim=True) > still
 
     def force(name: str, value: Tensor, commanded: bool = False, rubs: bool = False) -> Direction:
         return Direction(name, "force", torch.cat([none, value], -1), commanded, rubs)
 
     return [
         *(force(name, value) for name, value in axes),
-        force("along the velocity", _unit(velocity) * moving, rubs=planar),
-        force("across the velocity", _unit(torch.linalg.cross(up, velocity)) * moving),
-        force("along the command", _unit(command), commanded=True),
-        force("across the command", _unit(torch.linalg.cross(up, command)), commanded=True),
+        force("along the velocity", unit(velocity, still), rubs=planar),
+        force("across the velocity", across(velocity, frame[2], still)),
+        force("along the command", unit(command), commanded=True),
+        force("across the command", across(command, frame[2]), commanded=True),
         Direction("about the vertical", "torque", torch.cat([up, none], -1)),
-        Direction("along the spin", "torque", torch.cat([_unit(spin), none], -1), rubs=planar),
+        Direction("along the spin", "torque", torch.cat([unit(spin), none], -1), rubs=planar),
         *(Direction(name, "shift", torch.cat([none, value], -1)) for name, value in axes),
-        Direction("away from the origin", "shift", torch.cat([none, place - (place * up).sum(-1, True) * up], -1)),
+        Direction("away from the origin", "shift", torch.cat([none, from_origin(place, frame[2])], -1)),
     ]
 
 
@@ -104,21 +102,12 @@ def variables_of(
     moving = velocity[..., :2].norm(dim=-1) > still
     time = (timeline.time - timeline.time[:, :1])[..., None].expand(always.shape)
     places = [Variable(name, "m", position[..., k], always) for k, name in enumerate(("x", "y", "height"))]
-    ahead = to_matrix(state[..., 3:])[..., 0] @ frame.T  # the body's first edge
-    course, heading = (torch.atan2(each[..., 1], each[..., 0]) for each in (velocity, ahead))
-    aside = torch.remainder(course - heading + math.pi, 2 * math.pi) - math.pi
     return [
         *(places[:2] if planar else places),
         Variable("speed", "m/s", velocity.norm(dim=-1), always),
-        Variable("course", "deg", torch.rad2deg(course), moving),
-        Variable("course seen from the body", "deg", torch.rad2deg(aside), moving),
+        Variable("course", "deg", course(twist[..., 3:], frame), moving),
+        Variable("course seen from the body", "deg", course_from_body(state[..., 3:], twist[..., 3:], frame), moving),
         Variable("commanded force", "N", timeline.wrench[..., 3:].norm(dim=-1), always, commanded=True),
         Variable("spin", "rad/s", twist[..., :3].norm(dim=-1), always),
         Variable("time", "s", time, always, swings=True),
     ]
-
-
-def _unit(vector: Tensor) -> Tensor:
-    """Return vectors (..., 3) with length one; zero stays zero."""
-    length = vector.norm(dim=-1, keepdim=True)
-    return torch.where(length > 0, vector / length.clamp_min(torch.finfo(vector.dtype).tiny), vector)

@@ -1,0 +1,135 @@
+"""What is missing, written as an effect, acts as the residual law does; tried, it closes the gap."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+import torch
+from torch import Tensor
+
+from physid.diagnosis.document.effect_file import REGIONS, effect_file
+from physid.diagnosis.document.residual_law import ResidualLaw
+from physid.diagnosis.residual_law.laws import hats
+from physid.diagnosis.residual_law.motion import Direction, Variable, directions_of, variables_of
+from physid.effects.loading import own_effects
+from physid.effects.probe import Probe, draw_probe
+from physid.effects.touch import touching
+from physid.estimation.prediction import Prediction
+from physid.physics import Effect, Parameters, PhysicsLayer, World
+from physid.physics.rotations import exponential, to_matrix
+
+STILL = 0.1
+AT, SIZE = (-0.6, 0.2, 1.4), (0.7, -0.4, 1.1)
+GROUND = to_matrix(exponential(torch.tensor([0.2, -0.1, 0.3], dtype=torch.float64)))
+PROBE = draw_probe()
+SEEN = ("x", "y", "height", "time")
+"""Variables that a camera has."""
+
+
+def law(kind: Any, direction: str, variable: str | None, region: Any = "everywhere") -> ResidualLaw:
+    """Return a law with sizes of both signs."""
+    count = 1 if variable is None else len(AT)
+    size = SIZE[:count]
+    low, high = tuple(one - 0.1 for one in size), tuple(one + 0.1 for one in size)
+    unit = variable and "m"
+    return ResidualLaw(kind, direction, variable, unit, region, AT[:count], size, low, high, "N", 0.001, 0.9, 20.0)
+
+
+def written(folder: Path, laws: list[ResidualLaw]) -> list[Effect]:
+    """Write laws, and load them with what was measured at work."""
+    place = folder / "missing_effects.py"
+    text = effect_file(laws, GROUND, STILL, str(place))
+    assert text is not None
+    place.write_text(text)
+    names = [line.split()[1].partition("(")[0] for line in text.splitlines() if line.startswith("class ")]
+    assert ",".join(f"{place}:{name}" for name in names) in text
+    one = torch.tensor([1.0], dtype=torch.float64)
+    return [kind().replace(scale=one) for kind in own_effects([f"{place}:{name}" for name in names])]
+
+
+def in_motion(probe: Probe) -> tuple[dict[tuple[str, str], Direction], dict[str | None, Variable]]:
+    """Return directions and variables of a probe, whose worlds are trajectories that stand still until its time."""
+    twice = [each[None, :, None].expand(-1, -1, 2, -1, -1) for each in (probe.state.pose, probe.state.twist)]
+    time = torch.stack([torch.zeros_like(probe.inputs.time), probe.inputs.time], 1)
+    line: Any = SimpleNamespace(time=time, wrench=probe.inputs.wrench[:, None].expand(-1, 2, -1, -1))
+    prediction = Prediction(twice[0], twice[0], twice[1], twice[1][..., 0])
+    directions = directions_of(prediction, line, GROUND, False, STILL)
+    variables = variables_of(prediction, line, GROUND, False, STILL)
+    return {(one.kind, one.name): one for one in directions}, {one.name: one for one in variables}
+
+
+def said(one: ResidualLaw) -> Tensor:
+    """Return what a law says of the probe, shape (B, N, 6)."""
+    directions, variables = in_motion(PROBE)
+    size = torch.tensor(one.size, dtype=torch.float64)
+    if one.variable is not None:
+        variable = variables[one.variable]
+        size = (hats(variable.value, torch.tensor(one.at, dtype=torch.float64)) @ size) * variable.defined
+    touch = touching(PROBE.state, PROBE.inputs)
+    shares = {"everywhere": torch.ones_like(touch), "in contact": touch, "in flight": 1 - touch}
+    value = directions[one.kind, one.direction].value * size[..., None]
+    return value[:, 1] * shares[one.region][..., None]
+
+
+DIRECTIONS, VARIABLES = in_motion(PROBE)
+
+
+@pytest.mark.parametrize("region", REGIONS)
+@pytest.mark.parametrize("variable", [None, *VARIABLES])
+def test_what_is_missing_acts_as_the_law_says(tmp_path: Path, variable: str | None, region: str) -> None:
+    laws = [law(kind, name, variable, region) for kind, name in DIRECTIONS if kind != "shift"]
+    effects = written(tmp_path, laws)
+    assert len(effects) == len(laws)
+    for one, effect in zip(laws, effects, strict=True):
+        change = effect.act(PROBE.state, PROBE.inputs).wrench - PROBE.inputs.wrench
+        assert torch.allclose(change, said(one), atol=1e-9), (one.direction, effect.name)
+        assert change.any()
+
+
+@pytest.mark.parametrize("variable", [None, *VARIABLES])
+def test_a_missing_shift_moves_what_the_camera_reports_where_that_shows_the_variable(
+    tmp_path: Path, variable: str | None
+) -> None:
+    laws = [law(kind, name, variable) for kind, name in DIRECTIONS if kind == "shift"]
+    if variable is not None and variable not in SEEN:
+        assert effect_file(laws, GROUND, STILL, "missing_effects.py") is None
+        return
+    pose = PROBE.state.pose[:, None].expand(-1, 2, -1, -1)
+    time = torch.stack([torch.zeros_like(PROBE.inputs.time), PROBE.inputs.time], 1)
+    for one, effect in zip(laws, written(tmp_path, laws), strict=True):
+        shown = effect.observe(pose, time)
+        assert torch.allclose((shown - pose)[:, 1, :, :3], said(one)[..., 3:], atol=1e-9), one.direction
+        assert torch.equal(shown[..., 3:], pose[..., 3:])
+        assert effect.site == "perception"
+
+
+@pytest.mark.parametrize("variable", [None, *(name for name in VARIABLES if "course" not in str(name))])
+def test_what_is_missing_is_compiled_into_the_step(tmp_path: Path, variable: str | None) -> None:
+    for name in ("across the velocity", "along the command"):
+        effect = written(tmp_path, [law("force", name, variable, "in contact")])[0]
+        state, inputs = PROBE.state, PROBE.inputs
+        parameters = Parameters(inputs.size, inputs.mass, inputs.inertia, inputs.friction, inputs.restitution)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            rollout = PhysicsLayer(World(), (effect,)).rollout(state, PROBE.wrench, parameters)
+        assert rollout.pose.isfinite().all()
+
+
+def test_laws_of_one_kind_are_numbered_and_each_says_where_it_is_made(tmp_path: Path) -> None:
+    laws = [
+        law("force", "along x", "speed"),
+        law("force", "along the command", None),
+        law("force", "along the velocity", None, "in contact"),
+        law("torque", "about the vertical", "commanded force"),
+    ]
+    effects = written(tmp_path, laws)
+    assert [one.name for one in effects] == ["missing_force", "missing_force_2", "missing_force_3", "missing_torque"]
+    assert [one.site for one in effects] == ["dynamics", "actuation", "contact", "actuation"]
+
+
+def test_nothing_that_is_missing_is_no_file() -> None:
+    assert effect_file([], GROUND, STILL, "missing_effects.py") is None
