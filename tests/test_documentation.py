@@ -45,7 +45,9 @@ def test_every_command_that_a_page_names_exists(page: Path) -> None:
         assert words[0] in known, f"physid {' '.join(words)}"
         for word in words[1:]:
             option = word.partition("=")[0].removeprefix("--").replace("-", "_")
-            assert not word.startswith("--") or option in {*known[words[0]].options, "config", "help"}, word
+            command = known[words[0]]
+            options = {*command.options, "config", "help", *(["allow"] if command.configurable else [])}
+            assert not word.startswith("--") or option in options, word
             assert not word.startswith("configs/") or (ROOT / word).exists(), word
 
 

@@ -46,9 +46,10 @@ def written(folder: Path, laws: list[ResidualLaw]) -> list[Effect]:
     assert text is not None
     place.write_text(text)
     names = [line.split()[1].partition("(")[0] for line in text.splitlines() if line.startswith("class ")]
-    assert ",".join(f"{place}:{name}" for name in names) in text
-    one = torch.tensor([1.0], dtype=torch.float64)
-    return [kind().replace(scale=one) for kind in own_effects([f"{place}:{name}" for name in names])]
+    assert f"--effects {place}\n" in text
+    one, kinds = torch.tensor([1.0], dtype=torch.float64), own_effects([str(place)])
+    assert [kind.__name__ for kind in kinds] == names
+    return [kind().replace(scale=one) for kind in kinds]
 
 
 def in_motion(probe: Probe) -> tuple[dict[tuple[str, str], Direction], dict[str | None, Variable]]:

@@ -236,8 +236,8 @@ def test_a_saved_model_starts_from_the_new_estimates_with_the_effects_at_work(
     vortex = replace(said, effects=(replace(said.effects[0], name="vortex"),), group=("vortex",))
     own = replace(wind, diagnosis=vortex)
     save_model(tmp_path / "own.yaml", own)
-    assert "# vortex is not in the catalogue and left out.\n" in (tmp_path / "own.yaml").read_text()
-    assert yaml.safe_load((tmp_path / "own.yaml").read_text())["model"]["engine"]["effects"] == {}
+    assert "# vortex is an effect of your own: add --allow and its file.\n" in (tmp_path / "own.yaml").read_text()
+    assert yaml.safe_load((tmp_path / "own.yaml").read_text())["model"]["engine"]["effects"] == {"vortex": sizes}
     nominal_fit, found = windy
     wide = replace(nominal_fit, settings=nominal_fit.settings.changed({"materiality.tolerance": 1.0}))
     nothing = draw_conclusion(wide, found, random())

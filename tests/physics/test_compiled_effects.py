@@ -93,10 +93,13 @@ def rolled(effect: Effect, backend: str = "fused", frames: int = 4) -> Tensor:
     return layer.rollout(repeat(start, 2), forces(frames, [[2.0, 0, 0]]).expand(2, -1, -1, -1), boxes()).pose
 
 
+@pytest.mark.parametrize("inference", [False, True], ids=["fitted", "predicted"])
 @pytest.mark.parametrize("kind", [kind for kind in CATALOGUE if kind.act is not Effect.act], ids=lambda kind: kind.name)
-def test_every_effect_of_the_catalogue_is_compiled(kind: type[Effect]) -> None:
+def test_every_effect_of_the_catalogue_is_compiled(kind: type[Effect], inference: bool) -> None:
     compiled._KNOWN.clear()
-    rolled(kind(**{name: torch.tensor([one.typical]).double() for name, one in kind.quantities().items()}))
+    effect = kind(**{name: torch.tensor([one.typical]).double() for name, one in kind.quantities().items()})
+    with torch.inference_mode(inference):
+        rolled(effect)
     assert [one is not None for one in compiled._KNOWN.values()] == [True]
 
 

@@ -12,11 +12,12 @@ import torch
 import yaml
 
 from physid.cli import main
+from physid.estimation.prediction.coordinates import Coordinates, Unknown
 from physid.training.parameters.posterior import Posterior, read_posterior
 
 POINT = torch.tensor([0.3, -2.0, 1.2], dtype=torch.float64)
 ROOT = torch.tensor([[0.05, 0.0, 0.0], [-0.04, 0.01, 0.0], [0.0, 0.02, 0.03]], dtype=torch.float64)
-KNOWN = Posterior(("block.mass", "block.friction", "com_offset.x"), POINT, ROOT @ ROOT.T, 12)
+KNOWN = Posterior(Coordinates.of(("block.mass", "block.friction", "com_offset.x")), POINT, ROOT @ ROOT.T, 12)
 MANY = 40_000
 
 
@@ -26,9 +27,18 @@ def test_a_posterior_is_read_as_it_was_written(tmp_path: Path) -> None:
     for one in (KNOWN, dataclasses.replace(KNOWN, covariance=spread)):
         one.write(tmp_path)
         again = read_posterior(tmp_path)
-        assert (again.names, again.trajectories) == (one.names, one.trajectories)
+        assert (again.space, again.trajectories) == (one.space, one.trajectories)
         assert torch.equal(again.point, one.point)
         assert torch.equal(again.covariance, one.covariance)
+
+
+def test_a_size_of_an_effect_that_is_not_known_here_is_drawn_as_it_was_fitted(tmp_path: Path) -> None:
+    own = Unknown("magnetic_brake.coefficient", "N s/m", "linear", 0.0, 20.0, 2.0, 0.5)
+    spread = torch.eye(1, dtype=torch.float64) * 1e-6
+    Posterior(Coordinates((own,)), torch.tensor([1.5], dtype=torch.float64), spread, 12).write(tmp_path)
+    again = read_posterior(tmp_path)
+    assert again.space.unknowns == (own,)
+    assert float(again.sample(100).mean()) == pytest.approx(0.5 + 2.0 * 1.5, rel=1e-3)
 
 
 def test_draws_have_the_mean_and_the_covariance_of_the_coordinates() -> None:
@@ -40,7 +50,8 @@ def test_draws_have_the_mean_and_the_covariance_of_the_coordinates() -> None:
 
 
 def test_no_draw_lies_beyond_a_physical_range_and_none_piles_up_at_its_end() -> None:
-    at_the_end = Posterior(("viscous_drag.coefficient",), torch.zeros(1).double(), torch.ones(1, 1).double(), 12)
+    space = Coordinates.of(("viscous_drag.coefficient",))
+    at_the_end = Posterior(space, torch.zeros(1).double(), torch.ones(1, 1).double(), 12)
     drawn = at_the_end.sample(1000)
     assert float(drawn.min()) > 0.0
     assert float(drawn.mean()) == pytest.approx(0.3 * (2 / np.pi) ** 0.5, rel=0.1)  # of half a normal distribution
@@ -90,7 +101,7 @@ def test_what_is_not_known_replaces_the_figures_of_an_earlier_epoch() -> None:
     covariance = torch.tensor([[1e-2, 1e-3], [1e-3, 1e-2]], dtype=torch.float64)
     blind = covariance.clone()
     blind[1, 1] = torch.inf
-    known, unknown = (Posterior(names, point, one, 20).logged() for one in (covariance, blind))
+    known, unknown = (Posterior(Coordinates.of(names), point, one, 20).logged() for one in (covariance, blind))
     assert known.keys() == unknown.keys()
     assert all(value.isfinite() for value in known.values())
     lost = {name for name, value in unknown.items() if not value.isfinite()}

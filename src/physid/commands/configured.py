@@ -56,10 +56,19 @@ def configure(
     if "run_dir" in values:
         values["run_dir"] = run_dir
     reads = load_class(command.reads) if command.reads else None
-    composed = compose(chosen, [*laid, *overrides], reads=reads, allowed=allowed)
+    composed = compose(chosen, [*laid, *overrides], reads=reads, allowed=_packages(allowed))
     if command.name == "test" and recordings is not None:
         _test_all_others(composed, recordings, run_dir)
     return composed
+
+
+def _packages(allowed: Sequence[str]) -> tuple[str, ...]:
+    """Return the packages that a user allows, once the effects of the files among it are known."""
+    if not any(".py" in each for each in allowed):
+        return tuple(allowed)  # without torch, which effects need
+    from physid.effects.loading import admit_files
+
+    return admit_files(allowed)
 
 
 def _test_all_others(configuration: Configuration, recordings: Path, run_dir: Path | None) -> None:
@@ -189,6 +198,6 @@ def read_model(model: Path, allow: str) -> Path | Mapping[str, Any]:
     given = model.suffix in YAML
     run = model.parent.parent if model.suffix == ".ckpt" else model
     place = model if given else run / "config.yaml"
-    configuration = compose([place], allowed=[each for each in allow.split(",") if each])
+    configuration = compose([place], allowed=_packages([each for each in allow.split(",") if each]))
     check_fit(configuration)
     return configuration.values if given else model

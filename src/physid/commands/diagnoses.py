@@ -42,7 +42,7 @@ def diagnose(
     Examples:
       physid diagnose data/mine --out runs/diagnosis
       physid diagnose data/mine --transfer data/mine_rich
-      physid diagnose data/mine --effects my_effects.py:MagneticBrake
+      physid diagnose data/mine --effects my_effects.py
       physid diagnose data/films --from-video
       physid diagnose data/mine lack_of_fit.margin=1.5
       physid diagnose --settings
@@ -55,8 +55,10 @@ def diagnose(
         encoder: Run of a fit from video whose encoder finds the bodies in the first frames; for --from-video.
         model: The nominal model: a configuration, run or checkpoint of `physid fit`; recording.yaml by default.
         transfer: A second set, the same bodies moved in another way; it certifies a cause.
-        effects: Effects of your own as FILE.py:CLASS, several separated by commas. Such a file is code, and is run.
-        allow: Packages of your own whose classes the model's configuration may name; their code is run.
+        effects: Effects of your own as FILE.py, or FILE.py:CLASS for one of them, several separated by commas. Such a
+            file is code, and is run.
+        allow: Packages and files of your own whose classes and effects the model's configuration may name; their code
+            is run.
         set: One more key=value of the settings; may be repeated, and the word --set be left out. `physid diagnose
             --settings` lists every number that decides, with its unit and where it was calibrated.
         limit: Use the first LIMIT trajectories of each set only.

@@ -19,7 +19,7 @@ DIGITS = 6
 def save_model(path: Path, conclusion: Conclusion) -> None:
     """Write a configuration of `physid fit`: parameters start from their new estimates, the effects are at work.
 
-    An effect of a user's own file cannot be named in a configuration: it is left out, and a comment says so.
+    An effect of a user's own file is named like those of the catalogue; a comment says that the file has to be allowed.
 
     Args:
         path: The file, NAME.yaml.
@@ -31,9 +31,7 @@ def save_model(path: Path, conclusion: Conclusion) -> None:
     known = {kind.name for kind in CATALOGUE}
     effects = {effect.name: _values(effect.values()) for effect in model.effects}
     effects |= {
-        one.name: _values({name: value.value for name, value in one.parameters.items()})
-        for one in diagnosis.effects
-        if one.name in known
+        one.name: _values({name: value.value for name, value in one.parameters.items()}) for one in diagnosis.effects
     }
     values = {
         name: _rounded(one.nominal if one.with_effect is None else one.with_effect.value)
@@ -57,8 +55,8 @@ def save_model(path: Path, conclusion: Conclusion) -> None:
     }
     found = f"with {' and '.join(chosen.names)}" if chosen else "as it was believed: nothing was found"
     head = f"# The nominal model {found}. physid fit --config {path.name}\n"
-    own = [one.name for one in diagnosis.effects if one.name not in known]
-    head += "".join(f"# {name} is not in the catalogue and left out.\n" for name in own)
+    own = [name for name in effects if name not in known]
+    head += "".join(f"# {name} is an effect of your own: add --allow and its file.\n" for name in own)
     write_text(path, head + yaml.safe_dump(content, sort_keys=False, width=120))
 
 

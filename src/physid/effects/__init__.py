@@ -15,18 +15,38 @@ from physid.strict import nearest
 CATALOGUE: tuple[type[Effect], ...] = (*actuation.EFFECTS, *dynamics.EFFECTS, *contact.EFFECTS, *perception.EFFECTS)
 """Every effect that ships with physid, by site: actuation, dynamics, contact, perception."""
 
-__all__ = ["CATALOGUE", "Row", "describe", "find", "from_values"]
+__all__ = ["CATALOGUE", "Row", "admit", "describe", "find", "from_values", "known_effects"]
 
 
-def find(name: str, among: Sequence[type[Effect]] = CATALOGUE) -> type[Effect]:
+_admitted: dict[str, type[Effect]] = {}
+
+
+def admit(effects: Sequence[type[Effect]]) -> None:
+    """Let configurations of this process name effects of a user's own, as they name those of the catalogue."""
+    _admitted.update((effect.name, effect) for effect in effects)
+
+
+def known_effects() -> tuple[type[Effect], ...]:
+    """Return the catalogue, and the effects of the user's own that were admitted."""
+    return (*CATALOGUE, *_admitted.values())
+
+
+def find(name: str, among: Sequence[type[Effect]] | None = None) -> type[Effect]:
     """Find an effect by its name.
+
+    Args:
+        name: Its name.
+        among: Effects to look in; None for those that are known.
 
     Raises:
         ValueError: If there is none; the message names the nearest.
     """
-    known = {effect.name: effect for effect in among}
+    known = {effect.name: effect for effect in (known_effects() if among is None else among)}
     if name not in known:
-        raise ValueError(f'unknown effect "{name}"{nearest(name, list(known))}; `physid effects` lists all')
+        raise ValueError(
+            f'unknown effect "{name}"{nearest(name, list(known))}; `physid effects` lists all; those of a file of your '
+            "own need --allow FILE.py"
+        )
     return known[name]
 
 
@@ -36,13 +56,13 @@ def candidates_beside(known: Sequence[Effect], own: Sequence[type[Effect]] = ())
     return [kind for kind in (*CATALOGUE, *own) if kind.name not in names]
 
 
-def from_values(name: str, values: Mapping[str, float], among: Sequence[type[Effect]] = CATALOGUE) -> Effect:
+def from_values(name: str, values: Mapping[str, float], among: Sequence[type[Effect]] | None = None) -> Effect:
     """Build an effect from numbers; parameters that are left out keep their null value.
 
     Args:
         name: Name of the effect.
         values: Parameters by name, in the units of the catalogue.
-        among: Effects to look in.
+        among: Effects to look in; None for those that are known.
 
     Raises:
         ValueError: If the effect or a parameter does not exist, or a value is not a number within its range.

@@ -8,8 +8,11 @@ from difflib import get_close_matches
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import ModuleType
+from typing import TypeGuard
 
-from physid.effects import CATALOGUE
+import cloudpickle
+
+from physid.effects import CATALOGUE, admit
 from physid.effects.laws import check
 from physid.physics import Effect
 
@@ -26,8 +29,12 @@ def load(place: str) -> type[Effect]:
     """
     path, colon, name = place.rpartition(":")
     if not (path and colon and name):
-        raise ValueError(f'an effect must be given as FILE.py:CLASS, such as my_effects.py:MyEffect, got "{place}"')
-    effect = _class(_run(Path(path)), name, path)
+        raise ValueError(f'effects must be given as FILE.py or FILE.py:CLASS, as my_effects.py:MyEffect, got "{place}"')
+    return _checked(_class(_run(Path(path)), name, path), place)
+
+
+def _checked(effect: type[Effect], place: str) -> type[Effect]:
+    """Return an effect that obeys the laws of all effects, and whose name is free."""
     try:
         check(effect)
     except ValueError:
@@ -43,17 +50,52 @@ def load(place: str) -> type[Effect]:
 
 
 def own_effects(places: Sequence[str]) -> tuple[type[Effect], ...]:
-    """Return the effects of files (see `load`).
+    """Return the effects of files: of "FILE.py:CLASS" this one (see `load`), of "FILE.py" all.
 
     Raises:
         ValueError: If an effect cannot be loaded, or two have the same name.
     """
-    effects = tuple(load(place) for place in places)
+    effects = tuple(effect for place in places for effect in (_all_in(place) if is_file(place) else [load(place)]))
     names = [effect.name for effect in effects]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise ValueError(f"effects must have names of their own, got {', '.join(twice)} more than once")
     return effects
+
+
+def admit_files(allowed: Sequence[str]) -> tuple[str, ...]:
+    """Let configurations name the effects of files.
+
+    Args:
+        allowed: What a user trusts: packages, and files with effects (see `own_effects`).
+
+    Returns:
+        The packages among it.
+
+    Raises:
+        ValueError: If an effect cannot be loaded.
+    """
+    files = [each for each in allowed if is_file(each.partition(":")[0])]
+    admit(own_effects(files))
+    return tuple(each for each in allowed if each not in files)
+
+
+def is_file(place: str) -> bool:
+    """Return whether a place is a whole file, without the name of a class."""
+    return place.endswith(".py")
+
+
+def _all_in(place: str) -> list[type[Effect]]:
+    """Load all effects of a file."""
+    module = _run(Path(place))
+    own = [each for each in vars(module).values() if _is_effect(each) and each.__module__ == module.__name__]
+    if not own:
+        raise ValueError(f"{place} defines no effect, which is a class derived from physid.physics.Effect")
+    return [_checked(each, f"{place}:{each.__name__}") for each in own]
+
+
+def _is_effect(value: object) -> TypeGuard[type[Effect]]:
+    return isinstance(value, type) and issubclass(value, Effect) and value is not Effect
 
 
 def _run(path: Path) -> ModuleType:
@@ -70,6 +112,7 @@ def _run(path: Path) -> ModuleType:
         spec.loader.exec_module(module)
     except Exception as error:
         raise ValueError(f"{path} cannot be run: {type(error).__name__}: {error}") from error
+    cloudpickle.register_pickle_by_value(module)  # worker processes cannot import it
     return module
 
 
@@ -81,6 +124,6 @@ def _class(module: ModuleType, name: str, path: str) -> type[Effect]:
         close = get_close_matches(name, own, n=1)
         hint = f'; did you mean "{close[0]}"?' if close else f"; it defines {', '.join(own) or 'none'}"
         raise ValueError(f'{path} has no class "{name}"{hint}')
-    if not (isinstance(found, type) and issubclass(found, Effect) and found is not Effect):
+    if not _is_effect(found):
         raise ValueError(f"{name} of {path} must be a class derived from physid.physics.effect.Effect, got {found!r}")
     return found

@@ -67,7 +67,7 @@ def generate(
         # What the simulator refuses, it refuses here: a description without trajectories would bar the folder.
         draw(config, missing[0], config.protocol_for(splits[missing[0]]), acting)
     _describe(config, folder, effects)
-    jobs = (joblib.delayed(record)(config, folder, index, splits[index], tuple(effects)) for index in missing)
+    jobs = (joblib.delayed(record)(config, folder, index, splits[index], acting) for index in missing)
     parallel = joblib.Parallel(n_jobs=workers, return_as="generator_unordered", batch_size="auto")
     bar = tqdm(
         parallel(jobs),

@@ -18,9 +18,8 @@ if TYPE_CHECKING:
     from physid.physics import Effect
 
 
-def record(config: GenerateConfig, folder: Path, index: int, split: str, extra: tuple[Effect, ...]) -> int:
-    """Write trajectory `index` and return how many draws were thrown away."""
-    effects = (*config.build_effects(), *extra)
+def record(config: GenerateConfig, folder: Path, index: int, split: str, effects: tuple[Effect, ...]) -> int:
+    """Write trajectory `index`, with all effects at work, and return how many draws were thrown away."""
     protocol = config.protocol_for(split)
     excitation, motion, redrawn = draw(config, index, protocol, effects)
     scene, sampling = config.true_scene(), config.sampling(effects)

@@ -191,7 +191,7 @@ class GenerateConfig:
         return self.protocol_of_split.get(split, self.protocol)
 
     def build_effects(self) -> tuple[Effect, ...]:
-        """Build the effects from the catalogue.
+        """Build the effects, of the catalogue or admitted (see `physid.effects.admit`).
 
         Raises:
             ValueError: If an effect or a parameter does not exist.

@@ -14,10 +14,10 @@ from physid.pages.numbers import capital
 DIGITS, FINE, WIDTH = 6, 12, 110
 HEAD = '''"""What a diagnosis says is missing, as effects: measured tables, to be replaced by formulas of your own.
 
-    physid diagnose RECORDINGS --effects {places}
+    physid diagnose RECORDINGS --effects {place}
 
-fits how much of each is at work, and says whether it explains the gap; on trajectories that the tables were not
-measured on (--transfer) that is a proof. docs/adding_an_effect.md says how effects are written.
+fits how much of each is at work, and says whether it explains the gap; a --transfer set shows whether it holds in other
+motions, too. docs/adding_an_effect.md says how effects are written, and used.
 """
 
 from dataclasses import dataclass
@@ -119,9 +119,8 @@ def effect_file(laws: Sequence[ResidualLaw], ground: Tensor, still: float, place
     classes = list(_classes(laws))
     if not classes:
         return None
-    places = ",".join(f"{place}:{name}" for name, _ in classes)
     rows = [[round(each, FINE) for each in row] for row in ground.tolist()]
-    return HEAD.format(places=places, ground=rows, still=still) + "".join(text for _, text in classes)
+    return HEAD.format(place=place, ground=rows, still=still) + "".join(text for _, text in classes)
 
 
 def _classes(laws: Sequence[ResidualLaw]) -> Iterator[tuple[str, str]]:

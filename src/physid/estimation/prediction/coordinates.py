@@ -11,7 +11,7 @@ from typing import Literal
 import torch
 from torch import Tensor
 
-from physid.effects import CATALOGUE, find, from_values
+from physid.effects import find, from_values, known_effects
 from physid.estimation.prediction.effect_parameters import EffectParameter
 from physid.physics import Effect
 from physid.scenes import Scene
@@ -25,7 +25,6 @@ FARTHEST = 14.0
 """Largest logarithm, and minus the smallest, that is told from others."""
 FIRST_GUESS = 0.1
 """Size of an effect, as a share of its typical one, with which a fit begins: near the nominal model, and not at it."""
-EFFECTS = {effect.name for effect in CATALOGUE}
 
 
 @dataclass(frozen=True)
@@ -128,8 +127,8 @@ class Coordinates:
 
 
 def is_effect(name: str) -> bool:
-    """Return whether a parameter is named after an effect of the catalogue."""
-    return name.partition(".")[0] in EFFECTS
+    """Return whether a parameter is named after an effect that is known."""
+    return name.partition(".")[0] in {effect.name for effect in known_effects()}
 
 
 def parameter_of_effect(name: str) -> EffectParameter:
@@ -163,14 +162,15 @@ def sorted_out(names: Iterable[str], scene: Scene) -> tuple[tuple[str, ...], tup
             word = str(name).rpartition(".")[2]
             alike = [
                 f"{each.name}.{size}"
-                for each in CATALOGUE
+                for each in known_effects()
                 if word in each.name.split("_")
                 for size in each.quantities()
             ]
-            hint = f"an effect is learned by its own name, here {', '.join(alike)}" if alike else None
-            raise ValueError(
-                f"{error}; {hint or '`physid effects` lists the effects that can be learned too'}"
-            ) from None
+            others = (
+                "`physid effects` lists the effects that can be learned too; those of your own need --allow FILE.py"
+            )
+            hint = f"an effect is learned by its own name, here {', '.join(alike)}" if alike else others
+            raise ValueError(f"{error}; {hint}") from None
         bodies.append(name)
     return tuple(bodies), tuple(effects)
 

@@ -55,7 +55,7 @@ class Intervals(L.Callback):
         module: Responding = pl_module  # type: ignore[assignment]
         response, physical = module.response(), PhysicalParameters.of(pl_module)
         here = physical.coordinates.detach().cpu().clone()
-        known = Posterior(physical.names, here, response.covariance().cpu(), len(response.normal.square))
+        known = Posterior(physical.space, here, response.covariance().cpu(), len(response.normal.square))
         pl_module.log_dict(known.logged())
         error = known.covariance.diagonal().clamp_min(0).sqrt()
         step = (here - self._path[-1]).abs() / error

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from physid.data.files import write_text
-from physid.estimation.prediction.coordinates import Coordinates, Kind
+from physid.estimation.prediction.coordinates import Coordinates, Kind, Unknown
 from physid.training.parameters.intervals import WIDEST, intervals, logged
 from physid.typed_files import CLOSED, check_as
 
@@ -38,6 +38,11 @@ class Known:
     estimate: float
     coordinate: float
 
+    def unknown(self) -> Unknown:
+        """Return what it is, whether or not its effect is known here."""
+        low, high = -math.inf if self.low is None else self.low, math.inf if self.high is None else self.high
+        return Unknown(self.name, self.unit, self.kind, low, high, self.scale, self.null)
+
 
 @dataclass(frozen=True)
 class _PosteriorFile:
@@ -56,21 +61,21 @@ class Posterior:
     """Normal in the coordinates of the parameters (see `Coordinates`), within their physical ranges.
 
     Attributes:
-        names: The P learned parameters.
+        space: What their coordinates stand for.
         point: Their estimates, as coordinates, shape (P,).
         covariance: Of the coordinates, shape (P, P); infinite where nothing is known.
         trajectories: From how many independent trajectories it was estimated.
     """
 
-    names: tuple[str, ...]
+    space: Coordinates
     point: Tensor
     covariance: Tensor
     trajectories: int
 
     @property
-    def space(self) -> Coordinates:
-        """What the coordinates stand for."""
-        return Coordinates.of(self.names)
+    def names(self) -> tuple[str, ...]:
+        """The P learned parameters."""
+        return tuple(one.name for one in self.space.unknowns)
 
     @property
     def unbounded(self) -> list[str]:
@@ -166,7 +171,7 @@ def read_posterior(run: Path) -> Posterior:
     if [len(row) for row in rows] != [size] * size:
         raise ValueError(f"{path}: covariance: expected {size} rows of {size} values")
     return Posterior(
-        tuple(one.name for one in known.parameters),
+        Coordinates(tuple(one.unknown() for one in known.parameters)),
         torch.tensor([one.coordinate for one in known.parameters], dtype=torch.float64),
         torch.tensor(rows, dtype=torch.float64),
         known.trajectories,

@@ -94,7 +94,7 @@ class Refinement(nn.Module):
         cast(Sequence[Optimizer], module.optimizers())[-1].step()
         physical.confine()
         here, spread = physical.coordinates.detach().cpu().clone(), self._equations.covariance().cpu()
-        known = Posterior(physical.names, here, spread, len(self._equations.weights))
+        known = Posterior(physical.space, here, spread, len(self._equations.weights))
         if module.trainer.is_global_zero:
             known.write(Path(module.trainer.default_root_dir))
         self._equations = None
