@@ -1,7 +1,8 @@
 """An effect that no catalogue has: it is unknown, what is missing is said in words, and written down it is found.
 
-MuJoCo records pushes of a block under a force across its velocity. The first diagnosis knows the catalogue only. What
-it says is missing stands below as an effect, and is a candidate of the second diagnosis.
+MuJoCo records pushes of a block under a force across its velocity. The first diagnosis knows the catalogue only, and
+leaves what it says is missing as an effect, a table of sizes, which the second one tries. The formula behind it stands
+below as an effect, and is a candidate of the third.
 Run it: python examples/unknown_effect.py [FOLDER]
 """
 
@@ -17,8 +18,9 @@ from torch import Tensor
 from physid.data import RecordingSet
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig, Noise
+from physid.diagnosis import MISSING, Diagnosis, summary_lines
 from physid.diagnosis.diagnose import diagnose
-from physid.diagnosis.document.sentences import summary_lines
+from physid.effects.loading import own_effects
 from physid.physics import Effect, Site, State, StepInputs, quantity
 
 COEFFICIENT = 0.8
@@ -45,7 +47,7 @@ class SideForce(Effect):
 
 
 def main(folder: Path) -> None:
-    """Record, diagnose, write down what is missing, diagnose again."""
+    """Record, diagnose, try what is missing as it was measured, then as a formula."""
     hidden = GenerateConfig(
         scene="push",
         protocol="rich",
@@ -65,13 +67,20 @@ def main(folder: Path) -> None:
     print("\n".join(summary_lines(first)))
     if first.verdict != "unknown" or [law.direction for law in first.residual][:1] != ["across the velocity"]:
         raise SystemExit(f"an unknown force across the velocity was hidden, the verdict is {first.verdict}")
-    second = diagnose(recordings, folder / "second", effects=[SideForce])
-    print("\n".join(["", *summary_lines(second)]))
-    if second.blamed != ("side_force",):
-        raise SystemExit(f"hidden was the side force, blamed is {', '.join(second.blamed) or 'nothing'}")
-    estimate = second.effects[0].parameters["coefficient"].value
+    measured = own_effects([str(folder / "first" / MISSING)])
+    _blaming("missing_force", diagnose(recordings, folder / "measured", effects=measured))
+    found = _blaming("side_force", diagnose(recordings, folder / "formula", effects=[SideForce]))
+    estimate = found.effects[0].parameters["coefficient"].value
     if abs(estimate / COEFFICIENT - 1) > TOLERANCE:
         raise SystemExit(f"the force is off by {estimate / COEFFICIENT - 1:.1%}; at most {TOLERANCE:.0%} is right")
+
+
+def _blaming(name: str, found: Diagnosis) -> Diagnosis:
+    """Print a diagnosis that blames an effect; end the program where it does not."""
+    print("\n".join(["", *summary_lines(found)]))
+    if found.blamed != (name,):
+        raise SystemExit(f"at work is {name}, blamed is {', '.join(found.blamed) or 'nothing'}")
+    return found
 
 
 if __name__ == "__main__":

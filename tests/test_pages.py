@@ -219,14 +219,15 @@ def test_what_a_page_shows_runs_from_top_to_bottom(page: Path, place: Path, reco
     name = page.relative_to(ROOT).as_posix()
     names = given(name, recordings)
     for block in blocks(page):
+        written = re.match(r"# (\w+\.(?:yaml|py))\b", block.code)
+        if written:  # a file that the page writes
+            Path(written.group(1)).write_text(block.code)
         if block.kind == "python":
             module = type(sys)("page")
             names.setdefault("__name__", "page")
             sys.modules["page"] = module  # dataclasses look their module up
             exec(compile(block.code, f"{name}:{block.line}", "exec"), names)
-        elif named := re.match(r"# (\w+\.yaml)\b", block.code):  # a file that the page writes
-            Path(named.group(1)).write_text(block.code)
-        elif block.kind == "shell":
+        elif block.kind == "shell" and not written:
             for words in commands(block.code):
                 if words[0] == "physid" and words[1] != "COMMAND":
                     assert run(words[1:], recordings) == 0, f"{name}: {shlex.join(words)}"
