@@ -776,6 +776,37 @@ def test_torques_that_a_block_on_a_table_does_not_follow_are_named(
     found = said(tmp_path, scene, [change(scene, twisted(seed))[1] for seed in range(6)])
     spoken = [one for one in found if "torque" in one]
     assert not spoken if message is None else any(message in one for one in spoken), found
+    beside = [change(scene, one)[1] if seed == 3 else one for seed, one in enumerate(map(twisted, range(6)))]
+    spoken = [one for one in said(tmp_path / "one", scene, beside) if "torque" in one]
+    assert [one.startswith("in trajectory 3 alone ") for one in spoken] == [True] * (message is not None), spoken
+
+
+@pytest.mark.parametrize("known", [True, False], ids=["a known mass", "a first guess"])
+@pytest.mark.parametrize(
+    ("factor", "message"),
+    [
+        (1.0, None),
+        (
+            1 / 9.80665,
+            "beside the force as in the others: forces seem to be in kgf -> correct these, or leave them out",
+        ),
+        (1e3, "forces seem to be in mN"),
+        (-1.0, "bodies accelerate against the forces: they have the other sign"),
+        (0.5, None),
+    ],
+    ids=["sound", "kgf", "mN", "the other sign", "another mass"],
+)
+def test_one_trajectory_whose_forces_are_in_another_unit_is_named(
+    tmp_path: Path, factor: float, message: str | None, known: bool
+) -> None:
+    scene, recordings = recorded("push")
+    scene = dataclasses.replace(scene, unknown=() if known else ("block.mass",))
+    changed = [
+        forced(lambda force: factor * force)(scene, one)[1] if k == 2 else one for k, one in enumerate(recordings)
+    ]
+    found = [one for one in said(tmp_path, scene, changed) if "alone" in one]
+    assert not found if message is None else len(found) == 1 and message in found[0], found
+    assert all(one.startswith("in trajectory 2 alone ") for one in found)
 
 
 def test_columns_of_inverse_rotations_are_named_as_the_log_has_them() -> None:

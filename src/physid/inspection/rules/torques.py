@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from physid.data.importers.units import UNITS
 from physid.inspection.evidence import Evidence
 from physid.inspection.finding import Finding
 from physid.inspection.rules.clocks import FEW
 from physid.inspection.rules.falls import ENOUGH
-from physid.inspection.rules.forces import GUESS, OTHER, WRONG, forces
+from physid.inspection.rules.forces import GUESS, OTHER, WRONG, forces, nearest_unit, odd_trajectories
 from physid.inspection.rules.sizes import masses
 from physid.scenes.rotations import conjugate, rotate
 
@@ -43,24 +42,29 @@ def torques(seen: Evidence) -> Finding | None:
         return None
     push, pull = torque[chosen] / _inertia(seen)[chosen], (k.angular @ normal)[chosen]
     slope, match, deviation = _beside_friction(push, pull, np.sign(turning[chosen]), k.trajectory[chosen])
-    if abs(match) < SURE * deviation:
-        return None
-    if match < WRONG:
+    if match < WRONG and -match > SURE * deviation:
         return Finding(
             f"bodies turn against the torques (correlation {match:.2f}): quaternions seem to be the inverse rotations "
             "(world to body), or torques have the other sign",
             f"import with {seen.origin.inverse()}; or with the other sign of the torque",
         )
-    ratio = slope / _of_forces(seen)
-    if match < OTHER or 1 / GUESS < ratio < GUESS or masses(seen):
+    beside = _of_forces(seen)
+    ratio = slope / (beside or 1.0)
+    if masses(seen):
         return None
-    times = {unit: abs(np.log(ratio * seen.origin.newton_metres / one)) for unit, one in UNITS["torque"].items()}
-    unit = min(times, key=lambda one: times[one])
-    named = times[unit] < np.log(GUESS)
+    if match < OTHER or 1 / GUESS < ratio < GUESS:
+        way = np.sign(turning[chosen])
+        return odd_trajectories(seen, "torque", push, pull, way, k.trajectory[chosen])
+    unit = nearest_unit("torque", ratio * seen.origin.newton_metres)
+    other = nearest_unit("force", seen.origin.newtons / ratio) if beside else None
     return Finding(
-        f"inertia times angular acceleration is {ratio:.2g} of the torque: torques seem to be in "
-        + (unit if named else "another unit"),
-        (f"import with units.torque={unit}; or " if named else "") + "check units.torque, size and mass",
+        f"inertia times angular acceleration is {ratio:.2g} of the torque"
+        + (", with the mass that the forces show" if beside else "")
+        + f": torques seem to be in {unit or 'another unit'}"
+        + (f", or forces in {other}" if other else ""),
+        (f"import with units.torque={unit}; or " if unit else "")
+        + (f"with units.force={other}; or " if other else "")
+        + "check units.torque, size and mass",
     )
 
 
@@ -96,13 +100,13 @@ def _beside_friction(push: Array, pull: Array, way: Array, trajectory: NDArray[n
     return float(kept[0, 0, 1] / max(kept[0, 0, 0], np.finfo(float).tiny)), float(match[0]), deviation
 
 
-def _of_forces(seen: Evidence) -> float:
-    """Return mass times acceleration over force where a mass is unknown and forces say it; else 1."""
+def _of_forces(seen: Evidence) -> float | None:
+    """Return mass times acceleration over force where a mass is unknown and forces say it; else None."""
     if not any(f"{body.name}.mass" in seen.scene.unknown for body in seen.scene.bodies):
-        return 1.0
+        return None
     k, normal = seen.kinematics, np.array(seen.scene.ground.normal)
     chosen, along = seen.smooth & ~seen.still & ~seen.unforced, np.eye(3) - np.outer(normal, normal)
     push = (k.force[chosen] / seen.masses[chosen][:, None]) @ along
     pull = (k.acceleration[chosen] - seen.weight) @ along
     size, both = float(np.square(push).sum()), float((push * pull).sum())
-    return both / size if np.count_nonzero(chosen) >= ENOUGH and both > 0 else 1.0
+    return both / size if np.count_nonzero(chosen) >= ENOUGH and both > 0 else None
