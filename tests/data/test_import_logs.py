@@ -241,6 +241,43 @@ def test_one_file_may_hold_several_trajectories_and_be_dealt_to_splits(tmp_path:
     assert all(same(one, truth) for one in found)
 
 
+@pytest.mark.parametrize("kind", ["csv", "npz"])
+def test_rows_without_a_number_are_of_no_trajectory_and_said_to_be_left_out(tmp_path: Path, kind: str) -> None:
+    truth = Truth.of()
+    count = len(truth.time)
+    pause = np.arange(1, 21) / 60
+    names = ["t", "x", "y", "z", "qx", "qy", "qz", "qw", "push", "fx", "fy", "fz"]
+    one = [truth.time, *truth.place.T, *truth.turn.as_quat().T]
+    start, columns = 0.0, [[] for _ in names]  # type: ignore[var-annotated]
+    for number in (4.0, 2.0):
+        hand = [np.full(20, value) for value in (0.1, 0.2, 0.3, 0.0, 0.0, 0.0, 1.0, np.nan, 9.0, 9.0, 9.0)]
+        rows = [start + one[0], *one[1:], *(np.full(count, value) for value in (number, number, 0.0, 0.0))]
+        for column, part, beside in zip(columns, rows, [start + truth.time[-1] + pause, *hand], strict=True):
+            column += [part, beside]
+        start += float(truth.time[-1]) + 0.5
+    columns = [np.concatenate(each) for each in columns]
+    log = tmp_path / f"log.{kind}"
+    if kind == "csv":
+        write_csv(log, names, columns)
+    else:
+        np.savez(log, **dict(zip(names, columns, strict=True)))
+    mapping = COLUMNS | {"trajectory": "push", "force": ["fx", "fy", "fz"]}
+    notes = import_logs([log], mapping, tmp_path / "out").notes
+    assert any("40 rows belong to no trajectory, for push is empty there: left out" in one for one in notes)
+    found = RecordingSet(tmp_path / "out")
+    assert [one.length for one in found] == [count, count]
+    assert all(same(one, truth) for one in found)
+    assert [set(one.wrench[..., 3].ravel().tolist()) for one in found] == [{4.0}, {2.0}]  # type: ignore[union-attr]
+
+
+def test_a_column_of_numbers_that_is_empty_is_refused(tmp_path: Path) -> None:
+    truth = Truth.of()
+    values = [truth.time, *truth.place.T, *truth.turn.as_quat().T, np.full(len(truth.time), np.nan)]
+    log = write_csv(tmp_path / "log.csv", ["t", "x", "y", "z", "qx", "qy", "qz", "qw", "push"], values)
+    with pytest.raises(ValueError, match="expected numbers of trajectories in push, found nothing but empty cells"):
+        import_logs([log], COLUMNS | {"trajectory": "push"}, tmp_path / "out")
+
+
 def episodes(folder: Path, rows: tuple[int, int], named: bool, stamped: bool = True) -> list[Path]:
     """Write two episodes, one after the other, and their forces (1 N and 9 N) in a log of their own."""
     frames = np.arange(30) / 100

@@ -152,7 +152,8 @@ def too_few(trajectories: int, frames: int, settings: RequirementSettings = DEFA
     return Finding(
         f"expected at least {settings.least_fitted} trajectories to fit to, of {settings.least_frames} frames or more, "
         f"found {trajectories} of {frames} frames",
-        "record more (24 trajectories of a second each are plenty)",
+        "record more (24 trajectories of a second each are plenty); a log of many motions is cut by a column that "
+        "numbers them: import with trajectory=COLUMN",
     )
 
 

@@ -12,6 +12,7 @@ from physid.data.importers.tables.table import Table
 from physid.data.importers.units import canonical, factor_of
 
 Array = NDArray[np.float64]
+TURN = 1.01 * 2 * np.pi  # [rad] with what rounding adds
 MOST_NAMED = 12  # columns that a message lists
 DEFAULTS = {"position": "m", "time": "s", "angle": "rad", "force": "N", "torque": "N m"}
 
@@ -108,3 +109,30 @@ def line_of(table: Table, row: int) -> str:
     for skipped in table.skipped:
         line += skipped <= line
     return f"{table.path}:{line}"
+
+
+def numbered(table: Table, column: Reference) -> tuple[NDArray[np.int64], Array]:
+    """Return which trajectory each row is of, -1 where the column is empty, and their numbers, in their order."""
+    number = table.values(column)
+    known = np.flatnonzero(~np.isnan(number))
+    if not len(known):
+        raise ValueError(f"{table.path}: expected numbers of trajectories in {column}, found nothing but empty cells")
+    found, first, inverse = np.unique(number[known], return_index=True, return_inverse=True)
+    group = np.full(len(number), -1, dtype=np.int64)
+    group[known] = np.argsort(np.argsort(first))[inverse]
+    return group, found[np.argsort(first)]
+
+
+def require_angles(table: Table, names: Sequence[Reference], angles: Array, units: Mapping[str, str]) -> None:
+    """Refuse angles beyond a turn where nothing says their unit: radians that count turns, or degrees."""
+    columns = [table.find(str(one).removeprefix("-")) for one in names if isinstance(one, str)]
+    if "angle" in units or any(table.units.get(one) for one in columns):
+        return
+    beyond = (np.abs(angles) > TURN).any(1)
+    if beyond.any():
+        row = int(beyond.argmax())
+        raise ValueError(
+            f"{line_of(table, row)}: expected angles in radians, since nothing says another unit, found "
+            f"{float(np.nanmax(np.abs(angles[row]))):.4g}, more than a turn; if they are degrees: units.angle=deg, if "
+            "they are radians that count turns: units.angle=rad"
+        )

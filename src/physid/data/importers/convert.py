@@ -106,6 +106,10 @@ def _recordings(files: Sequence[Path], log: LogMap, notes: list[str]) -> Iterato
         if own and forces is not None and forces.time is not None and log.forces.between is None and not index:
             notes += _held(forces.time)
         groups = poses.group.max() + 1
+        if outside := int((poses.group < 0).sum()):
+            notes.append(
+                f"{file}: {outside} rows belong to no trajectory, for {log.trajectory} is empty there: left out"
+            )
         if own and groups > 1 and poses.time is None:
             raise ValueError(f"{file}: expected stamps to tell which forces belong to which trajectory, found none")
         for group in range(groups):

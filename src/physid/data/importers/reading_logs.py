@@ -9,7 +9,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from physid.data.importers.columns import expanded, line_of, read_columns, read_stamps, require_increasing, signed
+from physid.data.importers.columns import (
+    expanded,
+    line_of,
+    numbered,
+    read_columns,
+    read_stamps,
+    require_angles,
+    require_increasing,
+    signed,
+)
 from physid.data.importers.mapping import BodyMap, LogMap, Reference
 from physid.data.importers.rotations import (
     ROUNDED,
@@ -27,7 +36,6 @@ from physid.scenes.rotations import rotate
 
 Array = NDArray[np.float64]
 PARTS = 8  # of a frame, or of the time between two rows of forces that change steadily if that is longer
-TURN = 1.01 * 2 * np.pi  # [rad] with what rounding adds
 
 
 @dataclass(frozen=True)
@@ -93,8 +101,7 @@ def read_poses(table: Table, log: LogMap) -> Poses:
         raise ValueError(f"{table.path}: expected a stamp for each of {len(pose)} poses, found {len(time)}")
     group, names = np.zeros(len(pose), dtype=np.int64), np.empty(0)
     if log.trajectory is not None:
-        found, first, inverse = np.unique(table.values(log.trajectory), return_index=True, return_inverse=True)
-        group, names = np.argsort(np.argsort(first))[inverse], found[np.argsort(first)]
+        group, names = numbered(table, log.trajectory)
     if time is not None:
         for one in range(group.max() + 1):
             require_increasing(table, time[group == one], np.flatnonzero(group == one))
@@ -239,28 +246,13 @@ def _orientation_of(
         sequence = each.order or "xyz"
         count = len(sequence) if each.orientation == "euler" else 3
         angles = read_columns(table, each.columns, "angle", log.units, count)
-        _require_unit(table, each, angles, log)
+        require_angles(table, each.columns, angles, log.units)
         return (from_euler(angles, sequence, 1.0) if each.orientation == "euler" else from_vectors(angles, 1.0)), ()
     if each.orientation == "matrix":
         return from_matrices(read_columns(table, each.columns, None, log.units, 9))
     names = expanded(table, each.columns, 4)
     order = _order_of(table, names, each.order)
     return from_quaternions(read_columns(table, each.columns, None, log.units, 4), order)
-
-
-def _require_unit(table: Table, each: BodyMap, angles: Array, log: LogMap) -> None:
-    """Refuse angles beyond a turn where nothing says their unit: radians that count turns, or degrees."""
-    columns = [table.find(str(one).removeprefix("-")) for one in each.columns if isinstance(one, str)]
-    if "angle" in log.units or any(table.units.get(one) for one in columns):
-        return
-    beyond = (np.abs(angles) > TURN).any(1)
-    if beyond.any():
-        row = int(beyond.argmax())
-        raise ValueError(
-            f"{line_of(table, row)}: expected angles in radians, since nothing says another unit, found "
-            f"{float(np.nanmax(np.abs(angles[row]))):.4g}, more than a turn; if they are degrees: units.angle=deg, if "
-            "they are radians that count turns: units.angle=rad"
-        )
 
 
 def _order_of(table: Table, names: Sequence[Reference], order: str | None) -> str:
