@@ -230,10 +230,19 @@ def test_errors_are_given_before_and_after_and_divided_among_several_effects() -
     assert divided == f"{alone}: viscous drag 60 % and tether 39 %"
 
 
-def test_the_summary_shows_three_refitted_parameters_and_says_how_many_more_there_are() -> None:
+def test_a_gap_that_shows_in_parts_of_the_motion_alone_is_called_so_and_not_one_that_is_not_closed() -> None:
+    document = said("unknown", transfer=False)
+    assert how_far_sentence(document, "same") == "same protocol: 21 mm (floor 1.4 mm)"
+    near = replace(document, gap=replace(document.gap, same=Errors(0.0014, None)))
+    assert how_far_sentence(near, "same").endswith("1.4 mm (floor 1.4 mm), near the floor: it shows in parts of these")
+    none = replace(near, verdict="none")
+    assert how_far_sentence(none, "same").endswith("1.4 mm (floor 1.4 mm)")
+
+
+def test_the_summary_shows_the_refitted_parameters_of_two_bodies_and_says_how_many_more_there_are() -> None:
     one = Refitted(1.0, None)
-    for count, end in ((3, "c 1"), (4, "c 1, and 1 more"), (5, "c 1, and 2 more")):
-        document = with_changes(parameters=dict.fromkeys("abcde"[:count], one))
+    for count, end in ((3, "c 1"), (6, "c 1, d 1, e 1, f 1"), (8, "c 1, d 1, e 1, f 1, and 2 more")):
+        document = with_changes(parameters=dict.fromkeys("abcdefgh"[:count], one))
         (line,) = [each for each in summary_lines(document) if each.startswith("Refitted")]
         assert line == "Refitted  a 1, b 1, " + end
     assert not any("Refitted" in each for each in summary_lines(with_changes(parameters={})))

@@ -30,7 +30,7 @@ def configure(
     Raises:
         ConfigurationError: If there is none, or the recordings cannot be used.
     """
-    from physid.class_paths import load_class
+    from physid.class_paths import load_class, trusted_packages
     from physid.runs import recorded_config
 
     recordings, run_dir = values.get("recordings"), values.get("run_dir")
@@ -56,19 +56,10 @@ def configure(
     if "run_dir" in values:
         values["run_dir"] = run_dir
     reads = load_class(command.reads) if command.reads else None
-    composed = compose(chosen, [*laid, *overrides], reads=reads, allowed=_packages(allowed))
+    composed = compose(chosen, [*laid, *overrides], reads=reads, allowed=trusted_packages(allowed))
     if command.name == "test" and recordings is not None:
         _test_all_others(composed, recordings, run_dir)
     return composed
-
-
-def _packages(allowed: Sequence[str]) -> tuple[str, ...]:
-    """Return the packages that a user allows, once the effects of the files among it are known."""
-    if not any(".py" in each for each in allowed):
-        return tuple(allowed)  # without torch, which effects need
-    from physid.effects.loading import admit_files
-
-    return admit_files(allowed)
 
 
 def _test_all_others(configuration: Configuration, recordings: Path, run_dir: Path | None) -> None:
@@ -190,6 +181,7 @@ def _text(value: Any) -> str:
 
 def read_model(model: Path, allow: str) -> Path | Mapping[str, Any]:
     """Check the configuration of a nominal model, key by key; return it, or the run or checkpoint with its values."""
+    from physid.class_paths import trusted_packages
     from physid.data.files import YAML
     from physid.schema.check import check_fit
     from physid.shipped import find_configuration
@@ -198,6 +190,6 @@ def read_model(model: Path, allow: str) -> Path | Mapping[str, Any]:
     given = model.suffix in YAML
     run = model.parent.parent if model.suffix == ".ckpt" else model
     place = model if given else run / "config.yaml"
-    configuration = compose([place], allowed=_packages([each for each in allow.split(",") if each]))
+    configuration = compose([place], allowed=trusted_packages([each for each in allow.split(",") if each]))
     check_fit(configuration)
     return configuration.values if given else model

@@ -13,7 +13,7 @@ from physid.inspection.finding import trust_sentence
 from physid.pages.numbers import capital, figure, interval, join, p_value, percent, quantity, words
 
 MOST_LINES = 10
-MOST_PARAMETERS = 3  # of effects, and as many refitted ones, that the terminal shows
+MOST_PARAMETERS, MOST_REFITTED = 3, 6  # of effects, and of bodies, that the terminal shows
 MOST_CELLS = 2
 LEAST_PHASE = 0.05  # share of a phase that is said
 MOST_HIDDEN = 6
@@ -187,15 +187,21 @@ def how_far_sentence(diagnosis: Diagnosis, split: Split) -> str:
         parts = diagnosis.shrink.parts.get(split, {})
         divided = join((f"{words(name)} {percent(each)}" for name, each in parts.items()), "and")
         return f"{text}, {' closed ('.join(part)})" + (f": {divided}" if len(parts) > 1 else "") + beside
-    return (text if error.after is None else f"{text}, {no_share(diagnosis, split)}") + beside
+    silent = error.after is None and not (diagnosis.verdict == "unknown" and _near_floor(diagnosis, split))
+    return (text if silent else f"{text}, {no_share(diagnosis, split)}") + beside
 
 
 def no_share(diagnosis: Diagnosis, split: Split) -> str:
     """Say why no share of the gap is known: errors are near the floor of the noise, or near what numerics leave."""
-    error, floor, _ = diagnosis.shown(split) or (None, 0.0, "")
-    if error is None or error.before <= decided(diagnosis, "gap", "no_gap", GapSettings().no_gap) * floor:
-        return "too near to the floor for a share"
+    if _near_floor(diagnosis, split):
+        return "too near to the floor for a share" if diagnosis.blamed else "near the floor: it shows in parts of these"
     return "no share is known: in these trajectories numerics alone may leave as much"
+
+
+def _near_floor(diagnosis: Diagnosis, split: Split) -> bool:
+    """Return whether errors over whole trajectories are near what noise alone leaves."""
+    error, floor, _ = diagnosis.shown(split) or (None, 0.0, "")
+    return error is None or error.before <= decided(diagnosis, "gap", "no_gap", GapSettings().no_gap) * floor
 
 
 def before_and_after(error: Errors, unit: str) -> str:
@@ -229,11 +235,7 @@ def closed(said: Diagnosis, split: Split) -> tuple[str, str] | None:
 def summary_lines(diagnosis: Diagnosis) -> list[str]:
     """Sum up a diagnosis for the terminal.
 
-    Args:
-        diagnosis: The document.
-
-    Returns:
-        At most ten lines, and one more for each further effect, residual law, or mistake in the recordings.
+    That takes ten lines at most, and one more for each further effect, residual law, or mistake in the recordings.
     """
     sure = f"(confidence {percent(diagnosis.confidence)})"
     lines = _labelled("Verdict", [f"{diagnosis.verdict}: {verdict_sentence(diagnosis)} {sure}"])
@@ -268,9 +270,9 @@ def _refitted(diagnosis: Diagnosis) -> list[str]:
     known = list(diagnosis.parameters.items())
     texts = [
         f"{name} {figure(value.nominal)}" + ("" if value.with_effect is None else f" -> {estimate(value.with_effect)}")
-        for name, value in known[:MOST_PARAMETERS]
+        for name, value in known[:MOST_REFITTED]
     ]
-    more = [f"and {len(known) - MOST_PARAMETERS} more"] * (len(known) > MOST_PARAMETERS)
+    more = [f"and {len(known) - MOST_REFITTED} more"] * (len(known) > MOST_REFITTED)
     return [", ".join([*texts, *more])] if texts else []
 
 
@@ -289,9 +291,8 @@ def explained(said: Diagnosis, score: float) -> str:
 
     The gap is at least what the best candidate explains, which a line at the nominal model may not see as large.
     """
-    if not said.excess:
-        return figure(score)
-    return percent(max(score, 0.0) / max(said.excess, *(one.score for one in said.ranking)))
+    largest = max(said.excess or 0.0, *(one.score for one in said.ranking))
+    return percent(max(score, 0.0) / largest) if said.excess else figure(score)
 
 
 def cell_share(said: Diagnosis, cell: Cell) -> str:

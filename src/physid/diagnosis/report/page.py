@@ -193,9 +193,12 @@ def _far(said: Diagnosis, split: Split) -> str:
     share, error = closed(said, split), said.errors(split)
     if share is not None:
         return f"{share[0]} closed"
-    if error is not None and error.after is not None:
-        return "Near the floor" if no_share(said, split).startswith("too near") else "No share known"
-    return "Nothing to close" if _nothing_left(said) else "Not closed"
+    if _nothing_left(said):
+        return "Nothing to close"
+    near = "near" in no_share(said, split).partition(":")[0]
+    if error is not None and (error.after is not None or near):
+        return "Near the floor" if near else "No share known"
+    return "Not closed"
 
 
 def _best(said: Diagnosis) -> str:
