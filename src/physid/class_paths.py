@@ -44,19 +44,6 @@ def require_trusted(path: object, allowed: Sequence[str] = ()) -> None:
         )
 
 
-def trusted_packages(allowed: Sequence[str]) -> tuple[str, ...]:
-    """Return the packages that a user allows, and let configurations name the effects of the files that are allowed.
-
-    Raises:
-        ValueError: If an effect of a file cannot be loaded.
-    """
-    if not any(".py" in each for each in allowed):
-        return tuple(allowed)  # without torch, which effects need
-    from physid.effects.loading import admit_files
-
-    return admit_files(allowed)
-
-
 def load_class(path: object, allowed: Sequence[str] = ()) -> type | None:
     """Import the class that a dotted path names; None for a name without a dot.
 

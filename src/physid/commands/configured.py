@@ -30,8 +30,9 @@ def configure(
     Raises:
         ConfigurationError: If there is none, or the recordings cannot be used.
     """
-    from physid.class_paths import load_class, trusted_packages
+    from physid.class_paths import load_class
     from physid.runs import recorded_config
+    from physid.schema.check import trusted_packages
 
     recordings, run_dir = values.get("recordings"), values.get("run_dir")
     laid: list[str] = []
@@ -181,9 +182,8 @@ def _text(value: Any) -> str:
 
 def read_model(model: Path, allow: str) -> Path | Mapping[str, Any]:
     """Check the configuration of a nominal model, key by key; return it, or the run or checkpoint with its values."""
-    from physid.class_paths import trusted_packages
     from physid.data.files import YAML
-    from physid.schema.check import check_fit
+    from physid.schema.check import check_fit, trusted_packages
     from physid.shipped import find_configuration
 
     model = find_configuration(model)

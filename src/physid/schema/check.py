@@ -5,13 +5,26 @@ from __future__ import annotations
 import collections.abc
 import inspect
 import typing
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from physid.class_paths import DOTTED, ClassPathError, load_class, require_trusted
 from physid.configuration import CLASS_KEYS, Configuration, ConfigurationError
 from physid.schema.free_mappings import alternatives, is_mapping, types_of
 from physid.strict import MOST_SHOWN, nearest, quoted, shown
+
+
+def trusted_packages(allowed: Sequence[str]) -> tuple[str, ...]:
+    """Return the packages that a user allows, and let configurations name the effects of the files that are allowed.
+
+    Raises:
+        ValueError: If an effect of a file cannot be loaded.
+    """
+    if not any(".py" in each for each in allowed):
+        return tuple(allowed)  # without torch, which effects need
+    from physid.effects.loading import admit_files
+
+    return admit_files(allowed)
 
 
 def check_fit(configuration: Configuration) -> None:
