@@ -15,7 +15,7 @@ from physid.cli import main
 from physid.data import Recording, RecordingSet
 from physid.data.importers.convert import import_logs
 from physid.data.importers.finding import find_logs
-from physid.data.importers.guess import guess_mapping
+from physid.data.importers.guessing import guess_mapping
 from physid.data.importers.mapping_files import read_mapping
 from physid.data.observations.trajectories import load_trajectories
 from physid.inspection.kinematics import lowest_corner

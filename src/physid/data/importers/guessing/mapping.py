@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physid.data.importers.finding import logs_beside
-from physid.data.importers.grouping import (
+from physid.data.importers.guessing.grouping import (
     ANGLES,
     FORCE,
     NUMBERED,
