@@ -1,53 +1,32 @@
-"""Which columns belong together, by their names: positions, quaternions, forces, and the stamps that go with them."""
+"""Which columns belong together, by their names: positions, quaternions, forces."""
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import yaml
-from numpy.typing import NDArray
 
+from physid.data.importers.guessing.lines import quoted
 from physid.data.importers.tables.table import Table
-from physid.data.importers.units import split_header
+from physid.data.importers.units import canonical, split_header
 
-Array = NDArray[np.float64]
-TIME = (
-    "t",
-    "time",
-    "stamp",
-    "timestamp",
-    "times",
-    "timestamps",
-    "seconds",
-    "sec",
-    "elapsed",
-    "clock",
-    "header.stamp",
-    "received",
-)
-FORCE, TORQUE = (
-    ("f", "force", "ft_f", "wrench.force", "forces"),
-    ("torque", "tau", "moment", "wrench.torque", "torques", "m"),
-)
+Group = dict[str, str]  # letter -> column
+Groups = dict[str, Group]  # what is beside the letters in the names -> the columns
+Pair = tuple[Group, Group]
 PLACE = ("", "p", "pos", "position", "t", "translation", "place", "xyz", "location", "trans")
 TURN = ("q", "quat", "quaternion", "rot", "orientation", "o", "r", "rotation", "pose.orientation")
-ANGLES = (("roll", "pitch", "yaw"), ("rx", "ry", "rz"), ("phi", "theta", "psi"))
+OF_EITHER = "t"  # a translation, or a torque
 AXIS = re.compile(r"^(?:(?P<first>[xyzw])[_.\s]*(?P<stem>.*?)|(?P<stem2>.*?)[_.\s:/]*(?P<last>[xyzw]))$", re.IGNORECASE)
 POSE = 7  # numbers of a position and a quaternion in one array
-RATES = (10.0, 2000.0)  # [1/s] that loggers have
-NUMBERED = ("episode_index", "episode", "trajectory", "trial", "run", "take")
-OF_MESSAGES = ("pose", "transform", "position", "odometry", "observation", "state")
-MOST_NAMED = 12  # columns that a comment lists
+OF_MESSAGES = ("pose", "transform", "position", "odometry", "observation", "state", "wrench")
+BETWEEN = "/._ :"  # words of a name
 UNIT_LENGTH = 0.01  # by which four columns may differ from a unit quaternion
-Pair = tuple[dict[str, str], dict[str, str]]
 
 
-def groups_of(table: Table) -> dict[str, dict[str, str]]:
+def groups_of(table: Table) -> Groups:
     """Group columns by what is beside the x, y, z, w in their names: stem -> letter -> column."""
-    groups: dict[str, dict[str, str]] = {}
+    groups: Groups = {}
     for column in table.columns:
         if array := re.match(r"^(.+)\[(\d)\]$", column):
             inside, index = [one for one in table.columns if one.startswith(f"{array[1]}[")], int(array[2])
@@ -64,7 +43,7 @@ def groups_of(table: Table) -> dict[str, dict[str, str]]:
     return groups
 
 
-def first_of(groups: dict[str, dict[str, str]], stems: tuple[str, ...], letters: str) -> list[str]:
+def first_of(groups: Groups, stems: tuple[str, ...], letters: str) -> list[str]:
     """Return the columns of the first group with such a name that has all letters."""
     for exact in (True, False):
         for stem, found in groups.items():
@@ -74,109 +53,102 @@ def first_of(groups: dict[str, dict[str, str]], stems: tuple[str, ...], letters:
     return []
 
 
-def torque_beside(groups: dict[str, dict[str, str]], force: list[str]) -> list[str]:
-    """Return the columns that are called as those of forces, but with t for f: tx beside fx, ft_tx beside ft_fx."""
-    for stem, found in groups.items():
-        twin = groups.get(f"{stem[:-1]}f") if stem.endswith("t") else None
-        if twin and set("xyz") <= set(found) & set(twin) and columns_of(twin, "xyz") == force:
-            return columns_of(found, "xyz")
-    return []
+def vectors_of(table: Table, groups: Groups, quantity: str) -> Groups:
+    """Return groups of three columns that may be a quantity, by their units; those whose headers say so come first."""
+    said = {stem: _quantity_of(table, one) for stem, one in groups.items() if set("xyz") <= set(one)}
+    return {
+        stem: groups[stem] for own in (True, False) for stem, one in said.items() if one == (quantity if own else "")
+    }
 
 
-def not_read(table: Table, lines: Sequence[str]) -> list[str]:
-    """Say in a comment which columns of a log the lines of a mapping leave out; nothing where they leave out none."""
-    said, open_ends = set[str](), [yaml.safe_load(printable("\n".join(lines)))]
-    while open_ends:
-        value = open_ends.pop()
-        if isinstance(value, Mapping):
-            open_ends += value.values()
-        elif isinstance(value, list):
-            open_ends += value
-        else:
-            said.add(str(value))
-    left = [name for name in table.columns if not {name, name.partition("[")[0], name.rpartition("/")[0]} & said]
-    if not left:
-        return []
-    more = f" and {len(left) - MOST_NAMED} more" if len(left) > MOST_NAMED else ""
-    return [f"# not read, of {table.path.name}: {', '.join(map(quoted, left[:MOST_NAMED]))}{more}"]
+def _quantity_of(table: Table, group: Group) -> str:
+    """Return which quantity the unit of a group is one of; nothing where headers say no unit."""
+    unit = table.units.get(group["x"])
+    kinds = ("position", "force", "torque") if unit else ()
+    return next((kind for kind in kinds if unit and canonical(unit, kind)), "")
 
 
-def pairs_of(groups: dict[str, dict[str, str]]) -> dict[str, Pair]:
+def force_beside(groups: Groups, stem: str) -> Group | None:
+    """Return forces that are called as a group, but with f for t: fx beside tx, ft_fx beside ft_tx."""
+    twin = groups.get(f"{stem[:-1]}f") if stem.endswith(OF_EITHER) else None
+    return twin if twin and set("xyz") <= set(twin) else None
+
+
+def places_of(table: Table, groups: Groups) -> Groups:
+    """Return what may be a position by itself, in the order of the log: no torques beside forces, no other unit."""
+    may = vectors_of(table, groups, "position")
+    return {stem: one for stem, one in groups.items() if stem in may and not _may_be_torque(table, groups, stem)}
+
+
+def _may_be_torque(table: Table, groups: Groups, stem: str) -> bool:
+    """Tell whether a group is called as torques beside forces, and no header says that it is a length."""
+    return force_beside(groups, stem) is not None and not _quantity_of(table, groups[stem])
+
+
+def pairs_of(table: Table, groups: Groups) -> dict[str, Pair]:
     """Return what has both a position and a quaternion: what their names begin with -> the columns of the two.
 
     `cup_x` and `cup_qw` begin with `cup`, `/cup/pose/pose/position/x` and `/cup/pose/pose/orientation/w` with
-    `/cup/pose/pose`.
+    `/cup/pose/pose`. Of several positions the first counts; `tx` beside `fx` is one only where there is no other.
     """
-    places = {_without(stem, PLACE): one for stem, one in groups.items() if set(one) == set("xyz")}
-    turns = {_without(stem, TURN): one for stem, one in groups.items() if set(one) == set("xyzw")}
-    return {prefix: (place, turns[prefix]) for prefix, place in places.items() if prefix in turns}
+    turns: dict[str, Group] = {}
+    for stem, one in groups.items():
+        if set(one) == set("xyzw"):
+            turns.setdefault(without(stem, TURN), one)
+    places: dict[str, list[str]] = {}
+    for stem, one in groups.items():
+        if set(one) == set("xyz") and stem in vectors_of(table, groups, "position"):
+            places.setdefault(without(stem, PLACE), []).append(stem)
+    return {
+        prefix: (groups[min(stems, key=lambda stem: _rank(table, groups, stem))], turns[prefix])
+        for prefix, stems in places.items()
+        if prefix in turns
+    }
 
 
-def _without(stem: str, words: Sequence[str]) -> str:
+def _rank(table: Table, groups: Groups, stem: str) -> int:
+    """Return how far the name of a group is from one that nothing but a position has."""
+    either = re.split(r"[/._ :]", stem)[-1] == OF_EITHER and not _quantity_of(table, groups[stem])
+    return either + _may_be_torque(table, groups, stem)
+
+
+def doubt_of_place(table: Table, groups: Groups, place: Sequence[str]) -> str:
+    """Say that columns which are taken for a position may be torques; nothing where they cannot."""
+    for stem, one in groups.items():
+        if set("xyz") <= set(one) and columns_of(one, "xyz") == list(place) and _may_be_torque(table, groups, stem):
+            beside = ", ".join(columns_of(force_beside(groups, stem) or {}, "xyz"))
+            return f"no other columns are a position; or are they torques, beside {beside}?"
+    return ""
+
+
+def without(stem: str, words: Sequence[str]) -> str:
     """Return a stem without the word that says what it is."""
     for word in sorted(words, key=len, reverse=True):
-        if word and stem.endswith(word) and (stem == word or stem[-len(word) - 1] in "/._ :"):
-            return stem[: -len(word)].rstrip("/._ :")
+        if word and stem.endswith(word) and (stem == word or stem[-len(word) - 1] in BETWEEN):
+            return stem[: -len(word)].rstrip(BETWEEN)
     return stem
 
 
-def named(prefix: str) -> str:
-    """Return what a body may be called: the last word of a prefix that is no word of messages."""
-    words = [one for one in re.split(r"[^a-z0-9]+", prefix) if one and one not in OF_MESSAGES]
-    return words[-1] if words else "block"
+def owner_of(prefix: str) -> str:
+    """Return what a prefix begins with before words of messages: `/cup` of `/cup/pose/pose` and of `/cup/wrench`."""
+    while (shorter := without(prefix, OF_MESSAGES)) != prefix:
+        prefix = shorter
+    return prefix
+
+
+def names_of(prefixes: Sequence[str]) -> list[str]:
+    """Return what bodies may be called: the last word of each prefix that is no word of messages."""
+    names: list[str] = []
+    for prefix in prefixes:
+        words = [one for one in re.split(r"[^a-z0-9]+", prefix) if one and one not in OF_MESSAGES]
+        name = words[-1] if words else "block"
+        names.append(f"{name}_{names.count(name) + 1}" if name in names else name)
+    return names
 
 
 def columns_of(group: Mapping[str, str], letters: str) -> list[str]:
     """Return the columns of a group by their letters."""
     return [quoted(group[letter]) for letter in letters]
-
-
-def listed(table: Table, columns: list[str]) -> str:
-    """Write columns as a list, or by the one name that stands for them all, and for nothing else."""
-    names = [bare(one) for one in columns]
-    stem = names[0].rpartition("/")[0]
-    alone = bool(stem) and table.components(stem) == names
-    return quoted(stem) if alone else f"[{', '.join(columns)}]"
-
-
-def frame_of(table: Table, columns: list[str], point: str = "") -> str:
-    """Say which frame the log says that columns are in; nothing where it does not."""
-    frame = next((said for start, said in table.frames.items() if bare(columns[0]).startswith(start)), "")
-    return (
-        f"in the frame {frame}: are its axes the world's" + (f", its origin {point}?" if point else "?")
-        if frame
-        else ""
-    )
-
-
-def clock_of(table: Table, columns: list[str]) -> str:
-    """Return the column of stamps that goes with columns, by its name; of several the one with most of it in common."""
-    length = len(table.columns[bare(columns[0])]) if columns else None
-    named = [
-        name
-        for name, each in table.columns.items()
-        if re.split(r"[_\s\[(]", split_header(name)[0].lower().rpartition("/")[2])[0] in TIME
-        and length in (None, len(each))
-    ]
-    rising = [name for name in named if rises(table.columns[name])]
-    start = bare(columns[0]) if columns else ""
-    # A stamp goes before when a message was received, which is the last of TIME.
-    return max(rising or named, key=lambda one: _in_common(one, start), default="")
-
-
-def _in_common(one: str, other: str) -> int:
-    """Count the letters with which both begin."""
-    return next((at for at, (a, b) in enumerate(zip(one, other, strict=False)) if a != b), min(len(one), len(other)))
-
-
-def rises(values: Array) -> bool:
-    """Tell whether values grow from row to row."""
-    return len(values) > 1 and bool((np.diff(values) > 0).all())
-
-
-def counts(values: Array) -> bool:
-    """Return whether values count rows, one after another: the number of a frame is no time."""
-    return len(values) > 1 and bool((np.diff(values) == 1).all())
 
 
 def beside_turn(table: Table) -> list[str]:
@@ -197,39 +169,3 @@ def unit_columns(table: Table, names: list[str]) -> list[str]:
             if np.nanmax(np.abs(length - 1)) < UNIT_LENGTH:
                 return four
     return []
-
-
-def quoted(name: str) -> str:
-    """Quote a name for YAML where it needs it."""
-    return (
-        name
-        if re.fullmatch(r"[A-Za-z_/][\w. /]*", name) and name.lower() not in ("yes", "no", "on", "off")
-        else json.dumps(name, ensure_ascii=not name.isprintable())
-    )
-
-
-def printable(text: str) -> str:
-    """Return a text whose comments YAML takes, control characters escaped."""
-    return "".join(
-        each if each.isprintable() or each == "\n" else each.encode("unicode_escape").decode() for each in text
-    )
-
-
-def bare(name: str) -> str:
-    """Return a name without its quotes."""
-    return str(json.loads(name)) if name.startswith('"') else name
-
-
-def step_of(stamps: Array) -> float:
-    """Return the typical distance of stamps."""
-    return float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0
-
-
-def units_of_stamps(stamps: Array) -> list[str]:
-    """List the units in which stamps are as far apart as loggers write rows."""
-    step = step_of(stamps)
-    return [
-        one
-        for one, factor in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9))
-        if step > 0 and RATES[0] <= 1 / (step * factor) <= RATES[1]
-    ]
