@@ -21,7 +21,7 @@ from physid.data.importers.guessing.grouping import (
     vectors_of,
     without,
 )
-from physid.data.importers.guessing.lines import Lines, frame_of, listed, quoted
+from physid.data.importers.guessing.lines import Lines, bare, frame_of, listed, quoted
 from physid.data.importers.tables.files import read_table
 from physid.data.importers.tables.table import Table
 
@@ -103,15 +103,15 @@ def _forces_of(
     owners = [owner_of(prefix) for prefix in prefixes]
     force, torque = _owned(forces, owners, FORCE), _owned(torques, owners, TORQUE)
     for index, either in enumerate(_owned(torques, owners, (OF_EITHER,))):
-        if force[index] and not torque[index]:
+        if either and not torque[index] and (force[index] or table.units.get(bare(either[0]))):
             torque[index] = either
     unowned = []
-    if not any(force) and (one := first_of(forces, FORCE, "xyz") or _named_last(forces)):
+    if not any(force) and (one := first_of(forces, FORCE, "xyz") or _named_last(table, forces)):
         force[0] = one
         unowned.append("force")
     torque = [each or _beside(torques, free, force[index]) for index, each in enumerate(torque)]
     for index, either in enumerate(_owned(torques, owners, (OF_EITHER,))):
-        if force[index] and not torque[index]:
+        if either and not torque[index] and (force[index] or table.units.get(bare(either[0]))):
             torque[index] = either
     if not any(torque) and (one := first_of(torques, TORQUE, "xyz")):
         torque[0] = one
@@ -129,9 +129,16 @@ def _owned(groups: Groups, owners: Sequence[str], words: Sequence[str]) -> list[
     return found
 
 
-def _named_last(forces: Groups) -> list[str]:
-    """Return the first columns whose names end with a word for forces, whatever they begin with."""
-    return next((columns_of(one, "xyz") for stem, one in forces.items() if without(stem, FORCE) != stem), [])
+def _named_last(table: Table, forces: Groups) -> list[str]:
+    """Return the first columns whose names end with a word for forces, or whose headers say a unit of them."""
+    return next(
+        (
+            columns_of(one, "xyz")
+            for stem, one in forces.items()
+            if without(stem, FORCE) != stem or table.units.get(one["x"])
+        ),
+        [],
+    )
 
 
 def _beside(torques: Groups, groups: Groups, force: list[str]) -> list[str]:

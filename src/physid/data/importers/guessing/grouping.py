@@ -74,10 +74,17 @@ def force_beside(groups: Groups, stem: str) -> Group | None:
     return twin if twin and set("xyz") <= set(twin) else None
 
 
-def places_of(table: Table, groups: Groups) -> Groups:
-    """Return what may be a position by itself, in the order of the log: no torques beside forces, no other unit."""
+def place_of(table: Table, groups: Groups) -> list[str]:
+    """Return the columns of a position, where no quaternion has the same name; torques beside forces come last."""
     may = vectors_of(table, groups, "position")
-    return {stem: one for stem, one in groups.items() if stem in may and not _may_be_torque(table, groups, stem)}
+    rank = {stem: _rank(table, groups, stem) for stem in may}
+    named = {stem: may[stem] for stem in sorted((stem for stem in groups if stem in may), key=lambda stem: rank[stem])}
+    torques = {stem for stem in named if _may_be_torque(table, groups, stem)}
+    return (
+        first_of({stem: one for stem, one in named.items() if stem not in torques}, PLACE, "xyz")
+        or _beside_turn(table)
+        or first_of(named, PLACE, "xyz")
+    )
 
 
 def _may_be_torque(table: Table, groups: Groups, stem: str) -> bool:
@@ -96,8 +103,9 @@ def pairs_of(table: Table, groups: Groups) -> dict[str, Pair]:
         if set(one) == set("xyzw"):
             turns.setdefault(without(stem, TURN), one)
     places: dict[str, list[str]] = {}
+    may = vectors_of(table, groups, "position")
     for stem, one in groups.items():
-        if set(one) == set("xyz") and stem in vectors_of(table, groups, "position"):
+        if set(one) == set("xyz") and stem in may:
             places.setdefault(without(stem, PLACE), []).append(stem)
     return {
         prefix: (groups[min(stems, key=lambda stem: _rank(table, groups, stem))], turns[prefix])
@@ -151,7 +159,7 @@ def columns_of(group: Mapping[str, str], letters: str) -> list[str]:
     return [quoted(group[letter]) for letter in letters]
 
 
-def beside_turn(table: Table) -> list[str]:
+def _beside_turn(table: Table) -> list[str]:
     """Return the three columns before four that are a unit quaternion, in a log without names."""
     names = list(table.columns)
     if names != [str(index) for index in range(len(names))]:

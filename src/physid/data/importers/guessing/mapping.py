@@ -10,17 +10,14 @@ import numpy as np
 from physid.data.importers.guessing.clocks import clock_of, say_time
 from physid.data.importers.guessing.forces import FoundForces, find_forces, say_source
 from physid.data.importers.guessing.grouping import (
-    PLACE,
     Groups,
     Pair,
-    beside_turn,
     columns_of,
     doubt_of_place,
-    first_of,
     groups_of,
     names_of,
     pairs_of,
-    places_of,
+    place_of,
 )
 from physid.data.importers.guessing.lines import Lines, bare, frame_of, listed, quoted
 from physid.data.importers.guessing.trajectories import say_trajectory
@@ -55,7 +52,7 @@ def guess_mapping(path: Path) -> str:
     said = Lines([f"# Proposed by physid import --guess for {path.name}: look at every line, and fill in FILL_IN."])
     pairs = pairs_of(table, groups)
     places = [columns_of(place, "xyz") for place, _ in pairs.values()]
-    place = places[0] if places else first_of(places_of(table, groups), PLACE, "xyz") or beside_turn(table)
+    place = places[0] if places else place_of(table, groups)
     clock = say_time(table, place, said)
     clocks = [_own_clock(table, each, clock) for each in places[1:]]
     if not any(clocks):

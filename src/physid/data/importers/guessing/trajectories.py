@@ -34,7 +34,7 @@ def say_trajectory(table: Table, clock: str, said: Lines) -> None:
     if stamps is not None and not rises(stamps) and len(stamps) > 1:
         back = [name for name, values in named.items() if _rises_within(stamps, values)]
         if back:
-            said.say(f"trajectory: {quoted(back[0])}")
+            said.say(f"trajectory: {quoted(back[0])}", _doubt_of_empty(table.columns[back[0]]))
         else:
             said.say("# trajectory: FILL_IN", f"{clock} runs back: is there a column that numbers trajectories?")
         return
@@ -47,11 +47,7 @@ def say_trajectory(table: Table, clock: str, said: Lines) -> None:
 
 def _rises_within(stamps: Array, numbers: Array) -> bool:
     """Tell whether stamps grow among the rows of each number."""
-    return all(_grows(stamps[numbers == one]) for one in np.unique(numbers[~np.isnan(numbers)]))
-
-
-def _grows(stamps: Array) -> bool:
-    return bool((np.diff(stamps) > 0).all())
+    return all((np.diff(stamps[numbers == one]) > 0).all() for one in np.unique(numbers[~np.isnan(numbers)]))
 
 
 def _numbers(values: Array) -> bool:
@@ -75,17 +71,22 @@ def _runs(values: Array) -> tuple[dict[float, int], int]:
 def _doubt(values: Array, others: list[str]) -> str:
     """Say why a column may number something else, or not every row; nothing where it is plain."""
     lengths, again = _runs(values)
-    empty = int(np.isnan(values).sum())
     doubts = [
         (
             set(lengths) == {0, 1},
-            "it is 0, then 1: does it say whether something happens, rather than which trajectory?",
+            "it is 0 or 1: does it say whether something happens, rather than which trajectory?",
         ),
         (bool(again), "one number comes back after others: leave out its rows if they belong to no trajectory"),
-        (
-            bool(empty),
-            f"{empty} rows hold no number, and would be a trajectory of their own: leave them out of the log",
-        ),
         (bool(others), f"or is it {' or '.join(others)}?"),
     ]
-    return "; ".join(why for applies, why in doubts if applies)
+    return "; ".join(why for why in (*(why for applies, why in doubts if applies), _doubt_of_empty(values)) if why)
+
+
+def _doubt_of_empty(values: Array) -> str:
+    """Say that some rows hold no number; nothing where all do."""
+    empty = int(np.isnan(values).sum())
+    return (
+        f"{empty} rows hold no number, and would be a trajectory of their own: leave them out of the log"
+        if empty
+        else ""
+    )
