@@ -248,7 +248,7 @@ def feed_log(draw: random.Random, place: Path) -> object:
     """Convert a log, guess its mapping, and read the set that came of it."""
     from physid.data import RecordingSet
     from physid.data.importers.convert import import_logs
-    from physid.data.importers.guess import guess_mapping
+    from physid.data.importers.guessing import guess_mapping
 
     log = place / draw.choice(("log.csv", "log.csv", "log.npz"))
     log.write_bytes(change_bytes(LOG.encode() if log.suffix == ".csv" else _arrays(), draw))

@@ -13,7 +13,7 @@ from tests.data.logs import Truth
 from physid.cli import main
 from physid.data import RecordingSet
 from physid.data.importers.convert import import_logs
-from physid.data.importers.guess import guess_mapping
+from physid.data.importers.guessing import guess_mapping
 from physid.data.importers.tables.files import read_table
 
 pytest.importorskip("rosbags", reason="needs physid[mcap]")

@@ -12,7 +12,7 @@ from tests.data.logs import Truth
 
 from physid.cli import main
 from physid.data import RecordingSet
-from physid.data.importers.guess import guess_mapping
+from physid.data.importers.guessing import guess_mapping
 
 parquet = pytest.importorskip("pyarrow.parquet", reason="needs physid[lerobot]")
 import pyarrow  # noqa: E402

@@ -15,7 +15,7 @@ from physid.cli import main
 from physid.data import Recording, RecordingSet
 from physid.data.importers.convert import import_logs
 from physid.data.importers.finding import find_logs
-from physid.data.importers.guess import guess_mapping
+from physid.data.importers.guessing import guess_mapping
 from physid.data.importers.mapping_files import read_mapping
 from physid.data.observations.trajectories import load_trajectories
 from physid.inspection.kinematics import lowest_corner
@@ -495,3 +495,194 @@ def test_forces_of_a_sensor_that_turns_with_the_body_are_turned_into_the_world(
     assert other is not None
     assert np.allclose(one, other, atol=1e-6)
     assert not np.allclose(one, np.concatenate([torque, force], 1)[:, None], atol=0.1)
+
+
+def filled_in(folder: Path, log: Path) -> tuple[str, RecordingSet]:
+    """Guess a mapping, fill in what no log holds, and import by it; return the text of the mapping and the set."""
+    text = guess_mapping(log)
+    said = yaml.safe_load(text)
+    for one in said.get("bodies", [said]):
+        one |= {"size": [0.1, 0.1, 0.05], "mass": 0.4}
+    return text, RecordingSet(import_logs([log], said | {"axes": "z-up"}, folder / "out").folder)
+
+
+def vectors(names: str, shift: float, time: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+    """Return three columns, of names that are joined by commas."""
+    return dict(zip(names.split(","), (shift + time, 2 * shift - time, shift + 0 * time), strict=True))
+
+
+UPRIGHT = "qw,qx,qy,qz"
+
+
+@pytest.mark.parametrize(
+    ("place", "torque", "unit"),
+    [
+        ("x,y,z", "tx,ty,tz", 1.0),
+        ("pos_x,pos_y,pos_z", "tx,ty,tz", 1.0),
+        ("x [mm],y [mm],z [mm]", "tx [N mm],ty [N mm],tz [N mm]", 1e-3),
+        ("tx [mm],ty [mm],tz [mm]", "mx [N mm],my [N mm],mz [N mm]", 1e-3),
+    ],
+)
+@pytest.mark.parametrize("torque_first", [False, True])
+def test_torques_that_are_called_as_translations_are_no_place(
+    place: str, torque: str, unit: float, torque_first: bool, tmp_path: Path
+) -> None:
+    time = np.arange(60) / 100
+    here = [vectors(place, 0.4, time), vectors(torque, 0.7, time)]
+    columns = {"t": time, **(here[1] | here[0] if torque_first else here[0] | here[1])}
+    columns |= vectors("fx [N],fy [N],fz [N]" if "[" in place else "fx,fy,fz", 0.9, time)
+    columns |= dict(zip(UPRIGHT.split(","), (0 * time + 1, *(0 * time,) * 3), strict=True))
+    text, found = filled_in(tmp_path, write_csv(tmp_path / "log.csv", list(columns), list(columns.values())))
+    assert "not read" not in text
+    one = found.read(0)
+    assert one.pose is not None
+    assert one.wrench is not None
+    assert np.allclose(one.pose[:, 0, :3], unit * np.stack(list(here[0].values()), 1))
+    pushed = [*(unit * values for values in here[1].values()), *vectors("a,b,c", 0.9, time).values()]
+    assert np.allclose(one.wrench[:, 0], np.stack(pushed, 1))
+
+
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize("forces", ["fx,fy,fz", "ax,ay,az"])
+def test_a_translation_beside_forces_is_a_place_with_a_doubt_where_there_is_no_other(
+    forces: str, turned: bool, tmp_path: Path
+) -> None:
+    time = np.arange(60) / 100
+    columns = {"t": time} | vectors("tx,ty,tz", 0.4, time) | vectors(forces, 0.9, time)
+    columns |= dict(zip(UPRIGHT.split(","), (0 * time + 1, *(0 * time,) * 3), strict=True)) if turned else {}
+    text = guess_mapping(write_csv(tmp_path / "log.csv", list(columns), list(columns.values())))
+    assert yaml.safe_load(text)["position"] == ["tx", "ty", "tz"]
+    assert ("or are they torques, beside fx, fy, fz?" in text) == (forces == "fx,fy,fz")
+    assert "torque" not in yaml.safe_load(text)
+
+
+def test_columns_in_newtons_are_no_place(tmp_path: Path) -> None:
+    time = np.arange(60) / 100
+    columns = {"t": time} | vectors("x [N],y [N],z [N]", 0.4, time) | vectors("tx [N m],ty [N m],tz [N m]", 0.5, time)
+    said = yaml.safe_load(guess_mapping(write_csv(tmp_path / "log.csv", list(columns), list(columns.values()))))
+    assert said["position"] == ["FILL_IN"] * 3
+    assert said["force"] == ["x [N]", "y [N]", "z [N]"]
+    assert said["torque"] == ["tx [N m]", "ty [N m]", "tz [N m]"]
+
+
+def two_bodies(time: NDArray[np.float64], between: str) -> dict[str, NDArray[np.float64]]:
+    """Return poses of A and B."""
+    columns = {"t": time}
+    for shift, body in enumerate("AB"):
+        columns |= vectors(",".join(f"{body}{between}{one}" for one in "xyz"), 0.1 + shift, time)
+        columns |= {f"{body}{between}q{one}": (one == "w") + 0 * time for one in "wxyz"}
+    return columns
+
+
+@pytest.mark.parametrize("beside", [False, True])
+@pytest.mark.parametrize(
+    ("between", "force", "torque"),
+    [
+        ("_", "A_fx,A_fy,A_fz", "A_tx,A_ty,A_tz"),
+        ("_", "A_force_x,A_force_y,A_force_z", "A_torque_x,A_torque_y,A_torque_z"),
+        (".", "A.force.x,A.force.y,A.force.z", "A.tau.x,A.tau.y,A.tau.z"),
+        ("_", "A_Fx_N,A_Fy_N,A_Fz_N", "A_Mx,A_My,A_Mz"),
+        ("_", "A_ft_fx,A_ft_fy,A_ft_fz", "A_ft_tx,A_ft_ty,A_ft_tz"),
+    ],
+)
+@pytest.mark.parametrize("pushed", ["AB", "B", "A"])
+def test_each_of_several_bodies_gets_its_own_forces(
+    between: str, force: str, torque: str, pushed: str, beside: bool, tmp_path: Path
+) -> None:
+    """Of the second body, too, and in a log of forces alone; a body without columns gets none."""
+    time = np.arange(60) / 100
+    poses, forces = two_bodies(time, between), dict[str, NDArray[np.float64]]()
+    for body in pushed:
+        forces |= vectors(force.replace("A", body), 3.0 + ord(body), time)
+    forces |= vectors(torque.replace("A", "B"), 7.0, time) if "B" in pushed else {}
+    here = poses if beside else poses | forces
+    log = write_csv(tmp_path / "run_00.csv", list(here), list(here.values()))
+    if beside:
+        write_csv(tmp_path / "run_00_forces.csv", ["t", *forces], [time, *forces.values()])
+    text, found = filled_in(tmp_path, log)
+    assert "not read" not in text
+    assert "on which body" not in text
+    assert found.scene.unknown == ("a.friction", "b.friction")
+    one = found.read(0)
+    assert one.pose is not None
+    assert one.wrench is not None
+    for index, body in enumerate("AB"):
+        assert np.allclose(one.pose[:, index, :3], np.stack([poses[f"{body}{between}{axis}"] for axis in "xyz"], 1))
+        acts = np.stack([forces.get(name, 0 * time) for name in force.replace("A", body).split(",")], 1)
+        turns = np.stack([forces.get(name, 0 * time) for name in torque.replace("A", body).split(",")], 1)
+        assert np.allclose(one.wrench[:, index], np.concatenate([turns, acts], 1))
+    said = yaml.safe_load(text)
+    assert [("force" in each, "torque" in each) for each in said["bodies"]] == [
+        ("A" in pushed, False),
+        ("B" in pushed,) * 2,
+    ]
+    assert said.get("forces") == ({"file": "{stem}_forces.csv", "time": "t"} if beside else None)
+
+
+@pytest.mark.parametrize("beside", [False, True])
+@pytest.mark.parametrize("names", ["fx,fy,fz", "hand_fx,hand_fy,hand_fz"])
+def test_forces_of_no_body_in_particular_go_to_the_first_with_a_doubt(names: str, beside: bool, tmp_path: Path) -> None:
+    time = np.arange(60) / 100
+    forces = vectors(names, 3.0, time)
+    poses = two_bodies(time, "_") | ({} if beside else forces)
+    log = write_csv(tmp_path / "run.csv", list(poses), list(poses.values()))
+    if beside:
+        write_csv(tmp_path / "run_forces.csv", ["t", *forces], [time, *forces.values()])
+    text, found = filled_in(tmp_path, log)
+    assert "force: on which body? no name tells" in text
+    assert "force" not in yaml.safe_load(text)
+    wrench = found.read(0).wrench
+    assert wrench is not None
+    assert np.allclose(wrench[:, 0, 3:], np.stack(list(forces.values()), 1))
+    assert not wrench[:, 1].any()
+
+
+@pytest.mark.parametrize(
+    ("name", "numbers", "stamps", "doubt"),
+    [
+        ("push", [0, 1, 2], "rise", ""),
+        ("Trial #", [4, 7], "rise", ""),
+        ("trajectory_index", [2, 1, 0], "rise", ""),
+        ("run_id", [0, 1, 2], "run back", ""),
+        ("push", [0, 1], "rise", "does it say whether something happens"),
+        ("segment", [0, np.nan, 1, np.nan, 2], "rise", "40 rows hold no number"),
+        ("rep", [-1, 1, -1, 2, -1, 3], "rise", "one number comes back"),
+        ("push", [1], "rise", None),
+        ("push", [0, 1, 0, 1], "rise", None),
+        ("sequence", list(range(100)), "rise", None),
+        ("test", [0.5, 1.5], "rise", None),
+        ("status", [0, 1, 2], "rise", None),
+        ("trial", [1, 1, 1], "run back", None),
+    ],
+)
+def test_a_column_that_numbers_trajectories_is_guessed(
+    name: str, numbers: list[float], stamps: str, doubt: str | None, tmp_path: Path
+) -> None:
+    """By its name and by long runs of rows of one number; None where it numbers none."""
+    rows = 1 if len(numbers) > 20 else 20
+    which = np.repeat(np.array(numbers, dtype=float), rows)
+    time = np.arange(len(which)) / 100
+    time = np.tile(time[:rows], len(numbers)) if stamps == "run back" else time
+    columns = {"t": time} | vectors("x,y,z", 0.4, np.arange(len(which)) / 100) | {name: which}
+    log = write_csv(tmp_path / "log.csv", list(columns), list(columns.values()))
+    text = guess_mapping(log)
+    said = yaml.safe_load(text)
+    assert said.get("trajectory") == (None if doubt is None else name)
+    line = next((one for one in text.splitlines() if one.startswith("trajectory:")), "")
+    assert ("not sure" in line) == bool(doubt)
+    assert (doubt or "") in line
+    if stamps == "run back" and doubt is None:
+        assert "# trajectory: FILL_IN" in text
+        return
+    _, found = filled_in(tmp_path, log)
+    kinds = len(np.unique(numbers)) if doubt is not None else 1
+    assert len(found) == kinds
+    assert sum(one.length for one in found) == len(which)
+
+
+def test_of_two_columns_that_number_trajectories_the_finer_one_is_guessed_with_a_doubt(tmp_path: Path) -> None:
+    time = np.arange(80) / 100
+    columns = {"t": time, "trial": time // 0.4, "push": np.repeat(np.arange(4.0), 20)} | vectors("x,y,z", 0.4, time)
+    text = guess_mapping(write_csv(tmp_path / "log.csv", list(columns), list(columns.values())))
+    assert yaml.safe_load(text)["trajectory"] == "push"
+    assert "or is it trial?" in text
