@@ -85,8 +85,4 @@ def _doubt(values: Array, others: list[str]) -> str:
 def _doubt_of_empty(values: Array) -> str:
     """Say that some rows hold no number; nothing where all do."""
     empty = int(np.isnan(values).sum())
-    return (
-        f"{empty} rows hold no number, and would be a trajectory of their own: leave them out of the log"
-        if empty
-        else ""
-    )
+    return f"{empty} rows hold no number, and are left out" if empty else ""
