@@ -20,7 +20,7 @@ from torch.utils.data import DataLoader
 from physid.cli import main
 from physid.physics import PhysicsLayer, SolverError
 from physid.physics.contact_problem.lcp import SolverSettings
-from physid.training.callbacks.intervals import left_to_go
+from physid.training.callbacks.intervals import left_to_go, steps_shrink
 from physid.training.learners.engine import Engine
 from physid.training.learners.sysid import SysID
 from physid.training.parameters.gauss_newton import GaussNewton
@@ -113,6 +113,9 @@ def test_steps_that_do_not_shrink_and_a_single_one_leave_nine_times_the_last() -
     there, back, again = torch.tensor([0.0]), torch.tensor([0.1]), torch.tensor([-0.2])
     assert left_to_go([there, back, again]).item() == pytest.approx(9 * 0.3)
     assert left_to_go([there, back]).item() == pytest.approx(9 * 0.1)
+    assert not steps_shrink([there, back, again]), "the last step is as long as the one before: nobody knows the end"
+    assert not steps_shrink([there, back])
+    assert steps_shrink([torch.tensor([one]) for one in (0.0, 1.0, 1.5)])
     assert left_to_go([there, there]).item() == left_to_go([there, there, there]).item() == 0
 
 

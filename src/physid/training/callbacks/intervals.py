@@ -59,14 +59,15 @@ class Intervals(L.Callback):
         pl_module.log_dict(known.logged())
         error = known.covariance.diagonal().clamp_min(0).sqrt()
         step = (here - self._path[-1]).abs() / error
-        left = left_to_go([*self._path, here]) / error
-        for name, far, last in zip(known.names, left, step, strict=True):
+        left, shrinks = left_to_go([*self._path, here]) / error, steps_shrink([*self._path, here])
+        for name, far, last, shorter in zip(known.names, left, step, shrinks.tolist(), strict=True):
             pl_module.log(f"params/{name}/left_to_go", far)
             if min(float(far), float(last)) > 1:
+                where = f"and some {far:.2g} are" if shorter else "and nothing says how many are"
                 logger.warning(
-                    "%s has not settled: the last epoch moved it by %.2g standard errors, and some %.2g are still to "
-                    "go, for which its interval does not allow; give the fit more epochs (trainer.max_epochs)",
-                    name, last, far,
+                    "%s has not settled: the last epoch moved it by %.2g standard errors, %s still to go, for which its "
+                    "interval does not allow; give the fit more epochs (trainer.max_epochs)",
+                    name, last, where,
                 )  # fmt: skip
         if trainer.is_global_zero:
             known.write(Path(trainer.default_root_dir))
@@ -89,8 +90,17 @@ def left_to_go(path: Sequence[Tensor]) -> Tensor:
     Args:
         path: The last points of the sequence, two or three, shape (P,) each.
     """
+    ratio = _ratio(path).clamp(max=LARGEST_RATIO)
+    return (path[-1] - path[-2]).abs() * ratio / (1 - ratio)
+
+
+def steps_shrink(path: Sequence[Tensor]) -> Tensor:
+    """Return whether the last step of a sequence was so much shorter than the one before that its end is in sight."""
+    return _ratio(path) < LARGEST_RATIO
+
+
+def _ratio(path: Sequence[Tensor]) -> Tensor:
+    """Return the last step over the one before, shape (P,); of a single step, or where nothing moved, the largest."""
     steps = torch.stack(list(path)).diff(dim=0).abs()
-    last = steps[-1]
-    before = steps[-2] if len(steps) > 1 else torch.zeros_like(last)
-    ratio = torch.where(before > 0, last / before, LARGEST_RATIO).clamp(max=LARGEST_RATIO)
-    return last * ratio / (1 - ratio)
+    before = steps[-2] if len(steps) > 1 else torch.zeros_like(steps[-1])
+    return torch.where(before > 0, steps[-1] / before, LARGEST_RATIO)
