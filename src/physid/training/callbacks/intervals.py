@@ -65,8 +65,8 @@ class Intervals(L.Callback):
             if min(float(far), float(last)) > 1:
                 where = f"and some {far:.2g} are" if shorter else "and nothing says how many are"
                 logger.warning(
-                    "%s has not settled: the last epoch moved it by %.2g standard errors, %s still to go, for which its "
-                    "interval does not allow; give the fit more epochs (trainer.max_epochs)",
+                    "%s has not settled: the last epoch moved it by %.2g standard errors, %s still to go, for which "
+                    "its interval does not allow; give the fit more epochs (trainer.max_epochs)",
                     name, last, where,
                 )  # fmt: skip
         if trainer.is_global_zero:
