@@ -82,6 +82,7 @@ SUITES: dict[str, tuple[str, ...]] = {
         *("effects/test_perception.py", "effects/test_filtering.py", "effects/test_catalogue.py"),
     ),
     "effects/filtering.py": ("effects/test_filtering.py",),
+    "effects/motion.py": ("diagnosis/test_effect_file.py", "diagnosis/test_law_parts.py"),
     "effects/resampling.py": ("effects/test_perception.py", "effects/test_actuation.py"),
     "effects/touch.py": ("effects/test_contact.py", "physics/test_shapes.py"),
     "estimation/prediction/timeline.py": ("diagnosis/test_timeline.py", "estimation/test_cuts.py"),
@@ -220,6 +221,7 @@ SUITES: dict[str, tuple[str, ...]] = {
         *("diagnosis/test_document.py", "diagnosis/test_figures.py", "diagnosis/test_posterior.py"),
         "diagnosis/test_answers.py",
     ),
+    "diagnosis/document/effect_file.py": ("diagnosis/test_effect_file.py",),
     "diagnosis/document/flat_figures.py diagnosis/document/rounding.py": (
         *("diagnosis/test_figures.py", "diagnosis/test_sentences.py"),
     ),
