@@ -102,9 +102,6 @@ def _forces_of(
     forces, torques = vectors_of(table, free, "force"), vectors_of(table, free, "torque")
     owners = [owner_of(prefix) for prefix in prefixes]
     force, torque = _owned(forces, owners, FORCE), _owned(torques, owners, TORQUE)
-    for index, either in enumerate(_owned(torques, owners, (OF_EITHER,))):
-        if either and not torque[index] and (force[index] or table.units.get(bare(either[0]))):
-            torque[index] = either
     unowned = []
     if not any(force) and (one := first_of(forces, FORCE, "xyz") or _named_last(table, forces)):
         force[0] = one
