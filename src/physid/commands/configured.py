@@ -34,6 +34,7 @@ def configure(
     from physid.runs import recorded_config
     from physid.schema.check import trusted_packages
 
+    packages = trusted_packages(allowed)
     recordings, run_dir = values.get("recordings"), values.get("run_dir")
     laid: list[str] = []
     if recordings is not None:
@@ -57,7 +58,7 @@ def configure(
     if "run_dir" in values:
         values["run_dir"] = run_dir
     reads = load_class(command.reads) if command.reads else None
-    composed = compose(chosen, [*laid, *overrides], reads=reads, allowed=trusted_packages(allowed))
+    composed = compose(chosen, [*laid, *overrides], reads=reads, allowed=packages)
     if command.name == "test" and recordings is not None:
         _test_all_others(composed, recordings, run_dir)
     return composed
