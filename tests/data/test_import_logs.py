@@ -686,3 +686,28 @@ def test_of_two_columns_that_number_trajectories_the_finer_one_is_guessed_with_a
     text = guess_mapping(write_csv(tmp_path / "log.csv", list(columns), list(columns.values())))
     assert yaml.safe_load(text)["trajectory"] == "push"
     assert "or is it trial?" in text
+
+
+def test_bodies_of_like_names_are_all_kept_and_keep_their_forces(tmp_path: Path) -> None:
+    time = np.arange(60) / 60
+    columns = {"t": time}
+    for number, body in enumerate(("left/cup", "right/cup", "top/cup")):
+        columns |= vectors(f"{body}/x,{body}/y,{body}/z", 0.1 * number, time)
+        columns |= {f"{body}/q{letter}": np.full(60, letter == "w", dtype=float) for letter in "xyzw"}
+    columns |= {f"right/cup/f{letter}": time for letter in "xyz"}
+    said = yaml.safe_load(guess_mapping(write_csv(tmp_path / "log.csv", list(columns), list(columns.values()))))
+    assert [one["name"] for one in said["bodies"]] == ["cup", "cup_2", "cup_3"]
+    assert ["force" in one for one in said["bodies"]] == [False, True, False]
+    assert said["unknown"] == ["cup.friction", "cup_2.friction", "cup_3.friction"]
+
+
+def test_the_unit_of_positions_is_that_of_the_body_that_moves(tmp_path: Path) -> None:
+    time = np.arange(60) / 60
+    columns = {"t": time}
+    for body, size in (("a", 300.0), ("b", 0.5), ("c", np.nan)):
+        columns |= {f"{body}_{letter}": size * time for letter in "xyz"}
+        columns |= {f"{body}_q{letter}": np.full(60, letter == "w", dtype=float) for letter in "xyzw"}
+    text = guess_mapping(write_csv(tmp_path / "log.csv", list(columns), list(columns.values())))
+    assert yaml.safe_load(text)["units"]["position"] == "mm"
+    assert "positions spread over 295" in text
+    assert "nan" not in text

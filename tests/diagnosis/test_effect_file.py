@@ -11,6 +11,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from physid.cli import main
 from physid.diagnosis.document.effect_file import REGIONS, effect_file
 from physid.diagnosis.document.residual_law import ResidualLaw
 from physid.diagnosis.residual_law.laws import hats
@@ -19,7 +20,7 @@ from physid.effects.loading import own_effects
 from physid.effects.probe import Probe, draw_probe
 from physid.effects.touch import touching
 from physid.estimation.prediction import Prediction
-from physid.physics import Effect, Parameters, PhysicsLayer, World
+from physid.physics import Effect, Parameters, PhysicsLayer, State, World
 from physid.physics.rotations import exponential, to_matrix
 
 STILL = 0.1
@@ -46,7 +47,7 @@ def written(folder: Path, laws: list[ResidualLaw]) -> list[Effect]:
     assert text is not None
     place.write_text(text)
     names = [line.split()[1].partition("(")[0] for line in text.splitlines() if line.startswith("class ")]
-    assert f"--effects {place}\n" in text
+    assert f"--effects {place} --out " in text
     one, kinds = torch.tensor([1.0], dtype=torch.float64), own_effects([str(place)])
     assert [kind.__name__ for kind in kinds] == names
     return [kind().replace(scale=one) for kind in kinds]
@@ -106,6 +107,27 @@ def test_a_missing_shift_moves_what_the_camera_reports_where_that_shows_the_vari
         assert torch.allclose((shown - pose)[:, 1, :, :3], said(one)[..., 3:], atol=1e-9), one.direction
         assert torch.equal(shown[..., 3:], pose[..., 3:])
         assert effect.site == "perception"
+
+
+def test_a_shift_that_changes_with_time_goes_on_in_a_piece_of_a_trajectory(tmp_path: Path) -> None:
+    (effect,) = written(tmp_path, [law("shift", "along x", "time")])
+    pose, time = PROBE.pose[:1], 0.5 * torch.arange(PROBE.pose.shape[1], dtype=torch.float64)[None]
+    assert torch.equal(effect.observe(pose, time)[:, 3:], effect.observe(pose[:, 3:], time[:, 3:]))
+
+
+def test_what_falls_straight_has_no_course(tmp_path: Path) -> None:
+    (effect,) = written(tmp_path, [law("force", "along x", "course")])
+    twist = torch.zeros_like(PROBE.state.twist)
+    twist[..., 3:] = -2.0 * GROUND[2]
+    assert torch.equal(effect.act(State(PROBE.state.pose, twist), PROBE.inputs).wrench, PROBE.inputs.wrench)
+
+
+def test_a_diagnosis_does_not_run_the_file_that_it_replaces(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "missing_effects.py").write_text("")
+    for words in (["--effects"], ["--allow"]):
+        place = f"{tmp_path}/../{tmp_path.name}/missing_effects.py:MissingForce"
+        assert main(["diagnose", str(tmp_path), *words, place, "--out", str(tmp_path)]) == 2
+        assert "this diagnosis would replace it; name another folder" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("variable", [None, *(name for name in VARIABLES if "course" not in str(name))])

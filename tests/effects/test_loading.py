@@ -59,6 +59,9 @@ def test_a_file_stands_for_all_effects_that_it_defines(example: Path, tmp_path: 
     second = second.replace("MagneticBrake", "Second").replace("magnetic_brake", "second_brake")
     both.write_text(f"{worked_example()}\n\n@final{second}")
     assert [effect.name for effect in own_effects([str(both)])] == ["magnetic_brake", "second_brake"]
+    aliased = f'{worked_example()}\n\nBrake = MagneticBrake\n\n\nclass Base(Effect):\n    """Of others."""\n'
+    both.write_text(aliased)
+    assert [effect.name for effect in own_effects([str(both)])] == ["magnetic_brake"]
     both.write_text("from physid.physics import Effect\nfrom physid.effects.dynamics.tether import Tether\n")
     with pytest.raises(ValueError, match=r"both\.py defines no effect, which is a class derived from"):
         own_effects([str(both)])
@@ -73,6 +76,10 @@ def test_effects_that_are_admitted_are_found_like_those_of_the_catalogue(example
     assert from_values("magnetic_brake", {"coefficient": 1.0}).values()["coefficient"].tolist() == [1.0]
     assert is_effect("magnetic_brake.coefficient")
     assert [kind.name for kind in known_effects()][-1] == "magnetic_brake"
+    timed = example.parent / "12:00" / "my_effects.py"
+    timed.parent.mkdir()
+    timed.write_text(example.read_text())
+    assert admit_files([str(timed)]) == admit_files([f"{timed}:MagneticBrake"]) == ()
     assert admit_files([str(example)]) == (), "to admit them again replaces them"
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from scipy.spatial.transform import Rotation
 from tests.data.sets import write_set
 from tests.diagnosis.sets import recorded as generated
@@ -566,7 +567,7 @@ def test_columns_of_forces_that_are_exchanged_are_named_as_the_log_has_them(tmp_
         ("force: [Fz, -Fy, Fx]", "force=[Fx, -Fy, Fz]"),
         ("bodies: [{force: [Fz, -Fy, Fx]}]", "force=[Fx, -Fy, Fz]"),
         ("force: hand/wrench", "force=[hand/wrench/z, hand/wrench/y, hand/wrench/x]"),
-        ("force: [pushed]", "force=[pushed[2], pushed[1], pushed[0]]"),
+        ("force: [pushed]", "force=['pushed[2]', 'pushed[1]', 'pushed[0]']"),
     ):
         (tmp_path / "import.yaml").write_text(f"axes: y-up\n{mapping}\n")
         found = said(tmp_path, scene, [wrong(scene, one)[1] for one in recordings])
@@ -791,10 +792,11 @@ def test_torques_that_a_block_on_a_table_does_not_follow_are_named(
             "beside the force as in the others: forces seem to be in kgf -> correct these, or leave them out",
         ),
         (1e3, "forces seem to be in mN"),
+        (4.448, "beside the force as in the others: these forces, or this body, are others"),
         (-1.0, "bodies accelerate against the forces: they have the other sign"),
         (0.5, None),
     ],
-    ids=["sound", "kgf", "mN", "the other sign", "another mass"],
+    ids=["sound", "kgf", "mN", "pounds for newtons", "the other sign", "another mass"],
 )
 def test_one_trajectory_whose_forces_are_in_another_unit_is_named(
     tmp_path: Path, factor: float, message: str | None, known: bool
@@ -809,6 +811,28 @@ def test_one_trajectory_whose_forces_are_in_another_unit_is_named(
     assert all(one.startswith("in trajectory 2 alone ") for one in found)
 
 
+def test_of_two_trajectories_with_different_mistakes_one_kind_is_named(tmp_path: Path) -> None:
+    scene = dataclasses.replace(find_setup("push").scene, camera=None, time_step=1 / 120)
+    scene = scene.with_bodies([dataclasses.replace(scene.bodies[0], size=(0.16, 0.12, 0.08), mass=1.0)])
+    for factors, named in (({2: -1.0, 5: 1e3}, "in trajectory 2 alone bodies turn against"), ({2: 0.1, 5: 1e3}, "2")):
+        changed = [torqued(factors.get(seed, 1.0))(scene, twisted(seed))[1] for seed in range(10)]
+        (found,) = [one for one in said(tmp_path / named[:8].strip(), scene, changed) if "torque" in one]
+        assert found.startswith(named if len(named) > 1 else "in trajectory 2 alone inertia times"), found
+
+
+@pytest.mark.parametrize("known", [True, False], ids=["given", "of a box"])
+def test_torques_are_judged_by_the_inertia_that_is_given(tmp_path: Path, known: bool) -> None:
+    scene = dataclasses.replace(find_setup("push").scene, camera=None, time_step=1 / 120)
+    moments = tuple(np.array([0.08**2 + 0.12**2, 0.08**2 + 0.16**2, 0.12**2 + 0.16**2]) / 12)
+    body = dataclasses.replace(scene.bodies[0], size=(0.5, 0.4, 0.08), mass=1.0, inertia=moments if known else None)
+    scene = dataclasses.replace(scene.with_bodies([body]), unknown=())
+    found = [one for one in said(tmp_path, scene, list(map(twisted, range(6)))) if "torque" in one]
+    assert bool(found) is not known, found
+
+
 def test_columns_of_inverse_rotations_are_named_as_the_log_has_them() -> None:
     assert Origin(order="wxyz", quaternion=("q0", "-q1", "q2", "q3")).inverse() == "quaternion=[q0, q1, -q2, -q3]"
     assert Origin().inverse() == "quaternion=[-qx, -qy, -qz, qw]"
+    array = Origin(order="wxyz", quaternion=tuple(f"q[{k}]" for k in range(4))).inverse()
+    assert yaml.safe_load(array.removeprefix("quaternion=")) == ["q[0]", "-q[1]", "-q[2]", "-q[3]"]
+    assert "q" not in Origin(mapped=True).inverse(), "a mapping of angles has no columns of a quaternion"

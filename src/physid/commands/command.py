@@ -12,8 +12,8 @@ CONFIGURED = """\
   --config FILE         A configuration, or the name of a shipped one (physid configs); of several, later ones win.
   key=value             Overrides one value, in YAML: trainer.max_epochs=3, data.segment=null.
   --print-config        Print the resolved configuration and do nothing.
-  --allow PACKAGE       Let the configuration name classes of a package of your own, or effects of a file of your own
-                        (my_effects.py), whose code is then run.
+  --allow WHAT          Let the configuration name classes of a package of your own (my_package), or effects of a file
+                        of your own (my_effects.py), whose code is then run.
 """
 
 

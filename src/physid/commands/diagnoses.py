@@ -82,6 +82,7 @@ def diagnose(
     changes = parse_changes(set or []) | ({} if tolerance is None else {"materiality.tolerance": tolerance})
     settings = Settings().changed(changes)
     folder = out or Path("runs/diagnosis") / recordings.resolve().name
+    _require_another_file([*effects.split(","), *allow.split(",")], folder / MISSING)
     given = {"read": recordings} | ({} if transfer is None else {"read_transfer": transfer})
     sets = open_with_poses(given, folder, from_video=from_video, encoder=encoder, limit=limit, quiet=quiet)
     own = own_effects([place for place in effects.split(",") if place])
@@ -95,6 +96,14 @@ def diagnose(
         _log(folder, wandb, {"recordings": str(recordings), "transfer": str(transfer or ""), "seed": seed}, found)
     files = [str(folder / name) for name in (MISSING, REPORT) if (folder / name).is_file()]
     print("\n".join([*summary_lines(found), *files]))
+
+
+def _require_another_file(places: list[str], replaced: Path) -> None:
+    """Refuse to run effects of the file that a diagnosis replaces."""
+    for place in places:
+        file = Path(place if place.endswith(".py") else place.rpartition(":")[0])
+        if file.name and file.resolve() == replaced.resolve():
+            raise ValueError(f"{file}: this diagnosis would replace it; name another folder for its results: --out")
 
 
 def _log(folder: Path, wandb: str, config: Mapping[str, Any], found: Diagnosis) -> None:

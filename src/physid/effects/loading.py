@@ -75,7 +75,7 @@ def admit_files(allowed: Sequence[str]) -> tuple[str, ...]:
     Raises:
         ValueError: If an effect cannot be loaded.
     """
-    files = [each for each in allowed if is_file(each.partition(":")[0])]
+    files = [each for each in allowed if is_file(each) or is_file(each.rpartition(":")[0])]
     admit(own_effects(files))
     return tuple(each for each in allowed if each not in files)
 
@@ -88,7 +88,8 @@ def is_file(place: str) -> bool:
 def _all_in(place: str) -> list[type[Effect]]:
     """Load all effects of a file."""
     module = _run(Path(place))
-    own = [each for each in vars(module).values() if _is_effect(each) and each.__module__ == module.__name__]
+    effects = dict.fromkeys(each for each in vars(module).values() if _is_effect(each) and "name" in vars(each))
+    own = [each for each in effects if each.__module__ == module.__name__]
     if not own:
         raise ValueError(f"{place} defines no effect, which is a class derived from physid.physics.Effect")
     return [_checked(each, f"{place}:{each.__name__}") for each in own]

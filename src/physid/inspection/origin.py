@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
 from physid.data.importers.rotations import PRESETS, axes_of
@@ -30,6 +32,7 @@ class Origin:
         newtons: What one of the log's unit of forces was taken for [N].
         newton_metres: What one of the log's unit of torques was taken for [N m].
         quaternion: The log's columns of quaternions, as the mapping lists them.
+        mapped: Whether a mapping said what is known here.
         offset: What was added to the stamps of the forces [s].
         held: Whether forces are held from row to row.
         hidden: Frames of films in which something hid the bodies as poses were read from them.
@@ -41,6 +44,7 @@ class Origin:
     newtons: float = 1.0
     newton_metres: float = 1.0
     quaternion: tuple[str, ...] = ()
+    mapped: bool = False
     offset: float = 0.0
     held: bool = True
     hidden: tuple[HiddenFrames, ...] = ()
@@ -79,6 +83,7 @@ class Origin:
             UNITS["force"].get(str(units.get("force")), 1.0),
             UNITS["torque"].get(str(units.get("torque")), 1.0),
             quaternion,
+            True,
             float(offset) if isinstance(offset, int | float) else 0.0,
             forces.get("between") in (None, "held"),
             hidden,
@@ -109,7 +114,9 @@ class Origin:
         names = self.quaternion or (("qw", "qx", "qy", "qz") if self.order == "wxyz" else ("qx", "qy", "qz", "qw"))
         scalar = self.order.index("w")
         words = [name if place == scalar else _negative(name) for place, name in enumerate(names)]
-        return f"quaternion=[{', '.join(words)}]"
+        if self.mapped and not self.quaternion:
+            return "rotations the other way round"
+        return f"quaternion={_flow(words)}"
 
     def forces(self, change: Array) -> str:
         """Return the key of the mapping that lists the log's columns so as to change the world's forces (3, 3)."""
@@ -119,7 +126,12 @@ class Origin:
             column = int(np.abs(row).argmax())
             name = self.force[column]
             words.append(_negative(name) if row[column] < 0 else name)
-        return f"force=[{', '.join(words)}]"
+        return f"force={_flow(words)}"
+
+
+def _flow(names: Sequence[str]) -> str:
+    """Write columns as a list that YAML reads."""
+    return yaml.safe_dump(list(names), default_flow_style=True, width=math.inf).strip()
 
 
 def _negative(name: str) -> str:

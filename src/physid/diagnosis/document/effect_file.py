@@ -14,10 +14,11 @@ from physid.pages.numbers import capital
 DIGITS, FINE, WIDTH = 6, 12, 110
 HEAD = '''"""What a diagnosis says is missing, as effects: measured tables, to be replaced by formulas of your own.
 
-    physid diagnose RECORDINGS --effects {place}
+    physid diagnose RECORDINGS --effects {place} --out runs/diagnosis/tried
 
 fits how much of each is at work, and says whether it explains the gap; a --transfer set shows whether it holds in other
-motions, too. docs/adding_an_effect.md says how effects are written, and used.
+motions, too. docs/adding_an_effect.md says how effects are written, and used. Copy this file before you change it: the
+next diagnosis into this folder replaces it.
 """
 
 from dataclasses import dataclass
@@ -57,45 +58,46 @@ class {name}(Effect):
 ACT = '''
     def act(self, state: State, inputs: StepInputs) -> StepInputs:
         """Add it."""
+        ground = GROUND.to(state.position.device)
         size = self.scale[:, None] * piecewise({value}, self.at, self.size){where}
         return inputs.add_{kind}(size[..., None] * {way})
 '''
 OBSERVE = '''
     def observe(self, pose: Tensor, time: Tensor) -> Tensor:
         """Shift it."""
-        place = pose[..., :3]
+        place, ground = pose[..., :3], GROUND.to(pose.device)
         size = self.scale[:, None, None] * piecewise({value}, self.at, self.size)
         return torch.cat([place + size[..., None] * {way}, pose[..., 3:]], -1)
 '''
-AXES = {"along x": "GROUND[0]", "along y": "GROUND[1]", "along z": "GROUND[2]"}
+AXES = {"along x": "ground[0]", "along y": "ground[1]", "along z": "ground[2]"}
 WAYS = AXES | {
     "along the velocity": "unit(state.velocity, STILL)",
-    "across the velocity": "across(state.velocity, GROUND[2], STILL)",
+    "across the velocity": "across(state.velocity, ground[2], STILL)",
     "along the command": "unit(inputs.wrench[..., 3:])",
-    "across the command": "across(inputs.wrench[..., 3:], GROUND[2])",
-    "about the vertical": "GROUND[2]",
+    "across the command": "across(inputs.wrench[..., 3:], ground[2])",
+    "about the vertical": "ground[2]",
     "along the spin": "unit(state.angular_velocity)",
 }
-MOVES = "(state.velocity.norm(dim=-1) > STILL)"
+MOVES = "((state.velocity @ ground[:2].T).norm(dim=-1) > STILL)"
 VALUES = {
     None: "0 * state.position[..., 0]",
-    "x": "state.position @ GROUND[0]",
-    "y": "state.position @ GROUND[1]",
-    "height": "state.position @ GROUND[2]",
+    "x": "state.position @ ground[0]",
+    "y": "state.position @ ground[1]",
+    "height": "state.position @ ground[2]",
     "speed": "state.velocity.norm(dim=-1)",
-    "course": "course(state.velocity, GROUND)",
-    "course seen from the body": "course_from_body(state.quaternion, state.velocity, GROUND)",
+    "course": "course(state.velocity, ground)",
+    "course seen from the body": "course_from_body(state.quaternion, state.velocity, ground)",
     "commanded force": "inputs.wrench[..., 3:].norm(dim=-1)",
     "spin": "state.angular_velocity.norm(dim=-1)",
     "time": "inputs.time[:, None] + 0 * state.position[..., 0]",
 }
-SHIFTS = AXES | {"away from the origin": "from_origin(place, GROUND[2])"}
+SHIFTS = AXES | {"away from the origin": "from_origin(place, ground[2])"}
 PLACES = {
     None: "0 * place[..., 0]",
-    "x": "place @ GROUND[0]",
-    "y": "place @ GROUND[1]",
-    "height": "place @ GROUND[2]",
-    "time": "(time - time[:, :1])[..., None] + 0 * place[..., 0]",
+    "x": "place @ ground[0]",
+    "y": "place @ ground[1]",
+    "height": "place @ ground[2]",
+    "time": "time[..., None] + 0 * place[..., 0]",
 }
 REGIONS = {
     "everywhere": "",
@@ -120,7 +122,7 @@ def effect_file(laws: Sequence[ResidualLaw], ground: Tensor, still: float, place
     if not classes:
         return None
     rows = [[round(each, FINE) for each in row] for row in ground.tolist()]
-    return HEAD.format(place=place, ground=rows, still=still) + "".join(text for _, text in classes)
+    return HEAD.format(place=place.replace("\\", "/"), ground=rows, still=still) + "".join(text for _, text in classes)
 
 
 def _classes(laws: Sequence[ResidualLaw]) -> Iterator[tuple[str, str]]:

@@ -194,7 +194,9 @@ def how_far_sentence(diagnosis: Diagnosis, split: Split) -> str:
 def no_share(diagnosis: Diagnosis, split: Split) -> str:
     """Say why no share of the gap is known: errors are near the floor of the noise, or near what numerics leave."""
     if _near_floor(diagnosis, split):
-        return "too near to the floor for a share" if diagnosis.blamed else "near the floor: it shows in parts of these"
+        return (
+            "too near to the floor for a share" if diagnosis.blamed else "near the floor: parts of the motion show it"
+        )
     return "no share is known: in these trajectories numerics alone may leave as much"
 
 
@@ -291,7 +293,7 @@ def explained(said: Diagnosis, score: float) -> str:
 
     The gap is at least what the best candidate explains, which a line at the nominal model may not see as large.
     """
-    largest = max(said.excess or 0.0, *(one.score for one in said.ranking))
+    largest = max([said.excess or 0.0, *(one.score for one in said.ranking)])
     return percent(max(score, 0.0) / largest) if said.excess else figure(score)
 
 

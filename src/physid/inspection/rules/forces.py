@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from itertools import permutations, product
 
 import numpy as np
@@ -77,8 +78,10 @@ def forces(seen: Evidence) -> Finding | None:
     ratio = float((push * pull).sum() / np.square(push).sum())
     if match > OTHER and not RATIO[0] < ratio < RATIO[1]:
         return _other_unit(ratio, seen.origin.newtons)
-    whole = _known_mass(seen, push, pull, _directions(k.velocity[chosen] @ along)) if match > OTHER else None
-    return whole or _odd_forces(seen, along)
+    odd = _odd_forces(seen, along)
+    if odd is not None or match <= OTHER:
+        return odd
+    return _known_mass(seen, push, pull, _directions(k.velocity[chosen] @ along))
 
 
 def _odd_forces(seen: Evidence, along: Array) -> Finding | None:
@@ -121,34 +124,45 @@ def odd_trajectories(
         return None
     middle = float(np.median(list(following.values())))
     against = [one for one, (_, match) in found.items() if match < WRONG]
-    factors = {one: slope / middle for one, slope in following.items() if not 1 / ODD < slope / middle < ODD}
-    named = [seen.indices[one] for one in sorted([*against, *factors])]
-    if not named or len(named) > (1 - OTHERS) * len(found):
+    factors = {one: slope / middle for one, slope in following.items()}
+    larger = {one: factor for one, factor in factors.items() if factor >= ODD}
+    smaller = {one: factor for one, factor in factors.items() if factor <= 1 / ODD}
+    if len({*against, *larger, *smaller}) > (1 - OTHERS) * len(found):
         return None
-    what = "inertia times angular acceleration" if kind == "torque" else "mass times acceleration"
-    several = f"trajector{'ies' if len(named) > 1 else 'y'} {', '.join(map(str, named[:MOST_NAMED]))} alone"
     if against:
         doing = "turn against the torques" if kind == "torque" else "accelerate against the forces"
         return Finding(
-            f"in {several} bodies {doing}: they have the other sign, or poses are in another frame",
+            f"in {_alone(seen, against)} bodies {doing}: they have the other sign, or poses are in another frame",
             "correct these, or leave them out",
         )
-    factor = float(np.median(list(factors.values())))
+    odd = max(larger, smaller, key=len)
+    if not odd:
+        return None
+    factor, what = float(np.median(list(odd.values()))), "mass times acceleration"
+    if kind == "torque":
+        what = "inertia times angular acceleration"
     taken = seen.origin.newton_metres if kind == "torque" else seen.origin.newtons
-    unit = nearest_unit(kind, factor * taken)
+    unit = nearest_unit(kind, factor * taken, taken)
     return Finding(
-        f"in {several} {what} is {factor:.2g} times as much beside the {kind} as in the others: "
+        f"in {_alone(seen, list(odd))} {what} is {factor:.2g} times as much beside the {kind} as in the others: "
         + (f"{kind}s seem to be in {unit}" if unit else f"these {kind}s, or this body, are others"),
         "correct these, or leave them out",
     )
 
 
-def nearest_unit(kind: str, size: float) -> str | None:
+def _alone(seen: Evidence, which: Sequence[int]) -> str:
+    """Name trajectories."""
+    numbers = [str(seen.indices[one]) for one in sorted(which)]
+    more = f" and {len(numbers) - MOST_NAMED} more" if len(numbers) > MOST_NAMED else ""
+    return f"trajector{'ies' if len(numbers) > 1 else 'y'} {', '.join(numbers[:MOST_NAMED])}{more} alone"
+
+
+def nearest_unit(kind: str, size: float, taken: float) -> str | None:
     """Return the unit of a quantity that has a size in SI, which may be off by a factor of `GUESS`; None without any.
 
-    Of several that are as likely it is the most usual.
+    Of several that are as likely it is the most usual; never the one that the log's was taken for, of the size `taken`.
     """
-    away = {unit: abs(math.log(size / one)) for unit, one in UNITS[kind].items()}
+    away = {unit: abs(math.log(size / one)) for unit, one in UNITS[kind].items() if one != taken}
     nearest = min(away, key=lambda one: away[one])
     if away[nearest] < math.log(CLOSE):
         return nearest

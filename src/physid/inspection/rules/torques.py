@@ -9,7 +9,7 @@ from physid.inspection.evidence import Evidence
 from physid.inspection.finding import Finding
 from physid.inspection.rules.clocks import FEW
 from physid.inspection.rules.falls import ENOUGH
-from physid.inspection.rules.forces import GUESS, OTHER, WRONG, forces, nearest_unit, odd_trajectories
+from physid.inspection.rules.forces import GUESS, OTHER, RATIO, WRONG, forces, nearest_unit, odd_trajectories
 from physid.inspection.rules.sizes import masses
 from physid.scenes.rotations import conjugate, rotate
 
@@ -27,7 +27,7 @@ def forces_and_torques(seen: Evidence) -> Finding | None:
 def torques(seen: Evidence) -> Finding | None:
     """Angular accelerations about the ground's normal, of bodies that slide, against the torques about it.
 
-    a = s t / J - c w / |w|, with J of a box: friction, which opposes the turning, is taken out of both sides. Where a
+    a = s t / J - c w / |w|: friction, which opposes the turning, is taken out of both sides. Where a
     mass is unknown, a torque's unit is judged beside that of the forces: both give a mass.
 
     In 20 sets of four sealed banks and 25 of pushes by closed forms that have such moments and no mistake, the
@@ -52,11 +52,14 @@ def torques(seen: Evidence) -> Finding | None:
     ratio = slope / (beside or 1.0)
     if masses(seen):
         return None
-    if match < OTHER or 1 / GUESS < ratio < GUESS:
+    guessed = beside is None and any(f"{body.name}.mass" in seen.scene.unknown for body in seen.scene.bodies)
+    low, high = RATIO if guessed else (1 / GUESS, GUESS)
+    if match < OTHER or low < ratio < high:
         way = np.sign(turning[chosen])
         return odd_trajectories(seen, "torque", push, pull, way, k.trajectory[chosen])
-    unit = nearest_unit("torque", ratio * seen.origin.newton_metres)
-    other = nearest_unit("force", seen.origin.newtons / ratio) if beside else None
+    metres, newtons = seen.origin.newton_metres, seen.origin.newtons
+    unit = nearest_unit("torque", ratio * metres, metres)
+    other = nearest_unit("force", newtons / ratio, newtons) if beside else None
     return Finding(
         f"inertia times angular acceleration is {ratio:.2g} of the torque"
         + (", with the mass that the forces show" if beside else "")
@@ -69,16 +72,14 @@ def torques(seen: Evidence) -> Finding | None:
 
 
 def _inertia(seen: Evidence) -> Array:
-    """Return the inertia of boxes about the ground's normal in each window, m (|s|^2 - sum_i (s_i n_i)^2) / 12."""
+    """Return the inertia of bodies about the ground's normal n in each window, sum_i J_i n_i^2 in the body's axes."""
     k, found = seen.kinematics, np.ones(len(seen.kinematics.frame))
-    normal = np.array(seen.scene.ground.normal)
+    normal, moments = np.array(seen.scene.ground.normal), np.array([one.moments() for one in seen.scene.bodies])
     for index, one in enumerate(seen.recordings):
         here = k.trajectory == index
         assert one.pose is not None
         q = one.pose[k.frame[here], k.body[here], 3:]
-        size = seen.scene.sizes[k.body[here]]
-        across = np.square(size * rotate(conjugate(q), normal)).sum(1)
-        found[here] = seen.masses[here] * (np.square(size).sum(1) - across) / 12
+        found[here] = (moments[k.body[here]] * np.square(rotate(conjugate(q), normal))).sum(1)
     return found
 
 

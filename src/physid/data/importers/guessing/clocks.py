@@ -70,8 +70,9 @@ def _in_common(one: str, other: str) -> int:
 
 
 def rises(values: Array) -> bool:
-    """Tell whether values grow from row to row."""
-    return len(values) > 1 and bool((np.diff(values) > 0).all())
+    """Tell whether values grow from row to row, but for empty ones."""
+    known = values[np.isfinite(values)]
+    return len(known) > 1 and bool((np.diff(known) > 0).all())
 
 
 def _counts(values: Array) -> bool:
@@ -81,7 +82,8 @@ def _counts(values: Array) -> bool:
 
 def _step_of(stamps: Array) -> float:
     """Return the typical distance of stamps."""
-    return float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0
+    known = stamps[np.isfinite(stamps)]
+    return float(np.median(np.diff(known))) if len(known) > 1 else 0.0
 
 
 def units_of_stamps(stamps: Array) -> list[str]:

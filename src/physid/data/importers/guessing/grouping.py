@@ -150,7 +150,8 @@ def names_of(prefixes: Sequence[str]) -> list[str]:
     for prefix in prefixes:
         words = [one for one in re.split(r"[^a-z0-9]+", prefix) if one and one not in OF_MESSAGES]
         name = words[-1] if words else "block"
-        names.append(f"{name}_{names.count(name) + 1}" if name in names else name)
+        free = (f"{name}_{number}" if number > 1 else name for number in range(1, len(prefixes) + 2))
+        names.append(next(one for one in free if one not in names))
     return names
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -57,10 +57,11 @@ def guess_mapping(path: Path) -> str:
     clocks = [_own_clock(table, each, clock) for each in places[1:]]
     if not any(clocks):
         say_trajectory(table, clock, said)
+    _say_length(table, [each for each in places or [place] if each], said)
     forces = find_forces(path, table, groups, list(pairs) or [""], places or [place])
     names = names_of(list(pairs)) if len(pairs) > 1 else ["block"]
     if len(pairs) > 1:
-        _say_bodies(table, groups, dict(zip(names, pairs.values(), strict=True)), ["", *clocks], forces, said)
+        _say_bodies(table, groups, list(zip(names, pairs.values(), strict=True)), ["", *clocks], forces, said)
     else:
         turn = columns_of(next(iter(pairs.values()))[1], "xyzw") if pairs else []
         _say_place(table, groups, place, said)
@@ -87,14 +88,14 @@ def _own_clock(table: Table, place: Sequence[str], clock: str) -> str:
 def _say_bodies(
     table: Table,
     groups: Groups,
-    bodies: Mapping[str, Pair],
+    bodies: Sequence[tuple[str, Pair]],
     clocks: Sequence[str],
     forces: FoundForces,
     said: Lines,
 ) -> None:
     """Write what is known of several bodies."""
     said.say("bodies:", f"{len(bodies)} things have poses: leave out what is no body")
-    for index, (name, (place, turn)) in enumerate(bodies.items()):
+    for index, (name, (place, turn)) in enumerate(bodies):
         said.say(f"  - name: {name}")
         _say_place(table, groups, columns_of(place, "xyz"), said, "    ")
         say_quaternion(table, columns_of(turn, "xyzw"), said, "    ")
@@ -115,14 +116,14 @@ def _say_place(table: Table, groups: Groups, place: list[str], said: Lines, befo
         return
     doubts = (doubt_of_place(table, groups, place), frame_of(table, place))
     said.say(f"{before}position: {listed(table, place)}", "; ".join(one for one in doubts if one))
-    _say_length(table, place, said)
 
 
-def _say_length(table: Table, place: list[str], said: Lines) -> None:
-    """Find the unit of positions: as headers say, or by their spread."""
-    values = np.stack([table.values(bare(name)) for name in place], 1)
-    spread = float(np.nanmax(np.nanmax(values, 0) - np.nanmin(values, 0)))
-    if table.units.get(bare(place[0])):
+def _say_length(table: Table, places: Sequence[Sequence[str]], said: Lines) -> None:
+    """Find the unit of positions: as headers say, or by the largest spread of those of a body."""
+    silent = [bare(name) for place in places for name in place if not table.units.get(bare(place[0]))]
+    seen = [values[np.isfinite(values)] for values in map(table.values, silent)]
+    spread = max((float(np.ptp(values)) for values in seen if len(values)), default=None)
+    if spread is None:
         return
     said.units["position"] = "mm" if spread > LARGE else "m"
     said.doubt(f"units.position: {said.units['position']}, since positions spread over {spread:.4g}")

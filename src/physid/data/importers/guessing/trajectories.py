@@ -46,8 +46,9 @@ def say_trajectory(table: Table, clock: str, said: Lines) -> None:
 
 
 def _rises_within(stamps: Array, numbers: Array) -> bool:
-    """Tell whether stamps grow among the rows of each number."""
-    return all((np.diff(stamps[numbers == one]) > 0).all() for one in np.unique(numbers[~np.isnan(numbers)]))
+    """Tell whether stamps grow among the rows of each of several numbers."""
+    known = np.unique(numbers[~np.isnan(numbers)])
+    return len(known) > 1 and all((np.diff(stamps[numbers == one]) > 0).all() for one in known)
 
 
 def _numbers(values: Array) -> bool:
