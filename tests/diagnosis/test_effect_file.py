@@ -80,8 +80,10 @@ def said(one: ResidualLaw) -> Tensor:
 DIRECTIONS, VARIABLES = in_motion(PROBE)
 
 
-@pytest.mark.parametrize("region", REGIONS)
-@pytest.mark.parametrize("variable", [None, *VARIABLES])
+@pytest.mark.parametrize(
+    ("variable", "region"),
+    [*((variable, "everywhere") for variable in (None, *VARIABLES)), *(("speed", region) for region in REGIONS)],
+)
 def test_what_is_missing_acts_as_the_law_says(tmp_path: Path, variable: str | None, region: str) -> None:
     laws = [law(kind, name, variable, region) for kind, name in DIRECTIONS if kind != "shift"]
     effects = written(tmp_path, laws)
@@ -132,7 +134,7 @@ def test_a_diagnosis_does_not_run_the_file_that_it_replaces(tmp_path: Path, caps
 
 @pytest.mark.parametrize("variable", [None, *(name for name in VARIABLES if "course" not in str(name))])
 def test_what_is_missing_is_compiled_into_the_step(tmp_path: Path, variable: str | None) -> None:
-    for name in ("across the velocity", "along the command"):
+    for name in ("across the velocity",) if variable else ("along x", "along the velocity", "along the command"):
         effect = written(tmp_path, [law("force", name, variable, "in contact")])[0]
         state, inputs = PROBE.state, PROBE.inputs
         parameters = Parameters(inputs.size, inputs.mass, inputs.inertia, inputs.friction, inputs.restitution)

@@ -234,7 +234,7 @@ def test_a_gap_that_shows_in_parts_of_the_motion_alone_is_called_so_and_not_one_
     document = said("unknown", transfer=False)
     assert how_far_sentence(document, "same") == "same protocol: 21 mm (floor 1.4 mm)"
     near = replace(document, gap=replace(document.gap, same=Errors(0.0014, None)))
-    assert how_far_sentence(near, "same").endswith("1.4 mm (floor 1.4 mm), near the floor: parts of the motion show it")
+    assert how_far_sentence(near, "same").endswith("1.4 mm (floor 1.4 mm), near the floor: parts of a motion show it")
     none = replace(near, verdict="none")
     assert how_far_sentence(none, "same").endswith("1.4 mm (floor 1.4 mm)")
 

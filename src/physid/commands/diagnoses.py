@@ -94,8 +94,7 @@ def diagnose(
     write_record(folder, record)
     if wandb:
         _log(folder, wandb, {"recordings": str(recordings), "transfer": str(transfer or ""), "seed": seed}, found)
-    files = [str(folder / name) for name in (MISSING, REPORT) if (folder / name).is_file()]
-    print("\n".join([*summary_lines(found), *files]))
+    print(*summary_lines(found), *(folder / one for one in (MISSING, REPORT) if (folder / one).is_file()), sep="\n")
 
 
 def _require_another_file(places: list[str], replaced: Path) -> None:

@@ -194,9 +194,7 @@ def how_far_sentence(diagnosis: Diagnosis, split: Split) -> str:
 def no_share(diagnosis: Diagnosis, split: Split) -> str:
     """Say why no share of the gap is known: errors are near the floor of the noise, or near what numerics leave."""
     if _near_floor(diagnosis, split):
-        return (
-            "too near to the floor for a share" if diagnosis.blamed else "near the floor: parts of the motion show it"
-        )
+        return "too near to the floor for a share" if diagnosis.blamed else "near the floor: parts of a motion show it"
     return "no share is known: in these trajectories numerics alone may leave as much"
 
 
