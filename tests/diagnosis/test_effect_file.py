@@ -17,6 +17,7 @@ from physid.diagnosis.document.residual_law import ResidualLaw
 from physid.diagnosis.residual_law.laws import hats
 from physid.diagnosis.residual_law.motion import Direction, Variable, directions_of, variables_of
 from physid.effects.loading import own_effects
+from physid.effects.motion import course, course_from_body, from_origin, unit
 from physid.effects.probe import Probe, draw_probe
 from physid.effects.touch import touching
 from physid.estimation.prediction import Prediction
@@ -158,3 +159,33 @@ def test_laws_of_one_kind_are_numbered_and_each_says_where_it_is_made(tmp_path: 
 
 def test_nothing_that_is_missing_is_no_file() -> None:
     assert effect_file([], GROUND, STILL, "missing_effects.py") is None
+
+
+def test_the_file_says_of_each_law_where_it_acts_and_on_what_it_depends() -> None:
+    laws = [law("force", "along x", "speed", "in contact"), law("force", "along y", None)]
+    text = effect_file(laws, GROUND, STILL, "missing_effects.py")
+    assert text is not None
+    assert "F = s f(speed) along x in contact, f piecewise linear." in text
+    assert "F = s f along y, f piecewise linear." in text
+    assert ["# speed [m]" in line for line in text.splitlines() if " at: ClassVar" in line] == [True, False]
+    assert text.count("# of nothing") == 1
+    assert text.count("> STILL") == 0, "a force along an axis acts on bodies that lie still"
+
+
+def test_directions_and_courses_have_their_closed_forms() -> None:
+    up = torch.tensor([0.0, 0.6, 0.8], dtype=torch.float64)
+    place = torch.tensor([1.0, 2.0, 3.0], dtype=torch.float64)
+    expected = torch.tensor([1.0, -0.16, 0.12], dtype=torch.float64)
+    assert torch.allclose(from_origin(place, up), expected, atol=1e-12)
+    way = torch.tensor([[0.0, 3.0, 4.0], [0.03, 0.04, 0.0], [0.0, 0.0, 0.0]], dtype=torch.float64)
+    assert torch.allclose(unit(way, 0.1), torch.tensor([[0.0, 0.6, 0.8], [0, 0, 0], [0, 0, 0]], dtype=torch.float64))
+    still = torch.zeros(2, 3, dtype=torch.float64, requires_grad=True)
+    unit(still).sum().backward()  # type: ignore[no-untyped-call]
+    assert still.grad is not None
+    assert still.grad.isfinite().all()
+    flat, turned = torch.eye(3, dtype=torch.float64), torch.deg2rad(torch.tensor([170.0, -170.0], dtype=torch.float64))
+    velocity = torch.stack([turned.cos(), turned.sin(), 0 * turned], -1)
+    assert torch.allclose(course(velocity, flat), torch.tensor([170.0, -170.0], dtype=torch.float64))
+    heading = exponential(torch.tensor([0.0, 0.0, float(turned[0])], dtype=torch.float64)).expand(2, 4)
+    apart = course_from_body(heading, velocity, flat)
+    assert torch.allclose(apart, torch.tensor([0.0, 20.0], dtype=torch.float64), atol=1e-9)
