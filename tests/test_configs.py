@@ -39,6 +39,7 @@ def test_a_scene_can_be_filmed(file: str, tmp_path: Path) -> None:
     assert recording.frames.shape[:1] == (2,)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("file", files("sysid"))
 def test_parameters_can_be_identified(
     file: str, recordings: Callable[[str], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch

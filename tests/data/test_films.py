@@ -193,6 +193,7 @@ def test_a_gap_in_numbered_images_is_noted_and_moves_no_later_image(place: Path)
     assert np.allclose(time, np.setdiff1d(np.arange(24), [8, 10]) / filmed.RATE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("times", "noted"), [(0.5, True), (0.8, False), (1.0, False), (1.3, False), (2.0, True)])
 def test_a_film_that_lasts_much_longer_or_shorter_than_its_forces_is_noted_with_the_rate(
     place: Path, times: float, noted: bool

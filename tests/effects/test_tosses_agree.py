@@ -20,6 +20,7 @@ FRAMES, SUBSTEPS = 60, 16
 TOGETHER = 5e-4  # [m] what fine steps leave after several impacts, a fiftieth of what most effects move the block by
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ACTING)
 def test_an_effect_leads_a_toss_where_it_leads_one_in_mujoco(name: str) -> None:
     setup = find_setup("toss")

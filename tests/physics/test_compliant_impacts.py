@@ -28,6 +28,7 @@ def fall(compliance: float, steps: int, rate: float, backend: str, **body: objec
         return layer.rollout(start, forces(steps, [[0.0, 0, 0]]), boxes(**body))  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("compliance", [1e-9, 1e-6, 1e-4, 1e-3])
 @pytest.mark.parametrize("restitution", [0.2, 0.45, 0.9])
