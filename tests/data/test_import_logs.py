@@ -629,7 +629,7 @@ def test_forces_of_no_body_in_particular_go_to_the_first_with_a_doubt(names: str
     if beside:
         write_csv(tmp_path / "run_forces.csv", ["t", *forces], [time, *forces.values()])
     text, found = filled_in(tmp_path, log)
-    assert "force: on which body? no name tells" in text
+    assert "force: on which body? no name says" in text
     assert "force" not in yaml.safe_load(text)
     wrench = found.read(0).wrench
     assert wrench is not None

@@ -99,9 +99,10 @@ def diagnose(
 
 def _require_another_file(places: list[str], replaced: Path) -> None:
     """Refuse to run effects of the file that a diagnosis replaces."""
-    for place in places:
-        file = Path(place if place.endswith(".py") else place.rpartition(":")[0])
-        if file.name and file.resolve() == replaced.resolve():
+    from physid.effects.loading import file_of
+
+    for file in filter(None, map(file_of, places)):
+        if Path(file).resolve() == replaced.resolve():
             raise ValueError(f"{file}: this diagnosis would replace it; name another folder for its results: --out")
 
 

@@ -55,7 +55,9 @@ def own_effects(places: Sequence[str]) -> tuple[type[Effect], ...]:
     Raises:
         ValueError: If an effect cannot be loaded, or two have the same name.
     """
-    effects = tuple(effect for place in places for effect in (_all_in(place) if is_file(place) else [load(place)]))
+    effects = tuple(
+        effect for place in places for effect in (_all_in(place) if file_of(place) == place else [load(place)])
+    )
     names = [effect.name for effect in effects]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
@@ -75,14 +77,14 @@ def admit_files(allowed: Sequence[str]) -> tuple[str, ...]:
     Raises:
         ValueError: If an effect cannot be loaded.
     """
-    files = [each for each in allowed if is_file(each) or is_file(each.rpartition(":")[0])]
+    files = [each for each in allowed if file_of(each)]
     admit(own_effects(files))
     return tuple(each for each in allowed if each not in files)
 
 
-def is_file(place: str) -> bool:
-    """Return whether a place is a whole file, without the name of a class."""
-    return place.endswith(".py")
+def file_of(place: str) -> str:
+    """Return the file of "FILE.py" or "FILE.py:CLASS"; nothing of anything else, such as a package."""
+    return next((file for file in (place, place.rpartition(":")[0]) if file.endswith(".py")), "")
 
 
 def _all_in(place: str) -> list[type[Effect]]:

@@ -101,6 +101,11 @@ class Evidence:
         """Mass of the body of each window [kg], shape (n,)."""
         return np.array([body.mass for body in self.scene.bodies])[self.kinematics.body]
 
+    @property
+    def guesses_masses(self) -> bool:
+        """Whether the mass of a body is unknown, and what the scene says of it a first guess."""
+        return any(f"{body.name}.mass" in self.scene.unknown for body in self.scene.bodies)
+
     @cached_property
     def smooth(self) -> NDArray[np.bool_]:
         """Windows that a parabola fits: no impact lies in them."""

@@ -187,18 +187,18 @@ def how_far_sentence(diagnosis: Diagnosis, split: Split) -> str:
         parts = diagnosis.shrink.parts.get(split, {})
         divided = join((f"{words(name)} {percent(each)}" for name, each in parts.items()), "and")
         return f"{text}, {' closed ('.join(part)})" + (f": {divided}" if len(parts) > 1 else "") + beside
-    silent = error.after is None and not (diagnosis.verdict == "unknown" and _near_floor(diagnosis, split))
+    silent = error.after is None and not (diagnosis.verdict == "unknown" and near_floor(diagnosis, split))
     return (text if silent else f"{text}, {no_share(diagnosis, split)}") + beside
 
 
 def no_share(diagnosis: Diagnosis, split: Split) -> str:
     """Say why no share of the gap is known: errors are near the floor of the noise, or near what numerics leave."""
-    if _near_floor(diagnosis, split):
+    if near_floor(diagnosis, split):
         return "too near to the floor for a share" if diagnosis.blamed else "near the floor: parts of a motion show it"
     return "no share is known: in these trajectories numerics alone may leave as much"
 
 
-def _near_floor(diagnosis: Diagnosis, split: Split) -> bool:
+def near_floor(diagnosis: Diagnosis, split: Split) -> bool:
     """Return whether errors over whole trajectories are near what noise alone leaves."""
     error, floor, _ = diagnosis.shown(split) or (None, 0.0, "")
     return error is None or error.before <= decided(diagnosis, "gap", "no_gap", GapSettings().no_gap) * floor

@@ -18,6 +18,7 @@ from physid.diagnosis.document.sentences import (
     how_far_sentence,
     kind_of,
     law_name,
+    near_floor,
     no_share,
     residual_sentences,
     undetectable,
@@ -195,7 +196,7 @@ def _far(said: Diagnosis, split: Split) -> str:
         return f"{share[0]} closed"
     if _nothing_left(said):
         return "Nothing to close"
-    near = "near" in no_share(said, split).partition(":")[0]
+    near = near_floor(said, split)
     if error is not None and (error.after is not None or near):
         return "Near the floor" if near else "No share known"
     return "Not closed"

@@ -116,12 +116,26 @@ def _all_over(true: NDArray[np.bool_], window: int) -> NDArray[np.bool_]:
     return np.asarray(np.lib.stride_tricks.sliding_window_view(padded, window // 2 * 2 + 1).all(1))
 
 
+def beside(moments: Array) -> tuple[Array, Array]:
+    """Regress the second of several variables on the first, the others taken out of both (Yule 1907).
+
+    Args:
+        moments: Second moments of K variables, shape (n, K, K).
+
+    Returns:
+        Slopes and partial correlations, shape (n,) each; 0 where there are none.
+    """
+    shared = moments[:, :2, 2:]
+    kept = moments[:, :2, :2] - shared @ np.linalg.pinv(moments[:, 2:, 2:]) @ shared.transpose(0, 2, 1)
+    size, both = np.sqrt(np.maximum(kept[:, 0, 0] * kept[:, 1, 1], 0.0)), kept[:, 0, 1]
+    none = np.zeros(len(kept))
+    slope = np.divide(both, kept[:, 0, 0], out=none.copy(), where=kept[:, 0, 0] > 0)
+    return slope, np.divide(both, size, out=none.copy(), where=size > 0)
+
+
 def _partial_correlation(moments: Array) -> Array:
-    """Correlate the first two of four variables, the others taken out, by their second moments (n, 4, 4); 0 if none."""
-    beside = moments[:, :2, 2:]
-    kept = moments[:, :2, :2] - beside @ np.linalg.pinv(moments[:, 2:, 2:]) @ beside.transpose(0, 2, 1)
-    size = np.sqrt(np.maximum(kept[:, 0, 0] * kept[:, 1, 1], 0.0))
-    return np.asarray(np.divide(kept[:, 0, 1], size, out=np.zeros(len(kept)), where=size > 0))
+    """Return the partial correlations alone (see `beside`)."""
+    return beside(moments)[1]
 
 
 def _peak(shifts: Array, match: Array) -> float:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from physid.data.importers.units import UNITS
 from physid.inspection.evidence import STILL, Evidence
 from physid.inspection.finding import Finding
-from physid.inspection.rules.clocks import delay
+from physid.inspection.rules.clocks import beside, delay
 from physid.inspection.rules.falls import ENOUGH
 from physid.scenes.rotations import rotate
 
@@ -43,9 +43,7 @@ def forces(seen: Evidence) -> Finding | None:
     chosen = seen.smooth & ~seen.still & ~seen.unforced
     if np.count_nonzero(chosen) < ENOUGH:
         return None
-    push = (k.force[chosen] / seen.masses[chosen][:, None]) @ along
-    # The mean acceleration of a body is gravity's and friction's; what follows the force is what is left.
-    pull = (k.acceleration[chosen] - seen.weight) @ along
+    push, pull = along_the_ground(seen, chosen)
     sizes = float(np.sqrt(np.square(push).sum() * np.square(pull).sum()))
     if not sizes:
         return None
@@ -84,14 +82,24 @@ def forces(seen: Evidence) -> Finding | None:
     return _known_mass(seen, push, pull, _directions(k.velocity[chosen] @ along))
 
 
+def along_the_ground(seen: Evidence, chosen: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Return the accelerations that forces would give chosen windows, and theirs, along the ground, (n, 3) each.
+
+    The mean acceleration of a body is gravity's and friction's; what follows the force is what is left.
+    """
+    k, normal = seen.kinematics, np.array(seen.scene.ground.normal)
+    along = np.eye(3) - np.outer(normal, normal)
+    push = (k.force[chosen] / seen.masses[chosen][:, None]) @ along
+    return push, (k.acceleration[chosen] - seen.weight) @ along
+
+
 def _odd_forces(seen: Evidence, along: Array) -> Finding | None:
     """Few trajectories with other forces (see `odd_trajectories`), which may be as good as none beside the weight."""
     k = seen.kinematics
     size, largest = np.linalg.norm(k.force, axis=1), np.zeros(len(seen.recordings))
     np.maximum.at(largest, k.trajectory, size)
     chosen = seen.smooth & ~seen.still & (size > PUSHED * largest[k.trajectory])
-    push = (k.force[chosen] / seen.masses[chosen][:, None]) @ along
-    pull, way = (k.acceleration[chosen] - seen.weight) @ along, _directions(k.velocity[chosen] @ along)
+    (push, pull), way = along_the_ground(seen, chosen), _directions(k.velocity[chosen] @ along)
     return odd_trajectories(seen, "force", push, pull, way, k.trajectory[chosen])
 
 
@@ -118,7 +126,9 @@ def odd_trajectories(
     for one in np.unique(trajectory):
         here = trajectory == one
         if np.count_nonzero(here) >= ENOUGH:
-            found[int(one)] = _slope(*(each[here].ravel() for each in (push, pull, way)))
+            parts = np.stack([each[here].ravel() for each in (push, pull, way)])
+            slope, match = beside((parts @ parts.T)[None])
+            found[int(one)] = float(slope[0]), float(match[0])
     following = {one: slope for one, (slope, match) in found.items() if match > OTHER}
     if len(following) < OTHERS * len(found) or not following:
         return None
@@ -173,14 +183,6 @@ def nearest_unit(kind: str, size: float, taken: float) -> str | None:
 def _directions(speed: Array) -> Array:
     """Return velocities (n, 3) as unit vectors; shorter ones where a body hardly moves."""
     return np.asarray(speed / np.maximum(np.linalg.norm(speed, axis=1, keepdims=True), STILL))
-
-
-def _slope(push: Array, pull: Array, way: Array) -> tuple[float, float]:
-    """Return s of a = s f - c w by least squares, all (n,), and the correlation of what is left without c w."""
-    size = max(float(way @ way), np.finfo(float).tiny)
-    one, other = push - way * float(push @ way) / size, pull - way * float(pull @ way) / size
-    both = float(np.sqrt((one @ one) * (other @ other)))
-    return (float(one @ other) / float(one @ one), float(one @ other) / both) if both else (0.0, 0.0)
 
 
 def _in_body_axes(seen: Evidence, chosen: NDArray[np.bool_], pull: Array, along: Array) -> float:
@@ -251,7 +253,7 @@ def _known_mass(seen: Evidence, push: Array, pull: Array, way: Array) -> Finding
 
     a = s F / m - c v / |v|: friction is taken out. A clock that runs k times too fast makes s = k^2.
     """
-    if any(f"{body.name}.mass" in seen.scene.unknown for body in seen.scene.bodies):
+    if seen.guesses_masses:
         return None
     size = np.linalg.norm(push, axis=1)
     clear = size >= np.quantile(size, CLEAR)

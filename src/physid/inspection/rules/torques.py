@@ -7,9 +7,18 @@ from numpy.typing import NDArray
 
 from physid.inspection.evidence import Evidence
 from physid.inspection.finding import Finding
-from physid.inspection.rules.clocks import FEW
+from physid.inspection.rules.clocks import FEW, beside
 from physid.inspection.rules.falls import ENOUGH
-from physid.inspection.rules.forces import GUESS, OTHER, RATIO, WRONG, forces, nearest_unit, odd_trajectories
+from physid.inspection.rules.forces import (
+    GUESS,
+    OTHER,
+    RATIO,
+    WRONG,
+    along_the_ground,
+    forces,
+    nearest_unit,
+    odd_trajectories,
+)
 from physid.inspection.rules.sizes import masses
 from physid.scenes.rotations import conjugate, rotate
 
@@ -27,8 +36,8 @@ def forces_and_torques(seen: Evidence) -> Finding | None:
 def torques(seen: Evidence) -> Finding | None:
     """Angular accelerations about the ground's normal, of bodies that slide, against the torques about it.
 
-    a = s t / J - c w / |w|: friction, which opposes the turning, is taken out of both sides. Where a
-    mass is unknown, a torque's unit is judged beside that of the forces: both give a mass.
+    a = s t / J - c w / |w|: friction, which opposes the turning, is taken out of both sides. Where a mass is unknown, a
+    torque's unit is judged beside that of the forces: both give a mass.
 
     In 20 sets of four sealed banks and 25 of pushes by closed forms that have such moments and no mistake, the
     correlation is -0.02 (21 windows) to 0.92, and s 0.4 to 1.75 where it is above 0.6.
@@ -48,21 +57,20 @@ def torques(seen: Evidence) -> Finding | None:
             "(world to body), or torques have the other sign",
             f"import with {seen.origin.inverse()}; or with the other sign of the torque",
         )
-    beside = _of_forces(seen)
-    ratio = slope / (beside or 1.0)
+    of_forces = _of_forces(seen)
+    ratio = slope / (of_forces or 1.0)
     if masses(seen):
         return None
-    guessed = beside is None and any(f"{body.name}.mass" in seen.scene.unknown for body in seen.scene.bodies)
-    low, high = RATIO if guessed else (1 / GUESS, GUESS)
+    low, high = RATIO if of_forces is None and seen.guesses_masses else (1 / GUESS, GUESS)
     if match < OTHER or low < ratio < high:
         way = np.sign(turning[chosen])
         return odd_trajectories(seen, "torque", push, pull, way, k.trajectory[chosen])
     metres, newtons = seen.origin.newton_metres, seen.origin.newtons
     unit = nearest_unit("torque", ratio * metres, metres)
-    other = nearest_unit("force", newtons / ratio, newtons) if beside else None
+    other = nearest_unit("force", newtons / ratio, newtons) if of_forces else None
     return Finding(
         f"inertia times angular acceleration is {ratio:.2g} of the torque"
-        + (", with the mass that the forces show" if beside else "")
+        + (", with the mass that the forces show" if of_forces else "")
         + f": torques seem to be in {unit or 'another unit'}"
         + (f", or forces in {other}" if other else ""),
         (f"import with units.torque={unit}; or " if unit else "")
@@ -84,30 +92,22 @@ def _inertia(seen: Evidence) -> Array:
 
 
 def _beside_friction(push: Array, pull: Array, way: Array, trajectory: NDArray[np.int64]) -> tuple[float, float, float]:
-    """Regress accelerations on torques and the direction of the turning.
+    """Regress accelerations on torques beside the direction of the turning, which friction follows.
 
     Returns:
         Slope, partial correlation, and its standard deviation by a jackknife over trajectories.
     """
     own = [np.stack([push, pull, way])[:, trajectory == one] for one in np.unique(trajectory)]
     moments = np.array([each @ each.T for each in own])
-    left_out = moments.sum(0) - moments
-    every = np.concatenate([moments.sum(0)[None], left_out])
-    beside = every[:, :2, 2:]
-    kept = every[:, :2, :2] - beside @ beside.transpose(0, 2, 1) / np.maximum(every[:, 2:, 2:], 1.0)
-    size = np.sqrt(np.maximum(kept[:, 0, 0] * kept[:, 1, 1], np.finfo(float).tiny))
-    match = kept[:, 0, 1] / size
-    deviation = float(np.sqrt((len(own) - 1) * np.var(match[1:])))
-    return float(kept[0, 0, 1] / max(kept[0, 0, 0], np.finfo(float).tiny)), float(match[0]), deviation
+    slope, match = beside(np.concatenate([moments.sum(0)[None], moments.sum(0) - moments]))
+    return float(slope[0]), float(match[0]), float(np.sqrt((len(own) - 1) * np.var(match[1:])))
 
 
 def _of_forces(seen: Evidence) -> float | None:
     """Return mass times acceleration over force where a mass is unknown and forces say it; else None."""
-    if not any(f"{body.name}.mass" in seen.scene.unknown for body in seen.scene.bodies):
+    chosen = seen.smooth & ~seen.still & ~seen.unforced
+    if not seen.guesses_masses or np.count_nonzero(chosen) < ENOUGH:
         return None
-    k, normal = seen.kinematics, np.array(seen.scene.ground.normal)
-    chosen, along = seen.smooth & ~seen.still & ~seen.unforced, np.eye(3) - np.outer(normal, normal)
-    push = (k.force[chosen] / seen.masses[chosen][:, None]) @ along
-    pull = (k.acceleration[chosen] - seen.weight) @ along
-    size, both = float(np.square(push).sum()), float((push * pull).sum())
-    return both / size if np.count_nonzero(chosen) >= ENOUGH and both > 0 else None
+    push, pull = along_the_ground(seen, chosen)
+    both = float((push * pull).sum())
+    return both / float(np.square(push).sum()) if both > 0 else None

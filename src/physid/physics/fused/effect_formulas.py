@@ -41,7 +41,7 @@ def section_of(effects: Sequence[Effect], shapes: tuple[BodyShape, ...], shape: 
     return Section("effects", formula, layouts)
 
 
-@torch.inference_mode(False)  # there torch does not tell of which operations others, such as pad, consist
+@torch.inference_mode(False)  # there torch does not say of which operations others, such as pad, consist
 def _act(effects: Sequence[Effect], shapes: tuple[BodyShape, ...], shape: Shape, records: dict[str, Record]) -> None:
     """Record what effects do to one step of one world."""
     graph = records["effects"].graph

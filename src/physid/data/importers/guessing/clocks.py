@@ -70,7 +70,7 @@ def _in_common(one: str, other: str) -> int:
 
 
 def rises(values: Array) -> bool:
-    """Tell whether values grow from row to row, but for empty ones."""
+    """Return whether values grow from row to row, but for empty ones."""
     known = values[np.isfinite(values)]
     return len(known) > 1 and bool((np.diff(known) > 0).all())
 

@@ -58,9 +58,9 @@ class FoundForces:
         for name, columns in (("force", self.force[index]), ("torque", self.torque[index])):
             if columns:
                 doubts = (
-                    "on which body? no name tells." if name in self.unowned else "",
+                    "on which body? no name says so." if name in self.unowned else "",
                     frame_of(self.table, columns, "the centre of the body"),
-                    "commanded, or measured with the other sign? physid check tells",
+                    "commanded, or measured with the other sign? physid check says which",
                 )
                 said.say(f"{before}{name}: {listed(self.table, columns)}", " ".join(one for one in doubts if one))
 

@@ -88,7 +88,7 @@ def place_of(table: Table, groups: Groups) -> list[str]:
 
 
 def _may_be_torque(table: Table, groups: Groups, stem: str) -> bool:
-    """Tell whether a group is called as torques beside forces, and no header says that it is a length."""
+    """Return whether a group is called as torques beside forces, and no header says that it is a length."""
     return force_beside(groups, stem) is not None and not _quantity_of(table, groups[stem])
 
 

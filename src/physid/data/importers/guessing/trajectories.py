@@ -46,13 +46,13 @@ def say_trajectory(table: Table, clock: str, said: Lines) -> None:
 
 
 def _rises_within(stamps: Array, numbers: Array) -> bool:
-    """Tell whether stamps grow among the rows of each of several numbers."""
+    """Return whether stamps grow among the rows of each of several numbers."""
     known = np.unique(numbers[~np.isnan(numbers)])
     return len(known) > 1 and all((np.diff(stamps[numbers == one]) > 0).all() for one in known)
 
 
 def _numbers(values: Array) -> bool:
-    """Tell whether whole numbers each stand in one long run of rows, but for one that may stand between the others."""
+    """Return whether whole numbers each stand in one long run of rows; one may stand between the others."""
     given = values[~np.isnan(values)]
     if (given != np.round(given)).any():
         return False

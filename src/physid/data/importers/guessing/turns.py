@@ -45,7 +45,7 @@ def say_turn(table: Table, groups: Groups, found: Sequence[str], place: Sequence
 
 
 def say_quaternion(table: Table, found: Sequence[str], said: Lines, before: str = "") -> None:
-    """Write a quaternion, and its order where the names do not tell it; `before` goes before each line."""
+    """Write a quaternion, and its order where the names do not say it; `before` goes before each line."""
     said.say(f"{before}quaternion: {listed(table, found)}")
     names = [bare(name) for name in found]
     if any(re.search(r"\[\d\]$", name) for name in names):
@@ -58,5 +58,5 @@ def _order_by_value(table: Table, four: list[str]) -> tuple[str, str]:
     start = [abs(float(table.columns[name][0])) for name in four]
     order = "wxyz" if start[0] > start[3] else "xyzw"
     return order, f"the first row is {', '.join(f'{one:.3g}' for one in start)}" + (
-        "" if max(start[0], start[3]) > SURE else ", which does not tell"
+        "" if max(start[0], start[3]) > SURE else ", which does not show it"
     )
