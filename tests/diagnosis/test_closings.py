@@ -36,7 +36,7 @@ TURNS = {"same": closes(0.04, 0.01, 0.9), "transfer": closes(0.05, 0.02, 0.8, 0.
 def test_errors_of_rotations_are_given_where_they_show_the_gap_and_shares_are_theirs(same: int, transfer: int) -> None:
     kinds: Any = {"same": same, "transfer": transfer}
     closings = Closings(PLACES, TURNS, kinds)  # type: ignore[arg-type]
-    gap = describe_gap(closings, ALLOWED, NOISE)
+    gap = describe_gap(closings, ALLOWED, NOISE, None)
     assert (gap.unit, gap.floor, gap.tolerance.position, gap.tolerance.rotation) == ("m", NOISE.floor, 2e-4, 5e-4)
     assert (gap.same, gap.transfer) == (Errors(4e-3, 2e-3), Errors(5e-3, 3e-3))
     if same == transfer == POSITION:
@@ -51,7 +51,7 @@ def test_errors_of_rotations_are_given_where_they_show_the_gap_and_shares_are_th
     assert shares.transfer == (Share(0.8, 0.7, 1.0) if transfer == ROTATION else Share(0.4, None, None))
     assert shares.parts == {"same": {"tether": 0.5}}
     unclosed = closings.unclosed()
-    said = describe_gap(unclosed, ALLOWED, NOISE)
+    said = describe_gap(unclosed, ALLOWED, NOISE, None)
     assert (said.same, said.transfer, said.rotations) == (Errors(4e-3, None), Errors(5e-3, None), None)
     nothing = describe_shrink(unclosed, {})
     assert (nothing.same, nothing.transfer) == (None, None)
@@ -61,7 +61,7 @@ def test_without_a_transfer_set_there_is_no_error_and_no_share_of_it() -> None:
     kinds: Any = {"same": POSITION, "transfer": POSITION}
     alone: Any = ({"same": PLACES["same"], "transfer": None}, {"same": TURNS["same"], "transfer": None})
     for closings in (Closings(*alone, kinds), Closings(*alone, kinds).unclosed()):
-        assert describe_gap(closings, ALLOWED, NOISE).transfer is None
+        assert describe_gap(closings, ALLOWED, NOISE, None).transfer is None
         assert describe_shrink(closings, {}).transfer is None
 
 

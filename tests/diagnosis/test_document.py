@@ -16,6 +16,7 @@ from physid.diagnosis.document.document import (
     PHASES,
     SITES,
     VERDICTS,
+    Errors,
     check_diagnosis,
     read_diagnosis,
     write_diagnosis,
@@ -29,6 +30,16 @@ Change = Callable[[dict[str, Any]], object]
 def test_every_verdict_has_a_valid_document(verdict: str, transfer: bool) -> None:
     document = diagnosis(verdict, transfer=transfer)
     assert json.loads(json.dumps(check_diagnosis(document).to_mapping())) == document
+
+
+def test_what_most_impacts_leave_is_kept_and_is_the_gap_where_it_is_more() -> None:
+    document = diagnosis("unknown")
+    assert check_diagnosis(document).gap.position == check_diagnosis(document).gap.beyond_noise(Errors(0.021, None))
+    for left, gap in ((0.03, 0.03), (0.001, (0.021**2 - 0.0014**2) ** 0.5)):
+        document["gap"]["impacts"] = {"unexplained": 7, "among": 9, "position": left, "rotation": 0.01}
+        made = check_diagnosis(document)
+        assert json.loads(json.dumps(made.to_mapping())) == document
+        assert made.gap.position == pytest.approx(gap)
 
 
 def test_what_is_written_is_read_back(tmp_path: Path) -> None:

@@ -16,12 +16,14 @@ from diagnosis.flown import QUICK, nominal_fit_of, random
 from estimation.flights import FORCE, flights
 from physid.diagnosis.conclusion.conclusion import Conclusion, draw_conclusion
 from physid.diagnosis.conclusion.estimates import estimate
+from physid.diagnosis.document.document import Impacts
 from physid.diagnosis.fitted_model import save_model
 from physid.diagnosis.progress import silent
 from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.selection.search import Attribution, search_catalogue
 from physid.diagnosis.settings.settings import Settings
 from physid.diagnosis.testing import Hypothesis
+from physid.estimation.segmented_fit import UnexplainedEvents
 
 ROLES = ("fit",) * 4 + ("same",) * 3 + ("transfer",) * 3
 PUSH = tuple(float(k) for k in range(len(ROLES)))
@@ -247,3 +249,16 @@ def test_a_saved_model_starts_from_the_new_estimates_with_the_effects_at_work(
     assert yaml.safe_load(text)["model"]["values"] == {
         "block.mass": pytest.approx(nothing.diagnosis.parameters["block.mass"].nominal)
     }
+
+
+@pytest.mark.parametrize(("left", "verdict"), [(2e-3, "unknown"), (1e-6, "none")])
+def test_what_most_impacts_leave_is_a_gap_if_it_is_more_than_the_tolerance(left: float, verdict: str) -> None:
+    nominal_fit, found = searched(sizes=(0.0,) * 4)
+    vars(nominal_fit)["unexplained_events"] = UnexplainedEvents(7, 9, left, left)
+    said = draw_conclusion(nominal_fit, found, random()).diagnosis
+    assert said.verdict == verdict
+    assert said.gap.impacts == Impacts(7, 9, left, left)
+    assert said.evidence is not None
+    within = said.gap.beyond_noise(said.gap.same) / said.gap.tolerance.position
+    assert said.evidence.gap == pytest.approx(max(left / said.gap.tolerance.position, within), rel=1e-3)
+    assert said.causes[verdict] == max(said.causes.values())

@@ -75,7 +75,7 @@ def test_forces_that_change_move_a_box_as_their_double_integral(reference: Refer
     wrench[0, :, 0, 3] = force
     timeline = Timeline.regular(wrench, 1 / rate)
     model, size = NominalModel(TOSS), frames - first
-    segments = Segmentation(1, frames, *(torch.tensor([k]) for k in (0, first, size)), torch.zeros(1).bool())
+    segments = Segmentation(1, frames, *(torch.tensor([k]) for k in (0, first, size)), *2 * [torch.zeros(1).bool()])
     pose = torch.tensor([0.0, 0.0, 20.0, 0, 0, 0, 1], dtype=torch.float64).expand(1, 1, 1, 7)
     twist = torch.tensor([0.0, 0, 0, SPEED, 0, 0], dtype=torch.float64).expand(1, 1, 1, 6)
     nothing = torch.zeros(1, 0, dtype=torch.float64)

@@ -33,7 +33,7 @@ TRIVIAL = {0, 1, 2, 3, 6, 7, 0.5}
 TINY, HUGE = 1e-6, 1e9
 """What is at most so small or at least so large keeps a division or a comparison finite, and decides nothing."""
 LISTED = {
-    "diagnosis/reference/stored_fit.py": {8},  # LAYOUT
+    "diagnosis/reference/stored_fit.py": {9},  # LAYOUT
     "diagnosis/reference/null_simulations.py": {12},  # the same of one line, 12 sigma^2 / n^3
     "diagnosis/testing/null_tails.py": {9},  # Wilson and Hilferty 1931
     "diagnosis/conclusion/localisation.py": {4},  # digits

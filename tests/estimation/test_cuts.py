@@ -179,7 +179,7 @@ def test_frames_at_equal_times_are_a_step_apart_and_one_frame_has_a_step_that_no
 def test_the_steps_of_a_segment_lead_from_its_first_frame_to_its_last() -> None:
     timeline = clocked()
     segments = Segmentation(3, 5, torch.tensor([0, 0, 1, 2]), torch.tensor([0, 2, 1, 1]), torch.tensor([2, 3, 3, 2]),
-                            torch.zeros(4).bool())  # fmt: skip
+                            *2 * [torch.zeros(4).bool()])  # fmt: skip
     (batch,) = segments.batches
     steps = timeline.cut(batch)
     assert steps.count.tolist() == [1, 4, 3, 1]
@@ -193,7 +193,9 @@ def test_the_steps_of_a_segment_lead_from_its_first_frame_to_its_last() -> None:
     whole = torch.arange(48.0).reshape(2, 3, 8)[..., None, None]
     assert steps.wrench(whole)[1, 2, :3, 0, 0].tolist() == [34.0, 35.0, 36.0]
     (short,) = segments.only(torch.tensor([2, 3])).batches
-    late = Segmentation(3, 5, torch.tensor([1, 1]), torch.tensor([1, 0]), torch.tensor([2, 4]), torch.zeros(2).bool())
+    late = Segmentation(
+        3, 5, torch.tensor([1, 1]), torch.tensor([1, 0]), torch.tensor([2, 4]), *2 * [torch.zeros(2).bool()]
+    )
     assert timeline.cut(late.batches[0]).at.tolist() == [[0, 1, 1, 1], [0, 2, 3, 5]], "no further than its last frame"
     assert timeline.cut(short).at.tolist() == [[0, 1, 3], [0, 1, 1]]
     values = torch.arange(1.0, 33.0).reshape(8, 4, 1)  # of four segments in two variants each, after each step

@@ -128,7 +128,7 @@ def test_impacts_and_new_segments_are_taken_out_of_what_a_model_accelerates() ->
     phases = torch.full((2, 20, 1), REST)
     phases[:, 0], phases[:, 7] = PHASES.index("impact"), PHASES.index("contact_between_objects")
     segments = Segmentation(2, 20, torch.tensor([0, 0, 1, 1]), torch.tensor([0, 12, 0, 12]), torch.tensor([12, 8] * 2),
-                            torch.zeros(4).bool())  # fmt: skip
+                            *2 * [torch.zeros(4).bool()])  # fmt: skip
     path = smooth_path(twist, phases, time.expand(2, -1), segments)
     assert torch.allclose(path[..., 0, 3], (pull * time**2 / 2).expand(2, -1))
     every = torch.full_like(phases, PHASES.index("impact"))

@@ -14,7 +14,7 @@ from physid.estimation.segmented_fit import AgreementSettings, agreed_weights, o
 
 SEGMENTS = Segmentation(
     1, 40, torch.zeros(4, dtype=torch.int64), torch.arange(0, 40, 10), torch.full((4,), 10),
-    torch.tensor([True, True, True, False]),
+    torch.tensor([True, True, True, False]), torch.tensor([False, True, True, False]),
 )  # fmt: skip
 
 

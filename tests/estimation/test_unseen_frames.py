@@ -72,7 +72,7 @@ def test_what_follows_a_segment_says_nothing_of_its_beginning_however_short_it_i
     pose[:, 5:, :, :3] += 5.0 * time[None, 5:, None, None]
     pose[:, 5:, :, 3:] = exponential(torch.tensor([0.4, 0.3, 1.0]).double() * time[5:, None, None])
     cut = Segmentation(1, FRAMES, torch.zeros(2).long(), torch.tensor([0, 5]), torch.tensor([5, FRAMES - 5]),
-                       torch.zeros(2).bool())  # fmt: skip
+                       *2 * [torch.zeros(2).bool()])  # fmt: skip
     found, expected = guessed(pose, None, cut), guessed(alone)
     for name in ("pose", "twist"):
         assert torch.allclose(getattr(found, name)[:, :1], getattr(expected, name), atol=1e-6), name

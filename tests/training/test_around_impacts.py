@@ -37,7 +37,8 @@ def whole() -> Trajectories:
 
 def pieces(*rows: tuple[int, int, int, float]) -> Pieces:
     index, start, size, weight = zip(*rows, strict=True)
-    return Pieces(*(torch.tensor(each) for each in (index, start, size)), torch.tensor(weight, dtype=torch.float64))
+    place = (torch.tensor(each) for each in (index, start, size))
+    return Pieces(*place, torch.tensor(weight, dtype=torch.float64), torch.zeros(len(rows), dtype=torch.bool))
 
 
 def test_a_piece_has_the_frames_and_the_forces_of_its_trajectory() -> None:

@@ -19,11 +19,12 @@ from physid.diagnosis.conclusion.gap import (
     held_out_parts,
     values_of,
 )
-from physid.diagnosis.document.document import Allowed, Errors, Gap, Rotations, Share, Shrink, Split
+from physid.diagnosis.document.document import Allowed, Errors, Gap, Impacts, Rotations, Share, Shrink, Split
 from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.selection.materiality import Tolerance, tolerance_of
 from physid.diagnosis.testing import Hypothesis
 from physid.estimation.measurement import Noise
+from physid.estimation.segmented_fit import UnexplainedEvents
 
 BySplit = Mapping[Split, Closing | None]
 Kinds = Mapping[Split, int]
@@ -111,13 +112,15 @@ def closings_of(
     }
 
 
-def describe_gap(closings: Closings, allowed: Tolerance, noise: Noise) -> Gap:
+def describe_gap(closings: Closings, allowed: Tolerance, noise: Noise, at_events: UnexplainedEvents | None) -> Gap:
     """Give the errors before and after on each split; of rotations as well where these show the gap more clearly."""
     (same, transfer), kinds = _errors(closings.positions), closings.kinds
     assert same is not None
     turned = _errors({split: one if kinds[split] == ROTATION else None for split, one in closings.seen.items()})
     rotations = Rotations(floor_of(noise, ROTATION), *turned) if any(turned) else None
-    return Gap("m", floor_of(noise), Allowed(allowed.position, allowed.rotation), same, transfer, rotations)
+    limits = Allowed(allowed.position, allowed.rotation)
+    impacts = None if at_events is None else Impacts(**vars(at_events))
+    return Gap("m", floor_of(noise), limits, same, transfer, rotations, impacts)
 
 
 def describe_shrink(closings: Closings, parts: dict[Split, dict[str, float]]) -> Shrink:

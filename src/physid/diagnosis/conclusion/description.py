@@ -39,7 +39,7 @@ def describe(judged: Judgement, next_experiment: str | None, generator: torch.Ge
         confidence=0.0,
         ranking=_ranking(judged)[: settings.verdict.most_ranks],
         where=nowhere() if judged.verdict == "none" else locate(nominal_fit, found, shown, laws.gains),
-        gap=describe_gap(closings, judged.allowed, nominal_fit.noise),
+        gap=describe_gap(closings, judged.allowed, nominal_fit.noise, nominal_fit.unexplained_events),
         shrink=describe_shrink(closings, parts),
         parameters=parameters,
         next_experiment=next_experiment,

@@ -15,7 +15,9 @@ from physid.diagnosis.selection.comparison import gain
 from physid.diagnosis.selection.materiality import (
     Tolerance,
     excess_left,
+    fails_at_impacts,
     is_material,
+    regained,
     share_closed,
     tolerance_of,
     unexplained_size,
@@ -60,9 +62,10 @@ def judgement_of(nominal_fit: NominalFit, found: Attribution, generator: torch.G
         generator: Randomness of the bootstrap.
     """
     settings, best, covariance = nominal_fit.settings.verdict, found.best, None
-    closings = compare(nominal_fit, found.nominal, best, generator)
-    before = is_material(nominal_fit, found.nominal, found.lack)
-    after = is_material(nominal_fit, best or found.nominal, found.left)
+    nominal, closed = regained(nominal_fit, found.nominal, best)
+    closings = compare(nominal_fit, nominal, closed, generator)
+    before = is_material(nominal_fit, nominal, found.lack)
+    after = is_material(nominal_fit, closed or nominal, found.left)
     verdict = judge(found, closings.seen["transfer"], before=before, after=after)
     if verdict in BLAMING and best is not None:
         covariance = best.covariance() + bootstrap_spread(best, generator)
@@ -70,8 +73,10 @@ def judgement_of(nominal_fit: NominalFit, found: Attribution, generator: torch.G
             verdict = reconsider(verdict, found.nominal, best)
     shown = found.reported(nominal_fit) if verdict in BLAMING else None
     if found.contact_free:
-        closings = compare(nominal_fit, found.whole_nominal, shown, generator, closings.kinds)
+        closings = compare(nominal_fit, *regained(nominal_fit, found.whole_nominal, shown), generator, closings.kinds)
     verdict = in_all_frames(verdict, closings.seen.values(), settings)
+    if verdict == "none" and fails_at_impacts(nominal_fit):
+        verdict = "unknown"
     shown = shown if verdict in BLAMING else None
     chosen = None if shown is None else best
     return Judgement(

@@ -13,6 +13,7 @@ from physid.data.files import write_text
 from physid.diagnosis.document.errors import Allowed as Allowed
 from physid.diagnosis.document.errors import Errors as Errors
 from physid.diagnosis.document.errors import Gap as Gap
+from physid.diagnosis.document.errors import Impacts as Impacts
 from physid.diagnosis.document.errors import Positive, Text
 from physid.diagnosis.document.errors import Rotations as Rotations
 from physid.diagnosis.document.evidence import Evidence
@@ -256,8 +257,7 @@ class Diagnosis:
         """Return the content of the file as plain values; what is optional and not known is left out."""
         optional = ("settings", "causes", "evidence", "residual", "excess", "null_simulations", "seconds", "findings")
         made = {name: value for name, value in asdict(self).items() if value or name not in optional}
-        if self.gap.rotations is None:
-            del made["gap"]["rotations"]
+        made["gap"] = {name: value for name, value in made["gap"].items() if value is not None or name == "transfer"}
         return made
 
 

@@ -43,11 +43,25 @@ class Rotations:
 
 
 @dataclass(frozen=True)
+class Impacts:
+    """What the nominal model leaves at impacts, beyond noise [m, rad], where most of them are not explained.
+
+    They count little in `same` and `transfer`, as single ones that are not explained should.
+    """
+
+    __pydantic_config__: ClassVar[Any] = CLOSED
+    unexplained: Annotated[int, Ge(1)]
+    among: Annotated[int, Ge(1)]
+    position: Positive
+    rotation: Positive
+
+
+@dataclass(frozen=True)
 class Gap:
     """Errors on the same protocol and on the transfer protocol, beside the floor that a true model would leave.
 
     `rotations` are given for splits where they show the gap more clearly than positions do; shares that close are then
-    of rotations.
+    of rotations. `impacts` says what is left there, where most of them are not explained.
     """
 
     __pydantic_config__: ClassVar[Any] = CLOSED
@@ -57,6 +71,12 @@ class Gap:
     same: Errors
     transfer: Errors | None
     rotations: Rotations | None = None
+    impacts: Impacts | None = None
+
+    @property
+    def position(self) -> float:
+        """By how much the nominal model leaves positions beyond noise [m]: on the same protocol, or at its impacts."""
+        return max(self.beyond_noise(self.same), 0.0 if self.impacts is None else self.impacts.position)
 
     def beyond_noise(self, errors: Errors | None) -> float:
         """Return by how much the nominal model leaves positions beyond the noise [m], sqrt(error^2 - floor^2)."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import torch
 from torch import Tensor
@@ -15,10 +16,13 @@ from physid.estimation.least_squares import NONE, ChosenSteps, Experiment, Fit
 from physid.estimation.measurement import Noise
 from physid.estimation.prediction import EffectKinds, NominalModel, Predictor, Segmentation, Timeline
 from physid.estimation.segmented_fit import (
+    UnexplainedEvents,
     fit_around_events,
     fit_short_segments,
     fit_with_chosen_steps,
     phases_of,
+    squares_of_segments,
+    unexplained_events,
     without_outliers,
 )
 
@@ -53,6 +57,18 @@ class NominalFit:
     def present(self) -> Tensor:
         """Frames that exist and are not outliers, shape (R, T, N)."""
         return without_outliers(self.observations, self.settings.noise).present
+
+    @cached_property
+    def unexplained_events(self) -> UnexplainedEvents | None:
+        """What it leaves at impacts, where most of them are not explained; None where they are.
+
+        Where a simulator is known that recorded, it is how that one resolves contact (decision 78), and no gap.
+        """
+        if self.observations.scene.integration is not None:
+            return None
+        segments = self.experiment.predictor.segments
+        square = squares_of_segments(segments, self.fit, self.present)
+        return unexplained_events(square, segments.struck, self.noise, self.settings.unexplained)
 
     @property
     def references(self) -> tuple[str, ...]:

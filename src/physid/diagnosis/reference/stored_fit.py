@@ -15,9 +15,9 @@ from physid.estimation.measurement import CorrelatedNoise, Correlation, Noise, T
 from physid.estimation.prediction import Predictor, Segmentation, Variants
 from physid.estimation.segmented_fit import without_outliers
 
-LAYOUT = 8  # of what is stored; another one is not read
+LAYOUT = 9  # of what is stored; another one is not read
 GRID = ("steps", "wrench", "frame_step", "count")
-WINDOWS = ("trajectory", "start", "size", "contact")
+WINDOWS = ("trajectory", "start", "size", "contact", "struck")
 DIRECTIONS = ("frame", "free", "parallel")
 POINT = ("pose", "twist", "nominal", "effects", "engine")
 

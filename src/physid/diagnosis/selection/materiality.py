@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -13,6 +13,7 @@ from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.settings.conclusion import MaterialitySettings
 from physid.diagnosis.testing import Hypothesis, LackOfFit
 from physid.estimation.measurement import Noise
+from physid.estimation.segmented_fit import squares_of_segments
 from physid.scenes import Scene
 
 
@@ -89,6 +90,12 @@ def is_material(nominal_fit: NominalFit, one: Hypothesis, lack: LackOfFit | None
     return allowed.exceeded(excess_left(nominal_fit, one)) or missing > allowed.position
 
 
+def fails_at_impacts(nominal_fit: NominalFit) -> bool:
+    """Return whether the model leaves more than the tolerance at most impacts (see `unexplained_events`)."""
+    left = nominal_fit.unexplained_events
+    return left is not None and tolerance_of(nominal_fit).exceeded(Excess(left.position, left.rotation))
+
+
 def excess_of(hypothesis: Hypothesis, noise: Noise, parts: Iterable[Tensor]) -> Excess:
     """Compute the largest excess over parts of the recordings, masks of trajectories (R,); zero where there are none.
 
@@ -127,3 +134,44 @@ def share_closed(before: Excess, after: Excess) -> float:
     name = "position" if before.position > 0 else "rotation"
     old, new = torch.tensor([getattr(before, name), getattr(after, name)]).square().tolist()
     return 0.0 if old == 0 else max(0.0, 1 - new / old)
+
+
+def regained(
+    nominal_fit: NominalFit, nominal: Hypothesis, best: Hypothesis | None
+) -> tuple[Hypothesis, Hypothesis | None]:
+    """Return both hypotheses with whole frames where effects explain impacts that the nominal model does not.
+
+    A segment with an impact that no initial state explains counts little, and so does what is wrong there. If effects
+    explain most of those that the nominal model leaves unexplained, they are what it lacks: these segments count like
+    others then. If they explain but some, a state may have been found by chance, and nothing changes.
+
+    Args:
+        nominal_fit: The recordings, their noise, and what is unexplained, of how many.
+        nominal: The model without effects.
+        best: With effects; None where none were found.
+    """
+    limits, struck = nominal_fit.settings.unexplained, nominal.experiment.predictor.segments.struck
+    if best is None or not bool(struck.any()):
+        return nominal, best
+    left = struck & (_misfit(nominal_fit, nominal) > limits.misfit)
+    closed = left & (_misfit(nominal_fit, best) <= limits.misfit)
+    if int(closed.sum()) <= limits.most * int(left.sum()):
+        return nominal, best
+    return _counted(nominal_fit, nominal, closed), _counted(nominal_fit, best, closed)
+
+
+def _misfit(nominal_fit: NominalFit, one: Hypothesis) -> Tensor:
+    """Return the mean squared residual of each segment, in that of the noise, all frames alike, shape (K,)."""
+    noise = nominal_fit.noise
+    floor = torch.tensor([noise.rotation_floor, noise.floor], dtype=torch.float64).square()
+    square = squares_of_segments(one.experiment.predictor.segments, one.fit, nominal_fit.present)
+    return (square / floor).mean(-1)
+
+
+def _counted(nominal_fit: NominalFit, one: Hypothesis, chosen: Tensor) -> Hypothesis:
+    """Return a hypothesis in which all frames of some segments (K,) count that are present."""
+    experiment = one.experiment
+    whole = nominal_fit.present[..., None] / nominal_fit.noise.spread()
+    inside = experiment.predictor.segments.spread(chosen)[..., None, None]
+    scale = torch.where(inside, whole.to(experiment.scale), experiment.scale)
+    return replace(one, experiment=experiment.replace(scale=scale))

@@ -19,6 +19,7 @@ from physid.estimation.segmented_fit import (
     PhaseSettings,
     RoundSettings,
     SegmentedFitSettings,
+    UnexplainedSettings,
 )
 from physid.inspection.usability import RequirementSettings
 from physid.setting import Section
@@ -62,6 +63,7 @@ class Settings(Section):
     first_guess: FirstGuess = FirstGuess()
     nominal_fit: RoundSettings = RoundSettings()
     odd: OddSettings = OddSettings()
+    unexplained: UnexplainedSettings = UnexplainedSettings()
     segments: reference.SegmentSettings = reference.SegmentSettings()
     steps: StepChoice = StepChoice(shortest=5e-4)
     discrepancy: reference.DiscrepancySettings = reference.DiscrepancySettings()
@@ -99,6 +101,7 @@ class Settings(Section):
             events=self.events,
             rounds=self.nominal_fit,
             odd=self.odd,
+            unexplained=self.unexplained,
             impacts=self.segments.impacts,
             steps=self.steps,
         )

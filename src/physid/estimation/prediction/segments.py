@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
 
@@ -95,7 +95,8 @@ class Segmentation:
         trajectory: Whose each segment is, shape (K,).
         start: First frame, shape (K,).
         size: Number of frames, shape (K,).
-        contact: Segments with events, in which small errors grow fast, shape (K,).
+        contact: Segments of a stretch with events, in which small errors grow fast, shape (K,).
+        struck: Those that hold an event themselves, not only frames before and after one, shape (K,).
         lying: Bodies that lie on the ground at its beginning, whatever their size, shape (K, N); None for none.
     """
 
@@ -105,6 +106,7 @@ class Segmentation:
     start: Tensor
     size: Tensor
     contact: Tensor
+    struck: Tensor
     lying: Tensor | None = None
 
     @classmethod
@@ -120,14 +122,14 @@ class Segmentation:
         start = torch.arange(first, frames - 1, 2)
         row = torch.arange(trajectories).repeat_interleave(len(start))
         size = torch.full((len(row),), 2)
-        return cls(trajectories, frames, row, start.repeat(trajectories), size, torch.zeros(len(row)).bool())
+        return cls(trajectories, frames, row, start.repeat(trajectories), size, *_none(len(row)))
 
     @classmethod
     def whole(cls, length: Tensor, frames: int) -> Segmentation:
         """Leave trajectories of the lengths (R,) whole, of T frames with the padding."""
         count = len(length)
         zero = torch.zeros(count, dtype=torch.int64)
-        return cls(count, frames, torch.arange(count), zero, length.long(), zero.bool())
+        return cls(count, frames, torch.arange(count), zero, length.long(), *_none(count))
 
     @classmethod
     def around(cls, events: Tensor, cutting: CutRule, time_step: float = 1 / 240) -> Segmentation:
@@ -138,23 +140,24 @@ class Segmentation:
             cutting: Lengths.
             time_step: Time between frames [s].
         """
-        return cls._of([_cuts(row, *cutting.frames(time_step)) for row in events], events.shape[1])
+        cut = cls._of([_cuts(row, *cutting.frames(time_step)) for row in events], events.shape[1])
+        return replace(cut, struck=cut.sum_frames(events[None].double())[0] > 0)
 
     @classmethod
     def _of(cls, cuts: list[list[Cut]], frames: int) -> Segmentation:
         row, start, size, contact = torch.tensor([(row, *cut) for row, own in enumerate(cuts) for cut in own]).T
-        return cls(len(cuts), frames, row.contiguous(), start.contiguous(), size.contiguous(), contact.bool())
+        return cls(len(cuts), frames, row.contiguous(), start.contiguous(), size.contiguous(), *2 * (contact.bool(),))
 
     def __len__(self) -> int:
         return len(self.start)
 
     def only(self, chosen: Tensor) -> Segmentation:
         """Return some of the segments (indices, in order); the other frames are in none."""
-        trajectory, start, size, contact = (
-            value[chosen] for value in (self.trajectory, self.start, self.size, self.contact)
+        trajectory, start, size, contact, struck = (
+            value[chosen] for value in (self.trajectory, self.start, self.size, self.contact, self.struck)
         )
         lying = None if self.lying is None else self.lying[chosen]
-        return Segmentation(self.trajectories, self.frames, trajectory, start, size, contact, lying)
+        return Segmentation(self.trajectories, self.frames, trajectory, start, size, contact, struck, lying)
 
     @cached_property
     def seams(self) -> Tensor:
@@ -219,6 +222,11 @@ class Segmentation:
     def sum_segments(self, value: Tensor) -> Tensor:
         """Sum (K, ...) over the segments of each trajectory, shape (R, ...)."""
         return value.new_zeros(self.trajectories, *value.shape[1:]).index_add(0, self.trajectory, value)
+
+
+def _none(count: int) -> tuple[Tensor, Tensor]:
+    """Return that no segment is of a stretch with events, and none holds one, shape (K,) each."""
+    return torch.zeros(count).bool(), torch.zeros(count).bool()
 
 
 def _cuts(events: Tensor, lead: int, trail: int, longest: int, least: int) -> list[Cut]:

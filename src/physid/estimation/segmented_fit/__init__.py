@@ -19,6 +19,12 @@ from physid.estimation.segmented_fit.settings import (
     PhaseSettings,
     RoundSettings,
     SegmentedFitSettings,
+    UnexplainedSettings,
+)
+from physid.estimation.segmented_fit.unexplained import (
+    UnexplainedEvents,
+    squares_of_segments,
+    unexplained_events,
 )
 from physid.estimation.segmented_fit.weights import (
     agreed_weights,
@@ -40,6 +46,8 @@ __all__ = [
     "RoundSettings",
     "SegmentedFit",
     "SegmentedFitSettings",
+    "UnexplainedEvents",
+    "UnexplainedSettings",
     "agreed_weights",
     "begin",
     "find_events",
@@ -51,7 +59,9 @@ __all__ = [
     "phases_of",
     "phases_of_steps",
     "smooth_path",
+    "squares_of_segments",
     "tumbles",
+    "unexplained_events",
     "usual_misfit",
     "weighed",
     "weights_of_frames",

@@ -96,6 +96,23 @@ class OddSettings(Section):
     )
 
 
+class UnexplainedSettings(Section):
+    """When it is said that the model does not explain what happens at events."""
+
+    misfit: float = setting(
+        2.0, "-", "mean squared residual of a segment with an event, in that of the noise, up to which it is explained",
+        gt=1,
+    )  # fmt: skip
+    most: float = setting(
+        0.5,
+        "share",
+        "of these segments that may be unexplained before it is the model that fails",
+        "decision 91: at most 0.30 in recordings of MuJoCo without an effect, 0.53 and more where contact was another",
+        ge=0,
+        le=1,
+    )
+
+
 class SegmentedFitSettings(Section):
     """All that decides in a fit to segments around impacts."""
 
@@ -107,5 +124,6 @@ class SegmentedFitSettings(Section):
     rounds: RoundSettings = RoundSettings()
     agreement: AgreementSettings = AgreementSettings()
     odd: OddSettings = OddSettings()
+    unexplained: UnexplainedSettings = UnexplainedSettings()
     impacts: CutRule = CutRule()
     steps: StepChoice = StepChoice()

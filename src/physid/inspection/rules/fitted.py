@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 from torch import Tensor
 
 from physid.estimation.measurement import CorrelatedNoise
+from physid.estimation.segmented_fit import UnexplainedEvents
 from physid.inspection.finding import Finding
+from physid.scenes import Scene
 
 
 def odd_trajectory(index: int, names: Sequence[str], own: Sequence[float], others: Sequence[float]) -> Finding:
@@ -26,6 +29,26 @@ def odd_trajectory(index: int, names: Sequence[str], own: Sequence[float], other
         f"trajectory {index} alone has another {' and another '.join(values)}",
         "was it another body, another ground, or are its forces in another unit? leave it out, or correct it: without "
         "it the model explains all others",
+    )
+
+
+def unexplained_impacts(left: UnexplainedEvents, scene: Scene) -> Finding:
+    """Say that the model does not explain impacts, and which of its contact is given, not fitted.
+
+    Args:
+        left: What it leaves there.
+        scene: The bodies, and what is unknown of them.
+    """
+    names = {f"{body.name}.restitution": body.restitution for body in scene.bodies}
+    values = " and ".join(f"{name} {value:g}" for name, value in names.items() if name not in scene.unknown)
+    given = f"{values} is given: call it unknown in recording.yaml if nobody measured it; else " if values else ""
+    return Finding(
+        f"most impacts are not explained: in {left.unexplained} of {left.among} segments with one the model leaves "
+        f"{1e3 * left.position:.2g} mm and {math.degrees(left.rotation):.2g} deg beyond noise (medians), which counts "
+        "little in a fit",
+        f"{given}contact is softer than the model's, sizes are others, or the tracker errs there; friction and "
+        "restitution may be off by more than their intervals say",
+        wrong=False,
     )
 
 

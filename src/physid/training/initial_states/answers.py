@@ -15,7 +15,7 @@ from physid.training.initial_states.elimination import slopes, without_initial_s
 from physid.training.initial_states.explaining import Explaining, started, started_from
 from physid.training.initial_states.fitted import fit_states, guess_parameters
 from physid.training.initial_states.tracked import TrackedFit
-from physid.training.parameters import Identifiability, Response, SensorNoise, Trajectories
+from physid.training.parameters import Identifiability, Pieces, Response, SensorNoise, Trajectories
 
 JUDGED = 8  # trajectories that suffice to judge what is identifiable
 
@@ -76,10 +76,10 @@ def respond_coarsely(losses: Callable[[Tensor], Tensor], explaining: Explaining,
 
 
 @torch.no_grad()
-def findings_of_fit(explaining: Explaining, tracked: TrackedFit) -> tuple[Finding, ...]:
+def findings_of_fit(explaining: Explaining, tracked: TrackedFit, pieces: Pieces | None = None) -> tuple[Finding, ...]:
     """Return what looks like a mistake in segments once they are fitted."""
     fit, experiment = copy.copy(tracked).linearised(explaining)
-    return fit_findings.findings_of_fit(explaining.trajectories, experiment, fit)
+    return fit_findings.findings_of_fit(explaining.trajectories, experiment, fit, pieces)
 
 
 def judge(explaining: Explaining, tracked: TrackedFit, noise: SensorNoise | None) -> Identifiability:

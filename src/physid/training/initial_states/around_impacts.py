@@ -178,6 +178,6 @@ def _cut(
         return FirstFit(outliers, (fit.point.pose[0], fit.point.twist[0]))
     cut = (segments.size > 1).nonzero()[:, 0]
     index = whole.trajectories.index.cpu()[segments.trajectory[cut]]
-    pieces = Pieces(index, segments.start[cut], segments.size[cut], weight[cut])
+    pieces = Pieces(index, segments.start[cut], segments.size[cut], weight[cut], segments.struck[cut])
     states = point.pose[0, cut], point.twist[0, cut]
     return FirstFit(outliers, states, pieces, int(tumbling.sum()), int(unexplained.sum()))

@@ -26,17 +26,19 @@ class Pieces:
         start: First frame, shape (K,).
         size: Frames, at least two, shape (K,).
         weight: How much a frame of it counts beside those of others, shape (K,).
+        struck: Whether it holds an event, shape (K,).
     """
 
     index: Tensor
     start: Tensor
     size: Tensor
     weight: Tensor
+    struck: Tensor
 
     @classmethod
     def of_state(cls, state: Mapping[str, Tensor]) -> Pieces | None:
-        """Take what `state_dict` returned; None for an empty mapping."""
-        return cls(**state) if state else None
+        """Take what `state_dict` returned; None for an empty mapping. Older checkpoints do not say what is struck."""
+        return cls(**{"struck": torch.zeros(len(state["index"]), dtype=torch.bool), **state}) if state else None
 
     def state_dict(self) -> dict[str, Tensor]:
         """Return what a checkpoint needs."""

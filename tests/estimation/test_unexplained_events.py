@@ -1,0 +1,109 @@
+"""What a fit leaves at impacts is said where it is most of them, however little it counts in the fit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import torch
+from torch import Tensor
+
+from estimation.test_fit_around_events import FRAMES, PARTS, SCENE, dropped
+from physid.estimation.measurement import Noise
+from physid.estimation.prediction import CutRule, NominalModel, Predictor, Segmentation
+from physid.estimation.segmented_fit import (
+    SegmentedFit,
+    SegmentedFitSettings,
+    UnexplainedSettings,
+    fit_around_events,
+    fit_short_segments,
+    squares_of_segments,
+    unexplained_events,
+)
+
+NOISE = Noise(rotation=2e-3, position=3e-4)
+FLOORS = torch.tensor([NOISE.rotation_floor, NOISE.floor]).double()
+SETTINGS = UnexplainedSettings()
+STRUCK = torch.tensor([True, True, True, True, True, False, False])
+
+
+def left_by(*times: float) -> Tensor:
+    """Return mean squares of segments that leave so many times the floors, (K, 2)."""
+    return (torch.tensor(times).double()[:, None] * FLOORS).square()
+
+
+def test_what_most_segments_with_an_event_leave_is_their_median_beyond_noise() -> None:
+    found = unexplained_events(left_by(1, 3, 1, 5, 9, 40, 40), STRUCK, NOISE, SETTINGS)
+    assert found is not None
+    assert (found.unexplained, found.among) == (3, 5)
+    beyond = 24**0.5  # the median of 3, 5 and 9 times the floor, beyond one
+    assert (found.position, found.rotation) == pytest.approx((beyond * NOISE.floor, beyond * NOISE.rotation_floor))
+
+
+@pytest.mark.parametrize("times", [(1, 1, 1, 50, 50, 40, 40), (1.4,) * 7, (0.7,) * 7])
+def test_half_of_them_or_less_may_be_chance_and_so_may_what_noise_explains(times: tuple[float, ...]) -> None:
+    assert unexplained_events(left_by(*times), STRUCK, NOISE, SETTINGS) is None
+
+
+def test_a_segment_of_which_nothing_was_seen_is_neither_explained_nor_not() -> None:
+    found = unexplained_events(left_by(1, 3, 0, 5, 0, 1, 1), STRUCK, NOISE, SETTINGS)
+    assert found is not None
+    assert (found.unexplained, found.among) == (2, 3)
+
+
+def test_without_an_event_nothing_is_said() -> None:
+    assert unexplained_events(left_by(*[9.0] * 7), torch.zeros(7).bool(), NOISE, SETTINGS) is None
+
+
+def test_what_is_unexplained_and_of_how_many_is_set() -> None:
+    square = left_by(1, 1, 1, 3, 3, 1, 1)
+    assert unexplained_events(square, STRUCK, NOISE, SETTINGS.model_copy(update={"most": 0.3})) is not None
+    most = SETTINGS.model_copy(update={"misfit": 10.0, "most": 0.3})
+    assert unexplained_events(square, STRUCK, NOISE, most) is None
+
+
+def test_segments_around_an_event_hold_it_or_not() -> None:
+    events = torch.zeros(2, 60).bool()
+    events[0, 30] = True
+    segments = Segmentation.around(events, CutRule(), 1 / 100)
+    inside = [
+        bool(events[row, first : first + size].any())
+        for row, first, size in zip(segments.trajectory, segments.start, segments.size, strict=True)
+    ]
+    assert segments.struck.tolist() == inside
+    assert int(segments.struck.sum()) == 1 < int(segments.contact.sum())
+    assert segments.only(torch.tensor([1, 2])).struck.tolist() == inside[1:3]
+
+
+def of_model(restitution: float) -> SegmentedFit:
+    """Fit what a camera sees of two blocks that bounce with 0.3, by a model that is given a restitution."""
+    observed, _ = dropped()
+    given = replace(SCENE, bodies=(replace(SCENE.bodies[0], restitution=restitution),), unknown=("block.friction",))
+    settings = SegmentedFitSettings()
+    predictor = Predictor(NominalModel(given), observed.timeline.refined(PARTS), Segmentation.equal(2, FRAMES, FRAMES))
+    return fit_around_events(fit_short_segments(observed, predictor, settings), settings)
+
+
+def test_a_restitution_that_is_given_and_wrong_leaves_impacts_unexplained_and_the_right_one_does_not() -> None:
+    landed_once = SETTINGS.model_copy(
+        update={"most": 0.25}
+    )  # of two landings the second ends at rest, whatever bounces
+    for restitution, wrong in ((0.0, True), (SCENE.bodies[0].restitution, False)):
+        found = of_model(restitution)
+        segments = found.experiment.predictor.segments
+        square = squares_of_segments(segments, found.fit, found.observed.present)
+        left = unexplained_events(square, segments.struck, found.noise, landed_once)
+        assert (left is not None) is wrong
+
+
+def test_squares_are_means_over_frames_that_are_present() -> None:
+    found = of_model(SCENE.bodies[0].restitution)
+    segments = found.experiment.predictor.segments
+    square = squares_of_segments(segments, found.fit, found.observed.present)
+    for k, (row, first, size) in enumerate(zip(segments.trajectory, segments.start, segments.size, strict=True)):
+        part = slice(int(first), int(first + size))
+        seen = found.observed.present[row, part, 0] > 0
+        residual = found.fit.residual[row, part, 0][seen]
+        for kind, axes in enumerate((slice(0, 3), slice(3, 6))):
+            mean = residual[:, axes].square().sum(-1).mean() if bool(seen.any()) else 0.0
+            assert float(square[k, kind]) == pytest.approx(float(mean))
