@@ -223,3 +223,11 @@ def test_noise_that_is_alike_is_remarked_and_white_noise_is_not() -> None:
     assert findings_of_fit(fit) == ()
     (one,) = findings_of_fit(replace(fit, noise=Noise(2e-3, 1e-3, correlated(), QUICK.noise.least)))
     assert one == correlated_noise(correlated())
+
+
+def test_noise_of_one_force_alone_is_remarked(monkeypatch: pytest.MonkeyPatch) -> None:
+    density = torch.zeros(1, 6).double()
+    density[0, 4] = 1e-3
+    monkeypatch.setattr("physid.diagnosis.reference.fit_findings.force_noise", lambda *_: density)
+    (one,) = findings_of_fit(nominal_fit_of(made(), ROLES))
+    assert one.what.startswith("the recorded forces are noisy")

@@ -13,6 +13,7 @@ from physid.diagnosis.progress import Progress, silent
 from physid.diagnosis.reference.fit_findings import findings_of_fit
 from physid.diagnosis.reference.nominal_fit_cache import fit_or_resume
 from physid.diagnosis.selection.attribution import attribute
+from physid.diagnosis.selection.given_parameters import findings_of_given
 from physid.diagnosis.settings.settings import Settings
 
 
@@ -33,5 +34,7 @@ def analyse(inputs: Inputs, folder: Path, seed: int, settings: Settings, say: Pr
     nominal_fit = fit_or_resume(folder, inputs, generator, settings, say)
     found = attribute(nominal_fit, generator, say)
     conclusion = draw_conclusion(nominal_fit, found, generator)
-    said = replace(conclusion.diagnosis, findings=(*inputs.findings, *findings_of_fit(nominal_fit)))
-    return replace(conclusion, diagnosis=said)
+    findings = (*inputs.findings, *findings_of_fit(nominal_fit))
+    if conclusion.diagnosis.verdict != "none":
+        findings = (*findings, *findings_of_given(inputs, nominal_fit, seed, say))
+    return replace(conclusion, diagnosis=replace(conclusion.diagnosis, findings=findings))

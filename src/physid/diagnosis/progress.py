@@ -28,6 +28,7 @@ class Stage(Enum):
     EXAMINING = "looking at what {} leaves", 80
     EXAMINING_IMPACTS = "looking at what {} leaves at impacts", 87
     FITTING_ALL_FRAMES = "fitting what was found to all frames", 88
+    FREEING = "fitting {} as well, which is given", 93
     WRITING = "writing the report", 97
 
     def __init__(self, phrase: str, share: int) -> None:

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.settings.conclusion import MaterialitySettings
-from physid.diagnosis.testing import Hypothesis, LackOfFit
+from physid.diagnosis.testing import Hypothesis, LackOfFit, conclude
 from physid.estimation.measurement import Noise
 from physid.estimation.segmented_fit import squares_of_segments
 from physid.scenes import Scene
@@ -94,6 +94,13 @@ def fails_at_impacts(nominal_fit: NominalFit) -> bool:
     """Return whether the model leaves more than the tolerance at most impacts (see `unexplained_events`)."""
     left = nominal_fit.unexplained_events
     return left is not None and tolerance_of(nominal_fit).exceeded(Excess(left.position, left.rotation))
+
+
+def explains(nominal_fit: NominalFit) -> bool:
+    """Return whether the nominal model leaves positions within the tolerance, and most impacts explained."""
+    nominal = conclude(nominal_fit.experiment, nominal_fit.fit, (), nominal_fit.settings)
+    within = excess_left(nominal_fit, nominal).position <= tolerance_of(nominal_fit).position
+    return within and not fails_at_impacts(nominal_fit)
 
 
 def excess_of(hypothesis: Hypothesis, noise: Noise, parts: Iterable[Tensor]) -> Excess:

@@ -83,6 +83,9 @@ class VerdictSettings(Section):
     reconsidered: bool = setting(True, "", "whether effects whose sizes may all be zero are dropped without a gap")
     most_cells: int = setting(12, "cells", "of the map that are written", ge=0)
     most_ranks: int = setting(20, "hypotheses", "of the ranking that are written", ge=1)
+    freed: float = setting(
+        0.3, "-", "first guess of a friction or restitution that is given as 0, where another value is tried", gt=0
+    )
 
 
 class SiteSettings(Section):

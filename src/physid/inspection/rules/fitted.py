@@ -52,6 +52,21 @@ def unexplained_impacts(left: UnexplainedEvents, scene: Scene) -> Finding:
     )
 
 
+def given_parameter(name: str, given: float, value: float) -> Finding:
+    """Say that another value of a given parameter explains the recordings.
+
+    Args:
+        name: Of the parameter.
+        given: Its value.
+        value: The other one.
+    """
+    return Finding(
+        f"{name} is given as {given:.3g}; were it {value:.3g}, the model would explain these recordings",
+        "call it unknown in recording.yaml unless it was measured: what the verdict blames may be its shadow",
+        wrong=False,
+    )
+
+
 def correlated_noise(noise: CorrelatedNoise) -> Finding:
     """Say how alike the noise of neighbouring frames is, and that what smooths poses smooths the motion."""
     alike = max(float(each.between(np.ones(()))) for each in noise.correlations)

@@ -1,0 +1,69 @@
+"""A parameter that is given and wrong is named where another value of it explains the recordings, and no other is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+
+from physid.data import RecordingSet
+from physid.data.generation.generate import generate
+from physid.data.generation.settings import GenerateConfig, Noise
+from physid.diagnosis.inputs import read_inputs
+from physid.diagnosis.progress import Stage
+from physid.diagnosis.reference.nominal_fit import fit_nominal_model
+from physid.diagnosis.selection.given_parameters import given_that_explain
+from physid.diagnosis.settings.settings import Settings
+from physid.inspection.rules.fitted import given_parameter
+from physid.scenes import with_parameters
+
+MASS, FRICTION = 2.0, 0.2
+SETTINGS = Settings().changed({"null_simulations.floor_replays": 1})
+
+
+def named(folder: Path, given: dict[str, float], drag: float = 0.0) -> tuple[dict[str, float], list[str]]:
+    """Return which given parameters explain pushes of a block, and which were tried."""
+    config = GenerateConfig(
+        "push", simulator="closed_form", protocol="straight", frame_rate=60.0, trajectories=6, steps=75, seed=4,
+        video=False, unknown=("block.mass",), true_values={"block.mass": MASS, "block.friction": FRICTION},
+        noise=Noise(position=5e-4, rotation=3e-3), effects={"viscous_drag": {"coefficient": drag}} if drag else {},
+    )  # fmt: skip
+    generate(config, folder, quiet=True)
+    inputs = read_inputs(RecordingSet(folder), None, None, [], None, SETTINGS)
+    inputs = replace(inputs, model=replace(inputs.model, scene=with_parameters(inputs.model.scene, given)))
+    generator = torch.Generator().manual_seed(0)
+    nominal_fit = fit_nominal_model(inputs.observations, inputs.model, (), generator, settings=SETTINGS)
+    tried: list[str] = []
+
+    def say(stage: Stage, what: str = "") -> None:
+        tried.append(what)
+
+    return given_that_explain(inputs, nominal_fit, 0, say), tried
+
+
+@pytest.mark.slow
+def test_a_friction_that_is_given_and_wrong_is_named_with_its_value(tmp_path: Path) -> None:
+    found, tried = named(tmp_path / "set", {"block.friction": 1.6 * FRICTION})
+    assert found == {"block.friction": pytest.approx(FRICTION, rel=0.01)}
+    assert tried == ["block.friction"]  # nothing bounces, and the mass is unknown anyway
+
+
+@pytest.mark.slow
+def test_of_a_friction_that_is_given_as_none_as_well(tmp_path: Path) -> None:
+    found, _ = named(tmp_path / "set", {"block.friction": 0.0})
+    assert found == {"block.friction": pytest.approx(FRICTION, rel=0.01)}
+
+
+@pytest.mark.slow
+def test_a_right_one_is_not_even_tried_and_what_another_effect_does_names_none(tmp_path: Path) -> None:
+    assert named(tmp_path / "right", {"block.friction": FRICTION}) == ({}, [])
+    assert named(tmp_path / "drag", {"block.friction": FRICTION}, drag=2.0) == ({}, ["block.friction"])
+
+
+def test_it_is_said_with_both_values_and_what_to_do() -> None:
+    said = given_parameter("block.friction", 0.24, 0.12003)
+    assert said.what == "block.friction is given as 0.24; were it 0.12, the model would explain these recordings"
+    assert said.mend.startswith("call it unknown in recording.yaml unless it was measured")
+    assert not said.wrong
