@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 import torch
@@ -14,10 +16,11 @@ from physid.data.generation.settings import GenerateConfig, Noise
 from physid.diagnosis.inputs import read_inputs
 from physid.diagnosis.progress import Stage
 from physid.diagnosis.reference.nominal_fit import fit_nominal_model
-from physid.diagnosis.selection.given_parameters import given_that_explain
+from physid.diagnosis.selection.given_parameters import given_that_explain, showing
 from physid.diagnosis.settings.settings import Settings
+from physid.estimation.prediction import CutRule, Segmentation
 from physid.inspection.rules.fitted import given_parameter
-from physid.scenes import with_parameters
+from physid.scenes import find_setup, with_parameters
 
 MASS, FRICTION = 2.0, 0.2
 SETTINGS = Settings().changed({"null_simulations.floor_replays": 1})
@@ -62,8 +65,29 @@ def test_a_right_one_is_not_even_tried_and_what_another_effect_does_names_none(t
     assert named(tmp_path / "drag", {"block.friction": FRICTION}, drag=2.0) == ({}, ["block.friction"])
 
 
+@pytest.mark.parametrize(
+    ("unknown", "names"),
+    [
+        ((), ["block.mass", "block.friction", "block.restitution", "other.mass"]),
+        (("block.mass",), ["block.friction", "block.restitution", "other.mass"]),
+        (("block.friction",), ["block.mass", "block.restitution", "other.mass"]),
+    ],
+)
+def test_of_bodies_of_one_material_each_value_is_tried_once(unknown: tuple[str, ...], names: list[str]) -> None:
+    scene = replace(find_setup("collide").scene, unknown=unknown)
+    segments = Segmentation.around(torch.ones(1, 20).bool(), CutRule())
+    fit: Any = SimpleNamespace(
+        observations=SimpleNamespace(timeline=SimpleNamespace(grid=SimpleNamespace(wrench=torch.zeros(1, 5, 2, 6)))),
+        experiment=SimpleNamespace(predictor=SimpleNamespace(segments=segments)),
+    )
+    assert list(showing(scene, fit)) == names
+
+
 def test_it_is_said_with_both_values_and_what_to_do() -> None:
-    said = given_parameter("block.friction", 0.24, 0.12003)
-    assert said.what == "block.friction is given as 0.24; were it 0.12, the model would explain these recordings"
-    assert said.mend.startswith("call it unknown in recording.yaml unless it was measured")
+    said = given_parameter("block.friction", 0.24, 0.12003, 1.2e-4)
+    assert said.what == (
+        "with block.friction 0.12 instead of the 0.24 that is given, the model leaves positions by 0.12 mm at most "
+        "beyond noise"
+    )
+    assert said.mend.startswith("learn it (unknown in recording.yaml, or model.learn) unless it was measured")
     assert not said.wrong

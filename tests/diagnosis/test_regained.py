@@ -12,6 +12,7 @@ from estimation.flights import flights
 from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.selection.materiality import excess_left, regained
 from physid.diagnosis.testing import Hypothesis
+from physid.scenes.scene import Integration
 
 ROLES = ("fit",) * 4 + ("same",) * 3
 LITTLE = 0.05  # of what they would count without being set aside
@@ -63,6 +64,19 @@ def test_effects_that_explain_half_of_the_unexplained_impacts_or_fewer_may_do_so
     before, _ = regained(nominal_fit, nominal, best)
     changed = (before.experiment.scale != nominal.experiment.scale).flatten(1).any(1)
     assert changed.tolist() == [counts and row < explained for row in range(len(ROLES))]
+
+
+def test_two_impacts_are_too_few_to_tell() -> None:
+    nominal_fit, nominal, best = set_aside([0, 1])
+    assert regained(nominal_fit, nominal, best) == (nominal, best)
+
+
+def test_where_a_simulator_is_known_nothing_changes() -> None:
+    nominal_fit, nominal, best = set_aside(list(range(len(ROLES))))
+    known = replace(nominal_fit.observations.scene, integration=Integration("semi_implicit_euler", 1 / 240))
+    nominal_fit = replace(nominal_fit, observations=replace(nominal_fit.observations, scene=known))
+    assert regained(nominal_fit, nominal, best) == (nominal, best)
+    assert nominal_fit.unexplained_events is None
 
 
 def test_without_an_impact_nothing_changes() -> None:

@@ -70,6 +70,8 @@ def test_pieces_are_kept_and_described() -> None:
     assert again is not None
     assert all(torch.equal(one, other) for one, other in zip(vars(again).values(), vars(cut).values(), strict=True))
     assert Pieces.of_state({}) is None
+    older = {name: value for name, value in cut.state_dict().items() if name != "struck"}
+    assert not bool(Pieces.of_state(older).struck.any())  # type: ignore[union-attr]
     assert cut.counts_like(pieces((0, 0, 25, 0.9), (1, 0, 10, 1.2), (1, 10, 15, 0.3)))
     assert not cut.counts_like(pieces((0, 0, 25, 1.0), (1, 0, 10, 1.0), (1, 10, 15, 0.1)))
     assert cut.described().startswith("2 trajectories are cut around their impacts into 3 pieces")

@@ -44,7 +44,7 @@ class Rotations:
 
 @dataclass(frozen=True)
 class Impacts:
-    """What the nominal model leaves at impacts, beyond noise [m, rad], where most of them are not explained.
+    """What the nominal model leaves at impacts, beyond noise [m, rad], where many of them are not explained.
 
     They count little in `same` and `transfer`, as single ones that are not explained should.
     """
@@ -61,7 +61,7 @@ class Gap:
     """Errors on the same protocol and on the transfer protocol, beside the floor that a true model would leave.
 
     `rotations` are given for splits where they show the gap more clearly than positions do; shares that close are then
-    of rotations. `impacts` says what is left there, where most of them are not explained.
+    of rotations. `impacts` says what is left there, where many of them are not explained.
     """
 
     __pydantic_config__: ClassVar[Any] = CLOSED
@@ -74,7 +74,7 @@ class Gap:
     impacts: Impacts | None = None
 
     @property
-    def position(self) -> float:
+    def most_beyond_noise(self) -> float:
         """By how much the nominal model leaves positions beyond noise [m]: on the same protocol, or at its impacts."""
         return max(self.beyond_noise(self.same), 0.0 if self.impacts is None else self.impacts.position)
 

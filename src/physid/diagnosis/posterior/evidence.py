@@ -45,7 +45,7 @@ def evidence_of(document: Diagnosis, observations: Observations, settings: Setti
     return Evidence(
         said=tuple(group) if document.blamed else (document.verdict,),
         behind=_behind(document, group if document.blamed else [], settings),
-        gap=gap.position / gap.tolerance.position,
+        gap=gap.most_beyond_noise / gap.tolerance.position,
         bend=bend(observations.pose[..., :3], present > 0, observations.timeline.time, gap.floor),
         poses=int(observations.present.sum()),
     )

@@ -17,7 +17,7 @@ def findings_of_fit(nominal_fit: NominalFit) -> tuple[Finding, ...]:
     odd = odd_trajectories(experiment, nominal_fit.fit, among, nominal_fit.settings.odd)
     found = [odd_trajectory(observations.indices[one.row], one.names, one.own, one.others) for one in odd]
     if (left := nominal_fit.unexplained_events) is not None:
-        found.append(unexplained_impacts(left, observations.scene))
+        found.append(unexplained_impacts(left, experiment.predictor.model.scene))
     found += [correlated_noise(error)] if isinstance(error, CorrelatedNoise) else []
     if bool((density := force_noise(observations.timeline.grid, nominal_fit.settings.noise)).any()):
         found.append(noisy_forces(density, [body.mass for body in observations.scene.bodies]))

@@ -60,14 +60,14 @@ class NominalFit:
 
     @cached_property
     def unexplained_events(self) -> UnexplainedEvents | None:
-        """What it leaves at impacts, where most of them are not explained; None where they are.
+        """What it leaves at impacts, where many of them are not explained; None where they are.
 
         Where a simulator is known that recorded, it is how that one resolves contact (decision 78), and no gap.
         """
         if self.observations.scene.integration is not None:
             return None
         segments = self.experiment.predictor.segments
-        square = squares_of_segments(segments, self.fit, self.present)
+        square = squares_of_segments(segments, self.fit.residual, self.present)
         return unexplained_events(square, segments.struck, self.noise, self.settings.unexplained)
 
     @property

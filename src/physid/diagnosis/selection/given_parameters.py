@@ -10,23 +10,24 @@ import torch
 from physid.diagnosis.inputs import Inputs
 from physid.diagnosis.progress import Progress, Stage
 from physid.diagnosis.reference.nominal_fit import NominalFit, fit_nominal_model
-from physid.diagnosis.selection.materiality import explains
+from physid.diagnosis.selection.materiality import leaves_no_positions, tolerance_of
 from physid.inspection.finding import Finding, warn_of
 from physid.inspection.rules.fitted import given_parameter
 from physid.physics import SolverError
-from physid.scenes import Scene, with_parameters
+from physid.scenes import Scene, bodies_of, with_parameters
 
 
 def findings_of_given(inputs: Inputs, nominal_fit: NominalFit, seed: int, say: Progress) -> tuple[Finding, ...]:
     """Return which given parameters may be wrong (see `given_that_explain`); warn of them."""
     others = given_that_explain(inputs, nominal_fit, seed, say)
-    found = [given_parameter(name, inputs.model.scene.value(name), value) for name, value in others.items()]
+    scene, within = inputs.model.scene, tolerance_of(nominal_fit).position
+    found = [given_parameter(name, scene.value(name), value, within) for name, value in others.items()]
     warn_of(found, inputs.observations.folder)
     return tuple(found)
 
 
 def given_that_explain(inputs: Inputs, nominal_fit: NominalFit, seed: int, say: Progress) -> dict[str, float]:
-    """Return the given parameters, another value of which leaves no gap of positions and no unexplained impacts.
+    """Return the given parameters, another value of which leaves no gap of positions, and explains impacts.
 
     Effects of the catalogue stand for them otherwise: a friction that is given twice too large is half the gravity.
     Each is fitted beside the unknown ones, if it can show at all: a restitution where there are impacts, a mass where
@@ -38,10 +39,10 @@ def given_that_explain(inputs: Inputs, nominal_fit: NominalFit, seed: int, say: 
         seed: Of the null simulations that measure numerics.
         say: Told which parameter is fitted.
     """
-    if explains(nominal_fit):
+    if leaves_no_positions(nominal_fit):
         return {}
     found, freed = {}, nominal_fit.settings.verdict.freed
-    for name in _showing(inputs.observations.scene, nominal_fit):
+    for name in showing(inputs.model.scene, nominal_fit):
         say(Stage.FREEING, name)
         scene = inputs.model.scene
         begun = scene if scene.value(name) > 0 else with_parameters(scene, {name: freed})
@@ -51,20 +52,25 @@ def given_that_explain(inputs: Inputs, nominal_fit: NominalFit, seed: int, say: 
             one = fit_nominal_model(inputs.observations, model, (), generator, settings=nominal_fit.settings)
         except SolverError:
             continue
-        if explains(one):
+        if leaves_no_positions(one):
             values = model.to_values(one.fit.point.nominal[0]).tolist()
             found[name] = values[model.unknown.index(name)]
     return found
 
 
-def _showing(scene: Scene, nominal_fit: NominalFit) -> Iterator[str]:
+def showing(scene: Scene, nominal_fit: NominalFit) -> Iterator[str]:
     """Yield the given parameters that may show; one for bodies of one material."""
-    pushed = nominal_fit.observations.timeline.grid.wrench.abs().sum((0, 1, 3)) > 0
+    pushed = (nominal_fit.observations.timeline.grid.wrench != 0).any(0).any(0).any(-1)
     struck = bool(nominal_fit.experiment.predictor.segments.struck.any())
-    shared = {body.material for name in scene.unknown for body in (scene.bodies[scene.locate(name)[0]],)} - {None}
+    taken = {_sets(scene, name) for name in scene.unknown}
     for body, force in zip(scene.bodies, pushed.tolist(), strict=True):
         shows = {"mass": force or len(scene.bodies) > 1, "friction": True, "restitution": struck}
-        for field in (field for field, yes in shows.items() if yes):
-            name = f"{body.name}.{field}"
-            if name not in scene.unknown and not (body.material in shared and field != "mass"):
+        for name in (f"{body.name}.{field}" for field, yes in shows.items() if yes):
+            if _sets(scene, name) not in taken:
+                taken.add(_sets(scene, name))
                 yield name
+
+
+def _sets(scene: Scene, name: str) -> tuple[str, tuple[int, ...]]:
+    """Return which value of which bodies a parameter sets."""
+    return scene.locate(name)[1], bodies_of(scene, name)

@@ -13,7 +13,7 @@ from physid.diagnosis.reference.nominal_fit import NominalFit
 from physid.diagnosis.settings.conclusion import MaterialitySettings
 from physid.diagnosis.testing import Hypothesis, LackOfFit, conclude
 from physid.estimation.measurement import Noise
-from physid.estimation.segmented_fit import squares_of_segments
+from physid.estimation.segmented_fit import misfit_of_segments, squares_of_segments
 from physid.scenes import Scene
 
 
@@ -91,13 +91,13 @@ def is_material(nominal_fit: NominalFit, one: Hypothesis, lack: LackOfFit | None
 
 
 def fails_at_impacts(nominal_fit: NominalFit) -> bool:
-    """Return whether the model leaves more than the tolerance at most impacts (see `unexplained_events`)."""
+    """Return whether the model leaves more than the tolerance at many impacts (see `unexplained_events`)."""
     left = nominal_fit.unexplained_events
     return left is not None and tolerance_of(nominal_fit).exceeded(Excess(left.position, left.rotation))
 
 
-def explains(nominal_fit: NominalFit) -> bool:
-    """Return whether the nominal model leaves positions within the tolerance, and most impacts explained."""
+def leaves_no_positions(nominal_fit: NominalFit) -> bool:
+    """Return whether the nominal model leaves positions within the tolerance, and explains impacts."""
     nominal = conclude(nominal_fit.experiment, nominal_fit.fit, (), nominal_fit.settings)
     within = excess_left(nominal_fit, nominal).position <= tolerance_of(nominal_fit).position
     return within and not fails_at_impacts(nominal_fit)
@@ -150,29 +150,29 @@ def regained(
 
     A segment with an impact that no initial state explains counts little, and so does what is wrong there. If effects
     explain most of those that the nominal model leaves unexplained, they are what it lacks: these segments count like
-    others then. If they explain but some, a state may have been found by chance, and nothing changes.
+    others then. If they explain but some, states may have been found by chance, and nothing changes; nor where a
+    simulator is known, whose impacts differ from the model's without any effect.
 
     Args:
         nominal_fit: The recordings, their noise, and what is unexplained, of how many.
         nominal: The model without effects.
         best: With effects; None where none were found.
     """
-    limits, struck = nominal_fit.settings.unexplained, nominal.experiment.predictor.segments.struck
-    if best is None or not bool(struck.any()):
+    struck = nominal.experiment.predictor.segments.struck
+    if best is None or not bool(struck.any()) or nominal_fit.observations.scene.integration is not None:
         return nominal, best
-    left = struck & (_misfit(nominal_fit, nominal) > limits.misfit)
-    closed = left & (_misfit(nominal_fit, best) <= limits.misfit)
-    if int(closed.sum()) <= limits.most * int(left.sum()):
+    explained, limits = nominal_fit.settings.unexplained.misfit, nominal_fit.settings.materiality
+    left = struck & (_misfit(nominal_fit, nominal) > explained)
+    closed = left & (_misfit(nominal_fit, best) <= explained)
+    if int(closed.sum()) <= max(limits.regained * int(left.sum()), limits.fewest - 1):
         return nominal, best
     return _counted(nominal_fit, nominal, closed), _counted(nominal_fit, best, closed)
 
 
 def _misfit(nominal_fit: NominalFit, one: Hypothesis) -> Tensor:
     """Return the mean squared residual of each segment, in that of the noise, all frames alike, shape (K,)."""
-    noise = nominal_fit.noise
-    floor = torch.tensor([noise.rotation_floor, noise.floor], dtype=torch.float64).square()
-    square = squares_of_segments(one.experiment.predictor.segments, one.fit, nominal_fit.present)
-    return (square / floor).mean(-1)
+    square = squares_of_segments(one.experiment.predictor.segments, one.fit.residual, nominal_fit.present)
+    return misfit_of_segments(square, nominal_fit.noise)
 
 
 def _counted(nominal_fit: NominalFit, one: Hypothesis, chosen: Tensor) -> Hypothesis:

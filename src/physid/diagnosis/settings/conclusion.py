@@ -49,6 +49,15 @@ class MaterialitySettings(Section):
     share_of_size: float = setting(
         SHARE_OF_SIZE, "share", "of the largest edge: faces that are not flat, edges that are not sharp", gt=0
     )
+    regained: float = setting(
+        0.5,
+        "share",
+        "of the segments with an event that the nominal model does not explain: if effects explain more, all count",
+        "decision 91",
+        ge=0,
+        le=1,
+    )
+    fewest: int = setting(3, "segments", "that effects must explain of these at least", "decision 91", ge=1)
 
 
 class PowerSettings(Section):

@@ -146,7 +146,8 @@ class Segmentation:
     @classmethod
     def _of(cls, cuts: list[list[Cut]], frames: int) -> Segmentation:
         row, start, size, contact = torch.tensor([(row, *cut) for row, own in enumerate(cuts) for cut in own]).T
-        return cls(len(cuts), frames, row.contiguous(), start.contiguous(), size.contiguous(), *2 * (contact.bool(),))
+        none = torch.zeros(len(row)).bool()
+        return cls(len(cuts), frames, row.contiguous(), start.contiguous(), size.contiguous(), contact.bool(), none)
 
     def __len__(self) -> int:
         return len(self.start)

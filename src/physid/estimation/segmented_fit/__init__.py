@@ -23,6 +23,7 @@ from physid.estimation.segmented_fit.settings import (
 )
 from physid.estimation.segmented_fit.unexplained import (
     UnexplainedEvents,
+    misfit_of_segments,
     squares_of_segments,
     unexplained_events,
 )
@@ -54,6 +55,7 @@ __all__ = [
     "fit_around_events",
     "fit_short_segments",
     "fit_with_chosen_steps",
+    "misfit_of_segments",
     "odd_trajectories",
     "own_weights",
     "phases_of",

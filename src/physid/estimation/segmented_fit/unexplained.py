@@ -1,4 +1,4 @@
-"""What a fit leaves where something happens: at most events more than chance does, it is the model that fails there."""
+"""What a fit leaves where something happens: at more events than chance does, it is the model that fails there."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from physid.estimation.least_squares import Fit
 from physid.estimation.measurement import Noise
 from physid.estimation.prediction import Segmentation
 from physid.estimation.segmented_fit.settings import UnexplainedSettings
@@ -15,7 +14,7 @@ from physid.estimation.segmented_fit.settings import UnexplainedSettings
 
 @dataclass(frozen=True)
 class UnexplainedEvents:
-    """Segments with an event, most of which no initial state explains.
+    """Segments with an event, too many of which no initial state explains.
 
     Attributes:
         unexplained: How many are not explained.
@@ -33,36 +32,54 @@ class UnexplainedEvents:
 def unexplained_events(
     square: Tensor, struck: Tensor, noise: Noise, settings: UnexplainedSettings
 ) -> UnexplainedEvents | None:
-    """Return what the model leaves at events, or None where it explains half of them.
+    """Return what the model leaves at events, or None where it explains as many of them as a true one would.
 
     In a few segments with an impact no initial state is found that explains them, or a tracker errs there. Frames and
-    segments like these count little in a fit, and so does what the model leaves there. Where most are unexplained that
+    segments like these count little in a fit, and so does what the model leaves there. Where many are unexplained that
     is no chance, and has to be said, since the errors of the fit do not show it.
 
     Args:
-        square: Mean squared length of the residuals of rotations [rad^2] and positions [m^2] in each segment, all
-            frames alike, zeros where nothing was seen, shape (K, 2).
+        square: Mean squared length of the residuals of rotations [rad^2] and positions [m^2] in each segment (see
+            `squares_of_segments`), zeros where nothing was seen, shape (K, 2).
         struck: Which segments hold an event, shape (K,).
         noise: Of the poses.
         settings: What is unexplained, and of how many.
     """
-    floor = torch.tensor([noise.rotation_floor, noise.floor], dtype=square.dtype).square()
     left = square[struck & (square > 0).any(-1)]
-    unexplained = (left / floor).mean(-1) > settings.misfit
+    unexplained = misfit_of_segments(left, noise) > settings.misfit
     if not bool(unexplained.any()) or float(unexplained.double().mean()) <= settings.most:
         return None
-    rotation, position = (left[unexplained] - floor).clamp_min(0).sqrt().median(0).values.tolist()
+    rotation, position = (left[unexplained] - _floor(noise)).clamp_min(0).sqrt().median(0).values.tolist()
     return UnexplainedEvents(int(unexplained.sum()), len(left), position, rotation)
 
 
-def squares_of_segments(segments: Segmentation, fit: Fit, present: Tensor) -> Tensor:
-    """Return the mean squared length of the residuals of rotations and positions of each segment, shape (K, 2).
+def misfit_of_segments(square: Tensor, noise: Noise) -> Tensor:
+    """Return mean squared residuals in those of the noise, (K,), from those of rotations and positions (K, 2)."""
+    misfit: Tensor = (square / _floor(noise)).mean(-1)
+    return misfit
+
+
+def _floor(noise: Noise) -> Tensor:
+    return torch.tensor([noise.rotation_floor, noise.floor], dtype=torch.float64).square()
+
+
+def squares_of_segments(segments: Segmentation, residual: Tensor, present: Tensor) -> Tensor:
+    """Return the mean squared length of residuals of rotations and positions in each segment, shape (K, 2).
+
+    The worst frame of each is left out: a frame that stands alone says nothing of an impact, which lasts.
 
     Args:
         segments: The segments.
-        fit: What they leave.
+        residual: Observed minus predicted, shape (R, T, N, 6).
         present: Frames that exist and are not outliers, shape (R, T, N).
     """
-    square = fit.residual.unflatten(-1, (2, 3)).square().sum(-1) * present[..., None]
-    count = segments.sum_frames(present.sum(-1)[None].to(square))[0]
-    return segments.sum_frames(square.sum(2).movedim(-1, 0)).T / count.clamp_min(1)[:, None]
+    square = residual.unflatten(-1, (2, 3)).square().sum(-1) * present[..., None]
+    total, count = square.sum(2), present.sum(2)
+    found: Tensor = square.new_zeros(len(segments), 2)
+    for batch in segments.batches:
+        own, frames = batch.cut(total[None], fill=0.0)[0], batch.cut(count[None].to(square), fill=0.0)[0]
+        worst = (own / frames.clamp_min(1)[..., None]).argmax(1, keepdim=True)
+        left = own.sum(1) - own.gather(1, worst)[:, 0]
+        seen = frames.sum(1, keepdim=True) - frames[..., None].expand_as(own).gather(1, worst)[:, 0]
+        found[batch.segments] = left / seen.clamp_min(1)
+    return found

@@ -41,9 +41,14 @@ def unexplained_impacts(left: UnexplainedEvents, scene: Scene) -> Finding:
     """
     names = {f"{body.name}.restitution": body.restitution for body in scene.bodies}
     values = " and ".join(f"{name} {value:g}" for name, value in names.items() if name not in scene.unknown)
-    given = f"{values} is given: call it unknown in recording.yaml if nobody measured it; else " if values else ""
+    given = (
+        f"unless somebody measured what is given ({values}), learn it (unknown in recording.yaml); else "
+        if values
+        else ""
+    )
     return Finding(
-        f"most impacts are not explained: in {left.unexplained} of {left.among} segments with one the model leaves "
+        f"many impacts are not explained: in {left.unexplained} of {left.among} segments with an impact or a jolt the "
+        f"model leaves "
         f"{1e3 * left.position:.2g} mm and {math.degrees(left.rotation):.2g} deg beyond noise (medians), which counts "
         "little in a fit",
         f"{given}contact is softer than the model's, sizes are others, or the tracker errs there; friction and "
@@ -52,17 +57,20 @@ def unexplained_impacts(left: UnexplainedEvents, scene: Scene) -> Finding:
     )
 
 
-def given_parameter(name: str, given: float, value: float) -> Finding:
-    """Say that another value of a given parameter explains the recordings.
+def given_parameter(name: str, given: float, value: float, within: float) -> Finding:
+    """Say that another value of a given parameter explains the positions.
 
     Args:
         name: Of the parameter.
         given: Its value.
         value: The other one.
+        within: How far the model leaves positions then, at most, beyond noise [m].
     """
     return Finding(
-        f"{name} is given as {given:.3g}; were it {value:.3g}, the model would explain these recordings",
-        "call it unknown in recording.yaml unless it was measured: what the verdict blames may be its shadow",
+        f"with {name} {value:.3g} instead of the {given:.3g} that is given, the model leaves positions by "
+        f"{1e3 * within:.2g} mm at most beyond noise",
+        "learn it (unknown in recording.yaml, or model.learn) unless it was measured: an effect that is named may only "
+        "stand for it",
         wrong=False,
     )
 

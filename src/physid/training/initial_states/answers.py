@@ -9,13 +9,12 @@ import torch
 from torch import Tensor
 
 from physid.estimation.least_squares import FirstGuess
-from physid.inspection.finding import Finding
-from physid.training.initial_states import fit_findings
 from physid.training.initial_states.elimination import slopes, without_initial_states
 from physid.training.initial_states.explaining import Explaining, started, started_from
+from physid.training.initial_states.fit_findings import findings_of_fit as findings_of_fit
 from physid.training.initial_states.fitted import fit_states, guess_parameters
 from physid.training.initial_states.tracked import TrackedFit
-from physid.training.parameters import Identifiability, Pieces, Response, SensorNoise, Trajectories
+from physid.training.parameters import Identifiability, Response, SensorNoise, Trajectories
 
 JUDGED = 8  # trajectories that suffice to judge what is identifiable
 
@@ -73,13 +72,6 @@ def respond(explaining: Explaining, tracked: TrackedFit) -> tuple[Trajectories, 
 def respond_coarsely(losses: Callable[[Tensor], Tensor], explaining: Explaining, index: Tensor) -> Response:
     """Return how estimates respond where slopes mean nothing, from the losses (K, B) at points (K, P)."""
     return Response.coarse(losses, explaining.physical.coordinates.detach(), index)
-
-
-@torch.no_grad()
-def findings_of_fit(explaining: Explaining, tracked: TrackedFit, pieces: Pieces | None = None) -> tuple[Finding, ...]:
-    """Return what looks like a mistake in segments once they are fitted."""
-    fit, experiment = copy.copy(tracked).linearised(explaining)
-    return fit_findings.findings_of_fit(explaining.trajectories, experiment, fit, pieces)
 
 
 def judge(explaining: Explaining, tracked: TrackedFit, noise: SensorNoise | None) -> Identifiability:

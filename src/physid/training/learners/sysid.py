@@ -179,8 +179,8 @@ class SysID(TrainingModule, PredictingModule):
 
     def findings_of_fit(self) -> Mistakes:
         """Return what the trajectories of the last training batch show beside the fit; nothing where there was none."""
-        begun = hasattr(self, "_batch")  # not where a run that had ended is taken up
-        return answers.findings_of_fit(self._training(self._batch), self.tracked, self.pieces) if begun else ()
+        begun, limits = hasattr(self, "_batch"), (self.impacts or AROUND_IMPACTS).unexplained  # not taken up at its end
+        return answers.findings_of_fit(self._training(self._batch), self.tracked, self.pieces, limits) if begun else ()
 
     @torch.no_grad()
     def response(self) -> Response:
