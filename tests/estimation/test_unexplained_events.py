@@ -17,7 +17,7 @@ from physid.estimation.segmented_fit import (
 NOISE = Noise(rotation=2e-3, position=3e-4)
 FLOORS = torch.tensor([NOISE.rotation_floor, NOISE.floor]).double()
 SETTINGS = UnexplainedSettings()
-STRUCK = torch.tensor([True, True, True, True, True, False, False])
+STRUCK = torch.arange(14) < 12
 
 
 def left_by(*times: float) -> Tensor:
@@ -26,33 +26,45 @@ def left_by(*times: float) -> Tensor:
 
 
 def test_what_many_segments_with_an_event_leave_is_their_median_beyond_noise() -> None:
-    found = unexplained_events(left_by(1, 3, 1, 5, 9, 40, 40), STRUCK, NOISE, SETTINGS)
+    found = unexplained_events(left_by(*[1] * 5, 3, 3, 3, 5, 9, 9, 9, 40, 40), STRUCK, NOISE, SETTINGS)
     assert found is not None
-    assert (found.unexplained, found.among) == (3, 5)
-    beyond = 24**0.5  # the median of 3, 5 and 9 times the floor, beyond one
+    assert (found.unexplained, found.among) == (7, 12)
+    beyond = 24**0.5  # the median is 5 times the floor, of which one is noise
     assert (found.position, found.rotation) == pytest.approx((beyond * NOISE.floor, beyond * NOISE.rotation_floor))
 
 
-@pytest.mark.parametrize("times", [(1, 1, 1, 1, 50, 40, 40), (1.4,) * 7, (0.7,) * 7])
+@pytest.mark.parametrize("times", [(1,) * 6 + (50,) * 8, (1.4,) * 14, (0.7,) * 14])
 def test_a_few_of_them_may_be_chance_and_so_may_what_noise_explains(times: tuple[float, ...]) -> None:
     assert unexplained_events(left_by(*times), STRUCK, NOISE, SETTINGS) is None
 
 
+@pytest.mark.parametrize("among", [3, 12, 40, 200])
+def test_a_right_model_fails_by_chance_as_seldom_as_is_said(among: int) -> None:
+    generator, sets = torch.Generator().manual_seed(among), 2000
+    lost = torch.rand(sets, among, generator=generator) < SETTINGS.usual
+    struck = torch.ones(among).bool()
+    said = sum(
+        unexplained_events(left_by(*(1 + 9 * row.double())), struck, NOISE, SETTINGS) is not None for row in lost
+    )
+    assert said <= sets * SETTINGS.chance + 3 * (sets * SETTINGS.chance) ** 0.5
+
+
 def test_a_segment_of_which_nothing_was_seen_is_neither_explained_nor_not() -> None:
-    found = unexplained_events(left_by(1, 3, 0, 5, 0, 1, 1), STRUCK, NOISE, SETTINGS)
+    found = unexplained_events(left_by(*[1] * 2, *[0] * 4, *[3] * 6, 1, 1), STRUCK, NOISE, SETTINGS)
     assert found is not None
-    assert (found.unexplained, found.among) == (2, 3)
+    assert (found.unexplained, found.among) == (6, 8)
 
 
 def test_without_an_event_nothing_is_said() -> None:
-    assert unexplained_events(left_by(*[9.0] * 7), torch.zeros(7).bool(), NOISE, SETTINGS) is None
+    assert unexplained_events(left_by(*[9.0] * 14), torch.zeros(14).bool(), NOISE, SETTINGS) is None
 
 
-def test_what_is_unexplained_and_of_how_many_is_set() -> None:
-    square = left_by(1, 1, 1, 3, 3, 1, 1)
-    assert unexplained_events(square, STRUCK, NOISE, SETTINGS.model_copy(update={"most": 0.3})) is not None
-    most = SETTINGS.model_copy(update={"misfit": 10.0, "most": 0.3})
-    assert unexplained_events(square, STRUCK, NOISE, most) is None
+def test_what_is_unexplained_and_how_many_by_chance_is_set() -> None:
+    square = left_by(*[1] * 6, *[3] * 6, 1, 1)
+    assert unexplained_events(square, STRUCK, NOISE, SETTINGS.model_copy(update={"usual": 0.1})) is not None
+    assert unexplained_events(square, STRUCK, NOISE, SETTINGS.model_copy(update={"chance": 0.1})) is not None
+    larger = SETTINGS.model_copy(update={"misfit": 10.0, "usual": 0.1})
+    assert unexplained_events(square, STRUCK, NOISE, larger) is None
 
 
 def test_segments_around_an_event_hold_it_or_not() -> None:

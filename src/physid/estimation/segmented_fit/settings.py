@@ -103,13 +103,16 @@ class UnexplainedSettings(Section):
         2.0, "-", "mean squared residual of a segment with an event, in that of the noise, up to which it is explained",
         gt=1,
     )  # fmt: skip
-    most: float = setting(
-        0.33,
+    usual: float = setting(
+        0.2,
         "share",
-        "of these segments that may be unexplained before it is the model that fails",
+        "of these segments that are not explained although the model is right",
         "decision 91: at most 0.18 in recordings of MuJoCo without an effect, 0.45 and more where contact was another",
         ge=0,
-        le=1,
+        lt=1,
+    )
+    chance: float = setting(
+        0.01, "probability", "of as many by chance, below which it is the model that fails", "by definition", gt=0, le=1
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import torch
+from scipy.stats import binom
 from torch import Tensor
 
 from physid.estimation.measurement import Noise
@@ -35,22 +36,24 @@ def unexplained_events(
     """Return what the model leaves at events, or None where it explains as many of them as a true one would.
 
     In a few segments with an impact no initial state is found that explains them, or a tracker errs there. Frames and
-    segments like these count little in a fit, and so does what the model leaves there. Where many are unexplained that
-    is no chance, and has to be said, since the errors of the fit do not show it.
+    segments like these count little in a fit, and so does what the model leaves there. Where more are unexplained than
+    chance allows it has to be said, since the errors of the fit do not show it: k of n, where k or more have a
+    probability of less than `chance` if each has that of `usual` (binomial).
 
     Args:
         square: Mean squared length of the residuals of rotations [rad^2] and positions [m^2] in each segment (see
             `squares_of_segments`), zeros where nothing was seen, shape (K, 2).
         struck: Which segments hold an event, shape (K,).
         noise: Of the poses.
-        settings: What is unexplained, and of how many.
+        settings: What is unexplained, and how many by chance.
     """
     left = square[struck & (square > 0).any(-1)]
     unexplained = misfit_of_segments(left, noise) > settings.misfit
-    if not bool(unexplained.any()) or float(unexplained.double().mean()) <= settings.most:
+    count = int(unexplained.sum())
+    if not count or binom.sf(count - 1, len(left), settings.usual) >= settings.chance:
         return None
     rotation, position = (left[unexplained] - _floor(noise)).clamp_min(0).sqrt().median(0).values.tolist()
-    return UnexplainedEvents(int(unexplained.sum()), len(left), position, rotation)
+    return UnexplainedEvents(count, len(left), position, rotation)
 
 
 def misfit_of_segments(square: Tensor, noise: Noise) -> Tensor:
