@@ -96,6 +96,9 @@ def test_states_between_two_points_lie_on_the_way_and_everything_else_is_the_oth
     other.pose[..., 3:] = multiply(exponential(angle), one.pose[..., 3:])
     halfway = between(one, other, torch.full((8,), 0.5).double()).pose[..., 3:]
     assert torch.allclose(halfway, multiply(exponential(angle / 2), one.pose[..., 3:]), atol=1e-12)
+    other.pose[..., 3:] *= -1
+    again = between(one, other, torch.full((8,), 0.5).double()).pose[..., 3:]
+    assert torch.allclose(again, halfway, atol=1e-12), "q and -q are one attitude"
 
 
 def test_effects_at_work_are_those_that_are_named_with_the_values_of_a_point() -> None:

@@ -14,6 +14,7 @@ from physid.diagnosis.document.document import (
     Detectable,
     Diagnosis,
     Errors,
+    Impacts,
     Estimate,
     Minor,
     Refitted,
@@ -235,6 +236,8 @@ def test_a_gap_that_shows_in_parts_of_the_motion_alone_is_called_so_and_not_one_
     assert how_far_sentence(document, "same") == "same protocol: 21 mm (floor 1.4 mm)"
     near = replace(document, gap=replace(document.gap, same=Errors(0.0014, None)))
     assert how_far_sentence(near, "same").endswith("1.4 mm (floor 1.4 mm), near the floor: parts of a motion show it")
+    hit = replace(near, gap=replace(near.gap, impacts=Impacts(7, 9, 0.0026, 0.01)))
+    assert how_far_sentence(hit, "same").endswith("near the floor: impacts show it, 2.6 mm there")
     none = replace(near, verdict="none")
     assert how_far_sentence(none, "same").endswith("1.4 mm (floor 1.4 mm)")
 

@@ -22,15 +22,9 @@ LABEL_WIDTH = 9
 
 
 def verdict_sentence(diagnosis: Diagnosis) -> str:
-    """Say the verdict in one plain sentence.
+    """Say the verdict of a document in one plain sentence.
 
     A cause is called a cause only where a transfer set has certified it.
-
-    Args:
-        diagnosis: The document.
-
-    Returns:
-        The sentence.
     """
     named = capital(join((words(effect.name) for effect in diagnosis.effects), "and"))
     several = len(diagnosis.effects) > 1
@@ -194,7 +188,9 @@ def how_far_sentence(diagnosis: Diagnosis, split: Split) -> str:
 def no_share(diagnosis: Diagnosis, split: Split) -> str:
     """Say why no share of the gap is known: errors are near the floor of the noise, or near what numerics leave."""
     if near_floor(diagnosis, split):
-        return "too near to the floor for a share" if diagnosis.blamed else "near the floor: parts of a motion show it"
+        left = diagnosis.gap.impacts
+        seen = "parts of a motion show it" if left is None else f"impacts show it, {quantity(left.position, 'm')} there"
+        return "too near to the floor for a share" if diagnosis.blamed else f"near the floor: {seen}"
     return "no share is known: in these trajectories numerics alone may leave as much"
 
 
