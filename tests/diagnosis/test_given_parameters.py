@@ -20,7 +20,7 @@ from physid.diagnosis.selection.given_parameters import given_that_explain, show
 from physid.diagnosis.settings.settings import Settings
 from physid.estimation.prediction import CutRule, Segmentation
 from physid.inspection.rules.fitted import given_parameter
-from physid.scenes import find_setup, with_parameters
+from physid.scenes import find_setup, given_in, with_parameters
 
 MASS, FRICTION = 2.0, 0.2
 SETTINGS = Settings().changed({"null_simulations.floor_replays": 1})
@@ -81,6 +81,7 @@ def test_of_bodies_of_one_material_each_value_is_tried_once(unknown: tuple[str, 
         experiment=SimpleNamespace(predictor=SimpleNamespace(segments=segments)),
     )
     assert list(showing(scene, fit)) == names
+    assert list(given_in(scene)) == names
 
 
 def test_it_is_said_with_both_values_and_what_to_do() -> None:

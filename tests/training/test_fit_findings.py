@@ -151,12 +151,18 @@ def test_of_the_right_restitution_nothing_is_said(tmp_path: Path) -> None:
 
 def test_impacts_that_are_not_explained_are_said_with_the_restitution_that_is_given() -> None:
     scene, left = find_setup("toss").scene, UnexplainedEvents(7, 9, 2.34e-3, 0.01)
-    told = unexplained_impacts(left, replace(scene, unknown=("block.friction",)))
-    assert told.what == (
+    said = unexplained_impacts(left, replace(scene, unknown=("block.friction",)))
+    assert said.what == (
         "many impacts are not explained: in 7 of 9 segments with an impact or a jolt the model leaves 2.3 mm "
         "and 0.57 deg beyond noise (medians), which counts little in a fit"
     )
-    assert told.mend.startswith("unless somebody measured what is given (block.restitution 0.3), learn it")
+    assert said.mend.startswith("unless somebody measured what is given (block.restitution 0.3), learn it")
     learned = unexplained_impacts(left, replace(scene, unknown=("block.restitution",)))
-    assert (learned.what, learned.wrong) == (told.what, False)
+    assert (learned.what, learned.wrong) == (said.what, False)
     assert learned.mend.startswith("contact is softer than the model's")
+
+
+def test_a_restitution_that_bodies_of_one_material_share_is_said_once_or_known_to_be_learned() -> None:
+    scene, left = find_setup("collide").scene, UnexplainedEvents(7, 9, 2.34e-3, 0.01)
+    assert "restitution" not in unexplained_impacts(left, replace(scene, unknown=("other.restitution",))).mend[:40]
+    assert unexplained_impacts(left, replace(scene, unknown=())).mend.partition(")")[0].count(".restitution") == 1

@@ -6,7 +6,7 @@ import dataclasses
 import math
 from collections.abc import Mapping
 
-from physid.scenes.scene import HIGHEST_RESTITUTION, Body, Scene
+from physid.scenes.scene import HIGHEST_RESTITUTION, PARAMETERS, Body, Scene
 
 
 def highest_value(name: str) -> float:
@@ -32,6 +32,22 @@ def bodies_of(scene: Scene, parameter: str) -> tuple[int, ...]:
     if field_name == "mass" or material is None:
         return (owner,)
     return tuple(index for index, body in enumerate(scene.bodies) if body.material == material)
+
+
+def given_in(scene: Scene) -> tuple[str, ...]:
+    """Return the parameters that are not unknown, by body and field; one name for bodies of one material."""
+    taken = {_sets(scene, name) for name in scene.unknown}
+    found = []
+    for name in (f"{body.name}.{field}" for body in scene.bodies for field in PARAMETERS):
+        if _sets(scene, name) not in taken:
+            taken.add(_sets(scene, name))
+            found.append(name)
+    return tuple(found)
+
+
+def _sets(scene: Scene, name: str) -> tuple[str, tuple[int, ...]]:
+    """Return which value of which bodies a parameter sets."""
+    return scene.locate(name)[1], bodies_of(scene, name)
 
 
 def unit_of(parameter: str) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import torch
@@ -14,7 +13,7 @@ from physid.diagnosis.selection.materiality import leaves_no_positions, toleranc
 from physid.inspection.finding import Finding, warn_of
 from physid.inspection.rules.fitted import given_parameter
 from physid.physics import SolverError
-from physid.scenes import Scene, bodies_of, with_parameters
+from physid.scenes import Scene, given_in, with_parameters
 
 
 def findings_of_given(inputs: Inputs, nominal_fit: NominalFit, seed: int, say: Progress) -> tuple[Finding, ...]:
@@ -37,7 +36,7 @@ def given_that_explain(inputs: Inputs, nominal_fit: NominalFit, seed: int, say: 
         inputs: What the diagnosis starts from.
         nominal_fit: The nominal model as it is given.
         seed: Of the null simulations that measure numerics.
-        say: Told which parameter is fitted.
+        say: Called with the parameter that is being fitted.
     """
     if leaves_no_positions(nominal_fit):
         return {}
@@ -58,19 +57,13 @@ def given_that_explain(inputs: Inputs, nominal_fit: NominalFit, seed: int, say: 
     return found
 
 
-def showing(scene: Scene, nominal_fit: NominalFit) -> Iterator[str]:
-    """Yield the given parameters that may show; one for bodies of one material."""
-    pushed = (nominal_fit.observations.timeline.grid.wrench != 0).any(0).any(0).any(-1)
+def showing(scene: Scene, nominal_fit: NominalFit) -> tuple[str, ...]:
+    """Return the given parameters that may show (see `given_that_explain`)."""
+    pushed = (nominal_fit.observations.timeline.grid.wrench != 0).any(0).any(0).any(-1).tolist()
     struck = bool(nominal_fit.experiment.predictor.segments.struck.any())
-    taken = {_sets(scene, name) for name in scene.unknown}
-    for body, force in zip(scene.bodies, pushed.tolist(), strict=True):
-        shows = {"mass": force or len(scene.bodies) > 1, "friction": True, "restitution": struck}
-        for name in (f"{body.name}.{field}" for field, yes in shows.items() if yes):
-            if _sets(scene, name) not in taken:
-                taken.add(_sets(scene, name))
-                yield name
 
+    def shows(name: str) -> bool:
+        body, field = scene.locate(name)
+        return {"mass": pushed[body] or len(scene.bodies) > 1, "friction": True, "restitution": struck}[field]
 
-def _sets(scene: Scene, name: str) -> tuple[str, tuple[int, ...]]:
-    """Return which value of which bodies a parameter sets."""
-    return scene.locate(name)[1], bodies_of(scene, name)
+    return tuple(name for name in given_in(scene) if shows(name))

@@ -170,7 +170,7 @@ def regained(
 
 
 def _misfit(nominal_fit: NominalFit, one: Hypothesis) -> Tensor:
-    """Return the mean squared residual of each segment, in that of the noise, all frames alike, shape (K,)."""
+    """Return the mean squared residual of each segment, in that of the noise, but for its worst frame, shape (K,)."""
     square = squares_of_segments(one.experiment.predictor.segments, one.fit.residual, nominal_fit.present)
     return misfit_of_segments(square, nominal_fit.noise)
 

@@ -11,7 +11,7 @@ from torch import Tensor
 from physid.estimation.measurement import CorrelatedNoise
 from physid.estimation.segmented_fit import UnexplainedEvents
 from physid.inspection.finding import Finding
-from physid.scenes import Scene
+from physid.scenes import Scene, given_in
 
 
 def odd_trajectory(index: int, names: Sequence[str], own: Sequence[float], others: Sequence[float]) -> Finding:
@@ -39,20 +39,15 @@ def unexplained_impacts(left: UnexplainedEvents, scene: Scene) -> Finding:
         left: What it leaves there.
         scene: The bodies, and what is unknown of them.
     """
-    names = {f"{body.name}.restitution": body.restitution for body in scene.bodies}
-    values = " and ".join(f"{name} {value:g}" for name, value in names.items() if name not in scene.unknown)
-    given = (
-        f"unless somebody measured what is given ({values}), learn it (unknown in recording.yaml); else "
-        if values
-        else ""
-    )
+    names = [name for name in given_in(scene) if name.endswith(".restitution")]
+    values = " and ".join(f"{name} {scene.value(name):g}" for name in names)
+    given = f"unless somebody measured what is given ({values}), learn it (unknown in recording.yaml); else "
     return Finding(
         f"many impacts are not explained: in {left.unexplained} of {left.among} segments with an impact or a jolt the "
-        f"model leaves "
-        f"{1e3 * left.position:.2g} mm and {math.degrees(left.rotation):.2g} deg beyond noise (medians), which counts "
-        "little in a fit",
-        f"{given}contact is softer than the model's, sizes are others, or the tracker errs there; friction and "
-        "restitution may be off by more than their intervals say",
+        f"model leaves {1e3 * left.position:.2g} mm and {math.degrees(left.rotation):.2g} deg beyond noise (medians), "
+        "which counts little in a fit",
+        f"{given * bool(names)}contact is softer than the model's, sizes are others, or the tracker errs there; "
+        "friction and restitution may be off by more than their intervals say",
         wrong=False,
     )
 
