@@ -376,9 +376,14 @@ def end(process: subprocess.Popen[str] | Forked, timeout: float) -> str:
     return said
 
 
+def said_last(said: str) -> str:
+    """Return the last line of what a command has said, for a reader of the table."""
+    return (said.strip().splitlines() or ["without a word"])[-1][:300]
+
+
 def complaints(said: str, code: int | None, wanted: set[int], early: bool = False) -> list[str]:
     """Say what is wrong with how a disturbed command ended; `early` while Python itself was starting."""
-    found = [] if code in wanted else [f"exit code {code}"]
+    found = [] if code in wanted else [f"exit code {code}, {said_last(said)}"]
     # Python's tracker of what processes share outlives a kill and says what it cleans up, in two lines each.
     said = re.sub(r".*resource_tracker\.py:\d+: UserWarning:.*\n.*\n?", "", said)
     lines = [line for line in said.strip().splitlines() if line.strip()]
@@ -405,9 +410,11 @@ def kill(task: Task, folder: Path, name: str, whole: float, draw: random.Random,
         sent = time.perf_counter()
         said = end(process, PATIENCE)
         # The command may have ended by itself meanwhile: the resumed run shows whether all was there.
-        done = {0} if time.perf_counter() - sent < max(ENDING[0], ENDING[1] * whole) else set()
+        took = time.perf_counter() - sent
+        done = {0} if took < max(ENDING[0], ENDING[1] * whole) else set()
         early = name == "SIGINT" and afresh and delay < STARTING
-        found += complaints(said, process.returncode, CODES[name] | done, early)
+        wrong = complaints(said, process.returncode, CODES[name] | done, early)
+        found += [f"{each}, sent after {delay:.2f} of {whole:.2f} s, {took:.2f} s before it ended" for each in wrong]
     return times, found
 
 
@@ -514,7 +521,7 @@ def attack(
     process = task.start(folder, afresh=afresh)
     said = end(process, 600)
     if process.returncode:
-        found.append(f"does not go on: {said.strip().splitlines()[-1:]}")
+        found.append(f"does not go on: {said_last(said)}")
     else:
         then, now = truth.digests, snapshot(folder)
         other = sorted(key for key in then.keys() | now.keys() if then.get(key) != now.get(key))

@@ -101,6 +101,32 @@ def test_a_worker_that_is_killed_half_way_costs_no_trajectory_and_changes_no_byt
 
 
 @pytest.mark.slow
+def test_a_worker_that_dies_as_it_is_asked_for_its_version_takes_no_part_and_the_last_is_missed(
+    cluster: Cluster, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import joblib
+
+    from physid.record import Source
+
+    def dies(among: list[int]) -> Callable[[], Source]:
+        def asked() -> Source:
+            if os.getpid() in among:
+                os.kill(os.getpid(), signal.SIGKILL)
+            return Source("1", None, False)
+
+        return asked
+
+    first, second = (each.pid for each in cluster.workers)
+    monkeypatch.setattr("physid.workers.source", dies([first]))
+    with running_on("dask", cluster.address):
+        assert joblib.Parallel()(joblib.delayed(abs)(-each) for each in range(3)) == [0, 1, 2]
+    assert cluster.workers[0].wait(PATIENCE) == -signal.SIGKILL
+    monkeypatch.setattr("physid.workers.source", dies([second]))
+    with pytest.raises(ClusterError, match="has no workers: start some"), running_on("dask", cluster.address):
+        pass
+
+
+@pytest.mark.slow
 def test_cells_of_a_reproduction_spread_over_the_workers(cluster: Cluster, tmp_path: Path) -> None:
     import json
 
@@ -208,7 +234,7 @@ def test_ctrl_c_while_a_client_is_opened_or_closed_comes_once_it_is_and_what_was
         def scheduler_info(self, **_: object) -> dict[str, list[str]]:
             return {"workers": ["one"]}
 
-        def run(self, function: Callable[[], object]) -> dict[str, object]:
+        def run(self, function: Callable[[], object], **_: object) -> dict[str, object]:
             return {"one": function()}
 
         def close(self) -> None:

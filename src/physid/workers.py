@@ -66,7 +66,7 @@ def running_on(backend: Backend = "loky", scheduler: str | None = None) -> Itera
     try:
         with _signals_wait():
             client = _connect(scheduler)
-        _require_same_source(client)
+        _require_same_source(client, str(scheduler))
         with joblib.parallel_config(backend="dask", client=client):
             yield Path.absolute
     finally:
@@ -126,14 +126,23 @@ def _connect(scheduler: str | None) -> Any:
         raise ClusterError(f"no Dask scheduler answers at {scheduler} within {ANSWER:g} s: {error}") from None
     if not client.scheduler_info(n_workers=-1)["workers"]:
         client.close()
-        raise ClusterError(f"the scheduler at {scheduler} has no workers: start some with `dask worker {scheduler}`")
+        raise _no_workers(scheduler)
     return client
 
 
-def _require_same_source(client: Any) -> None:
-    """Raise if a worker runs another version of physid than this process."""
-    mine = source()
-    for worker, theirs in client.run(source).items():
+def _no_workers(scheduler: str) -> ClusterError:
+    return ClusterError(f"the scheduler at {scheduler} has no workers: start some with `dask worker {scheduler}`")
+
+
+def _require_same_source(client: Any, scheduler: str) -> None:
+    """Raise if a worker runs another version of physid than this process; those that die when asked take no part."""
+    mine, asked = source(), client.run(source, on_error="return")
+    answers = {worker: each for worker, each in asked.items() if not isinstance(each, OSError)}  # CommClosedError
+    if not answers:
+        raise _no_workers(scheduler)
+    for worker, theirs in answers.items():
+        if isinstance(theirs, Exception):
+            raise theirs
         if theirs != mine:
             raise ClusterError(
                 f"the worker {worker} runs physid {_name(theirs)}, this process {_name(mine)}: make them equal"
