@@ -82,6 +82,9 @@ SUITES: dict[str, tuple[str, ...]] = {
         *("effects/test_perception.py", "effects/test_filtering.py", "effects/test_catalogue.py"),
     ),
     "effects/filtering.py": ("effects/test_filtering.py",),
+    "effects/laws.py effects/loading.py effects/probe.py effects/table.py": (
+        *("effects/test_loading.py", "effects/test_catalogue.py", "effects/test_engines_agree.py"),
+    ),
     "effects/motion.py": ("diagnosis/test_effect_file.py", "diagnosis/test_law_parts.py"),
     "effects/resampling.py": ("effects/test_perception.py", "effects/test_actuation.py"),
     "effects/touch.py": ("effects/test_contact.py", "physics/test_shapes.py"),
@@ -109,6 +112,9 @@ SUITES: dict[str, tuple[str, ...]] = {
     "estimation/measurement/deviation.py": (
         *("estimation/test_correlated_noise.py", "estimation/test_errors_of_poses.py", "diagnosis/test_noise.py"),
     ),
+    "estimation/measurement/force_noise.py": ("estimation/test_force_noise.py",),
+    "estimation/prediction/seams.py": ("estimation/test_seams.py",),
+    "estimation/segmented_fit/unexplained.py": ("estimation/test_unexplained_events.py",),
     "estimation/segmented_fit/odd_trajectories.py": ("estimation/test_odd_trajectories.py",),
     "estimation/least_squares/multi_start.py": (
         *("diagnosis/test_multi_start.py", "estimation/test_starts.py", "estimation/test_steps_taken.py"),
@@ -194,7 +200,8 @@ SUITES: dict[str, tuple[str, ...]] = {
     ),
     "diagnosis/selection/*.py": (
         *("diagnosis/test_verdict.py", "diagnosis/test_attribution.py", "diagnosis/test_contact_free.py"),
-        *("diagnosis/test_materiality.py", "diagnosis/test_flights_searched.py", "diagnosis/test_diagnose.py"),
+        *("diagnosis/test_materiality.py", "diagnosis/test_regained.py", "diagnosis/test_given_parameters.py"),
+        *("diagnosis/test_flights_searched.py", "diagnosis/test_diagnose.py"),
     ),
     "diagnosis/posterior/*.py": ("diagnosis/test_posterior.py", "diagnosis/test_answers.py"),
     "diagnosis/conclusion/verdict.py": ("diagnosis/test_verdict.py", "diagnosis/test_answers.py"),
@@ -220,6 +227,9 @@ SUITES: dict[str, tuple[str, ...]] = {
     "diagnosis/document/errors.py diagnosis/document/evidence.py diagnosis/document/residual_law.py": (
         *("diagnosis/test_document.py", "diagnosis/test_figures.py", "diagnosis/test_posterior.py"),
         "diagnosis/test_answers.py",
+    ),
+    "diagnosis/document/document.py diagnosis/settings/settings.py": (
+        *("diagnosis/test_document.py", "diagnosis/test_settings.py", "diagnosis/test_answers.py"),
     ),
     "diagnosis/document/effect_file.py": ("diagnosis/test_effect_file.py",),
     "diagnosis/document/flat_figures.py diagnosis/document/rounding.py": (
