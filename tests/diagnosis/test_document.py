@@ -38,7 +38,8 @@ def test_what_most_impacts_leave_is_kept_and_is_the_gap_where_it_is_more() -> No
         Errors(0.021, None)
     )
     for left, gap in ((0.03, 0.03), (0.001, (0.021**2 - 0.0014**2) ** 0.5)):
-        document["gap"]["impacts"] = {"unexplained": 7, "among": 9, "position": left, "rotation": 0.01}
+        impacts = {"unexplained": 7, "among": 9, "position": left, "rotation": 0.01}
+        document["gap"]["impacts"] = {**impacts, "with_effects": None}
         made = check_diagnosis(document)
         assert json.loads(json.dumps(made.to_mapping())) == document
         assert made.gap.most_beyond_noise == pytest.approx(gap)

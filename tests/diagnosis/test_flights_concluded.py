@@ -262,3 +262,17 @@ def test_what_most_impacts_leave_is_a_gap_if_it_is_more_than_the_tolerance(left:
     within = said.gap.beyond_noise(said.gap.same) / said.gap.tolerance.position
     assert said.evidence.gap == pytest.approx(max(left / said.gap.tolerance.position, within), rel=1e-3)
     assert said.causes[verdict] == max(said.causes.values())
+
+
+def test_of_impacts_that_are_not_explained_is_said_how_many_are_with_the_effects() -> None:
+    nominal_fit, found = searched()
+    segments = nominal_fit.experiment.predictor.segments
+    segments.struck[:] = True
+    named = draw_conclusion(nominal_fit, found, random()).diagnosis
+    assert named.verdict == "named"
+    assert named.gap.impacts is not None
+    assert named.gap.impacts.unexplained > 0.7 * len(segments)
+    assert named.gap.impacts.with_effects == 0
+    vars(nominal_fit).pop("unexplained_events")
+    segments.struck[1:] = False
+    assert draw_conclusion(nominal_fit, found, random()).diagnosis.gap.impacts is None, "one may be by chance"

@@ -87,6 +87,17 @@ def test_of_a_right_model_gains_are_chi_squares_and_nothing_is_missing() -> None
     assert abs(float(lack.cell_gain.mean())) < 0.5
 
 
+@pytest.mark.parametrize(("leaving", "components"), [((), 3), ((3,), 6), (range(8), 6)])
+def test_a_free_wrench_leaves_the_plane_as_soon_as_one_segment_can(leaving: Any, components: int) -> None:
+    made = windy()
+    free = made.experiment.directions.free.clone()
+    free[[k for k in range(8) if k not in leaving], :, 0] = False
+    experiment = made.experiment.replace(directions=replace(made.experiment.directions, free=free))
+    one = hypothesis(Flights(experiment, made.true, made.start))
+    lack = find_lack_of_fit(examined(made), one, random())
+    assert len({cell.dof for cell in lack.cells}) == components
+
+
 def test_evidence_is_what_has_no_events_or_fits_badly_although_it_follows() -> None:
     for bad, sound in ((False, [False] * 2 + [True] * 6), (True, [True] + [False] + [True] * 6)):
         made = busy(flights(kinds=KINDS, sizes=(0.0,) * 5), [0, 1])

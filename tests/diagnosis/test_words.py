@@ -238,6 +238,11 @@ def test_a_gap_that_shows_in_parts_of_the_motion_alone_is_called_so_and_not_one_
     assert how_far_sentence(near, "same").endswith("1.4 mm (floor 1.4 mm), near the floor: parts of a motion show it")
     hit = replace(near, gap=replace(near.gap, impacts=Impacts(7, 9, 0.0026, 0.01)))
     assert how_far_sentence(hit, "same").endswith("near the floor: impacts show it, 2.6 mm there")
+    assert caveat(hit) == ""
+    tried = replace(hit, gap=replace(hit.gap, impacts=Impacts(7, 9, 0.0026, 0.01, 2)))
+    assert caveat(tried) == (
+        "The model alone does not explain 7 of 9 segments with an impact or a jolt; with what is named, 2 are left."
+    )
     none = replace(near, verdict="none")
     assert how_far_sentence(none, "same").endswith("1.4 mm (floor 1.4 mm)")
 

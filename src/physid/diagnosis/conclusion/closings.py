@@ -21,10 +21,9 @@ from physid.diagnosis.conclusion.gap import (
 )
 from physid.diagnosis.document.document import Allowed, Errors, Gap, Impacts, Rotations, Share, Shrink, Split
 from physid.diagnosis.reference.nominal_fit import NominalFit
-from physid.diagnosis.selection.materiality import Tolerance, tolerance_of
+from physid.diagnosis.selection.materiality import Tolerance, tolerance_of, unexplained_impacts
 from physid.diagnosis.testing import Hypothesis
 from physid.estimation.measurement import Noise
-from physid.estimation.segmented_fit import UnexplainedEvents
 
 BySplit = Mapping[Split, Closing | None]
 Kinds = Mapping[Split, int]
@@ -112,15 +111,23 @@ def closings_of(
     }
 
 
-def describe_gap(closings: Closings, allowed: Tolerance, noise: Noise, at_events: UnexplainedEvents | None) -> Gap:
+def describe_gap(closings: Closings, allowed: Tolerance, noise: Noise, impacts: Impacts | None) -> Gap:
     """Give the errors before and after on each split; of rotations as well where these show the gap more clearly."""
     (same, transfer), kinds = _errors(closings.positions), closings.kinds
     assert same is not None
     turned = _errors({split: one if kinds[split] == ROTATION else None for split, one in closings.seen.items()})
     rotations = Rotations(floor_of(noise, ROTATION), *turned) if any(turned) else None
     limits = Allowed(allowed.position, allowed.rotation)
-    impacts = None if at_events is None else Impacts(**vars(at_events))
     return Gap("m", floor_of(noise), limits, same, transfer, rotations, impacts)
+
+
+def describe_impacts(nominal_fit: NominalFit, shown: Hypothesis | None) -> Impacts | None:
+    """Give what is left at impacts, where many of them are not explained, and how many are not with effects."""
+    left = nominal_fit.unexplained_events
+    if left is None:
+        return None
+    after = None if shown is None else int(unexplained_impacts(nominal_fit, shown).sum())
+    return Impacts(**vars(left), with_effects=after)
 
 
 def describe_shrink(closings: Closings, parts: dict[Split, dict[str, float]]) -> Shrink:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import torch
 
-from physid.diagnosis.conclusion.closings import describe_gap, describe_shrink
+from physid.diagnosis.conclusion.closings import describe_gap, describe_impacts, describe_shrink
 from physid.diagnosis.conclusion.decomposition import decompose
 from physid.diagnosis.conclusion.estimates import estimate
 from physid.diagnosis.conclusion.judgement import Judgement
@@ -39,7 +39,7 @@ def describe(judged: Judgement, next_experiment: str | None, generator: torch.Ge
         confidence=0.0,
         ranking=_ranking(judged)[: settings.verdict.most_ranks],
         where=nowhere() if judged.verdict == "none" else locate(nominal_fit, found, shown, laws.gains),
-        gap=describe_gap(closings, judged.allowed, nominal_fit.noise, nominal_fit.unexplained_events),
+        gap=describe_gap(closings, judged.allowed, nominal_fit.noise, describe_impacts(nominal_fit, shown)),
         shrink=describe_shrink(closings, parts),
         parameters=parameters,
         next_experiment=next_experiment,

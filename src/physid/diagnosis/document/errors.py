@@ -46,7 +46,8 @@ class Rotations:
 class Impacts:
     """What the nominal model leaves at impacts, beyond noise [m, rad], where many of them are not explained.
 
-    They count little in `same` and `transfer`, as single ones that are not explained should.
+    They count little in `same` and `transfer`, as single ones that are not explained should. `with_effects` are the
+    segments that are not explained with the effects that are blamed; None where none are.
     """
 
     __pydantic_config__: ClassVar[Any] = CLOSED
@@ -54,6 +55,7 @@ class Impacts:
     among: Annotated[int, Ge(1)]
     position: Positive
     rotation: Positive
+    with_effects: Annotated[int, Ge(0)] | None = None
 
 
 @dataclass(frozen=True)

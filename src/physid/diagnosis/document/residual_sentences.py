@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import pairwise
 
+from physid.diagnosis.document.errors import Impacts
 from physid.diagnosis.document.residual_law import ResidualLaw
 from physid.pages.numbers import capital, figure, interval, percent, quantity, unit_of
 
@@ -31,6 +32,14 @@ def residual_sentences(laws: Sequence[ResidualLaw]) -> list[str]:
         else:
             said.append(f"{capital(law_phrase(law))} beside it: {share} together.")
     return said
+
+
+def impacts_sentence(impacts: Impacts | None) -> str:
+    """Say how many impacts are explained once there are effects; empty where none are blamed, or all is explained."""
+    if impacts is None or impacts.with_effects is None:
+        return ""
+    left = f"{impacts.unexplained} of {impacts.among} segments with an impact or a jolt"
+    return f"The model alone does not explain {left}; with what is named, {impacts.with_effects} are left."
 
 
 def law_phrase(law: ResidualLaw) -> str:

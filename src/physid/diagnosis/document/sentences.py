@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 from physid.diagnosis.document.document import Cell, Diagnosis, Errors, Estimate, Split
+from physid.diagnosis.document.residual_sentences import impacts_sentence
 from physid.diagnosis.document.residual_sentences import law_name as law_name
 from physid.diagnosis.document.residual_sentences import residual_sentences as residual_sentences
 from physid.diagnosis.settings.conclusion import GapSettings
@@ -91,7 +92,7 @@ def _replaced(diagnosis: Diagnosis, rival: str) -> str | None:
 
 def caveat(diagnosis: Diagnosis) -> str:
     """Say what the verdict does not mean; empty where there is nothing to warn of."""
-    said = []
+    said = [impacts_sentence(diagnosis.gap.impacts)]
     if diagnosis.minor:
         named = [
             f"{' + '.join(words(name) for name in one.effects)} (closes {percent(one.closes)} of the gap)"
@@ -102,7 +103,7 @@ def caveat(diagnosis: Diagnosis) -> str:
         said.append(power_sentence(diagnosis))
     if diagnosis.effects and diagnosis.gap.transfer is None:
         said.append("Predictive only, cause not certified: there is no transfer set.")
-    return " ".join(said)
+    return " ".join(filter(None, said))
 
 
 def doubt(diagnosis: Diagnosis) -> str:

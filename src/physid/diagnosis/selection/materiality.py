@@ -158,21 +158,20 @@ def regained(
         nominal: The model without effects.
         best: With effects; None where none were found.
     """
-    struck = nominal.experiment.predictor.segments.struck
-    if best is None or not bool(struck.any()) or nominal_fit.observations.scene.integration is not None:
+    if best is None or nominal_fit.observations.scene.integration is not None:
         return nominal, best
-    explained, limits = nominal_fit.settings.unexplained.misfit, nominal_fit.settings.materiality
-    left = struck & (_misfit(nominal_fit, nominal) > explained)
-    closed = left & (_misfit(nominal_fit, best) <= explained)
+    limits, left = nominal_fit.settings.materiality, unexplained_impacts(nominal_fit, nominal)
+    closed = left & ~unexplained_impacts(nominal_fit, best)
     if int(closed.sum()) <= max(limits.regained * int(left.sum()), limits.fewest - 1):
         return nominal, best
     return _counted(nominal_fit, nominal, closed), _counted(nominal_fit, best, closed)
 
 
-def _misfit(nominal_fit: NominalFit, one: Hypothesis) -> Tensor:
-    """Return the mean squared residual of each segment, in that of the noise, but for its worst frame, shape (K,)."""
-    square = squares_of_segments(one.experiment.predictor.segments, one.fit.residual, nominal_fit.present)
-    return misfit_of_segments(square, nominal_fit.noise)
+def unexplained_impacts(nominal_fit: NominalFit, one: Hypothesis) -> Tensor:
+    """Return the segments with an impact that a hypothesis does not explain, but for their worst frame, shape (K,)."""
+    segments = one.experiment.predictor.segments
+    square = squares_of_segments(segments, one.fit.residual, nominal_fit.present)
+    return segments.struck & (misfit_of_segments(square, nominal_fit.noise) > nominal_fit.settings.unexplained.misfit)
 
 
 def _counted(nominal_fit: NominalFit, one: Hypothesis, chosen: Tensor) -> Hypothesis:
