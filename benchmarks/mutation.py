@@ -4,10 +4,10 @@
     python benchmarks/mutation.py --count 40 --minutes 30 --kept runs/mutation.jsonl     added to an earlier call
 
 A change turns a comparison, an operation, a number, a truth value, a sign, a minimum or a choice into another one.
-They are drawn at random from all that can be made of a module, and the tests of that module run against each (without
-the slow ones) in a process that has imported what takes long. A change *survives* if all of them pass; a test that runs
-for much longer than with the code as it is has failed too. Survivors are printed: each is a missing test, or changes
-nothing.
+They are drawn at random from all that can be made of a module (checks that change no value apart: assertions, raised
+errors, zip's `strict`), and the tests of that module run against each (without the slow ones) in a process that has
+imported what takes long. A change *survives* if all of them pass; a test that runs for much longer than with the code
+as it is has failed too. Survivors are printed: each is a missing test, or changes nothing.
 
 No known tool fits: mutmut 3 copies the tree and wants the whole suite to pass there first, cosmic-ray starts Python and
 imports torch for each change.
@@ -263,7 +263,7 @@ NAMES = {
 
 
 def places(tree: ast.AST) -> Iterator[ast.AST]:
-    """Yield the nodes that can be changed: no annotations, no decorators, no units or bounds of fields."""
+    """Yield the nodes that can be changed: no annotations, no decorators, no units or bounds of fields, no checks."""
     if isinstance(tree, ast.AnnAssign):
         children: list[Any] = [] if isinstance(tree.value, ast.Call) or tree.value is None else [tree.value]
     elif isinstance(tree, ast.FunctionDef):
@@ -272,7 +272,9 @@ def places(tree: ast.AST) -> Iterator[ast.AST]:
         children = tree.body
     else:
         children = list(ast.iter_child_nodes(tree))
-    if not isinstance(tree, ast.Raise | ast.Import | ast.ImportFrom):  # what a message says is for its own tests
+    if isinstance(tree, ast.keyword) and tree.arg == "strict":  # of zip: like an assertion, it changes no value
+        return
+    if not isinstance(tree, ast.Raise | ast.Assert | ast.Import | ast.ImportFrom):  # messages have tests of their own
         if changed(tree) is not None:
             yield tree
         for each in children:

@@ -146,7 +146,9 @@ def where_sentence(diagnosis: Diagnosis) -> str:
     alone = [f" (explains {share} of the gap)" if (share := cell_share(diagnosis, cell)) else "" for cell in cells]
     places = [f"{words(cell.phase)}, {cell.body} {cell.dof}" for cell in cells]
     strongest = "; ".join(f"{place}{share}" for place, share in zip(places, alone, strict=True))
-    parts = [site, f"strongest in {strongest}" if strongest else ""]
+    hit = diagnosis.gap.impacts
+    first = "" if hit is None else f"at impacts ({hit.unexplained} of {hit.among} segments with one are not explained)"
+    parts = [site, first, f"{'elsewhere ' * bool(hit)}strongest in {strongest}" if strongest else ""]
     return "; ".join(part for part in parts if part)
 
 
