@@ -218,7 +218,7 @@ SUITES: dict[str, tuple[str, ...]] = {
     "diagnosis/conclusion/description.py diagnosis/conclusion/estimates.py diagnosis/fitted_model.py": (
         *("diagnosis/test_flights_concluded.py", "diagnosis/test_closings.py"),
     ),
-    "diagnosis/analysis.py": ("diagnosis/test_stored_fit.py",),
+    "diagnosis/analysis.py": ("diagnosis/test_stored_fit.py", "diagnosis/test_given_parameters.py"),
     "diagnosis/conclusion/next_experiment.py": ("diagnosis/test_next_experiment.py",),
     "diagnosis/conclusion/where.py": ("diagnosis/test_localisation.py", "diagnosis/test_flights_concluded.py"),
     "diagnosis/testing/parametric_bootstrap.py": (

@@ -711,3 +711,18 @@ def test_the_unit_of_positions_is_that_of_the_body_that_moves(tmp_path: Path) ->
     assert yaml.safe_load(text)["units"]["position"] == "mm"
     assert "positions spread over 295" in text
     assert "nan" not in text
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_guess_looks_at_what_was_seen_and_not_at_frames_or_columns_that_are_empty(tmp_path: Path) -> None:
+    steps = np.arange(20)
+    known: dict[str, Any] = {"t": steps / 60, "x": 0.01 * steps, "y": 0.02 * steps, "z": np.full(20, np.nan)}
+    turned = np.tile([0.99, 0.05, 0.0, np.sqrt(1 - 0.99**2 - 0.05**2)], (20, 1))
+    turned[:3] = np.nan  # w comes first, but is lost in the first frames
+    columns = {**known, **{f"pose[{k}]": turned[:, k] for k in range(4)}}
+    said = yaml.safe_load(guess_mapping(write_csv(tmp_path / "log.csv", list(columns), list(columns.values()))))
+    assert said["order"] == "wxyz"
+    assert said["axes"] == "x-up", "of those that were seen, x moves least"
+    angles = dict.fromkeys(("roll", "pitch", "yaw"), np.full(20, np.nan))
+    text = guess_mapping(write_csv(tmp_path / "empty.csv", [*known, *angles], [*known.values(), *angles.values()]))
+    assert "nan" not in text

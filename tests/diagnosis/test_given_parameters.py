@@ -10,15 +10,20 @@ from typing import Any
 import pytest
 import torch
 
+from diagnosis.flown import observed, random
+from estimation.flights import FORCE, TOSS, flights
 from physid.data import RecordingSet
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig, Noise
-from physid.diagnosis.inputs import read_inputs
-from physid.diagnosis.progress import Stage
-from physid.diagnosis.reference.nominal_fit import fit_nominal_model
-from physid.diagnosis.selection.given_parameters import given_that_explain, showing
+from physid.diagnosis.analysis import analyse
+from physid.diagnosis.inputs import Inputs, read_inputs
+from physid.diagnosis.progress import Stage, silent
+from physid.diagnosis.reference.nominal_fit import NominalFit, fit_nominal_model
+from physid.diagnosis.selection.given_parameters import findings_of_given, given_that_explain, showing
+from physid.diagnosis.selection.materiality import tolerance_of
 from physid.diagnosis.settings.settings import Settings
-from physid.estimation.prediction import CutRule, Segmentation
+from physid.effects import find
+from physid.estimation.prediction import CutRule, NominalModel, Segmentation
 from physid.inspection.rules.fitted import given_parameter
 from physid.scenes import find_setup, given_in, with_parameters
 
@@ -92,3 +97,39 @@ def test_it_is_said_with_both_values_and_what_to_do() -> None:
     )
     assert said.mend.startswith("learn it (unknown in recording.yaml, or model.learn) unless it was measured")
     assert not said.wrong
+
+
+PUSH = (3.0, -2.0, 1.0, 2.5, -1.5)
+
+
+def pushed(given: float, sizes: tuple[float, ...] = (0.0, 0.0)) -> tuple[Inputs, NominalFit]:
+    """Return flights under known forces of a body whose mass is given."""
+    made = flights(trajectories=len(PUSH), cuts=1, push=PUSH, sizes=sizes)
+    scene = with_parameters(made.experiment.predictor.model.scene, {"block.mass": given * TOSS.bodies[0].mass})
+    inputs = Inputs(observed(made, ("fit",) * 4 + ("same",)), NominalModel(scene), (find("constant_force"),))
+    return inputs, fit_nominal_model(inputs.observations, inputs.model, (), random(), settings=SETTINGS)
+
+
+def test_a_mass_that_is_given_and_wrong_is_named_with_its_value_and_no_parameter_that_cannot_show() -> None:
+    inputs, nominal_fit = pushed(1.3)
+    said: list[str] = []
+    found = given_that_explain(inputs, nominal_fit, 0, lambda stage, what="": said.append(what))
+    assert found == {"block.mass": pytest.approx(TOSS.bodies[0].mass, rel=0.02)}
+    assert said == ["block.mass", "block.friction"]
+    (one,) = findings_of_given(inputs, nominal_fit, 0, silent)
+    assert one == given_parameter(
+        "block.mass", 1.3 * TOSS.bodies[0].mass, found["block.mass"], tolerance_of(nominal_fit).position
+    )
+
+
+def test_one_that_explains_no_wind_is_not_named() -> None:
+    assert given_that_explain(*pushed(1.0, FORCE), 0, silent) == {}
+
+
+@pytest.mark.parametrize("wrong", [True, False])
+def test_what_is_given_is_doubted_where_there_is_a_gap_and_only_there(wrong: bool, tmp_path: Path) -> None:
+    said: list[Stage] = []
+    inputs, _ = pushed(1.3 if wrong else 1.0)
+    found = analyse(inputs, tmp_path, 0, SETTINGS, lambda stage, what="": said.append(stage))
+    assert (found.diagnosis.verdict != "none") is wrong
+    assert (Stage.FREEING in said) is wrong

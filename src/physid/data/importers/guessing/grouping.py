@@ -175,6 +175,7 @@ def unit_columns(table: Table, names: list[str]) -> list[str]:
         four = names[start : start + 4]
         if len({len(table.columns[name]) for name in four}) == 1:
             length = np.sqrt(sum(np.square(table.columns[name]) for name in four))
-            if np.nanmax(np.abs(length - 1)) < UNIT_LENGTH:
+            seen = length[np.isfinite(length)]
+            if len(seen) and np.abs(seen - 1).max() < UNIT_LENGTH:
                 return four
     return []

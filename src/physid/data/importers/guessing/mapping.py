@@ -133,8 +133,8 @@ def _say_axes(table: Table, place: list[str], said: Lines) -> None:
     """Guess which way is up: a body on a table moves least along it."""
     if not place:
         return
-    values = np.stack([table.values(bare(name)) for name in place], 1)
-    least = int(np.argmin(np.nanstd(values, 0)))
+    seen = [values[np.isfinite(values)] for values in (table.values(bare(name)) for name in place)]
+    least = int(np.argmin([values.std() if len(values) else np.inf for values in seen]))
     name = ("x-up", "y-up", "z-up")[least]
     said.say(
         f"axes: {name}",

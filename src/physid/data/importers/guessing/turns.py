@@ -29,7 +29,8 @@ def say_turn(table: Table, groups: Groups, found: Sequence[str], place: Sequence
             said.say(
                 "euler_order: xyz", "about the fixed axes x, y, z one after another; ZYX with yaw first is the same"
             )
-            largest = max(float(np.nanmax(np.abs(table.columns[low[one]]))) for one in angles)
+            seen = np.concatenate([table.columns[low[one]] for one in angles])
+            largest = float(np.abs(seen[np.isfinite(seen)]).max(initial=0.0))
             if not table.units.get(low[angles[0]]):
                 said.units["angle"] = "deg" if largest > 2 * np.pi else "rad"
                 said.doubt(f"units.angle: {said.units['angle']}, since angles reach {largest:.4g}")
@@ -54,8 +55,10 @@ def say_quaternion(table: Table, found: Sequence[str], said: Lines, before: str 
 
 
 def _order_by_value(table: Table, four: list[str]) -> tuple[str, str]:
-    """Guess the order of a quaternion: w is near 1 where a body has hardly turned."""
-    start = [abs(float(table.columns[name][0])) for name in four]
+    """Guess the order of a quaternion: w is near 1 where a body has hardly turned, as it has in the first row."""
+    rows = np.stack([table.columns[name] for name in four], 1)
+    seen = rows[np.isfinite(rows).all(1)]
+    start = np.abs(seen[0]).tolist() if len(seen) else [0.0] * 4
     order = "wxyz" if start[0] > start[3] else "xyzw"
     return order, f"the first row is {', '.join(f'{one:.3g}' for one in start)}" + (
         "" if max(start[0], start[3]) > SURE else ", which does not show it"
