@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -130,3 +131,9 @@ def test_phases_degrees_of_freedom_and_sites_are_those_of_the_pipeline() -> None
     assert phases.PHASES == PHASES
     assert set(residual_wrench.DOFS) == set(DOFS)
     assert set(get_args(Site)) == set(SITES)
+
+
+def test_a_diagnosis_that_holds_no_number_is_not_written(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        write_diagnosis(tmp_path, replace(said(), confidence=float("nan")))
+    assert not list(tmp_path.iterdir())
