@@ -14,7 +14,7 @@ from estimation.flights import FORCE, NOISE, Flights, flights
 from physid.diagnosis.progress import silent
 from physid.diagnosis.selection.comparison import by_prediction, compare_candidates, gain, survivors
 from physid.diagnosis.selection.contact_free import refit_all_segments
-from physid.diagnosis.selection.evidence import beyond_chance, confirmed, evident, explained, improves_held_out
+from physid.diagnosis.selection.evidence import beyond_chance, confirmed, evident, explained, improves_held_out, sound
 from physid.diagnosis.selection.materiality import excess_left, is_material, tolerance_of
 from physid.diagnosis.selection.search import leaves_nothing, search_catalogue, unexplained
 from physid.diagnosis.selection.several import Fitted, leaves
@@ -158,6 +158,18 @@ def test_what_is_gained_counts_in_fitted_trajectories_and_what_is_confirmed_in_t
     assert explained(before, before, SimpleNamespace(excess=-3.0)) == 1e-9  # type: ignore[arg-type]
     assert beyond_chance(before, after, lack)
     assert not beyond_chance(before, after, SimpleNamespace(reach=lambda _: 25.0))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("held_out", "reached", "there"),
+    [(10.0, 24.0, True), (31.0, 24.0, False), (10.0, 25.0, False), (31.0, 26.0, False)],
+)
+def test_an_effect_is_sound_that_gains_more_than_chance_and_predicts_better(
+    held_out: float, reached: float, there: bool
+) -> None:
+    rows = [True, False]
+    before, after = stand_in("", [50.0, 30.0], rows), stand_in("a", [25.0, held_out], rows)
+    assert sound(before, after, SimpleNamespace(reach=lambda _: reached)) is there  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
