@@ -230,6 +230,7 @@ SUITES: dict[str, tuple[str, ...]] = {
     ),
     "diagnosis/document/document.py diagnosis/settings/settings.py": (
         *("diagnosis/test_document.py", "diagnosis/test_settings.py", "diagnosis/test_answers.py"),
+        *("diagnosis/test_words.py", "diagnosis/test_sentences.py"),
     ),
     "diagnosis/document/effect_file.py": ("diagnosis/test_effect_file.py",),
     "diagnosis/document/flat_figures.py diagnosis/document/rounding.py": (

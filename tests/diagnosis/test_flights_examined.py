@@ -44,6 +44,9 @@ def test_an_effect_gains_what_its_fit_explains_and_others_what_they_share_with_i
     assert lack.p_value < 0.02
     assert lack.frames == 96
     assert all(row.steady == row.gain for row in lack.rows), "without an impact all is steady"
+    for row in lack.rows:
+        assert row.deviation() == float(row.steady_tail.deviation(row.steady))
+        assert row.deviation(2.0) == float(row.steady_tail.deviation(row.steady / 2))
     change = next(row.change for row in lack.rows if row.names[0] == "constant_force")
     assert change.tolist() == pytest.approx(best.fit.point.effects[0, :2].tolist(), rel=0.02)
     after = find_lack_of_fit(examined(made), best, random())
