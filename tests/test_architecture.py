@@ -97,7 +97,7 @@ HOMES = {
     "h5py": ("data/",),
     "lightning": ("data/batches/datamodule.py", "training/"),
     "wandb": ("training/",),
-    "jsonargparse": ("cli.py",),
+    "jsonargparse": ("cli.py", "training/runs/"),
     "omegaconf": ("configuration.py",),
     "llvmlite": ("compiler/", "physics/"),
 }

@@ -6,8 +6,7 @@ import difflib
 import importlib
 import inspect
 import re
-from collections.abc import Iterator, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 from physid.strict import shown
 
@@ -68,17 +67,6 @@ def load_class(path: object, allowed: Sequence[str] = ()) -> type | None:
     if not inspect.isclass(found) or not _lies_in(found.__module__, (*TRUSTED, *allowed)):
         raise ClassPathError(f"{path}: expected a class of that package, found {found!r}")
     return found
-
-
-def class_paths(values: Any) -> Iterator[object]:
-    """Yield whatever stands behind a `class_path` anywhere in nested mappings and lists."""
-    if isinstance(values, dict):
-        if "class_path" in values:
-            yield values["class_path"]
-        values = list(values.values())
-    if isinstance(values, list | tuple):
-        for each in values:
-            yield from class_paths(each)
 
 
 def _lies_in(path: str, packages: Sequence[str]) -> bool:

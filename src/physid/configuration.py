@@ -18,7 +18,7 @@ import yaml
 from physid.schema.free_mappings import free_mappings
 from physid.shipped import find_configuration, nearest_configuration
 from physid.strict import nearest
-from physid.yaml_files import YamlError, parse_yaml, read_yaml
+from physid.yaml_files import YamlError, parse_yaml, read_yaml, require_modest_interpolations
 
 COMMAND_LINE = "command line"
 CLASS_KEYS = ("class_path", "init_args", "dict_kwargs")
@@ -27,6 +27,10 @@ Layer = tuple[str, dict[str, Any], tuple[str, ...]]
 
 LONGEST_PATH = 1000
 """[letters] of the name of a file; systems take some thousand."""
+
+
+MOST_FILES = 100
+"""That a configuration builds on, each as often as it is named: two that name two each, and so on, are a million."""
 
 
 class ConfigurationError(ValueError):
@@ -97,7 +101,8 @@ def compose(
     Raises:
         ConfigurationError: If a file is missing or no YAML mapping, an override has no `=`, or an interpolation fails.
     """
-    layers: list[Layer] = [(*layer, ()) for file in files for layer in _read(Path(file), ())]
+    opened: list[Path] = []
+    layers: list[Layer] = [(*layer, ()) for file in files for layer in _read(Path(file), (), opened)]
     layers += [_parse_override(override) for override in overrides]
     merged = _overlay(layers, frozenset())
     # Which mappings are free is said by the classes, and which classes there are by the layers.
@@ -119,8 +124,8 @@ def flatten(values: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
         yield from flatten(value, f"{prefix}.{key}" if prefix else str(key))
 
 
-def _read(file: Path, above: tuple[Path, ...]) -> list[tuple[str, dict[str, Any]]]:
-    """Read a file and what it builds on, the lowest first."""
+def _read(file: Path, above: tuple[Path, ...], opened: list[Path]) -> list[tuple[str, dict[str, Any]]]:
+    """Read a file and what it builds on, the lowest first; `opened` gets what was read."""
     from omegaconf import OmegaConf
     from omegaconf.errors import OmegaConfBaseException
 
@@ -129,6 +134,9 @@ def _read(file: Path, above: tuple[Path, ...]) -> list[tuple[str, dict[str, Any]
         raise ConfigurationError(f"{file}: builds on itself ({' -> '.join(one.name for one in above)} -> {file.name})")
     if not file.is_file():
         raise ConfigurationError(f"config file {file} does not exist{nearest_configuration(file)}")
+    opened.append(file)
+    if len(opened) > MOST_FILES:
+        raise ConfigurationError(f"{opened[0]}: builds on more than {MOST_FILES} files, the last of them {file}")
     try:
         values = read_yaml(file, lambda text: OmegaConf.to_container(OmegaConf.load(io.StringIO(text)), resolve=False))
     except YamlError as error:
@@ -149,7 +157,7 @@ def _read(file: Path, above: tuple[Path, ...]) -> list[tuple[str, dict[str, Any]
     if len(longest) > LONGEST_PATH:
         raise ConfigurationError(f"{file}: base: expected the path of a file, got {len(longest)} letters")
     lower = [find_configuration(Path(base), file.parent) for base in below]
-    return [each for base in lower for each in _read(base, (*above, file.resolve()))] + [(str(file), named)]
+    return [each for base in lower for each in _read(base, (*above, file.resolve()), opened)] + [(str(file), named)]
 
 
 def _parse_override(override: str) -> Layer:
@@ -232,7 +240,10 @@ def _resolve(merged: dict[str, Any]) -> dict[str, Any]:
     from omegaconf.errors import InterpolationKeyError, MissingMandatoryValue, OmegaConfBaseException
 
     try:
+        require_modest_interpolations(merged, "configuration")
         values = OmegaConf.to_container(OmegaConf.create(merged), resolve=True, throw_on_missing=True)
+    except YamlError as error:
+        raise ConfigurationError(str(error)) from None
     except MissingMandatoryValue as error:
         raise ConfigurationError(f'key "{error.full_key}" must be given: {error.full_key}=VALUE') from None
     except InterpolationKeyError as error:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,8 @@ DEEPEST = 64
 """Levels of nesting; no configuration and no recording set has more than eight, and Python recurses at each."""
 MOST_COPIES, FREE_COPIES = 10, 1000
 """Aliases may make so many nodes of each that is written, and so many in any case: a bomb makes 10^9 of a hundred."""
+LONGEST_RESOLVED = 1_000_000
+"""Letters and nodes of a configuration once its interpolations are followed."""
 LARGEST_BITS = 64
 """Of an integer: what counts, indexes or seeds fits, and every float can hold it."""
 
@@ -95,6 +98,66 @@ def _require_modest(text: str, where: str) -> None:
                 anchors[name] = size
     if sizes[0] > FREE_COPIES + MOST_COPIES * written:
         raise YamlError(f"{where}: expected aliases to repeat at most {MOST_COPIES} times what is written, found more")
+
+
+REFERENCE = re.compile(r"\$\{([^${}]*)\}")
+
+
+def require_modest_interpolations(values: Any, where: str) -> None:
+    """Refuse interpolations that multiply: `${a}${a}` of `${b}${b}` and so on is 10^9 letters of a hundred.
+
+    Args:
+        values: Nested mappings and lists, with `${path}` and `${resolver:path}` in their texts.
+        where: What they are, for messages.
+
+    Raises:
+        YamlError: If they are longer than `LONGEST_RESOLVED` once they are followed, or stand within each other.
+    """
+    known = dict[tuple[str, ...], int]()
+
+    def size_of(node: Any, path: tuple[str, ...]) -> int:
+        if path not in known:
+            known[path] = 0  # one that leads back to itself is refused where it is resolved
+            known[path] = 1 + sum(parts_of(node, path))
+        return known[path]
+
+    def parts_of(node: Any, path: tuple[str, ...]) -> Iterator[int]:
+        if isinstance(node, dict | list):
+            items = node.items() if isinstance(node, dict) else enumerate(node)
+            yield from (size_of(each, (*path, str(key))) for key, each in items)
+        elif isinstance(node, str):
+            if "${" in REFERENCE.sub("", node):
+                raise YamlError(f"{where}: {'.'.join(path)}: expected no interpolation within another one")
+            yield len(node)
+            for target in (_target(each, path) for each in REFERENCE.findall(node)):
+                yield size_of(_at(values, target), target)
+
+    try:
+        size = size_of(values, ())
+    except RecursionError:
+        raise YamlError(f"{where}: expected few interpolations of interpolations, found a long chain") from None
+    if size > LONGEST_RESOLVED:
+        raise YamlError(f"{where}: expected interpolations to make at most {LONGEST_RESOLVED} letters, found more")
+
+
+def _target(reference: str, path: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the path that an interpolation at a path names; dots at its start go up from there."""
+    name = reference.rpartition(":")[2].strip()
+    up = len(name) - len(name.lstrip("."))
+    parts = tuple(part for part in re.split(r"[.\[\]]", name) if part)
+    return (*path[: len(path) - up], *parts) if up else parts
+
+
+def _at(values: Any, path: tuple[str, ...]) -> Any:
+    """Return what stands at a path; None where nothing does."""
+    for part in path:
+        if isinstance(values, dict):
+            values = values.get(part, values.get(int(part)) if part.isdigit() else None)
+        elif isinstance(values, list):
+            values = values[int(part)] if part.isdigit() and int(part) < len(values) else None
+        else:
+            return None
+    return values
 
 
 def _leaves(values: Any, key: str = "") -> Iterator[tuple[str, Any]]:

@@ -49,7 +49,7 @@ def fit(
 
     check_fit(configuration)
     with open_folder(configuration, run_dir, resume=resume, overwrite=overwrite) as folder:
-        figures = run.fit(configuration.values, folder, resume=resume)
+        figures = run.fit(configuration.values, folder, resume=resume, allowed=configuration.allowed)
     if first_process():
         print(summarize(figures, folder, configuration.recordings))
 
@@ -147,7 +147,8 @@ def predict(
     folder, writer = folder_of(configuration, run_dir), Predictions()
     target = out or folder / "predictions"
     with fill_folder(target, marked_by=PARAMETERS, overwrite=overwrite) as place:
-        run.evaluate("predict", configuration.values, folder, checkpoint, callbacks=[writer], out=place)
+        values, allowed = configuration.values, configuration.allowed
+        run.evaluate("predict", values, folder, checkpoint, callbacks=[writer], out=place, allowed=allowed)
     print(f"{target}: {writer.written} of {writer.total} trajectories predicted")
 
 
@@ -162,7 +163,8 @@ def _evaluate(
 
     check_fit(configuration)
     folder = folder_of(configuration, run_dir)
-    print(summarize(run.evaluate(stage, configuration.values, folder, checkpoint), folder))
+    figures = run.evaluate(stage, configuration.values, folder, checkpoint, allowed=configuration.allowed)
+    print(summarize(figures, folder))
 
 
 def sample(run: Path, *, count: int = 100, out: Path | None = None, seed: int = 0) -> None:

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import collections.abc
 import inspect
+import re
 import typing
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from physid.class_paths import DOTTED, ClassPathError, load_class, require_trusted
 from physid.configuration import CLASS_KEYS, Configuration, ConfigurationError
-from physid.schema.free_mappings import alternatives, is_mapping, types_of
+from physid.schema.free_mappings import UNKNOWN, alternatives, is_mapping, types_of
 from physid.strict import MOST_SHOWN, nearest, quoted, shown
+
+PLAIN = re.compile(r"[\w.,:+-]*")
+"""What settings such as accelerators, precisions and devices are written with."""
 
 
 def trusted_packages(allowed: Sequence[str]) -> tuple[str, ...]:
@@ -87,9 +92,8 @@ def _require_class(configuration: Configuration, key: str, base: type) -> None:
 
 def _check_classes(configuration: Configuration, key: str, value: Any, annotation: Any = None) -> None:
     """Check every `class_path` below a key of a type, and the arguments beside it."""
-    if isinstance(value, str) and DOTTED.fullmatch(value) and _takes_classes(annotation):
-        # The parser imports a bare dotted path as well, where a class or a function is expected.
-        _trusted(configuration, key, value)
+    if isinstance(value, str) and _takes_classes(annotation):
+        _check_text(configuration, key, value)
     if isinstance(value, list):
         for index, each in enumerate(value):
             _check_classes(configuration, f"{key}.{index}", each, annotation)
@@ -118,6 +122,15 @@ def _check_classes(configuration: Configuration, key: str, value: Any, annotatio
         raise _wrong(configuration, key, "a mapping with class_path and init_args", value)
     for name, each in value.items():
         _check_classes(configuration, f"{key}.{name}", each, known.get(name))
+
+
+def _check_text(configuration: Configuration, key: str, value: str) -> None:
+    """Check a text where a class or a function is expected: the parser takes any but a name for YAML, or for a file."""
+    if DOTTED.fullmatch(value):
+        _trusted(configuration, key, value)
+    elif not PLAIN.fullmatch(value) or Path(value).is_file() or Path(value).is_fifo():
+        wanted = "a name, or a mapping with class_path and init_args"
+        raise _wrong(configuration, key, f"{wanted}, neither YAML in a text nor a file", value)
 
 
 def _refuse_unknown(
@@ -159,6 +172,8 @@ def _error(configuration: Configuration, key: str, message: str) -> Configuratio
 
 def _takes_classes(annotation: Any) -> bool:
     """Tell whether a type has a class or a function in it that the parser would import by its dotted path."""
+    if annotation is UNKNOWN:
+        return True
     for kind in alternatives(annotation):
         inner = typing.get_origin(kind)
         if inner is None and inspect.isclass(kind) and kind.__module__ not in ("builtins", "pathlib", "types"):

@@ -28,12 +28,17 @@ def free_mappings(values: Mapping[str, Any], reads: type | None = None, allowed:
     return frozenset(_free(dict(values), "", reads, allowed))
 
 
+UNKNOWN = object()
+"""A type that cannot be resolved, for instance since only a type checker imports it."""
+
+
 def types_of(target: Any) -> dict[str, Any]:
-    """Return the types of the parameters of a class by name; empty where they cannot be resolved."""
+    """Return the types of the parameters of a class by name; UNKNOWN where they cannot be resolved."""
+    owner = target if dataclasses.is_dataclass(target) else getattr(target, "__init__", None)
     try:
-        hints = typing.get_type_hints(target if dataclasses.is_dataclass(target) else target.__init__)
-    except Exception:  # a name that only a type checker imports
-        return {}
+        hints = typing.get_type_hints(owner)
+    except Exception:
+        hints = dict.fromkeys(getattr(owner, "__annotations__", {}), UNKNOWN)
     return {name: hint for name, hint in hints.items() if name != "return"}
 
 

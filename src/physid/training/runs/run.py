@@ -21,12 +21,12 @@ from lightning.pytorch.cli import LightningCLI
 from lightning.pytorch.utilities.model_helpers import is_overridden
 from torch import Tensor
 
-from physid.class_paths import class_paths, require_trusted
 from physid.data.files import read_tensors, write_text
 from physid.training.callbacks.progress import Progress
 from physid.training.runs.every_run import CHECKPOINT as CHECKPOINT
 from physid.training.runs.every_run import callbacks_of
 from physid.training.runs.loggers import build_loggers, history_of
+from physid.training.runs.trusted_imports import only_trusted_imports
 from physid.training.training_module import LEARNED
 from physid.yaml_files import read_yaml
 
@@ -95,13 +95,16 @@ class Cli(LightningCLI):
         return trainer
 
 
-def fit(config: Mapping[str, Any], folder: Path, *, resume: bool = False) -> dict[str, float]:
+def fit(
+    config: Mapping[str, Any], folder: Path, *, resume: bool = False, allowed: Sequence[str] = ()
+) -> dict[str, float]:
     """Train a model in a run folder, test it where it states how, and write metrics.json.
 
     Args:
         config: Resolved configuration with the keys of `GROUPS`.
         folder: Run folder; gets metrics.csv, metrics.json, checkpoints and what the callbacks draw.
         resume: Whether to go on from the last checkpoint, exactly; without one the run starts at the beginning.
+        allowed: Packages beside the trusted ones whose classes the configuration may name.
 
     Returns:
         The last value of every figure that was logged, and `seconds`.
@@ -115,7 +118,7 @@ def fit(config: Mapping[str, Any], folder: Path, *, resume: bool = False) -> dic
     config = dict(config)
     reached = {} if checkpoint is None else read_tensors(checkpoint, PARTS)
     loggers = build_loggers(folder, config.pop("wandb", "offline"), config, history_of(reached))
-    cli = _build(config, folder, callbacks, logger=loggers)
+    cli = _build(config, folder, callbacks, allowed, logger=loggers)
     trainer, model, data = cli.trainer, cli.model, cli.datamodule
     _until_interrupted(trainer, lambda: trainer.fit(model, datamodule=data, ckpt_path=checkpoint, **SAFELY))
     figures = _flat({**state.figures, **trainer.callback_metrics})
@@ -136,6 +139,7 @@ def evaluate(
     *,
     callbacks: Sequence[L.Callback] = (),
     out: Path | None = None,
+    allowed: Sequence[str] = (),
 ) -> dict[str, float]:
     """Validate, test or predict with a trained model.
 
@@ -146,6 +150,7 @@ def evaluate(
         weights: Checkpoint to load; the last one of the run by default.
         callbacks: Further callbacks, say one that writes what is predicted.
         out: Folder into which callbacks write; the run folder by default.
+        allowed: Packages beside the trusted ones whose classes the configuration may name.
 
     Returns:
         The figures that were logged; none for predict, whose callbacks write.
@@ -161,6 +166,7 @@ def evaluate(
         {key: value for key, value in config.items() if key != "wandb"} | {"model": _as_learned(config, weights)},
         out or folder,
         list(callbacks),
+        allowed,
         logger=False,
         enable_checkpointing=False,
     )
@@ -184,8 +190,6 @@ def restore(folder: Path, recordings: Path) -> L.LightningModule:
     config = read_yaml(place)
     if not isinstance(config, dict) or not all(isinstance(config.get(key), dict) for key in CLASSES):
         raise ValueError(f"{place}: expected the configuration of a fit with model and data, found something else")
-    for path in class_paths(config):
-        require_trusted(path)
     data = config["data"]
     given = {**(data.get("init_args") or {}), "folder": str(recordings)}
     kept = {key: config[key] for key in ("seed_everything", "model", "trainer") if key in config}
@@ -210,7 +214,9 @@ def _as_learned(config: Mapping[str, Any], weights: Path) -> Any:
     return model if known else {**model, "init_args": {**arguments, "learn": learned}}
 
 
-def _build(config: Mapping[str, Any], folder: Path, callbacks: list[L.Callback], **fixed: Any) -> Cli:
+def _build(
+    config: Mapping[str, Any], folder: Path, callbacks: list[L.Callback], allowed: Sequence[str] = (), **fixed: Any
+) -> Cli:
     """Build trainer, model and data; the Trainer keeps quiet about what every user knows by now."""
     logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
     logging.getLogger("lightning.fabric").setLevel(logging.WARNING)
@@ -227,7 +233,8 @@ def _build(config: Mapping[str, Any], folder: Path, callbacks: list[L.Callback],
     trainer = {**default, **(config.get("trainer") or {})}
     if trainer["enable_progress_bar"]:
         callbacks = [*callbacks, Progress()]
-    return Cli({**config, "trainer": trainer}, {"default_root_dir": folder, **fixed}, callbacks)
+    with only_trusted_imports(allowed):
+        return Cli({**config, "trainer": trainer}, {"default_root_dir": folder, **fixed}, callbacks)
 
 
 def _until_interrupted(trainer: L.Trainer, action: Callable[[], object]) -> None:

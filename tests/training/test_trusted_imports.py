@@ -1,0 +1,104 @@
+"""No configuration imports or calls what lies outside the trusted packages, in whatever way it names it."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from physid.cli import main
+from physid.training.runs import run
+
+MARK = "was_imported"
+HARM = f"""
+import pathlib
+pathlib.Path({MARK!r}).write_text("")
+class X:
+    def __init__(self, *_, **__): pathlib.Path({MARK!r}).write_text("")
+def f(*_, **__): pathlib.Path({MARK!r}).write_text("")
+"""
+CALLBACK = "lightning.pytorch.callbacks.LambdaCallback"
+FSDP = "lightning.pytorch.strategies.FSDPStrategy"
+PLAIN = {
+    "model": {"class_path": "physid.training.learners.sysid.SysID"},
+    "data": {"class_path": "lightning.pytorch.demos.boring_classes.BoringDataModule"},
+    "trainer": {"max_epochs": 1, "accelerator": "cpu"},
+}
+
+
+@pytest.fixture
+def stranger(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """Work in a folder with a module that leaves a mark when it is imported or called."""
+    (tmp_path / "stranger.py").write_text(HARM)
+    (tmp_path / "callbacks.yaml").write_text("[{class_path: stranger.X}]\n")
+    (tmp_path / "simple").write_text("{class_path: stranger.X}\n")
+    (tmp_path / "none.yaml").write_text(yaml.safe_dump(PLAIN))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    yield tmp_path / MARK
+    sys.modules.pop("stranger", None)
+
+
+@pytest.mark.parametrize(
+    "override",
+    [
+        "trainer.callbacks=[{class_path: stranger.X}]",
+        "trainer.callbacks=[stranger.X]",
+        """trainer.callbacks='[{class_path: stranger.X}]'""",
+        """trainer.strategy='{class_path: stranger.X}'""",
+        """trainer.profiler='{class_path: stranger.X}'""",
+        """model.optimizer='{class_path: stranger.X}'""",
+        """model.guess='{class_path: stranger.X}'""",
+        "trainer.callbacks=callbacks.yaml",
+        "trainer.callbacks=./callbacks.yaml",
+        "trainer.profiler=simple",
+        "trainer.callbacks=[{class_path: LambdaCallback, init_args: {on_fit_start: stranger.f}}]",
+        f"trainer.callbacks=[{{class_path: {CALLBACK}, init_args: {{on_fit_start: stranger.f}}}}]",
+        f"trainer.callbacks=[{{class_path: {CALLBACK}, dict_kwargs: {{on_fit_start: stranger.f}}}}]",
+        f"trainer.strategy={{class_path: {FSDP}, init_args: {{auto_wrap_policy: stranger.f}}}}",
+        f"trainer.strategy={{class_path: {FSDP}, init_args: {{activation_checkpointing: [stranger.X]}}}}",
+        f"trainer.callbacks=[{{class_path: {CALLBACK}, init_args: {{on_fit_start: torch.os.abort}}}}]",
+    ],
+)
+def test_what_a_stranger_wrote_is_neither_imported_nor_called(
+    override: str, stranger: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["fit", "--config", "none.yaml", override]) == 2
+    assert not stranger.exists()
+    said = capsys.readouterr().err.strip()
+    assert len(said.splitlines()) <= 3
+    assert "physid" in said
+
+
+@pytest.mark.parametrize("value", ["'{class_path: stranger.X}'", "./callbacks.yaml", "a b"])
+def test_a_text_in_place_of_a_class_is_refused_with_what_was_expected(
+    value: str, stranger: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["fit", "--config", "none.yaml", f"trainer.profiler={value}"]) == 2
+    said = capsys.readouterr().err
+    assert "command line: trainer.profiler: expected a name, or a mapping with class_path and init_args" in said
+
+
+def test_what_escapes_the_check_is_refused_where_it_is_imported(stranger: Path) -> None:
+    """As a run of somebody else is, whose encoder a user takes: nothing has checked its configuration."""
+    for callback in ("stranger.X", "torch.os.abort"):
+        hooked = {"class_path": CALLBACK, "init_args": {"on_fit_start": callback}}
+        config = {**PLAIN, "trainer": {"callbacks": [hooked]}}
+        with pytest.raises(ValueError, match="expected a class of physid, torch, lightning"):
+            run._build(config, Path("run"), [], logger=False)
+    assert not stranger.exists()
+
+
+def test_what_is_allowed_is_imported_and_only_where_it_is_allowed(stranger: Path) -> None:
+    def hooked() -> dict[str, Any]:
+        callback = {"class_path": CALLBACK, "init_args": {"on_fit_start": "stranger.f"}}
+        return {**PLAIN, "trainer": {"callbacks": [callback], "accelerator": "cpu"}}
+
+    run._build(hooked(), Path("run"), [], ["stranger"], logger=False)
+    assert stranger.exists()
+    with pytest.raises(ValueError, match="--allow stranger"):
+        run._build(hooked(), Path("run"), [], logger=False)
