@@ -287,3 +287,34 @@ def test_a_base_as_long_as_a_book_is_refused_in_few_words(tmp_path: Path) -> Non
     with pytest.raises(ConfigurationError, match="got 100000 letters") as said:
         compose([tmp_path / "a.yaml"])
     assert len(str(said.value)) < 500
+
+
+@pytest.mark.parametrize("backwards", [False, True])
+def test_interpolations_that_multiply_are_refused_before_they_are_followed(backwards: bool, tmp_path: Path) -> None:
+    lines = ["a0: xxxxxxxxxx", *(f"a{k}: '{10 * f'${{a{k - 1}}}'}'" for k in range(1, 12))]
+    file = tmp_path / "bomb.yaml"
+    file.write_text("\n".join(reversed(lines) if backwards else lines))
+    with pytest.raises(ConfigurationError, match="interpolations to make at most 1000000 letters"):
+        compose([file])
+    lists = [f"m{k}: [{', '.join(9 * [repr(f'${{m{k - 1}}}')])}]" for k in range(1, 12)]
+    file.write_text("\n".join(["m0: {l: [1, 2]}", *lists]))
+    with pytest.raises(ConfigurationError, match="interpolations to make at most 1000000 letters"):
+        compose([file])
+
+
+def test_few_interpolations_are_followed_and_one_in_another_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "one.yaml"
+    file.write_text("a: {b: long, c: '${.b}er', d: '${a.c} than ${..e.0}'}\ne: [short]\nn: b\n")
+    assert compose([file]).values["a"] == {"b": "long", "c": "longer", "d": "longer than short"}
+    file.write_text("a: {b: 1}\nn: b\nc: '${a.${n}}'\n")
+    with pytest.raises(ConfigurationError, match="c: expected no interpolation within another one"):
+        compose([file])
+
+
+def test_bases_that_multiply_are_refused(tmp_path: Path) -> None:
+    for level in range(25):
+        (tmp_path / f"{level}.yaml").write_text(f"base: [{level + 1}.yaml, {level + 1}.yaml]\n")
+    (tmp_path / "25.yaml").write_text("a: 1\n")
+    with pytest.raises(ConfigurationError, match=r"0.yaml: builds on more than 100 files"):
+        compose([tmp_path / "0.yaml"])
+    assert compose([tmp_path / "22.yaml"]).values == {"a": 1}

@@ -120,3 +120,24 @@ def test_a_logger_of_the_trainer_is_not_passed_over(
     file.write_text(yaml.safe_dump({**MODEL, "trainer": {"logger": True}}))
     words = ["diagnose", str(recordings("push")), f"--model={file}", f"--out={tmp_path / 'out'}", "--quiet"]
     assert "trainer.logger is decided" in refused(words, capsys)
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "value"),
+    [
+        ("model", "segment", "long"),
+        ("model", "loss", 7),
+        ("model", "twist", "x"),
+        ("trainer", "max_epochs", "five"),
+        ("data", "limit", "x"),
+    ],
+)
+def test_values_that_do_not_count_are_checked_too(
+    section: str, key: str, value: object, recordings: Callable[[str], Path], tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    file = tmp_path / "model.yaml"
+    file.write_text(yaml.safe_dump({**MODEL, section: {**MODEL.get(section, {}), key: value}}))
+    words = ["diagnose", str(recordings("push")), f"--model={file}", f"--out={tmp_path / 'out'}", "--quiet"]
+    refused(words, capsys)
+    assert not (tmp_path / "out").exists()

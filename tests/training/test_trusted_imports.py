@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from physid.cli import main
-from physid.training.runs import run
+from physid.training.runs.building import build
 
 MARK = "was_imported"
 HARM = f"""
@@ -89,7 +89,7 @@ def test_what_escapes_the_check_is_refused_where_it_is_imported(stranger: Path) 
         hooked = {"class_path": CALLBACK, "init_args": {"on_fit_start": callback}}
         config = {**PLAIN, "trainer": {"callbacks": [hooked]}}
         with pytest.raises(ValueError, match="expected a class of physid, torch, lightning"):
-            run._build(config, Path("run"), [], logger=False)
+            build(config, Path("run"), [], logger=False)
     assert not stranger.exists()
 
 
@@ -98,7 +98,7 @@ def test_what_is_allowed_is_imported_and_only_where_it_is_allowed(stranger: Path
         callback = {"class_path": CALLBACK, "init_args": {"on_fit_start": "stranger.f"}}
         return {**PLAIN, "trainer": {"callbacks": [callback], "accelerator": "cpu"}}
 
-    run._build(hooked(), Path("run"), [], ["stranger"], logger=False)
+    build(hooked(), Path("run"), [], ["stranger"], logger=False)
     assert stranger.exists()
     with pytest.raises(ValueError, match="--allow stranger"):
-        run._build(hooked(), Path("run"), [], logger=False)
+        build(hooked(), Path("run"), [], logger=False)

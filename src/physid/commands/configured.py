@@ -184,7 +184,7 @@ def _text(value: Any) -> str:
 def read_model(model: Path, allow: str) -> Path | Mapping[str, Any]:
     """Check the configuration of a nominal model, key by key; return it, or the run or checkpoint with its values."""
     from physid.data.files import YAML
-    from physid.schema.check import check_fit, trusted_packages
+    from physid.schema.check import check_values, trusted_packages
     from physid.shipped import find_configuration
 
     model = find_configuration(model)
@@ -192,5 +192,5 @@ def read_model(model: Path, allow: str) -> Path | Mapping[str, Any]:
     run = model.parent.parent if model.suffix == ".ckpt" else model
     place = model if given else run / "config.yaml"
     configuration = compose([place], allowed=trusted_packages([each for each in allow.split(",") if each]))
-    check_fit(configuration)
+    check_values(configuration)
     return configuration.values if given else model

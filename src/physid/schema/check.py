@@ -48,6 +48,19 @@ def check_fit(configuration: Configuration) -> None:
             raise ConfigurationError(f"{source}: trainer.{name} is decided by the run's folder; {remedy}")
 
 
+def check_values(configuration: Configuration) -> None:
+    """Check a configuration of `physid fit` whose classes are not made: its keys, and the types of its values.
+
+    Raises:
+        ConfigurationError: See `check_fit`.
+        ArgumentError: If a value is none that its class takes.
+    """
+    from physid.training.runs import building
+
+    check_fit(configuration)
+    building.check_values(configuration.values, configuration.allowed)
+
+
 def check_keys(
     configuration: Configuration,
     groups: Mapping[str, Callable[..., Any] | None],

@@ -3,30 +3,23 @@
 from __future__ import annotations
 
 import json
-import logging
 import math
 import signal
-import sys
-import warnings
 from collections.abc import Callable, Mapping, Sequence
-from multiprocessing import parent_process
 from pathlib import Path
 from traceback import extract_tb
 from typing import Any, Literal
 
 import lightning as L
 from lightning.fabric.utilities.exceptions import MisconfigurationException
-from lightning.fabric.utilities.warnings import PossibleUserWarning
-from lightning.pytorch.cli import LightningCLI
 from lightning.pytorch.utilities.model_helpers import is_overridden
 from torch import Tensor
 
 from physid.data.files import read_tensors, write_text
-from physid.training.callbacks.progress import Progress
+from physid.training.runs.building import build
 from physid.training.runs.every_run import CHECKPOINT as CHECKPOINT
 from physid.training.runs.every_run import callbacks_of
 from physid.training.runs.loggers import build_loggers, history_of
-from physid.training.runs.trusted_imports import only_trusted_imports
 from physid.training.training_module import LEARNED
 from physid.yaml_files import read_yaml
 
@@ -58,43 +51,6 @@ class LoaderLostError(RuntimeError):
     """A process that loads data ended in the middle of a run."""
 
 
-class Cli(LightningCLI):
-    """LightningCLI as a builder: it validates a resolved configuration and makes the objects that it names.
-
-    Args:
-        config: Resolved configuration.
-        fixed: Arguments of the Trainer that the run folder decides.
-        callbacks: Callbacks that every run has.
-    """
-
-    def __init__(self, config: Mapping[str, Any], fixed: Mapping[str, Any], callbacks: list[L.Callback]) -> None:
-        self._fixed = fixed
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", "LightningCLI's args parameter is intended")
-            super().__init__(
-                args=dict(config),
-                run=False,
-                save_config_callback=None,
-                seed_everything_default=0,
-                trainer_defaults={"callbacks": callbacks},
-                parser_kwargs={"exit_on_error": False, "allow_abbrev": False},
-                auto_configure_optimizers=False,
-                load_from_checkpoint_support=False,
-            )
-
-    def instantiate_trainer(self, **kwargs: Any) -> L.Trainer:
-        """Build the Trainer with what the run folder decides.
-
-        Raises:
-            ValueError: If the Trainer refuses a setting, say an accelerator that this machine lacks.
-        """
-        try:
-            trainer: L.Trainer = super().instantiate_trainer(**kwargs, **self._fixed)
-        except (MisconfigurationException, TypeError, ValueError) as error:
-            raise ValueError(f"trainer: {error}") from None
-        return trainer
-
-
 def fit(
     config: Mapping[str, Any], folder: Path, *, resume: bool = False, allowed: Sequence[str] = ()
 ) -> dict[str, float]:
@@ -118,7 +74,7 @@ def fit(
     config = dict(config)
     reached = {} if checkpoint is None else read_tensors(checkpoint, PARTS)
     loggers = build_loggers(folder, config.pop("wandb", "offline"), config, history_of(reached))
-    cli = _build(config, folder, callbacks, allowed, logger=loggers)
+    cli = build(config, folder, callbacks, allowed, logger=loggers)
     trainer, model, data = cli.trainer, cli.model, cli.datamodule
     _until_interrupted(trainer, lambda: trainer.fit(model, datamodule=data, ckpt_path=checkpoint, **SAFELY))
     figures = _flat({**state.figures, **trainer.callback_metrics})
@@ -162,7 +118,7 @@ def evaluate(
     weights = weights or folder / CHECKPOINT
     if not weights.exists():
         raise ValueError(f"{weights} does not exist: run `physid fit` first, or name another with --checkpoint")
-    cli = _build(
+    cli = build(
         {key: value for key, value in config.items() if key != "wandb"} | {"model": _as_learned(config, weights)},
         out or folder,
         list(callbacks),
@@ -194,7 +150,7 @@ def restore(folder: Path, recordings: Path) -> L.LightningModule:
     given = {**(data.get("init_args") or {}), "folder": str(recordings)}
     kept = {key: config[key] for key in ("seed_everything", "model", "trainer") if key in config}
     model = _as_learned(config, weights)
-    cli = _build(kept | {"model": model, "data": {**data, "init_args": given}}, folder, [], logger=False)
+    cli = build(kept | {"model": model, "data": {**data, "init_args": given}}, folder, [], logger=False)
     module: Any = cli.model
     module.attach(cli.datamodule.scene)
     try:
@@ -212,29 +168,6 @@ def _as_learned(config: Mapping[str, Any], weights: Path) -> Any:
     arguments = model.get("init_args") or {}
     known = learned is None or arguments.get("learn")
     return model if known else {**model, "init_args": {**arguments, "learn": learned}}
-
-
-def _build(
-    config: Mapping[str, Any], folder: Path, callbacks: list[L.Callback], allowed: Sequence[str] = (), **fixed: Any
-) -> Cli:
-    """Build trainer, model and data; the Trainer keeps quiet about what every user knows by now."""
-    logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
-    logging.getLogger("lightning.fabric").setLevel(logging.WARNING)
-    # Advice on loader workers, accelerators and logging intervals: the configurations have decided on these.
-    warnings.filterwarnings("ignore", category=PossibleUserWarning)
-    warnings.filterwarnings("ignore", "Total length of `list` across ranks is zero")
-    warnings.filterwarnings("ignore", "Be aware that when using `ckpt_path`, callbacks used to create")
-    warnings.filterwarnings("ignore", "Checkpoint directory .* exists and is not empty")
-    # Lightning's own use of torch, nothing that a user could change.
-    warnings.filterwarnings("ignore", "`isinstance\\(treespec, LeafSpec\\)` is deprecated")
-    # Several processes at work would draw over each other's bars.
-    bar = sys.stderr.isatty() and parent_process() is None
-    default = {"enable_progress_bar": bar, "enable_model_summary": False, "log_every_n_steps": 1}
-    trainer = {**default, **(config.get("trainer") or {})}
-    if trainer["enable_progress_bar"]:
-        callbacks = [*callbacks, Progress()]
-    with only_trusted_imports(allowed):
-        return Cli({**config, "trainer": trainer}, {"default_root_dir": folder, **fixed}, callbacks)
 
 
 def _until_interrupted(trainer: L.Trainer, action: Callable[[], object]) -> None:

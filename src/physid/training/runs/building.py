@@ -1,0 +1,116 @@
+"""Build what a configuration of a run names, or only look at whether its values are those that classes ask for."""
+
+from __future__ import annotations
+
+import copy
+import logging
+import sys
+import warnings
+from collections.abc import Mapping, Sequence
+from multiprocessing import parent_process
+from pathlib import Path
+from typing import Any
+
+import lightning as L
+from lightning.fabric.utilities.exceptions import MisconfigurationException
+from lightning.fabric.utilities.warnings import PossibleUserWarning
+from lightning.pytorch.cli import LightningCLI
+
+from physid.training.callbacks.progress import Progress
+from physid.training.runs.trusted_imports import only_trusted_imports
+
+
+class Cli(LightningCLI):
+    """LightningCLI as a builder: it validates a resolved configuration and makes the objects that it names.
+
+    Args:
+        config: Resolved configuration.
+        fixed: Arguments of the Trainer that the run folder decides.
+        callbacks: Callbacks that every run has.
+    """
+
+    def __init__(self, config: Mapping[str, Any], fixed: Mapping[str, Any], callbacks: list[L.Callback]) -> None:
+        self._fixed = fixed
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "LightningCLI's args parameter is intended")
+            super().__init__(
+                args=dict(config),
+                run=False,
+                save_config_callback=None,
+                seed_everything_default=0,
+                trainer_defaults={"callbacks": callbacks},
+                parser_kwargs={"exit_on_error": False, "allow_abbrev": False},
+                auto_configure_optimizers=False,
+                load_from_checkpoint_support=False,
+            )
+
+    def instantiate_trainer(self, **kwargs: Any) -> L.Trainer:
+        """Build the Trainer with what the run folder decides.
+
+        Raises:
+            ValueError: If the Trainer refuses a setting, say an accelerator that this machine lacks.
+        """
+        try:
+            trainer: L.Trainer = super().instantiate_trainer(**kwargs, **self._fixed)
+        except (MisconfigurationException, TypeError, ValueError) as error:
+            raise ValueError(f"trainer: {error}") from None
+        return trainer
+
+
+class Parsed(Cli):
+    """The same that makes nothing of a configuration, for one whose values are to be looked at alone."""
+
+    def instantiate_classes(self) -> None:
+        """Make nothing."""
+
+
+def build(
+    config: Mapping[str, Any],
+    folder: Path,
+    callbacks: list[L.Callback],
+    allowed: Sequence[str] = (),
+    kind: type[Cli] = Cli,
+    **fixed: Any,
+) -> Cli:
+    """Build trainer, model and data; the Trainer keeps quiet about what every user knows by now.
+
+    Args:
+        config: Resolved configuration; the parser may change what is in it.
+        folder: Folder of the run.
+        callbacks: Callbacks that every run has.
+        allowed: Packages beside the trusted ones whose classes it may name.
+        kind: What is built.
+        fixed: Further arguments of the Trainer that the run decides.
+
+    Raises:
+        ArgumentError: If a value is none that its class takes.
+        ClassPathError: If a value names something that it must not import.
+    """
+    logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
+    logging.getLogger("lightning.fabric").setLevel(logging.WARNING)
+    # Advice on loader workers, accelerators and logging intervals: the configurations have decided on these.
+    warnings.filterwarnings("ignore", category=PossibleUserWarning)
+    warnings.filterwarnings("ignore", "Total length of `list` across ranks is zero")
+    warnings.filterwarnings("ignore", "Be aware that when using `ckpt_path`, callbacks used to create")
+    warnings.filterwarnings("ignore", "Checkpoint directory .* exists and is not empty")
+    # Lightning's own use of torch, nothing that a user could change.
+    warnings.filterwarnings("ignore", "`isinstance\\(treespec, LeafSpec\\)` is deprecated")
+    # Several processes at work would draw over each other's bars.
+    bar = sys.stderr.isatty() and parent_process() is None
+    default = {"enable_progress_bar": bar, "enable_model_summary": False, "log_every_n_steps": 1}
+    trainer = {**default, **(config.get("trainer") or {})}
+    if trainer["enable_progress_bar"]:
+        callbacks = [*callbacks, Progress()]
+    with only_trusted_imports(allowed):
+        return kind({**config, "trainer": trainer}, {"default_root_dir": folder, **fixed}, callbacks)
+
+
+def check_values(config: Mapping[str, Any], allowed: Sequence[str] = ()) -> None:
+    """Check that each value of a configuration is of the type that its class asks for.
+
+    Raises:
+        ArgumentError: If one is not.
+        ClassPathError: If it names a class that it must not.
+    """
+    parsed = {key: value for key, value in copy.deepcopy(dict(config)).items() if key != "wandb"}
+    build(parsed, Path(), [], allowed, kind=Parsed)
