@@ -36,7 +36,9 @@ from types import FrameType
 from fuzzed.targets import CONFIGS, TARGETS, Target
 
 LONGEST = 5.0
-"""[s] for one input; the slowest of the valid ones takes less than a tenth."""
+"""[s] of computing for one input; the slowest of the valid ones takes one, most less than a tenth."""
+WAITING = 6.0
+"""Times as long by the clock: one that waits computes nothing, and other work may keep it waiting."""
 SLOW = "took more than"
 ROOM = 2**30
 """[bytes] of memory for one input."""
@@ -134,8 +136,10 @@ class Tally:
 
     def _timed(self, draw: random.Random) -> tuple[bool, str | None]:
         start = time.perf_counter()
-        signal.setitimer(signal.ITIMER_REAL, LONGEST)
+        signal.setitimer(signal.ITIMER_PROF, LONGEST)
+        signal.setitimer(signal.ITIMER_REAL, WAITING * LONGEST)
         found = attempt(self.target, draw, self.place)
+        signal.setitimer(signal.ITIMER_PROF, 0)
         signal.setitimer(signal.ITIMER_REAL, 0)
         self.slowest = max(self.slowest, time.perf_counter() - start)
         return found
@@ -180,7 +184,8 @@ def run(target: Target, chosen: argparse.Namespace, seconds: float) -> None:
             with (chosen.kept / "rows.jsonl").open("a") as file:
                 file.write(json.dumps(tally.row()) + "\n")
 
-        signal.signal(signal.SIGALRM, _stop)
+        for each in (signal.SIGPROF, signal.SIGALRM):
+            signal.signal(each, _stop)
         if chosen.guided:
             import atheris
 
