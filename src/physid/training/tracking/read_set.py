@@ -43,9 +43,12 @@ def read_into(
         become: What is written of poses (T, N, 7) of a trajectory.
         doubt: Called with frames in which something hides the bodies, before poses of theirs are written.
     """
-    missing = [index for index in range(len(known)) if not trajectory_path(folder, index).exists()]
+    missing = {index for index in range(len(known)) if not trajectory_path(folder, index).exists()}
+    # Poses depend, by rounding, on what is read beside them: films are read in the same company by every call.
+    parts = [range(start, min(start + AT_ONCE, len(known))) for start in range(0, len(known), AT_ONCE)]
+    unread = [part for part in parts if missing.intersection(part)]
     total = sum(one.length for one in known)
-    done = total - sum(known[index].length for index in missing)
+    done = total - sum(known[index].length for part in unread for index in part)
 
     def count(frames: int) -> None:
         nonlocal done
@@ -53,12 +56,12 @@ def read_into(
         say(done, total)
 
     count(0)
-    for start in range(0, len(missing), AT_ONCE):
-        part = missing[start : start + AT_ONCE]
-        lengths = [known[index].length for index in part]
-        for index, pose in zip(part, reader.read(footage, part, lengths, first[part], count, doubt), strict=True):
-            made = known[index].with_poses(become(index, pose).numpy())
-            write_trajectory(trajectory_path(folder, index), made)
+    for part in unread:
+        lengths, near = [known[index].length for index in part], first[part.start : part.stop]
+        for index, pose in zip(part, reader.read(footage, part, lengths, near, count, doubt), strict=True):
+            if index in missing:
+                made = known[index].with_poses(become(index, pose).numpy())
+                write_trajectory(trajectory_path(folder, index), made)
     write_scene(folder, scene)
     write_sums(folder)
     return RecordingSet(folder)
