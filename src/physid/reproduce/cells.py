@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, final
 from physid.estimation.measurement.unexplained import unexplained_kinds
 from physid.estimation.prediction.coordinates import Unknown
 from physid.reproduce.results import RESULTS, Result, over_seeds, read_results, write_results
+from physid.yaml_files import read_text
 
 if TYPE_CHECKING:
     from physid.configuration import Configuration
@@ -252,7 +253,7 @@ class Identifiable(Cell):
 def _may_take(folder: Path, donor: Path) -> bool:
     """Return whether a run takes the encoder of another one: if that is done, unless this one has begun without."""
     begun = folder / "config.yaml"
-    return (donor / "metrics.json").exists() and (not begun.exists() or str(donor) in begun.read_text(encoding="utf-8"))
+    return (donor / "metrics.json").exists() and (not begun.exists() or str(donor) in read_text(begun))
 
 
 def _taking(configuration: Configuration, donor: Path) -> list[str]:
