@@ -24,7 +24,7 @@ from physid.dashboard.folders import (
 from physid.dashboard.media import MOST_BYTES, read_media
 from physid.diagnosis.document.document import Diagnosis, check_diagnosis
 from physid.diagnosis.document.sentences import verdict_sentence
-from physid.estimation.prediction.coordinates import Unknown
+from physid.estimation.prediction.coordinates import Unknown, logged_names
 from physid.yaml_files import parse_yaml, read_text
 
 SCORE = {"bank": dict, "figures": list, "tables": dict}  # what of a scored bank is shown
@@ -132,7 +132,7 @@ def parameters(figures: Mapping[str, float], curves: list[Curve], history: list[
     """
     logged = {curve.name: curve for curve in curves}
     last = {name: curve.y[-1] for name, curve in logged.items()} | dict(figures)
-    names = sorted({name.split("/")[1] for name in last if name.startswith("params/") and name.endswith("/estimate")})
+    names = logged_names(last, "estimate")
     whole = {curve.name: curve for curve in history}
     found = []
     for name in names:

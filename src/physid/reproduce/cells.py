@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, final
 
 from physid.estimation.measurement.unexplained import unexplained_kinds
-from physid.estimation.prediction.coordinates import Unknown
+from physid.estimation.prediction.coordinates import Unknown, logged_names
 from physid.reproduce.results import RESULTS, Result, over_seeds, read_results, write_results
 from physid.yaml_files import read_text
 
@@ -198,7 +198,7 @@ class Fit(Cell):
     def _parameters(self, figures: Mapping[str, float]) -> list[Result]:
         """Return truth, estimate, error and, where there is one, interval of each parameter."""
         found = []
-        for name in sorted({key.split("/")[1] for key in figures if key.endswith("/estimate")}):
+        for name in logged_names(figures, "estimate"):
             for key, metric in (
                 ("true", "true value"),
                 ("estimate", "estimate"),
