@@ -32,6 +32,11 @@ def quoted(value: object, most: int = MOST_SHOWN) -> str:
     return f'"{text}"' if len(text) <= most else f'"{text[:most]}..."'
 
 
+def one_line(text: str) -> str:
+    """Return a text with everything that is not seen escaped: it ends no line or comment, and moves no cursor."""
+    return "".join(each if each.isprintable() else each.encode("unicode_escape").decode() for each in text)
+
+
 def number(value: object, where: str, *, low: float = -math.inf, strict: bool = False) -> float:
     """Return `value` as a finite float that is at least `low` (above it, where `strict`).
 
