@@ -14,6 +14,7 @@ from torch import Tensor
 
 from physid.data.files import write_text
 from physid.estimation.prediction.coordinates import Coordinates, Kind, Unknown
+from physid.strict import seen
 from physid.training.parameters.intervals import WIDEST, intervals, logged
 from physid.typed_files import CLOSED, check_as
 from physid.yaml_files import read_text
@@ -38,6 +39,9 @@ class Known:
     high: float | None
     estimate: float
     coordinate: float
+
+    def __post_init__(self) -> None:
+        seen(self.name, "name")
 
     def unknown(self) -> Unknown:
         """Return what it is, whether or not its effect is known here."""
