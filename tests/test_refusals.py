@@ -6,9 +6,12 @@ import os
 from pathlib import Path
 
 import pytest
+import yaml
+from tests.data.sets import SCENE
 
 from physid import cli
-from physid.data import refusals
+from physid.cli import main
+from physid.data import refusals, write_scene
 from physid.data.files import write_whole
 from physid.data.refusals import worded
 
@@ -69,3 +72,20 @@ def test_the_command_line_says_it_in_one_line(
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(f"physid: {tmp_path / 'on'}: expected a place that may be written to")
     assert "Errno" not in line
+
+
+@pytest.mark.parametrize("change", [{"unknown": ["b\x1b[2J.mass"]}, {"a\x1b[2J": {"b": 1 << 70}}, {"bodies": []}])
+def test_what_a_file_holds_reaches_no_terminal_as_a_command(
+    tmp_path: Path, change: dict[str, object], capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_scene(tmp_path, SCENE)
+    content = yaml.safe_load((tmp_path / "recording.yaml").read_text())
+    if "bodies" in change:
+        content["bodies"][0]["name"] = "b\x1b[2J\nc"
+    else:
+        content |= change
+    (tmp_path / "recording.yaml").write_text(yaml.safe_dump(content))
+    assert main(["check", str(tmp_path)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.isprintable()
+    assert r"\x1b[2J" in line

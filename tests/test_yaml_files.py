@@ -1,13 +1,15 @@
-"""What a stranger's YAML may cost: no more than its size."""
+"""What a stranger's text and YAML may cost: no more than its size."""
 
 from __future__ import annotations
 
+import os
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from physid.yaml_files import DEEPEST, YamlError, parse_yaml, read_yaml
+from physid.yaml_files import DEEPEST, LARGEST, YamlError, parse_yaml, read_bytes, read_text, read_yaml
 
 BOMB = "a0: &a0 [x, x]\n" + "".join(f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]\n" for n in range(1, 12))
 MERGES = "a0: &a0 {x: 1}\n" + "".join(f"a{n}: &a{n} {{<<: [{', '.join([f'*a{n - 1}'] * 10)}]}}\n" for n in range(1, 9))
@@ -52,3 +54,46 @@ def test_a_file_that_is_no_text_is_named(tmp_path: Path) -> None:
     path.write_bytes(b"a: \xff")
     with pytest.raises(YamlError, match=r"a\.yaml: expected text in UTF-8, found byte 0xff"):
         read_yaml(path)
+
+
+def a_pipe(path: Path) -> None:
+    os.mkfifo(path)
+
+
+def an_endless_device(path: Path) -> None:
+    path.symlink_to("/dev/zero")
+
+
+def a_very_large_file(path: Path) -> None:
+    path.touch()
+    os.truncate(path, LARGEST + 1)
+
+
+@pytest.mark.parametrize("make", [a_pipe, an_endless_device, a_very_large_file])
+@pytest.mark.parametrize("read", [read_text, read_yaml])
+def test_what_never_ends_is_refused_before_it_is_read(
+    tmp_path: Path, make: Callable[[Path], None], read: Callable[[Path], object]
+) -> None:
+    path = tmp_path / "a.yaml"
+    make(path)
+    start = time.perf_counter()
+    with pytest.raises(OSError, match=rf"^{path}: expected (a regular file|at most 67 MB), found .*; delete it"):
+        read(path)
+    assert time.perf_counter() - start < SECONDS
+
+
+def test_a_folder_and_a_missing_file_are_refused_as_the_system_does(tmp_path: Path) -> None:
+    with pytest.raises(IsADirectoryError) as caught:
+        read_text(tmp_path)
+    assert caught.value.filename == str(tmp_path)
+    with pytest.raises(FileNotFoundError):
+        read_text(tmp_path / "a.yaml")
+
+
+def test_a_text_is_read_as_python_reads_it_up_to_the_limit(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_bytes("a,b\r\n1,ü\r3\n".encode())
+    assert read_text(path) == path.read_text(encoding="utf-8")
+    assert read_bytes(path, path.stat().st_size) == path.read_bytes()
+    with pytest.raises(OSError, match="expected at most 0 MB"):
+        read_bytes(path, path.stat().st_size - 1)

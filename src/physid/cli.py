@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from physid.commands import COMMANDS, Command, format_help
 from physid.commands.terminal.screen import interruptible, stoppable, styled
-from physid.strict import nearest
+from physid.strict import nearest, one_line
 
 if TYPE_CHECKING:
     from jsonargparse import ArgumentParser
@@ -287,7 +287,8 @@ def _explain(error: Exception, code: int) -> int:
         message = worded(error)
     message = message or type(error).__name__
     many = isinstance(error, ArgumentError) or "Does not validate against" in message
-    lines = (shorten(message) if many else message).splitlines()
+    # Files and names in it are a stranger's: what they hold shall not reach the terminal as a command to it.
+    lines = [one_line(line) for line in (shorten(message) if many else message).splitlines()]
     cut = "\n".join(line if len(line) <= LONGEST else f"{line[:LONGEST]}..." for line in lines[:MOST_LINES])
     print(f"{styled('physid:', 'red', sys.stderr)} {cut}", file=sys.stderr)
     return code

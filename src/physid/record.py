@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from physid.typed_files import CLOSED, read_json_as
+from physid.yaml_files import read_text
 
 RECORD = "record.json"
 COMMIT = "PHYSID_COMMIT"  # an image has no repository: its build says here what it was made from
@@ -162,7 +163,7 @@ def checksum(folder: Path) -> str:
     from physid.data.format import SUMS, list_sums
 
     sums = folder / SUMS
-    text = sums.read_text(encoding="utf-8") if sums.is_file() else list_sums(folder)
+    text = read_text(sums) if sums.is_file() else list_sums(folder)
     return hashlib.sha256(text.encode()).hexdigest()
 
 

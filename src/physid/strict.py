@@ -27,9 +27,25 @@ def shown(value: object, most: int = MOST_SHOWN) -> str:
 
 
 def quoted(value: object, most: int = MOST_SHOWN) -> str:
-    """Return a name in double quotes, cut where it is long."""
-    text = " ".join(str(value).split())
+    """Return a name in double quotes, cut where it is long; what is not seen is escaped."""
+    text = one_line(" ".join(str(value).split()))
     return f'"{text}"' if len(text) <= most else f'"{text[:most]}..."'
+
+
+def one_line(text: str) -> str:
+    """Return a text with everything that is not seen escaped: it ends no line or comment, and moves no cursor."""
+    return "".join(each if each.isprintable() else each.encode("unicode_escape").decode() for each in text)
+
+
+def seen(name: str, where: str) -> str:
+    """Return a name that is shown on terminals and in pages, where no character of it moves a cursor or ends a line.
+
+    Raises:
+        ValueError: If a character is a control character, or another one that is not seen.
+    """
+    if not name.isprintable():
+        raise ValueError(f"{where} must hold characters that are seen, got {shown(name)}; rename it")
+    return name
 
 
 def number(value: object, where: str, *, low: float = -math.inf, strict: bool = False) -> float:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_type_hints
 
 from physid.strict import nearest, quoted, shown
-from physid.yaml_files import read_yaml
+from physid.yaml_files import read_text, read_yaml
 
 if TYPE_CHECKING:
     from pydantic import TypeAdapter, ValidationError
@@ -90,7 +90,7 @@ def read_json_as(kind: type[T], path: Path) -> T:
         ValueError: If it is damaged, or does not fit the model; names the file.
     """
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(read_text(path))
     except (ValueError, RecursionError) as error:
         found = str(error).splitlines()[0] if path.stat().st_size else "an empty file"
         raise ValueError(f"{path}: expected JSON, found a damaged file ({found}); delete it") from None

@@ -1,14 +1,20 @@
-"""YAML from strangers: whatever a file holds, reading it costs time and memory in proportion to its size."""
+"""Text and YAML from strangers: whatever a file holds, reading it costs time and memory in proportion to its size."""
 
 from __future__ import annotations
 
+import errno
+import io
+import os
 import re
+import stat
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+LARGEST = 1 << 26
+"""Bytes of a text that is read at once; what physid itself writes has a few millions at most."""
 DEEPEST = 64
 """Levels of nesting; no configuration and no recording set has more than eight, and Python recurses at each."""
 MOST_COPIES, FREE_COPIES = 10, 1000
@@ -26,6 +32,51 @@ class YamlError(ValueError):
     """A text that is no YAML, or none that is read here; the message names file and line."""
 
 
+def open_regular(path: Path) -> io.BufferedReader:
+    """Open a file for reading, if it is one: a pipe would let the reader wait, and a device may never end.
+
+    Raises:
+        OSError: If it cannot be read, or is no regular file; names it.
+    """
+    # Not to block holds for pipes; what was opened is looked at, for a name may stand for something else by then.
+    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
+    mode = os.fstat(descriptor).st_mode
+    if stat.S_ISREG(mode):
+        return os.fdopen(descriptor, "rb")
+    os.close(descriptor)
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    found = "a named pipe" if stat.S_ISFIFO(mode) else "a device, or a link to one"
+    raise OSError(f"{path}: expected a regular file, found {found}; delete it, or put a file in its place")
+
+
+def read_bytes(path: Path, most: int = LARGEST) -> bytes:
+    """Read a small file.
+
+    Args:
+        path: The file.
+        most: Bytes that it may have.
+
+    Raises:
+        OSError: If it cannot be read, is no regular file, or has more bytes; names it.
+    """
+    with open_regular(path) as file:
+        content = file.read(most + 1) if os.fstat(file.fileno()).st_size <= most else None
+    if content is None or len(content) > most:
+        raise OSError(f"{path}: expected at most {most / 1e6:.0f} MB, found more; delete it, or put another there")
+    return content
+
+
+def read_text(path: Path, encoding: str = "utf-8") -> str:
+    """Read a small text file, as `Path.read_text` does; what is no regular file or very large is refused at once.
+
+    Raises:
+        OSError: If it cannot be read, is no regular file, or has more than `LARGEST` bytes; names it.
+        UnicodeDecodeError: If it is no text.
+    """
+    return io.StringIO(read_bytes(path).decode(encoding), newline=None).read()
+
+
 def read_yaml(path: Path, construct: Callable[[str], Any] = yaml.safe_load) -> Any:
     """Read a YAML file: plain mappings, lists and scalars.
 
@@ -37,11 +88,11 @@ def read_yaml(path: Path, construct: Callable[[str], Any] = yaml.safe_load) -> A
         What it holds.
 
     Raises:
-        OSError: If it cannot be read.
+        OSError: If it cannot be read, is no regular file, or very large.
         YamlError: If it is no YAML, or aliases, nesting or integers go beyond the limits above.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_text(path)
     except UnicodeDecodeError as error:
         raise YamlError(f"{path}: expected text in UTF-8, found byte {error.object[error.start]:#04x}") from None
     return parse_yaml(text, str(path), construct)

@@ -3,7 +3,9 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+import os
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -91,6 +93,20 @@ def test_damaged_files_cost_only_what_they_would_have_shown(root: Path) -> None:
     assert run["figures"]["seconds"] == 3.0
     assert [note.split()[0] for note in run["notes"]] == ["config.yaml", "metrics.csv"]
     assert read_run(root / "damaged", root)["state"] == "unfinished"
+
+
+@pytest.mark.parametrize("endless", [os.mkfifo, lambda path: path.symlink_to("/dev/zero")])
+def test_a_pipe_or_a_device_costs_only_what_it_stands_for(root: Path, endless: Callable[[Path], None]) -> None:
+    names = ("metrics.json", "metrics.csv", "config.yaml", "record.json", "parameters.csv", "results.json", "x.png")
+    folder = root / "push_good"
+    for name in names:
+        (folder / name).unlink(missing_ok=True)
+        endless(folder / name)
+    notes = read_run(folder, root)["notes"]
+    assert {note.split()[0] for note in notes} == set(names)
+    assert all("expected a regular file, found" in note for note in notes)
+    write_dashboard(root, root / "page.html")
+    assert "expected a regular file, found" in (root / "page.html").read_text()
 
 
 def test_settings_are_flat_and_leave_out_init_args() -> None:

@@ -1,6 +1,7 @@
 """Logs with other units, axes, orders and clocks become the motion that they are logs of."""
 
 import dataclasses
+import re
 from pathlib import Path
 from typing import Any
 
@@ -726,3 +727,20 @@ def test_a_guess_looks_at_what_was_seen_and_not_at_frames_or_columns_that_are_em
     angles = dict.fromkeys(("roll", "pitch", "yaw"), np.full(20, np.nan))
     text = guess_mapping(write_csv(tmp_path / "empty.csv", [*known, *angles], [*known.values(), *angles.values()]))
     assert "nan" not in text
+
+
+def test_names_in_the_remarks_of_a_proposed_mapping_end_no_line(tmp_path: Path) -> None:
+    turns = np.random.default_rng(0).normal(size=(20, 4))
+    columns = {
+        "t\nmass: 1": np.arange(20) / 100,
+        "position\nmass: 2": np.random.default_rng(1).normal(size=(20, 3)),
+        "orientation\x1b[2J\nmass: 3": turns / np.linalg.norm(turns, axis=1, keepdims=True),
+        "other\r\u2028mass: 4": np.ones(20),
+    }
+    for name in ("log.npz", "log\nmass: 5 #.npz"):
+        np.savez(tmp_path / name, **columns)  # type: ignore[arg-type]
+        text = guess_mapping(tmp_path / name)
+        assert not [each for each in text.replace("\n", "") if not each.isprintable()]
+        assert r"\nmass: 2" in text.partition("lines are not sure")[2], "the remark is there, in one line"
+        assert not [line for line in text.splitlines() if re.match(r"\s*mass: \d", line)]
+        assert yaml.safe_load(text)["mass"] == "FILL_IN"

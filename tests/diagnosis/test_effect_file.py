@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import ast
+import shlex
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -170,6 +173,35 @@ def test_the_file_says_of_each_law_where_it_acts_and_on_what_it_depends() -> Non
     assert ["# speed [m]" in line for line in text.splitlines() if " at: ClassVar" in line] == [True, False]
     assert text.count("# of nothing") == 1
     assert text.count("> STILL") == 0, "a force along an axis acts on bodies that lie still"
+
+
+@pytest.mark.parametrize(
+    "folder",
+    ['a"""b', 'a"""\nprint("ran")\nx = """b', "a\\", 'a\\"""b', "a\rprint(1)", "a\u2028b", "$(touch x) 'y'", "a\udc80"],
+)
+def test_a_place_is_text_in_the_file_whatever_its_folder_is_called(folder: str) -> None:
+    laws = [law("force", "along x", "speed")]
+    plain, text = effect_file(laws, GROUND, STILL, "a/m.py"), effect_file(laws, GROUND, STILL, f"{folder}/m.py")
+    assert plain is not None
+    assert text is not None
+    text.encode()
+    assert len(text.splitlines()) == len(plain.splitlines())
+    own, other = ast.parse(text), ast.parse(plain)
+    assert [ast.dump(each) for each in own.body[1:]] == [ast.dump(each) for each in other.body[1:]]
+    said = ast.get_docstring(own)
+    assert said is not None
+    if folder.isprintable():
+        assert f"--effects {shlex.quote(f'{folder}/m.py')} --out" in said
+
+
+def test_what_a_law_says_ends_neither_its_docstring_nor_its_comment() -> None:
+    hostile = 'N"""\nimport os\n"""'
+    one = replace(law("force", "along x", "speed"), unit=hostile, variable_unit=hostile)
+    text, plain = (effect_file([each], GROUND, STILL, "m.py") for each in (one, law("force", "along x", "speed")))
+    assert text is not None
+    assert plain is not None
+    assert len(ast.parse(text).body) == len(ast.parse(plain).body)
+    assert "\nimport os" not in text
 
 
 def test_directions_and_courses_have_their_closed_forms() -> None:

@@ -235,6 +235,10 @@ def test_a_saved_model_starts_from_the_new_estimates_with_the_effects_at_work(
     assert saved["model"]["engine"] == {"substeps": None, "effects": {"constant_force": sizes}}
     assert saved["data"]["folder"] == "data/flights"
     assert saved["data"]["shuffle"] is False
+    odd = tmp_path / "a\nseed_everything: 1\nb c.yaml"
+    save_model(odd, wind)
+    assert yaml.safe_load(odd.read_text()) == saved
+    assert odd.read_text().splitlines()[1:] == text.splitlines()[1:]
     vortex = replace(said, effects=(replace(said.effects[0], name="vortex"),), group=("vortex",))
     own = replace(wind, diagnosis=vortex)
     save_model(tmp_path / "own.yaml", own)

@@ -589,7 +589,8 @@ def test_a_damaged_trajectory_is_named_beside_the_sound_ones(tmp_path: Path) -> 
     folder = write_set(tmp_path, list(recordings), scene)
     (folder / "trajectories" / "000002.h5").write_bytes(b"nothing")
     found = inspect(RecordingSet(folder)).findings
-    assert len(found) == 1
+    assert len(found) == 2, "it cannot be read, and does not fit its checksum"
+    assert found[1].what.startswith("000002.h5: missing, or not as written")
     assert "000002.h5: expected an HDF5 file" in found[0].what
 
 

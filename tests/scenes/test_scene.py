@@ -2,6 +2,7 @@
 
 import copy
 import dataclasses
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -120,3 +121,40 @@ def test_a_given_inertia_follows_the_mass() -> None:
 def test_an_unknown_scene_is_answered_with_the_nearest() -> None:
     with pytest.raises(ValueError, match='unknown scene "colide"; did you mean "collide"'):
         find_setup("colide")
+
+
+HOSTILE = ("b\x1b[2J", "b\nmass", "b\r", "b\x9b1m", "b\u202eq", "b\u2028q")
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+@pytest.mark.parametrize(
+    ("path", "where"),
+    [
+        ("scene", "scene"),
+        ("bodies.0.name", r"bodies\[0\]: body name"),
+        ("bodies.0.material", r"bodies\[0\]: block.material"),
+    ],
+)
+def test_names_that_would_move_a_cursor_or_end_a_line_are_refused(path: str, where: str, name: str) -> None:
+    with pytest.raises(
+        ValueError, match=rf"^{where} must hold characters that are seen, got 'b\\.*'; rename it$"
+    ) as one:
+        read_description(changed(path, name))
+    assert str(one.value).isprintable()
+
+
+@pytest.mark.parametrize("name", ["名", "brique n\u00ba 2", "a/b", "$x"])
+def test_names_in_any_script_are_taken(name: str) -> None:
+    mapping = changed("bodies.0.name", name) | {"unknown": [f"{name}.friction"], "scene": name}
+    assert read_description(mapping).bodies[0].name == name
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_a_scene_of_ones_own_with_such_names_is_refused_with_its_file(tmp_path: Path, name: str) -> None:
+    body = {"name": name, "size": [0.1, 0.1, 0.1], "mass": 1.0, "friction": 0.2}
+    (tmp_path / "a.yaml").write_text(yaml.safe_dump({"scene": "a", "like": "push", "bodies": [body]}))
+    with pytest.raises(ValueError, match=r"a\.yaml: bodies\[0\]: body name must hold characters that are seen"):
+        find_setup(str(tmp_path / "a.yaml"))
+    (tmp_path / "a.yaml").write_text(yaml.safe_dump({"scene": name, "like": "push"}))
+    with pytest.raises(ValueError, match=r"a\.yaml: scene must hold characters that are seen"):
+        find_setup(str(tmp_path / "a.yaml"))

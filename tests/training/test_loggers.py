@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
 import struct
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ import pytest
 
 from diagnosis.documents import NAMED, said
 from physid.diagnosis.document.flat_figures import figures_of
-from physid.training.runs.loggers import log_result
+from physid.training.runs.loggers import Reached, build_loggers, log_result
 
 HEAD, BLOCK = 7, 32768  # of a log as LevelDB writes it: after a head come records in blocks, each with a head, too
 PATIENCE = 20.0  # [s]
@@ -98,3 +99,13 @@ def test_figures_are_numbers_and_texts_without_gaps(verdict: str) -> None:
     assert all(isinstance(value, int | float | str) for value in figures.values())
     assert not [name for name in figures if name.startswith("gap/transfer")]
     assert ("effects/viscous_drag/coefficient/low" in figures) == (verdict in ("named", "group"))
+
+
+@pytest.mark.parametrize("endless", [os.mkfifo, lambda path: path.symlink_to("/dev/zero")])
+def test_a_history_that_is_no_file_stops_what_would_go_on_with_it(
+    tmp_path: Path, endless: Callable[[Path], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("WANDB_MODE", "disabled")
+    endless(tmp_path / "metrics.csv")
+    with pytest.raises(OSError, match=r"metrics\.csv: expected a regular file, found a .*; delete it"):
+        build_loggers(tmp_path, "disabled", {}, Reached(1, {}))

@@ -106,3 +106,11 @@ def test_what_is_not_known_replaces_the_figures_of_an_earlier_epoch() -> None:
     assert all(value.isfinite() for value in known.values())
     lost = {name for name, value in unknown.items() if not value.isfinite()}
     assert lost == {"params/block.mass/low", "params/block.mass/high", "correlation/block.friction/block.mass"}
+
+
+def test_a_name_that_would_act_on_a_terminal_is_refused(tmp_path: Path) -> None:
+    KNOWN.write(tmp_path)
+    path = tmp_path / "posterior.json"
+    path.write_text(path.read_text().replace('"block.mass"', r'"block\u001b[2J.mass"'))
+    with pytest.raises(ValueError, match=r"parameters\[\d\]: name must hold characters that are seen, got 'block\\x1b"):
+        read_posterior(tmp_path)

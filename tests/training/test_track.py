@@ -192,9 +192,18 @@ def test_an_interrupted_reading_goes_on_and_ends_as_one_that_was_not(films: Path
     track(films, out, say=lambda task, done, total: seen.setdefault(task, set()).add(done / total))
     assert seen["reading the films"] == {0.5}, "what was read is not read again"
     assert max(seen["reading drawn films"]) == 1.0
-    for place in ("SHA256SUMS", f"{ECHO}/SHA256SUMS"):
-        sums = [(path / place).read_text().splitlines()[1:] for path in (out, read)]
-        assert sums[0] == sums[1]
+    sums = [f"{place}SHA256SUMS" for place in ("", f"{ECHO}/")]
+
+    def same() -> bool:
+        return all(len({tuple((path / one).read_text().splitlines()[1:]) for path in (out, read)}) == 1 for one in sums)
+
+    assert same()
+    # One that was lost is read in the company that it was read in: beside others, rounding is another.
+    for one in sums:
+        trajectory_path((out / one).parent, 1).unlink()
+        (out / one).unlink()
+    track(films, out)
+    assert same()
 
 
 @pytest.mark.slow

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import csv
+import io
 import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+from physid.yaml_files import read_text
 
 MOST_POINTS = 600
 AXES = ("epoch", "step", "evaluations")
@@ -57,12 +60,16 @@ def read_curves(path: Path) -> list[Curve]:
 
     Returns:
         The curves, in the order of the columns.
+
+    Raises:
+        OSError: If it cannot be read, is no regular file, or very large.
+        ValueError: If it is no history.
     """
-    with path.open(newline="", encoding="utf-8") as file:
-        try:
-            rows = [row for row in csv.DictReader(file) if None not in row.values() and None not in row]
-        except csv.Error as error:
-            raise ValueError(f"{path}: expected a history in CSV, found a damaged file ({error})") from None
+    try:
+        lines = io.StringIO(read_text(path), newline="")
+        rows = [row for row in csv.DictReader(lines) if None not in row.values() and None not in row]
+    except csv.Error as error:
+        raise ValueError(f"{path}: expected a history in CSV, found a damaged file ({error})") from None
     names = [name for name in (rows[0] if rows else {}) if name not in AXES]
     return [curve for name in names if (curve := _curve(name, rows)).x]
 

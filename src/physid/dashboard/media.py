@@ -6,6 +6,8 @@ import base64
 from pathlib import Path
 from typing import Any
 
+from physid.yaml_files import read_bytes
+
 KINDS = {".mp4": "video/mp4", ".webm": "video/webm", ".png": "image/png", ".jpg": "image/jpeg", ".svg": "image/svg+xml"}
 MOST_BYTES = 8_000_000
 DRAWN_BY_THE_PAGE = ("parameters.png",)
@@ -18,7 +20,8 @@ def read_media(folder: Path) -> tuple[list[dict[str, Any]], list[str]]:
         folder: Run folder; films and images lie in it, or one folder below.
 
     Returns:
-        A mapping (title, type, uri) for each file, films first, and a note for each that is too large to be carried.
+        A mapping (title, type, uri) for each file, films first, and a note for each that is too large to be carried, or
+        cannot be read.
     """
     files = [path for path in sorted([*folder.glob("*"), *folder.glob("*/*")]) if path.suffix.lower() in KINDS]
     media, notes = [], []
@@ -26,11 +29,16 @@ def read_media(folder: Path) -> tuple[list[dict[str, Any]], list[str]]:
         name = path.relative_to(folder).as_posix()
         if name in DRAWN_BY_THE_PAGE or "wandb" in path.parts:
             continue
-        if path.stat().st_size > MOST_BYTES:
+        if path.is_file() and path.stat().st_size > MOST_BYTES:
             notes.append(f"{name} ({path.stat().st_size / 1e6:.0f} MB) is too large for this page")
             continue
+        try:
+            content = read_bytes(path, MOST_BYTES)
+        except OSError as error:  # a pipe, a device, or what may not be read
+            notes.append(f"{name} cannot be read: {error}")
+            continue
         kind = KINDS[path.suffix.lower()]
-        uri = f"data:{kind};base64,{base64.b64encode(path.read_bytes()).decode()}"
+        uri = f"data:{kind};base64,{base64.b64encode(content).decode()}"
         title = path.stem.replace("_", " ")
         media.append({"title": title, "type": kind.partition("/")[0], "uri": uri})
     return media, notes

@@ -24,8 +24,8 @@ from physid.dashboard.folders import (
 from physid.dashboard.media import MOST_BYTES, read_media
 from physid.diagnosis.document.document import Diagnosis, check_diagnosis
 from physid.diagnosis.document.sentences import verdict_sentence
-from physid.estimation.prediction.coordinates import Unknown
-from physid.yaml_files import parse_yaml
+from physid.estimation.prediction.coordinates import Unknown, logged_names
+from physid.yaml_files import parse_yaml, read_text
 
 SCORE = {"bank": dict, "figures": list, "tables": dict}  # what of a scored bank is shown
 
@@ -132,7 +132,7 @@ def parameters(figures: Mapping[str, float], curves: list[Curve], history: list[
     """
     logged = {curve.name: curve for curve in curves}
     last = {name: curve.y[-1] for name, curve in logged.items()} | dict(figures)
-    names = sorted({name.split("/")[1] for name in last if name.startswith("params/") and name.endswith("/estimate")})
+    names = logged_names(last, "estimate")
     whole = {curve.name: curve for curve in history}
     found = []
     for name in names:
@@ -169,7 +169,7 @@ def flatten(values: Any, key: str = "") -> dict[str, str]:
 def _read(path: Path, notes: list[str]) -> Any:
     """Read a JSON file that may be missing, or damaged."""
     try:
-        return json.loads(path.read_text(encoding="utf-8"), parse_constant=lambda _: None)
+        return json.loads(read_text(path), parse_constant=lambda _: None)
     except FileNotFoundError:
         return None
     except (ValueError, OSError, RecursionError) as error:
@@ -218,7 +218,7 @@ def _curves(path: Path, notes: list[str]) -> list[Curve]:
 def _config(path: Path, notes: list[str]) -> tuple[str, dict[str, Any]]:
     """Read the configuration of a run, as text and as a mapping."""
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_text(path)
         value = parse_yaml(text, path.name)
     except FileNotFoundError:
         return "", {}

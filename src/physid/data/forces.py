@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from physid.scenes import Scene
 from physid.strict import MOST_SHOWN, nearest, quoted
+from physid.yaml_files import read_text
 
 COMPONENTS = ("torque_x", "torque_y", "torque_z", "force_x", "force_y", "force_z")
 
@@ -49,11 +51,11 @@ def read_forces(path: Path | str, scene: Scene) -> NDArray[np.float64]:
 def _read_csv(path: Path, scene: Scene) -> NDArray[np.float64]:
     """Read named columns."""
     places = {f"{body.name}.{one}": (n, k) for n, body in enumerate(scene.bodies) for k, one in enumerate(COMPONENTS)}
-    with path.open(newline="", encoding="utf-8-sig") as file:
-        try:
-            names, *rows = [[cell.strip() for cell in row] for row in csv.reader(file) if row] or [[]]
-        except csv.Error as error:
-            raise ValueError(f"{path}: expected rows of numbers in CSV, found none ({error})") from None
+    try:
+        lines = io.StringIO(read_text(path, "utf-8-sig"), newline="")
+        names, *rows = [[cell.strip() for cell in row] for row in csv.reader(lines) if row] or [[]]
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: expected rows of numbers in CSV, found none ({error})") from None
     for name in names:
         if name not in places:
             raise ValueError(f"{path}: unknown column {quoted(name)}{nearest(name, places)}")

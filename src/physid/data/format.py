@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Container, Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,8 @@ from physid.data.recording import Recording
 from physid.data.trajectory import has_dataset, read_film, read_labels, read_trajectory
 from physid.scenes import Scene
 from physid.scenes.description import describe, read_description
-from physid.yaml_files import YamlError, read_yaml
+from physid.strict import shown
+from physid.yaml_files import YamlError, read_text, read_yaml
 
 __all__ = ["Recording", "RecordingSet", "trajectory_path", "write_scene", "write_sums"]
 DESCRIPTION, FOLDER, SUMS = "recording.yaml", "trajectories", "SHA256SUMS"
@@ -112,15 +113,36 @@ class RecordingSet:
         """Check every file against SHA256SUMS.
 
         Raises:
-            ValueError: If a file is missing or differs.
+            ValueError: If a file is missing or differs, or SHA256SUMS is damaged.
             FileNotFoundError: If there is no SHA256SUMS.
         """
-        for line in (self.folder / SUMS).read_text(encoding="utf-8").splitlines():
+        for path, wanted, found in self.changed():
+            raise ValueError(f"{path}: expected SHA-256 {wanted[:12]}..., found {found[:12]}")
+
+    def changed(self, leave: Container[Path] = ()) -> Iterator[tuple[Path, str, str]]:
+        """Yield each file that is not as SHA256SUMS says: its path, the sum that is expected, and what is found.
+
+        Args:
+            leave: Files that are not looked at.
+
+        Raises:
+            ValueError: If SHA256SUMS is no text, or names what is no file of the set.
+            OSError: If SHA256SUMS cannot be read.
+        """
+        sums = self.folder / SUMS
+        try:
+            lines = read_text(sums).splitlines()
+        except UnicodeDecodeError:
+            raise ValueError(f"{sums}: expected checksums, found no text; delete it") from None
+        for line in lines:
             wanted, _, name = line.partition("  ")
             path = self.folder / name
-            found = sha256(path) if path.is_file() else "no such file"
-            if found != wanted:
-                raise ValueError(f"{path}: expected SHA-256 {wanted[:12]}..., found {found[:12]}")
+            if not name or Path(name).is_absolute() or ".." in Path(name).parts:
+                raise ValueError(f"{sums}: expected a checksum and a file of the set, found {shown(line)}; delete it")
+            if path not in leave:
+                found = sha256(path) if path.is_file() else "no such file"
+                if found != wanted:
+                    yield path, wanted, found
 
     def labels(self, index: int) -> tuple[str | None, str | None]:
         """Return split and protocol of trajectory `index`, None where the file names none."""

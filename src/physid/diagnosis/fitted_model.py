@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from physid.data.files import write_text
 from physid.diagnosis.conclusion.conclusion import Conclusion
 from physid.diagnosis.document.effect_file import effect_file
 from physid.effects import CATALOGUE
+from physid.strict import one_line
 
 DIGITS = 6
 
@@ -54,7 +56,7 @@ def save_model(path: Path, conclusion: Conclusion) -> None:
         "trainer": {"accelerator": "cpu", "max_epochs": 12},
     }
     found = f"with {' and '.join(chosen.names)}" if chosen else "as it was believed: nothing was found"
-    head = f"# The nominal model {found}. physid fit --config {path.name}\n"
+    head = f"# The nominal model {found}. physid fit --config {one_line(shlex.quote(path.name))}\n"
     own = [name for name in effects if name not in known]
     head += "".join(f"# {name} is an effect of your own: add --allow and its file.\n" for name in own)
     write_text(path, head + yaml.safe_dump(content, sort_keys=False, width=120))

@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, final
 
 from physid.estimation.measurement.unexplained import unexplained_kinds
-from physid.estimation.prediction.coordinates import Unknown
+from physid.estimation.prediction.coordinates import Unknown, logged_names
 from physid.reproduce.results import RESULTS, Result, over_seeds, read_results, write_results
+from physid.yaml_files import read_text
 
 if TYPE_CHECKING:
     from physid.configuration import Configuration
@@ -197,7 +198,7 @@ class Fit(Cell):
     def _parameters(self, figures: Mapping[str, float]) -> list[Result]:
         """Return truth, estimate, error and, where there is one, interval of each parameter."""
         found = []
-        for name in sorted({key.split("/")[1] for key in figures if key.endswith("/estimate")}):
+        for name in logged_names(figures, "estimate"):
             for key, metric in (
                 ("true", "true value"),
                 ("estimate", "estimate"),
@@ -252,7 +253,7 @@ class Identifiable(Cell):
 def _may_take(folder: Path, donor: Path) -> bool:
     """Return whether a run takes the encoder of another one: if that is done, unless this one has begun without."""
     begun = folder / "config.yaml"
-    return (donor / "metrics.json").exists() and (not begun.exists() or str(donor) in begun.read_text(encoding="utf-8"))
+    return (donor / "metrics.json").exists() and (not begun.exists() or str(donor) in read_text(begun))
 
 
 def _taking(configuration: Configuration, donor: Path) -> list[str]:

@@ -10,6 +10,7 @@ from pathlib import Path
 from statistics import fmean, stdev
 
 from physid.data.files import write_text
+from physid.yaml_files import read_text
 
 RESULTS = "results.json"
 """Where the results of a cell, of one of its seeds or of all cells are kept, in the folder of each."""
@@ -78,7 +79,7 @@ def write_results(path: Path, results: Sequence[Result]) -> None:
 
 def read_results(path: Path) -> list[Result]:
     """Read what `write_results` wrote."""
-    return [Result(**entry) for entry in json.loads(path.read_text(encoding="utf-8"))]
+    return [Result(**entry) for entry in json.loads(read_text(path))]
 
 
 def table(results: Sequence[Result]) -> str:

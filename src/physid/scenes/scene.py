@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physid.scenes.camera import Camera, Triple
-from physid.strict import nearest, number, quoted, triple
+from physid.strict import nearest, number, quoted, seen, triple
 from physid.typed_files import CLOSED
 
 PARAMETERS = ("mass", "friction", "restitution")
@@ -36,7 +36,7 @@ class Body:
         material: What it is made of; bodies of one material share friction and restitution. None: of its own.
 
     Raises:
-        ValueError: If a value is of the wrong kind or sign.
+        ValueError: If a value is of the wrong kind or sign, or a name holds what is not seen.
     """
 
     __pydantic_config__: ClassVar[Any] = CLOSED
@@ -51,6 +51,7 @@ class Body:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name or "." in self.name:
             raise ValueError(f"body name must be a word without a full stop, got {self.name!r}")
+        seen(self.name, "body name")
         if min(triple(self.size, f"{self.name}.size")) <= 0:
             raise ValueError(f"{self.name}.size must be positive edge lengths, got {self.size}")
         number(self.mass, f"{self.name}.mass", low=0.0, strict=True)
@@ -62,6 +63,7 @@ class Body:
             )
         if self.material is not None and (not isinstance(self.material, str) or not self.material):
             raise ValueError(f"{self.name}.material must be a word or null, got {self.material!r}")
+        seen(self.material or "", f"{self.name}.material")
         if self.inertia is not None and min(triple(self.inertia, f"{self.name}.inertia")) <= 0:
             raise ValueError(f"{self.name}.inertia must be positive principal moments or null, got {self.inertia}")
 
@@ -136,7 +138,8 @@ class Scene:
         integration: How the simulator that made them integrated; None where no simulator did, or nothing is known.
 
     Raises:
-        ValueError: If a value is of the wrong kind, two bodies share a name, or an unknown parameter has no body.
+        ValueError: If a value is of the wrong kind, the name holds what is not seen, two bodies share a name, or an
+            unknown parameter has no body.
     """
 
     name: str
@@ -152,6 +155,7 @@ class Scene:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
             raise ValueError(f"scene must be a name, got {self.name!r}")
+        seen(self.name, "scene")
         number(self.time_step, "time_step", low=0.0, strict=True)
         triple(self.gravity, "gravity")
         names = [body.name for body in self.bodies]

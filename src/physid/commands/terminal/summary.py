@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from physid.estimation.measurement.unexplained import lack_of_fit_sentence
-from physid.estimation.prediction.coordinates import Unknown
+from physid.estimation.prediction.coordinates import Unknown, correlated_names, logged_names
 from physid.inspection.finding import Findings, trust_sentence
 
 LEAST_MOVE = 1e-3  # [standard errors] of estimates that is worth a number
@@ -20,7 +20,7 @@ def summarize(figures: Mapping[str, float], folder: Path, recordings: str = "REC
         folder: Of the run, with findings.json.
         recordings: The set that was fitted, to name in advice.
     """
-    names = sorted({key.split("/")[1] for key in figures if key.startswith("params/") and key.endswith("/estimate")})
+    names = logged_names(figures, "estimate")
     measured = sorted(key for key in figures if key.startswith(("test/", "val/")) and not key.endswith("_deviation"))
     effort = [key for key in ("evaluations", "seconds") if key in figures]
     width = max(map(len, [*names, *measured, *effort]), default=0)
@@ -29,7 +29,7 @@ def summarize(figures: Mapping[str, float], folder: Path, recordings: str = "REC
         own = {key.rpartition("/")[2]: value for key, value in figures.items() if key.startswith(f"params/{name}/")}
         lines.append(f"  {name:<{width}}  {_estimate(own, Unknown.of(name).unit)}")
     for key in sorted(key for key in figures if key.startswith("correlation/")):
-        lines.append(f"  correlation of {' and '.join(key.split('/')[1:])}: {figures[key]:+.2f}")
+        lines.append(f"  correlation of {' and '.join(correlated_names(key))}: {figures[key]:+.2f}")
     lines += [f"  {key:<{width}}  {_measured(key, figures)}" for key in measured]
     lines += [f"  {key:<{width}}  {figures[key]:.6g}" for key in effort]
     lines += [f"  {_steps(figures)}"] if "steps/mean" in figures else []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator, Sequence
 from textwrap import fill, indent
 
@@ -10,6 +11,7 @@ from torch import Tensor
 from physid.diagnosis.document.residual_law import ResidualLaw
 from physid.diagnosis.document.residual_sentences import law_phrase
 from physid.pages.numbers import capital
+from physid.strict import one_line
 
 DIGITS, FINE, WIDTH = 6, 12, 110
 HEAD = '''"""What a diagnosis says is missing, as effects: measured tables, to be replaced by formulas of your own.
@@ -122,7 +124,8 @@ def effect_file(laws: Sequence[ResidualLaw], ground: Tensor, still: float, place
     if not classes:
         return None
     rows = [[round(each, FINE) for each in row] for row in ground.tolist()]
-    return HEAD.format(place=place.replace("\\", "/"), ground=rows, still=still) + "".join(text for _, text in classes)
+    head = HEAD.format(place=_in_docstring(shlex.quote(place)), ground=rows, still=still)
+    return head + "".join(text for _, text in classes)
 
 
 def _classes(laws: Sequence[ResidualLaw]) -> Iterator[tuple[str, str]]:
@@ -145,18 +148,23 @@ def _classes(laws: Sequence[ResidualLaw]) -> Iterator[tuple[str, str]]:
         head = CLASS.format(
             name=f"Missing{law.kind.capitalize()}{number}",
             formula=f"{letter} = s {depends} {law.direction}{region}",
-            said=indent(fill(f"{capital(law_phrase(law))}.", WIDTH), "    "),
+            said=indent(fill(f"{_in_docstring(capital(law_phrase(law)))}.", WIDTH, break_long_words=False), "    "),
             word=f"missing_{law.kind}{'_' * bool(number)}{number}",
             site=_site(law),
             at=_listed(law.at),
-            variable=f"{law.variable} [{law.variable_unit}]" if law.variable else "of nothing",
+            variable=one_line(f"{law.variable} [{law.variable_unit}]" if law.variable else "of nothing"),
             size=_listed(law.size),
-            unit=law.unit,
+            unit=one_line(law.unit),
         )
         hook = (OBSERVE if shifts else ACT).format(
             value=values[law.variable], way=ways[law.direction], where=where, kind=law.kind
         )
         yield f"Missing{law.kind.capitalize()}{number}", head + hook
+
+
+def _in_docstring(text: str) -> str:
+    """Return a text as a docstring can hold it: in one line, and nothing in it ends the docstring."""
+    return one_line(text).replace("\\", "\\\\").replace('"', '\\"')
 
 
 def _site(law: ResidualLaw) -> str:

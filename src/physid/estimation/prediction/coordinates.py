@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -194,3 +195,25 @@ def with_first_sizes(
         guess = values.get(name, {}).get(key, one.null + FIRST_GUESS * (one.typical - one.null))
         values.setdefault(name, {})[key] = given.get(label, guess)
     return tuple(from_values(name, own) for name, own in values.items())
+
+
+def logged_name(key: str) -> tuple[str, str] | None:
+    """Return parameter and word of a figure `params/PARAMETER/WORD`, say estimate; None of every other figure.
+
+    The name of a body may hold a slash, so that a key is read from its end.
+    """
+    name, _, word = key.removeprefix("params/").rpartition("/")
+    return (name, word) if key.startswith("params/") and name else None
+
+
+def logged_names(figures: Iterable[str], word: str) -> list[str]:
+    """Return the parameters of which `params/PARAMETER/word` is among figures, sorted."""
+    return sorted({found[0] for key in figures if (found := logged_name(key)) and found[1] == word})
+
+
+def correlated_names(key: str) -> tuple[str, str]:
+    """Return the two parameters of a figure `correlation/ONE/OTHER`: one ends with the word after its full stop."""
+    both = key.removeprefix("correlation/")
+    found = re.fullmatch(r"([^.]*\.[^/]*)/(.*)", both, re.DOTALL)
+    one, _, other = both.partition("/")
+    return (found[1], found[2]) if found else (one, other)

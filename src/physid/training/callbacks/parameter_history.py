@@ -16,7 +16,7 @@ from torch import Tensor
 from physid.data.files import write_picture, write_text
 from physid.data.truth import Truth, read_truth
 from physid.estimation.measurement.unexplained import unexplained_kinds
-from physid.estimation.prediction.coordinates import Unknown
+from physid.estimation.prediction.coordinates import Unknown, logged_names
 from physid.training.callbacks.run_state import RunState
 from physid.training.parameters import PhysicalParameters
 
@@ -117,7 +117,7 @@ class ParameterHistory(L.Callback):
 
 def _intervals(figures: Mapping[str, float]) -> dict[str, tuple[float, float]]:
     """Return the intervals that were logged, by parameter."""
-    names = [key.split("/")[1] for key in figures if key.startswith("params/") and key.endswith("/low")]
+    names = logged_names(figures, "low")
     found = {name: (figures[f"params/{name}/low"], figures[f"params/{name}/high"]) for name in names}
     return {name: ends for name, ends in found.items() if math.isfinite(ends[1])}
 
@@ -152,7 +152,8 @@ def draw(
         if name in true:
             axes.axhline(true[name], color=RED, label="truth")
         unit = Unknown.of(name).unit
-        axes.set(xlabel="epoch", ylabel=f"{name} [{unit}]" if unit else name)
+        shown = name.replace("$", r"\$")  # which begins a formula
+        axes.set(xlabel="epoch", ylabel=f"{shown} [{unit}]" if unit else shown)
         said = f"{rows[-1][name]:.4g}"
         if intervals and name in intervals:
             low, high = intervals[name]

@@ -15,6 +15,7 @@ import numpy as np
 from physid.data import Recording, write_scene, write_sums, write_trajectory
 from physid.data.files import write_text
 from physid.data.format import FOLDER
+from physid.estimation.prediction.coordinates import logged_name
 from physid.training.parameters import PhysicalParameters, Trajectories
 
 PARAMETERS = "parameters.json"
@@ -40,9 +41,8 @@ class Predictions(L.Callback):
     def on_load_checkpoint(self, trainer: L.Trainer, pl_module: L.LightningModule, checkpoint: dict[str, Any]) -> None:
         """Take the intervals from the figures that the fit has left in its checkpoint."""
         for key, value in checkpoint["callbacks"].get("RunState", {}).get("figures", {}).items():
-            group, _, rest = key.partition("/")
-            name, _, word = rest.partition("/")
-            if group == "params" and word in ("low", "high") and math.isfinite(value):
+            name, word = logged_name(key) or ("", "")
+            if word in ("low", "high") and math.isfinite(value):
                 self._intervals.setdefault(name, {})[word] = value
 
     def on_predict_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:

@@ -14,8 +14,10 @@ from torch import Tensor
 
 from physid.data.files import write_text
 from physid.estimation.prediction.coordinates import Coordinates, Kind, Unknown
+from physid.strict import seen
 from physid.training.parameters.intervals import WIDEST, intervals, logged
 from physid.typed_files import CLOSED, check_as
+from physid.yaml_files import read_text
 
 FILE = "posterior.json"
 LEAST = 1e-3
@@ -37,6 +39,9 @@ class Known:
     high: float | None
     estimate: float
     coordinate: float
+
+    def __post_init__(self) -> None:
+        seen(self.name, "name")
 
     def unknown(self) -> Unknown:
         """Return what it is, whether or not its effect is known here."""
@@ -162,7 +167,7 @@ def read_posterior(run: Path) -> Posterior:
     if not path.is_file():
         raise ValueError(f"{path} does not exist: expected a run of `physid fit` that has come to its end")
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(read_text(path))
     except ValueError as error:
         raise ValueError(f"{path}: expected JSON: {error}") from None
     known = check_as(_PosteriorFile, content, str(path))

@@ -15,6 +15,7 @@ from lightning.pytorch.loggers import CSVLogger, Logger, WandbLogger
 from lightning.pytorch.loggers.csv_logs import ExperimentWriter
 
 from physid.data.files import write_text
+from physid.yaml_files import read_text
 
 WANDB_MODES = ("offline", "online", "disabled")
 
@@ -80,10 +81,11 @@ def read_rows(path: Path) -> list[dict[str, str]]:
     """Return the whole rows of a history; one that a killed run has written half is left out.
 
     Raises:
+        OSError: If it cannot be read, is no regular file, or very large.
         ValueError: If the file is no text.
     """
     try:
-        text = path.read_bytes().decode("utf-8")
+        text = read_text(path)
     except UnicodeDecodeError:
         raise ValueError(f"{path}: expected a history in CSV, found a damaged file; delete it") from None
     whole = text[: text.rfind("\n") + 1]

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 import yaml
 
 from physid.data.importers.tables.table import Table
+from physid.strict import one_line
 
 MOST_NAMED = 12  # columns that a comment lists
 
@@ -36,7 +37,7 @@ class Lines:
 
     def name_left_out(self, table: Table) -> None:
         """Say in a comment which columns of a log the lines leave out; nothing where they leave out none."""
-        said, open_ends = set[str](), [yaml.safe_load(printable("\n".join(self.lines)))]
+        said, open_ends = set[str](), [yaml.safe_load(self._written())]
         while open_ends:
             value = open_ends.pop()
             if isinstance(value, Mapping):
@@ -53,8 +54,12 @@ class Lines:
 
     def text(self) -> str:
         """Return the mapping as YAML, with all doubts at its end."""
-        doubts = "".join(f"#   {doubt}\n" for doubt in self.doubts)
-        return printable("\n".join(self.lines) + f"\n# {len(self.doubts)} lines are not sure:\n{doubts}")
+        doubts = "".join(f"#   {one_line(doubt)}\n" for doubt in self.doubts)
+        return f"{self._written()}\n# {len(self.doubts)} lines are not sure:\n{doubts}"
+
+    def _written(self) -> str:
+        """Return the lines as YAML: names in comments are a log's own, and none of them ends its line."""
+        return "\n".join(map(one_line, self.lines))
 
 
 def listed(table: Table, columns: Sequence[str]) -> str:
@@ -81,13 +86,6 @@ def quoted(name: str) -> str:
         name
         if re.fullmatch(r"[A-Za-z_/][\w. /]*", name) and name.lower() not in ("yes", "no", "on", "off")
         else json.dumps(name, ensure_ascii=not name.isprintable())
-    )
-
-
-def printable(text: str) -> str:
-    """Return a text whose comments YAML takes, control characters escaped."""
-    return "".join(
-        each if each.isprintable() or each == "\n" else each.encode("unicode_escape").decode() for each in text
     )
 
 

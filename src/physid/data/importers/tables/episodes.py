@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physid.data.importers.tables.table import Table
+from physid.yaml_files import read_text
 
 if TYPE_CHECKING:
     import pyarrow
@@ -61,7 +62,7 @@ def read_episodes(path: Path) -> Table:
 def _described(folder: Path) -> tuple[list[Path], dict[str, list[str]]]:
     """Return the tables of a data set in the order of episodes, and the names of components by column."""
     try:
-        info: Any = json.loads((folder / INFO).read_text())
+        info: Any = json.loads(read_text(folder / INFO))
     except ValueError as error:
         raise ValueError(f"{folder / INFO}: expected JSON, found none ({error})") from None
     version = info.get("codebase_version") if isinstance(info, dict) else None

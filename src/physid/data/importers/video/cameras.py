@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from physid.scenes.camera import Camera
 from physid.strict import nearest, quoted, whole
 from physid.typed_files import check_as
-from physid.yaml_files import YamlError, parse_yaml
+from physid.yaml_files import YamlError, parse_yaml, read_text
 
 Array = NDArray[np.float64]
 PINHOLE = ("width", "height", "position", "target", "up", "fov_y")
@@ -103,7 +103,7 @@ def read_camera(path: Path) -> Lens:
     if not path.is_file():
         raise FileNotFoundError(f"{path}: expected a camera file, found no such file; physid calibrate makes one")
     try:
-        values = parse_yaml(_plain(path.read_text(encoding="utf-8")), str(path))
+        values = parse_yaml(_plain(read_text(path)), str(path))
     except (YamlError, UnicodeDecodeError) as error:
         raise ValueError(str(error) if isinstance(error, YamlError) else f"{path}: expected text, found none") from None
     if not isinstance(values, dict):
