@@ -12,7 +12,7 @@ from physid.data import RecordingSet
 from physid.data.generation.draw import draw
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig, Noise
-from physid.data.truth import read_truth
+from physid.data.truth import Truth, read_truth, write_truth
 from physid.effects import from_values
 from physid.scenes import Integration
 from physid.scenes.camera import Camera
@@ -135,6 +135,60 @@ def test_the_truth_may_be_stored_elsewhere(tmp_path: Path) -> None:
     generate(config, tmp_path / "set", quiet=True)
     assert read_truth(tmp_path / "set") is None
     assert read_truth(place) is not None
+
+
+@pytest.mark.parametrize("content", ["", "my: notes\n", "format: physid-truth\n", "\x00"])
+def test_a_truth_replaces_no_file_that_is_none(tmp_path: Path, content: str) -> None:
+    place = tmp_path / "precious.yaml"
+    place.write_text(content)
+    config = dataclasses.replace(SMALL, trajectories=1, truth_file=str(place))
+    with pytest.raises(ValueError, match=r"precious\.yaml.*choose another truth_file") as caught:
+        generate(config, tmp_path / "set", quiet=True)
+    assert len(str(caught.value).splitlines()) == 1
+    assert [path.name for path in tmp_path.rglob("*")] == ["precious.yaml"]
+    assert place.read_text() == content
+
+
+def test_a_truth_replaces_no_link_that_leads_nowhere_and_no_folder(tmp_path: Path) -> None:
+    (tmp_path / "link.yaml").symlink_to(tmp_path / "nowhere")
+    (tmp_path / "folder.yaml").mkdir()
+    for name in ("link.yaml", "folder.yaml"):
+        config = dataclasses.replace(SMALL, trajectories=1, truth_file=str(tmp_path / name))
+        with pytest.raises(ValueError, match=f"{name}: expected a file for the truth, found something else"):
+            generate(config, tmp_path / "set", quiet=True)
+    assert not (tmp_path / "set").exists()
+
+
+def test_a_truth_replaces_that_of_the_same_set_alone(tmp_path: Path) -> None:
+    place = tmp_path / "truth" / "push.yaml"
+    config = dataclasses.replace(SMALL, trajectories=1, truth_file=str(place))
+    generate(config, tmp_path / "one", quiet=True)
+    generate(dataclasses.replace(config, trajectories=2), tmp_path / "one", quiet=True)
+    generate(dataclasses.replace(config, trajectories=2), tmp_path / "again", quiet=True)
+    before = place.read_bytes()
+    with pytest.raises(
+        ValueError, match=r"push\.yaml holds the truth of another recording set \(seed: 0 there, 1 here"
+    ):
+        generate(dataclasses.replace(config, seed=1), tmp_path / "other", quiet=True)
+    assert place.read_bytes() == before
+    assert not (tmp_path / "other").exists()
+
+
+def test_the_truth_in_the_folder_replaces_nothing_else_either(tmp_path: Path) -> None:
+    (tmp_path / "truth.yaml").write_text("mine: 1\n")
+    with pytest.raises(ValueError, match=r"truth\.yaml: .*it is no truth that physid wrote"):
+        generate(dataclasses.replace(SMALL, trajectories=1), tmp_path, quiet=True)
+    (tmp_path / "truth.yaml").write_text(
+        "{format: physid-truth, version: 1, parameters: {}, effects: {}, generation: {}}"
+    )
+    with pytest.raises(ValueError, match=r"truth\.yaml: expected the truth of a generated set"):
+        generate(dataclasses.replace(SMALL, trajectories=1), tmp_path, quiet=True)
+
+
+@pytest.mark.parametrize("name", ["/tmp/x/.bashrc", "authorized_keys", "a.py", "set/recording.yaml", "a\n.yaml", ""])
+def test_the_name_of_a_truth_file_says_what_it_is(name: str) -> None:
+    with pytest.raises(ValueError, match=r"truth_file: expected a file \.yaml or \.yml, and not recording\.yaml, got"):
+        dataclasses.replace(SMALL, truth_file=name)
 
 
 def test_a_film_shows_the_bodies_and_the_empty_scene(tmp_path: Path) -> None:

@@ -6,9 +6,11 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from physid.data import SPLITS, assign_splits
+from physid.data import DESCRIPTION, SPLITS, assign_splits
+from physid.data.files import YAML
 from physid.scenes import Integration, Scene, bodies_of, find_setup, with_parameters
 from physid.simulators import MOST_JITTER, Sampling, find_simulator, sample
 from physid.strict import nearest, number, quoted, whole
@@ -67,7 +69,7 @@ class GenerateConfig:
         guess_factor: First guess over true value, for the unknown parameters.
         effects: Effects that the nominal model lacks, by name, with the values of their parameters.
         noise: Noise on the observed poses.
-        truth_file: Where the truth goes; None for truth.yaml in the set's folder.
+        truth_file: Where the truth goes, a file .yaml; None for truth.yaml in the set's folder.
 
     Raises:
         ValueError: If a value is of the wrong kind or names something that does not exist.
@@ -120,6 +122,8 @@ class GenerateConfig:
             if protocol not in setup.protocols:
                 there = nearest(protocol, setup.protocols)
                 raise ValueError(f"scene {self.scene} has no protocol {quoted(protocol)}{there}")
+        if self.truth_file is not None:
+            _require_yaml(self.truth_file)
         self.known_scene()
 
     @classmethod
@@ -201,3 +205,12 @@ class GenerateConfig:
         from physid.effects import from_values
 
         return tuple(from_values(name, values) for name, values in self.effects.items())
+
+
+def _require_yaml(truth_file: str) -> None:
+    """Refuse a truth file whose name says that it is something else: a configuration from elsewhere may name it."""
+    path = Path(truth_file)
+    if path.suffix not in YAML or path.name == DESCRIPTION or not truth_file.isprintable():
+        raise ValueError(
+            f"truth_file: expected a file {' or '.join(YAML)}, and not {DESCRIPTION}, got {quoted(truth_file)}"
+        )
