@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import copy
 import io
+import os
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -134,6 +135,8 @@ def _read(file: Path, above: tuple[Path, ...]) -> list[tuple[str, dict[str, Any]
     file = find_configuration(file)
     if file.resolve() in above:
         raise ConfigurationError(f"{file}: builds on itself ({' -> '.join(one.name for one in above)} -> {file.name})")
+    if os.path.lexists(file) and not file.is_file():
+        raise ConfigurationError(f"{file}: expected a configuration file, found something else, say a folder")
     if not file.is_file():
         raise ConfigurationError(f"config file {file} does not exist{nearest_configuration(file)}")
     try:

@@ -158,11 +158,13 @@ def checksum(folder: Path) -> str:
 
     Returns:
         Hexadecimal digits; the same wherever the set lies.
-    """
-    from physid.data.format import SUMS, list_sums
 
-    sums = folder / SUMS
-    text = sums.read_text(encoding="utf-8") if sums.is_file() else list_sums(folder)
+    Raises:
+        ValueError: If SHA256SUMS is damaged.
+    """
+    from physid.data.format import SUMS, list_sums, read_sums
+
+    text = read_sums(folder) if (folder / SUMS).is_file() else list_sums(folder)
     return hashlib.sha256(text.encode()).hexdigest()
 
 

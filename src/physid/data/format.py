@@ -112,10 +112,10 @@ class RecordingSet:
         """Check every file against SHA256SUMS.
 
         Raises:
-            ValueError: If a file is missing or differs.
+            ValueError: If a file is missing or differs, or SHA256SUMS is damaged.
             FileNotFoundError: If there is no SHA256SUMS.
         """
-        for line in (self.folder / SUMS).read_text(encoding="utf-8").splitlines():
+        for line in read_sums(self.folder).splitlines():
             wanted, _, name = line.partition("  ")
             path = self.folder / name
             found = sha256(path) if path.is_file() else "no such file"
@@ -163,6 +163,23 @@ def list_sums(folder: Path) -> str:
     """Return what SHA256SUMS holds: recording.yaml and the trajectories (not truth.yaml, which may be taken away)."""
     files = [folder / DESCRIPTION, *sorted((folder / FOLDER).glob("*.h5"))]
     return "".join(f"{sha256(path)}  {path.relative_to(folder).as_posix()}\n" for path in files)
+
+
+def read_sums(folder: Path) -> str:
+    """Read SHA256SUMS.
+
+    Raises:
+        FileNotFoundError: If there is none.
+        ValueError: If it is no text.
+    """
+    path = folder / SUMS
+    try:
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise ValueError(
+            f"{path}: expected checksums as text in UTF-8, found byte {error.object[error.start]:#04x}; copy the set "
+            "again, or delete this file if you trust the recordings"
+        ) from None
 
 
 def write_sums(folder: Path) -> None:

@@ -39,7 +39,7 @@ def _checked(effect: type[Effect], place: str) -> type[Effect]:
         check(effect)
     except ValueError:
         raise
-    except Exception as error:  # the user's code, which may raise anything
+    except (Exception, SystemExit) as error:  # the user's code, which may raise anything
         raise ValueError(
             f"{place} fails where its laws are checked: {type(error).__name__}: {error}; what a hook is given, and its "
             "shapes, is in docs/adding_an_effect.md"
@@ -113,8 +113,10 @@ def _run(path: Path) -> ModuleType:
     sys.modules[spec.name] = module
     try:
         spec.loader.exec_module(module)
-    except Exception as error:  # the user's code, which may raise anything
-        raise ValueError(f"{path} cannot be run: {type(error).__name__}: {error}") from error
+    except (Exception, SystemExit) as error:  # the user's code, which may raise anything, and must not end physid
+        raise ValueError(
+            f"{path} cannot be run: {type(error).__name__}: {error}; a file of effects defines classes and no more"
+        ) from error
     cloudpickle.register_pickle_by_value(module)  # worker processes cannot import it
     return module
 

@@ -8,7 +8,7 @@ import typing
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from physid.class_paths import DOTTED, ClassPathError, load_class, require_trusted
+from physid.class_paths import DOTTED, ClassPathError, load_class, require_packages, require_trusted
 from physid.configuration import CLASS_KEYS, Configuration, ConfigurationError
 from physid.schema.free_mappings import alternatives, is_mapping, types_of
 from physid.strict import MOST_SHOWN, nearest, quoted, shown
@@ -18,13 +18,13 @@ def trusted_packages(allowed: Sequence[str]) -> tuple[str, ...]:
     """Return the packages that a user allows, and let configurations name the effects of the files that are allowed.
 
     Raises:
-        ValueError: If an effect of a file cannot be loaded.
+        ValueError: If an effect of a file cannot be loaded, or something else is named.
     """
     if not any(".py" in each for each in allowed):
-        return tuple(allowed)  # without torch, which effects need
+        return require_packages(allowed)  # without torch, which effects need
     from physid.effects.loading import admit_files
 
-    return admit_files(allowed)
+    return require_packages(admit_files(allowed))
 
 
 def check_fit(configuration: Configuration) -> None:
