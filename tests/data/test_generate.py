@@ -12,7 +12,7 @@ from physid.data import RecordingSet
 from physid.data.generation.draw import draw
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig, Noise
-from physid.data.truth import Truth, read_truth, write_truth
+from physid.data.truth import read_truth
 from physid.effects import from_values
 from physid.scenes import Integration
 from physid.scenes.camera import Camera

@@ -65,7 +65,8 @@ def generate(
     acting = (*config.build_effects(), *effects)
     begun = _is_begun(config, folder, effects)
     indices = range(config.trajectories)
-    missing = [index for index in indices if not trajectory_path(folder, index).exists()]
+    there = {path.name for path in trajectory_path(folder, 0).parent.glob("*")}
+    missing = [index for index in indices if trajectory_path(folder, index).name not in there]
     splits = config.splits()
     if missing and not begun:
         # What the simulator refuses, it refuses here: a description without trajectories would bar the folder.

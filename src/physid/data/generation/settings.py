@@ -13,7 +13,7 @@ from physid.data import DESCRIPTION, SPLITS, assign_splits
 from physid.data.files import YAML
 from physid.scenes import Integration, Scene, bodies_of, find_setup, with_parameters
 from physid.simulators import MOST_JITTER, Sampling, find_simulator, sample
-from physid.strict import nearest, number, quoted, whole
+from physid.strict import LARGEST, RATES, nearest, number, quoted, whole
 from physid.typed_files import CLOSED, check_as, without_nulls
 
 if TYPE_CHECKING:
@@ -101,16 +101,17 @@ class GenerateConfig:
         setup = find_setup(self.scene)
         find_simulator(self.simulator)
         if self.frame_rate is not None:
-            number(self.frame_rate, "frame_rate", low=0.0, strict=True)
+            number(self.frame_rate, "frame_rate", low=RATES[0], high=RATES[1])
         if self.substeps is not None:
-            whole(self.substeps, "substeps", low=1)
+            whole(self.substeps, "substeps", low=1, high=LARGEST["substeps"])
         if self.force_rate is not None:
-            number(self.force_rate, "force_rate", low=0.0, strict=True)
+            number(self.force_rate, "force_rate", low=RATES[0], high=RATES[1])
         for name, most in (("jitter", MOST_JITTER), ("missing", MOST_MISSING)):
             if number(getattr(self, name), name, low=0.0) > most:
                 raise ValueError(f"{name} must be at most {most:g}, got {getattr(self, name):g}")
-        whole(self.trajectories, "trajectories", low=1)
-        whole(self.steps, "steps", low=2)
+        whole(self.trajectories, "trajectories", low=1, high=LARGEST["trajectories"])
+        most = LARGEST["film" if self.video else "steps"]
+        whole(self.steps, f"steps{' (with video)' * self.video}", low=2, high=most)
         whole(self.seed, "seed", low=0)
         number(self.guess_factor, "guess_factor", low=0.0, strict=True)
         for name, share in self.split.items():

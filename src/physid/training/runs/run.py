@@ -23,6 +23,7 @@ from torch import Tensor
 
 from physid.class_paths import class_paths, require_trusted
 from physid.data.files import read_tensors, write_text
+from physid.strict import LARGEST, whole
 from physid.training.callbacks.progress import Progress
 from physid.training.runs.every_run import CHECKPOINT as CHECKPOINT
 from physid.training.runs.every_run import callbacks_of
@@ -212,6 +213,9 @@ def _as_learned(config: Mapping[str, Any], weights: Path) -> Any:
 
 def _build(config: Mapping[str, Any], folder: Path, callbacks: list[L.Callback], **fixed: Any) -> Cli:
     """Build trainer, model and data; the Trainer keeps quiet about what every user knows by now."""
+    seed = config.get("seed_everything")
+    if isinstance(seed, int):  # a switch, too: true draws one
+        whole(int(seed), "seed_everything", low=0, high=LARGEST["seed_everything"])
     logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
     logging.getLogger("lightning.fabric").setLevel(logging.WARNING)
     # Advice on loader workers, accelerators and logging intervals: the configurations have decided on these.
