@@ -59,11 +59,11 @@ def number(value: object, where: str, *, low: float = -math.inf, high: float = m
         ValueError: If it is no number, not finite, too small or too large.
     """
     wanted = "a finite number" if low == -math.inf else f"a number {'above' if strict else 'of at least'} {low:g}"
-    if high < math.inf:
-        wanted = f"a number from {low:g} to {high:g}"
     if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value):
         raise ValueError(f"{where} must be {wanted}, got {shown(value)}")
-    if not low <= value <= high or (strict and value == low):
+    if value > high:
+        raise ValueError(f"{where} must be a number of at most {high:g}, got {shown(value)}")
+    if value < low or (strict and value == low):
         raise ValueError(f"{where} must be {wanted}, got {shown(value)}")
     return float(value)
 
@@ -74,9 +74,10 @@ def whole(value: object, where: str, *, low: int, high: int | None = None) -> in
     Raises:
         ValueError: If it is no whole number, too small or too large.
     """
-    wanted = f"a whole number of at least {low}" if high is None else f"a whole number from {low} to {high}"
-    if not isinstance(value, int) or isinstance(value, bool) or value < low or (high is not None and value > high):
-        raise ValueError(f"{where} must be {wanted}, got {shown(value)}")
+    if not isinstance(value, int) or isinstance(value, bool) or value < low:
+        raise ValueError(f"{where} must be a whole number of at least {low}, got {shown(value)}")
+    if high is not None and value > high:
+        raise ValueError(f"{where} must be a whole number of at most {high}, got {shown(value)}")
     return value
 
 

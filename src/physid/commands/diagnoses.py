@@ -99,10 +99,9 @@ def diagnose(
 
 def _check_own(effects: list[str], allowed: list[str], replaced: Path) -> None:
     """Refuse to allow what is no package and no file, and to run effects of the file that a diagnosis replaces."""
-    from physid.class_paths import require_packages
-    from physid.effects.loading import file_of
+    from physid.effects.loading import file_of, packages_in
 
-    require_packages([each for each in allowed if each and not file_of(each)])
+    packages_in([each for each in allowed if each])
     for file in filter(None, map(file_of, [*effects, *allowed])):
         if Path(file).resolve() == replaced.resolve():
             raise ValueError(f"{file}: this diagnosis would replace it; name another folder for its results: --out")

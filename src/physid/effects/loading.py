@@ -12,6 +12,7 @@ from typing import TypeGuard
 
 import cloudpickle
 
+from physid.class_paths import require_packages
 from physid.effects import CATALOGUE, admit
 from physid.effects.laws import check
 from physid.physics import Effect
@@ -75,11 +76,20 @@ def admit_files(allowed: Sequence[str]) -> tuple[str, ...]:
         The packages among it.
 
     Raises:
-        ValueError: If an effect cannot be loaded.
+        ValueError: If an effect cannot be loaded, or something is neither a file nor a package.
     """
-    files = [each for each in allowed if file_of(each)]
-    admit(own_effects(files))
-    return tuple(each for each in allowed if each not in files)
+    packages = packages_in(allowed)
+    admit(own_effects([each for each in allowed if file_of(each)]))
+    return packages
+
+
+def packages_in(allowed: Sequence[str]) -> tuple[str, ...]:
+    """Return the packages among what a user trusts.
+
+    Raises:
+        ValueError: If it is neither a file nor the name of a package.
+    """
+    return require_packages([each for each in allowed if not file_of(each)])
 
 
 def file_of(place: str) -> str:

@@ -24,7 +24,7 @@ def trusted_packages(allowed: Sequence[str]) -> tuple[str, ...]:
         return require_packages(allowed)  # without torch, which effects need
     from physid.effects.loading import admit_files
 
-    return require_packages(admit_files(allowed))
+    return admit_files(allowed)
 
 
 def check_fit(configuration: Configuration) -> None:
