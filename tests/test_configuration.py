@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from physid.class_paths import load_class
+from physid.cli import main
 from physid.commands import COMMANDS
 from physid.configuration import Configuration, ConfigurationError, compose
 from physid.data.generation.settings import GenerateConfig
@@ -318,3 +319,35 @@ def test_bases_that_multiply_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match=r"0.yaml: builds on more than 100 files"):
         compose([tmp_path / "0.yaml"])
     assert compose([tmp_path / "22.yaml"]).values == {"a": 1}
+
+
+@pytest.mark.parametrize(
+    "name", ["../x", "a/../../x", "/tmp/x", "..", ".", "''", "'a\\0b'", '"a\\nb"', "{a: 1}", "[x]", "null", "true"]
+)
+def test_a_name_stays_in_the_folder_that_it_is_a_place_in(tmp_path: Path, name: str) -> None:
+    (tmp_path / "a.yaml").write_text(f"name: {name}\n" if "0" not in name else 'name: "a\\0b"\n')
+    with pytest.raises(
+        ConfigurationError, match=r"a\.yaml: name: expected a plain name .* give another one: name=NAME"
+    ) as said:
+        compose([tmp_path / "a.yaml"])
+    assert len(str(said.value).splitlines()) == 1
+    assert compose([tmp_path / "a.yaml"], ["name=mine"]).name == "mine"
+
+
+@pytest.mark.parametrize("name", ["push", "nested/push", "a..b", "7", "1.5", "with space", "größe"])
+def test_a_plain_name_is_taken_as_it_is(tmp_path: Path, name: str) -> None:
+    (tmp_path / "a.yaml").write_text(f"name: {name}\n")
+    assert compose([tmp_path / "a.yaml"]).name == name
+
+
+def test_neither_a_fit_nor_a_set_is_written_elsewhere_by_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "work").mkdir()
+    monkeypatch.chdir(tmp_path / "work")
+    for config in ("generate/push", "sysid/push_friction", "identifiability/push"):
+        command = config.partition("/")[0].replace("sysid", "fit")
+        for name in ("../escaped", str(tmp_path / "escaped")):
+            assert main([command, "--config", config, f"name={name}"]) == 2
+            assert "command line: name: expected a plain name" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.rglob("*")] == ["work"]

@@ -43,6 +43,21 @@ def require_trusted(path: object, allowed: Sequence[str] = ()) -> None:
         )
 
 
+def require_packages(allowed: Sequence[str]) -> tuple[str, ...]:
+    """Return the packages that a user allows.
+
+    Raises:
+        ClassPathError: If one cannot be the name of a package.
+    """
+    for each in allowed:
+        if not all(part.isidentifier() for part in each.split(".")):
+            raise ClassPathError(
+                f"--allow: expected the name of a package, as my_package, or a file of effects, as my_effects.py, got "
+                f"{shown(each)}"
+            )
+    return tuple(allowed)
+
+
 def load_class(path: object, allowed: Sequence[str] = ()) -> type | None:
     """Import the class that a dotted path names; None for a name without a dot.
 

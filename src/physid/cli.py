@@ -83,6 +83,11 @@ def main(words: Sequence[str] | None = None) -> int:
     except Exception as error:
         if came:  # an import that was interrupted ends with any error
             return _stopped(came)
+        if isinstance(error, MemoryError | RuntimeError | OSError):
+            from physid.data.refusals import out_of_memory
+
+            if out_of_memory(error):
+                return _explain(error, FAILED)
         if isinstance(error, ValueError | OSError | ArgumentError):
             return _explain(error, USAGE)
         if not isinstance(error, RuntimeError) or not type(error).__module__.startswith("physid."):
@@ -138,7 +143,7 @@ def sort_words(words: Sequence[str], options: Mapping[str, bool]) -> Arguments:
         elif name in options:
             own.append(f"--{name}={value or 'true'}")
         elif name == ALLOW:
-            allowed += value.split(",")
+            allowed += filter(None, value.split(","))
         elif close := difflib.get_close_matches(name, options, n=1, cutoff=0.8):
             raise UsageError(f"no option {option}{nearest(option, _spelt(close))}")
         else:
@@ -152,8 +157,8 @@ def shorten(message: str) -> str:
     Where building an optional object failed, its own message stands among those of the alternatives.
     """
     own = re.search(r"^Errors:\n +- (?!Problem|Expected)(.*?)\n +- Expected", message, re.MULTILINE | re.DOTALL)
-    if own:
-        return inspect.cleandoc(own[1])
+    if own:  # alternatives may have alternatives
+        return inspect.cleandoc(re.sub(r".*^ *Errors:\n +- ", "", own[1], flags=re.MULTILINE | re.DOTALL))
     key = ".".join(re.findall(r'Parser key "([^"]+)"', message))
     if not key:
         return " ".join(message.split())
@@ -208,6 +213,7 @@ def _run_command(command: Command, words: list[str]) -> int:
         laid = tuple(f"--{command.laid}={word}" for word in arguments.overrides)
         arguments = replace(arguments, overrides=(), own=arguments.own + laid)
     values = _parse(parser, arguments.own, command)
+    command.check(values)
     if command.configurable:
         found = configure(command, values, arguments.files, arguments.overrides, arguments.allowed)
         values["configuration"] = found
@@ -281,7 +287,7 @@ def _explain(error: Exception, code: int) -> int:
     if os.environ.get(TRACEBACK):
         raise error
     message = str(error)
-    if isinstance(error, OSError):
+    if code == FAILED or isinstance(error, OSError):
         from physid.data.refusals import worded
 
         message = worded(error)

@@ -8,16 +8,17 @@ from __future__ import annotations
 
 import copy
 import io
+import os
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import yaml
 
 from physid.schema.free_mappings import free_mappings
 from physid.shipped import find_configuration, nearest_configuration
-from physid.strict import nearest
+from physid.strict import nearest, shown
 from physid.yaml_files import YamlError, parse_yaml, read_yaml, require_modest_interpolations
 
 COMMAND_LINE = "command line"
@@ -99,7 +100,8 @@ def compose(
         The resolved configuration.
 
     Raises:
-        ConfigurationError: If a file is missing or no YAML mapping, an override has no `=`, or an interpolation fails.
+        ConfigurationError: If a file is missing or no YAML mapping, an override has no `=`, an interpolation fails, or
+            the name would lead out of the folder that runs or recording sets lie in.
     """
     opened: list[Path] = []
     layers: list[Layer] = [(*layer, ()) for file in files for layer in _read(Path(file), (), opened)]
@@ -110,8 +112,14 @@ def compose(
         merged = _overlay(layers, free)
     merged.setdefault("name", Path(files[-1]).stem if files else "run")
     values = _resolve(merged)
-    name = str(values.pop("name"))
-    return Configuration(name, values, tuple((source, own) for source, own, _ in layers), tuple(allowed))
+    name = values.pop("name")
+    found = Configuration(str(name), values, tuple((source, own) for source, own, _ in layers), tuple(allowed))
+    if not _is_plain(name):
+        raise ConfigurationError(
+            f"{found.source_of('name')}: name: expected a plain name such as push, or nested/push, since a folder of "
+            f"runs/ or data/ gets it, found {shown(name)}; give another one: name=NAME"
+        )
+    return found
 
 
 def flatten(values: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
@@ -132,6 +140,8 @@ def _read(file: Path, above: tuple[Path, ...], opened: list[Path]) -> list[tuple
     file = find_configuration(file)
     if file.resolve() in above:
         raise ConfigurationError(f"{file}: builds on itself ({' -> '.join(one.name for one in above)} -> {file.name})")
+    if os.path.lexists(file) and not file.is_file():
+        raise ConfigurationError(f"{file}: expected a configuration file, found something else, say a folder")
     if not file.is_file():
         raise ConfigurationError(f"config file {file} does not exist{nearest_configuration(file)}")
     opened.append(file)
@@ -256,6 +266,14 @@ def _resolve(merged: dict[str, Any]) -> dict[str, Any]:
         if isinstance(value, str) and "${" in value:
             raise ConfigurationError(f"{key}: interpolation left unresolved in {value!r}")
     return {str(key): value for key, value in values.items()} if isinstance(values, dict) else {}
+
+
+def _is_plain(name: object) -> bool:
+    """Tell whether a name stays in the folder that it is a place in: what comes from others must not write anywhere."""
+    if not isinstance(name, str | int | float) or isinstance(name, bool):
+        return False
+    path = PurePosixPath(str(name))
+    return bool(path.parts) and not path.is_absolute() and ".." not in path.parts and str(name).isprintable()
 
 
 def _short(text: str, most: int = 60) -> str:

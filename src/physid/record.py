@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from physid.typed_files import CLOSED, read_json_as
-from physid.yaml_files import read_text
 
 RECORD = "record.json"
 COMMIT = "PHYSID_COMMIT"  # an image has no repository: its build says here what it was made from
@@ -159,11 +158,13 @@ def checksum(folder: Path) -> str:
 
     Returns:
         Hexadecimal digits; the same wherever the set lies.
-    """
-    from physid.data.format import SUMS, list_sums
 
-    sums = folder / SUMS
-    text = read_text(sums) if sums.is_file() else list_sums(folder)
+    Raises:
+        ValueError: If SHA256SUMS is damaged.
+    """
+    from physid.data.format import SUMS, list_sums, read_sums
+
+    text = read_sums(folder) if (folder / SUMS).is_file() else list_sums(folder)
     return hashlib.sha256(text.encode()).hexdigest()
 
 

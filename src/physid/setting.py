@@ -7,6 +7,8 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field
 from pydantic.config import JsonDict
 
+from physid.strict import LARGEST
+
 NOT_CALIBRATED = "not calibrated"
 
 
@@ -24,7 +26,9 @@ def setting(default: Any, unit: str, meaning: str, calibrated: str = NOT_CALIBRA
         unit: Of the value; "-" for a pure number, "" for a switch.
         meaning: What it decides, as a phrase.
         calibrated: The decision record or the bank from which the value came.
-        limits: Bounds as pydantic takes them: `ge`, `gt`, `le`, `lt`.
+        limits: Bounds as pydantic takes them: `ge`, `gt`, `le`, `lt`. What counts has an upper one in any case.
     """
+    if isinstance(default, int) and not isinstance(default, bool) and not {"le", "lt"} & limits.keys():
+        limits["le"] = LARGEST["setting"]
     more: JsonDict = {"unit": unit, "calibrated": calibrated}
     return Field(default, description=meaning, json_schema_extra=more, validate_default=True, **limits)

@@ -39,7 +39,8 @@ def find_configuration(file: Path, beside: Path = Path()) -> Path:
 
 def nearest_configuration(file: Path) -> str:
     """Return a hint at the configuration whose path or name comes nearest: beside it, or shipped."""
-    found = [*map(str, file.parent.glob(f"*{SUFFIX}")), *names(), *(f"configs/{name}{SUFFIX}" for name in names())]
+    beside = [str(path) for path in file.parent.glob(f"*{SUFFIX}") if path.is_file()]
+    found = [*beside, *names(), *(f"configs/{name}{SUFFIX}" for name in names())]
     close = difflib.get_close_matches(str(file), found, n=1, cutoff=0.6)
     return f'; did you mean "{close[0]}"?' if close else "; physid configs lists those that there are"
 

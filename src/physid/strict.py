@@ -9,6 +9,26 @@ from collections.abc import Iterable, Mapping
 MOST_SHOWN = 100
 """Letters of a value that a message quotes."""
 
+LARGEST: Mapping[str, int] = {
+    "trajectories": 10**6,  # their files have numbers of six digits, and are sorted by name
+    "steps": 10**7,  # a day at 100 frames per second
+    "film": 10**5,  # frames with masks that are rendered into memory: some gigabytes
+    "instants": 10**8,  # that a simulator steps through in a trajectory: hours
+    "poses": 10**7,  # of all trajectories of an experiment, which are held in memory with their sensitivities
+    "substeps": 10**5,
+    "sets": 10**5,
+    "sample": 10**7,
+    "seeds": 10**4,
+    "workers": 4096,
+    "setting": 10**6,  # whatever a setting counts
+    "seed": 2**63 - 1,  # what torch takes
+    "seed_everything": 2**32 - 1,  # what NumPy's older generator takes, too
+}
+"""What may be asked for at most. Nobody needs more, and more would end, after a long time or at once, for want of
+memory."""
+RATES = (0.01, 1e6)
+"""[Hz] Least and largest number of frames, or rows of forces, per second."""
+
 
 def nearest(name: str, known: Iterable[str]) -> str:
     """Return '; did you mean "..."?' for the nearest known name, or the list of what is known where none is near."""
@@ -48,28 +68,32 @@ def seen(name: str, where: str) -> str:
     return name
 
 
-def number(value: object, where: str, *, low: float = -math.inf, strict: bool = False) -> float:
-    """Return `value` as a finite float that is at least `low` (above it, where `strict`).
+def number(value: object, where: str, *, low: float = -math.inf, high: float = math.inf, strict: bool = False) -> float:
+    """Return `value` as a finite float that is at least `low` (above it, where `strict`), and at most `high`.
 
     Raises:
-        ValueError: If it is no number, not finite, or too small.
+        ValueError: If it is no number, not finite, too small or too large.
     """
     wanted = "a finite number" if low == -math.inf else f"a number {'above' if strict else 'of at least'} {low:g}"
     if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value):
         raise ValueError(f"{where} must be {wanted}, got {shown(value)}")
+    if value > high:
+        raise ValueError(f"{where} must be a number of at most {high:g}, got {shown(value)}")
     if value < low or (strict and value == low):
         raise ValueError(f"{where} must be {wanted}, got {shown(value)}")
     return float(value)
 
 
-def whole(value: object, where: str, *, low: int) -> int:
-    """Return `value` as an int that is at least `low`.
+def whole(value: object, where: str, *, low: int, high: int | None = None) -> int:
+    """Return `value` as an int that is at least `low`, and at most `high` (see `LARGEST`).
 
     Raises:
-        ValueError: If it is no whole number, or too small.
+        ValueError: If it is no whole number, too small or too large.
     """
     if not isinstance(value, int) or isinstance(value, bool) or value < low:
         raise ValueError(f"{where} must be a whole number of at least {low}, got {shown(value)}")
+    if high is not None and value > high:
+        raise ValueError(f"{where} must be a whole number of at most {high}, got {shown(value)}")
     return value
 
 

@@ -9,10 +9,11 @@ import pytest
 import torch
 
 from physid.data import RecordingSet
+from physid.data.generation import generate as generation
 from physid.data.generation.draw import draw
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig, Noise
-from physid.data.truth import read_truth
+from physid.data.truth import FILE, read_truth
 from physid.effects import from_values
 from physid.scenes import Integration
 from physid.scenes.camera import Camera
@@ -80,6 +81,34 @@ def test_more_trajectories_may_be_added_but_nothing_else_changed(tmp_path: Path)
         generate(dataclasses.replace(SMALL, seed=1), tmp_path / "a", quiet=True)
 
 
+@pytest.mark.parametrize("written", ["write_truth", "write_scene"])
+def test_a_kill_between_truth_and_description_bars_no_folder(
+    written: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    usual = getattr(generation, written)
+
+    def killed(*given: Any) -> None:
+        usual(*given)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(generation, written, killed)
+    with pytest.raises(KeyboardInterrupt):
+        generate(SMALL, tmp_path / "set", quiet=True)
+    monkeypatch.undo()
+    generate(SMALL, tmp_path / "set", quiet=True)
+    generate(SMALL, tmp_path / "other", quiet=True)
+    assert sums(tmp_path / "set") == sums(tmp_path / "other")
+
+
+def test_a_set_whose_truth_was_taken_away_cannot_be_known_to_be_the_same(
+    tmp_path: Path,
+) -> None:
+    generate(SMALL, tmp_path, quiet=True)
+    (tmp_path / FILE).unlink()
+    with pytest.raises(ValueError, match=r"holds another recording set, or this one, whose truth is not at .*truth"):
+        generate(SMALL, tmp_path, quiet=True)
+
+
 def test_a_set_of_other_effects_is_another_set(tmp_path: Path) -> None:
     wind, drag = from_values("constant_force", {"x": 0.1, "y": 0.0}), from_values("viscous_drag", {"coefficient": 5.0})
     generate(dataclasses.replace(SMALL, trajectories=2), tmp_path, effects=[wind, drag], quiet=True)
@@ -135,6 +164,60 @@ def test_the_truth_may_be_stored_elsewhere(tmp_path: Path) -> None:
     generate(config, tmp_path / "set", quiet=True)
     assert read_truth(tmp_path / "set") is None
     assert read_truth(place) is not None
+
+
+@pytest.mark.parametrize("content", ["", "my: notes\n", "format: physid-truth\n", "\x00"])
+def test_a_truth_replaces_no_file_that_is_none(tmp_path: Path, content: str) -> None:
+    place = tmp_path / "precious.yaml"
+    place.write_text(content)
+    config = dataclasses.replace(SMALL, trajectories=1, truth_file=str(place))
+    with pytest.raises(ValueError, match=r"precious\.yaml.*choose another truth_file") as caught:
+        generate(config, tmp_path / "set", quiet=True)
+    assert len(str(caught.value).splitlines()) == 1
+    assert [path.name for path in tmp_path.rglob("*")] == ["precious.yaml"]
+    assert place.read_text() == content
+
+
+def test_a_truth_replaces_no_link_that_leads_nowhere_and_no_folder(tmp_path: Path) -> None:
+    (tmp_path / "link.yaml").symlink_to(tmp_path / "nowhere")
+    (tmp_path / "folder.yaml").mkdir()
+    for name in ("link.yaml", "folder.yaml"):
+        config = dataclasses.replace(SMALL, trajectories=1, truth_file=str(tmp_path / name))
+        with pytest.raises(ValueError, match=f"{name}: expected a file for the truth, found something else"):
+            generate(config, tmp_path / "set", quiet=True)
+    assert not (tmp_path / "set").exists()
+
+
+def test_a_truth_replaces_that_of_the_same_set_alone(tmp_path: Path) -> None:
+    place = tmp_path / "truth" / "push.yaml"
+    config = dataclasses.replace(SMALL, trajectories=1, truth_file=str(place))
+    generate(config, tmp_path / "one", quiet=True)
+    generate(dataclasses.replace(config, trajectories=2), tmp_path / "one", quiet=True)
+    generate(dataclasses.replace(config, trajectories=2), tmp_path / "again", quiet=True)
+    before = place.read_bytes()
+    with pytest.raises(
+        ValueError, match=r"push\.yaml holds the truth of another recording set \(seed: 0 there, 1 here"
+    ):
+        generate(dataclasses.replace(config, seed=1), tmp_path / "other", quiet=True)
+    assert place.read_bytes() == before
+    assert not (tmp_path / "other").exists()
+
+
+def test_the_truth_in_the_folder_replaces_nothing_else_either(tmp_path: Path) -> None:
+    (tmp_path / "truth.yaml").write_text("mine: 1\n")
+    with pytest.raises(ValueError, match=r"truth\.yaml: .*it is no truth that physid wrote"):
+        generate(dataclasses.replace(SMALL, trajectories=1), tmp_path, quiet=True)
+    (tmp_path / "truth.yaml").write_text(
+        "{format: physid-truth, version: 1, parameters: {}, effects: {}, generation: {}}"
+    )
+    with pytest.raises(ValueError, match=r"truth\.yaml: expected the truth of a generated set"):
+        generate(dataclasses.replace(SMALL, trajectories=1), tmp_path, quiet=True)
+
+
+@pytest.mark.parametrize("name", ["/tmp/x/.bashrc", "authorized_keys", "a.py", "set/recording.yaml", "a\n.yaml", ""])
+def test_the_name_of_a_truth_file_says_what_it_is(name: str) -> None:
+    with pytest.raises(ValueError, match=r"truth_file: expected a file \.yaml or \.yml, and not recording\.yaml, got"):
+        dataclasses.replace(SMALL, truth_file=name)
 
 
 def test_a_film_shows_the_bodies_and_the_empty_scene(tmp_path: Path) -> None:

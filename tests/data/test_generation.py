@@ -27,10 +27,10 @@ from physid.data.splits import assign_splits
         ),
         ({"scene": "push", "effects": {"viscous_drag": {"coeff": 1.0}}}, 'no parameter "coeff"; did you mean "coeffic'),
         ({"scene": "push", "simulator": "mujuco"}, 'unknown simulator "mujuco"; did you mean "mujoco"'),
-        ({"scene": "push", "frame_rate": 0.0}, "frame_rate must be a number above 0, got 0.0"),
+        ({"scene": "push", "frame_rate": 0.0}, "frame_rate must be a number of at least 0.01, got 0.0"),
         ({"scene": "push", "jitter": 0.5}, "jitter must be at most 0.4, got 0.5"),
         ({"scene": "push", "missing": 0.95}, "missing must be at most 0.9, got 0.95"),
-        ({"scene": "push", "force_rate": -1.0}, "force_rate must be a number above 0, got -1"),
+        ({"scene": "push", "force_rate": -1.0}, "force_rate must be a number of at least 0.01, got -1"),
         ({"scene": "push", "simulator": 3}, "simulator: expected a text, found 3"),
         (
             {"scene": "push", "unknown": "block.mass"},

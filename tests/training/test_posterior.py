@@ -83,7 +83,7 @@ def test_samples_are_the_same_numbers_in_every_format_and_for_a_seed(tmp_path: P
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--count", "0"], "--count must be at least 1"),
+        (["--count", "0"], "--count must be a whole number of at least 1, got 0"),
         (["--out", "samples.txt"], "--out must end in .csv, .npz, .yaml"),
         ([], "that has come to its end"),
     ],

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Literal
 import yaml
 
 from physid.data.files import write_text
-from physid.strict import quoted, whole
+from physid.strict import LARGEST, quoted, whole
 from physid.typed_files import CLOSED, read_yaml_as
 
 Purpose = Literal["score", "calibration"]
@@ -36,9 +36,9 @@ class Size:
     steps: int = 300
 
     def __post_init__(self) -> None:
-        whole(self.sets, "sets", low=1)
-        whole(self.trajectories, "trajectories", low=6)
-        whole(self.steps, "steps", low=60)
+        whole(self.sets, "sets", low=1, high=LARGEST["sets"])
+        whole(self.trajectories, "trajectories", low=6, high=LARGEST["trajectories"])
+        whole(self.steps, "steps", low=60, high=LARGEST["steps"])
 
 
 QUICK = Size(sets=15, trajectories=12, steps=120)

@@ -8,6 +8,8 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
+from physid.strict import LARGEST, whole
+
 CONFIGURED = """\
   --config FILE         A configuration, or the name of a shipped one (physid configs); of several, later ones win.
   key=value             Overrides one value, in YAML: trainer.max_epochs=3, data.segment=null.
@@ -15,6 +17,15 @@ CONFIGURED = """\
   --allow WHAT          Let the configuration name classes of a package of your own (my_package), or effects of a file
                         of your own (my_effects.py), whose code is then run.
 """
+
+RANGES: Mapping[str, tuple[int, int | None]] = {
+    "limit": (1, None),
+    "count": (1, LARGEST["sample"]),
+    "seeds": (1, LARGEST["seeds"]),
+    "seed": (0, LARGEST["seed"]),
+}
+"""Least and largest value of options that are whole numbers; that of `PROCESSES` is said in `Command.check`."""
+PROCESSES = ("workers", "at_once")
 
 
 @dataclass(frozen=True)
@@ -101,6 +112,20 @@ class Command:
             else:
                 rest.append(word)
         return rest + [f"--{name}={json.dumps(values)}" for name, values in gathered.items()]
+
+    def check(self, values: Mapping[str, object]) -> None:
+        """Check the numbers among a command's own arguments.
+
+        Raises:
+            ValueError: If one is out of its range.
+        """
+        for name, value in values.items():
+            where, most = f"{self.name}: --{name.replace('_', '-')}", LARGEST["workers"]
+            if name in RANGES and value is not None:
+                low, high = RANGES[name]
+                whole(value, where, low=low, high=high)
+            elif name in PROCESSES and isinstance(value, int) and not (value < 0 or 1 <= value <= most):
+                raise ValueError(f"{where} must be from 1 to {most}, or -1 for one on each core, got {value}")
 
     def _places(self) -> list[inspect.Parameter]:
         parameters = inspect.signature(self.function).parameters.values()

@@ -188,9 +188,14 @@ def read_model(model: Path, allow: str) -> Path | Mapping[str, Any]:
     from physid.shipped import find_configuration
 
     model = find_configuration(model)
-    given = model.suffix in YAML
+    given = model.suffix in YAML and not model.is_dir()
     run = model.parent.parent if model.suffix == ".ckpt" else model
     place = model if given else run / "config.yaml"
+    if not given and not place.is_file():
+        raise ConfigurationError(
+            f"{model}: expected a run of `physid fit` with a file {place.name}, found none there; --model takes a "
+            "configuration, a run or its checkpoint"
+        )
     configuration = compose([place], allowed=trusted_packages([each for each in allow.split(",") if each]))
     check_values(configuration)
     return configuration.values if given else model

@@ -82,7 +82,7 @@ def diagnose(
     changes = parse_changes(set or []) | ({} if tolerance is None else {"materiality.tolerance": tolerance})
     settings = Settings().changed(changes)
     folder = out or Path("runs/diagnosis") / recordings.resolve().name
-    _require_another_file([*effects.split(","), *allow.split(",")], folder / MISSING)
+    _check_own(effects.split(","), allow.split(","), folder / MISSING)
     given = {"read": recordings} | ({} if transfer is None else {"read_transfer": transfer})
     sets = open_with_poses(given, folder, from_video=from_video, encoder=encoder, limit=limit, quiet=quiet)
     own = own_effects([place for place in effects.split(",") if place])
@@ -97,11 +97,12 @@ def diagnose(
     print(*summary_lines(found), *(folder / one for one in (MISSING, REPORT) if (folder / one).is_file()), sep="\n")
 
 
-def _require_another_file(places: list[str], replaced: Path) -> None:
-    """Refuse to run effects of the file that a diagnosis replaces."""
-    from physid.effects.loading import file_of
+def _check_own(effects: list[str], allowed: list[str], replaced: Path) -> None:
+    """Refuse to allow what is no package and no file, and to run effects of the file that a diagnosis replaces."""
+    from physid.effects.loading import file_of, packages_in
 
-    for file in filter(None, map(file_of, places)):
+    packages_in([each for each in allowed if each])
+    for file in filter(None, map(file_of, [*effects, *allowed])):
         if Path(file).resolve() == replaced.resolve():
             raise ValueError(f"{file}: this diagnosis would replace it; name another folder for its results: --out")
 

@@ -190,10 +190,6 @@ def sample(run: Path, *, count: int = 100, out: Path | None = None, seed: int = 
     from physid.data.files import require_ending
     from physid.training.parameters import read_posterior
 
-    if count < 1:
-        raise ValueError(f"--count must be at least 1, got {count}")
-    if not 0 <= seed < 2**63:
-        raise ValueError(f"--seed must be a whole number from 0 to 2^63 - 1, got {seed}")
     target = out or (run if run.is_dir() else run.parent) / "samples.csv"
     require_ending(target, *KINDS)
     known = read_posterior(run)

@@ -49,5 +49,5 @@ def show(recordings: Path, *, out: Path | None = None, limit: int = 12) -> None:
 
     known = RecordingSet(recordings)
     target = out or Path("runs/show") / f"{recordings.resolve().name}.html"
-    count = write_page(known, range(len(known))[: max(limit, 1)], target)
+    count = write_page(known, range(len(known))[:limit], target)
     print(f"{target}: {count} of {len(known)} trajectories, {target.stat().st_size / 1e6:.2f} MB")

@@ -129,16 +129,13 @@ class RecordingSet:
             ValueError: If SHA256SUMS is no text, or names what is no file of the set.
             OSError: If SHA256SUMS cannot be read.
         """
-        sums = self.folder / SUMS
-        try:
-            lines = read_text(sums).splitlines()
-        except UnicodeDecodeError:
-            raise ValueError(f"{sums}: expected checksums, found no text; delete it") from None
-        for line in lines:
+        for line in read_sums(self.folder).splitlines():
             wanted, _, name = line.partition("  ")
             path = self.folder / name
             if not name or Path(name).is_absolute() or ".." in Path(name).parts:
-                raise ValueError(f"{sums}: expected a checksum and a file of the set, found {shown(line)}; delete it")
+                raise ValueError(
+                    f"{self.folder / SUMS}: expected a checksum and a file of the set, found {shown(line)}; delete it"
+                )
             if path not in leave:
                 found = sha256(path) if path.is_file() else "no such file"
                 if found != wanted:
@@ -185,6 +182,23 @@ def list_sums(folder: Path) -> str:
     """Return what SHA256SUMS holds: recording.yaml and the trajectories (not truth.yaml, which may be taken away)."""
     files = [folder / DESCRIPTION, *sorted((folder / FOLDER).glob("*.h5"))]
     return "".join(f"{sha256(path)}  {path.relative_to(folder).as_posix()}\n" for path in files)
+
+
+def read_sums(folder: Path) -> str:
+    """Read SHA256SUMS.
+
+    Raises:
+        FileNotFoundError: If there is none.
+        ValueError: If it is no text.
+    """
+    path = folder / SUMS
+    try:
+        return read_text(path)
+    except UnicodeDecodeError as error:
+        raise ValueError(
+            f"{path}: expected checksums as text in UTF-8, found byte {error.object[error.start]:#04x}; copy the set "
+            "again, or delete this file if you trust the recordings"
+        ) from None
 
 
 def write_sums(folder: Path) -> None:

@@ -4,25 +4,46 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 from pathlib import Path
 
 from physid.data.files import PART
 from physid.one_writer import LOCK
 
 DENIED = (errno.EACCES, errno.EPERM, errno.EROFS)
+SPENT = ("can't allocate memory", "not enough memory", "out of memory")
+"""What torch says where memory is short: on Linux, on Windows, and on an accelerator."""
 FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
-def worded(error: OSError) -> str:
+def out_of_memory(error: Exception) -> bool:
+    """Tell whether an error says that the memory of the machine, or of its accelerator, is spent.
+
+    Python and NumPy have an error of their own for it, torch has one for accelerators only.
+    """
+    if isinstance(error, OSError):
+        return error.errno == errno.ENOMEM
+    spent = isinstance(error, RuntimeError) and any(word in str(error) for word in SPENT)
+    return spent or isinstance(error, MemoryError)
+
+
+def worded(error: Exception) -> str:
     """Say what the system has refused.
 
     Args:
-        error: What came; an error that says in its own words what it expected is left as it is.
+        error: What came: of the system, or of who wanted more memory than there is; an error that says in its own words
+            what it expected is left as it is.
 
     Returns:
         The message. Names of files that are physid's own business, such as `.part`, are not in it.
     """
-    if error.errno is None or not isinstance(error.filename, str | os.PathLike):
+    if out_of_memory(error):
+        wanted = re.search(r"(?:allocate|allocating) ([\d.]+ ?\w*)", str(error))
+        return (
+            f"memory: expected room for {wanted[1] if wanted else 'what was asked for'}, found none; take fewer or "
+            "shorter trajectories (trajectories, steps, limit, batch_size), fewer substeps or fewer workers"
+        )
+    if not isinstance(error, OSError) or error.errno is None or not isinstance(error.filename, str | os.PathLike):
         return str(error)
     path = Path(error.filename)
     path = path.with_name(path.name.removesuffix(PART))

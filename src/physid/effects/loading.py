@@ -12,6 +12,7 @@ from typing import TypeGuard
 
 import cloudpickle
 
+from physid.class_paths import require_packages
 from physid.effects import CATALOGUE, admit
 from physid.effects.laws import check
 from physid.physics import Effect
@@ -39,7 +40,7 @@ def _checked(effect: type[Effect], place: str) -> type[Effect]:
         check(effect)
     except ValueError:
         raise
-    except Exception as error:  # the user's code, which may raise anything
+    except (Exception, SystemExit) as error:  # the user's code, which may raise anything
         raise ValueError(
             f"{place} fails where its laws are checked: {type(error).__name__}: {error}; what a hook is given, and its "
             "shapes, is in docs/adding_an_effect.md"
@@ -75,11 +76,20 @@ def admit_files(allowed: Sequence[str]) -> tuple[str, ...]:
         The packages among it.
 
     Raises:
-        ValueError: If an effect cannot be loaded.
+        ValueError: If an effect cannot be loaded, or something is neither a file nor a package.
     """
-    files = [each for each in allowed if file_of(each)]
-    admit(own_effects(files))
-    return tuple(each for each in allowed if each not in files)
+    packages = packages_in(allowed)
+    admit(own_effects([each for each in allowed if file_of(each)]))
+    return packages
+
+
+def packages_in(allowed: Sequence[str]) -> tuple[str, ...]:
+    """Return the packages among what a user trusts.
+
+    Raises:
+        ValueError: If it is neither a file nor the name of a package.
+    """
+    return require_packages([each for each in allowed if not file_of(each)])
 
 
 def file_of(place: str) -> str:
@@ -113,8 +123,10 @@ def _run(path: Path) -> ModuleType:
     sys.modules[spec.name] = module
     try:
         spec.loader.exec_module(module)
-    except Exception as error:  # the user's code, which may raise anything
-        raise ValueError(f"{path} cannot be run: {type(error).__name__}: {error}") from error
+    except (Exception, SystemExit) as error:  # the user's code, which may raise anything, and must not end physid
+        raise ValueError(
+            f"{path} cannot be run: {type(error).__name__}: {error}; a file of effects defines classes and no more"
+        ) from error
     cloudpickle.register_pickle_by_value(module)  # worker processes cannot import it
     return module
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physid.scenes.camera import Camera, Triple
-from physid.strict import nearest, number, quoted, seen, triple
+from physid.strict import LARGEST, nearest, number, quoted, seen, triple
 from physid.typed_files import CLOSED
 
 PARAMETERS = ("mass", "friction", "restitution")
@@ -161,8 +161,15 @@ class Scene:
         names = [body.name for body in self.bodies]
         if not names or len(set(names)) < len(names):
             raise ValueError(f"bodies must be at least one, each with its own name, got {names}")
+        if self.integration is not None and round(self.time_step / self.integration.step, 3) > LARGEST["substeps"]:
+            raise ValueError(
+                f"integration.step must be at least time_step / {LARGEST['substeps']}, got {self.integration.step:g} s "
+                f"of {self.time_step:g} s"
+            )
         for parameter in self.unknown:
             self.locate(parameter)
+        if twice := {name for name in self.unknown if self.unknown.count(name) > 1}:
+            raise ValueError(f"unknown: {', '.join(sorted(twice))} is named twice; name it once")
 
     @property
     def sizes(self) -> NDArray[np.float64]:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from physid.class_paths import DOTTED, ClassPathError, load_class, require_trusted
+from physid.class_paths import DOTTED, ClassPathError, load_class, require_packages, require_trusted
 from physid.configuration import CLASS_KEYS, Configuration, ConfigurationError
 from physid.schema.free_mappings import UNKNOWN, alternatives, is_mapping, types_of
 from physid.strict import MOST_SHOWN, nearest, quoted, shown
@@ -23,10 +23,10 @@ def trusted_packages(allowed: Sequence[str]) -> tuple[str, ...]:
     """Return the packages that a user allows, and let configurations name the effects of the files that are allowed.
 
     Raises:
-        ValueError: If an effect of a file cannot be loaded.
+        ValueError: If an effect of a file cannot be loaded, or something else is named.
     """
     if not any(".py" in each for each in allowed):
-        return tuple(allowed)  # without torch, which effects need
+        return require_packages(allowed)  # without torch, which effects need
     from physid.effects.loading import admit_files
 
     return admit_files(allowed)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from physid.simulators.motion import between_frames
 from physid.simulators.protocol import Simulator
+from physid.strict import LARGEST
 
 if TYPE_CHECKING:
     from physid.physics import Effect
@@ -93,12 +94,17 @@ def sample(
         jitter: Largest share of the time step by which a frame is off its time [-].
         force_rate: Rows of the forces per second [Hz]; None for that of the frames.
         effects: Effects at work; some act between the frames: forces that come late, a camera with a clock of its own.
+
+    Raises:
+        ValueError: If the simulator would take more steps than anybody has time and memory for.
     """
     fine = any(between_frames(effect) for effect in effects)
     parts = substeps or simulator.substeps_for(time_step)
+    _require_few(time_step, count, parts)
     if jitter == 0 and force_rate is None:
         if fine and simulator.integration(time_step) is None:
             parts = max(parts, math.ceil(time_step / FINE - ROUNDING))
+            _require_few(time_step, count, parts)
         if not fine or parts == 1:
             index = np.arange(count)
             return Sampling(time_step, substeps, index, index)
@@ -108,7 +114,18 @@ def sample(
     parts = max(LEAST_PARTS, parts)
     each = max(1, math.ceil(period * parts / time_step - ROUNDING))
     step = period / each
+    _require_few(time_step, count, math.ceil(time_step / step))
     frames = np.rint(np.arange(count) * (time_step / step)).astype(np.intp)
     wander = math.floor(jitter * time_step / step + ROUNDING)
     end = int(frames[-1]) + wander
     return Sampling(step, 1, frames, np.arange(0, end + 1, each), wander)
+
+
+def _require_few(time_step: float, count: int, parts: int) -> None:
+    """Refuse a trajectory of more steps of the simulator than can be taken."""
+    if count * parts > LARGEST["instants"]:
+        raise ValueError(
+            f"steps, substeps: expected at most {LARGEST['instants']} steps of the simulator in a trajectory, got "
+            f"{count} frames, {time_step:.3g} s apart, of {parts} steps each; lower steps or substeps, or change "
+            "frame_rate or force_rate"
+        )

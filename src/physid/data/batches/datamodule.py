@@ -16,6 +16,7 @@ from physid.data.batches.films import Films
 from physid.data.batches.video import check_video
 from physid.data.forces import read_forces
 from physid.scenes import Scene
+from physid.strict import LARGEST, whole
 
 
 class RecordingsDataModule(LightningDataModule):
@@ -79,6 +80,7 @@ class RecordingsDataModule(LightningDataModule):
         for name, value in (("limit", limit), ("batch_size", batch_size)):
             if value is not None and value < 1:
                 raise ValueError(f"data.{name} must be at least 1, or null for all, got {value}")
+        whole(workers, "data.workers", low=0, high=LARGEST["workers"])
         for name, splits in (("fit", fit), ("validate", validate), ("test", test)):
             if not isinstance(splits, Sequence) or isinstance(splits, str):
                 raise ValueError(f"data.{name} must be a list of splits, such as [train], got {splits!r}")
@@ -154,7 +156,7 @@ class RecordingsDataModule(LightningDataModule):
         segments = self.segments(use)
         return _Loader(
             segments,
-            batch_size=self._batch_size or len(segments),
+            batch_size=min(self._batch_size or len(segments), max(len(segments), 1)),  # torch counts up to 2^63
             shuffle=shuffle,
             num_workers=self._workers,
             persistent_workers=self._workers > 0,

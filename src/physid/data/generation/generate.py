@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from physid.data import DESCRIPTION, trajectory_path, write_scene, write_sums
 from physid.data.format import read_scene
@@ -16,6 +17,8 @@ from physid.data.truth import FILE, Truth, read_truth, write_truth
 
 if TYPE_CHECKING:
     from physid.physics import Effect
+
+REMEDY = "choose another truth_file, or move this one away"
 
 
 @dataclass(frozen=True)
@@ -51,8 +54,9 @@ def generate(
         What was done.
 
     Raises:
-        ValueError: If an effect does not exist or the simulator cannot do it, the folder holds another set, or no
-            trajectory stays in view. Unless trajectories were written before, nothing is.
+        ValueError: If an effect does not exist or the simulator cannot do it, the folder holds another set, the truth
+            would replace something else, or no trajectory stays in view. Unless trajectories were written before,
+            nothing is.
     """
     import joblib
     from tqdm import tqdm
@@ -61,7 +65,8 @@ def generate(
     acting = (*config.build_effects(), *effects)
     begun = _is_begun(config, folder, effects)
     indices = range(config.trajectories)
-    missing = [index for index in indices if not trajectory_path(folder, index).exists()]
+    there = {path.name for path in trajectory_path(folder, 0).parent.glob("*")}
+    missing = [index for index in indices if trajectory_path(folder, index).name not in there]
     splits = config.splits()
     if missing and not begun:
         # What the simulator refuses, it refuses here: a description without trajectories would bar the folder.
@@ -82,25 +87,55 @@ def generate(
 
 
 def _is_begun(config: GenerateConfig, folder: Path, extra: Sequence[Effect]) -> bool:
-    """Return whether the folder holds this set already, or a part of it; refuse another one."""
-    if not (folder / DESCRIPTION).exists():
+    """Return whether the folder holds this set already, or a part of it; refuse another one, and another truth."""
+    begun, place = (folder / DESCRIPTION).exists(), _truth_file(config, folder)
+    truth, before = _truth(config, extra), _earlier_truth(place)
+    if not begun and before is None:
         return False
-    truth, before = _truth(config, extra), read_truth(_truth_file(config, folder))
     # Sets made before a key was there had its default.
-    then = {} if before is None else GenerateConfig.from_mapping(before.generation).to_mapping()
+    then = {} if before is None else _made_from(before, place)
     # More trajectories may be added to a set; anything else would mix two sets in one folder.
     other = [key for key, value in truth.generation.items() if key != "trajectories" and then.get(key) != value]
     unlike = before is not None and list(before.effects.items()) != list(truth.effects.items())
-    if read_scene(folder) != config.known_scene() or other or unlike:
+    if other or unlike or (begun and read_scene(folder) != config.known_scene()):
         what = f" ({other[0]}: {then.get(other[0])!r} there, {truth.generation[other[0]]!r} here)" if other else ""
-        raise ValueError(f"{folder} holds another recording set{what}; choose another folder, or delete this one first")
-    return True
+        what = what if before is not None else f", or this one, whose truth is not at {place}"
+        if begun:
+            raise ValueError(
+                f"{folder} holds another recording set{what}; choose another folder, or delete this one first"
+            )
+        raise ValueError(
+            f"{place} holds the truth of another recording set{what}; choose another truth_file, or delete this one "
+            "first"
+        )
+    return begun
+
+
+def _earlier_truth(place: Path) -> Truth | None:
+    """Return the truth that is there already, None where nothing is; anything else is not physid's to replace."""
+    if not os.path.lexists(place):
+        return None
+    try:
+        found = read_truth(place) if place.is_file() else None
+    except ValueError as error:
+        raise ValueError(f"{error}; it is no truth that physid wrote, and is not replaced: {REMEDY}") from None
+    if found is None:
+        raise ValueError(f"{place}: expected a file for the truth, found something else, say a folder: {REMEDY}")
+    return found
+
+
+def _made_from(truth: Truth, place: Path) -> dict[str, Any]:
+    """Return the configuration that a truth names."""
+    try:
+        return GenerateConfig.from_mapping(truth.generation).to_mapping()
+    except ValueError as error:
+        raise ValueError(f"{place}: expected the truth of a generated set, found another ({error}): {REMEDY}") from None
 
 
 def _describe(config: GenerateConfig, folder: Path, extra: Sequence[Effect]) -> None:
-    """Write recording.yaml and the truth."""
-    write_scene(folder, config.known_scene())
+    """Write the truth, then recording.yaml, which says that the set is begun: a kill between them bars no folder."""
     write_truth(_truth_file(config, folder), _truth(config, extra))
+    write_scene(folder, config.known_scene())
 
 
 def _truth(config: GenerateConfig, extra: Sequence[Effect]) -> Truth:

@@ -6,12 +6,14 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from physid.data import SPLITS, assign_splits
+from physid.data import DESCRIPTION, SPLITS, assign_splits
+from physid.data.files import YAML
 from physid.scenes import Integration, Scene, bodies_of, find_setup, with_parameters
 from physid.simulators import MOST_JITTER, Sampling, find_simulator, sample
-from physid.strict import nearest, number, quoted, whole
+from physid.strict import LARGEST, RATES, nearest, number, quoted, whole
 from physid.typed_files import CLOSED, check_as, without_nulls
 
 if TYPE_CHECKING:
@@ -67,7 +69,7 @@ class GenerateConfig:
         guess_factor: First guess over true value, for the unknown parameters.
         effects: Effects that the nominal model lacks, by name, with the values of their parameters.
         noise: Noise on the observed poses.
-        truth_file: Where the truth goes; None for truth.yaml in the set's folder.
+        truth_file: Where the truth goes, a file .yaml; None for truth.yaml in the set's folder.
 
     Raises:
         ValueError: If a value is of the wrong kind or names something that does not exist.
@@ -99,16 +101,17 @@ class GenerateConfig:
         setup = find_setup(self.scene)
         find_simulator(self.simulator)
         if self.frame_rate is not None:
-            number(self.frame_rate, "frame_rate", low=0.0, strict=True)
+            number(self.frame_rate, "frame_rate", low=RATES[0], high=RATES[1])
         if self.substeps is not None:
-            whole(self.substeps, "substeps", low=1)
+            whole(self.substeps, "substeps", low=1, high=LARGEST["substeps"])
         if self.force_rate is not None:
-            number(self.force_rate, "force_rate", low=0.0, strict=True)
+            number(self.force_rate, "force_rate", low=RATES[0], high=RATES[1])
         for name, most in (("jitter", MOST_JITTER), ("missing", MOST_MISSING)):
             if number(getattr(self, name), name, low=0.0) > most:
                 raise ValueError(f"{name} must be at most {most:g}, got {getattr(self, name):g}")
-        whole(self.trajectories, "trajectories", low=1)
-        whole(self.steps, "steps", low=2)
+        whole(self.trajectories, "trajectories", low=1, high=LARGEST["trajectories"])
+        most = LARGEST["film" if self.video else "steps"]
+        whole(self.steps, f"steps{' (with video)' * self.video}", low=2, high=most)
         whole(self.seed, "seed", low=0)
         number(self.guess_factor, "guess_factor", low=0.0, strict=True)
         for name, share in self.split.items():
@@ -120,6 +123,8 @@ class GenerateConfig:
             if protocol not in setup.protocols:
                 there = nearest(protocol, setup.protocols)
                 raise ValueError(f"scene {self.scene} has no protocol {quoted(protocol)}{there}")
+        if self.truth_file is not None:
+            _require_yaml(self.truth_file)
         self.known_scene()
 
     @classmethod
@@ -201,3 +206,12 @@ class GenerateConfig:
         from physid.effects import from_values
 
         return tuple(from_values(name, values) for name, values in self.effects.items())
+
+
+def _require_yaml(truth_file: str) -> None:
+    """Refuse a truth file whose name says that it is something else: a configuration from elsewhere may name it."""
+    path = Path(truth_file)
+    if path.suffix not in YAML or path.name == DESCRIPTION or not truth_file.isprintable():
+        raise ValueError(
+            f"truth_file: expected a file {' or '.join(YAML)}, and not {DESCRIPTION}, got {quoted(truth_file)}"
+        )

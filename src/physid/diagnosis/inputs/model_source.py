@@ -13,7 +13,7 @@ from physid.data.files import read_tensors
 from physid.estimation.prediction import NominalModel
 from physid.estimation.prediction.coordinates import Coordinates, is_effect, sorted_out, with_first_sizes
 from physid.scenes import Scene, with_parameters
-from physid.strict import number, shown, whole
+from physid.strict import LARGEST, number, shown, whole
 from physid.yaml_files import read_yaml
 
 CONFIG, CHECKPOINT = "config.yaml", Path("checkpoints", "last.ckpt")
@@ -48,7 +48,7 @@ def read_nominal_model(scene: Scene, source: Path | Mapping[str, Any] | None) ->
     try:
         values = {str(name): number(value, f"model.values.{name}") for name, value in values.items()}
         if substeps is not None:
-            whole(substeps, "model.engine.substeps", low=1)
+            whole(substeps, "model.engine.substeps", low=1, high=LARGEST["substeps"])
         bodies, sizes = sorted_out(learn, scene)
         values |= _fitted((*bodies, *sizes), fitted)
         of_effects = {name: values.pop(name) for name in list(values) if is_effect(name)}

@@ -150,7 +150,7 @@ def sorted_out(names: Iterable[str], scene: Scene) -> tuple[tuple[str, ...], tup
     """Tell parameters of bodies from those of effects, each in their order.
 
     Raises:
-        ValueError: If there is no such parameter; the message names the nearest.
+        ValueError: If there is no such parameter, where the message names the nearest, or one is named twice.
     """
     bodies, effects = [], []
     for name in names:
@@ -173,6 +173,8 @@ def sorted_out(names: Iterable[str], scene: Scene) -> tuple[tuple[str, ...], tup
             hint = f"an effect is learned by its own name, here {', '.join(alike)}" if alike else others
             raise ValueError(f"{error}; {hint}") from None
         bodies.append(name)
+    if twice := {str(name) for names in (bodies, effects) for name in names if names.count(name) > 1}:
+        raise ValueError(f"learn: {', '.join(sorted(twice))} is named twice; name it once")
     return tuple(bodies), tuple(effects)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from physid.physics import Effect
 from physid.scenes import Excitation, Scene, find_setup
-from physid.strict import nearest, number, whole
+from physid.strict import LARGEST, nearest, number, whole
 from physid.training.parameters import ACCEPT, PhysicalParameters, SensorNoise
 from physid.typed_files import CLOSED, check_as, without_nulls
 
@@ -61,8 +61,13 @@ class IdentifiabilityConfig:
         protocols = find_setup(self.scene).protocols
         if self.protocol not in protocols:
             raise ValueError(f'scene {self.scene} has no protocol "{self.protocol}"{nearest(self.protocol, protocols)}')
-        whole(self.trajectories, "trajectories", low=1)
-        whole(self.steps, "steps", low=2)
+        whole(self.trajectories, "trajectories", low=1, high=LARGEST["trajectories"])
+        whole(self.steps, "steps", low=2, high=LARGEST["steps"])
+        if self.trajectories * self.steps > LARGEST["poses"]:
+            raise ValueError(
+                f"trajectories, steps: expected at most {LARGEST['poses']} frames in all, held in memory, got "
+                f"{self.trajectories} trajectories of {self.steps} frames; lower one of them"
+            )
         whole(self.seed, "seed", low=0)
         if self.segment is not None:
             whole(self.segment, "segment", low=1)

@@ -11,6 +11,7 @@ from physid.physics.contact import ContactRule, Speculative
 from physid.physics.contact_problem.friction import Cone, FrictionLaw
 from physid.physics.schemes.integration import Integration, Midpoint, SemiImplicit
 from physid.scenes import Scene
+from physid.strict import LARGEST
 
 
 @dataclass(frozen=True)
@@ -36,8 +37,11 @@ class Engine:
     effects: Mapping[str, Mapping[str, float]] | None = None
 
     def __post_init__(self) -> None:
-        if self.substeps is not None and self.substeps < 1:
-            raise ValueError(f"model.engine.substeps must be at least 1, or null to choose them, got {self.substeps}")
+        most = LARGEST["substeps"]
+        if self.substeps is not None and not 1 <= self.substeps <= most:
+            raise ValueError(
+                f"model.engine.substeps must be from 1 to {most}, or null to choose them, got {self.substeps}"
+            )
 
     def chooses(self, scene: Scene) -> bool:
         """Return whether steps follow from the recordings: nobody says how these were integrated, nor in what steps."""

@@ -16,6 +16,7 @@ from lightning.fabric.utilities.exceptions import MisconfigurationException
 from lightning.fabric.utilities.warnings import PossibleUserWarning
 from lightning.pytorch.cli import LightningCLI
 
+from physid.strict import LARGEST, whole
 from physid.training.callbacks.progress import Progress
 from physid.training.runs.trusted_imports import only_trusted_imports
 
@@ -85,7 +86,11 @@ def build(
     Raises:
         ArgumentError: If a value is none that its class takes.
         ClassPathError: If a value names something that it must not import.
+        ValueError: If the seed is none.
     """
+    seed = config.get("seed_everything")
+    if isinstance(seed, int):  # a switch, too: true draws one
+        whole(int(seed), "seed_everything", low=0, high=LARGEST["seed_everything"])
     logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
     logging.getLogger("lightning.fabric").setLevel(logging.WARNING)
     # Advice on loader workers, accelerators and logging intervals: the configurations have decided on these.
