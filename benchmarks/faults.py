@@ -386,6 +386,8 @@ def complaints(said: str, code: int | None, wanted: set[int], early: bool = Fals
     found = [] if code in wanted else [f"exit code {code}, {said_last(said)}"]
     # Python's tracker of what processes share outlives a kill and says what it cleans up, in two lines each.
     said = re.sub(r".*resource_tracker\.py:\d+: UserWarning:.*\n.*\n?", "", said)
+    # And joblib says in two lines that it works alone where no semaphore can be made, as where files may not grow.
+    said = re.sub(r".*_multiprocessing_helpers\.py:\d+: UserWarning:.*\n.*\n?", "", said)
     lines = [line for line in said.strip().splitlines() if line.strip()]
     if said in (UNENDED, LEFT):
         found.append(said)

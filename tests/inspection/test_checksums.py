@@ -66,7 +66,7 @@ def test_a_set_without_sums_is_not_asked_for_them(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "what"),
     [
-        (b"\xff\xfe", "expected checksums, found no text"),
+        (b"\xff\xfe", "expected checksums as text in UTF-8"),
         (b"abc", "expected a checksum and a file of the set, found 'abc'"),
         (b"0  ../outside\n", "expected a checksum and a file of the set"),
         (b"0  /dev/zero\n", "expected a checksum and a file of the set"),
