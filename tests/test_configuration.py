@@ -203,13 +203,14 @@ def test_a_missing_file_suggests_the_nearest_one(tmp_path: Path) -> None:
         ({"modl": 1}, 'unknown key "modl"; did you mean "model"'),
         ({"model": {"class_path": f"{__name__}.Model", "init_args": {"rat": 1}}}, '"model.rat"; did you mean "rate"'),
         ({"model": {"class_path": f"{__name__}.Modell"}}, 'has no "Modell"; did you mean "Model"'),
-        ({"model": {"class_path": "torch.absent.Model"}}, "cannot import torch.absent.Model"),
+        ({"model": {"class_path": "torch.nn.absent.Model"}}, "cannot import torch.nn.absent.Model"),
         (
             {"model": {"class_path": "absent_module.Model"}},
-            "expected a class of physid, torch, .* --allow absent_module",
+            "expected a class of physid, torch.optim, .* --allow absent_module",
         ),
-        ({"model": {"class_path": "torch.hub.load"}}, "expected a class of that package, found <function"),
-        ({"model": {"class_path": "torch.serialization.os.system"}}, "cannot import"),
+        ({"model": {"class_path": "torch.nn.functional.relu"}}, "expected a class of that package, found <function"),
+        ({"model": {"class_path": "torch.hub.load"}}, "expected a class of physid, torch.optim"),
+        ({"model": {"class_path": "lightning.fabric.utilities.cloud_io.os.system"}}, "cannot import"),
         ({"model": {"class_path": "os.system"}}, "--allow os"),
         ({"model": {"class_path": f"{__name__}.Model", "init_args": 3}}, "model.init_args: expected a mapping"),
         (
@@ -310,6 +311,20 @@ def test_few_interpolations_are_followed_and_one_in_another_is_refused(tmp_path:
     file.write_text("a: {b: 1}\nn: b\nc: '${a.${n}}'\n")
     with pytest.raises(ConfigurationError, match="c: expected no interpolation within another one"):
         compose([file])
+
+
+@pytest.mark.parametrize("way", ["${oc.select:a0,0}", "${oc.select:'a0'}", "${oc.dict.values:p}", "${p.v}"])
+def test_interpolations_that_cannot_be_measured_are_refused(way: str, tmp_path: Path) -> None:
+    file = tmp_path / "one.yaml"
+    file.write_text(f'a0: xxx\nl: {{v: x}}\np: "${{l}}"\nb: "{way}"\n')
+    with pytest.raises(ConfigurationError, match=r"b: expected \$\{key\} of a value that is written out, or"):
+        compose([file])
+
+
+def test_the_environment_may_be_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PLACE", "here")
+    (tmp_path / "one.yaml").write_text("a: '${oc.env:PLACE}/${oc.env:OTHER,there}'\n")
+    assert compose([tmp_path / "one.yaml"]).values == {"a": "here/there"}
 
 
 def test_bases_that_multiply_are_refused(tmp_path: Path) -> None:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import os
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from physid.data.importers.mapping_files import read_mapping
+from physid.training.runs.loggers import read_rows
 from physid.yaml_files import DEEPEST, LARGEST, YamlError, parse_yaml, read_bytes, read_text, read_yaml
 
 BOMB = "a0: &a0 [x, x]\n" + "".join(f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]\n" for n in range(1, 12))
@@ -77,7 +80,7 @@ def test_what_never_ends_is_refused_before_it_is_read(
     path = tmp_path / "a.yaml"
     make(path)
     start = time.perf_counter()
-    with pytest.raises(OSError, match=rf"^{path}: expected (a regular file|at most 67 MB), found .*; delete it"):
+    with pytest.raises(OSError, match=rf"^{path}: expected (a regular file|at most 67 MB), found .*; put a"):
         read(path)
     assert time.perf_counter() - start < SECONDS
 
@@ -97,3 +100,22 @@ def test_a_text_is_read_as_python_reads_it_up_to_the_limit(tmp_path: Path) -> No
     assert read_bytes(path, path.stat().st_size) == path.read_bytes()
     with pytest.raises(OSError, match="expected at most 0 MB"):
         read_bytes(path, path.stat().st_size - 1)
+
+
+def test_what_grows_with_a_run_is_read_whole(tmp_path: Path) -> None:
+    """A history of days may be larger than any description."""
+    history = tmp_path / "metrics.csv"
+    history.write_text("epoch,loss\n" + 700 * f"1,{'3' * 100_000}\n")
+    assert history.stat().st_size > LARGEST
+    assert len(read_rows(history)) == 700
+    with pytest.raises(OSError, match=r"expected at most 67 MB, found more; put another file there"):
+        read_text(history)
+
+
+def test_a_mapping_may_come_through_a_pipe_that_the_command_line_names(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    writer = threading.Thread(target=lambda: pipe.write_text("time: t\n"))
+    writer.start()
+    assert read_mapping(pipe) == {"time": "t"}
+    writer.join()

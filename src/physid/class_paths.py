@@ -10,8 +10,10 @@ from collections.abc import Sequence
 
 from physid.strict import shown
 
-TRUSTED = ("physid", "torch", "lightning", "torchmetrics")
-"""Packages whose classes any configuration may name; to import a module is to run its code."""
+TRUSTED = ("physid", "torch.optim", "torch.nn", "lightning", "torchmetrics")
+"""Packages whose classes any configuration may name; to import a module is to run its code.
+
+Of torch only what a fit is made of: other parts start processes, load what is pickled, or compile."""
 DOTTED = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)+")
 
 
@@ -33,7 +35,7 @@ def require_trusted(path: object, allowed: Sequence[str] = ()) -> None:
     Raises:
         ClassPathError: If it is no dotted path, or lies elsewhere.
     """
-    if not isinstance(path, str) or not re.fullmatch(r"[\w.]+", path) or len(path) > LONGEST:
+    if not isinstance(path, str) or not re.fullmatch(r"[\w.]+", path) or len(path) > LONGEST or "__" in path:
         raise ClassPathError(f"expected a dotted path to a class, got {shown(path)}")
     if "." in path and not _lies_in(path, (*TRUSTED, *allowed)):
         root = path.partition(".")[0]
@@ -70,7 +72,7 @@ def load_class(path: object, allowed: Sequence[str] = ()) -> type | None:
         return None
     try:
         module = importlib.import_module(module_name)
-    except Exception as error:  # whatever a module does that is imported
+    except (Exception, SystemExit) as error:  # whatever a module does that is imported
         raise ClassPathError(f"cannot import {path}: {str(error) or type(error).__name__}") from None
     found = getattr(module, name, None)
     if found is None:

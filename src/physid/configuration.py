@@ -18,7 +18,7 @@ import yaml
 
 from physid.schema.free_mappings import free_mappings
 from physid.shipped import find_configuration, nearest_configuration
-from physid.strict import nearest, shown
+from physid.strict import is_seen, nearest, shown
 from physid.yaml_files import YamlError, parse_yaml, read_yaml, require_modest_interpolations
 
 COMMAND_LINE = "command line"
@@ -273,7 +273,7 @@ def _is_plain(name: object) -> bool:
     if not isinstance(name, str | int | float) or isinstance(name, bool):
         return False
     path = PurePosixPath(str(name))
-    return bool(path.parts) and not path.is_absolute() and ".." not in path.parts and str(name).isprintable()
+    return bool(path.parts) and not path.is_absolute() and ".." not in path.parts and is_seen(str(name))
 
 
 def _short(text: str, most: int = 60) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import unicodedata
 from collections.abc import Iterable, Mapping
 
 MOST_SHOWN = 100
@@ -26,6 +27,9 @@ LARGEST: Mapping[str, int] = {
 }
 """What may be asked for at most. Nobody needs more, and more would end, after a long time or at once, for want of
 memory."""
+UNSEEN = ("Cc", "Cs", "Zl", "Zp")
+TURNING = "".join(map(chr, (0x61C, 0x200E, 0x200F, *range(0x202A, 0x202F), *range(0x2066, 0x206A))))
+"""Categories of Unicode, and marks of direction, that no name needs."""
 RATES = (0.01, 1e6)
 """[Hz] Least and largest number of frames, or rows of forces, per second."""
 
@@ -57,13 +61,21 @@ def one_line(text: str) -> str:
     return "".join(each if each.isprintable() else each.encode("unicode_escape").decode() for each in text)
 
 
+def is_seen(name: str) -> bool:
+    """Tell whether no character of a name moves a cursor, ends a line or turns the direction of writing.
+
+    Joiners between letters, which Persian and Hindi need, and spaces of any width are fine.
+    """
+    return not any(unicodedata.category(each) in UNSEEN or each in TURNING for each in name)
+
+
 def seen(name: str, where: str) -> str:
     """Return a name that is shown on terminals and in pages, where no character of it moves a cursor or ends a line.
 
     Raises:
         ValueError: If a character is a control character, or another one that is not seen.
     """
-    if not name.isprintable():
+    if not is_seen(name):
         raise ValueError(f"{where} must hold characters that are seen, got {shown(name)}; rename it")
     return name
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import io
 import os
@@ -47,34 +48,35 @@ def open_regular(path: Path) -> io.BufferedReader:
     if stat.S_ISDIR(mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     found = "a named pipe" if stat.S_ISFIFO(mode) else "a device, or a link to one"
-    raise OSError(f"{path}: expected a regular file, found {found}; delete it, or put a file in its place")
+    raise OSError(f"{path}: expected a regular file, found {found}; put a file in its place")
 
 
-def read_bytes(path: Path, most: int = LARGEST) -> bytes:
-    """Read a small file.
+def read_bytes(path: Path, most: int | None = LARGEST) -> bytes:
+    """Read a file.
 
     Args:
         path: The file.
-        most: Bytes that it may have.
+        most: Bytes that it may have; None for as many as it has.
 
     Raises:
         OSError: If it cannot be read, is no regular file, or has more bytes; names it.
     """
     with open_regular(path) as file:
-        content = file.read(most + 1) if os.fstat(file.fileno()).st_size <= most else None
-    if content is None or len(content) > most:
-        raise OSError(f"{path}: expected at most {most / 1e6:.0f} MB, found more; delete it, or put another there")
+        size = os.fstat(file.fileno()).st_size
+        content = file.read(size + 1 if most is None else most + 1) if most is None or size <= most else None
+    if content is None or (most is not None and len(content) > most):
+        raise OSError(f"{path}: expected at most {(most or 0) / 1e6:.0f} MB, found more; put another file there")
     return content
 
 
-def read_text(path: Path, encoding: str = "utf-8") -> str:
-    """Read a small text file, as `Path.read_text` does; what is no regular file or very large is refused at once.
+def read_text(path: Path, encoding: str = "utf-8", most: int | None = LARGEST) -> str:
+    """Read a text file, as `Path.read_text` does; what is no regular file or larger than allowed is refused at once.
 
     Raises:
-        OSError: If it cannot be read, is no regular file, or has more than `LARGEST` bytes; names it.
+        OSError: If it cannot be read, is no regular file, or has more than `most` bytes; names it.
         UnicodeDecodeError: If it is no text.
     """
-    return io.StringIO(read_bytes(path).decode(encoding), newline=None).read()
+    return io.StringIO(read_bytes(path, most).decode(encoding), newline=None).read()
 
 
 def read_yaml(path: Path, construct: Callable[[str], Any] = yaml.safe_load) -> Any:
@@ -120,6 +122,16 @@ def parse_yaml(text: str, where: str, construct: Callable[[str], Any] = yaml.saf
     return values
 
 
+def require_modest_text(text: str, where: str) -> None:
+    """Refuse a text that somebody may read as YAML, if it is a bomb; one that is no YAML is a text.
+
+    Raises:
+        YamlError: If aliases or nesting go beyond the limits above.
+    """
+    with contextlib.suppress(yaml.YAMLError):
+        _require_modest(text, where)
+
+
 def _require_modest(text: str, where: str) -> None:
     """Refuse aliases that multiply, aliases of what holds them, and nesting that is too deep, from the events alone."""
     written, anchors = 0, dict[str, int]()  # nodes with all aliases followed, by anchor
@@ -151,6 +163,7 @@ def _require_modest(text: str, where: str) -> None:
         raise YamlError(f"{where}: expected aliases to repeat at most {MOST_COPIES} times what is written, found more")
 
 
+ENVIRONMENT, ASIDE, LONGEST_SHOWN = "oc.env:", object(), 100
 REFERENCE = re.compile(r"\$\{([^${}]*)\}")
 
 
@@ -158,11 +171,12 @@ def require_modest_interpolations(values: Any, where: str) -> None:
     """Refuse interpolations that multiply: `${a}${a}` of `${b}${b}` and so on is 10^9 letters of a hundred.
 
     Args:
-        values: Nested mappings and lists, with `${path}` and `${resolver:path}` in their texts.
+        values: Nested mappings and lists, with `${path}` and `${oc.env:NAME}` in their texts.
         where: What they are, for messages.
 
     Raises:
-        YamlError: If they are longer than `LONGEST_RESOLVED` once they are followed, or stand within each other.
+        YamlError: If they are longer than `LONGEST_RESOLVED` once they are followed, stand within each other, lead
+            through each other, or ask another resolver than that of the environment.
     """
     known = dict[tuple[str, ...], int]()
 
@@ -180,8 +194,17 @@ def require_modest_interpolations(values: Any, where: str) -> None:
             if "${" in REFERENCE.sub("", node):
                 raise YamlError(f"{where}: {'.'.join(path)}: expected no interpolation within another one")
             yield len(node)
-            for target in (_target(each, path) for each in REFERENCE.findall(node)):
-                yield size_of(_at(values, target), target)
+            for each in REFERENCE.findall(node):
+                if each.strip().startswith(ENVIRONMENT):
+                    continue
+                target = _target(each, path)
+                found = None if ":" in each else _at(values, target)
+                if ":" in each or found is ASIDE:
+                    raise YamlError(
+                        f"{where}: {'.'.join(path)}: expected ${{key}} of a value that is written out, or "
+                        f"${{oc.env:NAME}}, found ${{{each[:LONGEST_SHOWN]}}}"
+                    )
+                yield size_of(found, target)
 
     try:
         size = size_of(values, ())
@@ -193,15 +216,17 @@ def require_modest_interpolations(values: Any, where: str) -> None:
 
 def _target(reference: str, path: tuple[str, ...]) -> tuple[str, ...]:
     """Return the path that an interpolation at a path names; dots at its start go up from there."""
-    name = reference.rpartition(":")[2].strip()
+    name = reference.strip()
     up = len(name) - len(name.lstrip("."))
     parts = tuple(part for part in re.split(r"[.\[\]]", name) if part)
     return (*path[: len(path) - up], *parts) if up else parts
 
 
 def _at(values: Any, path: tuple[str, ...]) -> Any:
-    """Return what stands at a path; None where nothing does."""
+    """Return what stands at a path; None where nothing does, ASIDE where it leads through an interpolation."""
     for part in path:
+        if isinstance(values, str) and "${" in values:
+            return ASIDE
         if isinstance(values, dict):
             values = values.get(part, values.get(int(part)) if part.isdigit() else None)
         elif isinstance(values, list):

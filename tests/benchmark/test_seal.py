@@ -24,7 +24,7 @@ from physid.benchmark.sealing.outside import OUTSIDE
 from physid.benchmark.sealing.recorded_set import make
 from physid.benchmark.sealing.seal import seal, seal_all
 from physid.data import RecordingSet
-from physid.data.generation.draw import draw
+from physid.data.generation.draw import OutOfViewError, draw
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig
 from physid.effects import CATALOGUE, find
@@ -176,7 +176,7 @@ def test_where_an_effect_drives_bodies_out_of_view_another_is_hidden(
         if len(tried) == 1 and effects:
             if written:
                 generate(dataclasses.replace(config, trajectories=1), out, effects=effects, quiet=quiet)
-            raise ValueError("trajectory 1: a body left the view")
+            raise OutOfViewError("trajectory 1: a body left the view")
         generate(config, out, effects=effects, quiet=quiet)
 
     monkeypatch.setattr("physid.benchmark.sealing.recorded_set.generate", unlucky)

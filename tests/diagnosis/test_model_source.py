@@ -12,6 +12,7 @@ import torch
 import yaml
 
 from physid.cli import main
+from physid.commands.configured import read_model
 from physid.data.files import write_tensors
 from physid.diagnosis.inputs.model_source import CHECKPOINT, CONFIG, COORDINATES, read_nominal_model
 from physid.estimation.prediction.coordinates import Coordinates
@@ -120,6 +121,16 @@ def test_a_logger_of_the_trainer_is_not_passed_over(
     file.write_text(yaml.safe_dump({**MODEL, "trainer": {"logger": True}}))
     words = ["diagnose", str(recordings("push")), f"--model={file}", f"--out={tmp_path / 'out'}", "--quiet"]
     assert "trainer.logger is decided" in refused(words, capsys)
+
+
+def test_a_model_need_name_no_recordings(
+    recordings: Callable[[str], Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, state = tmp_path / "model.yaml", torch.get_rng_state()
+    data = {"class_path": MODEL["data"]["class_path"]}
+    file.write_text(yaml.safe_dump({**MODEL, "data": data}))
+    assert read_model(file, "")["data"] == data
+    assert torch.equal(torch.get_rng_state(), state), "nothing is drawn"
 
 
 @pytest.mark.parametrize(

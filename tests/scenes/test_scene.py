@@ -143,7 +143,14 @@ def test_names_that_would_move_a_cursor_or_end_a_line_are_refused(path: str, whe
     assert str(one.value).isprintable()
 
 
-@pytest.mark.parametrize("name", ["名", "brique n\u00ba 2", "a/b", "$x"])
+SCRIPTS = (
+    *("名", "brique n\u00ba 2", "a/b", "$x"),
+    *("\u6728\u3000\u7bb1", "\u0645\u06cc\u0632\u200c\u06a9\u0627\u0631", "n\u00b0\u00a02"),
+)
+"""Persian needs joiners between letters, and a space may be of any width."""
+
+
+@pytest.mark.parametrize("name", SCRIPTS)
 def test_names_in_any_script_are_taken(name: str) -> None:
     mapping = changed("bodies.0.name", name) | {"unknown": [f"{name}.friction"], "scene": name}
     assert read_description(mapping).bodies[0].name == name

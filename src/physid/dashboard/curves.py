@@ -66,7 +66,7 @@ def read_curves(path: Path) -> list[Curve]:
         ValueError: If it is no history.
     """
     try:
-        lines = io.StringIO(read_text(path), newline="")
+        lines = io.StringIO(read_text(path, most=None), newline="")
         rows = [row for row in csv.DictReader(lines) if None not in row.values() and None not in row]
     except csv.Error as error:
         raise ValueError(f"{path}: expected a history in CSV, found a damaged file ({error})") from None

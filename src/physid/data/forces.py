@@ -52,7 +52,7 @@ def _read_csv(path: Path, scene: Scene) -> NDArray[np.float64]:
     """Read named columns."""
     places = {f"{body.name}.{one}": (n, k) for n, body in enumerate(scene.bodies) for k, one in enumerate(COMPONENTS)}
     try:
-        lines = io.StringIO(read_text(path, "utf-8-sig"), newline="")
+        lines = io.StringIO(read_text(path, "utf-8-sig", most=None), newline="")
         names, *rows = [[cell.strip() for cell in row] for row in csv.reader(lines) if row] or [[]]
     except (csv.Error, UnicodeDecodeError) as error:
         raise ValueError(f"{path}: expected rows of numbers in CSV, found none ({error})") from None

@@ -193,7 +193,7 @@ def read_sums(folder: Path) -> str:
     """
     path = folder / SUMS
     try:
-        return read_text(path)
+        return read_text(path, most=None)
     except UnicodeDecodeError as error:
         raise ValueError(
             f"{path}: expected checksums as text in UTF-8, found byte {error.object[error.start]:#04x}; copy the set "

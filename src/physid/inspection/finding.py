@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 
 from physid.data.files import write_text
 from physid.data.refusals import worded
+from physid.strict import one_line
 from physid.typed_files import CLOSED, read_json_as
 
 FILE = "findings.json"
@@ -79,7 +80,7 @@ def ordered(findings: Iterable[Finding]) -> list[Finding]:
 def warn_of(findings: Iterable[Finding], where: object) -> None:
     """Warn of what looks like a mistake in a set, before anything is computed from it."""
     for one in ordered(findings):
-        logger.warning("%s: %s", where, one.text())
+        logger.warning("%s: %s", where, one_line(one.text()))
 
 
 def trust_sentence(findings: Iterable[Finding], where: str = "these recordings") -> str | None:

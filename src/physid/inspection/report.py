@@ -40,7 +40,7 @@ class Report:
             lines += ["", f"{'wrong?' if one.wrong else 'note':<{WIDTH}}{one.what}", f"{'mend':<{WIDTH}}{one.mend}"]
         if not self.findings:
             lines += ["", "Nothing looks wrong."]
-        return "\n".join(lines)
+        return "\n".join(map(one_line, lines))
 
 
 def inspect(recordings: RecordingSet, limit: int | None = None) -> Report:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import collections.abc
 import inspect
+import os
 import re
 import typing
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from physid.class_paths import DOTTED, ClassPathError, load_class, require_packages, require_trusted
@@ -15,6 +15,9 @@ from physid.configuration import CLASS_KEYS, Configuration, ConfigurationError
 from physid.schema.free_mappings import UNKNOWN, alternatives, is_mapping, types_of
 from physid.strict import MOST_SHOWN, nearest, quoted, shown
 
+LONGEST_NAME = 200
+WRITTEN = ("builtins", "datetime", "pathlib", "types")
+"""Modules of classes whose values are written as a number or a text."""
 PLAIN = re.compile(r"[\w.,:+-]*")
 """What settings such as accelerators, precisions and devices are written with."""
 
@@ -122,10 +125,13 @@ def _check_classes(configuration: Configuration, key: str, value: Any, annotatio
         parameters = _parameters(target) if target is not None else {}
         if parameters:
             _refuse_unknown(configuration, f"{key}.init_args", arguments or {}, parameters)
-        known = types_of(target)
+        # The parser resolves a short name, and gives what is in dict_kwargs to parameters that no type is known of.
+        known = types_of(target) if target is not None else dict.fromkeys(arguments or {}, UNKNOWN)
         for name, each in (arguments or {}).items():
             _check_classes(configuration, f"{key}.init_args.{name}", each, known.get(name))
-        _check_classes(configuration, f"{key}.dict_kwargs", value.get("dict_kwargs"))
+        further = value.get("dict_kwargs")
+        for name, each in further.items() if isinstance(further, dict) else ():
+            _check_classes(configuration, f"{key}.dict_kwargs.{name}", each, UNKNOWN)
         return
     section = next((kind for kind in alternatives(annotation) if _is_section(kind)), None)
     if section is not None:
@@ -141,7 +147,9 @@ def _check_text(configuration: Configuration, key: str, value: str) -> None:
     """Check a text where a class or a function is expected: the parser takes any but a name for YAML, or for a file."""
     if DOTTED.fullmatch(value):
         _trusted(configuration, key, value)
-    elif not PLAIN.fullmatch(value) or Path(value).is_file() or Path(value).is_fifo():
+        return
+    plain = PLAIN.fullmatch(value) and len(value) <= LONGEST_NAME
+    if not plain or (os.path.exists(value) and not os.path.isdir(value)):
         wanted = "a name, or a mapping with class_path and init_args"
         raise _wrong(configuration, key, f"{wanted}, neither YAML in a text nor a file", value)
 
@@ -189,7 +197,7 @@ def _takes_classes(annotation: Any) -> bool:
         return True
     for kind in alternatives(annotation):
         inner = typing.get_origin(kind)
-        if inner is None and inspect.isclass(kind) and kind.__module__ not in ("builtins", "pathlib", "types"):
+        if inner is None and inspect.isclass(kind) and kind.__module__ not in WRITTEN:
             return True
         if inner in (collections.abc.Callable, type):
             return True

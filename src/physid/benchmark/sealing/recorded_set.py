@@ -13,7 +13,7 @@ from physid.benchmark.labels import Label
 from physid.benchmark.plan import Plan, Task
 from physid.benchmark.sealing.invent import inventions
 from physid.data.files import write_text
-from physid.data.generation.generate import generate
+from physid.data.generation.generate import OutOfViewError, generate
 from physid.typed_files import read_json_as
 
 
@@ -27,7 +27,7 @@ def make(folder: Path, plan: Plan, task: Task) -> tuple[str, Label]:
         whole = replace(config, truth_file=str(truth))
         try:
             generate(whole, place, effects=effects, quiet=True)
-        except ValueError:  # with these effects bodies leave the view in some trajectory
+        except OutOfViewError:  # with these effects, in some trajectory
             shutil.rmtree(place, ignore_errors=True)  # of the first trajectory nothing is written
             truth.unlink(missing_ok=True)
             continue

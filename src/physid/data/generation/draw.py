@@ -25,6 +25,10 @@ VIEW_MARGIN = 1.0  # [pixel]
 SAME_INSTANT = 1e-6  # [frame] times that differ by rounding only
 
 
+class OutOfViewError(ValueError):
+    """A trajectory in which no draw keeps the bodies in view."""
+
+
 def draw(
     config: GenerateConfig, index: int, protocol: str, effects: Sequence[Effect] = ()
 ) -> tuple[Excitation, Motion, int]:
@@ -42,7 +46,7 @@ def draw(
         forces, at those that a late camera still shows; and the number of draws thrown away.
 
     Raises:
-        ValueError: If no draw stays in view.
+        OutOfViewError: If no draw stays in view.
     """
     scene, sampling, simulator = config.true_scene(), config.sampling(effects), find_simulator(config.simulator)
     fine = dataclasses.replace(scene, time_step=sampling.step)
@@ -55,7 +59,7 @@ def draw(
         (motion,) = simulator.simulate(fine, [acting], effects, sampling.substeps, [-before * sampling.step])
         if camera is None or camera.sees(motion.pose, scene.sizes, VIEW_MARGIN).all():
             return excitation, motion, attempt
-    raise ValueError(
+    raise OutOfViewError(
         f"trajectory {index} of {config.scene}, {config.steps * scene.time_step:.3g} s long: "
         f"a body left the view in all of {MOST_REDRAWS} draws; "
         f"lower steps, or change masses, friction or effects so that bodies travel less"

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from physid.data import DESCRIPTION, trajectory_path, write_scene, write_sums
 from physid.data.format import read_scene
+from physid.data.generation.draw import OutOfViewError as OutOfViewError
 from physid.data.generation.draw import draw
 from physid.data.generation.record import record
 from physid.data.generation.settings import GenerateConfig

@@ -18,7 +18,8 @@ def read_mapping(path: Path | None, words: Iterable[str] = ()) -> dict[str, Any]
     """
     values: dict[str, Any] = {}
     if path is not None:
-        read = read_yaml(path)
+        # The command line may name a pipe, as <(...) of a shell is one.
+        read = parse_yaml(path.read_text(encoding="utf-8"), str(path)) if path.is_fifo() else read_yaml(path)
         if not isinstance(read, dict):
             raise ValueError(f"{path}: expected a mapping in YAML, found {type(read).__name__}")
         values = read

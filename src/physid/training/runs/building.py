@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import copy
 import logging
+import os
 import sys
 import warnings
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from multiprocessing import parent_process
 from pathlib import Path
 from typing import Any
@@ -16,9 +18,13 @@ from lightning.fabric.utilities.exceptions import MisconfigurationException
 from lightning.fabric.utilities.warnings import PossibleUserWarning
 from lightning.pytorch.cli import LightningCLI
 
-from physid.strict import LARGEST, whole
+from physid.strict import LARGEST, shown, whole
 from physid.training.callbacks.progress import Progress
 from physid.training.runs.trusted_imports import only_trusted_imports
+from physid.yaml_files import read_text, require_modest_text
+
+LONGEST_PATH = 1000
+"""[letters] of a text that may be the name of a file."""
 
 
 class Cli(LightningCLI):
@@ -86,7 +92,7 @@ def build(
     Raises:
         ArgumentError: If a value is none that its class takes.
         ClassPathError: If a value names something that it must not import.
-        ValueError: If the seed is none.
+        ValueError: If the seed is none, or a text that the parser reads as YAML, or the file that it names, is a bomb.
     """
     seed = config.get("seed_everything")
     if isinstance(seed, int):  # a switch, too: true draws one
@@ -106,8 +112,22 @@ def build(
     trainer = {**default, **(config.get("trainer") or {})}
     if trainer["enable_progress_bar"]:
         callbacks = [*callbacks, Progress()]
+    _require_modest_texts({key: value for key, value in config.items() if key != "data"})
     with only_trusted_imports(allowed):
         return kind({**config, "trainer": trainer}, {"default_root_dir": folder, **fixed}, callbacks)
+
+
+def _require_modest_texts(values: Any, key: str = "") -> None:
+    """Refuse texts that cost the parser more than they hold: it takes any for YAML, and for the name of such a file."""
+    if isinstance(values, Mapping | list | tuple):
+        items = values.items() if isinstance(values, Mapping) else enumerate(values)
+        for name, each in items:
+            _require_modest_texts(each, f"{key}.{name}" if key else str(name))
+    elif isinstance(values, str):
+        require_modest_text(values, key)
+        if len(values) < LONGEST_PATH and os.path.exists(values) and not os.path.isdir(values):
+            with suppress(UnicodeDecodeError):
+                require_modest_text(read_text(Path(values)), f"{key}: {values}")
 
 
 def check_values(config: Mapping[str, Any], allowed: Sequence[str] = ()) -> None:
@@ -118,4 +138,11 @@ def check_values(config: Mapping[str, Any], allowed: Sequence[str] = ()) -> None
         ClassPathError: If it names a class that it must not.
     """
     parsed = {key: value for key, value in copy.deepcopy(dict(config)).items() if key != "wandb"}
+    if not isinstance(seed := parsed.get("seed_everything", 0), int):
+        raise ValueError(f"seed_everything must be a whole number, got {shown(seed)}")
+    parsed["seed_everything"] = False  # nothing is drawn here
+    data = parsed.get("data")
+    if isinstance(data, dict) and str(data.get("class_path")).endswith(".RecordingsDataModule"):
+        # What a nominal model is of is said elsewhere: it need not name recordings.
+        data["init_args"] = {"folder": ".", **(data.get("init_args") or {})}
     build(parsed, Path(), [], allowed, kind=Parsed)

@@ -85,7 +85,7 @@ def read_rows(path: Path) -> list[dict[str, str]]:
         ValueError: If the file is no text.
     """
     try:
-        text = read_text(path)
+        text = read_text(path, most=None)  # of a long run, which is the user's own
     except UnicodeDecodeError:
         raise ValueError(f"{path}: expected a history in CSV, found a damaged file; delete it") from None
     whole = text[: text.rfind("\n") + 1]

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
-from jsonargparse import ArgumentError, set_parsing_settings
+from jsonargparse import ArgumentError, _common, set_parsing_settings
 
 from physid.class_paths import TRUSTED, ClassPathError, require_trusted
 
@@ -28,6 +28,7 @@ def only_trusted_imports(allowed: Sequence[str] = ()) -> Iterator[None]:
     Raises:
         ClassPathError: If a value names something else.
     """
+    before = dict(_common.parsing_settings)  # of the process; no public function takes a setting back
     set_parsing_settings(
         import_path_denylist=["*"],
         import_path_allowlist=[*TRUSTED, *allowed],
@@ -41,5 +42,5 @@ def only_trusted_imports(allowed: Sequence[str] = ()) -> Iterator[None]:
         require_trusted(denied[1], allowed)
         raise ClassPathError(f"{denied[1]}: expected a class of {', '.join(TRUSTED)}") from None
     finally:
-        # The settings are those of the process: what this configuration may import the next one may not.
-        set_parsing_settings(import_path_denylist=[each for each in allowed if each not in TRUSTED])
+        _common.parsing_settings.clear()
+        _common.parsing_settings.update(before)
