@@ -107,5 +107,5 @@ def test_a_history_that_is_no_file_stops_what_would_go_on_with_it(
 ) -> None:
     monkeypatch.setenv("WANDB_MODE", "disabled")
     endless(tmp_path / "metrics.csv")
-    with pytest.raises(OSError, match=r"metrics\.csv: expected a regular file, found a .*; delete it"):
+    with pytest.raises(OSError, match=r"metrics\.csv: expected a regular file, found a .*; put a file in its place"):
         build_loggers(tmp_path, "disabled", {}, Reached(1, {}))
