@@ -12,7 +12,7 @@ import pytest
 
 from physid.data.importers.mapping_files import read_mapping
 from physid.training.runs.loggers import read_rows
-from physid.yaml_files import DEEPEST, LARGEST, YamlError, parse_yaml, read_bytes, read_text, read_yaml
+from physid.yaml_files import DEEPEST, LARGEST_FILE, YamlError, parse_yaml, read_bytes, read_text, read_yaml
 
 BOMB = "a0: &a0 [x, x]\n" + "".join(f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]\n" for n in range(1, 12))
 MERGES = "a0: &a0 {x: 1}\n" + "".join(f"a{n}: &a{n} {{<<: [{', '.join([f'*a{n - 1}'] * 10)}]}}\n" for n in range(1, 9))
@@ -69,7 +69,7 @@ def an_endless_device(path: Path) -> None:
 
 def a_very_large_file(path: Path) -> None:
     path.touch()
-    os.truncate(path, LARGEST + 1)
+    os.truncate(path, LARGEST_FILE + 1)
 
 
 @pytest.mark.parametrize("make", [a_pipe, an_endless_device, a_very_large_file])
@@ -106,7 +106,7 @@ def test_what_grows_with_a_run_is_read_whole(tmp_path: Path) -> None:
     """A history of days may be larger than any description."""
     history = tmp_path / "metrics.csv"
     history.write_text("epoch,loss\n" + 700 * f"1,{'3' * 100_000}\n")
-    assert history.stat().st_size > LARGEST
+    assert history.stat().st_size > LARGEST_FILE
     assert len(read_rows(history)) == 700
     with pytest.raises(OSError, match=r"expected at most 67 MB, found more; put another file there"):
         read_text(history)

@@ -269,7 +269,7 @@ def _resolve(merged: dict[str, Any]) -> dict[str, Any]:
 
 
 def _is_plain(name: object) -> bool:
-    """Tell whether a name stays in the folder that it is a place in: what comes from others must not write anywhere."""
+    """Return whether a name stays in the folder that it is a place in; one from elsewhere must not write anywhere."""
     if not isinstance(name, str | int | float) or isinstance(name, bool):
         return False
     path = PurePosixPath(str(name))

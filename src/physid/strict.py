@@ -62,7 +62,7 @@ def one_line(text: str) -> str:
 
 
 def is_seen(name: str) -> bool:
-    """Tell whether no character of a name moves a cursor, ends a line or turns the direction of writing.
+    """Return whether no character of a name moves a cursor, ends a line or turns the direction of writing.
 
     Joiners between letters, which Persian and Hindi need, and spaces of any width are fine.
     """

@@ -14,7 +14,7 @@ from typing import Any
 
 import yaml
 
-LARGEST = 1 << 26
+LARGEST_FILE = 1 << 26
 """Bytes of a text that is read at once; what physid itself writes has a few millions at most."""
 DEEPEST = 64
 """Levels of nesting; no configuration and no recording set has more than eight, and Python recurses at each."""
@@ -39,7 +39,7 @@ def open_regular(path: Path) -> io.BufferedReader:
     Raises:
         OSError: If it cannot be read, or is no regular file; names it.
     """
-    # Not to block holds for pipes; what was opened is looked at, for a name may stand for something else by then.
+    # Not to block holds for pipes; what was opened is inspected, for a name may stand for something else by then.
     descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
     mode = os.fstat(descriptor).st_mode
     if stat.S_ISREG(mode):
@@ -51,7 +51,7 @@ def open_regular(path: Path) -> io.BufferedReader:
     raise OSError(f"{path}: expected a regular file, found {found}; put a file in its place")
 
 
-def read_bytes(path: Path, most: int | None = LARGEST) -> bytes:
+def read_bytes(path: Path, most: int | None = LARGEST_FILE) -> bytes:
     """Read a file.
 
     Args:
@@ -69,7 +69,7 @@ def read_bytes(path: Path, most: int | None = LARGEST) -> bytes:
     return content
 
 
-def read_text(path: Path, encoding: str = "utf-8", most: int | None = LARGEST) -> str:
+def read_text(path: Path, encoding: str = "utf-8", most: int | None = LARGEST_FILE) -> str:
     """Read a text file, as `Path.read_text` does; what is no regular file or larger than allowed is refused at once.
 
     Raises:

@@ -194,10 +194,10 @@ def test_sites_that_stand_out_are_said_and_phases_in_which_effects_are_at_work()
     assert where(site=none, phase={}, cells=cells) == "no site stands out; strongest in coast, block x; coast, block x"
     assert where_sentence(said("unknown")).endswith("; strongest in coast, block x; slide fast, block rz")
     hit = replace(said("unknown"), gap=replace(said("unknown").gap, impacts=Impacts(7, 9, 0.0026, 0.01)))
-    told = (
+    reported = (
         "; at impacts (7 of 9 segments with one are not explained); elsewhere strongest in coast, block x; slide fast"
     )
-    assert told in where_sentence(hit)
+    assert reported in where_sentence(hit)
 
 
 def test_a_cell_explains_the_square_of_its_evidence_and_no_more_than_all() -> None:

@@ -12,6 +12,8 @@ import pytest
 import yaml
 
 from physid.cli import main
+from physid.configuration import Configuration, ConfigurationError
+from physid.schema.check import check_fit
 from physid.training.runs.building import build
 
 MARK = "was_imported"
@@ -143,3 +145,14 @@ def test_the_policy_ends_with_what_is_built(stranger: Path) -> None:
     build({**PLAIN, "model": {**PLAIN["model"], "init_args": {"optimizer": {"class_path": "torch.optim.Adam"}}}},
           Path("run"), [], logger=False)  # fmt: skip
     assert callable(parser.parse_args(["--call=json.dumps"]).call)
+
+
+def test_mappings_for_what_no_type_is_known_of_are_taken_and_inspected_to_their_leaves(stranger: Path) -> None:
+    def strategy(value: object) -> Configuration:
+        given = {"class_path": FSDP, "dict_kwargs": {"more": {"one": {"two": [value]}}}}
+        return Configuration("run", {**PLAIN, "trainer": {"strategy": given}})
+
+    check_fit(strategy(3))
+    check_fit(strategy("auto"))
+    with pytest.raises(ConfigurationError, match="--allow stranger"):
+        check_fit(strategy("stranger.f"))

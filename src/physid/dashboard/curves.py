@@ -62,7 +62,7 @@ def read_curves(path: Path) -> list[Curve]:
         The curves, in the order of the columns.
 
     Raises:
-        OSError: If it cannot be read, is no regular file, or very large.
+        OSError: If it cannot be read, or is no regular file.
         ValueError: If it is no history.
     """
     try:

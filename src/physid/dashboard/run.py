@@ -25,7 +25,7 @@ from physid.dashboard.media import MOST_BYTES, read_media
 from physid.diagnosis.document.document import Diagnosis, check_diagnosis
 from physid.diagnosis.document.sentences import verdict_sentence
 from physid.estimation.prediction.coordinates import Unknown, logged_names
-from physid.yaml_files import parse_yaml, read_text
+from physid.yaml_files import parse_yaml, read_bytes, read_text
 
 SCORE = {"bank": dict, "figures": list, "tables": dict}  # what of a scored bank is shown
 
@@ -235,7 +235,7 @@ def _report(path: Path, notes: list[str]) -> str | None:
     if path.stat().st_size > MOST_BYTES:
         notes.append(f"{path.name} ({path.stat().st_size / 1e6:.0f} MB) is too large for this page; open it by itself")
         return None
-    return path.read_text(encoding="utf-8", errors="replace")
+    return read_bytes(path, MOST_BYTES).decode("utf-8", errors="replace")
 
 
 def _date(folder: Path) -> str:

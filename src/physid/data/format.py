@@ -123,7 +123,7 @@ class RecordingSet:
         """Yield each file that is not as SHA256SUMS says: its path, the sum that is expected, and what is found.
 
         Args:
-            leave: Files that are not looked at.
+            leave: Files that are not inspected.
 
         Raises:
             ValueError: If SHA256SUMS is no text, or names what is no file of the set.

@@ -17,7 +17,7 @@ FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
 def out_of_memory(error: Exception) -> bool:
-    """Tell whether an error says that the memory of the machine, or of its accelerator, is spent.
+    """Return whether an error says that the memory of the machine, or of its accelerator, is spent.
 
     Python and NumPy have an error of their own for it, torch has one for accelerators only.
     """

@@ -133,11 +133,14 @@ def _check_classes(configuration: Configuration, key: str, value: Any, annotatio
         for name, each in further.items() if isinstance(further, dict) else ():
             _check_classes(configuration, f"{key}.dict_kwargs.{name}", each, UNKNOWN)
         return
+    if annotation is UNKNOWN:
+        known = dict.fromkeys(value, UNKNOWN)
+    free = annotation is UNKNOWN or any(is_mapping(kind) for kind in alternatives(annotation))
     section = next((kind for kind in alternatives(annotation) if _is_section(kind)), None)
     if section is not None:
         known = types_of(section)
         _refuse_unknown(configuration, key, value, _parameters(section))
-    elif _takes_classes(annotation) and not any(is_mapping(kind) for kind in alternatives(annotation)):
+    elif _takes_classes(annotation) and not free:
         raise _wrong(configuration, key, "a mapping with class_path and init_args", value)
     for name, each in value.items():
         _check_classes(configuration, f"{key}.{name}", each, known.get(name))

@@ -37,7 +37,7 @@ def types_of(target: Any) -> dict[str, Any]:
     owner = target if dataclasses.is_dataclass(target) else getattr(target, "__init__", None)
     try:
         hints = typing.get_type_hints(owner)
-    except Exception:
+    except Exception:  # whatever a name is that only a type checker imports
         hints = dict.fromkeys(getattr(owner, "__annotations__", {}), UNKNOWN)
     return {name: hint for name, hint in hints.items() if name != "return"}
 

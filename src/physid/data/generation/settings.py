@@ -13,7 +13,7 @@ from physid.data import DESCRIPTION, SPLITS, assign_splits
 from physid.data.files import YAML
 from physid.scenes import Integration, Scene, bodies_of, find_setup, with_parameters
 from physid.simulators import MOST_JITTER, Sampling, find_simulator, sample
-from physid.strict import LARGEST, RATES, nearest, number, quoted, whole
+from physid.strict import LARGEST, RATES, is_seen, nearest, number, quoted, whole
 from physid.typed_files import CLOSED, check_as, without_nulls
 
 if TYPE_CHECKING:
@@ -211,7 +211,7 @@ class GenerateConfig:
 def _require_yaml(truth_file: str) -> None:
     """Refuse a truth file whose name says that it is something else: a configuration from elsewhere may name it."""
     path = Path(truth_file)
-    if path.suffix not in YAML or path.name == DESCRIPTION or not truth_file.isprintable():
+    if path.suffix not in YAML or path.name == DESCRIPTION or not is_seen(truth_file):
         raise ValueError(
             f"truth_file: expected a file {' or '.join(YAML)}, and not {DESCRIPTION}, got {quoted(truth_file)}"
         )

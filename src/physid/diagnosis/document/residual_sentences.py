@@ -35,7 +35,7 @@ def residual_sentences(laws: Sequence[ResidualLaw]) -> list[str]:
 
 
 def impacts_sentence(impacts: Impacts | None) -> str:
-    """Say how many impacts are explained once there are effects; empty where none are blamed, or all is explained."""
+    """Say how many impacts effects leave unexplained; empty where none are blamed, or impacts are explained anyway."""
     if impacts is None or impacts.with_effects is None:
         return ""
     left = f"{impacts.unexplained} of {impacts.among} segments with an impact or a jolt"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import inspect
 import logging
 import os
 import sys
@@ -18,6 +19,7 @@ from lightning.fabric.utilities.exceptions import MisconfigurationException
 from lightning.fabric.utilities.warnings import PossibleUserWarning
 from lightning.pytorch.cli import LightningCLI
 
+from physid.class_paths import load_class
 from physid.strict import LARGEST, shown, whole
 from physid.training.callbacks.progress import Progress
 from physid.training.runs.trusted_imports import only_trusted_imports
@@ -65,7 +67,7 @@ class Cli(LightningCLI):
 
 
 class Parsed(Cli):
-    """The same that makes nothing of a configuration, for one whose values are to be looked at alone."""
+    """The same that makes nothing of a configuration, for one of which only the values are inspected."""
 
     def instantiate_classes(self) -> None:
         """Make nothing."""
@@ -141,8 +143,8 @@ def check_values(config: Mapping[str, Any], allowed: Sequence[str] = ()) -> None
     if not isinstance(seed := parsed.get("seed_everything", 0), int):
         raise ValueError(f"seed_everything must be a whole number, got {shown(seed)}")
     parsed["seed_everything"] = False  # nothing is drawn here
-    data = parsed.get("data")
-    if isinstance(data, dict) and str(data.get("class_path")).endswith(".RecordingsDataModule"):
-        # What a nominal model is of is said elsewhere: it need not name recordings.
+    data = parsed.get("data") or {}
+    if (takes := load_class(data.get("class_path"), allowed)) and "folder" in inspect.signature(takes).parameters:
+        # Which recordings a model is of may be said elsewhere: here it need not name them.
         data["init_args"] = {"folder": ".", **(data.get("init_args") or {})}
     build(parsed, Path(), [], allowed, kind=Parsed)

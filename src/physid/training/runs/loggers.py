@@ -81,7 +81,7 @@ def read_rows(path: Path) -> list[dict[str, str]]:
     """Return the whole rows of a history; one that a killed run has written half is left out.
 
     Raises:
-        OSError: If it cannot be read, is no regular file, or very large.
+        OSError: If it cannot be read, or is no regular file.
         ValueError: If the file is no text.
     """
     try:
