@@ -343,6 +343,9 @@ def test_a_trajectory_without_forces_in_the_log_that_numbers_them_is_named(tmp_p
         "t [ms],x [mm],y [mm],z [mm],note\n0,500,0,1000,a\n10,600,0,1000,b\n20,700,0,1000,\n",
         "t,x,y,z\nms,cm,cm,cm\n0,50,0,100\n10,60,0,100\n20,70,0,100\n",
         "# t x y z\n0 0.5 0 1\n0.01 0.6 0 1\n0.02 0.7 0 1\n",
+        "t [MS],x [Mm],y (MM),z_MM\n0,500,0,1000\n10,600,0,1000\n20,700,0,1000\n",
+        "t [\N{MICRO SIGN}s],x,y,z\n0,0.5,0,1\n10000,0.6,0,1\n20000,0.7,0,1\n",
+        "t [\N{GREEK SMALL LETTER MU}s],x,y,z\n0,0.5,0,1\n10000,0.6,0,1\n20000,0.7,0,1\n",
     ],
 )
 def test_tables_of_many_kinds_are_read(tmp_path: Path, text: str) -> None:
@@ -496,6 +499,24 @@ def test_forces_of_a_sensor_that_turns_with_the_body_are_turned_into_the_world(
     assert other is not None
     assert np.allclose(one, other, atol=1e-6)
     assert not np.allclose(one, np.concatenate([torque, force], 1)[:, None], atol=0.1)
+
+
+@pytest.mark.parametrize("own_rate", [True, False])
+def test_forces_of_a_sensor_that_turns_meet_their_attitudes_though_rates_stand_for_stamps(
+    own_rate: bool, tmp_path: Path
+) -> None:
+    time, stamps = np.arange(100) / 100, (np.arange(500) / 500 if own_rate else np.arange(100) / 100)
+    turn = Rotation.from_rotvec(np.outer(time, [0.0, 0.0, 2.0]))
+    quaternion = dict(zip(["qx", "qy", "qz", "qw"], turn.as_quat().T, strict=True))
+    log = {"t": time, **dict.fromkeys("xyz", 0.1 * time), **quaternion}
+    write_csv(tmp_path / "log.csv", list(log), list(log.values()))
+    write_csv(tmp_path / "log_forces.csv", ["fx", "fy", "fz"], [1 + 0 * stamps, 0 * stamps, 0 * stamps])
+    forces: dict[str, object] = {"axes": "body", "file": "{stem}_forces.csv"} | ({"rate": 500} if own_rate else {})
+    mapping = COLUMNS | {"time": None, "rate": 100, "force": ["fx", "fy", "fz"], "forces": forces}
+    wrench = RecordingSet(import_logs([tmp_path / "log.csv"], mapping, tmp_path / "out").folder).read(0).wrench
+    assert wrench is not None
+    wanted = np.stack([np.cos(2 * stamps), np.sin(2 * stamps)], 1)[stamps <= time[-1]]
+    assert np.allclose(wrench[: len(wanted), 0, 3:5], wanted, atol=1e-9)
 
 
 def filled_in(folder: Path, log: Path) -> tuple[str, RecordingSet]:

@@ -195,6 +195,18 @@ MISTAKES: list[tuple[str, dict[str, Any], dict[str, Any], str]] = [
         {"time": None, "rate": 100, "clock": "t"},
         "expected time",
     ),
+    (
+        "a header with a unit that is none",
+        {"x [cubits]": COLUMNS["x"]},
+        {"position": ["x [cubits]", "y", "z"]},
+        r'expected a unit of position in "x \[cubits\]", found "cubits".*; say which it is: units.position=m',
+    ),
+    (
+        "angles in another order than the one that is said",
+        {"roll": COLUMNS["x"], "pitch": COLUMNS["x"], "yaw": COLUMNS["x"]},
+        {"quaternion": None, "euler": ["roll", "pitch", "yaw"], "euler_order": "ZYX"},
+        "euler_order says ZYX, but the columns are roll, pitch, yaw",
+    ),
     ("constants only", {}, {"position": [0.0, 0.0, 0.0]}, "expected a column among .* found constants only"),
 ]
 
@@ -557,6 +569,37 @@ def test_lines_are_those_of_the_file_after_blank_lines_and_comments(tmp_path: Pa
     (tmp_path / "log.csv").write_text(text.replace("inf", "0"))
     with pytest.raises(ValueError, match=r"log.csv:9: expected increasing time stamps, found time that runs back"):
         import_logs([tmp_path / "log.csv"], known, tmp_path / "out")
+
+
+def test_a_unit_that_the_mapping_says_goes_before_a_word_in_brackets(tmp_path: Path) -> None:
+    there = {f"{name} (hand)" if name in "xyz" else name: one for name, one in COLUMNS.items()}
+    log = write_csv(tmp_path / "log.csv", list(there), list(there.values()))
+    found = import_logs([log], GOOD | {"units": {"position": "mm"}}, tmp_path / "out")
+    pose = RecordingSet(found.folder).read(0).pose
+    assert pose is not None
+    assert np.allclose(pose[:, 0, 0], 1e-3 * COLUMNS["x"])
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "0,1,2\n0.0,0.5,1.5\n0.1,2.5,3.5\n",
+        ",0,1,2\n0,0.0,0.5,1.5\n1,0.1,2.5,3.5\n",
+        "0;1;2\n0,0;0,5;1,5\n0,1;2,5;3,5\n",
+    ],
+)
+def test_a_line_that_numbers_columns_is_no_row(tmp_path: Path, text: str) -> None:
+    """As pandas writes it where columns have no names, with its index and without."""
+    (tmp_path / "log.csv").write_text(text)
+    table = read_table(tmp_path / "log.csv")
+    assert table.values("0").tolist() == [0.0, 0.1]
+    assert table.values("2").tolist() == [1.5, 3.5]
+
+
+def test_underscores_are_no_part_of_numbers(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text("a,b\n1_000,2\n1_001,3\n")
+    with pytest.raises(ValueError, match=r'log.csv:2: expected a number in column "a", found "1_000"'):
+        read_table(tmp_path / "log.csv").values("a")
 
 
 @pytest.mark.parametrize("text", ["0,0;;1,5\n0,1;2,5;3,5\n0,2;4,5;5,5\n", "0.0,,1.5\n0.1,2.5,3.5\n0.2,4.5,5.5\n"])

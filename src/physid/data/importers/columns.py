@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -9,10 +10,12 @@ from numpy.typing import NDArray
 
 from physid.data.importers.mapping import Reference
 from physid.data.importers.tables.table import Table
-from physid.data.importers.units import canonical, factor_of
+from physid.data.importers.units import UNITS, canonical, factor_of
+from physid.strict import nearest, quoted
 
 Array = NDArray[np.float64]
 TURN = 1.01 * 2 * np.pi  # [rad] with what rounding adds
+NO_UNIT = re.compile(r"-|\d*")  # what brackets also hold: nothing, or the number of a component
 MOST_NAMED = 12  # columns that a message lists
 DEFAULTS = {"position": "m", "time": "s", "angle": "rad", "force": "N", "torque": "N m"}
 
@@ -76,6 +79,11 @@ def _factor(table: Table, column: str | None, quantity: str | None, given: str |
     if said and header is None and any(canonical(said, other) for other in DEFAULTS):
         raise ValueError(
             f'{table.path}: column "{column}" is in {said}, which is no unit of {quantity}; is it the right one?'
+        )
+    if said and header is None and given is None and not NO_UNIT.fullmatch(said):
+        raise ValueError(
+            f'{table.path}: expected a unit of {quantity} in "{column}", found {quoted(said)}'
+            f"{nearest(said, UNITS[quantity])}; say which it is: units.{quantity}={DEFAULTS[quantity].replace(' ', '')}"
         )
     wanted = canonical(given, quantity) if given else None
     if header and wanted and header != wanted:

@@ -29,6 +29,7 @@ from physid.scenes import Scene
 ROUND, NEAR = 3, 5e-3  # digits of a nominal rate, and how near to the stamps' own such a round one must be
 FRICTION_NOTE = f"{GUESSED_FRICTION:g} is a first guess, and it is unknown, for the mapping does not say it"
 LEAST = 2  # frames of a trajectory
+NO_STAMPS = "without stamps a mapping says the rate"
 
 
 def import_logs(files: Sequence[Path], values: dict[str, Any], out: Path) -> Imported:
@@ -148,15 +149,18 @@ def _recording(file: Path, poses: Poses, forces: Forces | None, group: int, log:
                 "forces a clock: forces.time=COLUMN or forces.rate=ROWS_PER_SECOND"
             )
         if log.forces.axes == "body":
-            wrench = poses.turned(wrench, time if wrench_time is None else wrench_time, frames, time)
+            if (clock := time) is None:
+                assert log.time_step is not None, NO_STAMPS
+                clock = log.time_step * np.arange(len(frames), dtype=np.float64)
+            wrench = poses.turned(wrench, clock if wrench_time is None else wrench_time, frames, clock)
         if log.forces.between == "linear":
-            if (clock := time if wrench_time is None else wrench_time) is None:
+            if (rows_at := time if wrench_time is None else wrench_time) is None:
                 raise ValueError(
                     f"{file}: expected stamps for forces.between=linear, found none; say time, or forces.rate"
                 )
             frame = log.time_step if time is None else float(np.median(np.diff(time)))
-            assert frame is not None, "without stamps a mapping says the rate"
-            wrench_time, wrench = along_lines(clock, wrench, frame)
+            assert frame is not None, NO_STAMPS
+            wrench_time, wrench = along_lines(rows_at, wrench, frame)
     return Recording(pose=poses.pose[frames], wrench=wrench, time=time, wrench_time=wrench_time, protocol=log.protocol)
 
 

@@ -10,28 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physid.data.importers.columns import (
-    expanded,
     line_of,
     numbered,
     read_columns,
     read_stamps,
-    require_angles,
     require_increasing,
-    signed,
 )
-from physid.data.importers.mapping import BodyMap, LogMap, Reference
-from physid.data.importers.rotations import (
-    ROUNDED,
-    from_euler,
-    from_matrices,
-    from_quaternions,
-    from_vectors,
-    in_world,
-    turned,
-)
+from physid.data.importers.mapping import BodyMap, LogMap
+from physid.data.importers.orientations import read_orientations, say_why_none
+from physid.data.importers.rotations import in_world, turned
 from physid.data.importers.tables.files import read_table
 from physid.data.importers.tables.table import Table
-from physid.data.importers.units import split_header
 from physid.scenes.rotations import rotate
 
 Array = NDArray[np.float64]
@@ -54,7 +43,7 @@ class Poses:
     group: NDArray[np.int64]
     names: Array = field(default_factory=lambda: np.empty(0))
 
-    def turned(self, wrench: Array, at: Array | None, frames: NDArray[np.intp], time: Array | None) -> Array:
+    def turned(self, wrench: Array, at: Array, frames: NDArray[np.intp], time: Array) -> Array:
         """Turn wrenches in the axes of bodies into the world, see `in_world`; `frames` are those of a trajectory."""
         return in_world(wrench, at, self.pose[frames], time)
 
@@ -217,7 +206,7 @@ def along_lines(time: Array, wrench: Array, frame: float) -> tuple[Array, Array]
 def _pose_of(table: Table, each: BodyMap, log: LogMap) -> Array:
     """Return the poses (T, 7) of a body, NaN where it was not seen."""
     place = read_columns(table, each.position, "position", log.units, 3)
-    turn, wrong = _orientation_of(table, each, log, len(place))
+    turn, wrong = read_orientations(table, each, log, len(place))
     lost = np.asarray(np.isnan(place).any(1) | np.isnan(turn).any(1))
     if log.lost == "zeros":
         lost |= (place == 0).all(1)
@@ -225,7 +214,7 @@ def _pose_of(table: Table, each: BodyMap, log: LogMap) -> Array:
         lost |= ~(table.values(each.visible) > 0)
     bad = [int(row) for row in wrong if not lost[row]]
     if bad:
-        raise ValueError(f"{line_of(table, bad[0])}: {_about(each, table, bad[0])}")
+        raise ValueError(f"{line_of(table, bad[0])}: {say_why_none(each, table, bad[0])}")
     turn = np.where(lost[:, None], [0.0, 0.0, 0.0, 1.0], turn)
     pose = np.concatenate([place @ log.axes.T, turned(turn, log.axes)], 1)
     point = np.array(each.tracked_point)
@@ -234,59 +223,3 @@ def _pose_of(table: Table, each: BodyMap, log: LogMap) -> Array:
         pose[:, :3] -= rotate(pose[:, 3:], point)
     pose[lost] = np.nan
     return pose
-
-
-def _orientation_of(
-    table: Table, each: BodyMap, log: LogMap, rows: int
-) -> tuple[Array, NDArray[np.intp] | Sequence[int]]:
-    """Return unit quaternions x y z w (T, 4) in the log's axes, and rows that hold none."""
-    if each.orientation == "orientation":
-        return np.tile([0.0, 0.0, 0.0, 1.0], (rows, 1)), ()
-    if each.orientation in ("euler", "rotation_vector"):
-        sequence = each.order or "xyz"
-        count = len(sequence) if each.orientation == "euler" else 3
-        angles = read_columns(table, each.columns, "angle", log.units, count)
-        require_angles(table, each.columns, angles, log.units)
-        return (from_euler(angles, sequence, 1.0) if each.orientation == "euler" else from_vectors(angles, 1.0)), ()
-    if each.orientation == "matrix":
-        return from_matrices(read_columns(table, each.columns, None, log.units, 9))
-    names = expanded(table, each.columns, 4)
-    order = _order_of(table, names, each.order)
-    return from_quaternions(read_columns(table, each.columns, None, log.units, 4), order)
-
-
-def _order_of(table: Table, names: Sequence[Reference], order: str | None) -> str:
-    """Return the order of a quaternion's columns: as the mapping says, or as their names end."""
-    ends = "".join(split_header(str(name))[0].lower()[-1:] for name in names)
-    told = {"xyzw": "xyzw", "wxyz": "wxyz", "ijkr": "xyzw", "rijk": "wxyz"}.get(ends)
-    if order is None and told is None:
-        raise ValueError(
-            f"{table.path}: expected order: xyzw or wxyz, for the names {', '.join(map(str, names))} do not tell; a "
-            "body at rest in its first orientation has w near 1"
-        )
-    if order is not None and told is not None and told != order:
-        raise ValueError(
-            f"{table.path}: order says {order}, but the columns are {', '.join(map(str, names))}; list them as they "
-            "stand in the order that you give, or leave order out"
-        )
-    return order or told or "xyzw"
-
-
-def _about(each: BodyMap, table: Table, row: int) -> str:
-    """Say why a row holds no orientation."""
-    if each.orientation == "matrix":
-        return f"expected a rotation matrix for {each.body.name}, row by row, found none; are these its columns?"
-    found = [
-        float(v[row]) if isinstance(v, np.ndarray) else v
-        for v, _ in (signed(table, n) for n in expanded(table, each.columns, 4))
-    ]
-    length = float(np.linalg.norm(found))
-    if length == 0:
-        return (
-            f"expected a unit quaternion for {each.body.name}, found zeros; if they mean that it was lost: lost: zeros"
-        )
-    return (
-        f"expected a unit quaternion for {each.body.name} (to {ROUNDED:g}), found "
-        f"{', '.join(f'{one:.4g}' for one in found)} of length {length:.4g}; are these angles "
-        "(euler, with units.angle), or other columns?"
-    )

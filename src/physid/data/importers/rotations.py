@@ -124,27 +124,26 @@ def check_sequence(sequence: str, columns: Sequence[object]) -> None:
         )
 
 
-def in_world(wrench: Array, at: Array | None, pose: Array, time: Array | None) -> Array:
+def in_world(wrench: Array, at: Array, pose: Array, time: Array) -> Array:
     """Turn torques and forces that are given in the axes of bodies into the world, by the attitudes at their stamps.
 
     Args:
         wrench: Along the edges of each body, shape (S, N, 6).
-        at: Stamps [s], shape (S,); None for those of the poses.
+        at: Their stamps [s], shape (S,).
         pose: Poses, NaN where not seen, shape (T, N, 7).
-        time: Their stamps [s], shape (T,); None where rows are as far apart as poses.
+        time: Stamps of the poses [s], on the same clock, shape (T,).
 
     Returns:
         World frame, shape (S, N, 6). Before a body is seen, and after, its first and its last attitude hold.
     """
-    stamps = np.arange(len(pose), dtype=np.float64) if time is None else time
-    wanted, turned = stamps if at is None else at, np.empty_like(wrench)
+    turned = np.empty_like(wrench)
     for body in range(pose.shape[1]):
         seen = np.isfinite(pose[:, body]).all(1)
-        known, quaternion = stamps[seen], pose[seen, body, 3:]
+        known, quaternion = time[seen], pose[seen, body, 3:]
         if len(known) > 1:
-            attitude = Slerp(known, Rotation.from_quat(quaternion))(np.clip(wanted, known[0], known[-1]))
+            attitude = Slerp(known, Rotation.from_quat(quaternion))(np.clip(at, known[0], known[-1]))
         else:
-            attitude = Rotation.from_quat(np.repeat(quaternion, len(wanted), 0))
+            attitude = Rotation.from_quat(np.repeat(quaternion, len(at), 0))
         for part in (slice(0, 3), slice(3, 6)):
             turned[:, body, part] = attitude.apply(wrench[:, body, part])
     return turned

@@ -23,14 +23,15 @@ UNITS: dict[str, dict[str, float]] = {
 ALIASES = {
     "meter": "m", "meters": "m", "metre": "m", "metres": "m", "millimeter": "mm", "millimeters": "mm",
     "millimetres": "mm", "centimeters": "cm", "sec": "s", "secs": "s", "second": "s", "seconds": "s", "msec": "ms",
-    "millis": "ms", "milliseconds": "ms", "usec": "us", "µs": "us", "micros": "us", "microseconds": "us",
+    "millis": "ms", "milliseconds": "ms", "usec": "us", "micros": "us", "microseconds": "us",
     "nsec": "ns", "nanos": "ns", "nanoseconds": "ns", "degree": "deg", "degrees": "deg", "°": "deg",
     "radians": "rad", "newton": "N", "newtons": "N", "n": "N", "nm": "N m", "nmm": "N mm", "inch": "in",
     "inches": "in", "gram": "g", "grams": "g",
 }  # fmt: skip
+BY_CASE = ("force", "torque")  # mN is not MN; of the other quantities no two units differ by case alone
 BRACKETED = re.compile(r"^(?P<name>.*?)\s*[\[(](?P<unit>[^\])]*)[\])]\s*$")
 SUFFIXED = re.compile(
-    r"^(?P<name>.+)_(?P<unit>mm|cm|um|ms|us|ns|deg|degrees|rad|mN|kN|Nm|Nmm|sec|secs|msec|usec|nsec)$"
+    r"^(?P<name>.+)_(?P<unit>ms|us|ns|mN|kN|Nm|Nmm|(?i:mm|cm|um|deg|degrees|rad|sec|secs|msec|usec|nsec))$"
 )
 # No _m, _s, _N or _in: names end like this for other reasons, but for the axis of a force.
 FORCE_IN_N = re.compile(r"^(?P<name>(?:.*_)?f(?:orce)?_?[xyz])_(?P<unit>N)$", re.IGNORECASE)
@@ -57,6 +58,7 @@ def canonical(unit: str, quantity: str) -> str | None:
     """Return the name that a unit has in `UNITS`, or None where it is no unit of the quantity."""
     known = UNITS[quantity]
     plain = unit.strip().replace("·", " ").replace("*", " ").replace(".", " ")
+    plain = plain.replace("\N{MICRO SIGN}", "u").replace("\N{GREEK SMALL LETTER MU}", "u")
     for each in (
         plain,
         ALIASES.get(plain.lower(), ""),
@@ -65,7 +67,8 @@ def canonical(unit: str, quantity: str) -> str | None:
     ):
         if each in known:
             return each
-    return None
+    same = [each for each in known if each.lower() == plain.lower()]
+    return same[0] if same and quantity not in BY_CASE else None
 
 
 def split_header(header: str) -> tuple[str, str | None]:

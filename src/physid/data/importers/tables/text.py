@@ -66,7 +66,7 @@ def _read_csv(path: Path, file: TextIO, header: int | None) -> Table:
     ]
     rows = [[cell.strip() for cell in _cells(head[row], delimiter)] for row in filled]
     comma = delimiter != "," and any(re.fullmatch(r"[+-]?\d+,\d+", cell) for row in rows[1:] for cell in row)
-    named = not all(_is_number(cell, comma) for cell in rows[0])
+    named = header is not None or _is_numbering(rows[0]) or not all(_is_number(cell, comma) for cell in rows[0])
     names = rows[0] if named else [str(index) for index in range(len(rows[0]))]
     if not named and start and head[start - 1].startswith(("#", "%")):  # a header that is written as a comment
         said = [cell.strip() for cell in _cells(head[start - 1].lstrip("#% "), delimiter)]
@@ -190,6 +190,8 @@ class _Rows:
         if low in EMPTY:
             return float("nan")
         try:
+            if "_" in cell:  # which Python lets stand between digits
+                raise ValueError
             return TRUE[low] if low in TRUE else float(cell.replace(",", ".") if self.comma else cell)
         except ValueError:
             self.words.setdefault(name, (line, cell))
@@ -238,6 +240,12 @@ def _is_number(cell: str, comma: bool = False) -> bool:
     except ValueError:
         return False
     return True
+
+
+def _is_numbering(row: Sequence[str]) -> bool:
+    """Tell whether a row numbers the columns, as pandas does where they have no names: 0,1,2 or ,0,1 with an index."""
+    counted = row[1:] if row and not row[0] else row
+    return len(row) > 2 and list(counted) == [str(number) for number in range(len(counted))]
 
 
 def _is_unit_row(row: Sequence[str]) -> bool:
