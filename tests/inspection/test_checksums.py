@@ -88,3 +88,9 @@ def test_a_trajectory_that_became_a_pipe_differs_and_nothing_waits_for_it(folder
     os.mkfifo(trajectory_path(folder, 2))
     (one,) = found(folder)
     assert one.what.startswith("000002.h5: missing, or not as written")
+
+
+def test_who_waits_is_told_of_each_file_that_was_compared(folder: Path) -> None:
+    known, done = RecordingSet(folder), list[Path]()
+    inspect(known, compared=done.append)
+    assert sorted(done) == sorted([known.folder / "recording.yaml", *known.paths])

@@ -20,10 +20,15 @@ def check(recordings: Path, *, limit: int | None = None) -> None:
         recordings: Folder of the recording set.
         limit: Use the first LIMIT trajectories only.
     """
+    from tqdm import tqdm
+
     from physid.data import RecordingSet
     from physid.inspection.report import UnsoundError, inspect
 
-    found = inspect(RecordingSet(recordings), limit)
+    known = RecordingSet(recordings)
+    files = len(known.paths[:limit]) + 1
+    with tqdm(desc="comparing checksums", total=files, unit="file", leave=False, disable=None) as bar:
+        found = inspect(known, limit, lambda path: bar.update())
     print(found.text())
     wrong = sum(one.wrong for one in found.findings)
     if wrong:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Iterator
+from collections.abc import Callable, Container, Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -119,11 +119,14 @@ class RecordingSet:
         for path, wanted, found in self.changed():
             raise ValueError(f"{path}: expected SHA-256 {wanted[:12]}..., found {found[:12]}")
 
-    def changed(self, leave: Container[Path] = ()) -> Iterator[tuple[Path, str, str]]:
+    def changed(
+        self, leave: Container[Path] = (), compared: Callable[[Path], object] = lambda path: None
+    ) -> Iterator[tuple[Path, str, str]]:
         """Yield each file that is not as SHA256SUMS says: its path, the sum that is expected, and what is found.
 
         Args:
             leave: Files that are not inspected.
+            compared: Called with each file that was.
 
         Raises:
             ValueError: If SHA256SUMS is no text, or names what is no file of the set.
@@ -138,6 +141,7 @@ class RecordingSet:
                 )
             if path not in leave:
                 found = sha256(path) if path.is_file() else "no such file"
+                compared(path)
                 if found != wanted:
                     yield path, wanted, found
 

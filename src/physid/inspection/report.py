@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from physid.data import RecordingSet
 from physid.data.format import DESCRIPTION, SUMS
@@ -43,15 +45,18 @@ class Report:
         return "\n".join(map(one_line, lines))
 
 
-def inspect(recordings: RecordingSet, limit: int | None = None) -> Report:
+def inspect(
+    recordings: RecordingSet, limit: int | None = None, compared: Callable[[Path], object] = lambda path: None
+) -> Report:
     """Look at a set.
 
     Args:
         recordings: The set.
         limit: At most so many trajectories, the first ones; of the others the checksums are not compared either.
+        compared: Called with each file that has been compared with its checksum.
     """
     seen, findings = read_posed(recordings, range(len(recordings))[:limit])
-    findings += _differing(recordings, limit)
+    findings += _differing(recordings, limit, compared)
     if seen is None:
         return Report((("set", str(recordings.folder)),), tuple(findings))
     findings += mistakes_in(seen)
@@ -60,12 +65,13 @@ def inspect(recordings: RecordingSet, limit: int | None = None) -> Report:
     return Report(tuple(facts_of(recordings, seen)), tuple(findings))
 
 
-def _differing(recordings: RecordingSet, limit: int | None) -> list[Finding]:
+def _differing(recordings: RecordingSet, limit: int | None, compared: Callable[[Path], object]) -> list[Finding]:
     """Return what differs from the checksums of a set that has them; recording.yaml is corrected by hand, too."""
     if not (recordings.folder / SUMS).is_file():
         return []
     try:
-        found = [path for path, *_ in recordings.changed(() if limit is None else recordings.paths[limit:])]
+        left = () if limit is None else recordings.paths[limit:]
+        found = [path for path, *_ in recordings.changed(left, compared)]
     except (ValueError, OSError) as error:
         return [Finding.of_file(error)]
     scene = recordings.folder / DESCRIPTION

@@ -8,6 +8,7 @@ from pathlib import Path
 from physid.estimation.measurement.unexplained import lack_of_fit_sentence
 from physid.estimation.prediction.coordinates import Unknown, correlated_names, logged_names
 from physid.inspection.finding import Findings, trust_sentence
+from physid.strict import one_line
 
 LEAST_MOVE = 1e-3  # [standard errors] of estimates that is worth a number
 
@@ -35,7 +36,7 @@ def summarize(figures: Mapping[str, float], folder: Path, recordings: str = "REC
     lines += [f"  {_steps(figures)}"] if "steps/mean" in figures else []
     kept = Findings.read(folder)
     said = [lack_of_fit_sentence(figures, recordings), kept and trust_sentence(kept.findings, kept.recordings)]
-    return "\n".join([*lines, *(f"  {one}" for one in said if one is not None)])
+    return "\n".join(map(one_line, [*lines, *(f"  {one}" for one in said if one is not None)]))
 
 
 def _estimate(own: Mapping[str, float], unit: str) -> str:
