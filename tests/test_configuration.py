@@ -147,6 +147,11 @@ def test_an_override_reaches_into_a_list(tmp_path: Path) -> None:
         compose([files["one"]], ["all.2.a=5"])
 
 
+@pytest.mark.parametrize("digit", ["\N{SUPERSCRIPT TWO}", "\N{ARABIC-INDIC DIGIT ONE}"])
+def test_digits_of_other_scripts_number_no_item(digit: str) -> None:
+    assert compose([], ["a=[b, c]", f"a.{digit}=1"]).values["a"] == {digit: 1}
+
+
 def test_every_key_knows_where_it_was_set_last(tmp_path: Path) -> None:
     files = write(tmp_path, one="base: two.yaml\na: {b: 1}", two="a: {b: 2, c: 3}\nm: {class_path: x.Y, n: 1}")
     composed = compose([files["one"]], ["m.o=2"])
@@ -184,7 +189,20 @@ def test_a_mistake_in_a_file_is_one_line_that_names_it(tmp_path: Path, text: str
 
 
 @pytest.mark.parametrize(
-    "override", ["novalue", "=3", "a..b=1", "a=[1,", "a=" + "9" * 400, "a=" + "[" * 5000, "a=${b", "a=&a [*a]"]
+    "override",
+    [
+        "novalue",
+        "=3",
+        "a..b=1",
+        "a=[1,",
+        "a=" + "9" * 400,
+        "a=" + "[" * 5000,
+        "a=${b",
+        "a=&a [*a]",
+        ".".join("a" * 3000) + "=1",
+        "a" + "[0]" * 3000 + "=1",
+        "a=!!bool maybe",
+    ],
 )
 def test_a_broken_override_is_refused(override: str) -> None:
     with pytest.raises(ConfigurationError):

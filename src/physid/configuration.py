@@ -19,7 +19,7 @@ import yaml
 from physid.schema.free_mappings import free_mappings
 from physid.shipped import find_configuration, nearest_configuration
 from physid.strict import is_seen, nearest, shown
-from physid.yaml_files import YamlError, parse_yaml, read_yaml, require_modest_interpolations
+from physid.yaml_files import DEEPEST, YamlError, is_index, parse_yaml, read_yaml, require_modest_interpolations
 
 COMMAND_LINE = "command line"
 CLASS_KEYS = ("class_path", "init_args", "dict_kwargs")
@@ -177,7 +177,9 @@ def _parse_override(override: str) -> Layer:
 
     key, equals, value = override.partition("=")
     if not equals or not all(key.split(".")):
-        raise ConfigurationError(f'expected an override of the form key.sub=value, got "{override}"')
+        raise ConfigurationError(f'expected an override of the form key.sub=value, got "{_short(override)}"')
+    if key.count(".") + key.count("[") >= DEEPEST:
+        raise ConfigurationError(f'expected at most {DEEPEST} levels of keys, got "{_short(key)}"')
     try:
         parse_yaml(value, COMMAND_LINE)
         parsed = OmegaConf.to_container(OmegaConf.from_dotlist([override]), resolve=False)
@@ -211,7 +213,7 @@ def _merge(
         path: ... but for those on the way to what an override gives.
         key: Dotted key of the values.
     """
-    if isinstance(earlier, list) and isinstance(later, dict) and later and all(str(each).isdigit() for each in later):
+    if isinstance(earlier, list) and isinstance(later, dict) and later and all(map(is_index, later)):
         merged_list = list(earlier)
         for index, value in later.items():
             if int(index) >= len(earlier):
@@ -286,7 +288,7 @@ def _has(values: Any, path: Sequence[str]) -> bool:
     if not path:
         return True
     if isinstance(values, list):
-        return path[0].isdigit() and int(path[0]) < len(values) and _has(values[int(path[0])], path[1:])
+        return is_index(path[0]) and int(path[0]) < len(values) and _has(values[int(path[0])], path[1:])
     if not isinstance(values, dict):
         return False
     inner = values.get("init_args")

@@ -22,6 +22,7 @@ written as texts, NaN and infinity are errors."""
 MOST_SHOWN = 3  # faults that a message lists
 LONGEST = 60  # letters of a value that is quoted
 EXPECTED = {
+    "json_invalid": "valid JSON ({error})",
     "float_type": "a finite number",
     "finite_number": "a finite number",
     "int_type": "a whole number",

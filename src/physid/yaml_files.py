@@ -24,6 +24,9 @@ LONGEST_RESOLVED = 1_000_000
 """Letters and nodes of a configuration once its interpolations are followed."""
 LARGEST_BITS = 64
 """Of an integer: what counts, indexes or seeds fits, and every float can hold it."""
+LONGEST_NUMBER, LONGEST_KEY = 1000, 1000
+"""Letters of a number as it is written (YAML 1.1 reads 1:30:00 to the base 60, which grows as their square), and of a
+key, which stands in the name of all that is below it."""
 
 # libyaml's parser where PyYAML was built with it, ten times as fast; both give the same events.
 _Parser: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -112,12 +115,18 @@ def parse_yaml(text: str, where: str, construct: Callable[[str], Any] = yaml.saf
         raise YamlError(f"{where}: no valid YAML: {str(error).splitlines()[0]}") from None
     except YamlError:
         raise
-    except (ValueError, RecursionError) as error:  # a date with a 13th month; keys that are deeply nested
-        raise YamlError(f"{where}: no valid YAML: {str(error).splitlines()[0]}") from None
-    for key, value in _leaves(values):
+    # A date with a 13th month, keys that are deeply nested; and a tag with a text that is none of its kind.
+    except (ValueError, RecursionError, LookupError, AttributeError, ArithmeticError, TypeError) as error:
+        tagged = not isinstance(error, ValueError | RecursionError)
+        reason = "a tag (!!int, !!bool ...) of a value that is none" if tagged else str(error).splitlines()[0]
+        raise YamlError(f"{where}: no valid YAML: {reason}") from None
+    for path, value in _leaves(values):
+        if isinstance(value, str) and len(value) > LONGEST_KEY and path[-1:] == (value,):
+            raise YamlError(f"{where}: expected keys of at most {LONGEST_KEY} letters, found one of {len(value)}")
         if isinstance(value, int) and value.bit_length() > LARGEST_BITS:
             raise YamlError(
-                f"{where}: {key}: expected an integer of at most {LARGEST_BITS} bits, found one of {value.bit_length()}"
+                f"{where}: {_dotted(path)}: expected an integer of at most {LARGEST_BITS} bits, found one of "
+                f"{value.bit_length()}"
             )
     return values
 
@@ -132,8 +141,16 @@ def require_modest_text(text: str, where: str) -> None:
         _require_modest(text, where)
 
 
+def is_index(part: object) -> bool:
+    """Return whether a part of a dotted key is the number of an item of a list; digits of other scripts are none."""
+    return str(part).isascii() and str(part).isdigit()
+
+
 def _require_modest(text: str, where: str) -> None:
-    """Refuse aliases that multiply, aliases of what holds them, and nesting that is too deep, from the events alone."""
+    """Refuse aliases that multiply, aliases of what holds them, and nesting that is too deep, from the events alone.
+
+    Long numbers, too: whatever reads one to the base 60 takes time in proportion to the square of its length.
+    """
     written, anchors = 0, dict[str, int]()  # nodes with all aliases followed, by anchor
     sizes: list[int] = [0]
     names: list[str | None] = [None]
@@ -146,6 +163,8 @@ def _require_modest(text: str, where: str) -> None:
             sizes[-1] += anchors.get(str(event.anchor), 1)
         elif isinstance(event, yaml.ScalarEvent):
             written, sizes[-1] = written + 1, sizes[-1] + 1
+            if len(event.value) > LONGEST_NUMBER and NUMBER.fullmatch(event.value):
+                raise YamlError(f"{at}: expected numbers of at most {LONGEST_NUMBER} letters, found a longer one")
             if event.anchor:
                 anchors[event.anchor] = 1
         elif isinstance(event, yaml.CollectionStartEvent):
@@ -164,6 +183,7 @@ def _require_modest(text: str, where: str) -> None:
 
 
 ENVIRONMENT, ASIDE, LONGEST_SHOWN = "oc.env:", object(), 100
+NUMBER = re.compile(r"[-+0-9_:.]+")
 REFERENCE = re.compile(r"\$\{([^${}]*)\}")
 
 
@@ -228,23 +248,28 @@ def _at(values: Any, path: tuple[str, ...]) -> Any:
         if isinstance(values, str) and "${" in values:
             return ASIDE
         if isinstance(values, dict):
-            values = values.get(part, values.get(int(part)) if part.isdigit() else None)
+            values = values.get(part, values.get(int(part)) if is_index(part) else None)
         elif isinstance(values, list):
-            values = values[int(part)] if part.isdigit() and int(part) < len(values) else None
+            values = values[int(part)] if is_index(part) and int(part) < len(values) else None
         else:
             return None
     return values
 
 
-def _leaves(values: Any, key: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield every scalar and every mapping's key with its dotted place."""
+def _leaves(values: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[tuple[Any, ...], Any]]:
+    """Yield every scalar and every mapping's key with its place: keys and numbers, from the top."""
     if isinstance(values, dict):
         for name, value in values.items():
-            shown = str(name) if not isinstance(name, int) or name.bit_length() <= LARGEST_BITS else "a key"
-            yield shown, name
-            yield from _leaves(value, f"{key}.{shown}" if key else shown)
+            yield (*path, name), name
+            yield from _leaves(value, (*path, name))
     elif isinstance(values, list | tuple | set):
         for index, value in enumerate(values):
-            yield from _leaves(value, f"{key}.{index}" if key else str(index))
+            yield from _leaves(value, (*path, index))
     else:
-        yield key, values
+        yield path, values
+
+
+def _dotted(path: tuple[Any, ...]) -> str:
+    """Return a place as messages name it."""
+    large = [isinstance(one, int) and one.bit_length() > LARGEST_BITS for one in path]
+    return ".".join("a key" if each else str(one)[:LONGEST_SHOWN] for one, each in zip(path, large, strict=True))

@@ -130,6 +130,11 @@ def test_a_text_that_the_parser_would_read_as_a_bomb_is_refused(kind: str, stran
             build({**PLAIN, "trainer": {section: value}}, Path("run"), [], logger=False)
 
 
+def test_texts_among_the_data_are_measured_as_well(stranger: Path) -> None:
+    with pytest.raises(ValueError, match=r"data.limit.*expected aliases to repeat at most"):
+        build({**PLAIN, "data": {"limit": bomb(9)}}, Path("run"), [], logger=False)
+
+
 def test_a_pipe_in_place_of_a_class_is_not_waited_for(stranger: Path) -> None:
     os.mkfifo("pipe")
     with pytest.raises(OSError, match="pipe: expected a regular file"):

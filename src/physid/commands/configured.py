@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import json
+import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -88,7 +89,9 @@ def _examine(command: Command, recordings: Path) -> str:
         )
     known = RecordingSet(recordings)
     if len(known) and not any(known.has_poses(index) for index in range(len(known))):
-        raise ConfigurationError(f"{recordings}: has films and no poses; physid track {recordings} reads them first")
+        raise ConfigurationError(
+            f"{recordings}: has films and no poses; physid track {shlex.quote(str(recordings))} reads them first"
+        )
     return recordings.resolve().name
 
 
@@ -96,7 +99,9 @@ def _absent(command: Command, values: dict[str, Any], run_dir: Path | None) -> s
     """Say that a configuration is missing, and what would do instead."""
     recordings = values.get("recordings")
     if recordings is not None:
-        return f"{run_dir} holds no run: physid fit {recordings} makes one, --run-dir RUN names another"
+        return (
+            f"{run_dir} holds no run: physid fit {shlex.quote(str(recordings))} makes one, --run-dir RUN names another"
+        )
     there = f"{run_dir} holds no run; " if run_dir else ""
     ways = ["--config FILE (see physid configs)"]
     ways += ["recordings"] * bool("recordings" in values) + ["--run-dir RUN"] * bool(

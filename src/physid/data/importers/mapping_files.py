@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from physid.yaml_files import YamlError, parse_yaml, read_yaml
+from physid.yaml_files import YamlError, is_index, parse_yaml, read_yaml
 
 
 def read_mapping(path: Path | None, words: Iterable[str] = ()) -> dict[str, Any]:
@@ -48,7 +48,7 @@ def _lay(values: Any, keys: list[str], value: Any, word: str) -> None:
     place = values
     for key in keys[:-1]:
         if isinstance(place, list):
-            if not key.isdigit() or int(key) >= len(place):
+            if not is_index(key) or int(key) >= len(place):
                 raise ValueError(f"--map {word}: expected a number below {len(place)} for {key!r}")
             place = place[int(key)]
         else:

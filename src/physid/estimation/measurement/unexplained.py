@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Mapping
 
 KINDS = {"position": (1e3, "mm", "motion"), "rotation": (180 / math.pi, "deg", "turning")}
@@ -38,7 +39,7 @@ def lack_of_fit_sentence(figures: Mapping[str, float], recordings: str = "RECORD
         parts.append(f"{of_all}{_short(scale * left)} {unit} (noise {noise[kind]})")
     if not parts:
         return f"the fit leaves nothing beyond the noise of the poses ({' and '.join(noise.values())})"
-    return f"the model leaves {' and '.join(parts)}: run physid diagnose {recordings}"
+    return f"the model leaves {' and '.join(parts)}: run physid diagnose {shlex.quote(recordings)}"
 
 
 def _short(value: float) -> str:

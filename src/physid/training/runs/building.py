@@ -115,19 +115,20 @@ def build(
     if trainer["enable_progress_bar"]:
         callbacks = [*callbacks, Progress()]
     _require_modest_texts({key: value for key, value in config.items() if key != "data"})
+    _require_modest_texts(config.get("data"), "data", files=False)  # its files are recordings, and tables of forces
     with only_trusted_imports(allowed):
         return kind({**config, "trainer": trainer}, {"default_root_dir": folder, **fixed}, callbacks)
 
 
-def _require_modest_texts(values: Any, key: str = "") -> None:
+def _require_modest_texts(values: Any, key: str = "", *, files: bool = True) -> None:
     """Refuse texts that cost the parser more than they hold: it takes any for YAML, and for the name of such a file."""
     if isinstance(values, Mapping | list | tuple):
         items = values.items() if isinstance(values, Mapping) else enumerate(values)
         for name, each in items:
-            _require_modest_texts(each, f"{key}.{name}" if key else str(name))
+            _require_modest_texts(each, f"{key}.{name}" if key else str(name), files=files)
     elif isinstance(values, str):
         require_modest_text(values, key)
-        if len(values) < LONGEST_PATH and os.path.exists(values) and not os.path.isdir(values):
+        if files and len(values) < LONGEST_PATH and os.path.exists(values) and not os.path.isdir(values):
             with suppress(UnicodeDecodeError):
                 require_modest_text(read_text(Path(values)), f"{key}: {values}")
 
