@@ -180,6 +180,13 @@ def test_a_reader_that_has_seen_enough_is_no_error() -> None:
     assert not piped.stderr
 
 
+def test_what_an_ascii_terminal_cannot_write_is_escaped() -> None:
+    code = "from physid.commands.terminal.screen import write_any_sign; write_any_sign(); print('2 \\N{MICRO SIGN}m')"
+    setting = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=setting, check=True)
+    assert answer.stdout == "2 \\xb5m\n"
+
+
 def test_an_interrupt_in_a_destructor_is_not_lost() -> None:
     class Interrupted:
         def __del__(self) -> None:

@@ -14,17 +14,15 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from physid.commands import COMMANDS, Command, format_help
-from physid.commands.terminal.screen import interruptible, stoppable, styled
+from physid.commands.terminal.screen import interruptible, stoppable, styled, write_any_sign
 from physid.strict import nearest, one_line
 
 if TYPE_CHECKING:
     from jsonargparse import ArgumentParser
 
 OK, FAILED, USAGE, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
-LONGEST = 1000
-"""Letters of a line of an error: what a file holds may be quoted in it."""
-MOST_LINES = 6
-"""Of an error; the longest of the project's own have three."""
+LONGEST, MOST_LINES = 1000, 6
+"""Letters of a line of an error, which may quote what a file holds, and its lines; the project's own have three."""
 TRACEBACK = "PHYSID_TRACEBACK"
 PRINT, SETTINGS, ALLOW = "--print-config", "--settings", "allow"
 
@@ -97,6 +95,7 @@ def main(words: Sequence[str] | None = None) -> int:
 
 def program() -> None:
     """Run the command of this process and end it."""
+    write_any_sign()
     code = main()
     # Python only tidies up now, and a Ctrl-C would print a traceback: the first is ignored, the second ends it at once.
     signal.signal(signal.SIGINT, lambda *_: signal.signal(signal.SIGINT, signal.SIG_DFL))

@@ -27,6 +27,8 @@ LARGEST: Mapping[str, int] = {
 }
 """What may be asked for at most. Nobody needs more, and more would end, after a long time or at once, for want of
 memory."""
+LARGEST_VALUE = 1e9
+"""Of what is measured, in SI; a square of more, or a step of its motion, is beyond what numbers resolve."""
 UNSEEN = ("Cc", "Cs", "Zl", "Zp")
 TURNING = "".join(map(chr, (0x61C, 0x200E, 0x200F, *range(0x202A, 0x202F), *range(0x2066, 0x206A))))
 """Categories of Unicode, and marks of direction, that no name needs."""

@@ -83,6 +83,12 @@ def test_a_missing_trajectory_is_named(path: Path) -> None:
         ("pose", np.zeros((FRAMES, 1, 7), dtype=np.float32), "pose: expected type float64, found float32"),
         ("wrench", np.zeros((FRAMES + 1, 1, 6)), r"wrench: expected shape \(8, 1, 6\), found \(9, 1, 6\)"),
         ("wrench", np.full((FRAMES, 1, 6), np.nan), "wrench: expected finite values, found .* in frame 0"),
+        (
+            "wrench",
+            np.full((FRAMES, 1, 6), 1e300),
+            r"wrench: expected values of at most 1e\+09 in SI, found .* frame 0",
+        ),
+        ("pose", np.full((FRAMES, 1, 7), 1e200), r"pose: expected values of at most 1e\+09 in SI, found .* frame 0"),
         ("time", np.zeros(FRAMES), "time: expected increasing times, found 0 s in frame 1"),
         ("wrench_time", np.zeros(FRAMES), "wrench_time: expected increasing times, found 0 s in row 1"),
         ("wrench_time", np.arange(5.0), r"wrench_time: expected shape \(8\), found \(5,\)"),

@@ -35,6 +35,23 @@ def test_a_small_file_that_declares_many_frames_is_refused_without_memory(
     tracemalloc.stop()
 
 
+def test_floating_point_numbers_that_pack_better_than_any_motion_are_refused(path: Path) -> None:
+    frames = 10**6
+    with h5py.File(path, "w") as file:
+        pose = file.create_dataset("pose", (frames, 1, 7), "f8", chunks=(10**4, 1, 7), compression="gzip")
+        pose[:] = [0, 0, 0, 0, 0, 0, 1]
+    with pytest.raises(ValueError, match=r"pose: expected the 56000000 bytes of shape .* found"):
+        read_trajectory(path)
+
+
+def test_forces_that_stay_the_same_may_pack_well(path: Path) -> None:
+    write_trajectory(path, recording(2000))
+    with h5py.File(path, "r+") as file:
+        del file["wrench"]
+        file.create_dataset("wrench", data=np.ones((2000, 1, 6)), chunks=(2000, 1, 6), compression="gzip")
+    assert read_trajectory(path).length == 2000
+
+
 def test_one_huge_chunk_is_refused(path: Path) -> None:
     with h5py.File(path, "w") as file:
         file.create_dataset("pose", (2, 1, 7), "f8", chunks=(10**6, 1, 7), maxshape=(None, 1, 7), compression="gzip")

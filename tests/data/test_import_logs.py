@@ -242,6 +242,21 @@ def test_one_file_may_hold_several_trajectories_and_be_dealt_to_splits(tmp_path:
     assert all(same(one, truth) for one in found)
 
 
+@pytest.mark.parametrize("offset", [0.0, 0.01])
+def test_forces_of_several_trajectories_without_stamps_begin_with_each(tmp_path: Path, offset: float) -> None:
+    time = np.arange(30.0)
+    columns = dict.fromkeys(("x", "y", "z", "fy", "fz"), 0 * time) | {"fx": time, "trial": (time >= 10) * 1.0}
+    log = write_csv(tmp_path / "log.csv", list(columns), list(columns.values()))
+    mapping = {"rate": 100, "position": ["x", "y", "z"], "orientation": "none", "force": ["fx", "fy", "fz"], **BODY}
+    forces = {"rate": 100, "offset": offset}
+    import_logs([log], mapping | {"trajectory": "trial", "forces": forces}, tmp_path / "out")
+    found = RecordingSet(tmp_path / "out")
+    for one, first in ((found.read(0), 0), (found.read(1), 10)):
+        assert one.wrench is not None
+        assert np.allclose(one.wrench_stamps(0.01), 0.01 * np.arange(len(one.wrench)) + offset)
+        assert one.wrench[0, 0, 3] == first
+
+
 @pytest.mark.parametrize("kind", ["csv", "npz"])
 def test_rows_without_a_number_are_of_no_trajectory_and_said_to_be_left_out(tmp_path: Path, kind: str) -> None:
     truth = Truth.of()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import re
 import sys
 import zipfile
@@ -395,6 +396,24 @@ def test_a_reader_that_is_not_installed_is_named_with_its_extra(
     monkeypatch.setitem(sys.modules, module, None)
     assert main(["import", str(tmp_path / name), "--guess"]) == 2
     assert message in capsys.readouterr().err
+
+
+def test_an_archive_of_a_million_columns_is_refused(tmp_path: Path) -> None:
+    np.savez_compressed(tmp_path / "log.npz", a=np.zeros((1, 1 << 20), dtype=np.bool_))
+    with pytest.raises(ValueError, match=r"log.npz: expected arrays .* 10000 columns at most, found 1048576"):
+        read_table(tmp_path / "log.npz")
+
+
+def test_separators_of_thousands_are_no_decimal_marks(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text("t;x\n0.00;1,000\n0.01;1,010\n")
+    with pytest.raises(ValueError, match=r"log.csv: expected one decimal mark, found commas between digits and 0.00"):
+        read_table(tmp_path / "log.csv")
+
+
+def test_a_packed_table_is_answered_with_how_to_unpack_it(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_bytes(gzip.compress(b"t,x\n0,1\n"))
+    with pytest.raises(ValueError, match=r"log.csv: expected a table, found one that gzip has packed; unpack it"):
+        read_table(tmp_path / "log.csv")
 
 
 def test_an_archive_that_declares_more_than_it_holds_is_refused(tmp_path: Path) -> None:

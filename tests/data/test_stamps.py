@@ -107,3 +107,17 @@ def test_forces_that_begin_late_or_end_early_are_remarked() -> None:
 def test_time_that_doubles_or_runs_back_is_refused(time: list[float], message: str) -> None:
     with pytest.raises(ValueError, match=f"time: expected increasing times, {message}"):
         moving(np.array(time))
+
+
+@pytest.mark.parametrize("gap", [20.0, 3600.0, 1e9])
+def test_a_gap_of_many_more_frames_than_there_are_is_refused_at_once(gap: float) -> None:
+    time = stamps(60)
+    time[30:] += gap
+    with pytest.raises(ValueError, match=r"found none for .* s after frame 29; cut the recording there"):
+        check_clocks(moving(time), 1 / RATE)
+
+
+def test_a_gap_of_several_times_the_frames_there_are_passes() -> None:
+    time = stamps(60)
+    time[30:] += 5.0
+    check_clocks(moving(time), 1 / RATE)

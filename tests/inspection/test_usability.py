@@ -59,7 +59,21 @@ def resting_but(kept: int) -> Callable[[int, Recording], Recording]:
     return lambda index, one: one if index == kept else at_rest(index, one)
 
 
+def never_seen(index: int, one: Recording) -> Recording:
+    """Lose the body in every frame of one trajectory."""
+    return one if index != 1 else dataclasses.replace(one, pose=np.full_like(one.pose, np.nan), twist=None)
+
+
+def with_an_hour_between(index: int, one: Recording) -> Recording:
+    """Stamp the frames; in one trajectory an hour passes in the middle."""
+    time = np.arange(one.length) / 240
+    time[one.length // 2 :] += 3600 * (index == 1)
+    return dataclasses.replace(one, time=time)
+
+
 MISTAKES = [
+    (never_seen, "000001.h5: pose: expected every body in some frame, found block in none"),
+    (with_an_hour_between, "000001.h5: time: expected frames about 0.00417 s apart, found none for 3600 s"),
     (in_millimetres, "expected poses in metres, found bodies of "),
     (at_rest, "push harder than friction holds"),
     (without_forces, "trajectory 0: expected the commanded forces, found none, yet a body sets off from rest"),

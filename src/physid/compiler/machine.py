@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import hashlib
 import os
@@ -94,10 +95,11 @@ def _kept(place: Path) -> bytes | None:
 
 def _keep(place: Path, code: bytes) -> None:
     """Write to the cache, with a digest; a process that cannot compiles again next time."""
+    draft = place.with_suffix(f".{os.getpid()}")
     try:
         place.parent.mkdir(parents=True, exist_ok=True)
-        draft = place.with_suffix(f".{os.getpid()}")
         draft.write_bytes(hashlib.sha256(code).digest() + code)
         draft.replace(place)
     except OSError:
-        return
+        with contextlib.suppress(OSError):
+            draft.unlink()

@@ -9,9 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from physid.strict import LARGEST_VALUE
+
 Array = NDArray[np.float64]
 SPLITS = ("train", "val", "test", "fit", "select", "report_same", "report_transfer")
 UNIT_TOLERANCE = 1e-3
+MEASURED = ("pose", "wrench", "twist")
 # dataset: (shape, type); T frames, S rows of forces, N bodies, H rows and W columns of the image
 LAYOUT: dict[str, tuple[str, type[np.generic]]] = {
     "pose": ("T N 7", np.float64),
@@ -179,6 +182,7 @@ def _check_poses(pose: Array) -> NDArray[np.bool_]:
             f"pose: expected seven finite values, or seven NaN for a body that was not seen, found "
             f"{pose[frame, body].tolist()} in frame {frame}, body {body}"
         )
+    _require_finite("pose", pose, np.isfinite(pose) | np.isnan(pose))
     length = np.where(unseen, 1.0, np.linalg.norm(pose[..., 3:], axis=-1))
     frame, body = (int(one) for one in np.unravel_index(np.abs(length - 1).argmax(), length.shape))
     if abs(length[frame, body] - 1) > UNIT_TOLERANCE:
@@ -193,6 +197,13 @@ def _require_finite(name: str, array: Array, finite: NDArray[np.bool_]) -> None:
     if not finite.all():
         row = int(np.argwhere(~finite)[0, 0])
         raise ValueError(f"{name}: expected finite values, found {array[row].tolist()} in {_row_of(name)} {row}")
+    large = np.asarray(np.abs(array) > LARGEST_VALUE) if name in MEASURED else np.zeros(1, dtype=bool)
+    if large.any():
+        row = int(np.argwhere(large)[0, 0])
+        raise ValueError(
+            f"{name}: expected values of at most {LARGEST_VALUE:g} in SI, found {array[row].tolist()} in "
+            f"{_row_of(name)} {row}; correct the unit, or write NaN for a body that was not seen"
+        )
 
 
 def _row_of(name: str) -> str:

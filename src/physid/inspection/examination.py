@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 
 from physid.data import Recording, RecordingSet
-from physid.data.observations.trajectories import from_recordings
+from physid.data.observations.trajectories import from_recordings, require_seen
 from physid.estimation.measurement import NoiseSettings
 from physid.inspection.evidence import Evidence
 from physid.inspection.finding import Finding
@@ -30,13 +30,19 @@ def read_posed(
     Raises:
         ValueError: If a file that is needed is damaged.
     """
+    names = [body.name for body in recordings.scene.bodies]
     read, findings, broken = dict[int, Recording](), list[Finding](), 0
     for index in indices:
+        path = recordings.paths[index]
         try:
             one = recordings.read(index, blank=True)
+            if not recordings.has_film(index):
+                require_seen(one, names)
         except (ValueError, OSError) as error:
+            if isinstance(error, ValueError) and not str(error).startswith(str(path)):
+                error = ValueError(f"{path}: {error}")
             if index in needed:
-                raise
+                raise error from None
             broken += 1
             if broken <= MOST_NAMED:
                 findings.append(Finding.of_file(error))
@@ -44,7 +50,7 @@ def read_posed(
         if shows_motion(one):
             read[index] = one
         else:
-            what = f"{recordings.paths[index].name}: a body, or all, has no poses beyond the first"
+            what = f"{path.name}: a body, or all, has no poses beyond the first"
             findings.append(Finding(what, "physid track reads films", wrong=False))
     if broken > MOST_NAMED:
         findings.append(Finding(f"{broken - MOST_NAMED} more trajectories cannot be read", "as above"))

@@ -12,10 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physid.scenes.camera import Camera, Triple
-from physid.strict import LARGEST, nearest, number, quoted, seen, triple
+from physid.strict import LARGEST, LARGEST_VALUE, nearest, number, quoted, seen, triple
 from physid.typed_files import CLOSED
 
 PARAMETERS = ("mass", "friction", "restitution")
+HIGHEST_FRICTION = 100.0  # no pair of materials has more than a few
+ROUNDED = 1e-6  # by which a moment may be off
 HIGHEST_RESTITUTION = 1.0  # with more, every bounce makes energy
 SEMI_IMPLICIT_EULER = "semi_implicit_euler"
 SCHEMES = (SEMI_IMPLICIT_EULER,)
@@ -52,10 +54,10 @@ class Body:
         if not isinstance(self.name, str) or not self.name or "." in self.name:
             raise ValueError(f"body name must be a word without a full stop, got {self.name!r}")
         seen(self.name, "body name")
-        if min(triple(self.size, f"{self.name}.size")) <= 0:
+        if min(triple(self.size, f"{self.name}.size")) <= 0 or max(self.size) > LARGEST_VALUE:
             raise ValueError(f"{self.name}.size must be positive edge lengths, got {self.size}")
-        number(self.mass, f"{self.name}.mass", low=0.0, strict=True)
-        number(self.friction, f"{self.name}.friction", low=0.0)
+        number(self.mass, f"{self.name}.mass", low=0.0, high=LARGEST_VALUE, strict=True)
+        number(self.friction, f"{self.name}.friction", low=0.0, high=HIGHEST_FRICTION)
         if number(self.restitution, f"{self.name}.restitution", low=0.0) > HIGHEST_RESTITUTION:
             raise ValueError(
                 f"{self.name}.restitution must be at most {HIGHEST_RESTITUTION:g}: a bounce makes no energy, "
@@ -64,8 +66,19 @@ class Body:
         if self.material is not None and (not isinstance(self.material, str) or not self.material):
             raise ValueError(f"{self.name}.material must be a word or null, got {self.material!r}")
         seen(self.material or "", f"{self.name}.material")
-        if self.inertia is not None and min(triple(self.inertia, f"{self.name}.inertia")) <= 0:
-            raise ValueError(f"{self.name}.inertia must be positive principal moments or null, got {self.inertia}")
+        if self.inertia is not None:
+            self._check_moments(self.inertia)
+
+    def _check_moments(self, inertia: Triple) -> None:
+        """Refuse what no distribution of mass has: the sum of two moments is at least the third."""
+        low, middle, high = sorted(triple(inertia, f"{self.name}.inertia"))
+        if low <= 0:
+            raise ValueError(f"{self.name}.inertia must be positive principal moments or null, got {inertia}")
+        if high > (low + middle) * (1 + ROUNDED):
+            raise ValueError(
+                f"{self.name}.inertia must be moments of which none is more than the sum of the others, got {inertia}; "
+                "leave it out for a uniform box"
+            )
 
     def moments(self) -> NDArray[np.float64]:
         """Return the principal moments [kg m^2], (3,): those given, or I_x = m (b^2 + c^2) / 12 and so on."""

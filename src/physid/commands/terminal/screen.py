@@ -8,6 +8,7 @@ import sys
 from _thread import interrupt_main
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from io import TextIOWrapper
 from threading import Timer, current_thread, main_thread
 from types import FrameType
 from typing import TYPE_CHECKING, Literal, TextIO
@@ -23,6 +24,13 @@ def styled(text: str, style: Literal["bold", "red", "green"], stream: TextIO) ->
     """Return a text as a stream can show it: with ECMA-48's escape sequences on a terminal, else unchanged."""
     plain = os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb" or not stream.isatty()
     return text if plain else f"\x1b[{CODES[style]}m{text}\x1b[0m"
+
+
+def write_any_sign() -> None:
+    """Let a stream that cannot write a sign, say the mu of micrometres in ASCII, write how it is escaped."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 @contextmanager

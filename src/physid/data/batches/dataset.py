@@ -12,7 +12,7 @@ from torch.utils.data import Dataset
 
 from physid.data import Recording, RecordingSet
 from physid.data.observations.step_grid import SHORTEST, mean_wrench
-from physid.data.observations.trajectories import from_recordings
+from physid.data.observations.trajectories import from_recordings, require_seen
 from physid.data.reading import echo_of, read_reading, stretch_of
 
 Item = dict[str, Tensor]
@@ -174,7 +174,8 @@ def _numbers_of(recordings: RecordingSet, trajectory: int, unposed: bool, even: 
     """Read poses, wrenches and, where they are there, twists; stamps and steps of what is no even log.
 
     Raises:
-        ValueError: If they must be an even log and are none: a segment has one pose and one force for each time step.
+        ValueError: If they must be an even log and are none: a segment has one pose and one force for each time step;
+            or if a body is never seen.
     """
     posed = recordings.has_poses(trajectory)
     if not posed and not unposed:
@@ -183,6 +184,11 @@ def _numbers_of(recordings: RecordingSet, trajectory: int, unposed: bool, even: 
             "(physid track)"
         )
     recording, time_step = recordings.read(trajectory, video=not posed), recordings.scene.time_step
+    if recording.pose is not None:
+        try:
+            require_seen(recording, [body.name for body in recordings.scene.bodies])
+        except ValueError as error:
+            raise ValueError(f"{recordings.paths[trajectory]}: {error}") from None
     reason = _irregular(recording, time_step, JITTER if even else SHORTEST)
     if reason and even:
         raise ValueError(

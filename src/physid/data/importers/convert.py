@@ -63,10 +63,10 @@ def _write(files: Sequence[Path], log: LogMap, folder: Path, notes: list[str]) -
     bodies = tuple(each.body for each in log.bodies)
     scene = Scene(log.scene, step or 1.0, log.ground, bodies, log.unknown, None, log.gravity, source)
     for file, recording in _recordings(files, log, notes):
-        if step is None:
-            step = _nominal_step(recording, file)
-            notes.append(f"time_step: {step:.6g} s ({1 / step:.6g} frames per second), as the stamps show")
         try:
+            if step is None:
+                step = _nominal_step(recording)
+                notes.append(f"time_step: {step:.6g} s ({1 / step:.6g} frames per second), as the stamps show")
             check_clocks(recording, step)
         except ValueError as error:
             raise ValueError(f"{file}: {str(error).replace('recording.yaml', 'the mapping')}") from None
@@ -126,6 +126,8 @@ def _recording(file: Path, poses: Poses, forces: Forces | None, group: int, log:
     # Rows in which nothing but forces stands are no frames.
     frames = rows[seen] if forces is not None and not own and poses.time is not None else rows
     start = 0.0 if poses.time is None else float(poses.time[frames[0]])
+    if poses.time is None and not own and log.forces.time is None and log.forces.rate is not None:
+        start = frames[0] / log.forces.rate  # rows of forces are counted through the whole log
     time = None if poses.time is None else poses.time[frames] - start
     wrench = wrench_time = None
     if forces is not None:
@@ -182,11 +184,11 @@ def _around(wrench: Any, stamps: Any, end: float) -> tuple[Any, Any]:
     return wrench[first:last], stamps[first:last]
 
 
-def _nominal_step(recording: Recording, file: Path) -> float:
+def _nominal_step(recording: Recording) -> float:
     """Return the nominal time between frames [s]: a round rate, where the stamps are near one."""
     assert recording.time is not None
     if len(recording.time) < LEAST:
-        raise ValueError(f"{file}: expected at least {LEAST} rows, found {len(recording.time)}")
+        raise ValueError(f"expected at least {LEAST} rows, found {len(recording.time)}")
     rate = 1 / rhythm_of(recording.time).period
     rounded = float(f"{rate:.{ROUND}g}")
     return 1 / (rounded if abs(rounded / rate - 1) < NEAR else rate)

@@ -20,6 +20,8 @@ SHORT, LOOSE = 60, 0.14  # stamps, share of the period: shorter ones that jitter
 WINDOW, CHANGE, CHANGE_DEVIATIONS = 25, 0.05, 6.0  # [intervals], share of a period, deviations of a window's median
 SEARCH, SEARCHED, FINENESS = 0.25, 200, 4  # share of a period, stamps, points per width of a peak
 NANO = 1e-9
+MOST_MISSING = 10.0
+"""Times as many frames as there are that may be missing in between: motion over longer gaps is that of no recording."""
 UNITS = {1e3: "milliseconds", 1e6: "microseconds", 1e9: "nanoseconds"}
 UNLIKE = 1.5  # times as long: a log of forces that merely begins early and ends late is rarely so much longer
 
@@ -54,7 +56,11 @@ def rhythm_of(time: Array) -> Rhythm:
 
     Args:
         time: Increasing stamps [s], shape (T,), at least 2.
+
+    Raises:
+        ValueError: If many more frames are missing than there are.
     """
+    _require_no_long_gap(time)
     change, later = change_in(np.diff(time))
     time = time if change is None else time[: change + 1]
     steps = np.diff(time)
@@ -78,6 +84,17 @@ def rhythm_of(time: Array) -> Rhythm:
         return Rhythm(typical, float(1.25 * steps.std() / np.sqrt(len(steps))), jitter, 0, change, later)
     holes = np.maximum(np.round(steps / period) - 1, 0).sum()
     return Rhythm(period, jitter / spread, jitter, int(holes), change, later)
+
+
+def _require_no_long_gap(time: Array) -> None:
+    """Refuse stamps between which many more frames are missing than there are: what follows costs time for each."""
+    steps = np.diff(time)
+    if len(steps) > 1 and time[-1] - time[0] > MOST_MISSING * len(time) * np.median(steps):
+        frame = int(steps.argmax())
+        raise ValueError(
+            f"time: expected frames about {np.median(steps):.3g} s apart, found none for {steps[frame]:.4g} s after "
+            f"frame {frame}; cut the recording there into two trajectories, or correct the stamps"
+        )
 
 
 def change_in(steps: Array) -> tuple[int | None, float]:

@@ -133,7 +133,7 @@ def load_trajectories(
     for index in chosen:
         try:
             recording = recordings.read(index, blank=True)
-            _require_seen(recording, [body.name for body in recordings.scene.bodies])
+            require_seen(recording, [body.name for body in recordings.scene.bodies])
         except ValueError as error:
             path = str(recordings.paths[index])
             raise ValueError(str(error) if str(error).startswith(path) else f"{path}: {error}") from None
@@ -203,8 +203,12 @@ def _filled(pose: Array, seen: NDArray[np.bool_]) -> Array:
     return np.take_along_axis(pose, source[..., None], 0)
 
 
-def _require_seen(recording: Recording, names: Sequence[str]) -> None:
-    """Refuse a trajectory in which a body never appears."""
+def require_seen(recording: Recording, names: Sequence[str]) -> None:
+    """Refuse a trajectory in which a body never appears.
+
+    Raises:
+        ValueError: If one does not; names it.
+    """
     never = np.flatnonzero(~recording.seen.any(0))
     if len(never):
         raise ValueError(

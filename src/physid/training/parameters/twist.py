@@ -47,7 +47,10 @@ def twist_from_poses(
     frames = pose.shape[1]
     window = min(window, int(length.min()))
     if window < 3:
-        raise ValueError(f"twists need at least 3 frames of poses, got a trajectory of {int(length.min())}")
+        raise ValueError(
+            f"expected at least 3 frames of poses, from which velocities follow, found a trajectory of "
+            f"{int(length.min())}; leave it out"
+        )
     step = time_step if arrival is None else arrival
     at = torch.arange(frames, device=pose.device)
     candidates = []

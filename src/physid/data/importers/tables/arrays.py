@@ -12,6 +12,7 @@ import numpy as np
 
 from physid.data.importers.tables.table import Table
 
+MOST_COLUMNS = 10_000
 MOST_PACKED = 100  # times the size of an archive that its arrays may have; motion packs two to ten times
 
 
@@ -39,6 +40,11 @@ def read_arrays(path: Path) -> Table:
     if not numbers:
         raise ValueError(
             f"{path}: expected arrays of numbers with time as first axis, found {', '.join(arrays) or 'none'}"
+        )
+    if (count := sum(prod(each.shape[1:]) for each in numbers.values())) > MOST_COLUMNS:
+        raise ValueError(
+            f"{path}: expected arrays with time as first axis, {MOST_COLUMNS} columns at most, found {count}; turn or "
+            "thin them"
         )
     columns: dict[str, Any] = {}
     for name, each in numbers.items():

@@ -21,6 +21,7 @@ DELIMITERS = (",", ";", "\t", " ")
 EMPTY = {"", "nan", "none", "null", "na", "n/a", "-", "#n/a"}  # cells that say: nothing was measured
 TRUE = {"true": 1.0, "false": 0.0}
 MARKS = (b"\xff\xfe", b"\xfe\xff")  # with which UTF-16 begins
+GZIP = b"\x1f\x8b"  # with which a packed file begins
 PEEK, CHUNK = 50, 1 << 16  # rows
 ALIKE = 0.8  # share of lines that a delimiter splits into as many cells as the first
 LONGEST_LINE = 1 << 20  # characters: a file with longer lines is no table
@@ -40,6 +41,8 @@ def read_text(path: Path, header: int | None) -> Table:
         with path.open(newline="", encoding="utf-8-sig") as file:
             return _read_csv(path, file, header)
     except UnicodeDecodeError as error:
+        if _begins(path) == GZIP:
+            raise ValueError(f"{path}: expected a table, found one that gzip has packed; unpack it (gunzip)") from None
         code = "UTF-16" if _begins(path) in MARKS else "LATIN1"
         raise ValueError(
             f"{path}: expected text in UTF-8, found byte {error.object[error.start]:#04x}; it seems to be {code}: "
@@ -66,6 +69,12 @@ def _read_csv(path: Path, file: TextIO, header: int | None) -> Table:
     ]
     rows = [[cell.strip() for cell in _cells(head[row], delimiter)] for row in filled]
     comma = delimiter != "," and any(re.fullmatch(r"[+-]?\d+,\d+", cell) for row in rows[1:] for cell in row)
+    pointed = next((cell for row in rows[1:] for cell in row if re.fullmatch(r"[+-]?\d*\.\d+", cell)), None)
+    if comma and pointed is not None:
+        raise ValueError(
+            f"{path}: expected one decimal mark, found commas between digits and {pointed}; write numbers without "
+            "separators of thousands, all with a point or all with a comma"
+        )
     named = header is not None or _is_numbering(rows[0]) or not all(_is_number(cell, comma) for cell in rows[0])
     names = rows[0] if named else [str(index) for index in range(len(rows[0]))]
     if not named and start and head[start - 1].startswith(("#", "%")):  # a header that is written as a comment
