@@ -73,12 +73,11 @@ def diagnose(
 
     from physid.commands.configured import read_model
     from physid.commands.films import open_with_poses
-    from physid.commands.terminal.screen import resumable
+    from physid.commands.terminal.screen import resumable, say
     from physid.diagnosis import MISSING, REPORT, Settings, parse_changes, summary_lines
     from physid.diagnosis.diagnose import diagnose as run
     from physid.effects.loading import own_effects
     from physid.record import describe, write_record
-    from physid.strict import one_line
 
     changes = parse_changes(set or []) | ({} if tolerance is None else {"materiality.tolerance": tolerance})
     settings = Settings().changed(changes)
@@ -95,8 +94,7 @@ def diagnose(
     write_record(folder, record)
     if wandb:
         _log(folder, wandb, {"recordings": str(recordings), "transfer": str(transfer or ""), "seed": seed}, found)
-    written = [str(folder / one) for one in (MISSING, REPORT) if (folder / one).is_file()]
-    print(*map(one_line, [*summary_lines(found), *written]), sep="\n")
+    say(*summary_lines(found), *(folder / one for one in (MISSING, REPORT) if (folder / one).is_file()))
 
 
 def _check_own(effects: list[str], allowed: list[str], replaced: Path) -> None:

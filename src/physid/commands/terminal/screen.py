@@ -13,6 +13,8 @@ from threading import Timer, current_thread, main_thread
 from types import FrameType
 from typing import TYPE_CHECKING, Literal, TextIO
 
+from physid.strict import one_line
+
 if TYPE_CHECKING:
     from sys import UnraisableHookArgs
 
@@ -31,6 +33,11 @@ def write_any_sign() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
+
+
+def say(*lines: object) -> None:
+    """Print lines; what is not seen is escaped, since names in them may be a stranger's."""
+    print(*(one_line(str(each)) for each in lines), sep="\n")
 
 
 @contextmanager
