@@ -25,7 +25,7 @@ def test_a_set_is_fitted_tested_and_predicted_by_its_name(made: Path, capsys: py
     assert main(["fit", str(made), "trainer.max_epochs=2"]) == 0
     printed = capsys.readouterr().out
     assert "block.friction" in printed
-    assert "90 %: " in printed
+    assert "(90 %" in printed
     assert main(["test", str(made)]) == 0
     assert "% of the size" in capsys.readouterr().out
     assert main(["predict", str(made), "data.limit=2"]) == 0

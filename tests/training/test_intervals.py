@@ -194,13 +194,21 @@ def test_a_fit_reports_intervals_and_marks_what_is_not_identifiable(
     assert figures["params/block.friction/observable"] == 1
     estimate = figures["params/block.friction/estimate"]
     assert figures["params/block.friction/low"] < estimate < figures["params/block.friction/high"]
-    assert "90 %:" in capsys.readouterr().out
+    assert "(90 %" in capsys.readouterr().out
     data = f"data.folder={recordings('slide')}"
     assert main(["fit", "--config", config, data, "model.learn=[block.mass]", f"--run-dir={tmp_path / 'not'}"]) == 0
     figures = json.loads((tmp_path / "not" / "metrics.json").read_text())
     assert figures["params/block.mass/observable"] == 0
     assert not {"params/block.mass/low", "params/block.mass/high"} & figures.keys()
     assert "DO NOT RELY ON IT" in summarize(figures, tmp_path)
+
+
+def test_an_interval_of_a_model_that_leaves_more_than_noise_says_on_what_it_rests(tmp_path: Path) -> None:
+    figures = {f"params/block.mass/{name}": value for name, value in (("estimate", 2.0), ("low", 1.9), ("high", 2.1))}
+    figures |= {f"fit/{kind}_{name}": 1.0 for kind in ("position", "rotation") for name in ("explained", "noise")}
+    assert "2 kg (90 %: 1.9 to 2.1)" in summarize(figures, tmp_path)
+    left = {"fit/rotation_explained": 0.0, "fit/rotation_unexplained": 2.0}
+    assert "2 kg (90 % if the model held: 1.9 to 2.1)" in summarize(figures | left, tmp_path)
 
 
 def exact_equations(matrix: Tensor, vector: Tensor) -> NormalEquations:

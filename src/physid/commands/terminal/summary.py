@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from physid.estimation.measurement.unexplained import lack_of_fit_sentence
+from physid.estimation.measurement.unexplained import lack_of_fit_sentence, unexplained_kinds
 from physid.estimation.prediction.coordinates import Unknown, correlated_names, logged_names
 from physid.inspection.finding import Findings, trust_sentence
 from physid.strict import one_line
@@ -21,14 +21,14 @@ def summarize(figures: Mapping[str, float], folder: Path, recordings: str = "REC
         folder: Of the run, with findings.json.
         recordings: The set that was fitted, to name in advice.
     """
-    names = logged_names(figures, "estimate")
+    names, doubtful = logged_names(figures, "estimate"), bool(unexplained_kinds(figures))
     measured = sorted(key for key in figures if key.startswith(("test/", "val/")) and not key.endswith("_deviation"))
     effort = [key for key in ("evaluations", "seconds") if key in figures]
     width = max(map(len, [*names, *measured, *effort]), default=0)
     lines = [f"{folder}"]
     for name in names:
         own = {key.rpartition("/")[2]: value for key, value in figures.items() if key.startswith(f"params/{name}/")}
-        lines.append(f"  {name:<{width}}  {_estimate(own, Unknown.of(name).unit)}")
+        lines.append(f"  {name:<{width}}  {_estimate(own, Unknown.of(name).unit, doubtful)}")
     for key in sorted(key for key in figures if key.startswith("correlation/")):
         lines.append(f"  correlation of {' and '.join(correlated_names(key))}: {figures[key]:+.2f}")
     lines += [f"  {key:<{width}}  {_measured(key, figures)}" for key in measured]
@@ -39,10 +39,17 @@ def summarize(figures: Mapping[str, float], folder: Path, recordings: str = "REC
     return "\n".join(map(one_line, [*lines, *(f"  {one}" for one in said if one is not None)]))
 
 
-def _estimate(own: Mapping[str, float], unit: str) -> str:
-    """Write an estimate with its interval, its true value, and whether the recordings identify it."""
+def _estimate(own: Mapping[str, float], unit: str, doubtful: bool) -> str:
+    """Write an estimate with its interval, its true value, and whether the recordings identify it.
+
+    Args:
+        own: Figures of the parameter.
+        unit: Its unit.
+        doubtful: Whether the fit leaves more than noise; intervals hold where the model does.
+    """
     estimate, true = own["estimate"], own.get("true")
-    known = [f"90 %: {own['low']:.6g} to {own['high']:.6g}"] if {"low", "high"} <= own.keys() else []
+    level = "90 % if the model held" if doubtful else "90 %"
+    known = [f"{level}: {own['low']:.6g} to {own['high']:.6g}"] if {"low", "high"} <= own.keys() else []
     if true is not None:
         known.append(f"true {true:.6g}" + (f", off by {abs(estimate / true - 1):.3%}" if true else ""))
     warning = "" if own.get("observable", 1.0) else "  DO NOT RELY ON IT: these recordings do not identify it by itself"
