@@ -80,7 +80,8 @@ def refuse_links(folder: Path) -> None:
         if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
             raise OSError(
                 f"{path}: expected nothing but files and folders where physid writes, found {kind_of(mode)}; "
-                "nothing is written through links: put what it stands for in its place, or delete it"
+                "nothing is written through links: put what it stands for in its place, delete it, or choose another "
+                "folder"
             )
 
 
@@ -135,7 +136,7 @@ def _locked(folder: Path) -> int:
         except OSError as error:
             if error.errno not in UNSUPPORTED:
                 os.close(file)
-                raise
+                raise OSError(error.errno, os.strerror(error.errno or 0), str(path)) from error
             warnings.warn(f"{folder}: its file system has no locks; let no second process write there", stacklevel=4)
             return file
         os.close(file)

@@ -194,11 +194,10 @@ def sample(run: Path, *, count: int = 100, out: Path | None = None, seed: int = 
     from physid.runs import refuse_links
     from physid.training.parameters import read_posterior
 
-    place = run if run.is_dir() else run.parent
-    target = out or place / "samples.csv"
+    target = out or (run if run.is_dir() else run.parent) / "samples.csv"
     require_ending(target, *KINDS)
-    if out is None:
-        refuse_links(place)
+    if out is None and run.is_dir():
+        refuse_links(run)
     known = read_posterior(run)
     drawn = known.sample(count, seed)
     write_samples(target, known.names, drawn)
