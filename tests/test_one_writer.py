@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from physid.one_writer import LOCK, FolderInUseError, one_writer
+from physid.one_writer import LOCK, FolderInUseError, one_writer, refuse_links
 
 HOLD = (
     "import sys, time; from pathlib import Path; from physid.one_writer import one_writer\n"
@@ -64,3 +66,57 @@ def test_a_lock_that_leads_elsewhere_is_not_followed(tmp_path: Path) -> None:
     with pytest.raises(OSError, match="symbolic"), one_writer(tmp_path):
         pytest.fail("followed")
     assert (tmp_path / "elsewhere").read_text() == "precious"
+
+
+@pytest.mark.parametrize(
+    ("stand", "found"),
+    [(os.mkfifo, "a named pipe"), (os.mkdir, "a folder"), (lambda path: path.symlink_to("/dev/null"), "a symbolic")],
+)
+def test_a_lock_that_is_no_file_is_named_with_what_to_do(
+    tmp_path: Path, stand: Callable[[Path], None], found: str
+) -> None:
+    stand(tmp_path / LOCK)
+    message = rf"/\.lock: expected the file with which physid locks the folder, found {found}.*; delete it"
+    with pytest.raises(OSError, match=message), one_writer(tmp_path):
+        pytest.fail("locked")
+
+
+def listen(path: Path) -> None:
+    """Make a socket."""
+    here = Path.cwd()
+    os.chdir(path.parent)  # its address may have a hundred letters
+    with socket.socket(socket.AF_UNIX) as one:
+        one.bind(path.name)
+    os.chdir(here)
+
+
+@pytest.mark.parametrize(
+    ("stand", "found"),
+    [
+        (lambda path: path.symlink_to("/dev/null"), "a symbolic link"),
+        (lambda path: path.symlink_to(path.parent), "a symbolic link"),
+        (lambda path: path.symlink_to(path.parent / "nowhere"), "a symbolic link"),
+        (os.mkfifo, "a named pipe"),
+        (listen, "a socket"),
+    ],
+)
+@pytest.mark.parametrize("place", ["hparams.yaml", "checkpoints/last.ckpt", "a/b/c/wandb"])
+def test_nothing_is_written_where_a_link_or_a_pipe_lies(
+    tmp_path: Path, stand: Callable[[Path], None], found: str, place: str
+) -> None:
+    (tmp_path / place).parent.mkdir(parents=True, exist_ok=True)
+    stand(tmp_path / place)
+    message = rf"{place}: expected nothing but files and folders where physid writes, found {found}; nothing is written"
+    with pytest.raises(OSError, match=message), one_writer(tmp_path):
+        pytest.fail("written")
+    assert not (tmp_path / LOCK).exists()
+
+
+def test_the_named_folder_and_what_wandb_has_made_may_be_links(tmp_path: Path) -> None:
+    (tmp_path / "run" / "wandb").mkdir(parents=True)
+    (tmp_path / "run" / "wandb" / "latest-run").symlink_to("offline-run-1")
+    (tmp_path / "run" / "file").touch()
+    (tmp_path / "mine").symlink_to("run")
+    with one_writer(tmp_path / "mine"):
+        assert (tmp_path / "run" / LOCK).exists()
+    refuse_links(tmp_path / "nowhere")

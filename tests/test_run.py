@@ -7,6 +7,7 @@ import json
 import os
 import signal
 import time
+from collections.abc import Callable
 from multiprocessing import Pipe
 from pathlib import Path
 from typing import Any
@@ -364,6 +365,39 @@ def test_a_second_fit_in_a_folder_is_refused_and_harms_nothing(config: str, caps
         assert main(["fit", "--config", config]) == 2
     assert "runs/noisy is being written by process" in capsys.readouterr().err
     assert not (Path("runs/noisy") / "config.yaml").exists()
+
+
+def test_a_run_with_a_link_or_a_pipe_in_it_is_not_written_to(config: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["fit", "--config", config, "trainer.max_epochs=1"]) == 0
+    run, home = Path("runs/noisy"), Path("home")
+    home.mkdir()
+    (home / "mine").write_text("precious")
+    run.joinpath("checkpoints").rename(home / "checkpoints")
+    kept = {path: path.read_bytes() for path in home.rglob("*") if path.is_file()}
+    stands: dict[str, Callable[[Path], None]] = {
+        "config.yaml.part": lambda path: path.symlink_to(home.resolve() / "mine"),
+        "hparams.yaml": lambda path: path.symlink_to(home.resolve() / "mine"),
+        "metrics.json.part": os.mkfifo,
+        "predictions.part": lambda path: path.symlink_to(home.resolve()),
+        "checkpoints": lambda path: path.symlink_to(home.resolve() / "checkpoints"),
+    }
+    commands = (
+        ["fit", "--resume", "trainer.max_epochs=2"],
+        ["fit", "--overwrite"],
+        ["test"],
+        ["validate"],
+        ["predict"],
+    )
+    for name, stand in stands.items():
+        (run / name).unlink(missing_ok=True)
+        stand(run / name)
+        for words in commands if name == "checkpoints" else commands[:1]:
+            capsys.readouterr()
+            assert main([*words, "--run-dir", str(run)]) == 2
+            (line,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("physid: ")]
+            assert f"{name}: expected nothing but files and folders where physid writes, found a" in line
+        (run / name).unlink()
+    assert {path: path.read_bytes() for path in home.rglob("*") if path.is_file()} == kept
 
 
 @pytest.mark.parametrize("stage", ["test", "validate"])

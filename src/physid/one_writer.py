@@ -1,4 +1,4 @@
-"""One writer for each folder: a lock that the kernel takes back when the process that holds it dies."""
+"""One writer for each folder, who writes through no link: a lock that the kernel takes back when its holder dies."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ import fcntl
 import os
 import shlex
 import socket
+import stat
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
@@ -18,6 +19,14 @@ LOCK = ".lock"
 MOST_SHOWN = 300
 """Letters of what a lock file says; another program may have written it."""
 UNSUPPORTED = (errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS)
+LINKS_OF_ITS_OWN = "wandb"
+"""The folder of Weights & Biases, which links to its latest run, and replaces such links whole."""
+KINDS: tuple[tuple[Callable[[int], bool], str], ...] = (
+    (stat.S_ISLNK, "a symbolic link"),
+    (stat.S_ISDIR, "a folder"),
+    (stat.S_ISFIFO, "a named pipe"),
+    (stat.S_ISSOCK, "a socket"),
+)
 
 
 class FolderInUseError(ValueError):
@@ -33,14 +42,16 @@ def one_writer(folder: Path) -> Iterator[None]:
     say the ranks of a distributed fit, only the first comes here.
 
     Args:
-        folder: The folder.
+        folder: The folder; may itself be a link.
 
     Raises:
         FolderInUseError: If another process writes into it.
-        OSError: If nothing can be written there.
+        OSError: If nothing can be written there, or it holds what `refuse_links` refuses.
     """
     made = not folder.exists()
     folder.mkdir(parents=True, exist_ok=True)
+    _require_lock_file(folder / LOCK)
+    refuse_links(folder)
     lock = _locked(folder)
     try:
         yield
@@ -51,6 +62,57 @@ def one_writer(folder: Path) -> Iterator[None]:
         if made:
             with suppress(OSError):  # a folder in which something has been written stays
                 folder.rmdir()
+
+
+def refuse_links(folder: Path) -> None:
+    """Refuse to write into a folder that holds a symbolic link, a pipe, a socket or a device, however deep.
+
+    Whoever sends a folder could lead what is written there to any file with a link, and let it wait with a pipe. The
+    folder itself is named by the user, and may be a link; one that is not there holds nothing.
+
+    Args:
+        folder: Where something shall be written.
+
+    Raises:
+        OSError: If it holds one, or cannot be read; names it.
+    """
+    for path, mode in _entries(folder):
+        if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
+            raise OSError(
+                f"{path}: expected nothing but files and folders where physid writes, found {kind_of(mode)}; "
+                "nothing is written through links: put what it stands for in its place, delete it, or choose another "
+                "folder"
+            )
+
+
+def _entries(folder: Path) -> Iterator[tuple[str, int]]:
+    """Yield path and mode of everything in a folder, however deep, but for what lies in `LINKS_OF_ITS_OWN`."""
+    waiting = [str(folder)]
+    while waiting:
+        entries = list[os.DirEntry[str]]()
+        with suppress(FileNotFoundError), os.scandir(waiting.pop()) as found:
+            entries += found
+        for entry in entries:
+            with suppress(FileNotFoundError):  # another process may take one away meanwhile
+                mode = entry.stat(follow_symlinks=False).st_mode
+                yield entry.path, mode
+                if stat.S_ISDIR(mode) and entry.name != LINKS_OF_ITS_OWN:
+                    waiting.append(entry.path)
+
+
+def kind_of(mode: int) -> str:
+    """Say what stands in a folder that is no regular file, from the mode that lstat(2) gives."""
+    return next((name for is_one, name in KINDS if is_one(mode)), "a device")
+
+
+def _require_lock_file(path: Path) -> None:
+    """Refuse what stands where the lock file should be, if it is none."""
+    with suppress(FileNotFoundError):
+        mode = path.lstat().st_mode
+        if not stat.S_ISREG(mode):
+            raise OSError(
+                f"{path}: expected the file with which physid locks the folder, found {kind_of(mode)}; delete it"
+            )
 
 
 def _locked(folder: Path) -> int:
@@ -74,7 +136,7 @@ def _locked(folder: Path) -> int:
         except OSError as error:
             if error.errno not in UNSUPPORTED:
                 os.close(file)
-                raise
+                raise OSError(error.errno, os.strerror(error.errno or 0), str(path)) from error
             warnings.warn(f"{folder}: its file system has no locks; let no second process write there", stacklevel=4)
             return file
         os.close(file)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from physid.configuration import Configuration, ConfigurationError
-from physid.one_writer import LOCK, one_writer
+from physid.one_writer import one_writer
+from physid.one_writer import refuse_links as refuse_links
 from physid.record import write_record
 
 CONFIG = "config.yaml"
@@ -69,7 +69,7 @@ def open_folder(
 
 def _begin(folder: Path, configuration: Configuration, *, resume: bool, overwrite: bool) -> None:
     """Clear what must go, and write configuration and record (see `open_folder`)."""
-    from physid.data.files import write_text
+    from physid.data.files import clear_folder, write_text
 
     earlier = any((folder / name).exists() for name in LEFT_BY_A_RUN)
     if earlier and not resume and not overwrite:
@@ -79,18 +79,9 @@ def _begin(folder: Path, configuration: Configuration, *, resume: bool, overwrit
     if earlier and overwrite and not resume:
         if not (folder / CONFIG).is_file():
             raise ConfigurationError(f"{folder} has no {CONFIG}, so it is no run's folder, and is not deleted")
-        _clear(folder)
+        clear_folder(folder)
     write_record(folder, configuration.values)
     write_text(folder / CONFIG, configuration.to_yaml())
-
-
-def _clear(folder: Path) -> None:
-    """Delete everything in a folder but its lock."""
-    for path in folder.iterdir():
-        if path.is_dir() and not path.is_symlink():
-            shutil.rmtree(path)
-        elif path.name != LOCK:
-            path.unlink()
 
 
 @contextmanager
@@ -107,21 +98,16 @@ def fill_folder(folder: Path, *, marked_by: str, overwrite: bool = False) -> Ite
 
     Raises:
         ConfigurationError: If there is an earlier result that shall not be replaced, or something else.
+        FileExistsError: If something else has the name FOLDER.part.
         FolderInUseError: If another process is making the result.
+        OSError: If nothing can be written there.
     """
-    earlier = folder.exists() and any(folder.iterdir())
+    from physid.data.files import holds_anything, whole_folder
+
+    earlier = holds_anything(folder)
     if earlier and not overwrite:
         raise ConfigurationError(f"{folder} holds an earlier result; --overwrite replaces it, --out chooses another")
     if earlier and not (folder / marked_by).is_file():
         raise ConfigurationError(f"{folder} has no {marked_by}, so it is no earlier result, and is not deleted")
-    part = folder.with_name(folder.name + ".part")
-    with one_writer(part):
-        _clear(part)
-        try:
-            yield part
-            if folder.exists():
-                shutil.rmtree(folder)
-            (part / LOCK).unlink()
-            part.replace(folder)
-        finally:
-            shutil.rmtree(part, ignore_errors=True)
+    with whole_folder(folder, overwrite=overwrite) as part:
+        yield part

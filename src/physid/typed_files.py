@@ -83,15 +83,15 @@ def read_yaml_as(kind: type[T], path: Path) -> T:
     return check_as(kind, read_yaml(path), str(path))
 
 
-def read_json_as(kind: type[T], path: Path) -> T:
-    """Read a JSON file as a model.
+def read_json_as(kind: type[T], path: Path, within: Path | None = None) -> T:
+    """Read a JSON file as a model; `within` names the folder in which it must lie (see `open_regular`).
 
     Raises:
-        OSError: If it cannot be read.
+        OSError: If it cannot be read, or lies elsewhere.
         ValueError: If it is damaged, or does not fit the model; names the file.
     """
     try:
-        content = json.loads(read_text(path))
+        content = json.loads(read_text(path, within=within))
     except (ValueError, RecursionError) as error:
         found = str(error).splitlines()[0] if path.stat().st_size else "an empty file"
         raise ValueError(f"{path}: expected JSON, found a damaged file ({found}); delete it") from None

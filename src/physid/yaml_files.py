@@ -36,12 +36,24 @@ class YamlError(ValueError):
     """A text that is no YAML, or none that is read here; the message names file and line."""
 
 
-def open_regular(path: Path) -> io.BufferedReader:
+def open_regular(path: Path, within: Path | None = None) -> io.BufferedReader:
     """Open a file for reading, if it is one: a pipe would let the reader wait, and a device may never end.
 
+    Args:
+        path: The file.
+        within: The folder in which it must lie, whatever links lead to it; None for anywhere.
+
     Raises:
-        OSError: If it cannot be read, or is no regular file; names it.
+        OSError: If it cannot be read, is no regular file, or lies elsewhere; names it.
     """
+    if within is not None:
+        real, root = Path(os.path.realpath(path)), Path(os.path.realpath(within))
+        if not real.is_relative_to(root):
+            raise OSError(
+                f"{path}: expected a regular file, found a link to what lies outside of {within}; put a file in its "
+                "place"
+            )
+        path = real if os.path.islink(path) else path
     # Not to block holds for pipes; what was opened is inspected, for a name may stand for something else by then.
     descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
     mode = os.fstat(descriptor).st_mode
@@ -54,17 +66,18 @@ def open_regular(path: Path) -> io.BufferedReader:
     raise OSError(f"{path}: expected a regular file, found {found}; put a file in its place")
 
 
-def read_bytes(path: Path, most: int | None = LARGEST_FILE) -> bytes:
+def read_bytes(path: Path, most: int | None = LARGEST_FILE, within: Path | None = None) -> bytes:
     """Read a file.
 
     Args:
         path: The file.
         most: Bytes that it may have; None for as many as it has.
+        within: As for `open_regular`.
 
     Raises:
-        OSError: If it cannot be read, is no regular file, or has more bytes; names it.
+        OSError: If it cannot be read, is no regular file, lies elsewhere, or has more bytes; names it.
     """
-    with open_regular(path) as file:
+    with open_regular(path, within) as file:
         size = os.fstat(file.fileno()).st_size
         content = file.read(size + 1 if most is None else most + 1) if most is None or size <= most else None
     if content is None or (most is not None and len(content) > most):
@@ -72,14 +85,15 @@ def read_bytes(path: Path, most: int | None = LARGEST_FILE) -> bytes:
     return content
 
 
-def read_text(path: Path, encoding: str = "utf-8", most: int | None = LARGEST_FILE) -> str:
+def read_text(path: Path, encoding: str = "utf-8", most: int | None = LARGEST_FILE, within: Path | None = None) -> str:
     """Read a text file, as `Path.read_text` does; what is no regular file or larger than allowed is refused at once.
 
     Raises:
-        OSError: If it cannot be read, is no regular file, or has more than `most` bytes; names it.
+        OSError: If it cannot be read, is no regular file, lies elsewhere (see `open_regular`), or has more than `most`
+            bytes; names it.
         UnicodeDecodeError: If it is no text.
     """
-    return io.StringIO(read_bytes(path, most).decode(encoding), newline=None).read()
+    return io.StringIO(read_bytes(path, most, within).decode(encoding), newline=None).read()
 
 
 def read_yaml(path: Path, construct: Callable[[str], Any] = yaml.safe_load) -> Any:

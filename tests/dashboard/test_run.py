@@ -109,6 +109,36 @@ def test_a_pipe_or_a_device_costs_only_what_it_stands_for(root: Path, endless: C
     assert "expected a regular file, found" in (root / "page.html").read_text()
 
 
+@pytest.mark.parametrize("through", ["the file", "a folder"])
+def test_what_lies_outside_of_a_run_is_on_no_page_whatever_links_lead_to_it(
+    root: Path, tmp_path_factory: pytest.TempPathFactory, through: str
+) -> None:
+    names = ("metrics.json", "metrics.csv", "config.yaml", "record.json", "parameters.csv", "results.json")
+    folder, home = root / "push_good", tmp_path_factory.mktemp("home")
+    (home / "x.png").write_text("precious")
+    links = ["x.png", "report.html", "findings.json", *names] if through == "the file" else ["drawn"]
+    for name in links:
+        (folder / name).unlink(missing_ok=True)
+        (folder / name).symlink_to(home if through == "a folder" else home / "x.png")
+    notes = read_run(folder, root)["notes"]
+    assert len(notes) == len(links)
+    assert all("found a link to what lies outside of" in note for note in notes)
+    write_dashboard(root, root / "page.html")
+    page = (root / "page.html").read_text()
+    assert "precious" not in page
+    assert base64.b64encode(b"precious").decode() not in page
+
+
+def test_a_link_to_a_file_of_the_same_run_is_followed(root: Path) -> None:
+    folder = root / "push_good"
+    before = read_run(folder, root)
+    (folder / "metrics.json").rename(folder / "figures.json")
+    (folder / "metrics.json").symlink_to("figures.json")
+    assert read_run(folder, root)["figures"] == before["figures"]
+    (root.parent / "by_another_name").symlink_to(root)
+    assert read_run(root.parent / "by_another_name" / "push_good", root.parent / "by_another_name")["notes"] == []
+
+
 def test_settings_are_flat_and_leave_out_init_args() -> None:
     config = {"model": {"class_path": "A", "init_args": {"b": None, "c": [1, 2], "d": {}}}}
     assert flatten(config) == {"model.class_path": '"A"', "model.b": "null", "model.c": "[1, 2]", "model.d": "{}"}

@@ -14,6 +14,7 @@ from tests.data.logs import Truth, write_csv, write_y_up
 
 from physid.cli import main
 from physid.data import Recording, RecordingSet
+from physid.data.files import UNFINISHED
 from physid.data.importers.convert import import_logs
 from physid.data.importers.finding import find_logs
 from physid.data.importers.guessing import guess_mapping
@@ -392,6 +393,20 @@ def test_an_import_that_fails_leaves_nothing_and_a_corrected_one_runs(tmp_path: 
     import_logs([good], COLUMNS, tmp_path / "out")
     with pytest.raises(FileExistsError, match="expected a new or an empty folder"):
         import_logs([good], COLUMNS, tmp_path / "out")
+
+
+def test_an_import_clears_what_a_killed_one_has_left_and_no_folder_of_ones_own(tmp_path: Path) -> None:
+    log, part = plain(tmp_path / "a", Truth.of()), tmp_path / "out.part"
+    part.mkdir()
+    (part / "thesis.txt").touch()
+    with pytest.raises(FileExistsError, match=r"out\.part: .*found 'thesis\.txt' and no file .*; rename or delete"):
+        import_logs([log], COLUMNS, tmp_path / "out")
+    assert (part / "thesis.txt").exists()
+    (part / UNFINISHED).touch()
+    import_logs([log], COLUMNS, tmp_path / "out")
+    names = {"SHA256SUMS", "import.yaml", "recording.yaml", "trajectories"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == names
+    assert {path.name for path in tmp_path.iterdir()} == {"a", "out"}
 
 
 def test_a_long_log_is_read_fast(tmp_path: Path) -> None:

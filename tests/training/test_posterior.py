@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import os
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -78,6 +80,23 @@ def test_samples_are_the_same_numbers_in_every_format_and_for_a_seed(tmp_path: P
         assert arrays[name].tolist() == expected[:, column].tolist()
         assert [world[name] for world in worlds] == expected[:, column].tolist()
     assert not np.array_equal(KNOWN.sample(5, 4).numpy(), expected)
+
+
+@pytest.mark.parametrize("stands", [lambda part, mine: part.symlink_to(mine), lambda part, _: os.mkfifo(part)])
+def test_samples_are_written_through_no_link_and_wait_for_no_pipe(
+    tmp_path: Path, stands: Callable[[Path, Path], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "mine").write_text("precious")
+    run, other = tmp_path / "run", tmp_path / "other"
+    for folder in (run, other):
+        folder.mkdir()
+        stands(folder / "samples.csv.part", tmp_path / "mine")
+    KNOWN.write(run)
+    assert main(["sample", str(run)]) == 2
+    assert "samples.csv.part: expected nothing but files and folders" in capsys.readouterr().err
+    assert main(["sample", str(run), "--out", str(other / "samples.csv")]) == 0
+    assert (tmp_path / "mine").read_text() == "precious"
+    assert [path.name for path in other.iterdir()] == ["samples.csv"]
 
 
 @pytest.mark.parametrize(

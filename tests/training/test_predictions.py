@@ -94,6 +94,17 @@ def test_a_initial_state_of_ones_own_is_a_recording_of_one_frame(run: Path, tmp_
     assert np.array_equal(pose(predicted), pose(predict(run, tmp_path / "recorded").read(0)))
 
 
+def test_a_folder_of_ones_own_is_not_cleared_for_predictions(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "out.part" / "my").mkdir(parents=True)
+    (tmp_path / "out.part" / "my" / "thesis.txt").touch()
+    assert main(["predict", f"--run-dir={run}", f"--out={tmp_path / 'out'}"]) == 2
+    assert "out.part: expected what an earlier run left unfinished, or nothing, found 'my'" in capsys.readouterr().err
+    assert (tmp_path / "out.part" / "my" / "thesis.txt").exists()
+    assert not (tmp_path / "out").exists()
+
+
 def test_an_earlier_result_is_kept_unless_asked(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
     predict(run, out, "data.limit=3")

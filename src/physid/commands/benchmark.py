@@ -90,7 +90,7 @@ def benchmark(
         if step in ("all", "diagnose"):
             _diagnose(whole_path(place), workers, again, quiet)
     if step in ("all", "score"):
-        _score(place, (out if step == "score" else None) or place / "score", so_far)
+        _score(place, out if step == "score" else None, so_far)
     if step == "calibrate":
         _calibrate([Path(each) for each in str(place).split(",")], join, spent, so_far, out)
 
@@ -134,18 +134,23 @@ def _diagnose(place: Path, workers: int, again: bool, quiet: bool) -> None:
     print(f"{place}: {done} diagnosed now, {failed} of them failed")
 
 
-def _score(place: Path, target: Path, so_far: bool) -> None:
+def _score(place: Path, out: Path | None, so_far: bool) -> None:
     from physid.benchmark.bank import read_bank
     from physid.benchmark.scoring import report, score
+    from physid.one_writer import refuse_links
 
+    target = out or place / "score"
+    refuse_links(out or place)
     print(f"{report(score(read_bank(place), target, so_far=so_far))}\n\n{target / 'results.html'}")
 
 
 def _calibrate(folders: list[Path], join: str, spent: bool, so_far: bool, out: Path | None) -> None:
     from physid.benchmark.bank import read_bank
     from physid.benchmark.scoring import calibrate, columns, earlier_table, spend
+    from physid.one_writer import refuse_links
 
     target = out or folders[0] / "calibration"
+    refuse_links(out or folders[0])
     known = earlier_table(join) if join else []
     banks = [read_bank(each) for each in folders]
     banks = spend(banks, so_far) if spent else banks

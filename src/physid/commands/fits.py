@@ -135,7 +135,7 @@ def predict(
         out: Folder of the result; RUN/predictions by default.
         overwrite: Delete an earlier result in that folder.
     """
-    from physid.runs import fill_folder, folder_of
+    from physid.runs import fill_folder, folder_of, refuse_links
     from physid.schema.check import check_fit
     from physid.training.callbacks.predictions import PARAMETERS, Predictions
     from physid.training.runs import run
@@ -145,6 +145,8 @@ def predict(
         data = configuration.values["data"]
         data["init_args"] = {**(data.get("init_args") or {}), "forces": str(forces)}
     folder, writer = folder_of(configuration, run_dir), Predictions()
+    if out is None:
+        refuse_links(folder)
     target = out or folder / "predictions"
     with fill_folder(target, marked_by=PARAMETERS, overwrite=overwrite) as place:
         values, allowed = configuration.values, configuration.allowed
@@ -157,12 +159,13 @@ def _evaluate(
 ) -> None:
     """Run one evaluation stage and print its figures."""
     from physid.commands.terminal.summary import summarize
-    from physid.runs import folder_of
+    from physid.runs import folder_of, refuse_links
     from physid.schema.check import check_fit
     from physid.training.runs import run
 
     check_fit(configuration)
     folder = folder_of(configuration, run_dir)
+    refuse_links(folder)  # callbacks of the configuration may write there
     figures = run.evaluate(stage, configuration.values, folder, checkpoint, allowed=configuration.allowed)
     print(summarize(figures, folder))
 
@@ -188,10 +191,13 @@ def sample(run: Path, *, count: int = 100, out: Path | None = None, seed: int = 
         seed: Of the draws; the same seed gives the same sets.
     """
     from physid.data.files import require_ending
+    from physid.runs import refuse_links
     from physid.training.parameters import read_posterior
 
     target = out or (run if run.is_dir() else run.parent) / "samples.csv"
     require_ending(target, *KINDS)
+    if out is None and run.is_dir():
+        refuse_links(run)
     known = read_posterior(run)
     drawn = known.sample(count, seed)
     write_samples(target, known.names, drawn)

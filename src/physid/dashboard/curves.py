@@ -49,7 +49,7 @@ class Curve:
         return {"name": self.name, "group": self.group, "axis": self.axis, "x": self.x, "y": self.y}
 
 
-def read_curves(path: Path) -> list[Curve]:
+def read_curves(path: Path, within: Path | None = None) -> list[Curve]:
     """Read every column of a history whose rows may leave cells empty.
 
     A column is drawn over the epochs if it has at most one value in each, else over the steps. A last line that a
@@ -57,16 +57,17 @@ def read_curves(path: Path) -> list[Curve]:
 
     Args:
         path: A CSV file with a column epoch and perhaps step.
+        within: The folder in which it must lie, whatever links lead to it; None for anywhere.
 
     Returns:
         The curves, in the order of the columns.
 
     Raises:
-        OSError: If it cannot be read, or is no regular file.
+        OSError: If it cannot be read, is no regular file, or lies elsewhere.
         ValueError: If it is no history.
     """
     try:
-        lines = io.StringIO(read_text(path, most=None), newline="")
+        lines = io.StringIO(read_text(path, most=None, within=within), newline="")
         rows = [row for row in csv.DictReader(lines) if None not in row.values() and None not in row]
     except csv.Error as error:
         raise ValueError(f"{path}: expected a history in CSV, found a damaged file ({error})") from None

@@ -36,7 +36,7 @@ def doubts_about(
     try:
         kept = Findings.read(folder)
         judged = [check_as(Finding, one, IDENTIFIABILITY) for one in identifiability.get("findings") or ()]
-    except ValueError as error:
+    except (ValueError, OSError) as error:
         return [*doubts, str(error)]
     found = [*(said.findings if said else ()), *(kept.findings if kept else ()), *judged]
     return doubts + [one.text() for one in ordered(found)]

@@ -20,8 +20,8 @@ def read_media(folder: Path) -> tuple[list[dict[str, Any]], list[str]]:
         folder: Run folder; films and images lie in it, or one folder below.
 
     Returns:
-        A mapping (title, type, uri) for each file, films first, and a note for each that is too large to be carried, or
-        cannot be read.
+        A mapping (title, type, uri) for each file, films first, and a note for each that is too large to be carried,
+        cannot be read, or lies elsewhere and is named by a link.
     """
     files = [path for path in sorted([*folder.glob("*"), *folder.glob("*/*")]) if path.suffix.lower() in KINDS]
     media, notes = [], []
@@ -29,12 +29,12 @@ def read_media(folder: Path) -> tuple[list[dict[str, Any]], list[str]]:
         name = path.relative_to(folder).as_posix()
         if name in DRAWN_BY_THE_PAGE or "wandb" in path.parts:
             continue
-        if path.is_file() and path.stat().st_size > MOST_BYTES:
-            notes.append(f"{name} ({path.stat().st_size / 1e6:.0f} MB) is too large for this page")
-            continue
         try:
-            content = read_bytes(path, MOST_BYTES)
-        except OSError as error:  # a pipe, a device, or what may not be read
+            if (size := path.lstat().st_size) > MOST_BYTES:
+                notes.append(f"{name} ({size / 1e6:.0f} MB) is too large for this page")
+                continue
+            content = read_bytes(path, MOST_BYTES, within=folder)
+        except OSError as error:  # a pipe, a device, a link that leads out of the run, or what may not be read
             notes.append(f"{name} cannot be read: {error}")
             continue
         kind = KINDS[path.suffix.lower()]

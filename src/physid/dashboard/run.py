@@ -169,7 +169,7 @@ def flatten(values: Any, key: str = "") -> dict[str, str]:
 def _read(path: Path, notes: list[str]) -> Any:
     """Read a JSON file that may be missing, or damaged."""
     try:
-        return json.loads(read_text(path), parse_constant=lambda _: None)
+        return json.loads(read_text(path, within=path.parent), parse_constant=lambda _: None)
     except FileNotFoundError:
         return None
     except (ValueError, OSError, RecursionError) as error:
@@ -207,7 +207,7 @@ def _diagnosis(content: Mapping[str, Any], notes: list[str]) -> Diagnosis | None
 def _curves(path: Path, notes: list[str]) -> list[Curve]:
     """Read a history that may be missing, or damaged."""
     try:
-        return read_curves(path)
+        return read_curves(path, within=path.parent)
     except FileNotFoundError:
         return []
     except (ValueError, KeyError, OSError) as error:
@@ -218,7 +218,7 @@ def _curves(path: Path, notes: list[str]) -> list[Curve]:
 def _config(path: Path, notes: list[str]) -> tuple[str, dict[str, Any]]:
     """Read the configuration of a run, as text and as a mapping."""
     try:
-        text = read_text(path)
+        text = read_text(path, within=path.parent)
         value = parse_yaml(text, path.name)
     except FileNotFoundError:
         return "", {}
@@ -230,12 +230,16 @@ def _config(path: Path, notes: list[str]) -> tuple[str, dict[str, Any]]:
 
 def _report(path: Path, notes: list[str]) -> str | None:
     """Read the page that a diagnosis has written."""
-    if not path.is_file():
+    try:
+        if (size := path.lstat().st_size) > MOST_BYTES:
+            notes.append(f"{path.name} ({size / 1e6:.0f} MB) is too large for this page; open it by itself")
+            return None
+        return read_bytes(path, MOST_BYTES, within=path.parent).decode("utf-8", errors="replace")
+    except FileNotFoundError:
         return None
-    if path.stat().st_size > MOST_BYTES:
-        notes.append(f"{path.name} ({path.stat().st_size / 1e6:.0f} MB) is too large for this page; open it by itself")
+    except OSError as error:  # a pipe, a device, or a link that leads out of the run
+        notes.append(f"{path.name} cannot be read: {error}")
         return None
-    return read_bytes(path, MOST_BYTES).decode("utf-8", errors="replace")
 
 
 def _date(folder: Path) -> str:

@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all."""
+"""Files and folders that are there whole or not at all."""
 
 from __future__ import annotations
 
@@ -6,10 +6,14 @@ import hashlib
 import io
 import json
 import os
-from collections.abc import Callable, Iterable, Mapping
+import shutil
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from physid.one_writer import LOCK, kind_of, one_writer
+from physid.strict import shown
 from physid.yaml_files import open_regular, read_text
 
 if TYPE_CHECKING:
@@ -18,7 +22,10 @@ if TYPE_CHECKING:
 PAGES, YAML = (".html", ".htm"), (".yaml", ".yml")
 """How names of files end that hold a page, or a description."""
 PART = ".part"
-"""How the name of a file ends that is being written."""
+"""How the name of a file or a folder ends that is being written."""
+UNFINISHED = ".physid_unfinished"
+"""Marks a folder that is being filled, which the next run may clear."""
+ANYBODY = 0o666  # may read and write a new file, as far as the umask allows
 DOTS = 130  # of pictures, to an inch
 
 
@@ -36,28 +43,108 @@ def write_whole(path: Path, write: Callable[[Path], None]) -> None:
     """Write a file under a temporary name, flush it to the disk, then rename it.
 
     A run that is killed leaves the old file or none, and a `.part` that the next run overwrites; one that fails, say
-    because the disk is full, leaves no `.part` either.
+    because the disk is full, leaves no `.part` either. What lies under the temporary name, say a link that came with a
+    stranger's folder, is not written to but replaced; and so is `path`, if it is a link.
 
     Args:
         path: Where the file shall be.
         write: Writes the content to the path that it is given.
 
     Raises:
-        OSError: If it cannot be written; the error names `path`, not its temporary name.
+        OSError: If it cannot be written; the error names `path`, not its temporary name, unless a folder has that.
     """
     if not path.parent.is_dir():
         path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(path.name + PART)
     try:
+        _begin(part)
         write(part)
         with part.open("rb+") as file:
             os.fsync(file.fileno())
     except BaseException as error:
-        part.unlink(missing_ok=True)
+        with suppress(OSError):  # a folder, or none of ours to delete: why it failed is said below
+            part.unlink(missing_ok=True)
         if isinstance(error, OSError) and error.errno and error.filename in (None, str(part)):
             raise OSError(error.errno, os.strerror(error.errno), str(path)) from error
         raise
     part.replace(path)  # the folder is not flushed: should the power fail now, the file is simply not there
+
+
+def _begin(part: Path) -> None:
+    """Make the file that is to be written: a new one, that is no other by a second name."""
+    if part.is_dir() and not part.is_symlink():
+        raise OSError(f"{part}: expected the name of a file that is being written, found a folder; rename or delete it")
+    part.unlink(missing_ok=True)
+    os.close(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, ANYBODY))
+
+
+def holds_anything(folder: Path) -> bool:
+    """Return whether anything stands where a folder shall be filled; an empty folder is nothing."""
+    with suppress(OSError):  # of a run that was killed after `whole_folder` had given it its name
+        (folder / UNFINISHED).unlink()
+    return folder.exists() and (not folder.is_dir() or any(folder.iterdir()))
+
+
+@contextmanager
+def whole_folder(folder: Path, *, overwrite: bool = False) -> Iterator[Path]:
+    """Give a folder to fill under a temporary name; once all of it is there, it takes its own.
+
+    A run that is killed leaves a `.part` with a mark in it, which the next run clears; one that fails leaves none.
+
+    Args:
+        folder: Where the result shall be.
+        overwrite: Whether what is there then is deleted; ask first whose it is. An empty folder is in any case.
+
+    Yields:
+        The folder to write into.
+
+    Raises:
+        OSError: If nothing can be written there, or a link stands for the folder.
+        FileExistsError: If the temporary name is that of something else, which would be deleted.
+        FolderInUseError: If another process is filling the folder.
+    """
+    part = folder.with_name(folder.name + PART)
+    for each, remedy in ((folder, "name what it points to"), (part, "delete it, or choose another --out")):
+        if each.is_symlink():
+            raise OSError(f"{each}: expected a new folder, or none, found a symbolic link; {remedy}")
+    if part.exists() and not part.is_dir():
+        found = "a file" if part.is_file() else kind_of(part.lstat().st_mode)
+        raise FileExistsError(f"{part}: expected a folder, or none, found {found}; rename it, or choose another --out")
+    with one_writer(part):
+        _mark(part)
+        clear_folder(part, keep=(LOCK, UNFINISHED))
+        try:
+            yield part
+            if folder.exists():
+                (shutil.rmtree if overwrite else os.rmdir)(folder)
+            (part / LOCK).unlink()
+            part.replace(folder)
+            (folder / UNFINISHED).unlink()  # last: until then a run that is killed has to leave it
+        finally:
+            shutil.rmtree(part, ignore_errors=True)
+
+
+def _mark(part: Path) -> None:
+    """Mark a folder as one that is being filled, unless it is, or holds what nobody has said may be deleted."""
+    if (part / UNFINISHED).is_file():
+        return
+    others = sorted(path.name for path in part.iterdir() if path.name != LOCK)
+    if others:
+        raise FileExistsError(
+            f"{part}: expected what an earlier run left unfinished, or nothing, found {shown(others[0])} and no file "
+            f"{UNFINISHED}; rename or delete the folder, or choose another --out"
+        )
+    (part / UNFINISHED).touch(exist_ok=False)
+
+
+def clear_folder(folder: Path, keep: Iterable[str] = (LOCK,)) -> None:
+    """Delete everything in a folder but some files; of links, only the link."""
+    kept = frozenset(keep)
+    for path in folder.iterdir():
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        elif path.name not in kept:
+            path.unlink()
 
 
 def write_text(path: Path, text: str) -> None:

@@ -40,6 +40,8 @@ def write_mp4(path: Path, pictures: Sequence[NDArray[np.uint8]], rate: float) ->
             film.send(None)
             for picture in pictures:
                 film.send(np.ascontiguousarray(picture))
+        if not part.stat().st_size:
+            raise OSError(f"{path}: expected a film from ffmpeg, which wrote nothing; leave the film out")
 
     write_whole(path, write)
     return True

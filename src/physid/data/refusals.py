@@ -7,7 +7,7 @@ import os
 import re
 from pathlib import Path
 
-from physid.data.files import PART
+from physid.data.files import PART, UNFINISHED
 from physid.one_writer import LOCK
 
 DENIED = (errno.EACCES, errno.EPERM, errno.EROFS)
@@ -46,8 +46,8 @@ def worded(error: Exception) -> str:
     if not isinstance(error, OSError) or error.errno is None or not isinstance(error.filename, str | os.PathLike):
         return str(error)
     path = Path(error.filename)
-    path = path.with_name(path.name.removesuffix(PART))
-    path = path.parent if path.name == LOCK else path
+    path = path.parent if path.name in (LOCK, UNFINISHED) else path
+    path = path.with_name(path.name.removesuffix(PART)) if path.name else path
     reason = (error.strerror or type(error).__name__).lower()
     if error.errno in DENIED:
         return _denied(path, reason)

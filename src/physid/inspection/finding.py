@@ -66,10 +66,11 @@ class Findings:
         """Read findings.json; None where a run has left none.
 
         Raises:
+            OSError: If it cannot be read, or is a link that leads out of the folder.
             ValueError: If the file is damaged; names it.
         """
         path = folder / FILE
-        return read_json_as(cls, path) if path.is_file() else None
+        return read_json_as(cls, path, within=folder) if path.is_file() else None
 
 
 def ordered(findings: Iterable[Finding]) -> list[Finding]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -14,7 +13,7 @@ import yaml
 from numpy.typing import NDArray
 
 from physid.data import Recording, assign_splits, trajectory_path, write_scene, write_sums
-from physid.data.files import write_text
+from physid.data.files import holds_anything, whole_folder, write_text
 from physid.data.trajectory import write_film
 from physid.scenes import Scene
 
@@ -41,21 +40,15 @@ def new_set(out: Path, values: Mapping[str, Any]) -> Iterator[Path]:
     """Give a folder to write a set into, which takes its name, and the mapping, once all of it is there.
 
     Raises:
-        FileExistsError: If there is something already.
+        FileExistsError: If there is something already, or something else has the name OUT.part.
+        FolderInUseError: If another process is writing the set.
+        OSError: If nothing can be written there.
     """
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+    if holds_anything(out):
         raise FileExistsError(f"{out}: expected a new or an empty folder, found something there; choose another --out")
-    part = out.with_name(out.name + ".part")
-    shutil.rmtree(part, ignore_errors=True)
-    try:
+    with whole_folder(out) as part:
         yield part
         write_text(part / MAPPING, yaml.safe_dump(dict(values), sort_keys=False, default_flow_style=None, width=120))
-        if out.is_dir():
-            out.rmdir()
-        part.replace(out)
-    except BaseException:
-        shutil.rmtree(part, ignore_errors=True)
-        raise
 
 
 def write_films(
