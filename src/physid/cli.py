@@ -286,7 +286,7 @@ def _explain(error: Exception, code: int) -> int:
     if os.environ.get(TRACEBACK):
         raise error
     message = str(error)
-    if code == FAILED or isinstance(error, OSError):
+    if code == FAILED or isinstance(error, OSError | UnicodeEncodeError):
         from physid.data.refusals import worded
 
         message = worded(error)

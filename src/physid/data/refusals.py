@@ -9,6 +9,7 @@ from pathlib import Path
 
 from physid.data.files import PART, UNFINISHED
 from physid.one_writer import LOCK
+from physid.strict import shown
 
 DENIED = (errno.EACCES, errno.EPERM, errno.EROFS)
 SPENT = ("can't allocate memory", "not enough memory", "out of memory")
@@ -43,6 +44,8 @@ def worded(error: Exception) -> str:
             f"memory: expected room for {wanted[1] if wanted else 'what was asked for'}, found none; take fewer or "
             "shorter trajectories (trajectories, steps, limit, batch_size), fewer substeps or fewer workers"
         )
+    if isinstance(error, UnicodeEncodeError):
+        return f"expected names of files and folders in UTF-8, found {shown(error.object)}; rename what is called so"
     if not isinstance(error, OSError) or error.errno is None or not isinstance(error.filename, str | os.PathLike):
         return str(error)
     path = Path(error.filename)
