@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from physid.data.tensors import require_modest_tensors
 from physid.yaml_files import open_regular, read_text
 
 if TYPE_CHECKING:
@@ -128,6 +129,7 @@ def read_tensors(path: Path, keys: Iterable[str] = ()) -> dict[str, Any]:
     if not path.is_file():
         raise FileNotFoundError(f"{path}: expected a checkpoint, found no such file")
     try:
+        require_modest_tensors(path)
         state = torch.load(path, map_location="cpu", weights_only=True)
     except MemoryError:
         raise
