@@ -22,6 +22,7 @@ from lightning.pytorch.cli import LightningCLI
 from physid.class_paths import load_class
 from physid.strict import LARGEST, shown, whole
 from physid.training.callbacks.progress import Progress
+from physid.training.runs.checkpoints import OwnFiles
 from physid.training.runs.trusted_imports import only_trusted_imports
 from physid.yaml_files import read_text, require_modest_text
 
@@ -61,6 +62,7 @@ class Cli(LightningCLI):
         """
         try:
             trainer: L.Trainer = super().instantiate_trainer(**kwargs, **self._fixed)
+            trainer.strategy.checkpoint_io = OwnFiles(trainer)
         except (MisconfigurationException, TypeError, ValueError) as error:
             raise ValueError(f"trainer: {error}") from None
         return trainer
