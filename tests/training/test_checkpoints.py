@@ -12,6 +12,10 @@ import torch
 from tests.training import regression
 
 from physid import cli
+from physid.training.callbacks.converged import Converged
+from physid.training.callbacks.intervals import Intervals
+from physid.training.callbacks.parameter_history import ParameterHistory
+from physid.training.callbacks.run_state import RunState
 from physid.training.runs.checkpoints import LastCheckpoint
 
 CHECKPOINT = Path("checkpoints", "last.ckpt")
@@ -110,3 +114,87 @@ def test_a_run_that_was_moved_goes_on_without_a_warning_and_forgets_no_checkpoin
         "at-epoch=3.ckpt", "last.ckpt",
     ]  # fmt: skip
     assert not (tmp_path / "here").exists()
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a run of two epochs."""
+    folder = tmp_path_factory.mktemp("runs")
+    name = regression.__name__
+    (folder / "line.yaml").write_text(
+        f"model: {{class_path: {name}.Line}}\ndata: {{class_path: {name}.Points}}\n"
+        "trainer: {max_epochs: 2, accelerator: cpu}\n"
+    )
+    assert fit(folder / "run", f"--config={folder / 'line.yaml'}") == 0
+    return folder / "run"
+
+
+OWN = ("callbacks", "RunState")
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "found"),
+    [
+        (("epoch",), float("inf"), "epoch must be a whole number"),
+        (("epoch",), "x", "epoch must be a whole number"),
+        (("callbacks",), [], "callbacks: expected the state of a run"),
+        (("callbacks",), {}, "callbacks: expected the state of a run"),
+        (OWN, 3, "RunState: expected a mapping"),
+        ((*OWN, "seconds"), "x", "RunState: seconds: expected a finite number, found 'x'"),
+        ((*OWN, "figures"), [1], "RunState: figures: expected a mapping"),
+        ((*OWN, "row"), {"x": [1]}, "RunState: row.x: expected a finite number"),
+        ((*OWN, "torch"), torch.zeros(3), "RNG state must be a torch.ByteTensor"),
+        ((*OWN, "cuda"), [1], "RunState.cuda: expected states"),
+        ((*OWN, "numpy"), ["MT19937", [1], 2, 3, 4.0], "RunState.numpy: expected 624 numbers"),
+        ((*OWN, "numpy"), ["MT19937", [1] * 624, 10**6, 0, 0.0], "RunState.numpy: expected 624 numbers"),
+        ((*OWN, "python"), [3, [1], None], ""),
+        (("loops",), {}, "KeyError: 'fit_loop'"),
+        (("loops", "fit_loop"), {"epoch_progress": 5}, ""),
+        (("optimizer_states",), [{}], "KeyError"),
+        (("optimizer_states",), "x", "AttributeError"),
+        (("state_dict",), [1], "whose state_dict is a mapping"),
+        (("state_dict",), {"net.weight": 1}, "Error(s) in loading state_dict"),
+        (("pytorch-lightning_version",), "zz", "Invalid version: 'zz'"),
+        (("pytorch-lightning_version",), 3, ""),
+    ],
+)
+def test_what_is_wrong_with_a_checkpoint_is_one_line_that_names_it(
+    run: Path, tmp_path: Path, place: tuple[str, ...], value: Any, found: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(run, tmp_path / "run")
+    path = tmp_path / "run" / CHECKPOINT
+    state = inner = torch.load(path, weights_only=True)
+    for key in place[:-1]:
+        inner = inner[key]
+    inner[place[-1]] = value
+    torch.save(state, path)
+    assert fit(tmp_path / "run", "--resume", "trainer.max_epochs=3") == 2
+    said = capsys.readouterr().err.strip().splitlines()[-1]
+    assert said.startswith(f"physid: {path}: expected a checkpoint")
+    assert found in said
+
+
+@pytest.mark.parametrize(
+    ("callback", "state", "message"),
+    [
+        (Converged(lengthen=[8]), {"longer": 2}, "Converged.longer must be a whole number of at most 1"),
+        (Converged(), {"longer": "x"}, "Converged.longer must be a whole number"),
+        (Intervals(), {"path": [1]}, "Intervals.path: expected parameters"),
+        (ParameterHistory(), {"rows": [{"epoch": 0.0, "x": "y"}]}, r"ParameterHistory.rows: \[0\].x: expected"),
+        (ParameterHistory(), {"rows": [{"epoch": 0.0}]}, "ParameterHistory.rows: expected epoch, evaluations"),
+        (
+            ParameterHistory(),
+            {"rows": [{"epoch": 0.0, "evaluations": 1.0, "x": 1.0}, {"epoch": 1.0, "evaluations": 1.0, "y": 1.0}]},
+            "the same parameters in each",
+        ),
+    ],
+)
+def test_a_callback_takes_no_state_that_is_none_of_its_own(callback: Any, state: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        callback.load_state_dict(state)
+
+
+def test_figures_that_are_not_finite_are_taken_up() -> None:
+    own, other = RunState(), RunState()
+    other.load_state_dict({**own.state_dict(), "figures": {"a": float("inf"), "b": -1.5}})
+    assert other.figures == {"a": float("inf"), "b": -1.5}

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from physid.data.tensors import require_modest_tensors
+from physid.strict import shown
 from physid.yaml_files import open_regular, read_text
 
 if TYPE_CHECKING:
@@ -140,6 +141,10 @@ def read_tensors(path: Path, keys: Iterable[str] = ()) -> dict[str, Any]:
         raise ValueError(f"{path}: expected a checkpoint, found a {type(state).__name__}")
     if missing := [key for key in keys if key not in state]:
         raise ValueError(f"{path}: expected a checkpoint with {', '.join(missing)}, found none")
+    if not isinstance(state.get("state_dict", {}), dict):
+        raise ValueError(
+            f"{path}: expected a checkpoint whose state_dict is a mapping, found {shown(state['state_dict'])}"
+        )
     return state
 
 
