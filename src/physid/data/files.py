@@ -12,6 +12,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from physid.data.tensors import require_modest_tensors
 from physid.one_writer import LOCK, kind_of, one_writer
 from physid.strict import shown
 from physid.yaml_files import open_regular, read_text
@@ -215,6 +216,7 @@ def read_tensors(path: Path, keys: Iterable[str] = ()) -> dict[str, Any]:
     if not path.is_file():
         raise FileNotFoundError(f"{path}: expected a checkpoint, found no such file")
     try:
+        require_modest_tensors(path)
         state = torch.load(path, map_location="cpu", weights_only=True)
     except MemoryError:
         raise
@@ -225,6 +227,10 @@ def read_tensors(path: Path, keys: Iterable[str] = ()) -> dict[str, Any]:
         raise ValueError(f"{path}: expected a checkpoint, found a {type(state).__name__}")
     if missing := [key for key in keys if key not in state]:
         raise ValueError(f"{path}: expected a checkpoint with {', '.join(missing)}, found none")
+    if not isinstance(state.get("state_dict", {}), dict):
+        raise ValueError(
+            f"{path}: expected a checkpoint whose state_dict is a mapping, found {shown(state['state_dict'])}"
+        )
     return state
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import TYPE_CHECKING
+from zipfile import is_zipfile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from physid.data import (
     write_sums,
     write_trajectory,
 )
+from physid.data.tensors import require_modest_tensors
 from physid.scenes import Body, Ground, Scene
 from physid.scenes.rotations import rotate
 
@@ -82,6 +84,8 @@ def _read_toss(path: Path) -> tuple[Array, Array]:
     import torch
 
     try:
+        if is_zipfile(path):  # else torch before its version 1.6 wrote it, as some of the published tosses may be
+            require_modest_tensors(path)
         value: Tensor = torch.load(path, weights_only=True)
         rows = value.numpy().astype(np.float64)
     except (OSError, RuntimeError, AttributeError, ValueError, EOFError) as error:

@@ -95,7 +95,7 @@ def _read(source: Path | Mapping[str, Any]) -> tuple[Mapping[str, Any], str, Ten
             raise ValueError(f"{source} does not exist: expected a run of `physid fit`, or its checkpoint")
         state = read_tensors(source, ("state_dict",))["state_dict"]
         found = state.get(COORDINATES, state.get(EARLIER))
-        if found is None:
+        if not isinstance(found, Tensor):
             raise ValueError(f"{source}: expected a checkpoint of SysID with {COORDINATES}, found none")
         config = source.parent.parent / CONFIG
         return _yaml(config), str(source), found.double()

@@ -9,6 +9,7 @@ import lightning as L
 import torch
 from torch import Tensor
 
+from physid.strict import whole
 from physid.training.parameters import PhysicalParameters
 
 
@@ -66,5 +67,9 @@ class Converged(L.Callback):
         return {"longer": self._longer}
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """Take it from the run that is resumed."""
-        self._longer = state_dict["longer"]
+        """Take it from the run that is resumed.
+
+        Raises:
+            ValueError: If it is no such number.
+        """
+        self._longer = whole(state_dict["longer"], "Converged.longer", low=0, high=len(self.lengthen))

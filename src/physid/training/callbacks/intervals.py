@@ -11,6 +11,7 @@ import lightning as L
 import torch
 from torch import Tensor
 
+from physid.strict import shown
 from physid.training.parameters import PhysicalParameters, Posterior, Response
 from physid.training.training_module import ends_with_epoch
 
@@ -77,8 +78,15 @@ class Intervals(L.Callback):
         return {"path": self._path}
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """Take it from the run that is resumed."""
-        self._path = state_dict["path"]
+        """Take it from the run that is resumed.
+
+        Raises:
+            ValueError: If it is no such sequence.
+        """
+        path = state_dict["path"]
+        if not isinstance(path, list) or not all(isinstance(each, Tensor) and each.dim() == 1 for each in path):
+            raise ValueError(f"Intervals.path: expected parameters of the last epochs, found {shown(path)}")
+        self._path = path
 
 
 def left_to_go(path: Sequence[Tensor]) -> Tensor:

@@ -19,6 +19,7 @@ from physid.estimation.measurement.unexplained import unexplained_kinds
 from physid.estimation.prediction.coordinates import Unknown, logged_names
 from physid.training.callbacks.run_state import RunState
 from physid.training.parameters import PhysicalParameters
+from physid.typed_files import check_as
 
 BLUE, RED = "tab:blue", "tab:red"
 
@@ -83,8 +84,16 @@ class ParameterHistory(L.Callback):
         return {"rows": self.rows}
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """Take the rows of the run that is resumed."""
-        self.rows = state_dict["rows"]
+        """Take the rows of the run that is resumed.
+
+        Raises:
+            ValueError: If they are none.
+        """
+        rows = state_dict["rows"]
+        check_as(list[dict[str, float]], rows, "ParameterHistory.rows")
+        if any({"epoch", "evaluations"} - row.keys() or row.keys() != rows[0].keys() for row in rows):
+            raise ValueError("ParameterHistory.rows: expected epoch, evaluations and the same parameters in each")
+        self.rows = rows
 
     def _note(self, trainer: L.Trainer, module: L.LightningModule) -> None:
         done = len(self.rows)

@@ -5,11 +5,40 @@ from __future__ import annotations
 import hashlib
 import random
 import time
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
 
 import lightning as L
 import numpy as np
 import torch
+
+from physid.typed_files import check_as
+
+WORDS = 624
+"""Numbers that the state of a Mersenne twister holds."""
+
+
+@dataclass(frozen=True)
+class Kept:
+    """What a checkpoint holds of it in plain values.
+
+    Attributes:
+        seconds: See `RunState`.
+        figures: See `RunState`.
+        over: The key of the run, if it had stopped by itself.
+        row: What was to be logged at the end of the epoch.
+        numpy: Kind, numbers, position, and a number drawn ahead of its turn.
+        python: Version, numbers, and a number drawn ahead of its turn.
+    """
+
+    __pydantic_config__: ClassVar[Any] = {"strict": True}
+
+    seconds: float
+    numpy: tuple[str, list[int], int, int, float]
+    python: tuple[int, list[int], float | None]
+    figures: dict[str, float] = field(default_factory=dict)
+    over: str = ""
+    row: dict[str, float] = field(default_factory=dict)
 
 
 class RunState(L.Callback):
@@ -49,9 +78,16 @@ class RunState(L.Callback):
         }
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """Remember the state; it is set once everything else has been built."""
-        self.seconds, self.figures = state_dict["seconds"], dict(state_dict.get("figures", {}))
-        self._over = state_dict.get("over", "")
+        """Remember the state; it is set once everything else has been built.
+
+        Raises:
+            ValueError: If it is none.
+            RuntimeError: If the state of torch's generator is none.
+            TypeError: The same.
+        """
+        kept = kept_of(state_dict)
+        _require_states(state_dict, kept)
+        self.seconds, self.figures, self._over = kept.seconds, dict(state_dict.get("figures", {})), kept.over
         self._random = state_dict
 
     def on_save_checkpoint(self, trainer: L.Trainer, pl_module: L.LightningModule, checkpoint: dict[str, Any]) -> None:
@@ -90,3 +126,30 @@ class RunState(L.Callback):
 
     def _elapsed(self) -> float:
         return self.seconds + time.perf_counter() - self._started
+
+
+def kept_of(state: object) -> Kept:
+    """Return what a checkpoint holds of a run in plain values.
+
+    Raises:
+        ValueError: If it is something else.
+    """
+    plain = {key: state[key] for key in Kept.__dataclass_fields__ if key in state} if isinstance(state, dict) else state
+    return check_as(Kept, plain, "RunState")
+
+
+def _require_states(state: dict[str, Any], kept: Kept) -> None:
+    """Give the states to generators that nobody else uses.
+
+    Raises:
+        ValueError: If one is none; of torch's, RuntimeError and TypeError as well.
+    """
+    torch.Generator().set_state(state["torch"])
+    if not all(isinstance(each, torch.Tensor) and each.dtype == torch.uint8 for each in state["cuda"]):
+        raise ValueError("RunState.cuda: expected states of generators, found others")
+    kind, words, position, has_gauss, gauss = kept.numpy
+    if len(words) != WORDS or not 0 <= position <= WORDS:  # NumPy would read beyond them
+        raise ValueError(f"RunState.numpy: expected {WORDS} numbers and a position among them, found others")
+    np.random.RandomState().set_state((kind, np.array(words, dtype=np.uint32), position, has_gauss, gauss))
+    version, numbers, ahead = kept.python
+    random.Random().setstate((version, tuple(numbers), ahead))

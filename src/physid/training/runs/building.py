@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import lightning as L
+from jsonargparse import ArgumentError
 from lightning.fabric.utilities.exceptions import MisconfigurationException
 from lightning.fabric.utilities.warnings import PossibleUserWarning
 from lightning.pytorch.cli import LightningCLI
@@ -22,6 +23,8 @@ from lightning.pytorch.cli import LightningCLI
 from physid.class_paths import load_class
 from physid.strict import LARGEST, shown, whole
 from physid.training.callbacks.progress import Progress
+from physid.training.runs.checkpoints import OwnFiles
+from physid.training.runs.failures import Chosen, explain
 from physid.training.runs.trusted_imports import only_trusted_imports
 from physid.yaml_files import read_text, require_modest_text
 
@@ -61,8 +64,11 @@ class Cli(LightningCLI):
         """
         try:
             trainer: L.Trainer = super().instantiate_trainer(**kwargs, **self._fixed)
+            trainer.strategy.checkpoint_io = OwnFiles(trainer)
         except (MisconfigurationException, TypeError, ValueError) as error:
             raise ValueError(f"trainer: {error}") from None
+        except OverflowError as error:  # of a time beyond any calendar
+            raise ValueError(f"trainer: max_time: {error}") from None
         return trainer
 
 
@@ -94,7 +100,8 @@ def build(
     Raises:
         ArgumentError: If a value is none that its class takes.
         ClassPathError: If a value names something that it must not import.
-        ValueError: If the seed is none, or a text that the parser reads as YAML, or the file that it names, is a bomb.
+        ValueError: If what it names cannot be made (see `explain`), the seed is none, or a text that the parser reads
+            as YAML, or the file that it names, is a bomb.
     """
     seed = config.get("seed_everything")
     if isinstance(seed, int):  # a switch, too: true draws one
@@ -116,8 +123,15 @@ def build(
         callbacks = [*callbacks, Progress()]
     _require_modest_texts({key: value for key, value in config.items() if key != "data"})
     _require_modest_texts(config.get("data"), "data", files=False)  # its files are recordings, and tables of forces
-    with only_trusted_imports(allowed):
-        return kind({**config, "trainer": trainer}, {"default_root_dir": folder, **fixed}, callbacks)
+    try:
+        with only_trusted_imports(allowed):
+            return kind({**config, "trainer": trainer}, {"default_root_dir": folder, **fixed}, callbacks)
+    except (ArgumentError, ValueError):  # say by themselves what is wrong
+        raise
+    except Exception as error:
+        if (explained := explain(error, Chosen.of(config, allowed))) is None:
+            raise
+        raise explained from error
 
 
 def _require_modest_texts(values: Any, key: str = "", *, files: bool = True) -> None:

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import lightning as L
-from lightning.pytorch.callbacks import ModelCheckpoint
 
 from physid.training.callbacks.kept_findings import KeptFindings
 from physid.training.callbacks.learning_rates import LearningRates
 from physid.training.callbacks.run_state import RunState
+from physid.training.runs.checkpoints import LastCheckpoint
 
 CHECKPOINT = Path("checkpoints", "last.ckpt")
 
@@ -24,7 +24,4 @@ def callbacks_of(folder: Path, config: Mapping[str, Any]) -> tuple[RunState, lis
         config: Resolved configuration.
     """
     state = RunState(repr(sorted(config.items())))
-    keep = ModelCheckpoint(
-        folder / CHECKPOINT.parent, CHECKPOINT.stem, save_on_train_epoch_end=True, enable_version_counter=False
-    )
-    return state, [keep, state, LearningRates(), KeptFindings(folder)]
+    return state, [LastCheckpoint(folder / CHECKPOINT), state, LearningRates(), KeptFindings(folder)]

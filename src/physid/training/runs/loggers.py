@@ -15,6 +15,8 @@ from lightning.pytorch.loggers import CSVLogger, Logger, WandbLogger
 from lightning.pytorch.loggers.csv_logs import ExperimentWriter
 
 from physid.data.files import write_text
+from physid.strict import whole
+from physid.training.callbacks.run_state import kept_of
 from physid.yaml_files import read_text
 
 WANDB_MODES = ("offline", "online", "disabled")
@@ -33,11 +35,17 @@ class Reached:
     row: Mapping[str, float]
 
 
-def history_of(checkpoint: Mapping[str, Any]) -> Reached | None:
-    """Return how far the history of a checkpoint's content goes; None without one."""
-    if not checkpoint:
-        return None
-    return Reached(int(checkpoint["epoch"]), checkpoint["callbacks"].get("RunState", {}).get("row") or {})
+def history_of(checkpoint: Mapping[str, Any]) -> Reached:
+    """Return how far the history of a checkpoint's content goes.
+
+    Raises:
+        ValueError: If it does not say so.
+    """
+    callbacks = checkpoint["callbacks"]
+    if not isinstance(callbacks, dict) or "RunState" not in callbacks:
+        raise ValueError("callbacks: expected the state of a run (RunState), found none")
+    kept_of(callbacks["RunState"])
+    return Reached(whole(checkpoint["epoch"], "epoch", low=0), callbacks["RunState"].get("row") or {})
 
 
 def build_loggers(folder: Path, wandb_mode: str, config: Mapping[str, Any], reached: Reached | None) -> list[Logger]:

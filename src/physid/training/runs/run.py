@@ -11,15 +11,16 @@ from traceback import extract_tb
 from typing import Any, Literal
 
 import lightning as L
-from lightning.fabric.utilities.exceptions import MisconfigurationException
 from lightning.pytorch.utilities.model_helpers import is_overridden
 from torch import Tensor
 
 from physid.data.files import read_tensors, write_text
+from physid.strict import shown
 from physid.training.runs.building import build
 from physid.training.runs.every_run import CHECKPOINT as CHECKPOINT
 from physid.training.runs.every_run import callbacks_of
-from physid.training.runs.loggers import build_loggers, history_of
+from physid.training.runs.failures import Chosen, explain, misfit
+from physid.training.runs.loggers import Reached, build_loggers, history_of
 from physid.training.training_module import LEARNED
 from physid.yaml_files import read_yaml
 
@@ -29,8 +30,7 @@ PARTS = ("state_dict", "epoch", "global_step", "loops", "callbacks", "pytorch-li
 SAFELY: dict[str, Any] = {"weights_only": True}
 """A checkpoint from elsewhere is data, never code."""
 CONFIG, FIGURES = "config.yaml", "metrics.json"
-MISFIT = "loading state_dict"  # how torch begins to say that weights are not those of a model
-LOADER = "DataLoader worker (pid"  # and that a process which loads data has ended
+LOADER = "DataLoader worker (pid"  # how torch begins to say that a process which loads data has ended
 # The keys of a configuration, and whose arguments stand below each (None: a class_path says so).
 GROUPS: dict[str, Callable[..., Any] | None] = {
     "seed_everything": None,
@@ -71,15 +71,15 @@ def fit(
     """
     checkpoint = folder / CHECKPOINT if resume and (folder / CHECKPOINT).exists() else None
     state, callbacks = callbacks_of(folder, config)
-    config = dict(config)
-    reached = {} if checkpoint is None else read_tensors(checkpoint, PARTS)
-    loggers = build_loggers(folder, config.pop("wandb", "offline"), config, history_of(reached))
+    config, chosen = dict(config), Chosen.of(config, allowed)
+    reached = None if checkpoint is None else _reached(checkpoint)
+    loggers = build_loggers(folder, config.pop("wandb", "offline"), config, reached)
     cli = build(config, folder, callbacks, allowed, logger=loggers)
     trainer, model, data = cli.trainer, cli.model, cli.datamodule
-    _until_interrupted(trainer, lambda: trainer.fit(model, datamodule=data, ckpt_path=checkpoint, **SAFELY))
+    _until_interrupted(trainer, chosen, lambda: trainer.fit(model, datamodule=data, ckpt_path=checkpoint, **SAFELY))
     figures = _flat({**state.figures, **trainer.callback_metrics})
     if is_overridden("test_step", model) and _has_test_split(data):
-        _until_interrupted(trainer, lambda: trainer.test(model, datamodule=data, verbose=False))
+        _until_interrupted(trainer, chosen, lambda: trainer.test(model, datamodule=data, verbose=False))
         figures |= _flat(trainer.callback_metrics)
     figures["seconds"] = state.seconds
     if trainer.is_global_zero:
@@ -130,7 +130,8 @@ def evaluate(
         raise ValueError("there are no trajectories to validate on (split val or select); use `physid test`")
     run: Callable[..., Any] = getattr(cli.trainer, stage)
     options = SAFELY | ({"return_predictions": False} if stage == "predict" else {"verbose": False})
-    _until_interrupted(cli.trainer, lambda: run(cli.model, datamodule=cli.datamodule, ckpt_path=weights, **options))
+    trainer, chosen = cli.trainer, Chosen.of(config, allowed)
+    _until_interrupted(trainer, chosen, lambda: run(cli.model, datamodule=cli.datamodule, ckpt_path=weights, **options))
     return _flat(cli.trainer.callback_metrics)
 
 
@@ -162,40 +163,48 @@ def restore(folder: Path, recordings: Path) -> L.LightningModule:
     return restored
 
 
+def _reached(checkpoint: Path) -> Reached:
+    """Return how far the history of a run goes.
+
+    Raises:
+        ValueError: If its checkpoint does not say so.
+    """
+    content = read_tensors(checkpoint, PARTS)
+    try:
+        return history_of(content)
+    except ValueError as error:
+        raise misfit(checkpoint, error) from None
+
+
 def _as_learned(config: Mapping[str, Any], weights: Path) -> Any:
     """Return the model's configuration, with the parameters that were learned where it names none."""
     model, learned = config["model"], read_tensors(weights, PARTS).get(LEARNED)
+    if learned is not None and not (isinstance(learned, list) and all(isinstance(each, str) for each in learned)):
+        raise ValueError(f"{weights}: expected names of parameters ({LEARNED}), found {shown(learned)}")
     arguments = model.get("init_args") or {}
     known = learned is None or arguments.get("learn")
     return model if known else {**model, "init_args": {**arguments, "learn": learned}}
 
 
-def _until_interrupted(trainer: L.Trainer, action: Callable[[], object]) -> None:
+def _until_interrupted(trainer: L.Trainer, chosen: Chosen, action: Callable[[], object]) -> None:
     """Run a part of the Trainer; Ctrl-C ends it with a KeyboardInterrupt that says how to go on.
 
-    What the Trainer finds wrong in its own settings, say fewer epochs than a checkpoint has, or in a checkpoint of
-    another version, is the user's to mend.
-
     Raises:
+        ValueError: If what a configuration chose fails, or a checkpoint is none of this run (see `explain`).
         LoaderLostError: If a process that loads data was killed.
     """
     handler = signal.getsignal(signal.SIGINT)
     try:
         action()
-    except MisconfigurationException as error:
-        raise ValueError(f"trainer: {error}") from None
-    except (RuntimeError, EOFError, OSError) as error:
+    except Exception as error:
         if _loader_lost(error):
             raise LoaderLostError(
                 "a process that loads data was killed, as the system does where memory is short; the same command with "
                 "--resume goes on, with fewer data.workers where that was so"
             ) from None
-        if MISFIT not in str(error):
+        if (explained := explain(error, chosen, trainer.ckpt_path)) is None:
             raise
-        raise ValueError(
-            f"{trainer.ckpt_path}: expected a checkpoint of this version of physid and this model, found another: "
-            f"{str(error).splitlines()[-1].strip()} Begin in a new folder, or use the version that record.json names"
-        ) from None
+        raise explained from error
     except SystemExit:
         if not trainer.interrupted:
             raise
@@ -206,7 +215,9 @@ def _until_interrupted(trainer: L.Trainer, action: Callable[[], object]) -> None
 def _loader_lost(error: Exception) -> bool:
     """Return whether a process that loads data has ended: torch says so, unless it dies while it hands data over."""
     handing = any("/multiprocessing/" in frame.filename for frame in extract_tb(error.__traceback__))
-    return LOADER in str(error) if isinstance(error, RuntimeError) else handing
+    if isinstance(error, RuntimeError):
+        return LOADER in str(error)
+    return handing and isinstance(error, EOFError | OSError)
 
 
 def _has_test_split(data: Any) -> bool:
