@@ -13,14 +13,18 @@ from torch.utils.data import DataLoader, TensorDataset
 class Line(L.LightningModule):
     """A linear regression."""
 
-    def __init__(self, rate: float = 0.01) -> None:
+    def __init__(self, rate: float = 0.01, harm: bool = False) -> None:
         super().__init__()
-        self.net, self.rate = torch.nn.Linear(3, 1), rate
+        self.net, self.rate, self.harm = torch.nn.Linear(3, 1), rate, harm
 
     def training_step(self, batch: list[Tensor], batch_idx: int) -> Tensor:
         loss: Tensor = (self.net(batch[0]) - batch[0].sum(-1, keepdim=True)).square().mean()
         self.log("train/loss", loss, on_step=False, on_epoch=True)
         return loss
+
+    def on_train_start(self) -> None:
+        if self.harm:
+            raise KeyError("a mistake of the user's own")
 
     def configure_optimizers(self) -> torch.optim.Optimizer:
         return torch.optim.Adam(self.parameters(), self.rate)

@@ -27,6 +27,7 @@ def f(*_, **__): pathlib.Path({MARK!r}).write_text("")
 CALLBACK = "lightning.pytorch.callbacks.LambdaCallback"
 LAUNCH = "{class_path: torch.distributed.launcher.api.elastic_launch, dict_kwargs: {entrypoint: stranger.f}}"
 FSDP = "lightning.pytorch.strategies.FSDPStrategy"
+BORING = "--allow=lightning.pytorch.demos"  # a fit takes data of physid alone, or of what is allowed
 PLAIN: dict[str, Any] = {
     "model": {"class_path": "physid.training.learners.sysid.SysID"},
     "data": {"class_path": "lightning.pytorch.demos.boring_classes.BoringDataModule"},
@@ -77,7 +78,7 @@ def stranger(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 def test_what_a_stranger_wrote_is_neither_imported_nor_called(
     override: str, stranger: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["fit", "--config", "none.yaml", override]) == 2
+    assert main(["fit", "--config", "none.yaml", override, BORING]) == 2
     assert not stranger.exists()
     said = capsys.readouterr().err.strip()
     assert len(said.splitlines()) <= 3
@@ -88,7 +89,7 @@ def test_what_a_stranger_wrote_is_neither_imported_nor_called(
 def test_a_text_in_place_of_a_class_is_refused_with_what_was_expected(
     value: str, stranger: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["fit", "--config", "none.yaml", f"trainer.profiler={value}"]) == 2
+    assert main(["fit", "--config", "none.yaml", f"trainer.profiler={value}", BORING]) == 2
     said = capsys.readouterr().err
     assert "command line: trainer.profiler: expected a name, or a mapping with class_path and init_args" in said
 
@@ -155,7 +156,7 @@ def test_the_policy_ends_with_what_is_built(stranger: Path) -> None:
 def test_mappings_for_what_no_type_is_known_of_are_taken_and_inspected_to_their_leaves(stranger: Path) -> None:
     def strategy(value: object) -> Configuration:
         given = {"class_path": FSDP, "dict_kwargs": {"more": {"one": {"two": [value]}}}}
-        return Configuration("run", {**PLAIN, "trainer": {"strategy": given}})
+        return Configuration("run", {**PLAIN, "trainer": {"strategy": given}}, allowed=("lightning.pytorch.demos",))
 
     check_fit(strategy(3))
     check_fit(strategy("auto"))

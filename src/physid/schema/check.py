@@ -16,6 +16,11 @@ from physid.schema.free_mappings import UNKNOWN, alternatives, is_mapping, types
 from physid.strict import MOST_SHOWN, nearest, quoted, shown
 
 LONGEST_NAME = 200
+COUNTS = ("accumulate_grad_batches", "check_val_every_n_epoch", "val_check_interval")
+"""Settings of the Trainer by which it divides."""
+DIGITS = 3
+WIDE = re.compile(rf"\{{[^{{}}]*\{{|\{{[^{{}}:]*:[^{{}}]*?[0-9]{{{DIGITS + 1}}}")
+"""A part of a name to fill in that has a width of more digits, or whose width is filled in itself."""
 WRITTEN = ("builtins", "datetime", "pathlib", "types")
 """Modules of classes whose values are written as a number or a text."""
 PLAIN = re.compile(r"[\w.,:+-]*")
@@ -44,7 +49,14 @@ def check_fit(configuration: Configuration) -> None:
     from physid.training.runs import run
 
     check_keys(configuration, run.GROUPS, run.CLASSES)
+    for key, kind in run.KINDS.items():
+        _require_kind(configuration, key, kind)
     trainer = configuration.values.get("trainer") or {}
+    for name in COUNTS:
+        value = trainer.get(name)
+        if isinstance(value, int | float) and value <= 0:
+            raise _wrong(configuration, f"trainer.{name}", "a number above 0", value)
+    _refuse_wide(configuration, "trainer", trainer)
     for name, remedy in run.DECIDED.items():
         if trainer.get(name) is not None:
             source = configuration.source_of(f"trainer.{name}")
@@ -104,6 +116,25 @@ def _require_class(configuration: Configuration, key: str, base: type) -> None:
     target = _load(configuration, f"{key}.class_path", value["class_path"])
     if target is not None and not issubclass(target, base):
         raise _wrong(configuration, f"{key}.class_path", f"a {base.__name__}", value["class_path"])
+
+
+def _require_kind(configuration: Configuration, key: str, kind: type) -> None:
+    """Check that a class has what a run asks of it, unless it is of a package of the user's own."""
+    path = configuration.values[key]["class_path"]
+    found = _load(configuration, f"{key}.class_path", path)
+    own = found is not None and any(f"{found.__module__}.".startswith(f"{each}.") for each in configuration.allowed)
+    if found is not None and not own and not issubclass(found, kind):
+        wanted = f"a {kind.__name__} (of {kind.__module__.rpartition('.')[0]}), or a class that you --allow"
+        raise _wrong(configuration, f"{key}.class_path", wanted, path)
+
+
+def _refuse_wide(configuration: Configuration, key: str, value: Any) -> None:
+    """Refuse names to fill in that ask for more letters than a name has, as `{epoch:>300000000}` does."""
+    if isinstance(value, str) and WIDE.search(value):
+        raise _wrong(configuration, key, f"a width of at most {DIGITS} digits", value)
+    if isinstance(value, dict | list):
+        for name, each in value.items() if isinstance(value, dict) else enumerate(value):
+            _refuse_wide(configuration, f"{key}.{name}", each)
 
 
 def _check_classes(configuration: Configuration, key: str, value: Any, annotation: Any = None) -> None:

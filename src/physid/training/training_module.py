@@ -17,6 +17,7 @@ from physid.inspection.finding import Finding, warn_of
 from physid.training.parameters import GaussNewton, PhysicalParameters
 
 LEARNED = "learned"
+LEAST_BITS = 32
 Mistakes = tuple[Finding, ...]
 OptimizerFactory = Callable[[Iterable[nn.Parameter]], Optimizer]
 
@@ -117,8 +118,15 @@ class TrainingModule(L.LightningModule, ABC):
 
         Raises:
             ValueError: If several processes would follow one that judges its steps by its own loss: they would part.
+                Or if one that solves equations is to do so with few digits.
         """
         optimizer = self._optimizer(self.parameters())
+        short = [each.dtype for each in self.parameters() if torch.finfo(each.dtype).bits < LEAST_BITS]
+        if short and isinstance(optimizer, GaussNewton):
+            raise ValueError(
+                f"GaussNewton needs numbers of at least {LEAST_BITS} bits, got {short[0]}; set "
+                "trainer.precision=32-true or 64-true, or choose an optimizer such as torch.optim.Adam"
+            )
         if self.trainer.world_size > 1 and isinstance(optimizer, LBFGS | GaussNewton):
             raise ValueError(
                 f"{type(optimizer).__name__} needs all trajectories in one process, got {self.trainer.world_size} "

@@ -68,7 +68,7 @@ class Cli(LightningCLI):
         except (MisconfigurationException, TypeError, ValueError) as error:
             raise ValueError(f"trainer: {error}") from None
         except OverflowError as error:  # of a time beyond any calendar
-            raise ValueError(f"trainer: max_time: {error}") from None
+            raise ValueError(f"trainer: expected times that a clock can count, as max_time ({error})") from None
         return trainer
 
 

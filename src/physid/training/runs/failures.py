@@ -131,7 +131,7 @@ def _place(frames: Sequence[FrameType], chosen: Chosen) -> str | None:
             if kind.__module__.startswith("lightning.") and parts and chosen.trainer.get(parts[0]) is not None:
                 return f"trainer.{parts[0]}: {kind.__name__}"
     # What torch says while it goes back through a model is of the model.
-    return "trainer" if frames[0].f_globals.get("__name__", "").startswith("lightning.") else None
+    return "trainer" if frames and frames[0].f_globals.get("__name__", "").startswith("lightning.") else None
 
 
 def _restores(frame: FrameType) -> bool:

@@ -14,14 +14,14 @@ import lightning as L
 from lightning.pytorch.utilities.model_helpers import is_overridden
 from torch import Tensor
 
+from physid.data.batches.datamodule import RecordingsDataModule
 from physid.data.files import read_tensors, write_text
-from physid.strict import shown
 from physid.training.runs.building import build
 from physid.training.runs.every_run import CHECKPOINT as CHECKPOINT
 from physid.training.runs.every_run import callbacks_of
 from physid.training.runs.failures import Chosen, explain, misfit
 from physid.training.runs.loggers import Reached, build_loggers, history_of
-from physid.training.training_module import LEARNED
+from physid.training.training_module import LEARNED, TrainingModule
 from physid.yaml_files import read_yaml
 
 Stage = Literal["validate", "test", "predict"]
@@ -40,6 +40,8 @@ GROUPS: dict[str, Callable[..., Any] | None] = {
     "wandb": None,
 }
 CLASSES: dict[str, type] = {"model": L.LightningModule, "data": L.LightningDataModule}
+# Of which kind they must be where the user does not allow others: callbacks and figures build on it.
+KINDS: dict[str, type] = {"model": TrainingModule, "data": RecordingsDataModule}
 # Arguments of the Trainer that a run decides itself, and what a user may want instead.
 DECIDED = {
     "logger": "metrics.csv is always written, wandb=online or wandb=disabled chooses the rest",
@@ -180,7 +182,7 @@ def _as_learned(config: Mapping[str, Any], weights: Path) -> Any:
     """Return the model's configuration, with the parameters that were learned where it names none."""
     model, learned = config["model"], read_tensors(weights, PARTS).get(LEARNED)
     if learned is not None and not (isinstance(learned, list) and all(isinstance(each, str) for each in learned)):
-        raise ValueError(f"{weights}: expected names of parameters ({LEARNED}), found {shown(learned)}")
+        raise ValueError(f"{weights}: expected names of parameters ({LEARNED}), found something else")
     arguments = model.get("init_args") or {}
     known = learned is None or arguments.get("learn")
     return model if known else {**model, "init_args": {**arguments, "learn": learned}}
