@@ -204,3 +204,15 @@ def test_the_command_seals_and_refuses_what_is_out_of_order(tmp_path: Path, caps
         error = capsys.readouterr().err
         assert message in error
         assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize(("step", "name"), [("score", "score"), ("calibrate", "calibration"), ("diagnose", "verdicts")])
+def test_nothing_is_written_into_a_bank_that_leads_elsewhere(
+    tmp_path: Path, step: str, name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for folder in ("home", "bank"):
+        (tmp_path / folder).mkdir()
+    (tmp_path / "bank" / name).symlink_to(tmp_path / "home")
+    assert main(["benchmark", "diagnosis", step, "--bank", str(tmp_path / "bank")]) == 2
+    assert f"{name}: expected nothing but files and folders where physid writes" in capsys.readouterr().err
+    assert not list((tmp_path / "home").iterdir())
