@@ -152,4 +152,4 @@ def _require_states(state: dict[str, Any], kept: Kept) -> None:
         raise ValueError(f"RunState.numpy: expected {WORDS} numbers and a position among them, found others")
     np.random.RandomState().set_state((kind, np.array(words, dtype=np.uint32), position, has_gauss, gauss))
     version, numbers, ahead = kept.python
-    random.Random().setstate((version, tuple(numbers), ahead))
+    random.Random().setstate((version, tuple(numbers), ahead))  # nosec B311 - nothing secret is drawn
