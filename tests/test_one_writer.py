@@ -112,6 +112,16 @@ def test_nothing_is_written_where_a_link_or_a_pipe_lies(
     assert not (tmp_path / LOCK).exists()
 
 
+def test_a_link_to_a_file_of_the_folder_itself_leads_nowhere_else(tmp_path: Path) -> None:
+    """As Lightning makes of its last checkpoint where it is asked to."""
+    (tmp_path / "run" / "mine").mkdir(parents=True)
+    (tmp_path / "run" / "mine" / "epoch=1.ckpt").touch()
+    (tmp_path / "run" / "mine" / "last.ckpt").symlink_to("epoch=1.ckpt")
+    refuse_links(tmp_path / "run")
+    with pytest.raises(OSError, match=r"last.ckpt: expected nothing but files"):
+        refuse_links((tmp_path / "run" / "mine" / "epoch=1.ckpt").rename(tmp_path / "epoch=1.ckpt").parent / "run")
+
+
 def test_the_named_folder_and_what_wandb_has_made_may_be_links(tmp_path: Path) -> None:
     (tmp_path / "run" / "wandb").mkdir(parents=True)
     (tmp_path / "run" / "wandb" / "latest-run").symlink_to("offline-run-1")

@@ -65,10 +65,11 @@ def one_writer(folder: Path) -> Iterator[None]:
 
 
 def refuse_links(folder: Path) -> None:
-    """Refuse to write into a folder that holds a symbolic link, a pipe, a socket or a device, however deep.
+    """Refuse to write into a folder that holds a symbolic link out of it, a pipe, a socket or a device, however deep.
 
     Whoever sends a folder could lead what is written there to any file with a link, and let it wait with a pipe. The
-    folder itself is named by the user, and may be a link; one that is not there holds nothing.
+    folder itself is named by the user, and may be a link; one that is not there holds nothing. A link to a file of the
+    folder itself, as Lightning makes of its last checkpoint where it is asked to, leads nowhere else.
 
     Args:
         folder: Where something shall be written.
@@ -77,6 +78,8 @@ def refuse_links(folder: Path) -> None:
         OSError: If it holds one, or cannot be read; names it.
     """
     for path, mode in _entries(folder):
+        if stat.S_ISLNK(mode) and _leads_to_file_of(folder, path):
+            continue
         if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
             raise OSError(
                 f"{path}: expected nothing but files and folders where physid writes, found {kind_of(mode)}; "
@@ -85,9 +88,15 @@ def refuse_links(folder: Path) -> None:
             )
 
 
+def _leads_to_file_of(folder: Path, link: str) -> bool:
+    """Return whether a link leads to a regular file of a folder, whatever links lie on the way."""
+    target = os.path.realpath(link)
+    return Path(target).is_relative_to(os.path.realpath(folder)) and os.path.isfile(target)
+
+
 def _entries(folder: Path) -> Iterator[tuple[str, int]]:
     """Yield path and mode of everything in a folder, however deep, but for what lies in `LINKS_OF_ITS_OWN`."""
-    waiting = [str(folder)]
+    waiting, aside = [str(folder)], os.path.join(folder, LINKS_OF_ITS_OWN)
     while waiting:
         entries = list[os.DirEntry[str]]()
         with suppress(FileNotFoundError), os.scandir(waiting.pop()) as found:
@@ -96,7 +105,7 @@ def _entries(folder: Path) -> Iterator[tuple[str, int]]:
             with suppress(FileNotFoundError):  # another process may take one away meanwhile
                 mode = entry.stat(follow_symlinks=False).st_mode
                 yield entry.path, mode
-                if stat.S_ISDIR(mode) and entry.name != LINKS_OF_ITS_OWN:
+                if stat.S_ISDIR(mode) and entry.path != aside:
                     waiting.append(entry.path)
 
 

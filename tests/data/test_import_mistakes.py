@@ -20,6 +20,7 @@ from physid.data.importers.convert import import_logs
 from physid.data.importers.guessing import guess_mapping
 from physid.data.importers.mapping_files import read_mapping
 from physid.data.importers.tables.files import read_table
+from physid.data.importers.units import canonical, split_header
 
 GOOD: dict[str, Any] = {
     "time": "t",
@@ -406,8 +407,10 @@ def test_an_archive_of_a_million_columns_is_refused(tmp_path: Path) -> None:
 
 def test_separators_of_thousands_are_no_decimal_marks(tmp_path: Path) -> None:
     (tmp_path / "log.csv").write_text("t;x\n0.00;1,000\n0.01;1,010\n")
-    with pytest.raises(ValueError, match=r"log.csv: expected one decimal mark, found commas between digits and 0.00"):
-        read_table(tmp_path / "log.csv")
+    table = read_table(tmp_path / "log.csv")
+    assert table.values("t").tolist() == [0.0, 0.01]
+    with pytest.raises(ValueError, match=r'log.csv:2: expected a number in column "x", found "1,000"'):
+        table.values("x")
 
 
 def test_a_packed_table_is_answered_with_how_to_unpack_it(tmp_path: Path) -> None:
@@ -588,6 +591,41 @@ def test_lines_are_those_of_the_file_after_blank_lines_and_comments(tmp_path: Pa
     (tmp_path / "log.csv").write_text(text.replace("inf", "0"))
     with pytest.raises(ValueError, match=r"log.csv:9: expected increasing time stamps, found time that runs back"):
         import_logs([tmp_path / "log.csv"], known, tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    ("unit", "quantity", "known"),
+    [
+        ("N-m", "torque", "N m"), ("N⋅m", "torque", "N m"), ("newton meters", "torque", "N m"),
+        ("º", "angle", "deg"), ("radian", "angle", "rad"), ("Deg", "angle", "deg"), ("MN", "force", None),
+        ("lbs", "force", None), ("grad", "angle", None), ("m/s", "position", None), ("hours", "time", "h"),
+    ],
+)  # fmt: skip
+def test_units_are_known_however_they_are_written(unit: str, quantity: str, known: str | None) -> None:
+    assert canonical(unit, quantity) == known
+
+
+def test_a_suffix_in_capitals_may_be_a_name_of_its_own() -> None:
+    assert split_header("x_CM") == ("x_CM", None)
+    assert split_header("yaw_DEG") == ("yaw", "DEG")
+
+
+@pytest.mark.parametrize(
+    ("names", "order"),
+    [(["pitch", "roll", "yaw"], "xyz"), (["yaw", "pitch", "roll"], "ZYX"), (["rz", "ry", "rx"], "ZYX")],
+)
+def test_angles_may_be_listed_and_named_as_they_are_meant(tmp_path: Path, names: list[str], order: str) -> None:
+    there = COLUMNS | dict.fromkeys(names, COLUMNS["x"])
+    log = write_csv(tmp_path / "log.csv", list(there), list(there.values()))
+    mapping = {key: value for key, value in GOOD.items() if key != "quaternion"}
+    import_logs([log], mapping | {"euler": names, "euler_order": order}, tmp_path / "out")
+
+
+def test_a_guess_says_the_unit_where_brackets_hold_another_word(tmp_path: Path) -> None:
+    there = {f"{name} (world)" if name in "xyz" else name: one for name, one in COLUMNS.items()}
+    log = write_csv(tmp_path / "log.csv", list(there), list(there.values()))
+    said = yaml.safe_load(guess_mapping(log))
+    assert said["units"]["position"] == "m"
 
 
 def test_a_unit_that_the_mapping_says_goes_before_a_word_in_brackets(tmp_path: Path) -> None:

@@ -121,3 +121,12 @@ def test_a_gap_of_several_times_the_frames_there_are_passes() -> None:
     time = stamps(60)
     time[30:] += 5.0
     check_clocks(moving(time), 1 / RATE)
+
+
+def test_another_rate_or_bursts_are_no_gap() -> None:
+    slower = np.concatenate([np.arange(1000) / 1000, 1 + np.arange(500) / 10])
+    assert rhythm_of(slower).change is not None
+    bursts = (np.arange(100)[:, None] * 0.05 + np.arange(10) * 1e-4).ravel()
+    assert rhythm_of(bursts).period < 1e-3
+    with pytest.raises(ValueError, match=r"found none for .* after frame 1200"):
+        rhythm_of(np.concatenate([slower[:1201], slower[1201:] + 1e6]))

@@ -59,7 +59,7 @@ def test_a_scene_written_and_read_again_is_the_same(setup: Any) -> None:
         ("bodies.0.mass", -1.0, "block.mass must be a number above 0, got -1"),
         ("bodies.0.mass", 1e300, r"block.mass must be a number of at most 1e\+09|block.mass must be .* at most 1e\+09"),
         ("bodies.0.size", [1e10, 0.1, 0.1], "block.size must be positive edge lengths"),
-        ("bodies.0.friction", 1e6, "block.friction must be .* at most 100"),
+        ("bodies.0.friction", 1e300, r"block.friction must be .* at most 1e\+09"),
         ("bodies.0.inertia", [1.0, 1.0, 3.0], "block.inertia must be moments of which none is more than the sum"),
         ("bodies.0.mass", "heavy", r"bodies\[0\].mass: expected a finite number, found 'heavy'"),
         ("bodies.0.size", [1.0, 2.0], r"bodies\[0\].size: expected a list of 3, found \[1.0, 2.0\]"),

@@ -113,10 +113,12 @@ def open_with_poses(
         quiet: As for `track`.
     """
     from physid.data import RecordingSet
+    from physid.one_writer import refuse_links
 
     sets = {name: RecordingSet(folder) for name, folder in folders.items()}
     if not (from_video or encoder) and all(each.any_poses() for each in sets.values()):
         return sets
+    refuse_links(into)
     return {name: _read_poses(each.folder, into / name, encoder, limit, quiet) for name, each in sets.items()}
 
 

@@ -120,9 +120,10 @@ def whole_folder(folder: Path, *, overwrite: bool = False) -> Iterator[Path]:
                 (shutil.rmtree if overwrite else os.rmdir)(folder)
             (part / LOCK).unlink()
             part.replace(folder)
-            (folder / UNFINISHED).unlink()  # last: until then a run that is killed has to leave it
-        finally:
+        except BaseException:
             shutil.rmtree(part, ignore_errors=True)
+            raise
+        (folder / UNFINISHED).unlink(missing_ok=True)  # last: until then a run that is killed has to leave it
 
 
 def _mark(part: Path) -> None:

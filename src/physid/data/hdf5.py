@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 FILTERS = {1: "gzip", 2: "shuffle", 3: "fletcher32", 32000: "lzf"}  # by their numbers in HDF5; others run foreign code
 MOST_COMPRESSION = 1032
 """Bytes that one byte of deflate can stand for (zlib's technical notes); LZF reaches less."""
-MOST_PACKED, FREE = 100, 1 << 24
+MOST_PACKED, FREE = 100, 1 << 26
 """The same of floating-point numbers, as in archives of NumPy, and bytes that are free: forces that stay the same pack
 better, motion packs two to ten times."""
 LONGEST_TEXT = 4096  # bytes of a text attribute

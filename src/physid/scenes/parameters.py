@@ -6,7 +6,7 @@ import dataclasses
 import math
 from collections.abc import Mapping
 
-from physid.scenes.scene import HIGHEST_FRICTION, HIGHEST_RESTITUTION, PARAMETERS, Body, Scene
+from physid.scenes.scene import HIGHEST_RESTITUTION, PARAMETERS, Body, Scene
 
 
 def highest_value(name: str) -> float:
@@ -16,9 +16,9 @@ def highest_value(name: str) -> float:
         name: A parameter of a scene.
 
     Returns:
-        1 for a coefficient of restitution, 100 for one of friction, infinity for a mass.
+        1 for a coefficient of restitution, infinity for a mass or a coefficient of friction.
     """
-    return {"restitution": HIGHEST_RESTITUTION, "friction": HIGHEST_FRICTION}.get(name.rpartition(".")[2], math.inf)
+    return HIGHEST_RESTITUTION if name.endswith(".restitution") else math.inf
 
 
 def bodies_of(scene: Scene, parameter: str) -> tuple[int, ...]:

@@ -39,11 +39,15 @@ def read_orientations(
 
 
 def _require_order(table: Table, names: Sequence[Reference], sequence: str, *, upright: bool) -> None:
-    """Refuse angles whose names say another order; where z is upright, roll, pitch and yaw are about x, y and z."""
-    turns = TURNS.items() if upright else ()
+    """Refuse angles whose names say another order: other letters, or roll, pitch and yaw where yaw, pitch and roll are.
+
+    Where z is upright, roll, pitch and yaw mostly are about x, y and z; whoever lists them otherwise may mean it.
+    """
     bare = [split_header(str(name))[0].lower() for name in names]
-    letters = [next((axis for word, axis in turns if name.endswith(word)), name[-1:]) for name in bare]
-    if set(letters) <= set("xyz") and "".join(letters) != sequence.lower():
+    plain = "".join(name[-1:] for name in bare)
+    spoken = "".join(next((axis for word, axis in TURNS.items() if name.endswith(word)), "?") for name in bare)
+    wrong = set(plain) <= set("xyz") and plain != sequence.lower()
+    if wrong or (upright and len(spoken) > 1 and spoken == sequence.lower()[::-1]):
         raise ValueError(
             f"{table.path}: euler_order says {sequence}, but the columns are {', '.join(map(str, names))}; list them "
             "as they stand in the order that you give"

@@ -9,7 +9,7 @@ from physid.strict import nearest
 
 UNITS: dict[str, dict[str, float]] = {
     "position": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "km": 1e3, "in": 0.0254, "ft": 0.3048},
-    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
     "angle": {"rad": 1.0, "deg": math.pi / 180, "mrad": 1e-3},
     "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3, "kgf": 9.80665, "gf": 9.80665e-3, "lbf": 4.4482216152605},
     "torque": {
@@ -26,12 +26,13 @@ ALIASES = {
     "millis": "ms", "milliseconds": "ms", "usec": "us", "micros": "us", "microseconds": "us",
     "nsec": "ns", "nanos": "ns", "nanoseconds": "ns", "degree": "deg", "degrees": "deg", "°": "deg",
     "radians": "rad", "newton": "N", "newtons": "N", "n": "N", "nm": "N m", "nmm": "N mm", "inch": "in",
-    "inches": "in", "gram": "g", "grams": "g",
+    "inches": "in", "gram": "g", "grams": "g", "radian": "rad", "º": "deg", "newton meters": "N m",
+    "newton metres": "N m", "micrometers": "um", "micrometres": "um", "msecs": "ms", "hours": "h", "minutes": "min",
 }  # fmt: skip
 BY_CASE = ("force", "torque")  # mN is not MN; of the other quantities no two units differ by case alone
 BRACKETED = re.compile(r"^(?P<name>.*?)\s*[\[(](?P<unit>[^\])]*)[\])]\s*$")
 SUFFIXED = re.compile(
-    r"^(?P<name>.+)_(?P<unit>ms|us|ns|mN|kN|Nm|Nmm|(?i:mm|cm|um|deg|degrees|rad|sec|secs|msec|usec|nsec))$"
+    r"^(?P<name>.+)_(?P<unit>ms|us|ns|mN|kN|Nm|Nmm|cm|um|sec|secs|msec|usec|nsec|(?i:mm|deg|degrees|rad))$"
 )
 # No _m, _s, _N or _in: names end like this for other reasons, but for the axis of a force.
 FORCE_IN_N = re.compile(r"^(?P<name>(?:.*_)?f(?:orce)?_?[xyz])_(?P<unit>N)$", re.IGNORECASE)
@@ -57,7 +58,7 @@ def factor_of(quantity: str, unit: object, where: str) -> float:
 def canonical(unit: str, quantity: str) -> str | None:
     """Return the name that a unit has in `UNITS`, or None where it is no unit of the quantity."""
     known = UNITS[quantity]
-    plain = unit.strip().replace("·", " ").replace("*", " ").replace(".", " ")
+    plain = re.sub(r"[·⋅∙*.]|(?<=\w)-(?=\w)", " ", unit.strip())
     plain = plain.replace("\N{MICRO SIGN}", "u").replace("\N{GREEK SMALL LETTER MU}", "u")
     for each in (
         plain,

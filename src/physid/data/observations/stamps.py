@@ -60,9 +60,10 @@ def rhythm_of(time: Array) -> Rhythm:
     Raises:
         ValueError: If many more frames are missing than there are.
     """
-    _require_no_long_gap(time)
     change, later = change_in(np.diff(time))
+    _require_no_long_gap(time if change is None else time[change:], change or 0)
     time = time if change is None else time[: change + 1]
+    _require_no_long_gap(time)
     steps = np.diff(time)
     typical = float(np.median(steps))
     if len(time) < LEAST:
@@ -86,13 +87,21 @@ def rhythm_of(time: Array) -> Rhythm:
     return Rhythm(period, jitter / spread, jitter, int(holes), change, later)
 
 
-def _require_no_long_gap(time: Array) -> None:
-    """Refuse stamps between which many more frames are missing than there are: what follows costs time for each."""
+def _require_no_long_gap(time: Array, first: int = 0) -> None:
+    """Refuse stamps between which many more frames are missing than there are: what follows costs time for each.
+
+    Frames that come in bursts have no such gap: none is longer than all of them would last together.
+
+    Args:
+        time: Stamps [s], of one rate.
+        first: Number of the first of them.
+    """
     steps = np.diff(time)
-    if len(steps) > 1 and time[-1] - time[0] > MOST_MISSING * len(time) * np.median(steps):
-        frame = int(steps.argmax())
+    whole = len(time) * np.median(steps) if len(steps) > 1 else np.inf
+    if time[-1] - time[0] > MOST_MISSING * whole and steps.max() > whole:
+        frame = first + int(steps.argmax())
         raise ValueError(
-            f"time: expected frames about {np.median(steps):.3g} s apart, found none for {steps[frame]:.4g} s after "
+            f"time: expected frames about {np.median(steps):.3g} s apart, found none for {steps.max():.4g} s after "
             f"frame {frame}; cut the recording there into two trajectories, or correct the stamps"
         )
 

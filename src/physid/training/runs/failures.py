@@ -58,8 +58,11 @@ class Chosen:
 
     def owns(self, module: str) -> bool:
         """Return whether a module is physid's, or of a package that the user allows."""
-        mine = any(module == each or module.startswith(f"{each}.") for each in self.allowed)
-        return mine or module.startswith("physid")
+        return self.lets_in(module) or module == "physid" or module.startswith("physid.")
+
+    def lets_in(self, module: str) -> bool:
+        """Return whether a module is of a package that the user allows."""
+        return any(module == each or module.startswith(f"{each}.") for each in self.allowed)
 
 
 def explain(error: Exception, chosen: Chosen, checkpoint: object = None) -> ValueError | None:
@@ -81,6 +84,8 @@ def explain(error: Exception, chosen: Chosen, checkpoint: object = None) -> Valu
         place = _place(frames, chosen)
         return ValueError(f"trainer: {error}" if place is None else _line(place, error))
     if checkpoint is not None and any(map(_restores, frames)):
+        if frames and chosen.lets_in(frames[0].f_globals.get("__name__", "")):
+            return None
         if str(error).startswith(f"{checkpoint}: "):
             return None
         return misfit(checkpoint, error)

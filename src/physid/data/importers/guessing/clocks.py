@@ -39,7 +39,7 @@ def say_time(table: Table, place: Sequence[str], said: Lines) -> str:
         said.say("rate: FILL_IN", "no column that rises as time does; frames per second of the tracker")
         return ""
     said.say(f"time: {quoted(found)}", "" if named else "it is the first column that rises")
-    unit = table.units.get(found)
+    unit = table.unit_of(found)
     if unit is None:
         fitting = units_of_stamps(table.columns[found])
         said.units["time"] = fitting[0] if fitting else "FILL_IN"

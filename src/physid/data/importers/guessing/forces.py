@@ -108,7 +108,7 @@ def _forces_of(
         unowned.append("force")
     torque = [each or _beside(torques, free, force[index]) for index, each in enumerate(torque)]
     for index, either in enumerate(_owned(torques, owners, (OF_EITHER,))):
-        if either and not torque[index] and (force[index] or table.units.get(bare(either[0]))):
+        if either and not torque[index] and (force[index] or table.unit_of(bare(either[0]))):
             torque[index] = either
     if not any(torque) and (one := first_of(torques, TORQUE, "xyz")):
         torque[0] = one
@@ -132,7 +132,7 @@ def _named_last(table: Table, forces: Groups) -> list[str]:
         (
             columns_of(one, "xyz")
             for stem, one in forces.items()
-            if without(stem, FORCE) != stem or table.units.get(one["x"])
+            if without(stem, FORCE) != stem or table.unit_of(one["x"])
         ),
         [],
     )
@@ -165,7 +165,7 @@ def say_source(found: FoundForces, clock: str, said: Lines) -> None:
         return
     own = clock_of(table, []) or next((name for name, each in table.columns.items() if rises(each)), "")
     said.say(f"forces: {{file: {json.dumps(found.pattern)}{f', time: {quoted(own)}' if own else ''}}}")
-    if own and not table.units.get(own):
+    if own and not table.unit_of(own):
         unit = next(iter(units_of_stamps(table.columns[own])), "FILL_IN")
         if unit != said.units.get("time"):
             said.units["forces_time"] = unit

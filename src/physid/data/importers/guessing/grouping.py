@@ -63,7 +63,7 @@ def vectors_of(table: Table, groups: Groups, quantity: str) -> Groups:
 
 def _quantity_of(table: Table, group: Group) -> str:
     """Return which quantity the unit of a group is one of; nothing where headers say no unit."""
-    unit = table.units.get(group["x"])
+    unit = table.unit_of(group["x"])
     kinds = ("position", "force", "torque") if unit else ()
     return next((kind for kind in kinds if unit and canonical(unit, kind)), "")
 

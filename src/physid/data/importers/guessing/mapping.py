@@ -120,7 +120,7 @@ def _say_place(table: Table, groups: Groups, place: list[str], said: Lines, befo
 
 def _say_length(table: Table, places: Sequence[Sequence[str]], said: Lines) -> None:
     """Find the unit of positions: as headers say, or by the largest spread of those of a body."""
-    silent = [bare(name) for place in places for name in place if not table.units.get(bare(place[0]))]
+    silent = [bare(name) for place in places for name in place if not table.unit_of(bare(place[0]))]
     seen = [values[np.isfinite(values)] for values in map(table.values, silent)]
     spread = max((float(np.ptp(values)) for values in seen if len(values)), default=None)
     if spread is None:

@@ -31,7 +31,7 @@ def say_turn(table: Table, groups: Groups, found: Sequence[str], place: Sequence
             )
             seen = np.concatenate([table.columns[low[one]] for one in angles])
             largest = float(np.abs(seen[np.isfinite(seen)]).max(initial=0.0))
-            if not table.units.get(low[angles[0]]):
+            if not table.unit_of(low[angles[0]]):
                 said.units["angle"] = "deg" if largest > 2 * np.pi else "rad"
                 said.doubt(f"units.angle: {said.units['angle']}, since angles reach {largest:.4g}")
             return

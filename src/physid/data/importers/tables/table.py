@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from physid.data.importers.units import split_header
+from physid.data.importers.units import UNITS, canonical, split_header
 from physid.strict import nearest
 
 Array = NDArray[np.float64]
@@ -97,6 +97,11 @@ class Table:
                 "or write a line of names above the rows"
             )
         raise MissingColumnError(f'{self.path}: no column "{wanted}"{close}', wanted)
+
+    def unit_of(self, column: str) -> str | None:
+        """Return the unit that the log states for a column; None where a word in brackets is none of any quantity."""
+        said = self.units.get(column)
+        return said if said and any(canonical(said, quantity) for quantity in UNITS) else None
 
     def components(self, name: object) -> list[str]:
         """Return the columns that one name stands for: several for an array with more than one axis."""

@@ -21,6 +21,7 @@ DELIMITERS = (",", ";", "\t", " ")
 EMPTY = {"", "nan", "none", "null", "na", "n/a", "-", "#n/a"}  # cells that say: nothing was measured
 TRUE = {"true": 1.0, "false": 0.0}
 MARKS = (b"\xff\xfe", b"\xfe\xff")  # with which UTF-16 begins
+THOUSANDS = re.compile(r"[+-]?\d{1,3}(,\d{3})+")
 GZIP = b"\x1f\x8b"  # with which a packed file begins
 PEEK, CHUNK = 50, 1 << 16  # rows
 ALIKE = 0.8  # share of lines that a delimiter splits into as many cells as the first
@@ -69,12 +70,8 @@ def _read_csv(path: Path, file: TextIO, header: int | None) -> Table:
     ]
     rows = [[cell.strip() for cell in _cells(head[row], delimiter)] for row in filled]
     comma = delimiter != "," and any(re.fullmatch(r"[+-]?\d+,\d+", cell) for row in rows[1:] for cell in row)
-    pointed = next((cell for row in rows[1:] for cell in row if re.fullmatch(r"[+-]?\d*\.\d+", cell)), None)
-    if comma and pointed is not None:
-        raise ValueError(
-            f"{path}: expected one decimal mark, found commas between digits and {pointed}; write numbers without "
-            "separators of thousands, all with a point or all with a comma"
-        )
+    # Beside decimal points commas before three digits separate thousands: such cells are no numbers.
+    pointed = any(re.fullmatch(r"[+-]?\d*\.\d+", cell) for row in rows[1:] for cell in row)
     named = header is not None or _is_numbering(rows[0]) or not all(_is_number(cell, comma) for cell in rows[0])
     names = rows[0] if named else [str(index) for index in range(len(rows[0]))]
     if not named and start and head[start - 1].startswith(("#", "%")):  # a header that is written as a comment
@@ -93,7 +90,7 @@ def _read_csv(path: Path, file: TextIO, header: int | None) -> Table:
     file.seek(0)
     words: dict[str, tuple[int, str]] = {}
     skipped: list[int] = []
-    reader = _Rows(path, delimiter, names, comma, words, skipped)
+    reader = _Rows(path, delimiter, names, comma, words, skipped, separated=comma and pointed)
     values = reader.read(islice(_lines(path, file), first, None), first + 1)
     if not len(values):
         raise ValueError(f"{path}: expected rows of numbers under the header, found none")
@@ -157,6 +154,7 @@ class _Rows:
     comma: bool
     words: dict[str, tuple[int, str]]
     skipped: list[int]
+    separated: bool
 
     def read(self, lines: Iterator[str], first: int) -> Array:
         """Read rows of numbers, in C where every cell is one, else cell by cell."""
@@ -199,7 +197,8 @@ class _Rows:
         if low in EMPTY:
             return float("nan")
         try:
-            if "_" in cell:  # which Python lets stand between digits
+            # Python lets an underscore stand between digits.
+            if "_" in cell or (self.separated and THOUSANDS.fullmatch(cell)):
                 raise ValueError
             return TRUE[low] if low in TRUE else float(cell.replace(",", ".") if self.comma else cell)
         except ValueError:
