@@ -184,7 +184,7 @@ def _parse_override(override: str) -> Layer:
         parse_yaml(value, COMMAND_LINE)
         parsed = OmegaConf.to_container(OmegaConf.from_dotlist([override]), resolve=False)
     except (YamlError, yaml.YAMLError, OmegaConfBaseException) as error:
-        reason = str(error).splitlines()[0].removeprefix(f"{COMMAND_LINE}: ")
+        reason = str(error).splitlines()[0].removeprefix(f"{COMMAND_LINE}: ").removeprefix("no valid YAML: ")
         raise ConfigurationError(
             f'{COMMAND_LINE}: the value of "{_short(override)}" is no valid YAML: {reason}'
         ) from None
