@@ -5,8 +5,8 @@
     python benchmarks/check.py --folder runs/check           keeps the sets for the next run
 
 The sets have ten trajectories of 1.25 s, 0.5 mm and 4 mrad of noise, and exact clocks; forces are shifted, and units
-changed, after that. An alarm is a finding that says "wrong?"; a shift is found where the clocks are said to differ, a
-unit where it is named.
+changed, after that, or frames left out. An alarm is a finding that says "wrong?"; a shift is found where the clocks are
+said to differ, a unit where it is named, missing frames where the set is said to lack some.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
+import numpy as np
 from tqdm import tqdm
 
 from physid.data import RecordingSet
@@ -27,11 +28,12 @@ from physid.data.generation.settings import GenerateConfig, Noise
 from physid.inspection.evidence import Evidence
 from physid.inspection.examination import read_posed
 from physid.inspection.mistakes import oddities_in
-from physid.inspection.rules.clocks import delay
+from physid.inspection.rules.clocks import delay, dropped
 
 CASES = (("push", "paper"), ("push", "rich"), ("slide", "rich"), ("collide", "rich"))
 SIMULATORS = ("pybullet", "mujoco")
 UNKNOWN = {"collide": ("block.mass", "block.friction")}
+LOST = 0.05  # share of the frames
 SHIFTS = (15, 18, 20, 23, 30, 50)  # [ms]
 UNITS = {
     "mm": (1e3, 1.0, ("millimetres",)),
@@ -75,6 +77,17 @@ def in_units(seen: Evidence, length: float, force: float) -> Evidence:
     return replace(scaled, recordings=forced)
 
 
+def thinned(seen: Evidence) -> Evidence:
+    """Return recordings without some of their frames, and the forces with them, as a log without stamps loses them."""
+    kept = []
+    for index, one in zip(seen.indices, seen.recordings, strict=True):
+        keep = np.random.default_rng(index).random(one.length) > LOST
+        assert one.pose is not None
+        wrench = None if one.wrench is None else one.wrench[keep]
+        kept.append(replace(one, pose=one.pose[keep], wrench=wrench, twist=None))
+    return replace(seen, recordings=kept)
+
+
 def wrong(seen: Evidence) -> list[str]:
     """Return what looks wrong."""
     return [one.what for one in oddities_in(seen) if one.wrong]
@@ -88,17 +101,19 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, help="where the sets are kept; nowhere by default")
     options = parser.parse_args()
     rates, sets, found, named = [float(rate) for rate in options.rates.split(",")], 0, Counter[int](), Counter[str]()
-    alarms = list[str]()
+    alarms, lost = list[str](), 0
     with tempfile.TemporaryDirectory() as nowhere:
         for name, seen in recorded(options.folder or Path(nowhere), rates, options.seeds):
             sets += 1
             alarms += [f"{name}: {what}" for what in wrong(seen)]
             for shift, sign in product(SHIFTS, (1, -1)):
                 found[shift] += delay(shifted(seen, sign * shift / 1000)) is not None
+            lost += dropped(thinned(seen)) is not None
             for unit, (length, force, words) in UNITS.items():
                 said = wrong(in_units(seen, length, force))
                 named[unit] += all(any(word in what for what in said) for word in words)
     print(f"{sets} sets, {len(alarms)} false alarms", *alarms, sep="\n")
+    print(f"\n{lost} of {sets} sets without {LOST:.0%} of their frames are said to lack some")
     print("\n| forces late or early by | found |\n|---|---:|")
     print(*(f"| {shift} ms | {found[shift]} of {2 * sets} |" for shift in SHIFTS), sep="\n")
     print("\n| unit | named |\n|---|---:|")

@@ -341,6 +341,24 @@ def test_a_clock_that_was_shifted_already_is_to_be_shifted_by_both_in_sets_of_fi
         assert offsets([one.mend for one in report.findings]) == [pytest.approx(plain - 3.2, abs=2e-3)]
 
 
+@pytest.mark.parametrize("stamped", [False, True])
+@pytest.mark.parametrize("name", ["push", "slide", "collide", "toss"])
+def test_frames_that_were_never_logged_are_noticed_where_no_stamps_tell_of_them(
+    name: str, stamped: bool, tmp_path: Path
+) -> None:
+    scene, several = recorded(name)
+    kept = []
+    for index, one in enumerate(several):
+        keep = np.random.default_rng(index).random(one.length) > 0.05
+        assert one.pose is not None
+        assert one.wrench is not None
+        time = scene.time_step * np.flatnonzero(keep) if stamped else None
+        kept.append(dataclasses.replace(one, pose=one.pose[keep], wrench=one.wrench[keep], time=time))
+    found = [one for one in said(tmp_path / "set", scene, kept) if "frames seem to be missing" in one]
+    assert len(found) == (not stamped)
+    assert all("give each missing frame an empty row" in one for one in found)
+
+
 def offsets(mends: list[str]) -> list[float]:
     """Return the offsets of the clock of the forces that mends name [s]."""
     return [float(one) for mend in mends for one in re.findall(r"forces.offset=(-?[0-9.]+),", mend)]

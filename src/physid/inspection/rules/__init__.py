@@ -8,6 +8,6 @@ PLACES = (sizes.runs, falls.falls, ground.carried, ground.lying, ground.orders, 
 """Of one cause with many signs: the first that speaks names it, and the others would repeat it as another."""
 RULES = (
     sizes.sizes, sizes.masses, falls.upside, torques.forces_and_torques, clocks.delay, energy.energy,
-    tracking.turns, tracking.held, tracking.repeats, tracking.jumps, clocks.lengths, tracking.unseen, tracking.covered,
-    sizes.tare, shown.hidden,
+    tracking.turns, tracking.held, tracking.repeats, tracking.jumps, clocks.dropped, clocks.lengths, tracking.unseen,
+    tracking.covered, sizes.tare, shown.hidden,
 )  # fmt: skip

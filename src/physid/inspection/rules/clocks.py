@@ -1,4 +1,4 @@
-"""What looks like a mistake of a clock: forces that come before or after their accelerations, or last another time."""
+"""What looks like a mistake of a clock: forces that come at or last another time, frames that were never logged."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physid.data.observations.stamps import unlike_lengths
-from physid.inspection.evidence import STILL, Evidence
+from physid.inspection.evidence import LEAST_SMOOTH, STILL, Evidence
 from physid.inspection.finding import Finding
 from physid.inspection.kinematics import shifted_forces
 from physid.inspection.rules.falls import ENOUGH
@@ -25,6 +25,11 @@ FOLLOWS = 0.4  # correlation of accelerations with shifted forces below which th
 NOMINAL = 1e-6  # share of a time step by which stamps stray that were computed from a rate
 NEAR = 0.25  # of the time between two rows of forces: a shift so near to half of it may be that these are held
 OFF = 3e-3  # [s] that a shift may be off by however many trajectories agree: 40 ms were read as 37 and as 43
+BESIDE = 2  # steps on each side that a step is compared with
+UNLIKE = 0.3  # share of their mean by which these may differ: no impact, and no force that switches, lies among them
+OFF = 0.35  # of the mean, by which a step may be off a whole number of it
+LOUD = 8.0  # deviations of the noise that a step is longer than, so that noise is a fifth of it
+LEAST_PLACES = 3  # such places, from which on it is no accident
 
 
 def delay(seen: Evidence) -> Finding | None:
@@ -158,3 +163,49 @@ def lengths(seen: Evidence) -> Finding | None:
     if found[0] is None or None in found:
         return None
     return Finding(found[0], "import with this rate", wrong=False)
+
+
+def dropped(seen: Evidence) -> Finding | None:
+    """Steps that are twice, three times ... as long as those before and after, which are alike.
+
+    Without stamps a frame that was not logged is taken for time that did not pass: velocities seem to jump there and
+    back, and friction comes out too large (0.30 for 0.20 where one frame in twenty is missing).
+    """
+    found = list[tuple[int, int, int]]()
+    for index, _, frame, place in seen.tracks():
+        if seen.recordings[seen.indices.index(index)].time is not None:
+            continue
+        at, times = _missing(frame, place[:, :3], LEAST_SMOOTH + LOUD * seen.noise.position)
+        found += [(index, int(frame[k]), int(n)) for k, n in zip(at, times, strict=True)]
+    if len(found) < LEAST_PLACES:
+        return None
+    index, frame_before, times_as_far = found[0]
+    return Finding(
+        f"{len(found)} times a body goes several times as far from one frame to the next as before and after (first "
+        f"after frame {frame_before} of trajectory {index}: {times_as_far} times), and there are no stamps: frames "
+        "seem to be missing",
+        "import the stamps of the frames (time=COLUMN), or give each missing frame an empty row",
+    )
+
+
+def _missing(frame: NDArray[np.int64], place: Array, least: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return after which rows of a track frames are missing, and how many steps each such step stands for.
+
+    Args:
+        frame: Numbers of the frames, shape (T,).
+        place: Positions [m], shape (T, 3).
+        least: Length of a step [m] from which on it is told.
+    """
+    width = 2 * BESIDE + 1
+    if len(place) <= width:
+        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+    steps = np.lib.stride_tricks.sliding_window_view(np.diff(place, axis=0), width, axis=0)  # (T - width, 3, width)
+    middle, others = steps[..., BESIDE], np.delete(steps, BESIDE, axis=-1)
+    usual = others.mean(-1)
+    size = np.linalg.norm(usual, axis=1)
+    alike = np.linalg.norm(others - usual[..., None], axis=1).max(1) < UNLIKE * size
+    times = np.round((middle * usual).sum(1) / np.maximum(size, least) ** 2)
+    whole = np.linalg.norm(middle - times[:, None] * usual, axis=1) < OFF * size
+    following = frame[width:] - frame[:-width] == width
+    at = np.flatnonzero(alike & whole & following & (size > least) & (times > 1))
+    return at + BESIDE, times[at].astype(np.int64)
