@@ -27,7 +27,7 @@ NEAR = 0.25  # of the time between two rows of forces: a shift so near to half o
 OFF = 3e-3  # [s] that a shift may be off by however many trajectories agree: 40 ms were read as 37 and as 43
 BESIDE = 2  # steps on each side that a step is compared with
 UNLIKE = 0.3  # share of their mean by which these may differ: no impact, and no force that switches, lies among them
-OFF = 0.35  # of the mean, by which a step may be off a whole number of it
+ASTRAY = 0.35  # of the mean, by which a step may be off a whole number of it
 LOUD = 8.0  # deviations of the noise that a step is longer than, so that noise is a fifth of it
 LEAST_PLACES = 3  # such places, from which on it is no accident
 
@@ -205,7 +205,7 @@ def _missing(frame: NDArray[np.int64], place: Array, least: float) -> tuple[NDAr
     size = np.linalg.norm(usual, axis=1)
     alike = np.linalg.norm(others - usual[..., None], axis=1).max(1) < UNLIKE * size
     times = np.round((middle * usual).sum(1) / np.maximum(size, least) ** 2)
-    whole = np.linalg.norm(middle - times[:, None] * usual, axis=1) < OFF * size
+    whole = np.linalg.norm(middle - times[:, None] * usual, axis=1) < ASTRAY * size
     following = frame[width:] - frame[:-width] == width
     at = np.flatnonzero(alike & whole & following & (size > least) & (times > 1))
     return at + BESIDE, times[at].astype(np.int64)
