@@ -9,7 +9,8 @@ def check(recordings: Path, *, limit: int | None = None) -> None:
     """Check whether recordings can be trusted, and say what to correct.
 
     Says rates, gaps, noise, ranges, contact and forces, and what looks like a mistake: units, axes, the order of
-    quaternions, forces of the wrong sign or of another clock, heights, jumps; and files that do not fit SHA256SUMS.
+    quaternions, forces of the wrong sign or of another clock, heights, jumps, frames that were never logged; and files
+    that do not fit SHA256SUMS.
     Exits with 1 where something looks wrong. `fit`, `identifiability` and `diagnose` ask the same rules (but for the
     checksums) at their start, and warn.
 
