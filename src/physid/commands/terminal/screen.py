@@ -7,7 +7,7 @@ import signal
 import sys
 from _thread import interrupt_main
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from io import TextIOWrapper
 from threading import Timer, current_thread, main_thread
 from types import FrameType
@@ -32,7 +32,8 @@ def write_any_sign() -> None:
     """Let a stream that cannot write a sign, say the mu of micrometres in ASCII, write how it is escaped."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")
+            with suppress(OSError):  # of a stream that another has taken the place of
+                stream.reconfigure(errors="backslashreplace")
 
 
 def say(*lines: object) -> None:
