@@ -37,7 +37,7 @@ def require_trusted(path: object, allowed: Sequence[str] = ()) -> None:
     """
     if not isinstance(path, str) or not re.fullmatch(r"[\w.]+", path) or len(path) > LONGEST or "__" in path:
         raise ClassPathError(f"expected a dotted path to a class, got {shown(path)}")
-    if "." in path and not _lies_in(path, (*TRUSTED, *allowed)):
+    if "." in path and not lies_in(path, (*TRUSTED, *allowed)):
         root = path.partition(".")[0]
         raise ClassPathError(
             f"{path}: expected a class of {', '.join(TRUSTED)}, since to import one is to run its code; if you trust "
@@ -81,10 +81,11 @@ def load_class(path: object, allowed: Sequence[str] = ()) -> type | None:
         hint = f'; did you mean "{close[0]}"?' if close else ""
         raise ClassPathError(f'{module_name} has no "{name}"{hint}')
     # A module also holds what it has imported: torch.x.Popen would be a class of subprocess.
-    if not inspect.isclass(found) or not _lies_in(found.__module__, (*TRUSTED, *allowed)):
+    if not inspect.isclass(found) or not lies_in(found.__module__, (*TRUSTED, *allowed)):
         raise ClassPathError(f"{path}: expected a class of that package, found {found!r}")
     return found
 
 
-def _lies_in(path: str, packages: Sequence[str]) -> bool:
+def lies_in(path: str, packages: Sequence[str]) -> bool:
+    """Return whether a dotted path is one of some packages or modules, or within one."""
     return any(path == package or path.startswith(f"{package}.") for package in packages)

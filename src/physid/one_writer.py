@@ -10,10 +10,12 @@ import socket
 import stat
 import sys
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
+
+from physid.yaml_files import kind_of
 
 LOCK = ".lock"
 MOST_SHOWN = 300
@@ -21,12 +23,6 @@ MOST_SHOWN = 300
 UNSUPPORTED = (errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS)
 LINKS_OF_ITS_OWN = "wandb"
 """The folder of Weights & Biases, which links to its latest run, and replaces such links whole."""
-KINDS: tuple[tuple[Callable[[int], bool], str], ...] = (
-    (stat.S_ISLNK, "a symbolic link"),
-    (stat.S_ISDIR, "a folder"),
-    (stat.S_ISFIFO, "a named pipe"),
-    (stat.S_ISSOCK, "a socket"),
-)
 
 
 class FolderInUseError(ValueError):
@@ -107,11 +103,6 @@ def _entries(folder: Path) -> Iterator[tuple[str, int]]:
                 yield entry.path, mode
                 if stat.S_ISDIR(mode) and entry.path != aside:
                     waiting.append(entry.path)
-
-
-def kind_of(mode: int) -> str:
-    """Say what stands in a folder that is no regular file, from the mode that lstat(2) gives."""
-    return next((name for is_one, name in KINDS if is_one(mode)), "a device")
 
 
 def _require_lock_file(path: Path) -> None:

@@ -102,8 +102,9 @@ def fill_folder(folder: Path, *, marked_by: str, overwrite: bool = False) -> Ite
         FolderInUseError: If another process is making the result.
         OSError: If nothing can be written there.
     """
-    from physid.data.files import holds_anything, whole_folder
+    from physid.data.files import finish, holds_anything, whole_folder
 
+    finish(folder)
     earlier = holds_anything(folder)
     if earlier and not overwrite:
         raise ConfigurationError(f"{folder} holds an earlier result; --overwrite replaces it, --out chooses another")

@@ -28,6 +28,13 @@ LONGEST_NUMBER, LONGEST_KEY = 1000, 1000
 """Letters of a number as it is written (YAML 1.1 reads 1:30:00 to the base 60, which grows as their square), and of a
 key, which stands in the name of all that is below it."""
 
+KINDS_OF_FILE: tuple[tuple[Callable[[int], bool], str], ...] = (
+    (stat.S_ISLNK, "a symbolic link"),
+    (stat.S_ISDIR, "a folder"),
+    (stat.S_ISFIFO, "a named pipe"),
+    (stat.S_ISSOCK, "a socket"),
+)
+
 # libyaml's parser where PyYAML was built with it, ten times as fast; both give the same events.
 _Parser: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
@@ -62,8 +69,12 @@ def open_regular(path: Path, within: Path | None = None) -> io.BufferedReader:
     os.close(descriptor)
     if stat.S_ISDIR(mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
-    found = "a named pipe" if stat.S_ISFIFO(mode) else "a device, or a link to one"
-    raise OSError(f"{path}: expected a regular file, found {found}; put a file in its place")
+    raise OSError(f"{path}: expected a regular file, found {kind_of(mode)}; put a file in its place")
+
+
+def kind_of(mode: int) -> str:
+    """Return what something is that is no regular file, from the mode that lstat(2) or fstat(2) gives."""
+    return next((name for is_one, name in KINDS_OF_FILE if is_one(mode)), "a device")
 
 
 def read_bytes(path: Path, most: int | None = LARGEST_FILE, within: Path | None = None) -> bytes:

@@ -13,6 +13,7 @@ import torch
 
 from physid.data.files import (
     UNFINISHED,
+    finish,
     holds_anything,
     read_json,
     read_tensors,
@@ -103,6 +104,7 @@ def test_a_folder_whose_last_rename_was_the_last_of_a_killed_run_is_whole(tmp_pa
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / UNFINISHED).touch()
     (tmp_path / "out" / "a").touch()
+    finish(tmp_path / "out")
     assert holds_anything(tmp_path / "out")
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["a"]
 

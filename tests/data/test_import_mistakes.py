@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from scipy.spatial.transform import Rotation
 from tests.data.logs import Truth, write_csv
 
 from physid.cli import main
@@ -615,10 +616,15 @@ def test_a_suffix_in_capitals_may_be_a_name_of_its_own() -> None:
     [(["pitch", "roll", "yaw"], "xyz"), (["yaw", "pitch", "roll"], "ZYX"), (["rz", "ry", "rx"], "ZYX")],
 )
 def test_angles_may_be_listed_and_named_as_they_are_meant(tmp_path: Path, names: list[str], order: str) -> None:
-    there = COLUMNS | dict.fromkeys(names, COLUMNS["x"])
+    angles = [COLUMNS["x"], 0.5 * COLUMNS["x"], -COLUMNS["x"]]
+    there = COLUMNS | dict(zip(names, angles, strict=True))
     log = write_csv(tmp_path / "log.csv", list(there), list(there.values()))
     mapping = {key: value for key, value in GOOD.items() if key != "quaternion"}
-    import_logs([log], mapping | {"euler": names, "euler_order": order}, tmp_path / "out")
+    found = import_logs([log], mapping | {"euler": names, "euler_order": order}, tmp_path / "out")
+    pose = RecordingSet(found.folder).read(0).pose
+    assert pose is not None
+    meant = Rotation.from_euler(order, np.stack(angles, 1))
+    assert (Rotation.from_quat(pose[:, 0, 3:]) * meant.inv()).magnitude().max() < 1e-9
 
 
 def test_a_guess_says_the_unit_where_brackets_hold_another_word(tmp_path: Path) -> None:

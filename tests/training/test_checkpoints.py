@@ -28,17 +28,6 @@ def fit(folder: Path, *words: str) -> int:
     return cli.main(["fit", f"--run-dir={folder}", *words, f"--allow={regression.__name__}"])
 
 
-@pytest.fixture
-def config(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
-    monkeypatch.chdir(tmp_path)
-    name = regression.__name__
-    (tmp_path / "line.yaml").write_text(
-        f"model: {{class_path: {name}.Line}}\ndata: {{class_path: {name}.Points}}\n"
-        "trainer: {max_epochs: 2, accelerator: cpu}\n"
-    )
-    return "--config=line.yaml"
-
-
 def victim(tmp_path: Path) -> Path:
     """Return a folder of the user's own."""
     (tmp_path / "victim" / "deep").mkdir(parents=True)
@@ -48,7 +37,7 @@ def victim(tmp_path: Path) -> Path:
 
 
 def untouched(folder: Path) -> bool:
-    """Tell whether all of it is there."""
+    """Return whether all of it is there."""
     return all((folder / name).read_text() == "years" for name in ("thesis.ckpt", "deep/thesis.txt"))
 
 

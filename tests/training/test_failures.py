@@ -23,17 +23,6 @@ def callback(name: str, arguments: str = "") -> str:
     return f"trainer.callbacks=[{{class_path: {CALLBACKS}.{name}, init_args: {{{arguments}}}}}]"
 
 
-@pytest.fixture
-def config(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
-    monkeypatch.chdir(tmp_path)
-    name = regression.__name__
-    (tmp_path / "line.yaml").write_text(
-        f"model: {{class_path: {name}.Line}}\ndata: {{class_path: {name}.Points}}\n"
-        "trainer: {max_epochs: 2, accelerator: cpu}\n"
-    )
-    return "--config=line.yaml"
-
-
 # Lightning's profiler of XLA ends before it has begun.
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.parametrize(

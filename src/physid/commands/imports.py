@@ -88,10 +88,10 @@ def _name(places: list[Path]) -> str:
 
 def _say(done: Imported) -> None:
     """Say what was imported, and what was taken for granted."""
-    from physid.strict import one_line
+    from physid.commands.terminal.screen import say
 
     many = f"{done.trajectories} trajector{'y' if done.trajectories == 1 else 'ies'}"
-    print("\n".join(map(one_line, [*done.notes, f"{done.folder}: {many}"])))
+    say(*done.notes, f"{done.folder}: {many}")
 
 
 def _sorted(kind: str, sources: list[Path]) -> tuple[str, list[Path]]:

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from physid.data.tensors import require_modest_tensors
-from physid.one_writer import LOCK, kind_of, one_writer
+from physid.one_writer import LOCK, one_writer
 from physid.strict import shown
-from physid.yaml_files import open_regular, read_text
+from physid.yaml_files import kind_of, open_regular, read_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -79,10 +79,14 @@ def _begin(part: Path) -> None:
     os.close(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, ANYBODY))
 
 
+def finish(folder: Path) -> None:
+    """Take the mark from a folder that `whole_folder` had named, before it was killed, as the last of its steps."""
+    with suppress(OSError):
+        (folder / UNFINISHED).unlink()
+
+
 def holds_anything(folder: Path) -> bool:
     """Return whether anything stands where a folder shall be filled; an empty folder is nothing."""
-    with suppress(OSError):  # of a run that was killed after `whole_folder` had given it its name
-        (folder / UNFINISHED).unlink()
     return folder.exists() and (not folder.is_dir() or any(folder.iterdir()))
 
 
@@ -123,7 +127,7 @@ def whole_folder(folder: Path, *, overwrite: bool = False) -> Iterator[Path]:
         except BaseException:
             shutil.rmtree(part, ignore_errors=True)
             raise
-        (folder / UNFINISHED).unlink(missing_ok=True)  # last: until then a run that is killed has to leave it
+        finish(folder)  # last: until then a run that is killed has to leave the mark
 
 
 def _mark(part: Path) -> None:

@@ -1,4 +1,4 @@
-"""What `torch.save` wrote, looked at before torch reads it: plain values and tensors that the file itself holds.
+"""What `torch.save` wrote, inspected before torch reads it: plain values and tensors that the file itself holds.
 
 torch's own restriction (`weights_only`) keeps code out, not size: a file of some kilobytes may ask for gigabytes as a
 `bytearray(n)`, as compressed zeros, as a tensor larger than its storage, or as lists of lists that are the same one.

@@ -10,7 +10,7 @@ import typing
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from physid.class_paths import DOTTED, ClassPathError, load_class, require_packages, require_trusted
+from physid.class_paths import DOTTED, ClassPathError, lies_in, load_class, require_packages, require_trusted
 from physid.configuration import CLASS_KEYS, Configuration, ConfigurationError
 from physid.schema.free_mappings import UNKNOWN, alternatives, is_mapping, types_of
 from physid.strict import MOST_SHOWN, nearest, quoted, shown
@@ -122,8 +122,9 @@ def _require_kind(configuration: Configuration, key: str, kind: type) -> None:
     """Check that a class has what a run asks of it, unless it is of a package of the user's own."""
     path = configuration.values[key]["class_path"]
     found = _load(configuration, f"{key}.class_path", path)
-    own = found is not None and any(f"{found.__module__}.".startswith(f"{each}.") for each in configuration.allowed)
-    if found is not None and not own and not issubclass(found, kind):
+    if found is None or lies_in(found.__module__, configuration.allowed):
+        return
+    if not issubclass(found, kind):
         wanted = f"a {kind.__name__} (of {kind.__module__.rpartition('.')[0]}), or a class that you --allow"
         raise _wrong(configuration, f"{key}.class_path", wanted, path)
 

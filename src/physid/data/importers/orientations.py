@@ -57,18 +57,18 @@ def _require_order(table: Table, names: Sequence[Reference], sequence: str, *, u
 def _order_of(table: Table, names: Sequence[Reference], order: str | None) -> str:
     """Return the order of a quaternion's columns: as the mapping says, or as their names end."""
     ends = "".join(split_header(str(name))[0].lower()[-1:] for name in names)
-    told = {"xyzw": "xyzw", "wxyz": "wxyz", "ijkr": "xyzw", "rijk": "wxyz"}.get(ends)
-    if order is None and told is None:
+    named = {"xyzw": "xyzw", "wxyz": "wxyz", "ijkr": "xyzw", "rijk": "wxyz"}.get(ends)
+    if order is None and named is None:
         raise ValueError(
-            f"{table.path}: expected order: xyzw or wxyz, for the names {', '.join(map(str, names))} do not tell; a "
+            f"{table.path}: expected order: xyzw or wxyz, for the names {', '.join(map(str, names))} do not say it; a "
             "body at rest in its first orientation has w near 1"
         )
-    if order is not None and told is not None and told != order:
+    if order is not None and named is not None and named != order:
         raise ValueError(
             f"{table.path}: order says {order}, but the columns are {', '.join(map(str, names))}; list them as they "
             "stand in the order that you give, or leave order out"
         )
-    return order or told or "xyzw"
+    return order or named or "xyzw"
 
 
 def say_why_none(each: BodyMap, table: Table, row: int) -> str:

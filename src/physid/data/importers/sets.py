@@ -13,7 +13,7 @@ import yaml
 from numpy.typing import NDArray
 
 from physid.data import Recording, assign_splits, trajectory_path, write_scene, write_sums
-from physid.data.files import holds_anything, whole_folder, write_text
+from physid.data.files import finish, holds_anything, whole_folder, write_text
 from physid.data.trajectory import write_film
 from physid.scenes import Scene
 
@@ -44,6 +44,7 @@ def new_set(out: Path, values: Mapping[str, Any]) -> Iterator[Path]:
         FolderInUseError: If another process is writing the set.
         OSError: If nothing can be written there.
     """
+    finish(out)
     if holds_anything(out):
         raise FileExistsError(f"{out}: expected a new or an empty folder, found something there; choose another --out")
     with whole_folder(out) as part:

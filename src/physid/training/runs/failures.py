@@ -14,13 +14,14 @@ from typing import Any, Self
 
 from lightning.fabric.utilities.exceptions import MisconfigurationException
 
+from physid.class_paths import lies_in
 from physid.data.refusals import out_of_memory
 
 RESTORING = ("resume_start", "restore", "_restore")
 """How the names of the methods of Lightning's checkpoint connector begin that read a checkpoint."""
 CONNECTOR = "lightning.pytorch.trainer.connectors.checkpoint_connector"
 TOP = ("physid.training.runs.run", "physid.training.runs.building")
-"""Modules from which Lightning is called; what lies above is not looked at."""
+"""Modules from which Lightning is called; what lies above is not inspected."""
 CALLED = ("self", "callback")
 """What Lightning and torch call the object whose method runs, or is about to."""
 PLACES = {
@@ -58,11 +59,7 @@ class Chosen:
 
     def owns(self, module: str) -> bool:
         """Return whether a module is physid's, or of a package that the user allows."""
-        return self.lets_in(module) or module == "physid" or module.startswith("physid.")
-
-    def lets_in(self, module: str) -> bool:
-        """Return whether a module is of a package that the user allows."""
-        return any(module == each or module.startswith(f"{each}.") for each in self.allowed)
+        return lies_in(module, ("physid", *self.allowed))
 
 
 def explain(error: Exception, chosen: Chosen, checkpoint: object = None) -> ValueError | None:
@@ -84,7 +81,7 @@ def explain(error: Exception, chosen: Chosen, checkpoint: object = None) -> Valu
         place = _place(frames, chosen)
         return ValueError(f"trainer: {error}" if place is None else _line(place, error))
     if checkpoint is not None and any(map(_restores, frames)):
-        if frames and chosen.lets_in(frames[0].f_globals.get("__name__", "")):
+        if frames and lies_in(frames[0].f_globals.get("__name__", ""), chosen.allowed):
             return None
         if str(error).startswith(f"{checkpoint}: "):
             return None

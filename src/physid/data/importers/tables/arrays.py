@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from physid.data.hdf5 import MOST_PACKED
 from physid.data.importers.tables.table import Table
 
 MOST_COLUMNS = 10_000
-MOST_PACKED = 100  # times the size of an archive that its arrays may have; motion packs two to ten times
 
 
 def read_arrays(path: Path) -> Table:

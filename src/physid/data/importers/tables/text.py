@@ -251,7 +251,7 @@ def _is_number(cell: str, comma: bool = False) -> bool:
 
 
 def _is_numbering(row: Sequence[str]) -> bool:
-    """Tell whether a row numbers the columns, as pandas does where they have no names: 0,1,2 or ,0,1 with an index."""
+    """Return whether a row numbers the columns, as pandas does where they have no names: 0,1,2, with an index ,0,1."""
     counted = row[1:] if row and not row[0] else row
     return len(row) > 2 and list(counted) == [str(number) for number in range(len(counted))]
 
