@@ -7,6 +7,7 @@ import os
 import signal
 import threading
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -52,7 +53,12 @@ def running_on(backend: Backend = "loky", scheduler: str | None = None) -> Itera
 
     if backend == "loky":
         try:
-            with joblib.parallel_config(backend="loky", initializer=_end_with, initargs=(os.getpid(),)):
+            with (
+                joblib.parallel_config(backend="loky", initializer=_end_with, initargs=(os.getpid(),)),
+                warnings.catch_warnings(),
+            ):
+                # One whose memory has grown is replaced by a fresh one, between two tasks: nothing is lost.
+                warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
                 yield lambda path: path
         except BrokenProcessPool:
             raise WorkerLostError(

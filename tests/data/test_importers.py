@@ -76,6 +76,12 @@ def test_a_file_of_another_kind_is_named(tmp_path: Path, content: object) -> Non
         import_cube_tosses(tmp_path, tmp_path / "out")
 
 
+def test_a_toss_in_the_format_before_archives_is_refused_with_the_remedy(tmp_path: Path) -> None:
+    torch.save(torch.zeros(20, 13), tmp_path / "0.pt", _use_new_zipfile_serialization=False)
+    with pytest.raises(ValueError, match=r"0.pt: .*no archive of torch.save; torch.save\(torch.load\(FILE\), FILE\)"):
+        import_cube_tosses(tmp_path, tmp_path / "out")
+
+
 @pytest.mark.parametrize(("columns", "jointed"), [(15, True), (12, False)])
 def test_tosses_of_a_body_with_a_joint_are_refused_as_what_they_are(
     columns: int, jointed: bool, tmp_path: Path

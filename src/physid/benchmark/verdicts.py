@@ -6,7 +6,6 @@ import json
 import logging
 import sys
 import time
-import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
@@ -67,11 +66,8 @@ def diagnose_bank(
     missing = [name for name in bank.sets if is_open(bank, name, again=again)]
     jobs = (joblib.delayed(diagnose_set)(bank, name, diagnose) for name in missing)
     parallel = joblib.Parallel(n_jobs=workers, return_as="generator_unordered", batch_size=1)
-    with warnings.catch_warnings():
-        # A worker whose memory has grown is replaced by a fresh one, between two sets; nothing is lost.
-        warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
-        bar = tqdm(parallel(jobs), total=len(missing), desc="diagnosing", smoothing=0, disable=quiet or None)
-        return len(missing), sum(not done for done in bar)
+    bar = tqdm(parallel(jobs), total=len(missing), desc="diagnosing", smoothing=0, disable=quiet or None)
+    return len(missing), sum(not done for done in bar)
 
 
 def is_open(bank: Bank, name: str, *, again: bool = False) -> bool:

@@ -74,7 +74,7 @@ def require_modest_tensors(path: Path) -> None:
     """Check that a file that torch wrote asks for no more than it holds, before torch reads it.
 
     Args:
-        path: A zip archive of `torch.save`; what torch wrote before its version 1.6 is none.
+        path: An archive of `torch.save`; what torch wrote before its version 1.6 is none, and is refused.
 
     Raises:
         OSError: If it cannot be read, or is no regular file.

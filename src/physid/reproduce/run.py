@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 import time
-import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from difflib import get_close_matches
@@ -85,13 +84,10 @@ def reproduce(
     parallel = joblib.Parallel(n_jobs=at_once, return_as="generator_unordered", batch_size=1)
     # Worker processes outlive a call and keep the folder they started in: a relative path would mislead them.
     places = out.absolute(), configs.absolute()
-    with warnings.catch_warnings():
-        # A worker whose memory has grown is replaced by a fresh one, between two cells; nothing is lost.
-        warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
-        done = parallel(joblib.delayed(_measure)(cell, *places) for cell in missing)
-        for number, name in enumerate(done, 1):
-            left -= costs[name]
-            print(f"[{number}/{len(missing)}] {name}{_remaining(time.monotonic() - start, total, left)}", flush=True)
+    done = parallel(joblib.delayed(_measure)(cell, *places) for cell in missing)
+    for number, name in enumerate(done, 1):
+        left -= costs[name]
+        print(f"[{number}/{len(missing)}] {name}{_remaining(time.monotonic() - start, total, left)}", flush=True)
     results = [result for cell in cells for result in read_results(out / cell.name / RESULTS)]
     write_results(out / RESULTS, results)
     write_text(out / "results.md", markdown(results))

@@ -84,8 +84,9 @@ def _read_toss(path: Path) -> tuple[Array, Array]:
     import torch
 
     try:
-        if is_zipfile(path):  # else torch before its version 1.6 wrote it, as some of the published tosses may be
-            require_modest_tensors(path)
+        if not is_zipfile(path):
+            raise ValueError("no archive of torch.save; torch.save(torch.load(FILE), FILE) makes one of an older file")
+        require_modest_tensors(path)
         value: Tensor = torch.load(path, weights_only=True)
         rows = value.numpy().astype(np.float64)
     except (OSError, RuntimeError, AttributeError, ValueError, EOFError) as error:

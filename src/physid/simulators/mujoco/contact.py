@@ -111,23 +111,24 @@ def _accelerate(model: mujoco.MjModel, data: mujoco.MjData, friction: Array, res
     Returns:
         Tangential accelerations of the contacts, shape (C, 2).
     """
-    jacobian = data.efc_J.reshape(-1, model.nv)
-    wanted = -data.efc_vel.reshape(-1, 3) / time[:, None]
+    jacobian, acceleration, forces = data.efc_J.reshape(-1, model.nv), data.qacc, data.efc_force
+    wanted = data.efc_aref.reshape(-1, 3)  # MuJoCo's own, not a copy
+    np.divide(-data.efc_vel.reshape(-1, 3), time[:, None], out=wanted)
     smooth = friction < LEAST_FRICTION
     if smooth.any():
         wanted[smooth, 1:] = (jacobian @ data.qacc_smooth).reshape(-1, 3)[smooth, 1:]
-    missed = (jacobian @ data.qacc_warmstart).reshape(-1, 3) - wanted
-    lift = friction * np.hypot(missed[:, 1], missed[:, 2])
-    least, eased = float(time.min()), 1 / (1 + friction**2)
+    softness, tangential = data.efc_R.copy(), wanted[:, 1:]
+    missed = (jacobian @ data.qacc_warmstart).reshape(-1, 3)[:, 1:] - tangential
+    lift = friction * np.hypot(missed[:, 0], missed[:, 1])
+    eased, enough = 1 / (1 + friction**2), LIFT_TOLERANCE / float(time.min())
     for _ in range(MOST_ROUNDS):
-        wanted[:, 0] = rest - lift
-        data.efc_aref[:] = wanted.ravel()
+        np.subtract(rest, lift, out=wanted[:, 0])
         mujoco.mj_fwdConstraint(model, data)
-        found = (jacobian @ data.qacc).reshape(-1, 3)
-        missed = found - wanted + (data.efc_R * data.efc_force).reshape(-1, 3)
-        off = friction * np.hypot(missed[:, 1], missed[:, 2]) - lift
-        if least * np.abs(off).max() < LIFT_TOLERANCE:
+        found = (jacobian @ acceleration).reshape(-1, 3)[:, 1:]
+        missed = found - tangential + (softness * forces).reshape(-1, 3)[:, 1:]
+        off = friction * np.hypot(missed[:, 0], missed[:, 1]) - lift
+        if max(map(abs, off.tolist())) < enough:
             break
         lift = lift + off * eased
-    data.qacc_warmstart[:] = data.qacc
-    return np.asarray(found[:, 1:])
+    data.qacc_warmstart[:] = acceleration
+    return np.asarray(found)
