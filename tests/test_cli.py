@@ -12,8 +12,9 @@ from pathlib import Path
 import pytest
 from tqdm import tqdm
 
-from physid.cli import main, shorten, sort_words
+from physid.cli import main, sort_words
 from physid.commands import COMMANDS, Command
+from physid.commands.terminal.parser_errors import shorten
 from physid.commands.terminal.screen import frame_bar, interruptible, styled
 from physid.configuration import compose
 

@@ -16,6 +16,7 @@ import torch
 from physid import cli
 from physid.cli import main
 from physid.commands import COMMANDS
+from physid.commands.terminal.parser_errors import shorten
 from physid.configuration import compose
 from physid.data import RecordingSet
 from physid.data.batches.datamodule import RecordingsDataModule
@@ -158,7 +159,7 @@ def test_other_errors_are_not_taken_for_a_want_of_memory(error: Exception) -> No
 def test_the_message_of_a_bound_below_alternatives_is_one_line() -> None:
     outer = "Does not validate\nErrors:\n  - {}\n  - Expected a <class 'NoneType'>"
     inner = "Does not validate against any of the Union subtypes\nErrors:\n  - substeps must be 1, got 0"
-    assert cli.shorten(outer.format(inner)) == "substeps must be 1, got 0"
+    assert shorten(outer.format(inner)) == "substeps must be 1, got 0"
 
 
 @pytest.mark.parametrize("seed", [-1, 2**32])

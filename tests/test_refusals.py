@@ -21,7 +21,7 @@ def test_a_folder_that_may_not_be_written_to_is_named_without_what_is_physids_ow
         said = worded(PermissionError(13, "Permission denied", str(tmp_path / name)))
         assert ".part" not in said
         assert ".lock" not in said
-        assert f"found that {tmp_path} may not be (permission denied); choose another --out, or change" in said
+        assert f"found that {tmp_path} may not be (permission denied); choose another folder, or change" in said
         assert said.startswith(str(tmp_path / name.removesuffix(".lock").strip("/").removesuffix(".part")))
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import inspect
 import os
 import re
 import signal
@@ -11,9 +10,11 @@ import sys
 from argparse import ArgumentError, HelpFormatter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from physid.commands import COMMANDS, Command, format_help
+from physid.commands.terminal.parser_errors import shorten, suggestion
 from physid.commands.terminal.screen import interruptible, stoppable, styled, write_any_sign
 from physid.strict import nearest, one_line
 
@@ -130,6 +131,8 @@ def sort_words(words: Sequence[str], options: Mapping[str, bool]) -> Arguments:
         word = rest.pop(0)
         option, equals, value = word.partition("=")
         name = option.lstrip("-").replace("-", "_")
+        if not word.strip():
+            raise UsageError("expected a path or another value, found an empty word; is a variable of the shell empty?")
         if not word.startswith("-"):
             (overrides if equals and re.fullmatch(r"[\w.-]+", option) else own).append(word)
             continue
@@ -137,6 +140,8 @@ def sort_words(words: Sequence[str], options: Mapping[str, bool]) -> Arguments:
             if not rest or rest[0].startswith("--"):
                 raise UsageError(f"{option}: no such option, or its value is missing{nearest(option, _spelt(options))}")
             value = rest.pop(0)
+        if not value.strip() and options.get(name, name in ("config", ALLOW)):
+            raise UsageError(f"{option}: expected a value, found none; is a variable of the shell empty?")
         if name == "config":
             files.append(value)
         elif name in options:
@@ -148,29 +153,6 @@ def sort_words(words: Sequence[str], options: Mapping[str, bool]) -> Arguments:
         else:
             overrides.append(f"{option.lstrip('-')}={value}")
     return Arguments(tuple(files), tuple(overrides), tuple(own), tuple(allowed))
-
-
-def shorten(message: str) -> str:
-    """Return one line of what the parser says in many: the key, what was expected, and what came.
-
-    Where building an optional object failed, its own message stands among those of the alternatives.
-    """
-    own = re.search(r"^Errors:\n +- (?!Problem|Expected)(.*?)\n +- Expected", message, re.MULTILINE | re.DOTALL)
-    if own:  # alternatives may have alternatives
-        return inspect.cleandoc(re.sub(r".*^ *Errors:\n +- ", "", own[1], flags=re.MULTILINE | re.DOTALL))
-    key = ".".join(re.findall(r'Parser key "([^"]+)"', message))
-    if not key:
-        return " ".join(message.split())
-    building = re.search(r"Problem with given class_path '(\S+)':\n(.*?)\n +- Expected", message, re.DOTALL)
-    if building and not re.search("Parser key|Expected", building[2]):
-        return f"{key}: {building[1]}: {inspect.cleandoc(building[2])}"
-    deepest = max(re.findall(r"^([ -]*)Expected", message, re.MULTILINE) or [""], key=len)
-    wanted = re.findall(rf"^{deepest}Expected an? (.*?)(?:\. Got value: .*)?$", message, re.MULTILINE)
-    kinds = [re.sub(r"^<class '(?:\w+\.)*(\w+)'>$", r"\1", kind).replace("NoneType", "null") for kind in wanted]
-    kinds = [re.sub(r"^typing\.Literal\[(.*)\]$", r"one of \1", kind) for kind in kinds]
-    came = re.search(r"(?:Got|Given) value: (.*)$", message, re.MULTILINE)
-    given = f", got {came[1]}" if came else ""
-    return f"{key}: expected {' or '.join(kinds)}{given}" if kinds else f"{key}: {' '.join(message.split()[3:])}"
 
 
 def _run(words: list[str]) -> int:
@@ -208,6 +190,7 @@ def _run_command(command: Command, words: list[str]) -> int:
         return OK
     shown = command.configurable and PRINT in words
     arguments = sort_words([word for word in words if not (shown and word == PRINT)], command.options)
+    arguments = replace(arguments, files=tuple(str(_here("config", Path(file))) for file in arguments.files))
     if command.laid:  # the command reads key=value itself
         laid = tuple(f"--{command.laid}={word}" for word in arguments.overrides)
         arguments = replace(arguments, overrides=(), own=arguments.own + laid)
@@ -246,27 +229,33 @@ def _build_parser(command: Command) -> ArgumentParser:
 def _parse(parser: ArgumentParser, words: Sequence[str], command: Command) -> dict[str, Any]:
     """Parse a command's own words into the arguments of its function."""
     try:
-        return dict(parser.parse_args(command.place(words)).as_dict())
+        values = dict(parser.parse_args(command.place(words)).as_dict())
+        return {name: _here(name, value) for name, value in values.items()}
     except ArgumentError as error:
         message = shorten(str(error))
         stray = message.partition("unrecognized arguments: ")[2]
         if stray.endswith((".yaml", ".yml")) and command.configurable:
             message += f"; did you mean --config {stray}?"
         elif stray:
-            message += _instead(command, stray)
+            message += suggestion(command, stray)
         raise UsageError(f"{command.name}: {message}") from None
 
 
-def _instead(command: Command, stray: str) -> str:
-    """Say what a word that means nothing here may have been meant for."""
-    from physid.shipped import names
+def _here(name: str, value: Any) -> Any:
+    """Return a path as this machine has it: with what ~ stands for, as shells do it in most places and not in all.
 
-    word = stray.split()[0]
-    ends = {name.rpartition("/")[2]: name for name in names() if name.startswith(f"{command.name}/")}
-    close = [word] if word in ends else difflib.get_close_matches(word, ends, n=1, cutoff=0.7)
-    if command.configurable and close:
-        return f"; did you mean --config {ends[close[0]]}? physid configs {command.name} lists all there are"
-    return f"; physid {command.name} --help shows what it takes"
+    Raises:
+        UsageError: If it is an address.
+    """
+    if isinstance(value, list):
+        return [_here(name, each) for each in value]
+    if not isinstance(value, Path):
+        return value
+    if re.match(r"[A-Za-z][\w+.-]+:/", str(value)) and not value.exists():
+        raise UsageError(
+            f"{name.replace('_', '-')}: expected a file or folder of this machine, found the address {value}"
+        )
+    return Path(os.path.expanduser(value))
 
 
 def _spelt(options: Iterable[str]) -> list[str]:

@@ -40,14 +40,19 @@ def fit(
         recordings: Folder of the recording set, instead of the configuration's.
         run_dir: Folder of the run; runs/NAME by default.
         resume: Go on from the last checkpoint of the run.
-        overwrite: Delete what an earlier run left in the folder.
+        overwrite: Delete an earlier run, with all that is in its folder, once what replaces it has been built.
     """
     from physid.commands.terminal.summary import summarize
-    from physid.runs import first_process, open_folder
+    from physid.runs import first_process, folder_of, open_folder
     from physid.schema.check import check_fit
     from physid.training.runs import run
 
+    if resume and overwrite:
+        raise ValueError("fit: expected --resume or --overwrite, found both; an earlier run goes on, or is deleted")
     check_fit(configuration)
+    if resume or overwrite:
+        place = folder_of(configuration, run_dir)
+        run.rehearse(configuration.values, place, resume=resume, allowed=configuration.allowed)
     with open_folder(configuration, run_dir, resume=resume, overwrite=overwrite) as folder:
         figures = run.fit(configuration.values, folder, resume=resume, allowed=configuration.allowed)
     if first_process():
@@ -135,8 +140,10 @@ def predict(
         out: Folder of the result; RUN/predictions by default.
         overwrite: Delete an earlier result in that folder.
     """
+    from physid.record import recording_sets
     from physid.runs import fill_folder, folder_of, refuse_links
     from physid.schema.check import check_fit
+    from physid.strict import one_line
     from physid.training.callbacks.predictions import PARAMETERS, Predictions
     from physid.training.runs import run
 
@@ -148,10 +155,13 @@ def predict(
     if out is None:
         refuse_links(folder)
     target = out or folder / "predictions"
-    with fill_folder(target, marked_by=PARAMETERS, overwrite=overwrite) as place:
+    sources = recording_sets(configuration.values)
+    with fill_folder(target, marked_by=PARAMETERS, overwrite=overwrite, recordings=sources) as place:
         values, allowed = configuration.values, configuration.allowed
         run.evaluate("predict", values, folder, checkpoint, callbacks=[writer], out=place, allowed=allowed)
     print(f"{target}: {writer.written} of {writer.total} trajectories predicted")
+    for name, value in writer.guessed.items():
+        print(f"  {one_line(name)} = {value:.6g} is a first guess: neither the run has learned it, nor is it known")
 
 
 def _evaluate(

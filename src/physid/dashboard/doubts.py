@@ -8,7 +8,7 @@ from typing import Any
 
 from physid.dashboard.folders import IDENTIFIABILITY
 from physid.diagnosis.document.document import Diagnosis
-from physid.estimation.measurement.unexplained import lack_of_fit_sentence, unexplained_kinds
+from physid.estimation.measurement.unexplained import lack_of_fit_sentence, not_fitted_sentence, unexplained_kinds
 from physid.inspection.finding import Finding, Findings, ordered
 from physid.typed_files import check_as
 
@@ -29,7 +29,7 @@ def doubts_about(
         said: The diagnosis in the folder, if there is one.
         identifiability: The content of identifiability.json; empty without one.
     """
-    doubts = []
+    doubts = [one for one in [not_fitted_sentence(figures)] if one is not None]
     if unexplained_kinds(figures):
         doubt = "The intervals of the parameters hold for a model that explains the recordings; "
         doubts.append(doubt + str(lack_of_fit_sentence(figures, recordings)))

@@ -13,6 +13,7 @@ from physid.scenes import Scene
 from physid.strict import MOST_SHOWN, nearest, quoted
 from physid.yaml_files import read_text
 
+UNITS = {"N": "force_", "N m": "torque_", "Nm": "torque_"}
 COMPONENTS = ("torque_x", "torque_y", "torque_z", "force_x", "force_y", "force_z")
 
 
@@ -53,12 +54,19 @@ def _read_csv(path: Path, scene: Scene) -> NDArray[np.float64]:
     places = {f"{body.name}.{one}": (n, k) for n, body in enumerate(scene.bodies) for k, one in enumerate(COMPONENTS)}
     try:
         lines = io.StringIO(read_text(path, "utf-8-sig", most=None), newline="")
-        names, *rows = [[cell.strip() for cell in row] for row in csv.reader(lines) if row] or [[]]
+        header, *rows = [[cell.strip() for cell in line] for line in csv.reader(lines) if line] or [[]]
     except (csv.Error, UnicodeDecodeError) as error:
         raise ValueError(f"{path}: expected rows of numbers in CSV, found none ({error})") from None
+    names = [_without_unit(name) for name in header]
     for name in names:
         if name not in places:
-            raise ValueError(f"{path}: unknown column {quoted(name)}{nearest(name, places)}")
+            wanted = (
+                f"one row for each time step of {scene.time_step:.6g} s, held until the next, and no column of times"
+            )
+            hint = nearest(name, places) or f"; expected {wanted}" * name.lower().startswith("t")
+            raise ValueError(f"{path}: unknown column {quoted(name)}{hint}")
+        if names.count(name) > 1:
+            raise ValueError(f"{path}: expected each column once, found {quoted(name)} {names.count(name)} times")
     wrench = np.zeros((len(rows), len(scene.bodies), len(COMPONENTS)))
     for number, row in enumerate(rows):
         try:
@@ -68,6 +76,14 @@ def _read_csv(path: Path, scene: Scene) -> NDArray[np.float64]:
             found = ", ".join(row)[:MOST_SHOWN]
             raise ValueError(f"{path}: expected {len(names)} numbers in row {number}, found {found}") from None
     return wrench
+
+
+def _without_unit(name: str) -> str:
+    """Return the name of a column without the unit behind it, if that is the one of its quantity."""
+    for unit, quantity in UNITS.items():
+        if name.endswith(f"[{unit}]") and quantity in name:
+            return name.removesuffix(f"[{unit}]").rstrip()
+    return name
 
 
 def _read_npy(path: Path, scene: Scene) -> NDArray[np.float64]:

@@ -55,7 +55,7 @@ def worded(error: Exception) -> str:
     if error.errno in DENIED:
         return _denied(path, reason)
     if error.errno in FULL:
-        return f"{path}: expected room on the disk, found none ({reason}); free some, or choose another --out"
+        return f"{path}: expected room on the disk, found none ({reason}); free some, or choose another folder"
     return f"{path}: {reason}"
 
 
@@ -73,5 +73,5 @@ def _denied(path: Path, reason: str) -> str:
         )
     return (
         f"{path}: expected a place that may be written to, found that {folder} may not be ({reason}); choose another "
-        f"--out, or change the permissions of {folder} (chmod u+rwx {folder})"
+        f"folder, or change the permissions of {folder} (chmod u+rwx {folder})"
     )

@@ -60,7 +60,9 @@ def check_fit(configuration: Configuration) -> None:
     for name, remedy in run.DECIDED.items():
         if trainer.get(name) is not None:
             source = configuration.source_of(f"trainer.{name}")
-            raise ConfigurationError(f"{source}: trainer.{name} is decided by the run's folder; {remedy}")
+            raise ConfigurationError(
+                f"{source}: trainer.{name} cannot be chosen, since a run keeps all in its folder; {remedy}"
+            )
 
 
 def check_values(configuration: Configuration) -> None:

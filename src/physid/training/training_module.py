@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import lightning as L
 import torch
@@ -14,6 +14,7 @@ from torch.optim import LBFGS, Optimizer
 from physid.data.batches.datamodule import RecordingsDataModule
 from physid.inspection.examination import examine, require_usable_set
 from physid.inspection.finding import Finding, warn_of
+from physid.strict import shown
 from physid.training.parameters import GaussNewton, PhysicalParameters
 
 LEARNED = "learned"
@@ -37,6 +38,8 @@ class TrainingModule(L.LightningModule, ABC):
         findings: What looks like a mistake in the recordings; None before anybody asked.
     """
 
+    MAY_CHANGE: ClassVar[frozenset[str]] = frozenset()
+    """Arguments that may be others in a run that goes on: those that change nothing of what is learned."""
     evaluations: Tensor
     findings: Mistakes | None = None
 
@@ -118,9 +121,11 @@ class TrainingModule(L.LightningModule, ABC):
 
         Raises:
             ValueError: If several processes would follow one that judges its steps by its own loss: they would part.
-                Or if one that solves equations is to do so with few digits.
+                Or if one that solves equations is to do so with few digits, or with changed gradients.
         """
         optimizer = self._optimizer(self.parameters())
+        if isinstance(optimizer, GaussNewton):
+            self._require_whole_steps()
         short = [each.dtype for each in self.parameters() if torch.finfo(each.dtype).bits < LEAST_BITS]
         if short and isinstance(optimizer, GaussNewton):
             raise ValueError(
@@ -134,9 +139,43 @@ class TrainingModule(L.LightningModule, ABC):
             )
         return optimizer
 
+    def _require_whole_steps(self) -> None:
+        """Refuse settings of the Trainer that are made for steps along a gradient, and would do nothing, or harm.
+
+        Raises:
+            ValueError: If there is one; names it.
+        """
+        trainer = self.trainer
+        for name, value, usual in (
+            ("precision", trainer.precision, ("32-true", "64-true")),
+            ("accumulate_grad_batches", trainer.accumulate_grad_batches, (1,)),
+            ("gradient_clip_val", trainer.gradient_clip_val, (None, 0)),
+        ):
+            if value not in usual:
+                raise ValueError(
+                    f"trainer.{name}: expected none for GaussNewton, which solves for its steps, got {value}; leave it "
+                    "out, or choose an optimizer such as torch.optim.Adam"
+                )
+
+    def on_train_start(self) -> None:
+        """Refuse several batches where each would judge the step that another has led to.
+
+        Raises:
+            ValueError: If the optimizer is GaussNewton and there are several.
+        """
+        if int(self.trainer.num_training_batches) > 1 and isinstance(self.trainer.optimizers[0], GaussNewton):
+            raise ValueError(
+                f"GaussNewton needs all trajectories in one batch, got {int(self.trainer.num_training_batches)}; leave "
+                "data.batch_size out, or choose an optimizer such as torch.optim.Adam"
+            )
+
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Keep the names of the learned parameters: other recordings may not call them unknown."""
         checkpoint[LEARNED] = list(PhysicalParameters.of(self).names)
+
+    def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        """Refuse a checkpoint of other parameters (see `require_same_parameters`)."""
+        require_same_parameters(self, checkpoint, str(self.trainer.ckpt_path))
 
     def require_finite(self, losses: Mapping[str, Tensor], batch: Any) -> None:
         """Check losses of a batch, each of shape (B,).
@@ -154,6 +193,25 @@ class TrainingModule(L.LightningModule, ABC):
                     "learning rate, shorten the segments or look at that recording; checkpoints/last.ckpt holds the "
                     "last good state"
                 )
+
+
+def require_same_parameters(module: nn.Module, checkpoint: Mapping[str, Any], place: str) -> None:
+    """Refuse a checkpoint of other parameters than a model learns: what it holds is numbers without names.
+
+    Args:
+        module: The model, with the scene that it is of.
+        checkpoint: What was read.
+        place: Where, for the message.
+
+    Raises:
+        ValueError: If the names differ, or their order.
+    """
+    learned, mine = checkpoint.get(LEARNED), list(PhysicalParameters.of(module).names)
+    if learned is not None and learned != mine:
+        raise ValueError(
+            f"{place}: expected a model that learns {', '.join(mine)}, as model.learn or the recordings say, found one "
+            f"that has learned {', '.join(map(shown, learned))}; leave model.learn as the run has it, or fit anew"
+        )
 
 
 def ends_with_epoch(trainer: L.Trainer) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from physid.estimation.measurement.unexplained import lack_of_fit_sentence, unexplained_kinds
+from physid.estimation.measurement.unexplained import lack_of_fit_sentence, not_fitted_sentence, unexplained_kinds
 from physid.estimation.prediction.coordinates import Unknown, correlated_names, logged_names
 from physid.inspection.finding import Findings, trust_sentence
 from physid.strict import one_line
@@ -35,7 +35,11 @@ def summarize(figures: Mapping[str, float], folder: Path, recordings: str = "REC
     lines += [f"  {key:<{width}}  {figures[key]:.6g}" for key in effort]
     lines += [f"  {_steps(figures)}"] if "steps/mean" in figures else []
     kept = Findings.read(folder)
-    said = [lack_of_fit_sentence(figures, recordings), kept and trust_sentence(kept.findings, kept.recordings)]
+    said = [
+        not_fitted_sentence(figures),
+        lack_of_fit_sentence(figures, recordings),
+        kept and trust_sentence(kept.findings, kept.recordings),
+    ]
     return "\n".join(map(one_line, [*lines, *(f"  {one}" for one in said if one is not None)]))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from lightning.pytorch import LightningDataModule
@@ -46,6 +46,9 @@ class RecordingsDataModule(LightningDataModule):
         FileNotFoundError: If there is no such set, or no such file.
         ValueError: If the set breaks the format, lacks a split to fit or test on, or lacks video that is asked for.
     """
+
+    MAY_CHANGE: ClassVar[frozenset[str]] = frozenset({"folder", "test_segment", "preload", "test", "workers", "forces"})
+    """Arguments that may be others in a run that goes on; of the folder what is in it must be the same."""
 
     def __init__(
         self,

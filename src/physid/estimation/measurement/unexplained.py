@@ -8,6 +8,8 @@ from collections.abc import Mapping
 
 KINDS = {"position": (1e3, "mm", "motion"), "rotation": (180 / math.pi, "deg", "turning")}
 """In which units people read what is logged in SI, and what it is a share of."""
+STEPS_TAKEN = "steps_taken"
+"""Figure of a fit that took no step."""
 
 
 def unexplained_kinds(figures: Mapping[str, float]) -> tuple[str, ...]:
@@ -17,6 +19,19 @@ def unexplained_kinds(figures: Mapping[str, float]) -> tuple[str, ...]:
         figures: What a fit has logged, by name (fit/position_explained, ...).
     """
     return tuple(kind for kind in KINDS if figures.get(f"fit/{kind}_explained", 1.0) == 0)
+
+
+def not_fitted_sentence(figures: Mapping[str, float]) -> str | None:
+    """Say that a fit took no step at all; None where it took one, or nobody looked.
+
+    Args:
+        figures: What was logged, by name.
+    """
+    if figures.get(STEPS_TAKEN, 1.0) > 0:
+        return None
+    return (
+        "NOTHING WAS FITTED: the parameters are first guesses, since no step was taken within the limits of the trainer"
+    )
 
 
 def lack_of_fit_sentence(figures: Mapping[str, float], recordings: str = "RECORDINGS") -> str | None:

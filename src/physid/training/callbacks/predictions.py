@@ -32,10 +32,13 @@ class Predictions(L.Callback):
     Attributes:
         written: How many trajectories were written.
         total: How many the set holds from which they were predicted.
+        guessed: First guesses that were taken, by name: of parameters that the recordings do not know, and the model
+            has not learned.
     """
 
     def __init__(self) -> None:
         self.written = self.total = 0
+        self.guessed: dict[str, float] = {}
         self._intervals: dict[str, dict[str, float]] = {}
 
     def on_load_checkpoint(self, trainer: L.Trainer, pl_module: L.LightningModule, checkpoint: dict[str, Any]) -> None:
@@ -50,7 +53,10 @@ class Predictions(L.Callback):
         folder, recordings = Path(trainer.default_root_dir), trainer.datamodule.recordings  # type: ignore[attr-defined]
         physical, self.total = PhysicalParameters.of(pl_module), len(recordings)
         found = physical.estimates()
-        scene = dataclasses.replace(physical.estimated_scene(), unknown=(), camera=None)
+        known = {*physical.names, *(getattr(pl_module, "values", None) or {})}
+        scene = physical.estimated_scene()
+        self.guessed = {name: scene.value(name) for name in recordings.scene.unknown if name not in known}
+        scene = dataclasses.replace(scene, unknown=tuple(self.guessed), camera=None)
         write_scene(folder, dataclasses.replace(scene, source=f"predicted by physid from {recordings.folder.name}"))
         parameters = {name: {"estimate": value} | self._intervals.get(name, {}) for name, value in found.items()}
         write_text(folder / PARAMETERS, json.dumps(parameters, indent=2) + "\n")

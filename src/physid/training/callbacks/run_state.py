@@ -12,6 +12,8 @@ import lightning as L
 import numpy as np
 import torch
 
+from physid.data import RecordingSet
+from physid.data.format import SUMS, read_sums
 from physid.typed_files import check_as
 
 WORDS = 624
@@ -26,6 +28,7 @@ class Kept:
         seconds: See `RunState`.
         figures: See `RunState`.
         over: The key of the run, if it had stopped by itself.
+        recordings: A digest of what was fitted to; empty if nobody can say.
         row: What was to be logged at the end of the epoch.
         numpy: Kind, numbers, position, and a number drawn ahead of its turn.
         python: Version, numbers, and a number drawn ahead of its turn.
@@ -38,6 +41,7 @@ class Kept:
     python: tuple[int, list[int], float | None]
     figures: dict[str, float] = field(default_factory=dict)
     over: str = ""
+    recordings: str = ""
     row: dict[str, float] = field(default_factory=dict)
 
 
@@ -59,7 +63,7 @@ class RunState(L.Callback):
 
     def __init__(self, key: str = "") -> None:
         self.key = hashlib.sha256(key.encode()).hexdigest()
-        self._over = ""
+        self._over = self._recordings = ""
         self.seconds = 0.0
         self.figures: dict[str, float] = {}
         self._started = time.perf_counter()
@@ -75,6 +79,7 @@ class RunState(L.Callback):
             "cuda": torch.cuda.get_rng_state_all() if torch.cuda.is_available() else [],
             "numpy": [str(kind), np.asarray(keys).tolist(), int(position), int(has_gauss), float(gauss)],
             "python": [version, list(words), next_gauss],
+            "recordings": self._recordings,
         }
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
@@ -88,6 +93,7 @@ class RunState(L.Callback):
         kept = kept_of(state_dict)
         _require_states(state_dict, kept)
         self.seconds, self.figures, self._over = kept.seconds, dict(state_dict.get("figures", {})), kept.over
+        self._recordings = kept.recordings
         self._random = state_dict
 
     def on_save_checkpoint(self, trainer: L.Trainer, pl_module: L.LightningModule, checkpoint: dict[str, Any]) -> None:
@@ -107,8 +113,21 @@ class RunState(L.Callback):
             trainer.should_stop = True
 
     def on_fit_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        """Set the generators to where the checkpoint left them, before the loader draws its first batch."""
+        """Set the generators to where the checkpoint left them, before the loader draws its first batch.
+
+        Raises:
+            ValueError: If the run that goes on was fitted to other recordings.
+        """
         self._started = time.perf_counter()
+        recordings = getattr(trainer.datamodule, "recordings", None)  # type: ignore[attr-defined]
+        now = _digest(recordings) if isinstance(recordings, RecordingSet) else ""
+        if self._recordings not in ("", now):
+            raise ValueError(
+                f"{recordings and recordings.folder}: expected the recordings that the run was fitted to until now, "
+                "found others, or other files of them; put these back to go on with --resume, or fit anew with another "
+                "--run-dir"
+            )
+        self._recordings = now
         if self._random is None:
             return
         torch.set_rng_state(self._random["torch"].cpu())
@@ -136,6 +155,13 @@ def kept_of(state: object) -> Kept:
     """
     plain = {key: state[key] for key in Kept.__dataclass_fields__ if key in state} if isinstance(state, dict) else state
     return check_as(Kept, plain, "RunState")
+
+
+def _digest(recordings: RecordingSet) -> str:
+    """Return a digest of a recording set: of which files are there, their sizes, and what they should hold."""
+    files = [(path.name, path.stat().st_size) for path in recordings.paths]
+    sums = read_sums(recordings.folder) if (recordings.folder / SUMS).is_file() else ""
+    return hashlib.sha256(repr((sums, files)).encode()).hexdigest()
 
 
 def _require_states(state: dict[str, Any], kept: Kept) -> None:

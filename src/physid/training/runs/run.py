@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import math
 import signal
@@ -16,12 +17,13 @@ from torch import Tensor
 
 from physid.data.batches.datamodule import RecordingsDataModule
 from physid.data.files import read_tensors, write_text
+from physid.estimation.measurement.unexplained import STEPS_TAKEN
 from physid.training.runs.building import build
 from physid.training.runs.every_run import CHECKPOINT as CHECKPOINT
 from physid.training.runs.every_run import callbacks_of
 from physid.training.runs.failures import Chosen, explain, misfit
 from physid.training.runs.loggers import Reached, build_loggers, history_of
-from physid.training.training_module import LEARNED, TrainingModule
+from physid.training.training_module import LEARNED, TrainingModule, require_same_parameters
 from physid.yaml_files import read_yaml
 
 Stage = Literal["validate", "test", "predict"]
@@ -46,6 +48,7 @@ KINDS: dict[str, type] = {"model": TrainingModule, "data": RecordingsDataModule}
 DECIDED = {
     "logger": "metrics.csv is always written, wandb=online or wandb=disabled chooses the rest",
     "default_root_dir": "--run-dir names it",
+    "fast_dev_run": "trainer.max_epochs=1 data.limit=2 tries a run out",
 }
 
 
@@ -83,10 +86,32 @@ def fit(
     if is_overridden("test_step", model) and _has_test_split(data):
         _until_interrupted(trainer, chosen, lambda: trainer.test(model, datamodule=data, verbose=False))
         figures |= _flat(trainer.callback_metrics)
-    figures["seconds"] = state.seconds
+    figures |= {"seconds": state.seconds} | ({} if trainer.global_step else {STEPS_TAKEN: 0.0})
     if trainer.is_global_zero:
         write_text(folder / FIGURES, json.dumps(figures, indent=2, sort_keys=True) + "\n")
     return figures
+
+
+def rehearse(config: Mapping[str, Any], folder: Path, *, resume: bool, allowed: Sequence[str] = ()) -> None:
+    """Build what a configuration names and make nothing of it, so that a mistake in it costs no earlier run.
+
+    Args:
+        config: Resolved configuration, as for `fit`.
+        folder: Run folder, which is only read.
+        resume: Whether the model must be the one of the last checkpoint, if there is one.
+        allowed: Packages beside the trusted ones whose classes the configuration may name.
+
+    Raises:
+        OSError: If the recordings are not there.
+        ValueError: If the configuration does not fit the classes that it names, the recordings, or the checkpoint.
+    """
+    values = copy.deepcopy({key: value for key, value in config.items() if key != "wandb"})
+    cli = build(values, folder, [], allowed, logger=False)
+    module: Any = cli.model
+    if callable(getattr(module, "attach", None)) and isinstance(cli.datamodule, RecordingsDataModule):
+        module.attach(cli.datamodule.scene)
+        if resume and (folder / CHECKPOINT).exists():
+            require_same_parameters(module, read_tensors(folder / CHECKPOINT, PARTS), str(folder / CHECKPOINT))
 
 
 def evaluate(
@@ -156,8 +181,10 @@ def restore(folder: Path, recordings: Path) -> L.LightningModule:
     cli = build(kept | {"model": model, "data": {**data, "init_args": given}}, folder, [], logger=False)
     module: Any = cli.model
     module.attach(cli.datamodule.scene)
+    checkpoint = read_tensors(weights, PARTS)
+    require_same_parameters(module, checkpoint, str(weights))
     try:
-        module.load_state_dict(read_tensors(weights, PARTS)["state_dict"])
+        module.load_state_dict(checkpoint["state_dict"])
     except RuntimeError as error:
         reason = str(error).splitlines()[-1].strip()
         raise ValueError(f"{weights}: expected a model of the scene of {recordings}, found another: {reason}") from None
