@@ -283,10 +283,12 @@ def test_a_class_of_another_kind_is_refused() -> None:
         check_fit(Configuration("run", {"data": kind, "model": kind}))
 
 
-@pytest.mark.parametrize("key", ["logger", "default_root_dir"])
+@pytest.mark.parametrize("key", ["logger", "default_root_dir", "fast_dev_run"])
 def test_what_a_run_decides_itself_is_not_ignored_silently(key: str) -> None:
     fit = Path(__file__).parent.parent / "configs" / "sysid" / "push_friction.yaml"
-    with pytest.raises(ConfigurationError, match=rf"trainer\.{key} is decided by the run's folder"):
+    with pytest.raises(
+        ConfigurationError, match=rf"trainer\.{key} cannot be chosen, since a run keeps all in its folder"
+    ):
         check_fit(compose([fit], [f"trainer.{key}=x"]))
 
 

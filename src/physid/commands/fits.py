@@ -140,10 +140,8 @@ def predict(
         out: Folder of the result; RUN/predictions by default.
         overwrite: Delete an earlier result in that folder.
     """
-    from physid.record import recording_sets
     from physid.runs import fill_folder, folder_of, refuse_links
     from physid.schema.check import check_fit
-    from physid.strict import one_line
     from physid.training.callbacks.predictions import PARAMETERS, Predictions
     from physid.training.runs import run
 
@@ -155,13 +153,13 @@ def predict(
     if out is None:
         refuse_links(folder)
     target = out or folder / "predictions"
-    sources = recording_sets(configuration.values)
+    sources = [configuration.recordings]
     with fill_folder(target, marked_by=PARAMETERS, overwrite=overwrite, recordings=sources) as place:
         values, allowed = configuration.values, configuration.allowed
         run.evaluate("predict", values, folder, checkpoint, callbacks=[writer], out=place, allowed=allowed)
     print(f"{target}: {writer.written} of {writer.total} trajectories predicted")
-    for name, value in writer.guessed.items():
-        print(f"  {one_line(name)} = {value:.6g} is a first guess: neither the run has learned it, nor is it known")
+    for line in writer.guesses():
+        print(f"  {line}")
 
 
 def _evaluate(

@@ -13,6 +13,7 @@ from physid.scenes import Scene
 from physid.strict import MOST_SHOWN, nearest, quoted
 from physid.yaml_files import read_text
 
+TIMES = ("t", "time", "stamp", "timestamp", "seconds")
 UNITS = {"N": "force_", "N m": "torque_", "Nm": "torque_"}
 COMPONENTS = ("torque_x", "torque_y", "torque_z", "force_x", "force_y", "force_z")
 
@@ -60,10 +61,8 @@ def _read_csv(path: Path, scene: Scene) -> NDArray[np.float64]:
     names = [_without_unit(name) for name in header]
     for name in names:
         if name not in places:
-            wanted = (
-                f"one row for each time step of {scene.time_step:.6g} s, held until the next, and no column of times"
-            )
-            hint = nearest(name, places) or f"; expected {wanted}" * name.lower().startswith("t")
+            wanted = f"one row for each time step of {scene.time_step:.6g} s, held until the next, and no times"
+            hint = f"; expected {wanted}" if name.lower() in TIMES else nearest(name, places)
             raise ValueError(f"{path}: unknown column {quoted(name)}{hint}")
         if names.count(name) > 1:
             raise ValueError(f"{path}: expected each column once, found {quoted(name)} {names.count(name)} times")

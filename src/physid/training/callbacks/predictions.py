@@ -16,6 +16,7 @@ from physid.data import Recording, write_scene, write_sums, write_trajectory
 from physid.data.files import write_text
 from physid.data.format import FOLDER
 from physid.estimation.prediction.coordinates import logged_name
+from physid.strict import one_line
 from physid.training.parameters import PhysicalParameters, Trajectories
 
 PARAMETERS = "parameters.json"
@@ -40,6 +41,13 @@ class Predictions(L.Callback):
         self.written = self.total = 0
         self.guessed: dict[str, float] = {}
         self._intervals: dict[str, dict[str, float]] = {}
+
+    def guesses(self) -> list[str]:
+        """Say which first guesses were taken, one line each."""
+        return [
+            f"{one_line(name)} = {value:.6g} is a first guess: neither the run has learned it, nor is it known"
+            for name, value in self.guessed.items()
+        ]
 
     def on_load_checkpoint(self, trainer: L.Trainer, pl_module: L.LightningModule, checkpoint: dict[str, Any]) -> None:
         """Take the intervals from the figures that the fit has left in its checkpoint."""

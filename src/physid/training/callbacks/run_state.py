@@ -14,6 +14,7 @@ import torch
 
 from physid.data import RecordingSet
 from physid.data.format import SUMS, read_sums
+from physid.estimation.measurement.unexplained import STEPS_TAKEN
 from physid.typed_files import check_as
 
 WORDS = 624
@@ -120,14 +121,9 @@ class RunState(L.Callback):
         """
         self._started = time.perf_counter()
         recordings = getattr(trainer.datamodule, "recordings", None)  # type: ignore[attr-defined]
-        now = _digest(recordings) if isinstance(recordings, RecordingSet) else ""
-        if self._recordings not in ("", now):
-            raise ValueError(
-                f"{recordings and recordings.folder}: expected the recordings that the run was fitted to until now, "
-                "found others, or other files of them; put these back to go on with --resume, or fit anew with another "
-                "--run-dir"
-            )
-        self._recordings = now
+        if isinstance(recordings, RecordingSet):
+            _require_same(self._recordings, recordings)
+            self._recordings = _digest(recordings)
         if self._random is None:
             return
         torch.set_rng_state(self._random["torch"].cpu())
@@ -140,7 +136,10 @@ class RunState(L.Callback):
         self._random = None
 
     def on_train_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        """Add the time of this session."""
+        """Add the time of this session, and note whether it is one in which nothing was fitted."""
+        self.figures.pop(STEPS_TAKEN, None)
+        if not trainer.global_step:
+            self.figures[STEPS_TAKEN] = 0.0
         self.seconds, self._started = self._elapsed(), time.perf_counter()
 
     def _elapsed(self) -> float:
@@ -155,6 +154,28 @@ def kept_of(state: object) -> Kept:
     """
     plain = {key: state[key] for key in Kept.__dataclass_fields__ if key in state} if isinstance(state, dict) else state
     return check_as(Kept, plain, "RunState")
+
+
+def require_same_recordings(state: object, recordings: RecordingSet) -> None:
+    """Refuse to go on with a run on other recordings than it was fitted to: it would take its results for theirs.
+
+    Args:
+        state: What a checkpoint holds of `RunState`.
+        recordings: Those to go on with.
+
+    Raises:
+        ValueError: If they are others, or the state is none.
+    """
+    _require_same(kept_of(state).recordings, recordings)
+
+
+def _require_same(before: str, recordings: RecordingSet) -> None:
+    """Compare the digest that a run has kept, if it has, with that of recordings."""
+    if before not in ("", _digest(recordings)):
+        raise ValueError(
+            f"{recordings.folder}: expected the recordings that the run was fitted to until now, found others, or "
+            "other files of them; put these back to go on with --resume, or fit anew with another --run-dir"
+        )
 
 
 def _digest(recordings: RecordingSet) -> str:

@@ -287,13 +287,13 @@ class SysID(TrainingModule, PredictingModule):
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Keep the initial states too: a resumed run begins from them."""
         super().on_save_checkpoint(checkpoint)
-        checkpoint["starts"] = self.tracked.state_dict(self.physical.coordinates)
-        checkpoint["steps"] = self.steps.state_dict()
+        checkpoint |= {"starts": self.tracked.state_dict(self.physical.coordinates), "steps": self.steps.state_dict()}
         checkpoint["pieces"] = {} if self.pieces is None else self.pieces.state_dict()
         checkpoint["outliers"] = {} if self.outliers is None else self.outliers.state_dict()
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Take the initial states of the run that is resumed."""
+        super().on_load_checkpoint(checkpoint)
         self.tracked.load_state_dict(checkpoint.get("starts", {}))
         self.steps.load_state_dict(checkpoint.get("steps", {}))
         self.pieces = Pieces.of_state(checkpoint.get("pieces", {}))

@@ -17,10 +17,9 @@ from torch import Tensor
 
 from physid.data.batches.datamodule import RecordingsDataModule
 from physid.data.files import read_tensors, write_text
-from physid.estimation.measurement.unexplained import STEPS_TAKEN
 from physid.training.runs.building import build
 from physid.training.runs.every_run import CHECKPOINT as CHECKPOINT
-from physid.training.runs.every_run import callbacks_of
+from physid.training.runs.every_run import RunState, callbacks_of, require_same_recordings
 from physid.training.runs.failures import Chosen, explain, misfit
 from physid.training.runs.loggers import Reached, build_loggers, history_of
 from physid.training.training_module import LEARNED, TrainingModule, require_same_parameters
@@ -86,7 +85,7 @@ def fit(
     if is_overridden("test_step", model) and _has_test_split(data):
         _until_interrupted(trainer, chosen, lambda: trainer.test(model, datamodule=data, verbose=False))
         figures |= _flat(trainer.callback_metrics)
-    figures |= {"seconds": state.seconds} | ({} if trainer.global_step else {STEPS_TAKEN: 0.0})
+    figures["seconds"] = state.seconds
     if trainer.is_global_zero:
         write_text(folder / FIGURES, json.dumps(figures, indent=2, sort_keys=True) + "\n")
     return figures
@@ -111,7 +110,9 @@ def rehearse(config: Mapping[str, Any], folder: Path, *, resume: bool, allowed: 
     if callable(getattr(module, "attach", None)) and isinstance(cli.datamodule, RecordingsDataModule):
         module.attach(cli.datamodule.scene)
         if resume and (folder / CHECKPOINT).exists():
-            require_same_parameters(module, read_tensors(folder / CHECKPOINT, PARTS), str(folder / CHECKPOINT))
+            checkpoint = read_tensors(folder / CHECKPOINT, PARTS)
+            require_same_parameters(module, checkpoint, str(folder / CHECKPOINT))
+            require_same_recordings(checkpoint["callbacks"].get(RunState.__name__), cli.datamodule.recordings)
 
 
 def evaluate(
