@@ -110,10 +110,16 @@ NAMES = [path.relative_to(SOURCE).as_posix() for path in FILES]
 
 
 @cache
+def nodes(path: Path) -> tuple[ast.AST, ...]:
+    """Return all nodes of a file's syntax tree."""
+    return tuple(ast.walk(ast.parse(path.read_text())))
+
+
+@cache
 def imports(path: Path) -> set[str]:
     """Return every module that a file imports, wherever in the file."""
     found: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in nodes(path):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
@@ -167,7 +173,7 @@ def test_no_folder_holds_too_many_modules() -> None:
 def imported_modules(path: Path) -> set[str]:
     """Return the modules of physid that a file imports, a name imported from a module counting as that module."""
     found: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in nodes(path):
         if isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] == "physid":
             names = [f"{node.module}.{alias.name}" for alias in node.names]
             files = {name: SOURCE.parent.joinpath(*name.split(".")) for name in names}
@@ -235,12 +241,17 @@ def reached(name: str) -> set[str]:
     """Return every file of the project that a file imports, directly or through others, itself included."""
     found, open_ends = {name}, [name]
     while open_ends:
-        for other in imported_files(SOURCE / open_ends.pop()):
-            for path in (f"{other}.py", f"{other}/__init__.py"):
-                if (SOURCE / path).is_file() and path not in found:
-                    found.add(path)
-                    open_ends.append(path)
+        more = neighbours(open_ends.pop()) - found
+        found |= more
+        open_ends += more
     return found
+
+
+@cache
+def neighbours(name: str) -> frozenset[str]:
+    """Return every file of the project that a file imports itself."""
+    paths = [path for each in imported_files(SOURCE / name) for path in (f"{each}.py", f"{each}/__init__.py")]
+    return frozenset(path for path in paths if (SOURCE / path).is_file())
 
 
 @pytest.mark.parametrize("name", [name for name in NAMES if name.startswith("diagnosis/")])
@@ -258,7 +269,7 @@ def test_what_diagnoses_a_bank_does_not_reach_its_labels() -> None:
 def test_files_and_functions_are_short(name: str) -> None:
     text = (SOURCE / name).read_text()
     assert text.count("\n") <= MOST_LINES
-    for node in ast.walk(ast.parse(text)):
+    for node in nodes(SOURCE / name):
         if isinstance(node, ast.FunctionDef):
             assert node.end_lineno is not None
             lines = node.end_lineno - node.lineno + 1

@@ -54,6 +54,7 @@ def test_what_unknown_parameters_absorb_does_not_show() -> None:
 
 
 @pytest.mark.parametrize("change", [-0.008, -0.1])
+@pytest.mark.slow
 def test_what_an_unknown_restitution_absorbs_does_not_show_in_a_toss(change: float) -> None:
     """With one body and the ground e' = e + k is another e, at any size; without an unknown e it shows."""
     bounce = [effect("ground_restitution", change=change)]
@@ -62,6 +63,7 @@ def test_what_an_unknown_restitution_absorbs_does_not_show_in_a_toss(change: flo
     assert absorbed < 0.01 * severity(config("toss", **known), bounce)
 
 
+@pytest.mark.slow
 def test_one_impact_in_another_step_makes_no_severity() -> None:
     """A force weaker by a few millinewtons moves a block by less than the noise until it hits the ground."""
     weak = [effect("force_gain", gain=-1e-4)]
@@ -106,6 +108,7 @@ def test_a_turned_camera_shows_where_forces_are_commanded_and_not_in_a_toss() ->
 
 
 @pytest.mark.parametrize("latency", [0.0015, 0.02])
+@pytest.mark.slow
 def test_a_late_camera_does_not_show_where_no_force_acts(latency: float) -> None:
     """A motion without commands that is shown later is the same motion, impacts included, and starts elsewhere."""
     set_up = config("toss", "straight", unknown=("block.friction", "block.restitution"), noise=Noise(5e-4, 2e-3))

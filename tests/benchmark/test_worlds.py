@@ -82,6 +82,7 @@ def test_severity_does_not_depend_on_who_judges_or_how_often_it_is_looked_at(mon
     assert severity(own, drag) == pytest.approx(judged, rel=ALIKE)
 
 
+@pytest.mark.slow
 def test_recordings_of_a_mixed_bank_have_the_rate_that_the_bank_says(tmp_path: Path) -> None:
     plan = Plan("score", 4, Size(sets=4, trajectories=6, steps=60), tuple(one.name for one in SIMULATORS), ("free",))
     bank = seal(tmp_path, plan, quiet=True)

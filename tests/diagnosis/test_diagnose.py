@@ -80,6 +80,7 @@ def test_what_is_written_is_what_is_returned(folder: Path, drag: Mapping[str, An
     assert len(summary_lines(drag)) <= MOST_LINES
 
 
+@pytest.mark.slow
 def test_the_saved_model_is_what_fit_takes_and_predicts_better(
     folder: Path, drag: Mapping[str, Any], dragged: Path
 ) -> None:
@@ -194,6 +195,7 @@ def test_the_command_prints_verdict_and_answers(folder: Path, free: Path, capsys
     assert (folder / "command" / FILE).exists()
 
 
+@pytest.mark.slow
 def test_the_command_opens_the_set_once(folder: Path, free: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     opened: list[Path] = []
     first = RecordingSet.__init__

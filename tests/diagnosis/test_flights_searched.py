@@ -62,6 +62,7 @@ def test_a_search_finds_the_wind_that_blows_and_nothing_where_none_does() -> Non
     assert not unexplained(calm)
 
 
+@pytest.mark.slow
 def test_two_effects_are_found_together_where_each_alone_leaves_something() -> None:
     made = windy(sizes=(0.05, 2.0, -0.5, 0.0), trajectories=6, fitted=None)
     found = search_catalogue(examined(made), random(), silent)

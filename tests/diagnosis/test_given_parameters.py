@@ -127,6 +127,7 @@ def test_one_that_explains_no_wind_is_not_named() -> None:
 
 
 @pytest.mark.parametrize("wrong", [True, False])
+@pytest.mark.slow
 def test_what_is_given_is_doubted_where_there_is_a_gap_and_only_there(wrong: bool, tmp_path: Path) -> None:
     said: list[Stage] = []
     inputs, _ = pushed(1.3 if wrong else 1.0)

@@ -78,6 +78,7 @@ def test_a_trajectory_is_not_blamed_for_what_the_others_leave_open() -> None:
     assert torch.allclose(scored(0.0), scored(5.0), atol=0.1)  # the prior alone minds
 
 
+@pytest.mark.slow
 def test_a_camera_that_is_turned_far_is_followed(tmp_path: Path) -> None:
     turned = {"camera_yaw": {"angle": 0.4}}
     changes = {"protocol": "paper", "trajectories": 6, "split": {"fit": 1}, "unknown": ("block.mass", "block.friction")}

@@ -119,6 +119,7 @@ def test_bodies_that_lie_keep_their_heights_where_a_rival_saw_them_higher() -> N
 
 
 @pytest.mark.parametrize("simulator", ["pybullet", "mujoco"])
+@pytest.mark.slow
 def test_the_size_of_a_body_that_slides_is_found_and_leaves_nothing(tmp_path: Path, simulator: str) -> None:
     """A camera that stands higher explained more than the size itself did, while blocks started in the ground."""
     pytest.importorskip(simulator)

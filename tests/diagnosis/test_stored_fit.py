@@ -199,6 +199,7 @@ def test_a_model_that_cannot_be_simulated_is_refused_and_leaves_nothing_behind(
     assert not (tmp_path / cache.FILE).exists()
 
 
+@pytest.mark.slow
 def test_an_analysis_goes_on_from_its_fit_to_the_same_diagnosis(tmp_path: Path) -> None:
     fit = nominal_fit_of(made(frames=24, cuts=1), ROLES)
     odd = Finding("note", "clocks", "the clock of the camera is odd")

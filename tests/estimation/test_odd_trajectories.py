@@ -81,6 +81,7 @@ def test_where_one_parameter_does_not_explain_it_all_are_named() -> None:
     assert odd.own == pytest.approx([3.0, 0.12], rel=0.15)
 
 
+@pytest.mark.slow
 def test_one_that_nothing_was_fitted_to_is_named_too() -> None:
     timeline, pose = seen_of(MASS, FRICTION)
     pose[3] = seen_of(3.0, FRICTION)[1][3]
@@ -108,6 +109,7 @@ def test_where_a_try_has_no_solution_nothing_is_said(monkeypatch: pytest.MonkeyP
     assert odd_ones(pose, timeline) == ()
 
 
+@pytest.mark.slow
 def test_none_is_odd_whose_own_parameters_explain_nothing() -> None:
     """A block that wanders off by itself is not another block."""
     timeline, pose = seen_of(MASS, FRICTION)

@@ -99,6 +99,7 @@ def test_images_smaller_than_what_a_place_sees_are_refused() -> None:
     assert VotingPoseEncoder(CHART, 29, 128).grid.shape == (2, 1, 13)
 
 
+@pytest.mark.slow
 def test_a_few_hundred_images_teach_where_a_body_is() -> None:
     torch.manual_seed(0)
     chart = PlanarChart(CAMERA, (0, 0, 1), 0.0, [0.2])

@@ -86,6 +86,7 @@ def test_a_compliant_ground_yields_by_the_compliance_times_the_load_and_friction
 
 @pytest.mark.parametrize("restitution", [0.0, 0.15, 0.45])
 @pytest.mark.parametrize("compliance", [1e-5, 1e-4])
+@pytest.mark.slow
 def test_a_block_is_tossed_onto_a_ground_that_yields_as_the_engine_says(compliance: float, restitution: float) -> None:
     """It leans as it lands, slides and comes to rest; both take fine steps."""
     scene = FLAT.with_bodies([dataclasses.replace(BLOCK, restitution=restitution)])

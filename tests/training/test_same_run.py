@@ -18,12 +18,22 @@ from physid.training.runs.every_run import CHECKPOINT
 FRICTION = "block.friction"
 
 
+@pytest.fixture(scope="module")
+def made(recordings: Callable[[str], Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with recordings `pushed` and a `run` of two epochs of them."""
+    place = tmp_path_factory.mktemp("same")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(place)
+        shutil.copytree(recordings("push"), "pushed")
+        assert main(["fit", "pushed", f"model.learn=[{FRICTION}]", "trainer.max_epochs=2", "--run-dir=run"]) == 0
+    return place
+
+
 @pytest.fixture
-def run(recordings: Callable[[str], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A run of two epochs, beside its recordings `pushed`."""
-    monkeypatch.chdir(tmp_path)
-    shutil.copytree(recordings("push"), "pushed")
-    assert main(["fit", "pushed", f"model.learn=[{FRICTION}]", "trainer.max_epochs=2", "--run-dir=run"]) == 0
+def run(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The run, beside its recordings, in a folder of the test's own."""
+    shutil.copytree(made, tmp_path / "own", symlinks=True)
+    monkeypatch.chdir(tmp_path / "own")
     return Path("run")
 
 
@@ -118,6 +128,7 @@ def test_a_folder_that_only_looks_like_a_run_is_not_deleted(run: Path, capsys: p
 
 
 @pytest.mark.parametrize("limit", ["max_epochs=0", "limit_train_batches=0", "max_time=00:00:00:00"])
+@pytest.mark.slow
 def test_a_fit_without_a_step_says_that_it_gives_first_guesses(
     limit: str, run: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -136,11 +136,14 @@ class RunState(L.Callback):
         self._random = None
 
     def on_train_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        """Add the time of this session, and note whether it is one in which nothing was fitted."""
-        self.figures.pop(STEPS_TAKEN, None)
-        if not trainer.global_step:
-            self.figures[STEPS_TAKEN] = 0.0
+        """Add the time of this session."""
         self.seconds, self._started = self._elapsed(), time.perf_counter()
+
+    def note_steps(self, taken: int) -> None:
+        """Note among the figures whether nothing was fitted: a Trainer that may take no step calls no hook."""
+        self.figures.pop(STEPS_TAKEN, None)
+        if not taken:
+            self.figures[STEPS_TAKEN] = 0.0
 
     def _elapsed(self) -> float:
         return self.seconds + time.perf_counter() - self._started

@@ -81,6 +81,7 @@ def fit(
     cli = build(config, folder, callbacks, allowed, logger=loggers)
     trainer, model, data = cli.trainer, cli.model, cli.datamodule
     _until_interrupted(trainer, chosen, lambda: trainer.fit(model, datamodule=data, ckpt_path=checkpoint, **SAFELY))
+    state.note_steps(trainer.global_step)
     figures = _flat({**state.figures, **trainer.callback_metrics})
     if is_overridden("test_step", model) and _has_test_split(data):
         _until_interrupted(trainer, chosen, lambda: trainer.test(model, datamodule=data, verbose=False))
