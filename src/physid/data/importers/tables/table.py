@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from physid.data.importers.units import UNITS, canonical, split_header
 from physid.strict import nearest
 
 Array = NDArray[np.float64]
+STAMP = "header/stamp"  # when a message was measured, below its topic
 MOST_NAMED = 40  # columns that a message lists
 DATE = re.compile(r"\d{4}-\d\d-\d\d|\d\d?:\d\d:\d\d|\d\d?[./]\d\d?[./]\d{4}")  # how dates and times of day begin
 
@@ -40,7 +42,9 @@ class Table:
         words: The first cell of a column that is no number, and its line; such a column cannot be used.
         line: Line of the file at which the first row stands; 0 for what has no lines, whose columns may be of several
             lengths, each with a clock of its own.
-        frames: What the log says of the frame that columns are in, by how the names of these columns begin.
+        topics: What a column is part of, where rows of another one are other moments: the topic of a bag, or a child
+            frame of its transforms. Columns without one share their rows.
+        frames: The frames that the messages of a topic are in, as far as they say.
         skipped: Lines after that of the first row which hold none, blank ones and comments.
     """
 
@@ -49,7 +53,8 @@ class Table:
     units: dict[str, str]
     words: dict[str, tuple[int, str]]
     line: int
-    frames: dict[str, str] = field(default_factory=dict)
+    topics: dict[str, str] = field(default_factory=dict)
+    frames: dict[str, tuple[str, ...]] = field(default_factory=dict)
     skipped: tuple[int, ...] = ()
 
     def values(self, name: object) -> Array:
@@ -98,6 +103,14 @@ class Table:
             )
         raise MissingColumnError(f'{self.path}: no column "{wanted}"{close}', wanted)
 
+    def topic_of(self, name: object) -> str:
+        """Return what the columns that a name stands for are part of (see `topics`); nothing where all share rows.
+
+        Raises:
+            MissingColumnError: If there is no such column.
+        """
+        return self.topics.get(self.components(name)[0], "")
+
     def unit_of(self, column: str) -> str | None:
         """Return the unit that the log states for a column; None where a word in brackets is none of any quantity."""
         said = self.units.get(column)
@@ -113,3 +126,19 @@ class Table:
         names = list(self.columns)
         more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
         return ", ".join(names[:MOST_NAMED]) + more
+
+
+def named_once(path: Path, columns: Iterable[tuple[str, Array]]) -> dict[str, Array]:
+    """Return columns by name.
+
+    Raises:
+        ValueError: If two have one name: either would be taken for the other.
+    """
+    found: dict[str, Array] = {}
+    for name, values in columns:
+        if name in found:
+            raise ValueError(
+                f'{path}: expected each column once, found two that are called "{name}"; rename one of them'
+            )
+        found[name] = values
+    return found
