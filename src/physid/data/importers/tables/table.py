@@ -18,6 +18,8 @@ STAMP = "header/stamp"  # when a message was measured, below its topic
 MOST_NAMED = 40  # columns that a message lists
 DATE = re.compile(r"\d{4}-\d\d-\d\d|\d\d?:\d\d:\d\d|\d\d?[./]\d\d?[./]\d{4}")  # how dates and times of day begin
 
+SEPARATED = re.compile(r"[+-]?\d{1,3}([.,]\d{3})+")  # thousands, or a decimal mark before three digits
+
 
 class MissingColumnError(ValueError):
     """A column that a mapping names and a log does not have.
@@ -66,11 +68,11 @@ class Table:
         found = self.find(name)
         if found in self.words:
             line, cell = self.words[found]
-            mend = (
-                "; convert dates to seconds before, say by datetime.fromisoformat(CELL).timestamp()"
-                if DATE.match(cell)
-                else ""
-            )
+            mend = ""
+            if DATE.match(cell):
+                mend = "; convert dates to seconds before, say by datetime.fromisoformat(CELL).timestamp()"
+            elif SEPARATED.fullmatch(cell):
+                mend = "; is the mark one of decimals or of thousands? write the log without the latter"
             raise ValueError(f'{self.path}:{line}: expected a number in column "{found}", found "{cell[:40]}"{mend}')
         return self.columns[found]
 
