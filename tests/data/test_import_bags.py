@@ -336,6 +336,17 @@ def test_forces_on_their_own_clock_act_when_they_were_stamped_and_other_frames_a
     assert any(note.startswith("poses are in the frame world, forces in hand") for note in done.notes)
 
 
+def test_a_guess_names_no_clock_of_another_topic(tmp_path: Path) -> None:
+    """Messages without stamps that arrive at once have none that rises; that of others is not theirs."""
+    with Bag(tmp_path / "run", "mcap") as bag:
+        for time in TOGETHER:
+            pose = bag.pose([0.5 * time, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0])
+            bag.write("/pose", bag.make("geometry_msgs/PoseStamped", header=bag.header(time), pose=pose), time)
+            wrench = bag.make("geometry_msgs/Wrench", force=bag.vector([time, 0, 0]), torque=bag.vector([0, 0, 0]))
+            bag.write("/pose_force", wrench, 0.0)
+    assert yaml.safe_load(guess_mapping(tmp_path / "run"))["forces"] == {"time": "/pose_force/received"}
+
+
 def test_poses_in_several_frames_are_refused_by_name(tmp_path: Path) -> None:
     bag = write_together(tmp_path / "run", frames=("world", "camera"))
     with pytest.raises(ValueError, match="expected /pose in one frame, found messages in world and camera; transforms"):

@@ -430,6 +430,27 @@ def test_a_packed_table_is_answered_with_how_to_unpack_it(tmp_path: Path) -> Non
         read_table(tmp_path / "log.csv")
 
 
+def test_a_log_that_the_memory_has_no_room_for_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = write_csv(tmp_path / "log.csv", list(COLUMNS), list(COLUMNS.values()))
+
+    def fail(*_: object, **__: object) -> None:
+        raise MemoryError("Unable to allocate 72.8 TiB for an array with shape (10000000000000,)")
+
+    monkeypatch.setattr(np, "loadtxt", fail)
+    assert main(["import", str(log), "rate=1", "--out", str(tmp_path / "out"), "--guess"]) == 1
+    said = capsys.readouterr().err
+    assert f"{log}: expected room in memory for all of it, found none; split it" in said
+    assert "batch_size" not in said
+
+
+def test_arrays_that_come_to_one_name_are_refused(tmp_path: Path) -> None:
+    np.savez(tmp_path / "log.npz", **{"pos": np.zeros((9, 3)), "pos[0]": np.ones(9)})
+    with pytest.raises(ValueError, match=r'expected each column once, found two that are called "pos\[0\]"; rename'):
+        read_table(tmp_path / "log.npz")
+
+
 def test_an_archive_that_declares_more_than_it_holds_is_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "log.npz", t=np.arange(9.0))
     with zipfile.ZipFile(tmp_path / "log.npz") as packed:
@@ -710,6 +731,28 @@ def test_a_line_that_numbers_columns_is_no_row(tmp_path: Path, text: str) -> Non
     table = read_table(tmp_path / "log.csv")
     assert table.values("0").tolist() == [0.0, 0.1]
     assert table.values("2").tolist() == [1.5, 3.5]
+
+
+def test_a_line_of_many_names_is_read(tmp_path: Path) -> None:
+    names = ["t", *(f"column_{number}" for number in range(20_000))]
+    rows = [",".join([f"{row / 10:g}", *["0"] * 20_000]) for row in range(2)]
+    (tmp_path / "log.csv").write_text("\n".join([",".join(names), *rows, ""]))
+    assert list(read_table(tmp_path / "log.csv").columns) == names
+
+
+def test_units_that_names_alone_say_are_noted_unless_the_mapping_says_them(tmp_path: Path) -> None:
+    """A name that ends in _cm may mean a centre of mass."""
+    names = {"t": "t_ms", "x": "x_cm", "y": "y_cm", "z": "z [cm]", "fx": "fx_N"}
+    there = {names.get(name, name): values for name, values in COLUMNS.items()}
+    there["t_ms"] = 1e3 * there["t_ms"]
+    log = write_csv(tmp_path / "log.csv", list(there), list(there.values()))
+    mapping = GOOD | {"time": "t_ms", "position": ["-x_cm", "y_cm", "z"], "force": ["fx_N", "fy", "fz"]}
+    notes = import_logs([log], mapping, tmp_path / "out").notes
+    assert "x_cm, y_cm: taken in cm, as the name ends; if it does not mean that, rename the column" in notes
+    assert [note.partition(":")[0] for note in notes if "as the name ends" in note] == ["t_ms", "x_cm, y_cm", "fx_N"]
+    units = {"position": "cm", "time": "ms", "force": "N"}
+    notes = import_logs([log], mapping | {"units": units}, tmp_path / "more").notes
+    assert not [note for note in notes if "as the name ends" in note]
 
 
 @pytest.mark.parametrize("empty", ["-", "null", "N/A", "nan"])

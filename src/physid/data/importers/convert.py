@@ -99,8 +99,8 @@ def _recordings(files: Sequence[Path], log: LogMap, notes: list[str]) -> Iterato
             notes.append(
                 f"{file}: bodies have clocks of their own; {whole} of {len(poses.pose)} frames hold all of them"
             )
-        if forces is not None:
-            notes += [one for one in _frames(poses, forces, log) if one not in notes]
+        taken = [*poses.notes, *(() if forces is None else (*forces.notes, *_frames(poses, forces, log)))]
+        notes += [one for one in taken if one not in notes]
         if forces is not None and forces.empty:
             notes.append(f"{other or file}: {forces.empty} rows without forces; the force before each is held")
         if poses.time is None and forces is not None and forces.time is not None and log.time_step is not None:

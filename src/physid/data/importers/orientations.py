@@ -14,6 +14,7 @@ from physid.data.importers.tables.table import Table
 from physid.data.importers.units import split_header
 
 Array = NDArray[np.float64]
+ANGLES = ("euler", "rotation_vector")
 TURNS = {"roll": "x", "pitch": "y", "yaw": "z"}  # where z is up or down
 
 
@@ -23,7 +24,7 @@ def read_orientations(
     """Return unit quaternions x y z w (T, 4) in the log's axes, and rows that hold none."""
     if each.orientation == "orientation":
         return np.tile([0.0, 0.0, 0.0, 1.0], (rows, 1)), ()
-    if each.orientation in ("euler", "rotation_vector"):
+    if each.orientation in ANGLES:
         sequence = each.order or "xyz"
         count = len(sequence) if each.orientation == "euler" else 3
         if each.orientation == "euler":

@@ -15,9 +15,10 @@ from physid.data.importers.columns import (
     read_columns,
     read_stamps,
     require_increasing,
+    units_of_names,
 )
 from physid.data.importers.mapping import BodyMap, LogMap
-from physid.data.importers.orientations import read_orientations, say_why_none
+from physid.data.importers.orientations import ANGLES, read_orientations, say_why_none
 from physid.data.importers.rotations import in_world, turned
 from physid.data.importers.tables.files import read_table
 from physid.data.importers.tables.table import Table
@@ -38,6 +39,7 @@ class Poses:
         group: Number of the trajectory that each row belongs to, shape (T,).
         names: By which the log's own column names these trajectories, in their order; none without such a column.
         frames: That the log says they are in.
+        notes: What was taken for granted, a line each.
     """
 
     time: Array | None
@@ -45,6 +47,7 @@ class Poses:
     group: NDArray[np.int64]
     names: Array = field(default_factory=lambda: np.empty(0))
     frames: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def turned(self, wrench: Array, at: Array, frames: NDArray[np.intp], time: Array) -> Array:
         """Turn wrenches in the axes of bodies into the world, see `in_world`; `frames` are those of a trajectory."""
@@ -62,6 +65,7 @@ class Forces:
         empty: Rows of the log without forces.
         names: Of the trajectory of each, where a log of forces alone has the column that names them, shape (S,).
         frames: That the log says they are in.
+        notes: What was taken for granted, a line each.
     """
 
     time: Array | None
@@ -70,6 +74,7 @@ class Forces:
     empty: int
     names: Array | None = None
     frames: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 def read_poses(table: Table, log: LogMap) -> Poses:
@@ -84,7 +89,7 @@ def read_poses(table: Table, log: LogMap) -> Poses:
     frames = frames_of_poses(table, log)
     bodies = [_pose_of(table, each, log) for each in log.bodies]
     if any(each.clock is not None for each in log.bodies):
-        return replace(_on_one_clock(table, bodies, log), frames=frames)
+        return replace(_on_one_clock(table, bodies, log), frames=frames, notes=_notes_of_poses(table, log))
     if len({len(each) for each in bodies}) > 1:
         raise ValueError(
             f"{table.path}: expected poses of all bodies in the same rows, found {[len(b) for b in bodies]}; where "
@@ -100,7 +105,25 @@ def read_poses(table: Table, log: LogMap) -> Poses:
     if time is not None:
         for one in range(group.max() + 1):
             require_increasing(table, time[group == one], np.flatnonzero(group == one))
-    return Poses(time, pose, group, names, frames)
+    return Poses(time, pose, group, names, frames, _notes_of_poses(table, log))
+
+
+def _notes_of_poses(table: Table, log: LogMap) -> tuple[str, ...]:
+    """Say which units were taken from the names of columns of poses."""
+    clocks = [one for one in (log.time, *(each.clock for each in log.bodies)) if one is not None]
+    turns = [one for each in log.bodies if each.orientation in ANGLES for one in each.columns]
+    places = [one for each in log.bodies for one in each.position]
+    return tuple(units_of_names(table, {"time": clocks, "position": places, "angle": turns}, log.units))
+
+
+def _notes_of_forces(table: Table, log: LogMap) -> tuple[str, ...]:
+    """Say which units were taken from the names of columns of forces."""
+    columns = {
+        "force": [one for each in log.bodies for one in each.force],
+        "torque": [one for each in log.bodies for one in each.torque],
+        "time": [] if log.forces.time is None or "forces_time" in log.units else [log.forces.time],
+    }
+    return tuple(units_of_names(table, columns, log.units))
 
 
 def _on_one_clock(table: Table, bodies: Sequence[Array], log: LogMap) -> Poses:
@@ -191,7 +214,13 @@ def read_forces(table: Table, log: LogMap, *, own: bool) -> Forces | None:
             require_increasing(table, time[one], one)
     stamps = None if time is None else time[row] + log.forces.offset
     return Forces(
-        stamps, wrench[row], row, int(empty.sum()), None if names is None else names[row], table.frames.get(topic, ())
+        stamps,
+        wrench[row],
+        row,
+        int(empty.sum()),
+        None if names is None else names[row],
+        table.frames.get(topic, ()),
+        _notes_of_forces(table, log),
     )
 
 

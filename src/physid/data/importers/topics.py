@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from physid.data.importers.columns import is_constant, unsigned
 from physid.data.importers.mapping import LogMap, Reference
 from physid.data.importers.tables.table import STAMP, MissingColumnError, Table
 
@@ -23,10 +24,8 @@ def _one_topic(table: Table, references: Sequence[Reference | None], what: str, 
     """
     found: dict[str, Reference] = {}
     for one in references:
-        if one is None or (isinstance(one, int | float) and str(one) not in table.columns):
-            continue
-        name = str(one)
-        found.setdefault(table.topic_of(name[1:] if name.startswith("-") and name not in table.columns else name), one)
+        if one is not None and not is_constant(table, one):
+            found.setdefault(table.topic_of(unsigned(table, one)), one)
     if len(found) > 1:
         (first, one), (second, other), *_ = found.items()
         raise ValueError(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
@@ -27,6 +28,7 @@ GZIP = b"\x1f\x8b"  # with which a packed file begins
 PEEK, CHUNK = 50, 1 << 16  # rows
 ALIKE = 0.8  # share of lines that a delimiter splits into as many cells as the first
 LONGEST_LINE = 1 << 20  # characters: a file with longer lines is no table
+csv.field_size_limit(max(csv.field_size_limit(), LONGEST_LINE))  # a line that a delimiter does not split is one cell
 
 
 def read_text(path: Path, header: int | None) -> Table:
@@ -79,7 +81,7 @@ def _read_csv(path: Path, file: TextIO, header: int | None) -> Table:
         said = [cell.strip() for cell in _cells(head[start - 1].lstrip("#% "), delimiter)]
         names = said if len(said) == len(names) else names
     names = _distinguished(names, [_cells(line, delimiter) for line in head[:start]])
-    doubled = next((name for index, name in enumerate(names) if name in names[:index]), None)
+    doubled = next((name for name, count in Counter(names).items() if count > 1), None)
     if doubled is not None:
         raise ValueError(f'{path}: expected each column once, found "{doubled}" twice; rename one in line {start + 1}')
     units = {name: unit for name in names if (unit := split_header(name)[1])}
