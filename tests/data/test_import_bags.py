@@ -433,6 +433,17 @@ def test_a_database_that_computes_what_it_should_hold_is_refused(tmp_path: Path,
         read_table(tmp_path / "run")
 
 
+def test_a_path_that_sqlite_reads_as_another_one_is_refused(tmp_path: Path) -> None:
+    """What was looked into would not be what is read."""
+    with Bag(tmp_path / "run", "db3") as bag:
+        bag.write_poses()
+    (tmp_path / "run").rename(tmp_path / "a%62")
+    with pytest.raises(
+        ValueError, match=r"a%62/run.db3: expected a path without %, which has a meaning to SQLite; rename"
+    ):
+        read_table(tmp_path / "a%62")
+
+
 def test_a_bag_that_lacks_a_file_which_it_lists_is_answered(tmp_path: Path) -> None:
     with Bag(tmp_path / "run", "mcap") as bag:
         bag.write_poses()

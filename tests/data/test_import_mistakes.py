@@ -415,11 +415,12 @@ def test_separators_of_thousands_are_no_decimal_marks(tmp_path: Path) -> None:
 
 
 def test_points_separate_thousands_where_commas_are_decimal(tmp_path: Path) -> None:
-    (tmp_path / "log.csv").write_text("t;x;y;z\n0,00;999,5;0.5;0,010\n0,01;1.001;0.75;0,020\n")
+    (tmp_path / "log.csv").write_text("t;x;y;z;w\n0,00;999,5;0.5;0,010;0,5\n0,01;1.001;1.751;0,020;1,751\n")
     table = read_table(tmp_path / "log.csv")
     assert table.values("t").tolist() == [0.0, 0.01]
-    assert table.values("y").tolist() == [0.5, 0.75]
+    assert table.values("y").tolist() == [0.5, 1.751], "a mark of decimals in one cell of a column is one in all"
     assert table.values("z").tolist() == [0.01, 0.02], "no thousands begin with a zero"
+    assert table.values("w").tolist() == [0.5, 1.751]
     with pytest.raises(ValueError, match=r'log.csv:3: expected a number in column "x", found "1.001"; is the mark one'):
         table.values("x")
 

@@ -133,7 +133,9 @@ def _require_all(path: Path, info: Mapping[str, Any], columns: Mapping[str, Arra
     for name, count in found.items():
         promised = info.get(name)
         if isinstance(promised, int) and promised != count:
-            raise ValueError(f"{path}: expected {promised} {name}, which {INFO} promises, found {count}; {AGAIN}")
+            raise ValueError(
+                f"{path}: expected {promised} {name}, which {INFO} promises, found {count}; {AGAIN}, or correct it"
+            )
 
 
 def _names(info: Mapping[str, Any]) -> dict[str, list[str]]:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import csv
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import islice
+from itertools import islice, zip_longest
 from pathlib import Path
 from typing import TextIO
 
@@ -23,7 +23,8 @@ EMPTY = {"", "nan", "none", "null", "na", "n/a", "-", "#n/a"}  # cells that say:
 TRUE = {"true": 1.0, "false": 0.0}
 MARKS = (b"\xff\xfe", b"\xfe\xff")  # with which UTF-16 begins
 THOUSANDS = {mark: re.compile(rf"[+-]?[1-9]\d{{0,2}}(\{mark}\d{{3}})+") for mark in ",."}
-"""What a mark may separate; none begin with a zero."""
+DECIMALS = {mark: re.compile(rf"[+-]?\d*\{mark}\d+") for mark in ",."}
+"""What a mark may separate; no thousands begin with a zero."""
 GZIP = b"\x1f\x8b"  # with which a packed file begins
 PEEK, CHUNK = 50, 1 << 16  # rows
 ALIKE = 0.8  # share of lines that a delimiter splits into as many cells as the first
@@ -73,8 +74,7 @@ def _read_csv(path: Path, file: TextIO, header: int | None) -> Table:
     ]
     rows = [[cell.strip() for cell in _cells(head[row], delimiter)] for row in filled]
     comma = delimiter != "," and any(re.fullmatch(r"[+-]?\d+,\d+", cell) for row in rows[1:] for cell in row)
-    # Beside decimals with the one mark, the other before three digits separates thousands: such cells are no numbers.
-    pointed = any(re.fullmatch(r"[+-]?\d*\.\d+", cell) for row in rows[1:] for cell in row)
+    pointed = any(DECIMALS["."].fullmatch(cell) for row in rows[1:] for cell in row)
     named = header is not None or _is_numbering(rows[0]) or not all(_is_number(cell, comma) for cell in rows[0])
     names = rows[0] if named else [str(index) for index in range(len(rows[0]))]
     if not named and start and head[start - 1].startswith(("#", "%")):  # a header that is written as a comment
@@ -93,8 +93,11 @@ def _read_csv(path: Path, file: TextIO, header: int | None) -> Table:
     file.seek(0)
     words: dict[str, tuple[int, str]] = {}
     skipped: list[int] = []
-    marks = tuple(THOUSANDS[mark] for mark, other in ((".", comma), (",", comma and pointed)) if other)
-    reader = _Rows(path, delimiter, names, comma, words, skipped, marks)
+    # Beside decimals with the one mark, the other before three digits separates thousands: such cells are no numbers.
+    marks = [mark for mark, other in ((".", comma), (",", comma and pointed)) if other]
+    shown = zip(names, zip_longest(*rows[1:], fillvalue=""), strict=False)
+    thousands = {name: _thousands(marks, cells) for name, cells in shown} if marks else {}
+    reader = _Rows(path, delimiter, names, comma, words, skipped, thousands)
     values = reader.read(islice(_lines(path, file), first, None), first + 1)
     if not len(values):
         raise ValueError(f"{path}: expected rows of numbers under the header, found none")
@@ -159,7 +162,7 @@ class _Rows:
     comma: bool
     words: dict[str, tuple[int, str]]
     skipped: list[int]
-    thousands: Sequence[re.Pattern[str]]
+    thousands: Mapping[str, Sequence[re.Pattern[str]]]
 
     def read(self, lines: Iterator[str], first: int) -> Array:
         """Read rows of numbers, in C where every cell is one, else cell by cell."""
@@ -203,12 +206,21 @@ class _Rows:
             return float("nan")
         try:
             # Python lets an underscore stand between digits.
-            if "_" in cell or any(one.fullmatch(cell) for one in self.thousands):
+            if "_" in cell or any(one.fullmatch(cell) for one in self.thousands.get(name, ())):
                 raise ValueError
             return TRUE[low] if low in TRUE else float(cell.replace(",", ".") if self.comma else cell)
         except ValueError:
             self.words.setdefault(name, (line, cell))
             return float("nan")
+
+
+def _thousands(marks: Sequence[str], cells: Sequence[str]) -> list[re.Pattern[str]]:
+    """Return what numbers with thousands look like in a column: with a mark that no cell of it has for decimals."""
+    return [
+        THOUSANDS[mark]
+        for mark in marks
+        if not any(DECIMALS[mark].fullmatch(one) and not THOUSANDS[mark].fullmatch(one) for one in cells)
+    ]
 
 
 def _begins(path: Path) -> bytes:
