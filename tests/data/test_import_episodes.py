@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import random
 from pathlib import Path
 from typing import Any
 
@@ -142,6 +143,21 @@ def test_a_broken_data_set_is_answered(
     assert not (tmp_path / "set").exists()
 
 
+def test_whatever_is_damaged_in_the_description_of_a_table_is_answered(tmp_path: Path) -> None:
+    """Types that nobody has, and what ends the process where pyarrow is asked for the description of a column."""
+    table = write_data_set(tmp_path / "pushes") / "data/chunk-000/episode_000000.parquet"
+    whole, draw, refused = table.read_bytes(), random.Random(0), 0
+    for _ in range(500):
+        changed = bytearray(whole)
+        changed[-draw.randrange(1, 3000)] = draw.randrange(256)
+        table.write_bytes(changed)
+        try:
+            read_table(table)
+        except ValueError as error:
+            refused += str(error).startswith(str(table))
+    assert refused > 50
+
+
 def test_a_folder_that_is_no_data_set_is_answered(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["import", "lerobot", str(tmp_path), *WORDS, "--out", str(tmp_path / "set")]) == 2
     assert "found no .parquet file in it, and no meta/info.json" in capsys.readouterr().err
@@ -183,10 +199,10 @@ def test_a_table_that_unpacks_to_more_than_its_size_promises_is_refused_by_its_d
     )
     with pytest.raises(ValueError, match=r"log.parquet: expected numbers of 67108864 bytes at most, .* found 72000000"):
         read_table(tmp_path / "log.parquet")
-    lists = pyarrow.FixedSizeListArray.from_arrays(pyarrow.array(np.zeros(3 * count)), 3)
+    lists = pyarrow.ListArray.from_arrays(np.arange(0, 3 * count + 1, 300), pyarrow.array(np.zeros(3 * count)))
     parquet.write_table(pyarrow.table({"a.b": lists}), tmp_path / "lists.parquet", compression="zstd")
     with pytest.raises(
-        ValueError, match=r"lists.parquet: expected numbers of 67108864 bytes at most, .* found 72000000"
+        ValueError, match=r"lists.parquet: expected numbers of 67108864 bytes at most, .* found \d+ or more"
     ):
         read_table(tmp_path / "lists.parquet")
     there = {"text": ["push"] * count, "a": np.arange(float(count))}

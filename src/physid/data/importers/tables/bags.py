@@ -67,11 +67,13 @@ def read_bag(path: Path) -> Table:
                 unpack = partial(unpacking.unpack, FORMAT) if mode == "message" else None
                 for name, kind, row, frame, names in _rows(reader, unpack):
                     topics.setdefault(name, _Topic(path, name, kind, names)).add(kind, row, frame)
-    except (PermissionError, MemoryError, RefusedBagError, TooTightlyPackedError, UnsoundDatabaseError):
+    except (PermissionError, RefusedBagError, TooTightlyPackedError, UnsoundDatabaseError):
         raise
     except Exception as error:  # what a foreign file makes a foreign parser raise is of many kinds
         remedy = "; was the recording cut off? try: mcap recover FILE" if path.suffix == ".mcap" else ""
-        raise ValueError(f"{path}: {DAMAGED} ({' '.join(str(error).split())[:200]}){remedy}") from None
+        spent = isinstance(error, MemoryError)  # as of a length that is damaged
+        reason = "it asks for more memory than there is" if spent else " ".join(str(error).split())[:200]
+        raise ValueError(f"{path}: {DAMAGED} ({reason}){remedy}") from None
     each = [(name, one, values) for name, topic in topics.items() for one, values in topic.columns().items()]
     if not each:
         raise ValueError(f"{path}: expected topics with numbers, such as geometry_msgs/PoseStamped, found none")

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from physid.data.files import read_json
 from physid.data.hdf5 import most_unpacked
+from physid.data.importers.tables.packed import TooTightlyPackedError
 from physid.data.importers.tables.table import Table, named_once
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ VERSIONS = ("v2.0", "v2.1", "v3.0")
 """Of LeRobot's format: one file for each episode, or, since v3.0, files of many episodes; columns are the same."""
 EPISODE = "episode_index"
 AGAIN = "download the data set again"
-BYTES = 8  # of a number, as it is read
+BYTES, ROWS = 8, 1 << 12  # of a number as it is read, and what is read at once
 
 
 def read_episodes(path: Path) -> Table:
@@ -44,17 +45,13 @@ def read_episodes(path: Path) -> Table:
             f"{path}: data sets of LeRobot need pyarrow, which is not installed: pip install 'physid[lerobot]'"
         ) from None
     files, info = ([path], {}) if path.is_file() else _described(path)
-    size, most = sum(map(_size, files)), most_unpacked(sum(file.stat().st_size for file in files))
-    if size > most:
-        raise ValueError(
-            f"{path}: expected numbers of {most} bytes at most, as its size on the disk promises, found {size}; leave "
-            "out rows or columns that are not used"
-        )
+    held = sum(file.stat().st_size for file in files)
+    _Room(path, held).take(sum(map(_declared, files)))
     names = _names(info)
     parts = list[dict[str, Array]]()
+    room = _Room(path, held)
     for file in files:
-        with _opened(file) as table:
-            read = table.read(columns=_wanted(table.schema_arrow))
+        read = _read(file, room)
         parts.append(named_once(file, _columns(read, names)))
         if set(parts[-1]) != set(parts[0]):
             raise ValueError(f"{file}: expected the columns of {files[0].name}, found {', '.join(parts[-1])}")
@@ -68,28 +65,60 @@ def read_episodes(path: Path) -> Table:
 @contextmanager
 def _opened(file: Path) -> Iterator[parquet.ParquetFile]:
     """Open a table, of which its description alone is read at first, and name it where pyarrow cannot read it."""
-    import pyarrow.parquet as parquet
+    from pyarrow import ArrowException, parquet
 
     try:
         with parquet.ParquetFile(file) as table:
             yield table
-    except PermissionError:
+    except (PermissionError, MemoryError, TooTightlyPackedError):
         raise
-    except (OSError, ValueError) as error:  # pyarrow's errors are such
+    except (OSError, ValueError, ArrowException) as error:
         raise ValueError(
             f"{file}: expected a table of Parquet, found what cannot be read ({' '.join(str(error).split())[:200]})"
         ) from None
 
 
-def _size(file: Path) -> int:
-    """Return how many bytes the numbers of a table take in memory, by what it says of itself."""
+class _Room:
+    """What the tables of a data set may still take in memory; no more than their size on the disk promises."""
+
+    def __init__(self, path: Path, held: int) -> None:
+        self._path, self._most, self._taken = path, most_unpacked(held), 0
+
+    def take(self, size: int) -> None:
+        """Take so many bytes.
+
+        Raises:
+            TooTightlyPackedError: If there are not as many.
+        """
+        self._taken += size
+        if self._taken > self._most:
+            raise TooTightlyPackedError(
+                f"{self._path}: expected numbers of {self._most} bytes at most, as its size on the disk promises, found"
+                f" {self._taken} or more; leave out rows or columns that are not used"
+            )
+
+
+def _declared(file: Path) -> int:
+    """Return how many bytes the numbers of a table take at least, by its rows and columns.
+
+    What it says of the single columns is not asked for: pyarrow ends the process where that is damaged.
+    """
     with _opened(file) as table:
-        wanted, about = _wanted(table.schema_arrow), table.metadata
-        groups = (about.row_group(index) for index in range(about.num_row_groups))
-        chunks = [group.column(index) for group in groups for index in range(group.num_columns)]
-    # Lists have a path that begins with the name of their column.
-    begins = tuple(f"{name}." for name in wanted)
-    return sum(BYTES * one.num_values for one in chunks if f"{one.path_in_schema}.".startswith(begins))
+        return BYTES * int(table.metadata.num_rows) * len(_wanted(table.schema_arrow))
+
+
+def _read(file: Path, room: _Room) -> pyarrow.Table:
+    """Read the columns of numbers of a table, and measure them as they come: lists may be of any length."""
+    import pyarrow
+
+    with _opened(file) as table:
+        wanted, batches = _wanted(table.schema_arrow), list[pyarrow.RecordBatch]()
+        for batch in table.iter_batches(batch_size=ROWS, columns=wanted):
+            room.take(batch.nbytes)
+            batches.append(batch)
+        if not batches:
+            return table.schema_arrow.empty_table().select(wanted)
+        return pyarrow.Table.from_batches(batches)
 
 
 def _wanted(schema: pyarrow.Schema) -> list[str]:
