@@ -741,6 +741,14 @@ def test_a_line_of_many_names_is_read(tmp_path: Path) -> None:
     assert list(read_table(tmp_path / "log.csv").columns) == names
 
 
+def test_a_name_that_never_ends_is_cut_in_messages(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text(f"x,y,{'z' * 10_000}\n1,2,3\n4,5,6\n")
+    for name in ("height", "Y"):
+        with pytest.raises(ValueError, match=f'no column "{name}"') as caught:
+            read_table(tmp_path / "log.csv").find(name)
+        assert len(str(caught.value)) < 500
+
+
 def test_units_that_names_alone_say_are_noted_unless_the_mapping_says_them(tmp_path: Path) -> None:
     """A name that ends in _cm may mean a centre of mass."""
     names = {"t": "t_ms", "x": "x_cm", "y": "y_cm", "z": "z [cm]", "fx": "fx_N"}

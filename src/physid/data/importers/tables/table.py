@@ -15,9 +15,8 @@ from physid.strict import nearest
 
 Array = NDArray[np.float64]
 STAMP = "header/stamp"  # when a message was measured, below its topic
-MOST_NAMED = 40  # columns that a message lists
+MOST_NAMED, LONGEST_NAME = 40, 100  # columns that a message lists, and letters of each
 DATE = re.compile(r"\d{4}-\d\d-\d\d|\d\d?:\d\d:\d\d|\d\d?[./]\d\d?[./]\d{4}")  # how dates and times of day begin
-
 SEPARATED = re.compile(r"[+-]?\d{1,3}([.,]\d{3})+")  # thousands, or a decimal mark before three digits
 
 
@@ -89,7 +88,7 @@ class Table:
         if len(bare) == 1:
             return bare[0]
         same = [each for each in self.columns if each.lower() == wanted.lower()]
-        close = f'; did you mean "{same[0]}"?' if same else nearest(wanted, self.columns)
+        close = f'; did you mean "{_cut(same[0])}"?' if same else nearest(wanted, map(_cut, self.columns))
         last = len(self.columns) - 1
         if "did you mean" in close:
             close += f" There are {self.listed()}"
@@ -125,9 +124,14 @@ class Table:
 
     def listed(self) -> str:
         """Name the columns for a message; of many, the first."""
-        names = list(self.columns)
+        names = [_cut(name) for name in self.columns]
         more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
         return ", ".join(names[:MOST_NAMED]) + more
+
+
+def _cut(name: str) -> str:
+    """Return a name as a message can list it: an open quote makes one of many lines."""
+    return name if len(name) <= LONGEST_NAME else f"{name[:LONGEST_NAME]}..."
 
 
 def named_once(path: Path, columns: Iterable[tuple[str, Array]]) -> dict[str, Array]:
