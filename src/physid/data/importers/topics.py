@@ -81,7 +81,8 @@ def topic_of_forces(table: Table, log: LogMap, *, own: bool) -> str:
         ValueError: If they are not, or the messages of their topic are in several frames.
     """
     columns = [one for each in log.bodies for one in (*each.force, *each.torque)]
-    topic = _one_topic(table, columns, "forces and torques")
+    one_log = "name columns of one, or write those of all bodies into a log on one clock (forces.file)"
+    topic = _one_topic(table, columns, "forces and torques", one_log)
     if log.forces.time is not None:
         _one_topic(table, (*columns, log.forces.time), "forces and forces.time")
     elif topic:

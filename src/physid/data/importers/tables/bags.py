@@ -94,7 +94,7 @@ def _storages(path: Path) -> Iterator[tuple[list[Path], Unpacking, str]]:
     described: Any = read_yaml(path / METADATA)
     try:
         about = described["rosbag2_bagfile_information"]
-        listed = [path / Path(str(name)).name for name in about["relative_file_paths"]]
+        listed = [path / name for name in dict.fromkeys(Path(str(one)).name for one in about["relative_file_paths"])]
         packed, mode = about.get("compression_format"), str(about.get("compression_mode") or "").lower()
     except (KeyError, TypeError, AttributeError):
         raise ValueError(f"{METADATA} lists no files") from None
