@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +20,14 @@ from physid.data.importers.tables.files import read_table
 
 pytest.importorskip("rosbags", reason="needs physid[mcap]")
 from rosbags.rosbag1 import Writer as Writer1
-from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
+PACKED = {
+    "BZ2": (Writer1.CompressionFormat.BZ2,),
+    "LZ4": (Writer1.CompressionFormat.LZ4,),
+} | {one: (CompressionMode[one], CompressionFormat.ZSTD) for one in ("FILE", "MESSAGE", "STORAGE")}
 TRUTH, EPOCH = Truth.of(), 1.7e9
 STAMP = 1e-6  # [s] that a double keeps of seconds since 1970
 MAPPING: dict[str, Any] = {
@@ -39,12 +45,14 @@ MAPPING: dict[str, Any] = {
 class Bag:
     """Writes messages of geometry_msgs as a robot would."""
 
-    def __init__(self, path: Path, kind: str) -> None:
+    def __init__(self, path: Path, kind: str, packed: str | None = None) -> None:
         self.first = kind == "bag"
         self.store = get_typestore(Stores.ROS1_NOETIC if self.first else Stores.ROS2_HUMBLE)
         plugin = StoragePlugin.MCAP if kind == "mcap" else StoragePlugin.SQLITE3
         self.writer: Any = Writer1(path) if self.first else Writer2(path, version=9, storage_plugin=plugin)
-        self.connections: dict[str, Any] = {}
+        if packed:
+            self.writer.set_compression(*PACKED[packed])
+        self.connections: dict[tuple[str, str], Any] = {}
 
     def __enter__(self) -> Bag:
         self.writer.open()
@@ -76,10 +84,10 @@ class Bag:
 
     def write(self, topic: str, message: Any, time: float) -> None:
         kind = message.__msgtype__
-        if topic not in self.connections:
-            self.connections[topic] = self.writer.add_connection(topic, kind, typestore=self.store)
+        if (topic, kind) not in self.connections:
+            self.connections[topic, kind] = self.writer.add_connection(topic, kind, typestore=self.store)
         to_bytes = self.store.serialize_ros1 if self.first else self.store.serialize_cdr
-        self.writer.write(self.connections[topic], round((EPOCH + time) * 1e9), to_bytes(message, kind))
+        self.writer.write(self.connections[topic, kind], round((EPOCH + time) * 1e9), to_bytes(message, kind))
 
     def write_forces(self, topic: str = "/hand") -> None:
         for time, force in zip(TRUTH.force_time, TRUTH.force, strict=True):
@@ -189,10 +197,14 @@ def test_images_and_covariances_are_no_columns(tmp_path: Path) -> None:
             {"position": "/block/pose"},
             "expected 3 columns for /block/pose, found 9: /block/pose/header/stamp, .* list the 3",
         ),
-        ({"time": "/hand/header/stamp"}, "expected a stamp for each of 188 poses, found 1005"),
+        (
+            {"time": "/hand/header/stamp"},
+            "expected poses and their stamps in one topic, found /block/pose/pose/position of /block/pose and "
+            "/hand/header/stamp of /hand",
+        ),
         (
             {"forces": {"time": "/block/pose/header/stamp"}},
-            "expected a stamp for each of 1005 rows of forces, found 188",
+            "expected forces and forces.time in one topic, found /hand/wrench/force of /hand and .* of /block/pose",
         ),
         ({"force": "/hand/wrench"}, "expected 3 columns for .* found 6"),
     ],
@@ -238,3 +250,213 @@ def test_poses_of_a_body_at_rest_are_kept_where_stamps_were_never_set(stamped: b
                 bag.write("/block", bag.make("geometry_msgs/PoseStamped", header=header, pose=pose), number / 10)
     table = read_table(tmp_path / "run")
     assert table.values("/block/pose/position/x").tolist() == [1.0, 1.0, 1.0, 2.0]
+
+
+TOGETHER = np.arange(50) / 100
+
+
+def write_together(path: Path, kind: str = "mcap", frames: tuple[str, ...] = ("world",), **how: Any) -> Path:
+    """Write topics of as many messages each: poses, others of another rate, and forces that begin 0.2 s later."""
+    with Bag(path, kind, **how) as bag:
+        for number, time in enumerate(TOGETHER):
+            for topic, stamp in (("/pose", time), ("/imu", 5 * time)):
+                pose = bag.pose([0.5 * time, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0])
+                header = bag.header(stamp, frames[number % len(frames)])
+                bag.write(topic, bag.make("geometry_msgs/PoseStamped", header=header, pose=pose), stamp)
+            wrench = bag.make("geometry_msgs/Wrench", force=bag.vector([time, 0, 0]), torque=bag.vector([0, 0, 0]))
+            header = bag.header(time + 0.2, "hand")
+            bag.write("/hand", bag.make("geometry_msgs/WrenchStamped", header=header, wrench=wrench), time + 0.2)
+    return path
+
+
+POSES: dict[str, Any] = {
+    "time": "/pose/header/stamp",
+    "position": "/pose/pose/position",
+    "quaternion": "/pose/pose/orientation",
+    "size": [0.1, 0.1, 0.05],
+    "mass": 0.4,
+    "friction": 0.3,
+}
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"force": "/hand/wrench/force"}, "found /pose/header/stamp of /pose and .* forces.time=/hand/header/stamp"),
+        (
+            {"force": "/hand/wrench/force", "forces": {"rate": 100}},
+            "poses and forces without stamps of their own in one topic, .* forces.time=/hand/header/stamp",
+        ),
+        (
+            {"force": "/hand/wrench/force", "time": None, "rate": 100},
+            "found /pose/pose/position of /pose and .* forces.time=/hand/header/stamp",
+        ),
+        (
+            {"force": "/hand/wrench/force", "forces": {"time": "/imu/received"}},
+            "expected forces and forces.time in one topic, found /hand/wrench/force of /hand and /imu/received of /imu",
+        ),
+        (
+            {"force": "/hand/wrench/force", "torque": "/imu/pose/position"},
+            "expected forces and torques in one topic, found /hand/wrench/force of /hand and .* of /imu.* into a log",
+        ),
+        ({"quaternion": "/imu/pose/orientation"}, "expected poses and their stamps in one topic, found .* of /imu"),
+        ({"time": "/imu/received"}, "expected poses and their stamps in one topic, found .* of /imu"),
+        ({"trajectory": "/imu/pose/position/x"}, "expected poses and their stamps in one topic, found .* of /imu"),
+    ],
+)
+def test_rows_of_two_topics_are_never_joined_by_their_number(
+    tmp_path: Path, change: dict[str, Any], message: str
+) -> None:
+    """As many messages on each do not make them the same moments."""
+    bag = write_together(tmp_path / "run")
+    with pytest.raises(ValueError, match=message):
+        import_logs([bag], POSES | change, tmp_path / "out")
+
+
+def test_bodies_of_two_topics_of_one_length_need_clocks_of_their_own(tmp_path: Path) -> None:
+    bag = write_together(tmp_path / "run")
+    size = {"size": [0.1, 0.1, 0.1], "mass": 1.0, "friction": 0.3, "orientation": "none"}
+    first, second = (size | {"name": name, "position": f"/{name}/pose/position"} for name in ("pose", "imu"))
+    with pytest.raises(ValueError, match=r"one topic, found .* of /pose and .* of /imu, .* \{clock: COLUMN"):
+        import_logs([bag], {"time": "/pose/header/stamp", "bodies": [first, second]}, tmp_path / "out")
+    second["clock"] = "/pose/header/stamp"
+    with pytest.raises(ValueError, match="expected the poses of imu and their clock in one topic"):
+        import_logs([bag], {"time": "/pose/header/stamp", "bodies": [first, second]}, tmp_path / "out")
+
+
+def test_forces_on_their_own_clock_act_when_they_were_stamped_and_other_frames_are_named(tmp_path: Path) -> None:
+    bag = write_together(tmp_path / "run")
+    forces = {"force": "/hand/wrench/force", "forces": {"time": "/hand/header/stamp"}}
+    done = import_logs([bag], POSES | forces, tmp_path / "out")
+    one = RecordingSet(done.folder).read(0)
+    assert one.wrench is not None
+    assert one.wrench_time is not None
+    assert np.allclose(one.wrench_time, TOGETHER + 0.2, rtol=0, atol=STAMP)
+    assert np.allclose(one.wrench[:, 0, 3], TOGETHER)
+    assert any(note.startswith("poses are in the frame world, forces in hand") for note in done.notes)
+
+
+def test_a_guess_names_no_clock_of_another_topic(tmp_path: Path) -> None:
+    """Messages without stamps that arrive at once have none that rises; that of others is not theirs."""
+    with Bag(tmp_path / "run", "mcap") as bag:
+        for time in TOGETHER:
+            pose = bag.pose([0.5 * time, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0])
+            bag.write("/pose", bag.make("geometry_msgs/PoseStamped", header=bag.header(time), pose=pose), time)
+            wrench = bag.make("geometry_msgs/Wrench", force=bag.vector([time, 0, 0]), torque=bag.vector([0, 0, 0]))
+            bag.write("/pose_force", wrench, 0.0)
+    assert yaml.safe_load(guess_mapping(tmp_path / "run"))["forces"] == {"time": "/pose_force/received"}
+
+
+def test_poses_in_several_frames_are_refused_by_name(tmp_path: Path) -> None:
+    bag = write_together(tmp_path / "run", frames=("world", "camera"))
+    with pytest.raises(ValueError, match="expected /pose in one frame, found messages in world and camera; transforms"):
+        import_logs([bag], POSES, tmp_path / "out")
+
+
+def test_transforms_of_one_child_from_several_parents_are_refused(tmp_path: Path) -> None:
+    with Bag(tmp_path / "run", "mcap") as bag:
+        for number, time in enumerate(TOGETHER):
+            turn = bag.pose([0, 0, 0], [0.0, 0.0, 0.0, 1.0]).orientation
+            transform = bag.make("geometry_msgs/Transform", translation=bag.vector([time, 0, 0]), rotation=turn)
+            header = bag.header(time, ("world", "camera")[number % 2])
+            one = bag.make("geometry_msgs/TransformStamped", header=header, child_frame_id="cup", transform=transform)
+            bag.write("/tf", bag.make("tf2_msgs/TFMessage", transforms=[one]), time)
+    cup = {"time": "/tf/cup/header/stamp", "position": "/tf/cup/transform/translation", "orientation": "none"}
+    with pytest.raises(ValueError, match="expected /tf/cup in one frame, found messages in world and camera"):
+        import_logs([tmp_path / "run"], POSES | cup | {"quaternion": None}, tmp_path / "out")
+
+
+@pytest.mark.parametrize("other", ["PoseStamped", "Vector3Stamped"])
+def test_a_topic_of_two_types_is_refused_by_name(tmp_path: Path, other: str) -> None:
+    """Points and vectors have three numbers each: their rows would fit one table."""
+    with Bag(tmp_path / "run", "mcap") as bag:
+        for number, time in enumerate(TOGETHER):
+            pose, header = bag.pose([time, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]), bag.header(time)
+            messages = {
+                "PointStamped": {"point": pose.position},
+                "PoseStamped": {"pose": pose},
+                "Vector3Stamped": {"vector": bag.vector([time, 0.0, 0.0])},
+            }
+            name = ("PointStamped", other)[number % 2]
+            bag.write("/p", bag.make(f"geometry_msgs/{name}", header=header, **messages[name]), time)
+    with pytest.raises(
+        ValueError, match=rf"run: expected messages of one type on /p, found .*PointStamped and .*{other}"
+    ):
+        read_table(tmp_path / "run")
+
+
+def test_two_columns_of_one_name_are_refused(tmp_path: Path) -> None:
+    """What is below a topic may be called as another topic is."""
+    with Bag(tmp_path / "run", "mcap") as bag:
+        pose = bag.pose([1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0])
+        bag.write("/p", bag.make("geometry_msgs/PoseStamped", header=bag.header(0.0), pose=pose), 0.0)
+        bag.write("/p/pose", pose, 0.0)
+    with pytest.raises(ValueError, match='expected each column once, found two that are called "/p/pose/position/x"'):
+        read_table(tmp_path / "run")
+
+
+@pytest.mark.parametrize(
+    ("kind", "packed"),
+    [("db3", "FILE"), ("mcap", "FILE"), ("db3", "MESSAGE"), ("mcap", "MESSAGE"), ("mcap", "STORAGE"), ("bag", "BZ2"),
+     ("bag", "LZ4")],
+)  # fmt: skip
+def test_a_packed_bag_is_read_as_long_as_it_unpacks_to_no_more_than_its_size_promises(
+    tmp_path: Path, kind: str, packed: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = read_table(write_together(tmp_path / "whole.bag" if kind == "bag" else tmp_path / "whole", kind))
+    small = write_together(tmp_path / ("small.bag" if kind == "bag" else "small"), kind, packed=packed)
+    found = read_table(small)
+    assert list(found.columns) == list(whole.columns)
+    assert all(np.array_equal(found.columns[name], values) for name, values in whole.columns.items())
+    monkeypatch.setattr("physid.data.importers.tables.packed.most_unpacked", lambda held: 1000)
+    with pytest.raises(
+        ValueError, match=r"small\S*: expected a log that unpacks to 1000 bytes at most, .* unpack it first"
+    ):
+        read_table(small)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        "DROP TABLE schema; CREATE VIEW schema AS SELECT 4 AS schema_version",
+        "CREATE TRIGGER now AFTER INSERT ON messages BEGIN SELECT 1; END",
+        "ALTER TABLE topics ADD COLUMN more GENERATED ALWAYS AS (zeroblob(1000000000)) VIRTUAL",
+    ],
+)
+def test_a_database_that_computes_what_it_should_hold_is_refused(tmp_path: Path, change: str) -> None:
+    """A view may count for ever, and no signal ends it."""
+    with Bag(tmp_path / "run", "db3") as bag:
+        bag.write_poses()
+    with closing(sqlite3.connect(next((tmp_path / "run").glob("*.db3")))) as database:
+        database.executescript(change)
+    with pytest.raises(ValueError, match=r"run.db3: expected tables that hold what was recorded, found '"):
+        read_table(tmp_path / "run")
+
+
+def test_a_path_that_sqlite_reads_as_another_one_is_refused(tmp_path: Path) -> None:
+    """What was looked into would not be what is read."""
+    with Bag(tmp_path / "run", "db3") as bag:
+        bag.write_poses()
+    (tmp_path / "run").rename(tmp_path / "a%62")
+    with pytest.raises(
+        ValueError, match=r"a%62/run.db3: expected a path without %, which has a meaning to SQLite; rename"
+    ):
+        read_table(tmp_path / "a%62")
+
+
+def test_a_file_that_a_bag_lists_twice_is_read_once(tmp_path: Path) -> None:
+    bag = write_together(tmp_path / "run")
+    about = yaml.safe_load((bag / "metadata.yaml").read_text())
+    about["rosbag2_bagfile_information"]["relative_file_paths"] *= 2
+    (bag / "metadata.yaml").write_text(yaml.safe_dump(about))
+    assert len(read_table(bag).values("/pose/received")) == len(TOGETHER)
+
+
+def test_a_bag_that_lacks_a_file_which_it_lists_is_answered(tmp_path: Path) -> None:
+    with Bag(tmp_path / "run", "mcap") as bag:
+        bag.write_poses()
+    next((tmp_path / "run").glob("*.mcap")).unlink()
+    with pytest.raises(
+        ValueError, match=r"run: expected a bag of ROS, .* \(no file run.mcap, which metadata.yaml lists"
+    ):
+        read_table(tmp_path / "run")

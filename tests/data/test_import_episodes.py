@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import random
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from tests.data.logs import Truth
 from physid.cli import main
 from physid.data import RecordingSet
 from physid.data.importers.guessing import guess_mapping
+from physid.data.importers.tables.files import read_table
 
 parquet = pytest.importorskip("pyarrow.parquet", reason="needs physid[lerobot]")
 import pyarrow  # noqa: E402
@@ -101,7 +103,14 @@ def test_a_guess_knows_stamps_and_episodes(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("break_it", "message"),
     [
-        (lambda folder: (folder / "meta/info.json").write_text("{"), "info.json: expected JSON, found none"),
+        (
+            lambda folder: (folder / "meta/info.json").write_text("{"),
+            "info.json: expected the description of a data set as JSON, found a damaged file (Expecting property name",
+        ),
+        (
+            lambda folder: (folder / "meta/info.json").write_text("[" * 100_000),
+            "info.json: expected the description of a data set as JSON, found a damaged file (maximum recursion",
+        ),
         (
             lambda folder: (folder / "meta/info.json").write_text('{"codebase_version": "v1.6"}'),
             "expected a data set of version v2.0 or v2.1 or v3.0, found 'v1.6'; LeRobot converts older ones",
@@ -134,6 +143,68 @@ def test_a_broken_data_set_is_answered(
     assert not (tmp_path / "set").exists()
 
 
+def test_whatever_is_damaged_in_the_description_of_a_table_is_answered(tmp_path: Path) -> None:
+    """Types that nobody has, and what ends the process where pyarrow is asked for the description of a column."""
+    table = write_data_set(tmp_path / "pushes") / "data/chunk-000/episode_000000.parquet"
+    whole, draw, refused = table.read_bytes(), random.Random(0), 0
+    for _ in range(500):
+        changed = bytearray(whole)
+        changed[-draw.randrange(1, 3000)] = draw.randrange(256)
+        table.write_bytes(changed)
+        try:
+            read_table(table)
+        except ValueError as error:
+            refused += str(error).startswith(str(table))
+    assert refused > 50
+
+
 def test_a_folder_that_is_no_data_set_is_answered(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["import", "lerobot", str(tmp_path), *WORDS, "--out", str(tmp_path / "set")]) == 2
     assert "found no .parquet file in it, and no meta/info.json" in capsys.readouterr().err
+
+
+def test_a_data_set_of_v3_of_which_a_file_is_missing_is_refused(tmp_path: Path) -> None:
+    """How many files there are nothing says: rows and episodes are counted."""
+    place = write_data_set(tmp_path / "pushes", "v3.0")
+    (place / "data/chunk-000/file-001.parquet").unlink()
+    with pytest.raises(
+        ValueError, match=r"pushes: expected 3 total_episodes, which meta.info.json promises, found 2; down"
+    ):
+        read_table(place)
+    info = json.loads((place / "meta/info.json").read_text())
+    (place / "meta/info.json").write_text(json.dumps(info | {"total_frames": 1000}))
+    with pytest.raises(
+        ValueError, match=r"expected 1000 total_frames, which meta.info.json promises, found \d+; download"
+    ):
+        read_table(place)
+
+
+def test_two_features_that_come_to_one_name_are_refused(tmp_path: Path) -> None:
+    place = write_data_set(tmp_path / "pushes")
+    info = json.loads((place / "meta/info.json").read_text())
+    info["features"]["action"]["names"] = ["x", "y", "z"]
+    (place / "meta/info.json").write_text(json.dumps(info))
+    for index in range(len(TRUTHS)):
+        table = pyarrow.table(rows(index) | {"action/x": np.zeros(len(TRUTHS[index].time))})
+        parquet.write_table(table, place / f"data/chunk-000/episode_{index:06d}.parquet")
+    with pytest.raises(ValueError, match='expected each column once, found two that are called "action/x"; rename'):
+        read_table(place)
+
+
+def test_a_table_that_unpacks_to_more_than_its_size_promises_is_refused_by_its_description(tmp_path: Path) -> None:
+    """Zeros pack a thousand times; text and images beside numbers are not read, and do not count."""
+    count = 3_000_000
+    parquet.write_table(
+        pyarrow.table({name: np.zeros(count) for name in "abc"}), tmp_path / "log.parquet", compression="zstd"
+    )
+    with pytest.raises(ValueError, match=r"log.parquet: expected numbers of 67108864 bytes at most, .* found 72000000"):
+        read_table(tmp_path / "log.parquet")
+    lists = pyarrow.ListArray.from_arrays(np.arange(0, 3 * count + 1, 300), pyarrow.array(np.zeros(3 * count)))
+    parquet.write_table(pyarrow.table({"a.b": lists}), tmp_path / "lists.parquet", compression="zstd")
+    with pytest.raises(
+        ValueError, match=r"lists.parquet: expected numbers of 67108864 bytes at most, .* found \d+ or more"
+    ):
+        read_table(tmp_path / "lists.parquet")
+    there = {"text": ["push"] * count, "a": np.arange(float(count))}
+    parquet.write_table(pyarrow.table(there), tmp_path / "text.parquet", compression="zstd")
+    assert list(read_table(tmp_path / "text.parquet").columns) == ["a"]

@@ -185,7 +185,12 @@ def test_npz_arrays_of_several_bodies_and_clocks(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("header", "units", "step"),
-    [("t", {"time": "ms"}, 1e-3), ("t_us", {"time": "ms"}, 1e-6), ("t", {"time": "ms", "forces_time": "s"}, 1.0)],
+    [
+        ("t", {"time": "ms"}, 1e-3),
+        ("t_us", {"time": "ms"}, 1e-6),
+        ("t [us]", {"time": "ms"}, 1e-6),
+        ("t", {"time": "ms", "forces_time": "s"}, 1.0),
+    ],
 )
 def test_stamps_of_forces_are_in_the_unit_of_the_poses_unless_something_says_otherwise(
     tmp_path: Path, header: str, units: dict[str, str], step: float
@@ -193,7 +198,7 @@ def test_stamps_of_forces_are_in_the_unit_of_the_poses_unless_something_says_oth
     time = np.arange(60) / 100
     write_csv(tmp_path / "log.csv", ["t", "x", "y", "z"], [time * 1e3, time, 0 * time, 0 * time + 0.1])
     write_csv(tmp_path / "log_forces.csv", [header, "fx", "fy", "fz"], [time / step, time, 0 * time, 0 * time])
-    forces = {"file": "{stem}_forces.csv", "time": header}
+    forces = {"file": "{stem}_forces.csv", "time": header.partition(" ")[0]}
     body = BODY | {"position": ["x", "y", "z"], "orientation": "none", "force": ["fx", "fy", "fz"]}
     import_logs([tmp_path / "log.csv"], {"time": "t", "units": units, "forces": forces, **body}, tmp_path / "out")
     found = RecordingSet(tmp_path / "out").read(0)
@@ -314,11 +319,14 @@ FORCES = {"force": ["fx", "fy", "fz"], "trajectory": "episode"}
 
 
 @pytest.mark.parametrize("forces", [{"time": "t"}, {"rate": 100.0}], ids=str)
+@pytest.mark.parametrize("header", ["episode", "episode [1]"])
 @pytest.mark.parametrize("rows", [(20, 20), (25, 20), (20, 40)], ids=str)
 def test_a_log_of_forces_that_numbers_trajectories_gives_each_its_own(
-    rows: tuple[int, int], forces: dict[str, Any], tmp_path: Path
+    rows: tuple[int, int], header: str, forces: dict[str, Any], tmp_path: Path
 ) -> None:
     logs, where = episodes(tmp_path, rows, named=True, stamped="time" in forces), {"file": "{stem}_forces.csv"}
+    for log in tmp_path.glob("*.csv"):
+        log.write_text(log.read_text().replace("episode", header))
     import_logs(logs, COLUMNS | FORCES | {"forces": where | forces}, tmp_path / "out")
     for index, (count, push) in enumerate(zip(rows, (1.0, 9.0), strict=True)):
         found = RecordingSet(tmp_path / "out").read(index)

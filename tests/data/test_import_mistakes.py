@@ -410,7 +410,18 @@ def test_separators_of_thousands_are_no_decimal_marks(tmp_path: Path) -> None:
     (tmp_path / "log.csv").write_text("t;x\n0.00;1,000\n0.01;1,010\n")
     table = read_table(tmp_path / "log.csv")
     assert table.values("t").tolist() == [0.0, 0.01]
-    with pytest.raises(ValueError, match=r'log.csv:2: expected a number in column "x", found "1,000"'):
+    with pytest.raises(ValueError, match=r'log.csv:2: expected a number in column "x", found "1,000"; is the mark'):
+        table.values("x")
+
+
+def test_points_separate_thousands_where_commas_are_decimal(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text("t;x;y;z;w\n0,00;999,5;0.5;0,010;0,5\n0,01;1.001;1.751;0,020;1,751\n")
+    table = read_table(tmp_path / "log.csv")
+    assert table.values("t").tolist() == [0.0, 0.01]
+    assert table.values("y").tolist() == [0.5, 1.751], "a mark of decimals in one cell of a column is one in all"
+    assert table.values("z").tolist() == [0.01, 0.02], "no thousands begin with a zero"
+    assert table.values("w").tolist() == [0.5, 1.751]
+    with pytest.raises(ValueError, match=r'log.csv:3: expected a number in column "x", found "1.001"; is the mark one'):
         table.values("x")
 
 
@@ -418,6 +429,27 @@ def test_a_packed_table_is_answered_with_how_to_unpack_it(tmp_path: Path) -> Non
     (tmp_path / "log.csv").write_bytes(gzip.compress(b"t,x\n0,1\n"))
     with pytest.raises(ValueError, match=r"log.csv: expected a table, found one that gzip has packed; unpack it"):
         read_table(tmp_path / "log.csv")
+
+
+def test_a_log_that_the_memory_has_no_room_for_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = write_csv(tmp_path / "log.csv", list(COLUMNS), list(COLUMNS.values()))
+
+    def fail(*_: object, **__: object) -> None:
+        raise MemoryError("Unable to allocate 72.8 TiB for an array with shape (10000000000000,)")
+
+    monkeypatch.setattr(np, "loadtxt", fail)
+    assert main(["import", str(log), "rate=1", "--out", str(tmp_path / "out"), "--guess"]) == 1
+    said = capsys.readouterr().err
+    assert f"{log}: expected room in memory for all of it, found none; split it" in said
+    assert "batch_size" not in said
+
+
+def test_arrays_that_come_to_one_name_are_refused(tmp_path: Path) -> None:
+    np.savez(tmp_path / "log.npz", **{"pos": np.zeros((9, 3)), "pos[0]": np.ones(9)})
+    with pytest.raises(ValueError, match=r'expected each column once, found two that are called "pos\[0\]"; rename'):
+        read_table(tmp_path / "log.npz")
 
 
 def test_an_archive_that_declares_more_than_it_holds_is_refused(tmp_path: Path) -> None:
@@ -613,7 +645,13 @@ def test_a_suffix_in_capitals_may_be_a_name_of_its_own() -> None:
 
 @pytest.mark.parametrize(
     ("names", "order"),
-    [(["pitch", "roll", "yaw"], "xyz"), (["yaw", "pitch", "roll"], "ZYX"), (["rz", "ry", "rx"], "ZYX")],
+    [
+        (["roll", "pitch", "yaw"], "xyz"),
+        (["yaw", "pitch", "roll"], "ZYX"),
+        (["rz", "ry", "rx"], "ZYX"),
+        (["roll", "yaw", "pitch"], "xzy"),
+        (["a", "b", "yaw"], "zyx"),
+    ],
 )
 def test_angles_may_be_listed_and_named_as_they_are_meant(tmp_path: Path, names: list[str], order: str) -> None:
     angles = [COLUMNS["x"], 0.5 * COLUMNS["x"], -COLUMNS["x"]]
@@ -625,6 +663,43 @@ def test_angles_may_be_listed_and_named_as_they_are_meant(tmp_path: Path, names:
     assert pose is not None
     meant = Rotation.from_euler(order, np.stack(angles, 1))
     assert (Rotation.from_quat(pose[:, 0, 3:]) * meant.inv()).magnitude().max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ({"euler": ["yaw"], "euler_order": "x"}, "euler_order says x, but the columns are yaw"),
+        ({"euler": ["yaw", "roll", "pitch"], "euler_order": "xyz"}, "euler_order says xyz, but .* yaw, roll, pitch"),
+        ({"euler": ["pitch", "roll", "yaw"], "euler_order": "xyz"}, "euler_order says xyz, but .* pitch, roll, yaw"),
+        ({"euler": ["rx", "rz"], "euler_order": "ZX"}, "euler_order says ZX, but the columns are rx, rz"),
+        ({"quaternion": ["qx", "qw", "qy", "qz"], "order": "xyzw"}, "order says xyzw, but .* qx, qw, qy, qz; list"),
+        ({"quaternion": ["qx", "qw", "qy", "qz"]}, "order says nothing, .* but the columns are qx, qw, qy, qz; list"),
+        ({"quaternion": ["qi", "qr", "qj", "qk"], "order": "wxyz"}, "order says wxyz, but .* qi, qr, qj, qk; list"),
+    ],
+)
+def test_names_that_say_an_order_say_the_one_that_is_given(tmp_path: Path, keys: dict[str, Any], said: str) -> None:
+    names = {
+        "rx": "x",
+        "rz": "z",
+        "roll": "x",
+        "pitch": "y",
+        "yaw": "z",
+        "qi": "qx",
+        "qj": "qy",
+        "qk": "qz",
+        "qr": "qw",
+    }
+    there = COLUMNS | {name: COLUMNS[like] for name, like in names.items()}
+    log = write_csv(tmp_path / "log.csv", list(there), list(there.values()))
+    with pytest.raises(ValueError, match=said):
+        import_logs([log], {**GOOD, "quaternion": None} | keys, tmp_path / "out")
+
+
+def test_yaw_may_be_about_another_axis_where_z_is_not_upright(tmp_path: Path) -> None:
+    there = COLUMNS | {"yaw": COLUMNS["x"]}
+    log = write_csv(tmp_path / "log.csv", list(there), list(there.values()))
+    keys = {"quaternion": None, "euler": ["yaw"], "euler_order": "y", "axes": "y-up"}
+    assert import_logs([log], GOOD | keys, tmp_path / "out").trajectories == 1
 
 
 def test_a_guess_says_the_unit_where_brackets_hold_another_word(tmp_path: Path) -> None:
@@ -657,6 +732,48 @@ def test_a_line_that_numbers_columns_is_no_row(tmp_path: Path, text: str) -> Non
     table = read_table(tmp_path / "log.csv")
     assert table.values("0").tolist() == [0.0, 0.1]
     assert table.values("2").tolist() == [1.5, 3.5]
+
+
+def test_a_line_of_many_names_is_read(tmp_path: Path) -> None:
+    names = ["t", *(f"column_{number}" for number in range(20_000))]
+    rows = [",".join([f"{row / 10:g}", *["0"] * 20_000]) for row in range(2)]
+    (tmp_path / "log.csv").write_text("\n".join([",".join(names), *rows, ""]))
+    assert list(read_table(tmp_path / "log.csv").columns) == names
+
+
+def test_a_name_that_never_ends_is_cut_in_messages(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text(f"x,y,{'z' * 10_000}\n1,2,3\n4,5,6\n")
+    for name in ("height", "Y"):
+        with pytest.raises(ValueError, match=f'no column "{name}"') as caught:
+            read_table(tmp_path / "log.csv").find(name)
+        assert len(str(caught.value)) < 500
+
+
+def test_units_that_names_alone_say_are_noted_unless_the_mapping_says_them(tmp_path: Path) -> None:
+    """A name that ends in _cm may mean a centre of mass."""
+    names = {"t": "t_ms", "x": "x_cm", "y": "y_cm", "z": "z [cm]", "fx": "fx_N"}
+    there = {names.get(name, name): values for name, values in COLUMNS.items()}
+    there["t_ms"] = 1e3 * there["t_ms"]
+    log = write_csv(tmp_path / "log.csv", list(there), list(there.values()))
+    mapping = GOOD | {"time": "t_ms", "position": ["-x_cm", "y_cm", "z"], "force": ["fx_N", "fy", "fz"]}
+    notes = import_logs([log], mapping, tmp_path / "out").notes
+    assert "x_cm, y_cm: taken in cm, as the name ends; if it does not mean that, rename the column" in notes
+    assert [note.partition(":")[0] for note in notes if "as the name ends" in note] == ["t_ms", "x_cm, y_cm", "fx_N"]
+    units = {"position": "cm", "time": "ms", "force": "N"}
+    notes = import_logs([log], mapping | {"units": units}, tmp_path / "more").notes
+    assert not [note for note in notes if "as the name ends" in note]
+
+
+@pytest.mark.parametrize("empty", ["-", "null", "N/A", "nan"])
+def test_a_first_row_in_which_nothing_was_measured_is_a_row(tmp_path: Path, empty: str) -> None:
+    """Dashes stand for no unit beside units, and for nothing measured without."""
+    rows = [f"{empty},{empty},{empty}", *(f"{0.01 * row:g},0.5,0.025" for row in range(1, 40))]
+    (tmp_path / "log.csv").write_text("\n".join(["x,y,z", *rows, ""]))
+    assert len(read_table(tmp_path / "log.csv").values("x")) == 40
+    (tmp_path / "log.csv").write_text("\n".join(["x,y,q", "mm,mm,-", *rows[1:], ""]))
+    table = read_table(tmp_path / "log.csv")
+    assert len(table.values("x")) == 39
+    assert table.units["x"] == "mm"
 
 
 def test_underscores_are_no_part_of_numbers(tmp_path: Path) -> None:

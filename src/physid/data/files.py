@@ -158,12 +158,13 @@ def write_text(path: Path, text: str) -> None:
     write_whole(path, lambda part: _ignore(part.write_text(text, encoding="utf-8", newline="")))
 
 
-def read_json(path: Path, what: str) -> Any:
+def read_json(path: Path, what: str, remedy: str = "delete it") -> Any:
     """Read a JSON file.
 
     Args:
         path: The file.
         what: What it should hold, for the message.
+        remedy: What to do if it does not.
 
     Raises:
         OSError: If it cannot be read.
@@ -173,7 +174,7 @@ def read_json(path: Path, what: str) -> Any:
         return json.loads(read_text(path))
     except (ValueError, RecursionError) as error:
         reason = str(error).splitlines()[0] if path.stat().st_size else "an empty file"
-        raise ValueError(f"{path}: expected {what} as JSON, found a damaged file ({reason}); delete it") from None
+        raise ValueError(f"{path}: expected {what} as JSON, found a damaged file ({reason}); {remedy}") from None
 
 
 def write_tensors(path: Path, state: Mapping[str, Any]) -> None:

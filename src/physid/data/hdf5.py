@@ -16,7 +16,7 @@ FILTERS = {1: "gzip", 2: "shuffle", 3: "fletcher32", 32000: "lzf"}  # by their n
 MOST_COMPRESSION = 1032
 """Bytes that one byte of deflate can stand for (zlib's technical notes); LZF reaches less."""
 MOST_PACKED, FREE = 100, 1 << 26
-"""The same of floating-point numbers, as in archives of NumPy, and bytes that are free: forces that stay the same pack
+"""The same of floating-point numbers, as in logs of any kind, and bytes that are free: forces that stay the same pack
 better, motion packs two to ten times."""
 LONGEST_TEXT = 4096  # bytes of a text attribute
 Index = int | slice | tuple[()]
@@ -24,6 +24,11 @@ Index = int | slice | tuple[()]
 
 class FormatError(ValueError):
     """What is wrong with an open file; `opened` adds the file's name."""
+
+
+def most_unpacked(held: int) -> int:
+    """Return how many bytes of numbers so many bytes of a file may stand for."""
+    return max(MOST_PACKED * held, FREE)
 
 
 @contextmanager
@@ -88,7 +93,7 @@ def declared(file: h5py.File, name: str) -> tuple[np.dtype[Any], tuple[int, ...]
     packed = any(FILTERS[one] in ("gzip", "lzf") for one in filters)
     most = held * (MOST_COMPRESSION if packed else 1)
     if packed and dtype.kind == "f":
-        most = min(most, max(MOST_PACKED * held, FREE))
+        most = min(most, most_unpacked(held))
     if size > most or held > Path(file.filename).stat().st_size:
         raise FormatError(f"{name}: expected the {size} bytes of shape {shape}, found {held} in the file")
     if dataset.chunks is not None:

@@ -17,6 +17,10 @@ SPENT = ("can't allocate memory", "not enough memory", "out of memory")
 FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
+class NoRoomError(MemoryError):
+    """Memory that is short for one file; the message names it."""
+
+
 def out_of_memory(error: Exception) -> bool:
     """Return whether an error says that the memory of the machine, or of its accelerator, is spent.
 
@@ -38,11 +42,11 @@ def worded(error: Exception) -> str:
     Returns:
         The message. Names of files that are physid's own business, such as `.part`, are not in it.
     """
-    if out_of_memory(error):
+    if out_of_memory(error) and not isinstance(error, NoRoomError):
         wanted = re.search(r"(?:allocate|allocating) ([\d.]+ ?\w*)", str(error))
         return (
-            f"memory: expected room for {wanted[1] if wanted else 'what was asked for'}, found none; take fewer or "
-            "shorter trajectories (trajectories, steps, limit, batch_size), fewer substeps or fewer workers"
+            f"memory: expected room for {wanted[1] if wanted else 'what was asked for'}, found none; ask for less at "
+            "once, by what the command has of limit, trajectories, steps, batch_size, substeps and workers (its --help)"
         )
     if isinstance(error, UnicodeEncodeError):
         return f"expected names of files and folders in UTF-8, found {shown(error.object)}; rename what is called so"

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from physid.data.importers.mapping import Reference
 from physid.data.importers.tables.table import Table
-from physid.data.importers.units import UNITS, canonical, factor_of
+from physid.data.importers.units import UNITS, canonical, factor_of, is_suffixed
 from physid.strict import nearest, quoted
 
 Array = NDArray[np.float64]
@@ -60,14 +60,23 @@ def expanded(table: Table, references: Sequence[Reference], count: int) -> list[
     return list(references)
 
 
+def is_constant(table: Table, reference: Reference) -> bool:
+    """Tell whether a reference is a number, and no column."""
+    return isinstance(reference, int | float) and str(reference) not in table.columns
+
+
+def unsigned(table: Table, reference: Reference) -> str:
+    """Return the name that a reference means, without the sign that turns its values round."""
+    name = str(reference)
+    return name[1:] if name.startswith("-") and name not in table.columns else name
+
+
 def signed(table: Table, reference: Reference) -> tuple[Array | float, str | None]:
     """Return the values that a reference means and its column, or a constant."""
-    if isinstance(reference, int | float) and str(reference) not in table.columns:
+    if is_constant(table, reference):
         return float(reference), None
-    name, sign = str(reference), 1.0
-    if name.startswith("-") and name not in table.columns:
-        name, sign = name[1:], -1.0
-    return sign * table.values(name), table.find(name)
+    name = unsigned(table, reference)
+    return (1.0 if name == str(reference) else -1.0) * table.values(name), table.find(name)
 
 
 def _factor(table: Table, column: str | None, quantity: str | None, given: str | None) -> float:
@@ -92,6 +101,26 @@ def _factor(table: Table, column: str | None, quantity: str | None, given: str |
             "correct one of them"
         )
     return factor_of(quantity, wanted or header or DEFAULTS[quantity], f"units.{quantity}")
+
+
+def units_of_names(table: Table, columns: Mapping[str, Sequence[Reference]], units: Mapping[str, str]) -> list[str]:
+    """Say of which columns the unit is known by how their names end alone.
+
+    Args:
+        table: The log.
+        columns: The columns that are read, by quantity.
+        units: What the mapping says of quantities; of these nothing is said.
+    """
+    found: dict[str, list[str]] = {}
+    for quantity, references in columns.items():
+        for reference in () if quantity in units else references:
+            for name in () if is_constant(table, reference) else table.components(unsigned(table, reference)):
+                if name in table.units and is_suffixed(name) and canonical(table.units[name], quantity):
+                    found.setdefault(table.units[name], []).append(name)
+    return [
+        f"{', '.join(names)}: taken in {unit}, as the name ends; if it does not mean that, rename the column"
+        for unit, names in found.items()
+    ]
 
 
 def require_increasing(table: Table, time: Array, rows: NDArray[np.intp]) -> None:

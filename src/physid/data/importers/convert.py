@@ -99,6 +99,8 @@ def _recordings(files: Sequence[Path], log: LogMap, notes: list[str]) -> Iterato
             notes.append(
                 f"{file}: bodies have clocks of their own; {whole} of {len(poses.pose)} frames hold all of them"
             )
+        taken = [*poses.notes, *(() if forces is None else (*forces.notes, *_frames(poses, forces, log)))]
+        notes += [one for one in taken if one not in notes]
         if forces is not None and forces.empty:
             notes.append(f"{other or file}: {forces.empty} rows without forces; the force before each is held")
         if poses.time is None and forces is not None and forces.time is not None and log.time_step is not None:
@@ -164,6 +166,17 @@ def _recording(file: Path, poses: Poses, forces: Forces | None, group: int, log:
             assert frame is not None, NO_STAMPS
             wrench_time, wrench = along_lines(rows_at, wrench, frame)
     return Recording(pose=poses.pose[frames], wrench=wrench, time=time, wrench_time=wrench_time, protocol=log.protocol)
+
+
+def _frames(poses: Poses, forces: Forces, log: LogMap) -> list[str]:
+    """Say that a log has frames of several names, which are taken for one; transforms are not chained."""
+    if log.forces.axes == "body" or len({*poses.frames, *forces.frames}) < 2:
+        return []
+    return [
+        f"poses are in the frame {' and '.join(poses.frames) or 'that none names'}, forces in "
+        f"{' and '.join(forces.frames) or 'one that none names'}; both are taken for the axes of the world; of a "
+        "sensor that turns with the body: forces.axes=body"
+    ]
 
 
 def _held(time: Any) -> list[str]:

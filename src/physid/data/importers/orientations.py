@@ -14,6 +14,7 @@ from physid.data.importers.tables.table import Table
 from physid.data.importers.units import split_header
 
 Array = NDArray[np.float64]
+ANGLES = ("euler", "rotation_vector")
 TURNS = {"roll": "x", "pitch": "y", "yaw": "z"}  # where z is up or down
 
 
@@ -23,7 +24,7 @@ def read_orientations(
     """Return unit quaternions x y z w (T, 4) in the log's axes, and rows that hold none."""
     if each.orientation == "orientation":
         return np.tile([0.0, 0.0, 0.0, 1.0], (rows, 1)), ()
-    if each.orientation in ("euler", "rotation_vector"):
+    if each.orientation in ANGLES:
         sequence = each.order or "xyz"
         count = len(sequence) if each.orientation == "euler" else 3
         if each.orientation == "euler":
@@ -39,36 +40,43 @@ def read_orientations(
 
 
 def _require_order(table: Table, names: Sequence[Reference], sequence: str, *, upright: bool) -> None:
-    """Refuse angles whose names say another order: other letters, or roll, pitch and yaw where yaw, pitch and roll are.
+    """Refuse angles whose names say another order than the one that is given.
 
-    Where z is upright, roll, pitch and yaw mostly are about x, y and z; whoever lists them otherwise may mean it.
+    Where z is upright, roll, pitch and yaw are about x, y and z.
     """
-    bare = [split_header(str(name))[0].lower() for name in names]
+    bare = [_bare(name) for name in names]
     plain = "".join(name[-1:] for name in bare)
     spoken = "".join(next((axis for word, axis in TURNS.items() if name.endswith(word)), "?") for name in bare)
-    wrong = set(plain) <= set("xyz") and plain != sequence.lower()
-    if wrong or (upright and len(spoken) > 1 and spoken == sequence.lower()[::-1]):
+    said = [plain, spoken] if upright else [plain]
+    if any(set(one) <= set("xyz") and one != sequence.lower() for one in said):
         raise ValueError(
             f"{table.path}: euler_order says {sequence}, but the columns are {', '.join(map(str, names))}; list them "
-            "as they stand in the order that you give"
+            "as they stand in the order that you give, or, where a name means another axis (roll, pitch, yaw: x, y, z)"
+            ", rename the column"
         )
 
 
 def _order_of(table: Table, names: Sequence[Reference], order: str | None) -> str:
     """Return the order of a quaternion's columns: as the mapping says, or as their names end."""
-    ends = "".join(split_header(str(name))[0].lower()[-1:] for name in names)
-    named = {"xyzw": "xyzw", "wxyz": "wxyz", "ijkr": "xyzw", "rijk": "wxyz"}.get(ends)
-    if order is None and named is None:
+    ends = "".join(_bare(name)[-1:] for name in names)
+    named = ends.translate(str.maketrans("ijkr", "xyzw")) if sorted(ends) == sorted("ijkr") else ends
+    said = named if sorted(named) == sorted("xyzw") else None
+    if order is None and said is None:
         raise ValueError(
             f"{table.path}: expected order: xyzw or wxyz, for the names {', '.join(map(str, names))} do not say it; a "
             "body at rest in its first orientation has w near 1"
         )
-    if order is not None and named is not None and named != order:
+    if said is not None and said not in (("xyzw", "wxyz") if order is None else (order,)):
         raise ValueError(
-            f"{table.path}: order says {order}, but the columns are {', '.join(map(str, names))}; list them as they "
-            "stand in the order that you give, or leave order out"
+            f"{table.path}: order says {order or 'nothing, which leaves xyzw or wxyz'}, but the columns are "
+            f"{', '.join(map(str, names))}; list them as they stand in the order that you give, or leave order out"
         )
-    return order or named or "xyzw"
+    return order or said or "xyzw"
+
+
+def _bare(name: Reference) -> str:
+    """Return the name of a column without its unit, in small letters."""
+    return split_header(str(name))[0].lower()
 
 
 def say_why_none(each: BodyMap, table: Table, row: int) -> str:

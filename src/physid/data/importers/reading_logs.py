@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,12 +15,14 @@ from physid.data.importers.columns import (
     read_columns,
     read_stamps,
     require_increasing,
+    units_of_names,
 )
 from physid.data.importers.mapping import BodyMap, LogMap
-from physid.data.importers.orientations import read_orientations, say_why_none
+from physid.data.importers.orientations import ANGLES, read_orientations, say_why_none
 from physid.data.importers.rotations import in_world, turned
 from physid.data.importers.tables.files import read_table
 from physid.data.importers.tables.table import Table
+from physid.data.importers.topics import frames_of_poses, names_of_rows, topic_of_forces
 from physid.scenes.rotations import rotate
 
 Array = NDArray[np.float64]
@@ -36,12 +38,16 @@ class Poses:
         pose: World frame, NaN where not seen, shape (T, N, 7).
         group: Number of the trajectory that each row belongs to, shape (T,).
         names: By which the log's own column names these trajectories, in their order; none without such a column.
+        frames: That the log says they are in.
+        notes: What was taken for granted, a line each.
     """
 
     time: Array | None
     pose: Array
     group: NDArray[np.int64]
     names: Array = field(default_factory=lambda: np.empty(0))
+    frames: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def turned(self, wrench: Array, at: Array, frames: NDArray[np.intp], time: Array) -> Array:
         """Turn wrenches in the axes of bodies into the world, see `in_world`; `frames` are those of a trajectory."""
@@ -58,6 +64,8 @@ class Forces:
         row: Row of the log that each comes from, shape (S,).
         empty: Rows of the log without forces.
         names: Of the trajectory of each, where a log of forces alone has the column that names them, shape (S,).
+        frames: That the log says they are in.
+        notes: What was taken for granted, a line each.
     """
 
     time: Array | None
@@ -65,6 +73,8 @@ class Forces:
     row: NDArray[np.int64]
     empty: int
     names: Array | None = None
+    frames: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 def read_poses(table: Table, log: LogMap) -> Poses:
@@ -76,9 +86,10 @@ def read_poses(table: Table, log: LogMap) -> Poses:
     Raises:
         ValueError: If a column is missing, units contradict each other, or a row holds no pose.
     """
+    frames = frames_of_poses(table, log)
     bodies = [_pose_of(table, each, log) for each in log.bodies]
     if any(each.clock is not None for each in log.bodies):
-        return _on_one_clock(table, bodies, log)
+        return replace(_on_one_clock(table, bodies, log), frames=frames, notes=_notes_of_poses(table, log))
     if len({len(each) for each in bodies}) > 1:
         raise ValueError(
             f"{table.path}: expected poses of all bodies in the same rows, found {[len(b) for b in bodies]}; where "
@@ -94,7 +105,25 @@ def read_poses(table: Table, log: LogMap) -> Poses:
     if time is not None:
         for one in range(group.max() + 1):
             require_increasing(table, time[group == one], np.flatnonzero(group == one))
-    return Poses(time, pose, group, names)
+    return Poses(time, pose, group, names, frames, _notes_of_poses(table, log))
+
+
+def _notes_of_poses(table: Table, log: LogMap) -> tuple[str, ...]:
+    """Say which units were taken from the names of columns of poses."""
+    clocks = [one for one in (log.time, *(each.clock for each in log.bodies)) if one is not None]
+    turns = [one for each in log.bodies if each.orientation in ANGLES for one in each.columns]
+    places = [one for each in log.bodies for one in each.position]
+    return tuple(units_of_names(table, {"time": clocks, "position": places, "angle": turns}, log.units))
+
+
+def _notes_of_forces(table: Table, log: LogMap) -> tuple[str, ...]:
+    """Say which units were taken from the names of columns of forces."""
+    columns = {
+        "force": [one for each in log.bodies for one in each.force],
+        "torque": [one for each in log.bodies for one in each.torque],
+        "time": [] if log.forces.time is None or "forces_time" in log.units else [log.forces.time],
+    }
+    return tuple(units_of_names(table, columns, log.units))
 
 
 def _on_one_clock(table: Table, bodies: Sequence[Array], log: LogMap) -> Poses:
@@ -139,6 +168,7 @@ def read_forces(table: Table, log: LogMap, *, own: bool) -> Forces | None:
     """
     if not any(each.force or each.torque for each in log.bodies):
         return None
+    topic = topic_of_forces(table, log, own=own)
     sign = float(np.sign(np.linalg.det(log.axes)))  # a torque is a pseudovector: a mirror turns it round
     axes = np.diag([1.0, 1.0, sign]) if log.forces.axes == "body" else log.axes  # boxes are mirrored along z (`turned`)
     parts = []
@@ -164,13 +194,13 @@ def read_forces(table: Table, log: LogMap, *, own: bool) -> Forces | None:
     time = None
     if clock is not None:
         unit = log.units.get("forces_time")
-        if unit is None and not (own and table.units.get(str(clock))):  # what a header of their own says is theirs
+        # What a header of their own says is theirs.
+        if unit is None and not (own and table.units.get(table.find(clock))):
             unit = log.units.get("time")
         time = read_stamps(table, clock, unit)
     elif log.forces.rate is not None:
         time = np.arange(count) / log.forces.rate
-    listed = table.columns.get(str(log.trajectory)) if own else None
-    names = listed if listed is not None and len(listed) == count else None
+    names = names_of_rows(table, log, topic, count) if own else None
     if names is not None and clock is None and time is not None:
         _, first, which = np.unique(names, return_index=True, return_inverse=True)
         time = time - time[first][which]
@@ -183,7 +213,15 @@ def read_forces(table: Table, log: LogMap, *, own: bool) -> Forces | None:
         for one in [row] if names is None else [row[names[row] == name] for name in np.unique(names[row])]:
             require_increasing(table, time[one], one)
     stamps = None if time is None else time[row] + log.forces.offset
-    return Forces(stamps, wrench[row], row, int(empty.sum()), None if names is None else names[row])
+    return Forces(
+        stamps,
+        wrench[row],
+        row,
+        int(empty.sum()),
+        None if names is None else names[row],
+        table.frames.get(topic, ()),
+        _notes_of_forces(table, log),
+    )
 
 
 def along_lines(time: Array, wrench: Array, frame: float) -> tuple[Array, Array]:

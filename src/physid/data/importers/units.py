@@ -74,5 +74,15 @@ def canonical(unit: str, quantity: str) -> str | None:
 
 def split_header(header: str) -> tuple[str, str | None]:
     """Split "x [mm]", "x (mm)" or "x_mm" into name and unit; None where a header names no unit."""
-    found = BRACKETED.match(header) or SUFFIXED.match(header) or FORCE_IN_N.match(header)
+    found = BRACKETED.match(header) or _suffixed(header)
     return (found["name"].strip(), found["unit"].strip()) if found and found["name"] else (header.strip(), None)
+
+
+def is_suffixed(header: str) -> bool:
+    """Tell whether a header names its unit by how it ends alone, which other words do as well: x_cm, centre of mass."""
+    return not BRACKETED.match(header) and _suffixed(header) is not None
+
+
+def _suffixed(header: str) -> re.Match[str] | None:
+    """Find the unit with which a header ends."""
+    return SUFFIXED.match(header) or FORCE_IN_N.match(header)

@@ -52,11 +52,13 @@ def say_time(table: Table, place: Sequence[str], said: Lines) -> str:
 def clock_of(table: Table, columns: Sequence[str]) -> str:
     """Return the column of stamps that goes with columns, by its name; of several the one with most of it in common."""
     length = len(table.columns[bare(columns[0])]) if columns else None
+    topic = table.topics.get(bare(columns[0])) if columns else None
     named = [
         name
         for name, each in table.columns.items()
         if re.split(r"[_\s\[(]", split_header(name)[0].lower().rpartition("/")[2])[0] in TIME
         and length in (None, len(each))
+        and topic in (None, table.topics.get(name))
     ]
     rising = [name for name in named if rises(table.columns[name])]
     start = bare(columns[0]) if columns else ""

@@ -72,7 +72,7 @@ def listed(table: Table, columns: Sequence[str]) -> str:
 
 def frame_of(table: Table, columns: Sequence[str], point: str = "") -> str:
     """Say which frame the log says that columns are in; nothing where it does not."""
-    frame = next((said for start, said in table.frames.items() if bare(columns[0]).startswith(start)), "")
+    frame = " and ".join(table.frames.get(table.topic_of(bare(columns[0])), ()))
     return (
         f"in the frame {frame}: are its axes the world's" + (f", its origin {point}?" if point else "?")
         if frame

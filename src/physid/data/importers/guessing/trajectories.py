@@ -29,7 +29,7 @@ def say_trajectory(table: Table, clock: str, said: Lines) -> None:
         name: values
         for name, values in table.columns.items()
         if NUMBERED.fullmatch(split_header(name)[0].rpartition("/")[2].strip()) and name != clock
-        if stamps is None or len(values) == len(stamps)
+        if stamps is None or (len(values) == len(stamps) and table.topics.get(name) == table.topics.get(clock))
     }
     if stamps is not None and not rises(stamps) and len(stamps) > 1:
         back = [name for name, values in named.items() if _rises_within(stamps, values)]

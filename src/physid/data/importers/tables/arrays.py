@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import zipfile
 import zlib
+from collections.abc import Iterator, Mapping
 from math import prod
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from physid.data.hdf5 import MOST_PACKED
-from physid.data.importers.tables.table import Table
+from physid.data.hdf5 import most_unpacked
+from physid.data.importers.tables.table import Table, named_once
 
 MOST_COLUMNS = 10_000
 
@@ -25,7 +27,7 @@ def read_arrays(path: Path) -> Table:
     try:
         with path.open("rb") as file, zipfile.ZipFile(file) as packed:
             size = sum(entry.file_size for entry in packed.infolist())
-            if size > MOST_PACKED * path.stat().st_size + (1 << 20):
+            if size > most_unpacked(path.stat().st_size):
                 raise ValueError(f"{size} bytes packed into {path.stat().st_size}")
             for entry in packed.infolist():
                 _require_held(packed, entry)
@@ -46,14 +48,17 @@ def read_arrays(path: Path) -> Table:
             f"{path}: expected arrays with time as first axis, {MOST_COLUMNS} columns at most, found {count}; turn or "
             "thin them"
         )
-    columns: dict[str, Any] = {}
-    for name, each in numbers.items():
+    return Table(path, named_once(path, _columns(numbers)), {}, {}, 0)
+
+
+def _columns(arrays: Mapping[str, NDArray[Any]]) -> Iterator[tuple[str, NDArray[np.float64]]]:
+    """Yield the columns of arrays, those of several axes taken apart."""
+    for name, each in arrays.items():
         if each.ndim == 1:
-            columns[name] = each.astype(np.float64)
+            yield name, each.astype(np.float64)
         else:
             for place in np.ndindex(each.shape[1:]):
-                columns[f"{name}[{','.join(map(str, place))}]"] = each[(slice(None), *place)].astype(np.float64)
-    return Table(path, columns, {}, {}, 0)
+                yield f"{name}[{','.join(map(str, place))}]", each[(slice(None), *place)].astype(np.float64)
 
 
 def _require_held(packed: zipfile.ZipFile, entry: zipfile.ZipInfo) -> None:

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
 from operator import attrgetter
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from physid.data.importers.tables.table import Table
+from physid.data.importers.tables.databases import UnsoundDatabaseError, require_plain_tables
+from physid.data.importers.tables.packed import OPENERS, TooTightlyPackedError, Unpacking
+from physid.data.importers.tables.table import STAMP, Table, named_once
+from physid.yaml_files import read_yaml
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
@@ -18,12 +24,17 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Getter = Callable[[Any], float]
 Row = tuple[float, ...]
-STAMP, RECEIVED = "header/stamp", "received"
+RECEIVED = "received"
 TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
 TRANSFORMS, TRANSFORM = "tf2_msgs/msg/TFMessage", "geometry_msgs/msg/TransformStamped"
 BYTES, TEXTS = ("uint8", "int8", "byte", "char", "octet"), ("string", "wstring")
 MOST_ELEMENTS = 16  # of an array of fixed length that become columns; covariances do not
+METADATA, DATABASE, FORMAT = "metadata.yaml", ".db3", "zstd"
 DAMAGED = "expected a bag of ROS, found what cannot be read"
+
+
+class RefusedBagError(ValueError):
+    """What a sound bag holds and no mapping can name."""
 
 
 def read_bag(path: Path) -> Table:
@@ -36,7 +47,8 @@ def read_bag(path: Path) -> Table:
     at a time.
 
     Raises:
-        ValueError: If rosbags is not installed, or the bag is damaged or holds no numbers.
+        ValueError: If rosbags is not installed, or the bag is damaged, holds no numbers, unpacks to more than its size
+            promises, or has messages of several types on one topic.
     """
     try:
         from rosbags.highlevel import AnyReader
@@ -47,36 +59,108 @@ def read_bag(path: Path) -> Table:
         ) from None
     topics: dict[str, _Topic] = {}
     try:
-        with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
-            for name, row, frame, names in _rows(reader):
-                topics.setdefault(name, _Topic(names)).add(row, frame)
-    except PermissionError:
+        with _storages(path) as (files, unpacking, mode):
+            for file in files:
+                if file.suffix == DATABASE:
+                    require_plain_tables(file)
+            with _unpacked_by(unpacking), AnyReader(files, default_typestore=get_typestore(Stores.LATEST)) as reader:
+                unpack = partial(unpacking.unpack, FORMAT) if mode == "message" else None
+                for name, kind, row, frame, names in _rows(reader, unpack):
+                    topics.setdefault(name, _Topic(path, name, kind, names)).add(kind, row, frame)
+    except (PermissionError, RefusedBagError, TooTightlyPackedError, UnsoundDatabaseError):
         raise
     except Exception as error:  # what a foreign file makes a foreign parser raise is of many kinds
         remedy = "; was the recording cut off? try: mcap recover FILE" if path.suffix == ".mcap" else ""
-        raise ValueError(f"{path}: {DAMAGED} ({' '.join(str(error).split())[:200]}){remedy}") from None
-    columns = {f"{name}/{one}": each for name, topic in topics.items() for one, each in topic.columns().items()}
-    if not columns:
+        spent = isinstance(error, MemoryError)  # as of a length that is damaged
+        reason = "it asks for more memory than there is" if spent else " ".join(str(error).split())[:200]
+        raise ValueError(f"{path}: {DAMAGED} ({reason}){remedy}") from None
+    each = [(name, one, values) for name, topic in topics.items() for one, values in topic.columns().items()]
+    if not each:
         raise ValueError(f"{path}: expected topics with numbers, such as geometry_msgs/PoseStamped, found none")
-    frames = {f"{name}/": topic.frame() for name, topic in topics.items() if topic.frame()}
-    return Table(path, columns, {}, {}, 0, frames)
+    columns = named_once(path, ((f"{name}/{one}", values) for name, one, values in each))
+    frames = {name: topic.frames() for name, topic in topics.items()}
+    return Table(path, columns, {}, {}, 0, {f"{name}/{one}": name for name, one, _ in each}, frames)
+
+
+@contextmanager
+def _storages(path: Path) -> Iterator[tuple[list[Path], Unpacking, str]]:
+    """Give the files that hold the messages of a bag, what measures them, and whether messages are packed one by one.
+
+    Files that were packed whole are unpacked into a folder of their own, for as long as they are read.
+    """
+    if path.is_file():
+        yield [path], Unpacking(path, path.stat().st_size), ""
+        return
+    described: Any = read_yaml(path / METADATA)
+    try:
+        about = described["rosbag2_bagfile_information"]
+        listed = [path / name for name in dict.fromkeys(Path(str(one)).name for one in about["relative_file_paths"])]
+        packed, mode = about.get("compression_format"), str(about.get("compression_mode") or "").lower()
+    except (KeyError, TypeError, AttributeError):
+        raise ValueError(f"{METADATA} lists no files") from None
+    if missing := [one.name for one in listed if not one.is_file()]:
+        raise ValueError(f"no file {', '.join(missing)}, which {METADATA} lists")
+    if mode in ("file", "message") and packed != FORMAT:
+        raise ValueError(f"compression {packed!r}, expected {FORMAT}")
+    unpacking = Unpacking(path, sum(one.stat().st_size for one in listed))
+    if mode != "file":
+        yield listed, unpacking, mode
+        return
+    with TemporaryDirectory() as folder:
+        files = [Path(folder) / one.stem for one in listed]
+        for one, whole in zip(listed, files, strict=True):
+            with one.open("rb") as source, whole.open("wb") as target:
+                target.writelines(unpacking.blocks(FORMAT, source))
+        yield files, unpacking, mode
+
+
+@contextmanager
+def _unpacked_by(unpacking: Unpacking) -> Iterator[None]:
+    """Let rosbags unpack the chunks of .mcap and .bag files by what measures them: its own way knows no limit."""
+    from rosbags.rosbag1 import reader
+    from rosbags.rosbag2 import storage_mcap
+
+    tables: list[dict[str, Any]] = [reader.decompressors, storage_mcap.DECOMPRESSORS]
+    before = [dict(one) for one in tables]
+    for one in tables:
+        one.update({kind: _unpacker(unpacking, kind) for kind in one.keys() & OPENERS.keys()})
+    try:
+        yield
+    finally:
+        for one, old in zip(tables, before, strict=True):
+            one.update(old)
+
+
+def _unpacker(unpacking: Unpacking, kind: str) -> Callable[..., bytes]:
+    """Return what unpacks a chunk; of the size that a chunk promises nothing is believed."""
+    return lambda data, *_: unpacking.unpack(kind, data)
 
 
 class _Topic:
     """The rows of one topic, or of one child frame."""
 
-    def __init__(self, names: Sequence[str]) -> None:
+    def __init__(self, path: Path, name: str, kind: str, names: Sequence[str]) -> None:
+        self._path, self._name, self._kind = path, name, kind
         self._names, self._rows, self._frames = [*names, RECEIVED], list[Row](), dict[str, None]()
 
-    def add(self, row: Row, frame: str) -> None:
-        """Take a row, and the frame that it is in."""
-        self._rows.append(row)
-        if frame:
-            self._frames[frame] = None
+    def add(self, kind: str, row: Row, frame: str) -> None:
+        """Take a row of a message of some type, and the frame that it is in.
 
-    def frame(self) -> str:
-        """Name the frames of all rows."""
-        return " and ".join(self._frames)
+        Raises:
+            RefusedBagError: If those before are of another type: their numbers have other meanings.
+        """
+        if kind != self._kind:
+            raise RefusedBagError(
+                f"{self._path}: expected messages of one type on {self._name}, found {self._kind} and {kind}; write "
+                "the topic into a bag of its own with one of them"
+            )
+        self._rows.append(row)
+        if frame.strip("/"):
+            self._frames[frame.strip("/")] = None
+
+    def frames(self) -> tuple[str, ...]:
+        """Return the frames of all rows."""
+        return tuple(self._frames)
 
     def columns(self) -> dict[str, Array]:
         """Return values by name, in the order of stamps, what was sent twice once.
@@ -91,8 +175,10 @@ class _Topic:
         return dict(zip(self._names, values.T, strict=True))
 
 
-def _rows(reader: AnyReader) -> Iterator[tuple[str, Row, str, Sequence[str]]]:
-    """Yield name of the topic (and child frame), values, frame, and names of values, message by message."""
+def _rows(
+    reader: AnyReader, unpack: Callable[[bytes], bytes] | None
+) -> Iterator[tuple[str, str, Row, str, Sequence[str]]]:
+    """Yield name of the topic (and child frame), type, values, frame, and names of values, message by message."""
     kinds = {one.msgtype for one in reader.connections}
     leaves = {
         kind: dict(_leaves(reader, TRANSFORM if kind == TRANSFORMS else kind))
@@ -101,12 +187,12 @@ def _rows(reader: AnyReader) -> Iterator[tuple[str, Row, str, Sequence[str]]]:
     }
     wanted = [one for one in reader.connections if leaves.get(one.msgtype)]
     for connection, logged, raw in reader.messages(wanted) if wanted else ():
-        message: Any = reader.deserialize(raw, connection.msgtype)
+        message: Any = reader.deserialize(unpack(raw) if unpack else raw, connection.msgtype)
         own, topic = leaves[connection.msgtype], connection.topic
         for one in message.transforms if connection.msgtype == TRANSFORMS else [message]:
             name = f"{topic}/{one.child_frame_id.strip('/')}" if connection.msgtype == TRANSFORMS else topic
             frame = getattr(getattr(one, "header", None), "frame_id", "")
-            yield name, (*(get(one) for get in own.values()), 1e-9 * logged), frame, list(own)
+            yield name, connection.msgtype, (*(get(one) for get in own.values()), 1e-9 * logged), frame, list(own)
 
 
 def _is_bulk(reader: AnyReader, kind: str) -> bool:

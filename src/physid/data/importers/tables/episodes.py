@@ -2,25 +2,30 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from physid.data.importers.tables.table import Table
-from physid.yaml_files import read_text
+from physid.data.files import read_json
+from physid.data.hdf5 import most_unpacked
+from physid.data.importers.tables.packed import TooTightlyPackedError
+from physid.data.importers.tables.table import Table, named_once
 
 if TYPE_CHECKING:
     import pyarrow
+    import pyarrow.parquet as parquet
 
 Array = NDArray[np.float64]
 INFO = Path("meta/info.json")
 VERSIONS = ("v2.0", "v2.1", "v3.0")
 """Of LeRobot's format: one file for each episode, or, since v3.0, files of many episodes; columns are the same."""
-STAMP, EPISODE = "timestamp", "episode_index"
+EPISODE = "episode_index"
+AGAIN = "download the data set again"
+BYTES, ROWS = 8, 1 << 12  # of a number as it is read, and what is read at once
 
 
 def read_episodes(path: Path) -> Table:
@@ -34,37 +39,105 @@ def read_episodes(path: Path) -> Table:
         ValueError: If pyarrow is not installed, the data set is of another version or incomplete, or a file is damaged.
     """
     try:
-        import pyarrow.parquet as parquet
+        import pyarrow.parquet  # noqa: F401
     except ImportError:
         raise ValueError(
             f"{path}: data sets of LeRobot need pyarrow, which is not installed: pip install 'physid[lerobot]'"
         ) from None
-    files, names = ([path], {}) if path.is_file() else _described(path)
+    files, info = ([path], {}) if path.is_file() else _described(path)
+    held = sum(file.stat().st_size for file in files)
+    _Room(path, held).take(sum(map(_declared, files)))
+    names = _names(info)
     parts = list[dict[str, Array]]()
+    room = _Room(path, held)
     for file in files:
-        try:
-            read = parquet.read_table(file)
-        except PermissionError:
-            raise
-        except (OSError, ValueError) as error:  # pyarrow's errors are such
-            raise ValueError(
-                f"{file}: expected a table of Parquet, found what cannot be read ({' '.join(str(error).split())[:200]})"
-            ) from None
-        parts.append(dict(_columns(read, names)))
+        read = _read(file, room)
+        parts.append(named_once(file, _columns(read, names)))
         if set(parts[-1]) != set(parts[0]):
             raise ValueError(f"{file}: expected the columns of {files[0].name}, found {', '.join(parts[-1])}")
     columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     if not columns:
         raise ValueError(f"{path}: expected columns of numbers, found none")
+    _require_all(path, info, columns)
     return Table(path, columns, {}, {}, 0)
 
 
-def _described(folder: Path) -> tuple[list[Path], dict[str, list[str]]]:
-    """Return the tables of a data set in the order of episodes, and the names of components by column."""
+@contextmanager
+def _opened(file: Path) -> Iterator[parquet.ParquetFile]:
+    """Open a table, of which its description alone is read at first, and name it where pyarrow cannot read it."""
+    from pyarrow import ArrowException, parquet
+
     try:
-        info: Any = json.loads(read_text(folder / INFO))
-    except ValueError as error:
-        raise ValueError(f"{folder / INFO}: expected JSON, found none ({error})") from None
+        with parquet.ParquetFile(file) as table:
+            yield table
+    except (PermissionError, MemoryError, TooTightlyPackedError):
+        raise
+    except (OSError, ValueError, ArrowException) as error:
+        raise ValueError(
+            f"{file}: expected a table of Parquet, found what cannot be read ({' '.join(str(error).split())[:200]})"
+        ) from None
+
+
+class _Room:
+    """What the tables of a data set may still take in memory; no more than their size on the disk promises."""
+
+    def __init__(self, path: Path, held: int) -> None:
+        self._path, self._most, self._taken = path, most_unpacked(held), 0
+
+    def take(self, size: int) -> None:
+        """Take so many bytes.
+
+        Raises:
+            TooTightlyPackedError: If there are not as many.
+        """
+        self._taken += size
+        if self._taken > self._most:
+            raise TooTightlyPackedError(
+                f"{self._path}: expected numbers of {self._most} bytes at most, as its size on the disk promises, found"
+                f" {self._taken} or more; leave out rows or columns that are not used"
+            )
+
+
+def _declared(file: Path) -> int:
+    """Return how many bytes the numbers of a table take at least, by its rows and columns.
+
+    What it says of the single columns is not asked for: pyarrow ends the process where that is damaged.
+    """
+    with _opened(file) as table:
+        return BYTES * int(table.metadata.num_rows) * len(_wanted(table.schema_arrow))
+
+
+def _read(file: Path, room: _Room) -> pyarrow.Table:
+    """Read the columns of numbers of a table, and measure them as they come: lists may be of any length."""
+    import pyarrow
+
+    with _opened(file) as table:
+        wanted, batches = _wanted(table.schema_arrow), list[pyarrow.RecordBatch]()
+        for batch in table.iter_batches(batch_size=ROWS, columns=wanted):
+            room.take(batch.nbytes)
+            batches.append(batch)
+        if not batches:
+            return table.schema_arrow.empty_table().select(wanted)
+        return pyarrow.Table.from_batches(batches)
+
+
+def _wanted(schema: pyarrow.Schema) -> list[str]:
+    """Return the columns that hold numbers."""
+    return [field.name for field in schema if _holds_numbers(field.type)]
+
+
+def _holds_numbers(kind: pyarrow.DataType) -> bool:
+    """Tell whether the cells of a column are numbers, or lists of numbers."""
+    from pyarrow import types
+
+    if types.is_dictionary(kind) or types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind):
+        kind = kind.value_type
+    return bool(types.is_integer(kind) or types.is_floating(kind) or types.is_boolean(kind))
+
+
+def _described(folder: Path) -> tuple[list[Path], dict[str, Any]]:
+    """Return the tables of a data set in the order of episodes, and what it says of itself."""
+    info: Any = read_json(folder / INFO, "the description of a data set", AGAIN)
     version = info.get("codebase_version") if isinstance(info, dict) else None
     if version not in VERSIONS:
         raise ValueError(
@@ -72,27 +145,44 @@ def _described(folder: Path) -> tuple[list[Path], dict[str, list[str]]]:
             "converts older ones"
         )
     files = sorted((folder / "data").glob("chunk-*/*.parquet"))
-    promised = info.get("total_episodes")
-    if not files or (version != "v3.0" and isinstance(promised, int) and promised != len(files)):
+    promised = info.get("total_episodes") if version != "v3.0" else None
+    if not files or (isinstance(promised, int) and promised != len(files)):
         raise ValueError(
-            f"{folder}: expected {promised if version != 'v3.0' else 'the'} tables data/chunk-*/*.parquet that "
-            f"{INFO} promises, found {len(files)}; download the data set again"
+            f"{folder}: expected {promised or 'the'} tables data/chunk-*/*.parquet that {INFO} promises, found "
+            f"{len(files)}; {AGAIN}"
         )
-    features = info.get("features")
-    names = {}
+    return files, info
+
+
+def _require_all(path: Path, info: Mapping[str, Any], columns: Mapping[str, Array]) -> None:
+    """Refuse a data set of which some rows are missing: since v3.0 no one can tell by the number of files."""
+    found = {"total_frames": len(next(iter(columns.values())))}
+    if EPISODE in columns:
+        found["total_episodes"] = len(np.unique(columns[EPISODE]))
+    for name, count in found.items():
+        promised = info.get(name)
+        if isinstance(promised, int) and promised != count:
+            raise ValueError(
+                f"{path}: expected {promised} {name}, which {INFO} promises, found {count}; {AGAIN}, or correct it"
+            )
+
+
+def _names(info: Mapping[str, Any]) -> dict[str, list[str]]:
+    """Return the names of components by column, as far as a data set says them."""
+    features, names = info.get("features"), {}
     for name, feature in features.items() if isinstance(features, dict) else ():
         given = feature.get("names") if isinstance(feature, dict) else None
         if isinstance(given, dict) and len(given) == 1:  # {"motors": [...]}
             given = next(iter(given.values()))
         if isinstance(given, list) and all(isinstance(one, str) for one in given):
             names[name] = given
-    return files, names
+    return names
 
 
 def _columns(read: pyarrow.Table, names: dict[str, list[str]]) -> Iterator[tuple[str, Array]]:
     """Yield the columns of numbers of a table, lists of one length taken apart."""
-    for name in read.column_names:
-        values = read.column(name).to_numpy()
+    for index, name in enumerate(read.column_names):
+        values = read.column(index).to_numpy()
         if values.dtype.kind in "fiub":
             yield name, values.astype(np.float64)
         elif all(map(_is_row, values)) and len({len(one) for one in values}) == 1:

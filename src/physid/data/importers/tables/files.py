@@ -7,6 +7,7 @@ from pathlib import Path
 from physid.data.importers.tables.arrays import read_arrays
 from physid.data.importers.tables.table import Table
 from physid.data.importers.tables.text import read_text
+from physid.data.refusals import NoRoomError
 
 TEXT, ARRAYS, ROWS, BAGS = (".csv", ".tsv", ".txt", ".log", ".dat"), (".npz",), (".parquet",), (".mcap", ".bag", ".db3")
 BAG, EPISODES = "metadata.yaml", "meta/info.json"
@@ -23,7 +24,19 @@ def read_table(path: Path, *, header: int | None = None) -> Table:
     Raises:
         FileNotFoundError: If there is no such file.
         ValueError: If it is of another kind, empty, damaged, a cell is no number, or its reader is not installed.
+        NoRoomError: If the memory is too small for it.
     """
+    try:
+        return _read(path, header)
+    except MemoryError:
+        raise NoRoomError(
+            f"{path}: expected room in memory for all of it, found none; split it, or leave out rows and columns that "
+            "are not used"
+        ) from None
+
+
+def _read(path: Path, header: int | None) -> Table:
+    """Read a log by its kind."""
     kind = path.suffix.lower()
     if (path / EPISODES).is_file() or (kind in ROWS and path.is_file()):
         from physid.data.importers.tables.episodes import read_episodes

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -13,8 +14,10 @@ from physid.data.importers.units import UNITS, canonical, split_header
 from physid.strict import nearest
 
 Array = NDArray[np.float64]
-MOST_NAMED = 40  # columns that a message lists
+STAMP = "header/stamp"  # when a message was measured, below its topic
+MOST_NAMED, LONGEST_NAME = 40, 100  # columns that a message lists, and letters of each
 DATE = re.compile(r"\d{4}-\d\d-\d\d|\d\d?:\d\d:\d\d|\d\d?[./]\d\d?[./]\d{4}")  # how dates and times of day begin
+SEPARATED = re.compile(r"[+-]?\d{1,3}([.,]\d{3})+")  # thousands, or a decimal mark before three digits
 
 
 class MissingColumnError(ValueError):
@@ -40,7 +43,9 @@ class Table:
         words: The first cell of a column that is no number, and its line; such a column cannot be used.
         line: Line of the file at which the first row stands; 0 for what has no lines, whose columns may be of several
             lengths, each with a clock of its own.
-        frames: What the log says of the frame that columns are in, by how the names of these columns begin.
+        topics: What a column is part of, where rows of another one are other moments: the topic of a bag, or a child
+            frame of its transforms. Columns without one share their rows.
+        frames: The frames that the messages of a topic are in, as far as they say.
         skipped: Lines after that of the first row which hold none, blank ones and comments.
     """
 
@@ -49,7 +54,8 @@ class Table:
     units: dict[str, str]
     words: dict[str, tuple[int, str]]
     line: int
-    frames: dict[str, str] = field(default_factory=dict)
+    topics: dict[str, str] = field(default_factory=dict)
+    frames: dict[str, tuple[str, ...]] = field(default_factory=dict)
     skipped: tuple[int, ...] = ()
 
     def values(self, name: object) -> Array:
@@ -61,11 +67,11 @@ class Table:
         found = self.find(name)
         if found in self.words:
             line, cell = self.words[found]
-            mend = (
-                "; convert dates to seconds before, say by datetime.fromisoformat(CELL).timestamp()"
-                if DATE.match(cell)
-                else ""
-            )
+            mend = ""
+            if DATE.match(cell):
+                mend = "; convert dates to seconds before, say by datetime.fromisoformat(CELL).timestamp()"
+            elif SEPARATED.fullmatch(cell):
+                mend = "; is the mark one of decimals or of thousands? write the log without the latter"
             raise ValueError(f'{self.path}:{line}: expected a number in column "{found}", found "{cell[:40]}"{mend}')
         return self.columns[found]
 
@@ -82,7 +88,7 @@ class Table:
         if len(bare) == 1:
             return bare[0]
         same = [each for each in self.columns if each.lower() == wanted.lower()]
-        close = f'; did you mean "{same[0]}"?' if same else nearest(wanted, self.columns)
+        close = f'; did you mean "{_cut(same[0])}"?' if same else nearest(wanted, map(_cut, self.columns))
         last = len(self.columns) - 1
         if "did you mean" in close:
             close += f" There are {self.listed()}"
@@ -98,6 +104,14 @@ class Table:
             )
         raise MissingColumnError(f'{self.path}: no column "{wanted}"{close}', wanted)
 
+    def topic_of(self, name: object) -> str:
+        """Return what the columns that a name stands for are part of (see `topics`); nothing where all share rows.
+
+        Raises:
+            MissingColumnError: If there is no such column.
+        """
+        return self.topics.get(self.components(name)[0], "")
+
     def unit_of(self, column: str) -> str | None:
         """Return the unit that the log states for a column; None where a word in brackets is none of any quantity."""
         said = self.units.get(column)
@@ -110,6 +124,27 @@ class Table:
 
     def listed(self) -> str:
         """Name the columns for a message; of many, the first."""
-        names = list(self.columns)
+        names = [_cut(name) for name in self.columns]
         more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
         return ", ".join(names[:MOST_NAMED]) + more
+
+
+def _cut(name: str) -> str:
+    """Return a name as a message can list it: an open quote makes one of many lines."""
+    return name if len(name) <= LONGEST_NAME else f"{name[:LONGEST_NAME]}..."
+
+
+def named_once(path: Path, columns: Iterable[tuple[str, Array]]) -> dict[str, Array]:
+    """Return columns by name.
+
+    Raises:
+        ValueError: If two have one name: either would be taken for the other.
+    """
+    found: dict[str, Array] = {}
+    for name, values in columns:
+        if name in found:
+            raise ValueError(
+                f'{path}: expected each column once, found two that are called "{name}"; rename one of them'
+            )
+        found[name] = values
+    return found

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import islice
+from itertools import islice, zip_longest
 from pathlib import Path
 from typing import TextIO
 
@@ -21,11 +22,14 @@ DELIMITERS = (",", ";", "\t", " ")
 EMPTY = {"", "nan", "none", "null", "na", "n/a", "-", "#n/a"}  # cells that say: nothing was measured
 TRUE = {"true": 1.0, "false": 0.0}
 MARKS = (b"\xff\xfe", b"\xfe\xff")  # with which UTF-16 begins
-THOUSANDS = re.compile(r"[+-]?\d{1,3}(,\d{3})+")
+THOUSANDS = {mark: re.compile(rf"[+-]?[1-9]\d{{0,2}}(\{mark}\d{{3}})+") for mark in ",."}
+DECIMALS = {mark: re.compile(rf"[+-]?\d*\{mark}\d+") for mark in ",."}
+"""What a mark may separate; no thousands begin with a zero."""
 GZIP = b"\x1f\x8b"  # with which a packed file begins
 PEEK, CHUNK = 50, 1 << 16  # rows
 ALIKE = 0.8  # share of lines that a delimiter splits into as many cells as the first
 LONGEST_LINE = 1 << 20  # characters: a file with longer lines is no table
+csv.field_size_limit(max(csv.field_size_limit(), LONGEST_LINE))  # a line that a delimiter does not split is one cell
 
 
 def read_text(path: Path, header: int | None) -> Table:
@@ -70,15 +74,14 @@ def _read_csv(path: Path, file: TextIO, header: int | None) -> Table:
     ]
     rows = [[cell.strip() for cell in _cells(head[row], delimiter)] for row in filled]
     comma = delimiter != "," and any(re.fullmatch(r"[+-]?\d+,\d+", cell) for row in rows[1:] for cell in row)
-    # Beside decimal points commas before three digits separate thousands: such cells are no numbers.
-    pointed = any(re.fullmatch(r"[+-]?\d*\.\d+", cell) for row in rows[1:] for cell in row)
+    pointed = any(DECIMALS["."].fullmatch(cell) for row in rows[1:] for cell in row)
     named = header is not None or _is_numbering(rows[0]) or not all(_is_number(cell, comma) for cell in rows[0])
     names = rows[0] if named else [str(index) for index in range(len(rows[0]))]
     if not named and start and head[start - 1].startswith(("#", "%")):  # a header that is written as a comment
         said = [cell.strip() for cell in _cells(head[start - 1].lstrip("#% "), delimiter)]
         names = said if len(said) == len(names) else names
     names = _distinguished(names, [_cells(line, delimiter) for line in head[:start]])
-    doubled = next((name for index, name in enumerate(names) if name in names[:index]), None)
+    doubled = next((name for name, count in Counter(names).items() if count > 1), None)
     if doubled is not None:
         raise ValueError(f'{path}: expected each column once, found "{doubled}" twice; rename one in line {start + 1}')
     units = {name: unit for name in names if (unit := split_header(name)[1])}
@@ -90,7 +93,11 @@ def _read_csv(path: Path, file: TextIO, header: int | None) -> Table:
     file.seek(0)
     words: dict[str, tuple[int, str]] = {}
     skipped: list[int] = []
-    reader = _Rows(path, delimiter, names, comma, words, skipped, separated=comma and pointed)
+    # Beside decimals with the one mark, the other before three digits separates thousands: such cells are no numbers.
+    marks = [mark for mark, other in ((".", comma), (",", comma and pointed)) if other]
+    shown = zip(names, zip_longest(*rows[1:], fillvalue=""), strict=False)
+    thousands = {name: _thousands(marks, cells) for name, cells in shown} if marks else {}
+    reader = _Rows(path, delimiter, names, comma, words, skipped, thousands)
     values = reader.read(islice(_lines(path, file), first, None), first + 1)
     if not len(values):
         raise ValueError(f"{path}: expected rows of numbers under the header, found none")
@@ -105,7 +112,8 @@ def _above_numbers(head: Sequence[str], start: int) -> int:
 
     def numbers(line: str, delimiter: str) -> int:
         cells = _cells(line, delimiter)
-        return len(cells) if sum(bool(cell.strip()) for cell in cells) > 1 and all(map(_is_number, cells)) else 0
+        held = all(_is_number(cell) or cell.strip().lower() in EMPTY for cell in cells)
+        return len(cells) if sum(bool(cell.strip()) for cell in cells) > 1 and held else 0
 
     found = start
     for delimiter in (",", ";", "\t"):
@@ -154,7 +162,7 @@ class _Rows:
     comma: bool
     words: dict[str, tuple[int, str]]
     skipped: list[int]
-    separated: bool
+    thousands: Mapping[str, Sequence[re.Pattern[str]]]
 
     def read(self, lines: Iterator[str], first: int) -> Array:
         """Read rows of numbers, in C where every cell is one, else cell by cell."""
@@ -198,12 +206,21 @@ class _Rows:
             return float("nan")
         try:
             # Python lets an underscore stand between digits.
-            if "_" in cell or (self.separated and THOUSANDS.fullmatch(cell)):
+            if "_" in cell or any(one.fullmatch(cell) for one in self.thousands.get(name, ())):
                 raise ValueError
             return TRUE[low] if low in TRUE else float(cell.replace(",", ".") if self.comma else cell)
         except ValueError:
             self.words.setdefault(name, (line, cell))
             return float("nan")
+
+
+def _thousands(marks: Sequence[str], cells: Sequence[str]) -> list[re.Pattern[str]]:
+    """Return what numbers with thousands look like in a column: with a mark that no cell of it has for decimals."""
+    return [
+        THOUSANDS[mark]
+        for mark in marks
+        if not any(DECIMALS[mark].fullmatch(one) and not THOUSANDS[mark].fullmatch(one) for one in cells)
+    ]
 
 
 def _begins(path: Path) -> bytes:
@@ -259,4 +276,5 @@ def _is_numbering(row: Sequence[str]) -> bool:
 def _is_unit_row(row: Sequence[str]) -> bool:
     """Tell whether a row under the header states units."""
     bare = [cell.strip("[]()") for cell in row if cell.strip("[]()")]
-    return bool(bare) and all(any(canonical(cell, quantity) for quantity in UNITS) or cell == "-" for cell in bare)
+    named = [any(canonical(cell, quantity) for quantity in UNITS) for cell in bare]
+    return any(named) and all(one or cell == "-" for one, cell in zip(named, bare, strict=True))
