@@ -101,7 +101,14 @@ def test_a_guess_knows_stamps_and_episodes(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("break_it", "message"),
     [
-        (lambda folder: (folder / "meta/info.json").write_text("{"), "info.json: expected JSON, found none"),
+        (
+            lambda folder: (folder / "meta/info.json").write_text("[" * 100_000),
+            "info.json: expected the description of",
+        ),
+        (
+            lambda folder: (folder / "meta/info.json").write_text("{"),
+            "info.json: expected the description of a data set as JSON, found a damaged",
+        ),
         (
             lambda folder: (folder / "meta/info.json").write_text('{"codebase_version": "v1.6"}'),
             "expected a data set of version v2.0 or v2.1 or v3.0, found 'v1.6'; LeRobot converts older ones",

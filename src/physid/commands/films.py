@@ -33,22 +33,13 @@ def calibrate(
             z points up: seen from above, y is a quarter turn counterclockwise from x.
         out: The camera file to write; camera.yaml by default. Where it is there, the place of the camera is kept.
     """
-    import re
-
     from physid.data.files import YAML, require_ending
-    from physid.data.importers.video.calibrate import MOST_CORNERS, SQUARE
     from physid.data.importers.video.calibrate import calibrate as run
+    from physid.data.importers.video.calibrate import corners_of
     from physid.data.importers.video.cameras import POINTS_OFF
-    from physid.strict import number, shown
 
-    sides = re.fullmatch(r"(\d{1,3})[xX*,](\d{1,3})", corners, re.ASCII)
-    if sides is None or not all(3 <= int(side) <= MOST_CORNERS for side in sides.groups()):
-        raise ValueError(
-            f"calibrate: corners: expected two numbers from 3 to {MOST_CORNERS} such as 9x6, got {shown(corners)}"
-        )
-    number(square, "calibrate: square", low=SQUARE[0], high=SQUARE[1])
     require_ending(out, *YAML)
-    found = run(film, (int(sides[1]), int(sides[2])), square, out, ground)
+    found = run(film, corners_of(corners, square), square, out, ground)
     middle = found.matrix[:2, 2] + 0.5 - [found.width / 2, found.height / 2]
     print(f"focal length {found.matrix[0, 0]:.1f} and {found.matrix[1, 1]:.1f} px")
     print(f"principal point {middle[0]:+.1f} and {middle[1]:+.1f} px off the middle of the image")

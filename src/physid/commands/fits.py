@@ -187,7 +187,8 @@ def sample(run: Path, *, count: int = 100, out: Path | None = None, seed: int = 
     Args:
         run: Folder of a fit that has come to its end.
         count: How many sets.
-        out: File of the result, .csv, .npz or .yaml; RUN/samples.csv by default.
+        out: File of the result, .csv, .npz or .yaml; RUN/samples.csv by default. It replaces earlier sets of the same
+            parameters, and nothing else.
         seed: Of the draws; the same seed gives the same sets.
     """
     from physid.data.files import require_ending
@@ -207,7 +208,11 @@ def sample(run: Path, *, count: int = 100, out: Path | None = None, seed: int = 
 
 
 def write_samples(path: Path, names: tuple[str, ...], drawn: Tensor) -> None:
-    """Write sets of parameters (count, P), whole or not at all: a table, an array for each name, or a list."""
+    """Write sets of parameters (count, P), whole or not at all: a table, an array for each name, or a list.
+
+    Raises:
+        FileExistsError: If there is a file of that name that does not hold sets of the same parameters.
+    """
     import csv
     import io
 
@@ -216,6 +221,11 @@ def write_samples(path: Path, names: tuple[str, ...], drawn: Tensor) -> None:
 
     from physid.data.files import write_text, write_whole
 
+    if path.exists() and not _holds_samples(path, names):
+        raise FileExistsError(
+            f"{path}: expected no such file, or earlier sets of the same parameters, found something else; delete it, "
+            "or choose another --out"
+        )
     if path.suffix.lower() == ".npz":
         columns = dict(zip(names, drawn.T.numpy(), strict=True))
 
@@ -233,3 +243,25 @@ def write_samples(path: Path, names: tuple[str, ...], drawn: Tensor) -> None:
         writer.writerow(names)
         writer.writerows(drawn.tolist())
         write_text(path, table.getvalue())
+
+
+def _holds_samples(path: Path, names: tuple[str, ...]) -> bool:
+    """Return whether a file holds sets of these parameters, by its beginning or its list of arrays."""
+    import csv
+    import zipfile
+    from itertools import islice
+
+    from physid.yaml_files import open_regular, parse_yaml
+
+    with open_regular(path) as file:
+        try:
+            if path.suffix.lower() == ".npz":
+                return zipfile.ZipFile(file).namelist() == [f"{name}.npy" for name in names]
+            lines = [line.decode() for line in islice(file, len(names) + 1)]
+            if path.suffix.lower() == ".csv":
+                return next(csv.reader(lines), []) == list(names)
+            first, next_one = parse_yaml("".join(lines[: len(names)]), str(path)), "".join(lines[len(names) :])
+        except (ValueError, zipfile.BadZipFile, csv.Error):
+            return False
+    whole = next_one.startswith("- ") or not next_one
+    return whole and isinstance(first, list) and [tuple(one) for one in first if isinstance(one, dict)] == [names]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from physid.data.files import read_json
 from physid.data.importers.tables.table import Table
-from physid.yaml_files import read_text
 
 if TYPE_CHECKING:
     import pyarrow
@@ -61,10 +60,7 @@ def read_episodes(path: Path) -> Table:
 
 def _described(folder: Path) -> tuple[list[Path], dict[str, list[str]]]:
     """Return the tables of a data set in the order of episodes, and the names of components by column."""
-    try:
-        info: Any = json.loads(read_text(folder / INFO))
-    except ValueError as error:
-        raise ValueError(f"{folder / INFO}: expected JSON, found none ({error})") from None
+    info = read_json(folder / INFO, "the description of a data set")
     version = info.get("codebase_version") if isinstance(info, dict) else None
     if version not in VERSIONS:
         raise ValueError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from physid.data.files import write_text
 from physid.data.importers.video.cameras import PLACE, SIZES, place_of, rows_of, solve_place
 from physid.data.importers.video.films import open_film
+from physid.strict import number, shown
 from physid.yaml_files import parse_yaml
 
 MOST_BOARDS, LOOKED_AT = 40, 200
@@ -64,6 +66,21 @@ class Calibrated:
             else:
                 lines.append(yaml.safe_dump({name: value}, default_flow_style=True, width=1000).strip()[1:-1])
         write_text(path, "\n".join(lines) + "\n")
+
+
+def corners_of(text: str, square: float) -> tuple[int, int]:
+    """Read how many inner corners a board has along its sides, say 9x6, and check the side of a square [m].
+
+    Raises:
+        ValueError: If no board is like that.
+    """
+    sides = re.fullmatch(r"(\d{1,3})[xX*,](\d{1,3})", text, re.ASCII)
+    if sides is None or not all(3 <= int(side) <= MOST_CORNERS for side in sides.groups()):
+        raise ValueError(
+            f"calibrate: corners: expected two numbers from 3 to {MOST_CORNERS} such as 9x6, got {shown(text)}"
+        )
+    number(square, "calibrate: square", low=SQUARE[0], high=SQUARE[1])
+    return int(sides[1]), int(sides[2])
 
 
 def place_to_write(out: Path, ground: str) -> Mapping[str, Any]:
