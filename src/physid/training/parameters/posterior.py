@@ -25,7 +25,7 @@ LEAST = 1e-3
 AT_ONCE = 10_000
 NAME = re.compile(r"[^./\\][^.]*(\.\w+)+")
 """Of a parameter: its body or effect, and which of its parameters."""
-ROUNDED = 1e-6
+ROUNDED = 1e-5
 """Share by which an estimate may differ from what its coordinate stands for."""
 LOOSE = 1e-3
 """Of correlations: what rounding may take them beyond one where parameters are known only together."""
@@ -94,8 +94,8 @@ class _PosteriorFile:
         known = matrix.diagonal().isfinite()
         variance, part = matrix.diagonal()[known], matrix[known][:, known]
         spread = torch.where(variance > 0, variance, 1.0).sqrt()
-        apart = (part / spread / spread[:, None]).nan_to_num(posinf=0.0)  # correlations; of what is not known, none
-        if (variance < 0).any() or (apart - apart.T).abs().sum() > LOOSE:
+        apart = part.where(part.isfinite(), torch.zeros_like(part)) / spread / spread[:, None]  # correlations
+        if not apart.isfinite().all() or (variance < 0).any() or (apart - apart.T).abs().sum() > LOOSE:
             raise ValueError("covariance: expected variances of at least 0 in a symmetric matrix, found others")
         if len(apart) and float(torch.linalg.eigvalsh((apart + apart.T) / 2)[0]) < -LOOSE:
             raise ValueError("covariance: expected one that a distribution can have, found correlations beyond one")
