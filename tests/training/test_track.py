@@ -115,6 +115,13 @@ def test_reading_drawn_films_tells_how_far_off_read_poses_are(films: Path, read:
 
 
 @pytest.mark.slow
+def test_films_are_found_again_by_who_has_read_them(films: Path, read: Path) -> None:
+    reading = read_reading(read)
+    assert reading is not None
+    assert reading.films_folder() == films.resolve()
+
+
+@pytest.mark.slow
 def test_only_first_poses_are_looked_at(films: Path, read: Path, tmp_path: Path) -> None:
     track(rewritten(films, tmp_path / "films", 1), tmp_path / "read")
     for here, there in zip(RecordingSet(tmp_path / "read"), RecordingSet(read), strict=True):

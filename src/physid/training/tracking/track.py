@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from physid.data import RecordingSet
-from physid.data.reading import ECHO, HiddenFrames, Reading, write_reading
+from physid.data.reading import ECHO, HiddenFrames, Reading, checksum_of_files, write_reading
 from physid.training.runs.run import restore
 from physid.training.tracking.earlier import clear, complete, key_of, read_before, require_few
 from physid.training.tracking.films import filmed_of
@@ -69,7 +69,8 @@ def track(
             out, 100 * stretch, count, 100 * before.stretch,
         )  # fmt: skip
     hidden = {one.trajectory: one for one in (before.hidden if before else ())}
-    reading = Reading(str(films.resolve()), str(encoder or ""), reader.name, stretch, deviation, key)
+    seen = checksum_of_files(films)
+    reading = Reading(str(films.resolve()), str(encoder or ""), reader.name, stretch, deviation, key, seen=seen)
 
     def keep(*found: HiddenFrames) -> None:
         """Keep what is known of the reading, with what was found; a warning says it at once."""
