@@ -220,8 +220,9 @@ def write_samples(path: Path, names: tuple[str, ...], drawn: Tensor) -> None:
     import yaml
 
     from physid.data.files import write_text, write_whole
+    from physid.training.parameters import holds_samples
 
-    if path.exists() and not _holds_samples(path, names):
+    if path.exists() and not holds_samples(path, names):
         raise FileExistsError(
             f"{path}: expected no such file, or earlier sets of the same parameters, found something else; delete it, "
             "or choose another --out"
@@ -243,25 +244,3 @@ def write_samples(path: Path, names: tuple[str, ...], drawn: Tensor) -> None:
         writer.writerow(names)
         writer.writerows(drawn.tolist())
         write_text(path, table.getvalue())
-
-
-def _holds_samples(path: Path, names: tuple[str, ...]) -> bool:
-    """Return whether a file holds sets of these parameters, by its beginning or its list of arrays."""
-    import csv
-    import zipfile
-    from itertools import islice
-
-    from physid.yaml_files import open_regular, parse_yaml
-
-    with open_regular(path) as file:
-        try:
-            if path.suffix.lower() == ".npz":
-                return zipfile.ZipFile(file).namelist() == [f"{name}.npy" for name in names]
-            lines = [line.decode() for line in islice(file, len(names) + 1)]
-            if path.suffix.lower() == ".csv":
-                return next(csv.reader(lines), []) == list(names)
-            first, next_one = parse_yaml("".join(lines[: len(names)]), str(path)), "".join(lines[len(names) :])
-        except (ValueError, zipfile.BadZipFile, csv.Error):
-            return False
-    whole = next_one.startswith("- ") or not next_one
-    return whole and isinstance(first, list) and [tuple(one) for one in first if isinstance(one, dict)] == [names]

@@ -136,8 +136,8 @@ def film_of(recordings: RecordingSet, index: int) -> tuple[RecordingSet, int]:
 def _say_once(folder: Path, films: str) -> None:
     """Say that films are not looked at."""
     logger.warning(
-        "%s: its poses were read from films of %s, and what lies there is not known to be these films; no picture of them "
-        "is shown; read them again (physid track) to have one",
+        "%s: its poses were read from films of %s, and what lies there is not known to be these films; no picture of "
+        "them is shown; read them again (physid track) to have one",
         folder, one_line(films),
     )  # fmt: skip
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import csv
 import itertools
 import json
 import math
 import re
+import zipfile
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
@@ -18,6 +21,7 @@ from physid.estimation.prediction.coordinates import Coordinates, Kind, Unknown
 from physid.strict import quoted, seen, whole
 from physid.training.parameters.intervals import WIDEST, intervals, logged
 from physid.typed_files import CLOSED, read_json_as
+from physid.yaml_files import open_regular, parse_yaml
 
 FILE = "posterior.json"
 LEAST = 1e-3
@@ -218,6 +222,26 @@ def read_posterior(run: Path) -> Posterior:
         known.matrix(),
         known.trajectories,
     )
+
+
+def holds_samples(path: Path, names: tuple[str, ...]) -> bool:
+    """Return whether a file holds sets of these parameters, by its beginning or its list of arrays.
+
+    Raises:
+        OSError: If it cannot be read, or is no regular file.
+    """
+    with open_regular(path) as file:
+        try:
+            if path.suffix.lower() == ".npz":
+                return zipfile.ZipFile(file).namelist() == [f"{name}.npy" for name in names]
+            lines = [line.decode() for line in islice(file, len(names) + 1)]
+            if path.suffix.lower() == ".csv":
+                return next(csv.reader(lines), []) == list(names)
+            first, next_one = parse_yaml("".join(lines[: len(names)]), str(path)), "".join(lines[len(names) :])
+        except (ValueError, zipfile.BadZipFile, csv.Error):
+            return False
+    whole = next_one.startswith("- ") or not next_one
+    return whole and isinstance(first, list) and [tuple(one) for one in first if isinstance(one, dict)] == [names]
 
 
 def _finite(value: float) -> float | None:
