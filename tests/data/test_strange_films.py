@@ -162,6 +162,14 @@ def test_sixteen_bits_keep_their_brightness_and_thirty_two_are_refused(tmp_path:
         pictures.read_picture(tmp_path / "b.tif", (4, 1), "")
 
 
+@pytest.mark.parametrize("kind", ["EPS", "GIF"])
+def test_a_format_that_other_programs_draw_is_no_picture(kind: str, tmp_path: Path) -> None:
+    """Pillow would begin Ghostscript for the first of them."""
+    Image.new("RGB", (8, 8)).save(tmp_path / "a.png", format=kind)
+    with pytest.raises(ValueError, match=r"a\.png: expected an image .* cannot be read as one"):
+        pictures.read_picture(tmp_path / "a.png", (8, 8), "")
+
+
 def test_a_background_that_is_no_picture_is_said_with_what_is_expected(place: Path) -> None:
     filmed.write_film(place / "a.mp4", filmed.images(8))
     (place / "log.csv").write_text("t,x\n0,1\n")
@@ -202,6 +210,7 @@ AWAY: dict[str, Any] = dict.fromkeys(("position", "target", "up"))
         ({"camera_matrix": [150, 0, 79.5, 0, 150, 59.5, 0, 0, 7]}, "expected rows fx, skew, cx; 0, fy, cy; 0, 0, 1"),
         ({"camera_matrix": [150, 0, 79.5, 3, 150, 59.5, 0, 0, 1]}, "expected rows fx, skew, cx; 0, fy, cy; 0, 0, 1"),
         ({"camera_matrix": [1e300, 0, 79.5, 0, 1e300, 59.5, 0, 0, 1]}, "focal lengths from 8 to 160000 px"),
+        ({"camera_matrix": [150, 0, 79.5, 0, -150, 59.5, 0, 0, 1]}, "focal lengths from 8 to 160000 px"),
         ({"camera_matrix": [0.1, 0, 79.5, 0, 0.1, 59.5, 0, 0, 1]}, "focal lengths from 8 to 160000 px"),
         ({"camera_matrix": [150, 0, 79.5, 0, 600, 59.5, 0, 0, 1]}, "whose sides differ by a factor of 2.5 at most"),
         ({"camera_matrix": [150, 90, 79.5, 0, 150, 59.5, 0, 0, 1]}, "a skew of at most 0.05 fx"),
@@ -226,6 +235,14 @@ def test_a_camera_of_physids_own_that_nobody_has_is_refused_too(changes: dict[st
     (tmp_path / "camera.yaml").write_text(as_yaml({**own, **changes}))
     with pytest.raises(ValueError, match=r"camera\.yaml: (camera_matrix: |position: |)expected"):
         read_camera(tmp_path / "camera.yaml")
+
+
+def test_a_lens_is_worked_with_only_where_images_have_its_size(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    filmed.write_film(place / "a.mp4", filmed.images(8))
+    write_lens(place / "camera.yaml", distortion_coefficients=[0.1, 0, 0, 0, 0])
+    monkeypatch.setattr("physid.data.importers.video.lens.Lens.maps", refuse_to_decode)
+    with pytest.raises(ValueError, match="expected images of 160 x 120 as the camera file says, found 192 x 144"):
+        import_films([place / "a.mp4"], ALONE, place / "set")
 
 
 def test_a_camera_below_the_ground_is_refused_however_its_place_is_given(place: Path) -> None:

@@ -85,7 +85,7 @@ class Lens:
         across, along = float(matrix[0, 0]), float(matrix[1, 1])
         if matrix[1, 0] != 0 or not np.array_equal(matrix[2], [0, 0, 1]):
             raise ValueError(f"camera_matrix: expected rows fx, skew, cx; 0, fy, cy; 0, 0, 1, {says}")
-        if not (0 < matrix[0, 2] < self.width and 0 < matrix[1, 2] < self.height and across > 0 and along > 0):
+        if not (0 < matrix[0, 2] < self.width and 0 < matrix[1, 2] < self.height):
             raise ValueError(f"camera_matrix: expected a principal point within {self.width} x {self.height}, {says}")
         side, (least, most) = max(self.width, self.height), FOCAL
         if not least * side <= min(across, along) <= max(across, along) <= most * side:
@@ -122,10 +122,8 @@ class Lens:
         target = position + away * forward
         return Camera(self.width, self.height, _triple(position), _triple(target), _triple(up), fov)
 
-    def maps(self) -> tuple[NDArray[np.float32], NDArray[np.float32]] | None:
-        """Return where pixels of the ideal image lie in the real one, columns and rows (H, W); None if there."""
-        if self.ideal:
-            return None
+    def maps(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return where pixels of the ideal image lie in the real one, columns and rows (H, W)."""
         from physid.data.importers.video.opencv import cv2
 
         focal = (self.matrix[0, 0] + self.matrix[1, 1]) / 2

@@ -18,6 +18,8 @@ from physid.yaml_files import open_regular
 T = TypeVar("T")
 Image = NDArray[np.uint8]
 IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
+FORMATS = ("PNG", "JPEG", "BMP", "TIFF", "WEBP")
+"""Pillow's names of formats that hold pixels: it knows others, whatever a file is called, which other programs draw."""
 MOST_PIXELS = 64_000_000
 """[px] Of a picture or a frame: films of 8K have 33 million, and a few frames in memory are then some gigabytes."""
 DEEP = 257
@@ -84,7 +86,7 @@ def _opened(path: Path) -> Iterator[Picture.Image]:
     """Open a picture of modest size; nothing of it is decoded yet."""
     with open_regular(path) as file, warnings.catch_warnings():
         warnings.simplefilter("ignore", Picture.DecompressionBombWarning)  # refused below, with the limit
-        picture = _tried(path, lambda: Picture.open(file))
+        picture = _tried(path, lambda: Picture.open(file, formats=FORMATS))
         require_modest(path, picture.size)
         yield picture
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import final
 
@@ -160,14 +161,18 @@ def _missing(film: Film) -> str:
 
 
 def straightener(lens: Lens) -> Callable[[Image], Image]:
-    """Return what turns an image of the real camera into one of the ideal camera."""
-    maps = lens.maps()
-    if maps is None:
+    """Return what turns an image of the real camera into one of the ideal camera.
+
+    Where pixels lie is worked out with the first image: its size has been compared with the camera's by then.
+    """
+    if lens.ideal:
         return lambda image: image
     from physid.data.importers.video.opencv import cv2
 
+    maps = cache(lens.maps)
+
     def straighten(image: Image) -> Image:
-        return np.asarray(cv2.remap(image, *maps, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE))
+        return np.asarray(cv2.remap(image, *maps(), cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE))
 
     return straighten
 
