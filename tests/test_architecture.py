@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import runpy
 import sys
 from functools import cache
@@ -311,3 +312,10 @@ def test_inheritance_within_the_project_is_of_depth_one_below_a_task() -> None:
             base for parent in parents if parent in bases.keys() - TASKS for base in bases[parent] if base in bases
         ]
         assert not grand, f"{name} inherits from {parents[0]}, which inherits from {grand[0]}"
+
+
+def test_json_of_others_is_read_in_one_way() -> None:
+    """Python's own reader recurses into what is nested, and says neither which file nor what was expected."""
+    readers = {"data/files.py", "typed_files.py", "dashboard/run.py", "data/importers/guessing/lines.py"}
+    found = {name for name in NAMES if re.search(r"json\.loads?\((?!json\.dumps)", (SOURCE / name).read_text())}
+    assert found <= readers, f"{found - readers}: read_json or read_json_as reads a file"

@@ -114,6 +114,11 @@ def test_an_interval_covers_the_truth_or_does_not() -> None:
     )
 
 
+def test_a_truth_that_does_not_have_a_parameter_says_nothing_of_its_interval() -> None:
+    other = Part("viscous_drag", "dynamics", {"strength": 0.2}, 2.0)
+    assert judge("000", check_diagnosis(diagnosis()), label("catalogue", other)).covered == ((), (True,))
+
+
 def test_what_closes_is_relative_to_the_noise_that_the_true_effect_leaves() -> None:
     document = diagnosis()
     floor = 3**0.5 * 1e-3

@@ -19,7 +19,7 @@ from tests.diagnosis.sets import rewritten
 from physid.cli import main
 from physid.data import Recording, RecordingSet
 from physid.data.importers.rotations import axes_of
-from physid.data.reading import Reading, write_reading
+from physid.data.reading import Reading, checksum_of_files, write_reading
 from physid.inspection.kinematics import kinematics_of, noise_of, shifted_forces
 from physid.inspection.origin import Origin
 from physid.inspection.report import inspect
@@ -335,7 +335,7 @@ def test_a_clock_that_was_shifted_already_is_to_be_shifted_by_both_in_sets_of_fi
     (plain,) = offsets(said(tmp_path / "plain", scene, late))
     shifted, read = (write_set(tmp_path / name, late, scene) for name in ("shifted", "read"))
     (shifted / "import.yaml").write_text("forces: {offset: -3.2}\n")
-    write_reading(read, Reading(str(shifted), "", "planar", 0.0, 0.0, ""))
+    write_reading(read, Reading(str(shifted), "", "planar", 0.0, 0.0, "", seen=checksum_of_files(shifted)))
     for folder in (shifted, read):
         report = inspect(RecordingSet(folder))
         assert offsets([one.mend for one in report.findings]) == [pytest.approx(plain - 3.2, abs=2e-3)]

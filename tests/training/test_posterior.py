@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import json
 import os
+import re
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -133,3 +136,94 @@ def test_a_name_that_would_act_on_a_terminal_is_refused(tmp_path: Path) -> None:
     path.write_text(path.read_text().replace('"block.mass"', r'"block\u001b[2J.mass"'))
     with pytest.raises(ValueError, match=r"parameters\[\d\]: name must hold characters that are seen, got 'block\\x1b"):
         read_posterior(tmp_path)
+
+
+def spoilt(tmp_path: Path, change: Callable[[dict[str, Any]], object]) -> Path:
+    """Write a posterior as a fit does, and change its content."""
+    KNOWN.write(tmp_path)
+    path = tmp_path / "posterior.json"
+    content = json.loads(path.read_text())
+    change(content)
+    path.write_text(json.dumps(content))
+    return path
+
+
+def parameter(**changes: object) -> Callable[[dict[str, Any]], object]:
+    return lambda content: content["parameters"][0].update(changes)
+
+
+def entries(*places: tuple[int, int, float]) -> Callable[[dict[str, Any]], object]:
+    def change(content: dict[str, Any]) -> None:
+        for row, column, value in places:
+            content["covariance"][row][column] = value
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda content: content.update(parameters=[], covariance=[]), "parameters: expected at least one"),
+        (lambda content: content.update(trajectories=0), "trajectories must be a whole number of at least 1"),
+        (parameter(name="file"), 'name: expected one such as block.friction, got "file"'),
+        (parameter(name="../../x"), 'name: expected one such as block.friction, got "../../x"'),
+        (parameter(name="/etc/x.y"), "name: expected one such as block.friction"),
+        (parameter(name="block.friction"), 'parameters: "block.friction" is there twice'),
+        (parameter(estimate=99.0), "block.mass: expected the estimate that its coordinate 0.3 stands for, 1.34986"),
+        (parameter(low=2.0, high=1.0), "block.mass: expected a scale other than 0 and a range"),
+        (parameter(scale=0.0, kind="linear"), "block.mass: expected a scale other than 0"),
+        (entries((0, 0, -1.0)), "covariance: expected variances of at least 0"),
+        (entries((0, 1, 5.0)), "covariance: expected variances of at least 0 in a symmetric matrix"),
+        (entries((0, 1, 5.0), (1, 0, 5.0)), "covariance: expected one that a distribution can have"),
+        (lambda content: content["covariance"].pop(), "covariance: expected 3 rows of 3 values"),
+    ],
+)
+def test_what_no_fit_can_know_is_refused(
+    change: Callable[[dict[str, Any]], object], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = spoilt(tmp_path, change)
+    with pytest.raises(ValueError, match=f"^{re.escape(str(path))}: ") as caught:
+        read_posterior(tmp_path)
+    assert message in str(caught.value)
+    assert main(["sample", str(tmp_path), "--out", str(tmp_path / "worlds.npz")]) == 2
+    assert not (tmp_path / "worlds.npz").exists()
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, "{", "[1]", ""])
+def test_a_posterior_that_is_none_is_one_line(text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "posterior.json").write_text(text)
+    assert main(["sample", str(tmp_path)]) == 2
+    assert "posterior.json: expected" in capsys.readouterr().err
+
+
+def test_a_covariance_whose_correlations_are_one_up_to_rounding_is_kept(tmp_path: Path) -> None:
+    """Parameters that are known only together have correlations of one; rounding takes these beyond it."""
+    spread = torch.tensor([1.0, 2.0, 3.0], dtype=torch.float64)
+    dataclasses.replace(KNOWN, covariance=spread[:, None] * spread * (1 + 1e-9 * (1 - torch.eye(3)))).write(tmp_path)
+    assert read_posterior(tmp_path).names == KNOWN.names
+
+
+@pytest.mark.parametrize("kind", ["csv", "npz", "yaml"])
+def test_samples_replace_earlier_ones_and_nothing_else(
+    kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    KNOWN.write(tmp_path)
+    out = tmp_path / f"worlds.{kind}"
+    words = ["sample", str(tmp_path), "--out", str(out), "--count"]
+    assert main([*words, "2"]) == 0
+    assert main([*words, "3"]) == 0
+    again = out.read_bytes()
+    other = tmp_path / "other"
+    other.mkdir()
+    space = Coordinates.of(("block.mass",))
+    Posterior(space, torch.zeros(1).double(), 0.01 * torch.eye(1).double(), 5).write(other)
+    capsys.readouterr()
+    for text in (None, b"", b"scene: push\n", b"t,x\n0,1\n", b"\xff\xfe", b"PK\x03\x04"):
+        if text is not None:
+            out.write_bytes(text)
+        before = out.read_bytes()
+        assert main(["sample", str(other), "--out", str(out)]) == 2
+        assert "earlier sets of the same parameters, found something else; delete it" in capsys.readouterr().err
+        assert out.read_bytes() == before
+    out.write_bytes(again)
+    assert main([*words, "1"]) == 0

@@ -15,15 +15,17 @@ from physid.cli import main
 from physid.data import Recording, RecordingSet, trajectory_path, write_scene, write_sums, write_trajectory
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig
-from physid.data.reading import ECHO, read_reading
+from physid.data.reading import ECHO, Reading, read_reading, write_reading
 from physid.inspection.examination import examine
 from physid.networks import as_image
 from physid.networks.appearance import Appearance
 from physid.physics.rotations import conjugate, logarithm, multiply
 from physid.simulators.bullet.camera import Studio
 from physid.training.runs.run import CHECKPOINT, restore
+from physid.training.tracking.earlier import key_of
 from physid.training.tracking.track import track
 from physid.training.tracking.tracking_error import smoothed
+from physid.training.vision import ChartName
 from physid.training.vision.drawing.decoder import Decoder
 from physid.training.vision.first_look import learn_look
 from physid.training.vision.model import VideoModel
@@ -110,6 +112,13 @@ def test_poses_settle_where_a_motion_changes_between_two_frames(films: Path, tmp
 def test_reading_drawn_films_tells_how_far_off_read_poses_are(films: Path, read: Path) -> None:
     for own, again in zip(errors(read, films), errors(read / ECHO, read), strict=True):
         assert 1 / ALIKE < size(again) / size(own) < ALIKE
+
+
+@pytest.mark.slow
+def test_films_are_found_again_by_who_has_read_them(films: Path, read: Path) -> None:
+    reading = read_reading(read)
+    assert reading is not None
+    assert reading.films_folder() == films.resolve()
 
 
 @pytest.mark.slow
@@ -273,6 +282,54 @@ def test_films_without_a_mask_are_refused(films: Path, tmp_path: Path, capsys: p
 def test_a_folder_with_poses_of_other_films_is_kept(films: Path, read: Path, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="read from other films"):
         track(films_of(tmp_path / "films", trajectories=1, seed=5), read)
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_a_folder_that_holds_anything_else_is_left_as_it_is(
+    films: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Another recording set has files of the same names as the set to write; a note of the user's is kept, too."""
+    generate(GenerateConfig("push", trajectories=2, steps=20, video=False), tmp_path / "mine", 1, quiet=True)
+    (tmp_path / "notes").mkdir()
+    (tmp_path / "notes" / "todo.txt").write_text("precious")
+    for out in (tmp_path / "mine", tmp_path / "notes", films):
+        before = contents(out)
+        assert main(["track", str(films), "--out", str(out), "--quiet"]) == 2
+        assert "expected a new or an empty folder, or poses that were read into it" in capsys.readouterr().err
+        assert contents(out) == before
+
+
+def marked(films: Path, out: Path, encoder: Path | None = None, chart: ChartName | None = None) -> Path:
+    """Write what a reading leaves that was interrupted at its beginning."""
+    key = key_of(RecordingSet(films), encoder, chart)
+    out.mkdir(parents=True)
+    write_reading(out, Reading(str(films), str(encoder or ""), chart or "planar", 0.0, 0.0, key))
+    return out
+
+
+def test_what_is_asked_for_otherwise_is_said_and_that_films_are_the_same(films: Path, tmp_path: Path) -> None:
+    out = marked(films, tmp_path / "read", chart="spatial")
+    with pytest.raises(ValueError, match=r"without --encoder and with --chart planar, as .* same films .* spatial"):
+        track(films, out, chart="planar")
+    with pytest.raises(ValueError, match=r"with --encoder .*run and with --chart spatial, as .* without --encoder and"):
+        track(films, out, chart="spatial", encoder=tmp_path / "run")
+    with pytest.raises(ValueError, match="read from other films"):
+        track(films_of(tmp_path / "films", trajectories=1, steps=10, seed=5), out, chart="spatial")
+
+
+def test_trajectories_that_nobody_read_end_no_reading_in_an_error_of_its_own(films: Path, tmp_path: Path) -> None:
+    """Poses that are drawn again are all those of the set: with more of them than films nothing goes on."""
+    out = marked(films, tmp_path / "read")
+    for index in range(5):
+        trajectory_path(out, index).parent.mkdir(exist_ok=True)
+        trajectory_path(out, index).write_bytes(b"")
+    before = contents(out)
+    with pytest.raises(ValueError, match="expected at most the 4 trajectories that are asked for, found 5"):
+        track(films, out)
+    assert contents(out) == before
 
 
 def test_smoothing_keeps_parabolas_and_the_sign_of_quaternions_does_not_matter() -> None:

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Literal
 import yaml
 
 from physid.data.files import write_text
-from physid.strict import LARGEST, quoted, whole
+from physid.strict import LARGEST, quoted, seen, whole
 from physid.typed_files import CLOSED, read_yaml_as
 
 Purpose = Literal["score", "calibration"]
@@ -57,6 +57,9 @@ class Recorder:
     simulator: str
     frame_rate: float
 
+    def __post_init__(self) -> None:
+        seen(self.simulator, "simulator")
+
 
 @dataclass(frozen=True)
 class Bank:
@@ -98,6 +101,8 @@ class _BankFile:
     recorded: dict[str, Recorder] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        if not self.sets:
+            raise ValueError("sets: expected one recording set at least, found none")
         strange = [name for name in self.sets if not re.fullmatch(r"[\w-]+", name)]
         if strange:
             raise ValueError(f"sets: expected plain names, which are folders of the bank, found {quoted(strange[0])}")

@@ -8,12 +8,15 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
 
-from physid.benchmark.bank import SEALED, Bank, seal_of
+from physid.benchmark.bank import FILE as BANK
+from physid.benchmark.bank import SEALED, Bank, read_bank, seal_of
 from physid.benchmark.sealing.hidden import Role
 from physid.data.files import read_json, write_text
+from physid.strict import quoted, seen
 from physid.typed_files import CLOSED, check_as
 
 FILE = "labels.json"
+MOST_NAMED = 5  # sets that a message names
 
 
 @dataclass(frozen=True)
@@ -32,6 +35,10 @@ class Part:
     site: str
     parameters: dict[str, float]
     severity: float
+
+    def __post_init__(self) -> None:
+        for name in (self.name, self.site, *self.parameters):
+            seen(name, "a name in a label")
 
 
 @dataclass(frozen=True)
@@ -69,6 +76,11 @@ class Label:
     frame_rate: float = 240.0
     uneven: bool = False
 
+    def __post_init__(self) -> None:
+        names = (name for right in self.right for name in right)
+        for name in (self.scene, self.protocol, self.simulator, *self.phases, *self.parameters, *names):
+            seen(name, "a name in a label")
+
     def to_mapping(self) -> dict[str, Any]:
         """Return the label as plain values."""
         plain: dict[str, Any] = json.loads(json.dumps(asdict(self)))
@@ -95,7 +107,7 @@ def open_labels(bank: Bank) -> dict[str, Label]:
     """Open the labels of a bank.
 
     Raises:
-        ValueError: If they do not fit the seal that was published with the recordings.
+        ValueError: If they do not fit the seal that was published with the recordings, or are not those of its sets.
         FileNotFoundError: If there are none.
     """
     path = bank.folder / SEALED / FILE
@@ -107,4 +119,12 @@ def open_labels(bank: Bank) -> dict[str, Label]:
             f"{path}: expected labels with SHA-256 {bank.seal[:12]}..., found {seal_of(values)[:12]}...: "
             "they were changed after the bank was sealed; seal a new one"
         )
-    return check_as(_Labels, values, str(path)).sets
+    labels = check_as(_Labels, values, str(path)).sets
+    apart = sorted(set(labels) ^ set(read_bank(bank.folder).sets))  # of the whole bank: it may be scored so far
+    if apart:
+        raise ValueError(
+            f"{path}: expected a label for each set of the bank and no other, found a difference in "
+            f"{', '.join(map(quoted, apart[:MOST_NAMED]))}{', ...' if len(apart) > MOST_NAMED else ''}; labels and "
+            f"{BANK} must be of one sealing"
+        )
+    return labels

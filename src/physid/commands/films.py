@@ -31,30 +31,26 @@ def calibrate(
         square: Side of a square [m].
         ground: Points of the ground, rows of column, row [px], x, y (and z) [m]; whole numbers are centres of pixels.
             z points up: seen from above, y is a quarter turn counterclockwise from x.
-        out: The camera file to write; camera.yaml by default.
+        out: The camera file to write; camera.yaml by default. Where it is there, the place of the camera is kept.
     """
-    import re
-
     from physid.data.files import YAML, require_ending
     from physid.data.importers.video.calibrate import calibrate as run
+    from physid.data.importers.video.calibrate import corners_of
     from physid.data.importers.video.cameras import POINTS_OFF
 
-    sides = re.fullmatch(r"(\d+)[xX*,](\d+)", corners)
-    if sides is None or min(map(int, sides.groups())) < 3:
-        raise ValueError(f"calibrate: corners: expected two numbers of at least 3 such as 9x6, got {corners!r}")
-    if not square > 0:
-        raise ValueError(f"calibrate: square: expected a length above zero [m], got {square:g}")
     require_ending(out, *YAML)
-    found = run(film, (int(sides[1]), int(sides[2])), square, ground)
-    found.write(out)
+    found = run(film, corners_of(corners, square), square, out, ground)
     middle = found.matrix[:2, 2] + 0.5 - [found.width / 2, found.height / 2]
     print(f"focal length {found.matrix[0, 0]:.1f} and {found.matrix[1, 1]:.1f} px")
     print(f"principal point {middle[0]:+.1f} and {middle[1]:+.1f} px off the middle of the image")
     print(f"distortion {', '.join(f'{one:.4g}' for one in found.distortion)}")
     print(f"corners within {found.error:.2g} px (rms) in {found.boards} views")
-    if ground:
+    if "points" in found.place:
         print(f"points of the ground within {found.ground_error:.2g} px ({POINTS_OFF:g} px is much)")
-    print(f"{out}" + ("" if ground else ": add points of the ground, or the place of the camera (docs/films.md)"))
+    if found.place and not ground:
+        print(f"{out}: the lens is measured anew, the place of the camera is kept ({', '.join(found.place)})")
+    else:
+        print(f"{out}" + ("" if ground else ": add points of the ground, or the place of the camera (docs/films.md)"))
 
 
 def track(

@@ -195,7 +195,8 @@ def sample(run: Path, *, count: int = 100, out: Path | None = None, seed: int = 
     Args:
         run: Folder of a fit that has come to its end.
         count: How many sets.
-        out: File of the result, .csv, .npz or .yaml; RUN/samples.csv by default.
+        out: File of the result, .csv, .npz or .yaml; RUN/samples.csv by default. It replaces earlier sets of the same
+            parameters, and nothing else.
         seed: Of the draws; the same seed gives the same sets.
     """
     from physid.data.files import require_ending
@@ -215,7 +216,11 @@ def sample(run: Path, *, count: int = 100, out: Path | None = None, seed: int = 
 
 
 def write_samples(path: Path, names: tuple[str, ...], drawn: Tensor) -> None:
-    """Write sets of parameters (count, P), whole or not at all: a table, an array for each name, or a list."""
+    """Write sets of parameters (count, P), whole or not at all: a table, an array for each name, or a list.
+
+    Raises:
+        FileExistsError: If there is a file of that name that does not hold sets of the same parameters.
+    """
     import csv
     import io
 
@@ -223,7 +228,13 @@ def write_samples(path: Path, names: tuple[str, ...], drawn: Tensor) -> None:
     import yaml
 
     from physid.data.files import write_text, write_whole
+    from physid.training.parameters import holds_samples
 
+    if path.exists() and not holds_samples(path, names):
+        raise FileExistsError(
+            f"{path}: expected no such file, or earlier sets of the same parameters, found something else; delete it, "
+            "or choose another --out"
+        )
     if path.suffix.lower() == ".npz":
         columns = dict(zip(names, drawn.T.numpy(), strict=True))
 

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
+import logging
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -13,9 +17,11 @@ import yaml
 from torch import Tensor
 
 from physid.data.files import write_text
-from physid.data.format import DESCRIPTION, RecordingSet
+from physid.data.format import DESCRIPTION, FOLDER, RecordingSet
+from physid.strict import one_line
 from physid.typed_files import CLOSED, read_yaml_as
 
+logger = logging.getLogger("physid")
 FILE, ECHO = "reading.yaml", "echo"
 
 
@@ -61,6 +67,7 @@ class Reading:
         stretch_deviation: How well that share is known, one standard deviation.
         key: Changes with the films.
         hidden: In which frames something hid the bodies, or their light changed.
+        seen: Checksum of the films' files (see `checksum_of_files`), from which it is known again that these were read.
     """
 
     __pydantic_config__: ClassVar[Any] = CLOSED
@@ -71,6 +78,26 @@ class Reading:
     stretch_deviation: float
     key: str
     hidden: tuple[HiddenFrames, ...] = ()
+    seen: str = ""
+
+    def films_folder(self) -> Path | None:
+        """Return the folder of the films; None where it does not hold those that were read.
+
+        The set may come from anyone, and so may the name of the folder: nothing of it is read unless its files have
+        the names, sizes and times of those that were read, which only who has read them knows.
+        """
+        folder = Path(self.films)
+        return folder if self.seen and checksum_of_files(folder) == self.seen else None
+
+
+def checksum_of_files(films: Path) -> str:
+    """Return a checksum of names, sizes and times of the trajectories of a set; none of them is opened."""
+    try:
+        facts = [(path.name, path.stat()) for path in sorted((films / FOLDER).glob("*.h5"))]
+    except (OSError, ValueError):  # of a name that no file can have
+        return ""
+    plain = [(name, fact.st_size, fact.st_mtime_ns) for name, fact in facts]
+    return hashlib.sha256(repr(plain).encode()).hexdigest() if plain else ""
 
 
 def write_reading(folder: Path, reading: Reading) -> None:
@@ -99,9 +126,20 @@ def echo_of(recordings: RecordingSet) -> RecordingSet | None:
 def film_of(recordings: RecordingSet, index: int) -> tuple[RecordingSet, int]:
     """Return where the film of a trajectory is: in its own set, or in that from which its poses were read."""
     reading = read_reading(recordings.folder)
-    if reading is None or not (Path(reading.films) / DESCRIPTION).is_file():
-        return recordings, index
-    return RecordingSet(reading.films), index
+    films = None if reading is None else reading.films_folder()
+    if reading is not None and films is None and os.path.exists(reading.films):
+        _say_once(recordings.folder, reading.films)
+    return recordings if films is None else RecordingSet(films), index
+
+
+@cache
+def _say_once(folder: Path, films: str) -> None:
+    """Say that films are not looked at."""
+    logger.warning(
+        "%s: its poses were read from films of %s, and what lies there is not known to be these films; no picture of "
+        "them is shown; read them again (physid track) to have one",
+        folder, one_line(films),
+    )  # fmt: skip
 
 
 def stretch_of(pose: Tensor, target: Sequence[float]) -> Tensor:

@@ -61,7 +61,8 @@ class Origin:
             return cls()
         hidden = () if reading is None else reading.hidden
         try:
-            known = read_yaml((folder if reading is None else Path(reading.films)) / MAPPING)
+            source = folder if reading is None else reading.films_folder()
+            known = None if source is None else read_yaml(source / MAPPING)
             axes = axes_of(known.get("axes", "z-up")) if isinstance(known, dict) else np.eye(3)
         except (OSError, ValueError):
             return cls(hidden=hidden)

@@ -8,9 +8,10 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from statistics import fmean, stdev
+from typing import Any, ClassVar
 
 from physid.data.files import write_text
-from physid.yaml_files import read_text
+from physid.typed_files import CLOSED, read_json_as
 
 RESULTS = "results.json"
 """Where the results of a cell, of one of its seeds or of all cells are kept, in the folder of each."""
@@ -32,6 +33,7 @@ class Result:
         spread: Standard deviation over runs with other seeds, if there are several; the value is their mean then.
     """
 
+    __pydantic_config__: ClassVar[Any] = CLOSED
     cell: str
     metric: str
     value: float | None
@@ -78,8 +80,13 @@ def write_results(path: Path, results: Sequence[Result]) -> None:
 
 
 def read_results(path: Path) -> list[Result]:
-    """Read what `write_results` wrote."""
-    return [Result(**entry) for entry in json.loads(read_text(path))]
+    """Read what `write_results` wrote.
+
+    Raises:
+        OSError: If it cannot be read.
+        ValueError: If it is damaged, or holds something else; names the file.
+    """
+    return read_json_as(list[Result], path)
 
 
 def table(results: Sequence[Result]) -> str:

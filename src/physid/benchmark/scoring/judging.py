@@ -147,6 +147,7 @@ def _effect_coverage(document: Diagnosis, label: Label) -> tuple[bool, ...]:
         for effect in document.effects
         if not (label.film and effect.name in BODY_FIXED)
         for key, estimate in effect.parameters.items()
+        if key in true[effect.name]  # an effect of the same name that has other parameters says nothing of the truth
     )
 
 

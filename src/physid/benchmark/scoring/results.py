@@ -70,5 +70,6 @@ def columns(table: Sequence[tuple[str, ...]]) -> str:
 
 
 def _markdown(table: Sequence[tuple[str, ...]]) -> str:
-    lines = ["| " + " | ".join(row) + " |" for row in table]
+    # What ends a cell, or begins a tag of HTML, is written as what it is: names come with the bank.
+    lines = ["| " + " | ".join(cell.replace("|", r"\|").replace("<", "&lt;") for cell in row) + " |" for row in table]
     return "\n".join([lines[0], "|" + "---|" * len(table[0]), *lines[1:]])

@@ -13,8 +13,9 @@ from physid.benchmark.bank import FILE, SEALED, SETS, Bank, Recorder, read_bank,
 from physid.benchmark.labels import Label, write_labels
 from physid.benchmark.plan import Plan, tasks
 from physid.benchmark.sealing.recorded_set import make
-from physid.data.files import write_text
+from physid.data.files import read_json, write_text
 from physid.record import checksum
+from physid.strict import shown
 
 EPOCH = 1_700_000_000  # every file gets this date
 
@@ -73,10 +74,16 @@ def _keep_apart(folder: Path, plan: Plan) -> None:
     """Refuse to mix two banks in one folder."""
     path = folder / SEALED / "plan.json"
     values = json.loads(json.dumps(asdict(plan)))
-    plain = asdict(Plan(plan.purpose, plan.seed, plan.size))  # what a bank is that says no more
-    if path.is_file() and json.loads(json.dumps(plain)) | json.loads(path.read_text(encoding="utf-8")) != values:
-        raise ValueError(
-            f"{folder} holds a bank of another seed, size, purpose, simulator or role; choose another folder, or "
-            "delete this one first"
-        )
+    plain = json.loads(json.dumps(asdict(Plan(plan.purpose, plan.seed, plan.size))))  # a bank that says no more
+    if path.is_file():
+        found = read_json(path, "what a bank is made from")
+        if not isinstance(found, dict):
+            raise ValueError(
+                f"{path}: expected a mapping, found {shown(found)}; choose another folder, or delete this one"
+            )
+        if plain | found != values:
+            raise ValueError(
+                f"{folder} holds a bank of another seed, size, purpose, simulator or role; choose another folder, or "
+                "delete this one first"
+            )
     write_text(path, json.dumps(values) + "\n")

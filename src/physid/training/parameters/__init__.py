@@ -7,7 +7,7 @@ from physid.training.parameters.metrics import PoseErrors
 from physid.training.parameters.physical_parameters import PhysicalParameters
 from physid.training.parameters.pieces import Pieces
 from physid.training.parameters.pose_loss import PoseLoss, mean_over_time
-from physid.training.parameters.posterior import Posterior, read_posterior
+from physid.training.parameters.posterior import Posterior, holds_samples, read_posterior
 from physid.training.parameters.taking_steps import judge_last, take_back, take_step, uses_slopes
 from physid.training.parameters.trajectories import Trajectories
 
@@ -25,6 +25,7 @@ __all__ = [
     "Response",
     "SensorNoise",
     "Trajectories",
+    "holds_samples",
     "judge_last",
     "known",
     "mean_over_time",

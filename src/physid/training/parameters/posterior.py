@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import csv
 import itertools
 import json
 import math
+import re
+import zipfile
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
@@ -14,15 +18,21 @@ from torch import Tensor
 
 from physid.data.files import write_text
 from physid.estimation.prediction.coordinates import Coordinates, Kind, Unknown
-from physid.strict import seen
+from physid.strict import quoted, seen, whole
 from physid.training.parameters.intervals import WIDEST, intervals, logged
-from physid.typed_files import CLOSED, check_as
-from physid.yaml_files import read_text
+from physid.typed_files import CLOSED, read_json_as
+from physid.yaml_files import open_regular, parse_yaml
 
 FILE = "posterior.json"
 LEAST = 1e-3
 """Share of the draws that must lie within the physical ranges."""
 AT_ONCE = 10_000
+NAME = re.compile(r"[^./\\][^.]*(\.\w+)+")
+"""Of a parameter: its body or effect, and which of its parameters."""
+ROUNDED = 1e-5
+"""Share by which an estimate may differ from what its coordinate stands for."""
+LOOSE = 1e-3
+"""Of correlations: what rounding may take them beyond one where parameters are known only together."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +52,17 @@ class Known:
 
     def __post_init__(self) -> None:
         seen(self.name, "name")
+        if not NAME.fullmatch(self.name):
+            raise ValueError(f"name: expected one such as block.friction, got {quoted(self.name)}")
+        if self.scale == 0 or not self.unknown().low < self.unknown().high:
+            raise ValueError(f"{self.name}: expected a scale other than 0 and a range from low to high, found others")
+        where = torch.tensor([self.coordinate], dtype=torch.float64)
+        value = float(Coordinates((self.unknown(),)).to_values(where))
+        if not abs(value - self.estimate) <= ROUNDED * max(abs(value), abs(self.estimate), abs(self.scale)):
+            raise ValueError(
+                f"{self.name}: expected the estimate that its coordinate {self.coordinate:g} stands for, {value:.6g}, "
+                f"found {self.estimate:.6g}"
+            )
 
     def unknown(self) -> Unknown:
         """Return what it is, whether or not its effect is known here."""
@@ -59,6 +80,34 @@ class _PosteriorFile:
     trajectories: int
     parameters: list[Known]
     covariance: list[list[float | None]]
+
+    def __post_init__(self) -> None:
+        whole(self.trajectories, "trajectories", low=1)
+        names = [one.name for one in self.parameters]
+        if not names:
+            raise ValueError("parameters: expected at least one, found none")
+        if twice := sorted({name for name in names if names.count(name) > 1}):
+            raise ValueError(f"parameters: {', '.join(map(quoted, twice))} is there twice; each has one row")
+        if [len(row) for row in self.covariance] != [len(names)] * len(names):
+            raise ValueError(f"covariance: expected {len(names)} rows of {len(names)} values")
+        self._check_covariance()
+
+    def _check_covariance(self) -> None:
+        """Check that some normal distribution has the covariance, as far as it is known."""
+        matrix = self.matrix()
+        known = matrix.diagonal().isfinite()
+        variance, part = matrix.diagonal()[known], matrix[known][:, known]
+        spread = torch.where(variance > 0, variance, 1.0).sqrt()
+        apart = part.where(part.isfinite(), torch.zeros_like(part)) / spread / spread[:, None]  # correlations
+        if not apart.isfinite().all() or (variance < 0).any() or (apart - apart.T).abs().sum() > LOOSE:
+            raise ValueError("covariance: expected variances of at least 0 in a symmetric matrix, found others")
+        if len(apart) and float(torch.linalg.eigvalsh((apart + apart.T) / 2)[0]) < -LOOSE:
+            raise ValueError("covariance: expected one that a distribution can have, found correlations beyond one")
+
+    def matrix(self) -> Tensor:
+        """Return the covariance, infinite where nothing is known."""
+        rows = [[math.inf if value is None else value for value in row] for row in self.covariance]
+        return torch.tensor(rows, dtype=torch.float64)
 
 
 @dataclass(frozen=True)
@@ -161,26 +210,38 @@ def read_posterior(run: Path) -> Posterior:
         run: The folder of a fit, or its posterior.json.
 
     Raises:
-        ValueError: If there is none, or the file breaks the format.
+        ValueError: If there is none, or the file breaks the format, or says what no fit can know.
     """
     path = run / FILE if run.is_dir() else run
     if not path.is_file():
         raise ValueError(f"{path} does not exist: expected a run of `physid fit` that has come to its end")
-    try:
-        content = json.loads(read_text(path))
-    except ValueError as error:
-        raise ValueError(f"{path}: expected JSON: {error}") from None
-    known = check_as(_PosteriorFile, content, str(path))
-    size = len(known.parameters)
-    rows = [[math.inf if value is None else value for value in row] for row in known.covariance]
-    if [len(row) for row in rows] != [size] * size:
-        raise ValueError(f"{path}: covariance: expected {size} rows of {size} values")
+    known = read_json_as(_PosteriorFile, path)
     return Posterior(
         Coordinates(tuple(one.unknown() for one in known.parameters)),
         torch.tensor([one.coordinate for one in known.parameters], dtype=torch.float64),
-        torch.tensor(rows, dtype=torch.float64),
+        known.matrix(),
         known.trajectories,
     )
+
+
+def holds_samples(path: Path, names: tuple[str, ...]) -> bool:
+    """Return whether a file holds sets of these parameters, by its beginning or its list of arrays.
+
+    Raises:
+        OSError: If it cannot be read, or is no regular file.
+    """
+    with open_regular(path) as file:
+        try:
+            if path.suffix.lower() == ".npz":
+                return zipfile.ZipFile(file).namelist() == [f"{name}.npy" for name in names]
+            lines = [line.decode() for line in islice(file, len(names) + 1)]
+            if path.suffix.lower() == ".csv":
+                return next(csv.reader(lines), []) == list(names)
+            first, next_one = parse_yaml("".join(lines[: len(names)]), str(path)), "".join(lines[len(names) :])
+        except (ValueError, zipfile.BadZipFile, csv.Error):
+            return False
+    whole = next_one.startswith("- ") or not next_one
+    return whole and isinstance(first, list) and [tuple(one) for one in first if isinstance(one, dict)] == [names]
 
 
 def _finite(value: float) -> float | None:

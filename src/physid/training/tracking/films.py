@@ -13,6 +13,7 @@ import torch
 from numpy.typing import NDArray
 
 from physid.data import Recording, RecordingSet
+from physid.data.batches.video import check_video
 from physid.scenes import Scene
 from physid.simulators.filming import open_studio
 from physid.training.vision import CastShadow, camera_of
@@ -56,6 +57,16 @@ class Filmed:
         return Recording(
             pose, self.wrench, self.time, split=self.split, protocol=self.protocol, wrench_time=self.wrench_time
         )
+
+
+def filmed_of(recordings: RecordingSet, count: int) -> list[Filmed]:
+    """Check the films of the first trajectories of a set, and return what is known of each beside its film.
+
+    Raises:
+        ValueError: If one has no film, or none that poses can be read from; the message names it.
+    """
+    check_video(recordings, range(count))
+    return [Filmed.of(recordings, index) for index in range(count)]
 
 
 class Footage(ABC):

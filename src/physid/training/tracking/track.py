@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import logging
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 
-from physid.data import DESCRIPTION, RecordingSet, trajectory_path
-from physid.data.batches.video import check_video
-from physid.data.reading import ECHO, FILE, HiddenFrames, Reading, read_reading, write_reading
-from physid.training.runs.run import CHECKPOINT, restore
-from physid.training.tracking.films import Filmed
+from physid.data import RecordingSet
+from physid.data.reading import ECHO, HiddenFrames, Reading, checksum_of_files, write_reading
+from physid.training.runs.run import restore
+from physid.training.tracking.earlier import clear, complete, key_of, read_before, require_few
+from physid.training.tracking.films import filmed_of
 from physid.training.tracking.first_frames import first_frames_of
 from physid.training.tracking.read_set import read_drawn, read_into
 from physid.training.vision import ChartName
@@ -47,20 +45,20 @@ def track(
         The set.
 
     Raises:
-        ValueError: If a film cannot be read (the message names it), or the folder holds something else. Trajectories
-            that were complete before stay; if there are none, nothing is left.
+        FileExistsError: If the folder holds anything but what this command has read there before; nothing is written.
+        ValueError: If a film cannot be read (the message names it), or the poses there were read otherwise.
+            Trajectories that were complete before stay; if there are none, nothing is left.
     """
     recordings = RecordingSet(films)
     count = len(range(len(recordings))[:limit])
-    key = _key(recordings, encoder, chart)
-    before = read_reading(out)
-    if before is not None and before.key != key:
-        raise ValueError(f"{out} holds poses that were read from other films; choose another folder, or delete it")
-    if before is not None and all(_complete(folder, count) for folder in (out, out / ECHO)):
+    key = key_of(recordings, encoder, chart)
+    before = read_before(recordings, out, encoder, chart)
+    if before is not None and all(complete(folder, count) for folder in (out, out / ECHO)):
         return RecordingSet(out)
-    check_video(recordings, range(count))
+    if before is not None:
+        require_few(out, count)
     scene = dataclasses.replace(recordings.scene, source=f"read by physid from the films of {films.name}")
-    known = [Filmed.of(recordings, index) for index in range(count)]
+    known = filmed_of(recordings, count)
     begun = first_frames_of(scene, recordings, known, chart, encoder and restore(encoder, films))
     reader, first, filmed = begun.reader, begun.pose, begun.footage
     stretch, deviation = (float(one) for one in (reader.calibration.stretch, reader.calibration.deviation))
@@ -71,7 +69,8 @@ def track(
             out, 100 * stretch, count, 100 * before.stretch,
         )  # fmt: skip
     hidden = {one.trajectory: one for one in (before.hidden if before else ())}
-    reading = Reading(str(films.resolve()), str(encoder or ""), reader.name, stretch, deviation, key)
+    seen = checksum_of_files(films)
+    reading = Reading(str(films.resolve()), str(encoder or ""), reader.name, stretch, deviation, key, seen=seen)
 
     def keep(*found: HiddenFrames) -> None:
         """Keep what is known of the reading, with what was found; a warning says it at once."""
@@ -88,7 +87,7 @@ def track(
             lambda done, total: say("reading the films", done, 2 * total), doubt=keep,
         )  # fmt: skip
     except ValueError:
-        _clear(out, count)
+        clear(out, count)
         raise
     read_drawn(
         out / ECHO,
@@ -99,25 +98,3 @@ def track(
         lambda done, total: say("reading drawn films", total + done, 2 * total),
     )
     return found
-
-
-def _key(recordings: RecordingSet, encoder: Path | None, chart: ChartName | None) -> str:
-    """Return a checksum of what is asked for, the scene, and names, sizes and times of the files."""
-    files = [*recordings.paths, *([] if encoder is None else [encoder / CHECKPOINT])]
-    facts = [(path.name, path.stat().st_size, path.stat().st_mtime_ns) for path in files if path.exists()]
-    return hashlib.sha256(repr((recordings.scene, str(encoder), chart, facts)).encode()).hexdigest()
-
-
-def _clear(folder: Path, count: int) -> None:
-    """Take back what says that poses are read into a folder, unless some trajectories were."""
-    if any(trajectory_path(folder, index).exists() for index in range(count)):
-        return
-    (folder / FILE).unlink(missing_ok=True)
-    with suppress(OSError):  # other things lie there
-        folder.rmdir()
-
-
-def _complete(folder: Path, count: int) -> bool:
-    """Return whether so many trajectories were read."""
-    wanted = (trajectory_path(folder, index) for index in range(count))
-    return (folder / DESCRIPTION).is_file() and all(path.is_file() for path in wanted)

@@ -1,21 +1,20 @@
-"""Camera files of OpenCV, ROS and physid: lens and place, and the ideal pinhole camera that stands for them."""
+"""Camera files of OpenCV, ROS and physid: lens and place."""
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, final
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from physid.data.importers.video.lens import FARTHEST, Array, Lens
 from physid.scenes.camera import Camera
-from physid.strict import nearest, quoted, whole
+from physid.strict import nearest, quoted, shown, whole
 from physid.typed_files import check_as
 from physid.yaml_files import YamlError, parse_yaml, read_text
 
-Array = NDArray[np.float64]
 PINHOLE = ("width", "height", "position", "target", "up", "fov_y")
 MATRIX, DISTORTION = ("camera_matrix", "K", "cameraMatrix", "M"), ("distortion_coefficients", "D", "distCoeffs", "dist")
 SIZES = (("image_width", "image_height"), ("width", "height"))
@@ -26,66 +25,13 @@ OTHERS = (
     "calibration_time", "nframes", "board_width", "board_height", "square_size", "flags", "avg_reprojection_error",
     "header", "binning_x", "binning_y", "roi",
 )  # fmt: skip
+LONGEST_TURN = 4 * np.pi
+"""[rad] Of rvec about each axis: solvers give up to one turn."""
 FEWEST_POINTS = 4
 FLAT = 1e-3
 """Singular value over the largest [-] below which points of the world count as on a line, or in a plane."""
 POINTS_OFF = 2.0
 """[px] that a point of the world may lie off in the image before it is remarked: well read ones lie within one."""
-
-
-@final
-@dataclass(frozen=True)
-class Lens:
-    """A real camera.
-
-    Attributes:
-        width: Columns [px].
-        height: Rows [px].
-        matrix: OpenCV's camera matrix, shape (3, 3); pixel centres are whole numbers.
-        distortion: OpenCV's coefficients k1, k2, p1, p2, k3, ...; none for a pinhole.
-        rotation: From the world's axes to the camera's (x right, y down, z forward), shape (3, 3).
-        translation: Of the world's origin in the camera's axes [m], shape (3,).
-        points_error: The largest distance [px] of a given point of the image from where this camera sees it; None where
-            the place was not found from points.
-    """
-
-    width: int
-    height: int
-    matrix: Array
-    distortion: Array
-    rotation: Array
-    translation: Array
-    points_error: float | None = None
-
-    @property
-    def ideal(self) -> bool:
-        """Whether it is a pinhole with square pixels, its principal point in the middle."""
-        middle = np.array([self.width / 2 - 0.5, self.height / 2 - 0.5])
-        square = abs(self.matrix[0, 0] / self.matrix[1, 1] - 1) < 1e-9 and abs(self.matrix[0, 1]) < 1e-9
-        return not self.distortion.any() and square and bool(np.allclose(self.matrix[:2, 2], middle, atol=1e-6))
-
-    def pinhole(self) -> Camera:
-        """Return the ideal camera at the same place, whose focal length is the mean one."""
-        focal = (self.matrix[0, 0] + self.matrix[1, 1]) / 2
-        position = -self.rotation.T @ self.translation
-        forward, up = self.rotation[2], -self.rotation[1]
-        # The target is where the optical axis meets the height zero, or a metre away.
-        away = -position[2] / forward[2] if forward[2] * position[2] < 0 else 1.0
-        fov = float(np.degrees(2 * np.arctan(self.height / 2 / focal)))
-        target = position + away * forward
-        return Camera(self.width, self.height, _triple(position), _triple(target), _triple(up), fov)
-
-    def maps(self) -> tuple[NDArray[np.float32], NDArray[np.float32]] | None:
-        """Return where pixels of the ideal image lie in the real one, columns and rows (H, W); None if there."""
-        if self.ideal:
-            return None
-        from physid.data.importers.video.opencv import cv2
-
-        focal = (self.matrix[0, 0] + self.matrix[1, 1]) / 2
-        wanted = np.array([[focal, 0, self.width / 2 - 0.5], [0, focal, self.height / 2 - 0.5], [0, 0, 1]])
-        size = (self.width, self.height)
-        found = cv2.initUndistortRectifyMap(self.matrix, self.distortion, None, wanted, size, cv2.CV_32FC1)
-        return np.asarray(found[0], dtype=np.float32), np.asarray(found[1], dtype=np.float32)
 
 
 def read_camera(path: Path) -> Lens:
@@ -102,19 +48,13 @@ def read_camera(path: Path) -> Lens:
     """
     if not path.is_file():
         raise FileNotFoundError(f"{path}: expected a camera file, found no such file; physid calibrate makes one")
-    try:
-        values = parse_yaml(_plain(read_text(path)), str(path))
-    except (YamlError, UnicodeDecodeError) as error:
-        raise ValueError(str(error) if isinstance(error, YamlError) else f"{path}: expected text, found none") from None
-    if not isinstance(values, dict):
-        raise ValueError(f"{path}: expected the keys of a camera file, found {type(values).__name__}")
-    known = {str(key): value for key, value in values.items()}
+    known = _keys_of(path)
     if set(known) <= set(PINHOLE) and "fov_y" in known:
-        return _of_pinhole(check_as(Camera, known, str(path)))
-    allowed = (*MATRIX, *DISTORTION, *(name for pair in SIZES for name in pair), *PLACE, *OTHERS)
-    for name in known:
-        if name not in allowed:
-            raise ValueError(f"{path}: unknown key {quoted(name)}{nearest(name, allowed)}")
+        try:
+            return _of_pinhole(_camera_as(path, known))
+        except ValueError as error:
+            raise ValueError(str(error) if str(error).startswith(str(path)) else f"{path}: {error}") from None
+    _require_known(path, known)
     if str(known.get("distortion_model", "")) not in MODELS:
         raise ValueError(
             f"{path}: distortion_model: expected plumb_bob or rational_polynomial, got {known['distortion_model']!r}; "
@@ -126,11 +66,46 @@ def read_camera(path: Path) -> Lens:
     if size is None:
         raise ValueError(f"{path}: expected image_width and image_height, found neither")
     width, height = (whole(known[name], f"{path}: {name}", low=1) for name in size)
-    if not (0 < matrix[0, 2] < width and 0 < matrix[1, 2] < height and matrix[0, 0] > 0 and matrix[1, 1] > 0):
-        raise ValueError(
-            f"{path}: camera_matrix: expected a principal point within {width} x {height}, got {matrix.tolist()}"
-        )
-    return Lens(width, height, matrix, distortion, *_place(path, known, matrix, distortion))
+    try:  # first by itself: nothing is worked out with a lens that is none
+        lens = Lens(width, height, matrix, distortion, np.eye(3), np.zeros(3))
+        rotation, translation, off = _place(path, known, matrix, distortion)
+        return replace(lens, rotation=rotation, translation=translation, points_error=off)
+    except ValueError as error:
+        raise ValueError(str(error) if str(error).startswith(str(path)) else f"{path}: {error}") from None
+
+
+def place_of(path: Path) -> dict[str, Any]:
+    """Return what a camera file says of the place of the camera and the size of its image; nothing if there is no file.
+
+    Raises:
+        OSError: If it cannot be read.
+        ValueError: If it is no camera file.
+    """
+    if not path.exists():
+        return {}
+    known = _keys_of(path)
+    _require_known(path, known, PINHOLE)
+    sizes = [name for pair in SIZES for name in pair]
+    return {name: value for name, value in known.items() if name in (*PLACE, *sizes) and value is not None}
+
+
+def _keys_of(path: Path) -> dict[str, Any]:
+    """Read the keys of a camera file, whatever they are."""
+    try:
+        values = parse_yaml(_plain(read_text(path)), str(path))
+    except (YamlError, UnicodeDecodeError) as error:
+        raise ValueError(str(error) if isinstance(error, YamlError) else f"{path}: expected text, found none") from None
+    if not isinstance(values, dict):
+        raise ValueError(f"{path}: expected the keys of a camera file, found {type(values).__name__}")
+    return {str(key): value for key, value in values.items()}
+
+
+def _require_known(path: Path, known: dict[str, Any], more: tuple[str, ...] = ()) -> None:
+    """Refuse keys that no camera file has."""
+    allowed = (*MATRIX, *DISTORTION, *(name for pair in SIZES for name in pair), *PLACE, *OTHERS, *more)
+    for name in known:
+        if name not in allowed:
+            raise ValueError(f"{path}: unknown key {quoted(name)}{nearest(name, allowed)}")
 
 
 def _plain(text: str) -> str:
@@ -164,20 +139,29 @@ def _place(path: Path, known: dict[str, Any], matrix: Array, distortion: Array) 
         from physid.data.importers.video.opencv import cv2
 
         turn, shift = (_numbers(path, known, (name,), (3,)) for name in ("rvec", "tvec"))
+        if not np.abs(turn).max() <= LONGEST_TURN:
+            raise ValueError(f"{path}: rvec: expected radians within {LONGEST_TURN:g}, got {turn.tolist()}")
         return np.asarray(cv2.Rodrigues(turn)[0], dtype=float), shift, None
     if "points" in known:
         return solve_place(known["points"], matrix, distortion, str(path))
     if {"position", "target", "up"} <= set(known):
-        camera = check_as(
-            Camera,
-            {name: known[name] for name in ("position", "target", "up")} | {"width": 1, "height": 1, "fov_y": 1.0},
-            str(path),
-        )
+        values = {name: known[name] for name in ("position", "target", "up")}
+        camera = _camera_as(path, values | {"width": 1, "height": 1, "fov_y": 1.0})
         return *_axes(camera), None
     raise ValueError(
         f"{path}: expected the place of the camera, found none: rvec and tvec, or position, target and up, or points: "
         "four or more of [column, row, x, y], image points beside points of the plane [m]"
     )
+
+
+def _camera_as(path: Path, values: dict[str, Any]) -> Camera:
+    """Check values as those of a camera whose place is within reach."""
+    for name in ("position", "target", "up"):
+        given = values.get(name)
+        for one in given if isinstance(given, list) else []:
+            if isinstance(one, int | float) and not abs(one) <= FARTHEST:
+                raise ValueError(f"{path}: {name}: expected numbers within {FARTHEST:g} [m], got {shown(given)}")
+    return check_as(Camera, values, str(path))
 
 
 def solve_place(points: Any, matrix: Array, distortion: Array, where: str) -> tuple[Array, Array, float]:
@@ -198,7 +182,7 @@ def solve_place(points: Any, matrix: Array, distortion: Array, where: str) -> tu
     """
     from physid.data.importers.video.opencv import cv2
 
-    rows = _rows_of(points, where)
+    rows = rows_of(points, where)
     base = np.array([0, 0, rows[:, 4].mean()])  # OpenCV's solver for planes is exact at the height zero only
     image, world = rows[:, :2].copy(), rows[:, 2:] - base
 
@@ -226,8 +210,12 @@ def solve_place(points: Any, matrix: Array, distortion: Array, where: str) -> tu
     return rotation, translation - rotation @ base, off
 
 
-def _rows_of(points: Any, where: str) -> Array:
-    """Return given points as rows of column, row, x, y, z, and refuse those that determine no place."""
+def rows_of(points: Any, where: str) -> Array:
+    """Return given points as rows of column, row, x, y, z.
+
+    Raises:
+        ValueError: If they determine no place.
+    """
     try:
         rows = np.array([[*row, 0.0] if len(row) == 4 else [*row] for row in points], dtype=float)
         sound = rows.ndim == 2 and rows.shape[1] == 5 and bool(np.isfinite(rows).all())
@@ -252,12 +240,6 @@ def _height_above(world: Array, position: Array) -> float:
     if (len(spread) > 2 and spread[2] > FLAT * spread[0]) or normal[2] < FLAT:
         return np.inf
     return float(normal @ (position - middle))
-
-
-def _triple(vector: Array) -> tuple[float, float, float]:
-    """Return a vector as plain numbers."""
-    x, y, z = (float(f"{one:.12g}") for one in vector)
-    return x, y, z
 
 
 def _axes(camera: Camera) -> tuple[Array, Array]:

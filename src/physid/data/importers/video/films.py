@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import os
 import re
 from abc import ABC, abstractmethod
@@ -12,16 +13,22 @@ from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image as Picture
-from PIL import UnidentifiedImageError
 
 from physid.data.importers.finding import SUFFIXES, natural
+from physid.data.importers.video.pictures import IMAGES, Image, read_picture, require_modest, size_of
+from physid.yaml_files import open_regular
 
-Image = NDArray[np.uint8]
 FILMS = SUFFIXES["mp4"]
-IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 MISSING = 0.02
-"""Share of the frames that a header promises which may be missing: counts in headers are estimates."""
+"""Share of the time that a header promises which may be missing: durations in headers are estimates."""
+CONTAINERS = (
+    "mov", "mp4", "matroska", "webm", "avi", "mpegts", "mpeg", "mpegvideo", "asf", "flv", "ogg", "mxf", "dv", "ivf",
+    "nut", "gif", "h264", "hevc", "obu", "m4v", "mjpeg", "yuv4mpegpipe",
+)  # fmt: skip
+"""FFmpeg's names of formats in which one file holds the whole film. It knows others whatever the file is called: lists
+of films, which it would read from other places."""
+LISTS = (b"ffconcat", b"#extm3u")
+"""What lists of other films begin with."""
 
 COUNT = 0.5  # share of images whose number is the next one, and that are there, from which on numbers count images
 
@@ -32,6 +39,7 @@ class Film(ABC):
     Attributes:
         path: File or folder.
         rate: Frames per second that its header says; None where it says none.
+        size: Columns and rows [px], known before a frame is decoded.
         numbers: Where each frame stands among all that were taken, by the numbers of images of which some are missing;
             None where none is missing, or nothing tells.
         lost: Numbers of the missing ones, as names write them.
@@ -39,6 +47,7 @@ class Film(ABC):
 
     path: Path
     rate: float | None
+    size: tuple[int, int]
     numbers: NDArray[np.int64] | None = None
     lost: tuple[str, ...] = ()
 
@@ -65,26 +74,38 @@ class FilmFile(Film):
         rate = float(capture.get(self._cv2.CAP_PROP_FPS))
         self.promised = max(int(capture.get(self._cv2.CAP_PROP_FRAME_COUNT)), 0)
         self.rate = rate if 0 < rate < 1e5 else None
+        self.size = int(capture.get(self._cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(self._cv2.CAP_PROP_FRAME_HEIGHT))
         capture.release()
+        require_modest(path, self.size)
 
     def frames(self) -> Iterator[tuple[float | None, Image]]:
         """Decode frame by frame (see `Film.frames`)."""
-        capture, count = self._open(), 0
+        capture, count, last = self._open(), 0, 0.0
         try:
             while True:
                 good, image = capture.read()
                 if not good:
                     break
                 stamp = float(capture.get(self._cv2.CAP_PROP_POS_MSEC)) / 1e3
-                count += 1
+                count, last = count + 1, max(last, stamp)
                 yield stamp, np.ascontiguousarray(image[..., ::-1])
         finally:
             capture.release()
-        if count < (1 - MISSING) * self.promised - 1:
+        if count < (1 - MISSING) * self.promised - 1 and not self._lasts(count, last):
             raise ValueError(
                 f"{self.path}: expected {self.promised} frames as its header says, found {count}: the film is cut off "
                 "or damaged; copy it again, or save the part that can be played as a film of its own"
             )
+
+    def _lasts(self, count: int, last: float) -> bool:
+        """Return whether frames last as long as the header promises, by the last stamp [s].
+
+        What counts frames in a header without an index is the duration times the rate; where frames do not come evenly,
+        as phones record them, both are right while the product is not.
+        """
+        if self.rate is None or last <= 0:
+            return False
+        return last * (1 + 1 / max(count - 1, 1)) >= (1 - MISSING) * self.promised / self.rate - 1 / self.rate
 
     def _open(self) -> Any:
         # FFmpeg would print what it thinks of damaged files; the message below says it once.
@@ -93,9 +114,15 @@ class FilmFile(Film):
         from physid.data.importers.video.opencv import cv2
 
         self._cv2 = cv2
-        with self.path.open("rb"):
-            pass  # what the system refuses is told in its own words
-        capture = cv2.VideoCapture(str(self.path), cv2.CAP_FFMPEG)
+        with open_regular(self.path) as file:  # what the system refuses is told in its own words
+            begins = file.read(64).removeprefix(codecs.BOM_UTF8).lstrip().lower()
+        if begins.startswith(LISTS):
+            raise ValueError(
+                f"{self.path}: expected a film, found a list of other films, which may lie anywhere; name the films"
+            )
+        os.environ["OPENCV_FFMPEG_CAPTURE_OPTIONS"] = f"format_whitelist;{','.join(CONTAINERS)}"
+        # A path from the root is no address to FFmpeg, whatever the file is called.
+        capture = cv2.VideoCapture(str(self.path.absolute()), cv2.CAP_FFMPEG)
         if not capture.isOpened():
             raise ValueError(
                 f"{self.path}: expected a film, found a file that cannot be decoded; an mp4 whose end is missing lacks "
@@ -113,21 +140,13 @@ class ImageFolder(Film):
         self._files = sorted((each for each in path.iterdir() if each.suffix.lower() in IMAGES), key=natural)
         if not self._files:
             raise FileNotFoundError(f"{path}: expected images ({', '.join(IMAGES)}), found none")
+        self.size = size_of(self._files[0])
         self.numbers, self.lost = counted([each.stem for each in self._files])
 
     def frames(self) -> Iterator[tuple[float | None, Image]]:
         """Read image by image (see `Film.frames`)."""
-        shape: tuple[int, ...] | None = None
         for file in self._files:
-            try:
-                with Picture.open(file) as picture:
-                    image = np.asarray(picture.convert("RGB"))
-            except (UnidentifiedImageError, OSError) as error:
-                raise ValueError(f"{file}: expected an image, found one that cannot be read: {error}") from None
-            if shape not in (None, image.shape):
-                raise ValueError(f"{file}: expected an image of {shape} as the others, found {image.shape}")
-            shape = image.shape
-            yield None, image
+            yield None, read_picture(file, self.size, "as the others")
 
 
 def counted(names: Sequence[str]) -> tuple[NDArray[np.int64] | None, tuple[str, ...]]:

@@ -6,11 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, final
 
+import numpy as np
+
 from physid.data.importers.convert import FRICTION_NOTE
 from physid.data.importers.mapping import OF_BODY, OF_SET, LogMap
-from physid.data.importers.video.cameras import POINTS_OFF, Lens, read_camera
+from physid.data.importers.video.cameras import POINTS_OFF, read_camera
+from physid.data.importers.video.lens import Lens
 from physid.scenes import Scene
-from physid.strict import nearest, number, quoted
+from physid.strict import RATES, nearest, number, quoted
 
 OF_FILM = ("camera", "background", "rate")
 OF_POSES = ("time", "time_step", "header", "trajectory", "lost", "axes", "position", "quaternion", "euler", "matrix",
@@ -50,14 +53,11 @@ class FilmMap:
                 raise ValueError(f"mapping: unknown key {quoted(name)}{nearest(name, (*allowed, *OF_FILM))}")
         if known.get("camera") is None:
             raise ValueError("mapping: missing camera: a camera file; physid calibrate makes one (docs/films.md)")
-        lens, rate, given = (
-            read_camera(Path(str(known.pop("camera")))),
-            known.pop("rate", None),
-            known.pop("background", None),
-        )
+        camera = Path(str(known.pop("camera")))
+        lens, rate, given = read_camera(camera), known.pop("rate", None), known.pop("background", None)
         poses = {"position": [0, 0, 0], "orientation": "none"}
         bodies = {"bodies": [{**one, **poses} for one in known["bodies"]]} if known.get("bodies") else poses
-        rate = None if rate is None else number(rate, "rate", low=0.0, strict=True)
+        rate = None if rate is None else number(rate, "rate", low=RATES[0], high=RATES[1])
         log = LogMap.from_mapping({**known, **bodies, "rate": 1.0})
         if log.forces.file is None and any(each.force or each.torque for each in log.bodies):
             raise ValueError(
@@ -66,6 +66,12 @@ class FilmMap:
             )
         if log.forces.axes == "body":
             raise ValueError("mapping: expected forces.axes=world, for a film shows attitudes once it is tracked")
+        above = float(np.array(log.ground.normal) @ lens.position) - log.ground.offset
+        if above <= 0:
+            raise ValueError(
+                f"{camera}: expected a camera above the ground, found one {-above:.3g} m below it, which sees no body "
+                "on it; z points up, and rvec and tvec lead from the world to the camera"
+            )
         return cls(log, lens, rate, None if given is None else Path(str(given)))
 
     @property

@@ -7,7 +7,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from physid.data.importers.video.films import Image
+from physid.data.importers.video.pictures import Image
 from physid.data.importers.video.sights import find_bodies
 
 Array = NDArray[np.float64]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from physid.data.importers.video.films import Image
+from physid.data.importers.video.pictures import Image
 from physid.data.importers.video.shadows import OUTSIDE, SMOOTHING, Mixture, extremes, shaded, smoothed, surroundings
 
 MEDIAN = 1.4826  # deviation of a normal variable over its median magnitude

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image as Picture
 from scipy.spatial.transform import Rotation
 
-from physid.data.importers.video.cameras import Lens
-from physid.data.importers.video.films import Film, Image, open_film
+from physid.data.importers.video.films import Film, open_film
+from physid.data.importers.video.lens import METRES, Lens
+from physid.data.importers.video.pictures import Image, read_picture
 from physid.data.importers.video.sights import background_of, find_bodies
 from physid.data.observations.stamps import rhythm_of
 from physid.scenes import Scene
@@ -23,6 +24,10 @@ EVEN = 0.02
 """Share of a frame's time by which stamps may stray and still count as even."""
 RATE_DIFFERS = 0.02
 """Share by which rates may differ that mean the same."""
+RESOLUTION = 1e-3
+"""[s] To which many films round their stamps."""
+MOST_DOUBLED = 0.02
+"""Share of the frames whose stamps may be mended: more of them are no slip of the recorder."""
 FEWEST_FRAMES = 4
 NAMED = 5
 """Missing images that a note names."""
@@ -30,7 +35,6 @@ FEWEST, MOST = 0.4, 1.7
 """Pixels of a body over those that it should cover at least and at most: shadows add some, and what it hides behind."""
 GHOST = 5.0
 """Times the most that it should cover that a body covers at most, together with itself at another place."""
-METRES = "are size, points and tvec of the camera in metres"
 
 
 @final
@@ -58,15 +62,12 @@ class Survey:
 def survey(path: Path, lens: Lens, straighten: Callable[[Image], Image], rate: float | None, most: int) -> Survey:
     """Look at a film once: how many frames, how far apart; keep at most so many of them, evenly."""
     film = open_film(path)
+    _require_size(film, lens, film.size)
     stamps: list[float | None] = []
     kept: list[Image] = []
     every = 1
     for position, (stamp, image) in enumerate(film.frames()):
-        if image.shape[:2] != (lens.height, lens.width):
-            raise ValueError(
-                f"{film.path}: expected images of {lens.width} x {lens.height} as the camera file says, found "
-                f"{image.shape[1]} x {image.shape[0]}; calibrate at the size of the film"
-            )
+        _require_size(film, lens, (image.shape[1], image.shape[0]))
         stamps.append(stamp)
         if most and position % every == 0:
             if len(kept) == most:
@@ -77,6 +78,15 @@ def survey(path: Path, lens: Lens, straighten: Callable[[Image], Image], rate: f
         raise ValueError(f"{film.path}: expected a film of {FEWEST_FRAMES} frames or more, found {len(stamps)}")
     step, time, notes = _clock(film, stamps, rate)
     return Survey(film, len(stamps), step, time, kept, tuple(notes))
+
+
+def _require_size(film: Film, lens: Lens, size: tuple[int, int]) -> None:
+    """Refuse images of another size than the camera's."""
+    if size != (lens.width, lens.height):
+        raise ValueError(
+            f"{film.path}: expected images of {lens.width} x {lens.height} as the camera file says, found "
+            f"{size[0]} x {size[1]}; calibrate at the size of the film"
+        )
 
 
 def _clock(
@@ -91,20 +101,54 @@ def _clock(
         if film.numbers is None:
             return 1 / rate, None, notes
         return 1 / rate, film.numbers / rate, [*notes, _missing(film)]
-    if known is None or not (np.diff(known) > 0).all():
+    if known is None or not np.ptp(known):
         if film.rate is None or known is None:
             raise ValueError(
                 f"{film.path}: expected the time between images, found none; give rate (frames per second)"
             )
         return 1 / film.rate, None, []
     known = known - known[0]
-    step, notes = rhythm_of(known).period, []
+    if not (np.diff(known) > 0).all():
+        if film.rate is not None and _is_even(known, 1 / film.rate):
+            return 1 / film.rate, None, []
+        known, mended = _increasing(film, known)
+    else:
+        mended = []
+    step, notes = rhythm_of(known).period, mended
     if film.rate is not None and abs(film.rate * step - 1) > RATE_DIFFERS:
-        notes = [f"rate: {1 / step:.4g} frames per second, as the stamps show; {says}"]
+        notes = [*mended, f"rate: {1 / step:.4g} frames per second, as the stamps show; {says}"]
     elif film.rate is not None:
         step = 1 / film.rate
-    even = bool((np.abs(known - step * np.arange(len(known))) < EVEN * step + 1e-3).all())
-    return step, None if even else known, notes
+    return step, None if _is_even(known, step) else known, notes
+
+
+def _is_even(stamps: NDArray[np.float64], step: float) -> bool:
+    """Return whether stamps, from zero on, are those of even frames, within what they are rounded to."""
+    return bool((np.abs(stamps - step * np.arange(len(stamps))) < EVEN * step + RESOLUTION).all())
+
+
+def _increasing(film: Film, stamps: NDArray[np.float64]) -> tuple[NDArray[np.float64], list[str]]:
+    """Put frames whose stamps do not follow those before them midway between their neighbours, and say so.
+
+    Raises:
+        ValueError: If there are more of them than a recorder doubles now and then.
+    """
+    before = np.maximum.accumulate(stamps)
+    wrong = np.r_[False, stamps[1:] <= before[:-1]]
+    places = np.flatnonzero(wrong)
+    if len(places) > max(1, MOST_DOUBLED * len(stamps)) or wrong[-1]:
+        raise ValueError(
+            f"{film.path}: expected stamps that increase, found {len(places)} that do not, the first in frame "
+            f"{places[0]} at {stamps[places[0]]:.4g} s; if frames come evenly, give rate (frames per second), else "
+            "write the film anew (ffmpeg -i IN -fps_mode passthrough OUT.mp4)"
+        )
+    right = np.flatnonzero(~wrong)
+    mended = np.interp(np.arange(len(stamps)), right, stamps[right])
+    some = ", ".join(map(str, places[:NAMED])) + ", ..." * (len(places) > NAMED)
+    return mended, [
+        f"{film.path}: frame {some}: stamps that do not follow those before them; the frames are taken to be midway "
+        "between their neighbours"
+    ]
 
 
 def _missing(film: Film) -> str:
@@ -117,14 +161,18 @@ def _missing(film: Film) -> str:
 
 
 def straightener(lens: Lens) -> Callable[[Image], Image]:
-    """Return what turns an image of the real camera into one of the ideal camera."""
-    maps = lens.maps()
-    if maps is None:
+    """Return what turns an image of the real camera into one of the ideal camera.
+
+    Where pixels lie is worked out with the first image: its size has been compared with the camera's by then.
+    """
+    if lens.ideal:
         return lambda image: image
     from physid.data.importers.video.opencv import cv2
 
+    maps = cache(lens.maps)
+
     def straighten(image: Image) -> Image:
-        return np.asarray(cv2.remap(image, *maps, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE))
+        return np.asarray(cv2.remap(image, *maps(), cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE))
 
     return straighten
 
@@ -134,16 +182,11 @@ def empty_scene(path: Path, lens: Lens, straighten: Callable[[Image], Image]) ->
 
     Raises:
         FileNotFoundError: If there is none.
-        ValueError: If it has another size than the films.
+        ValueError: If it is no image, or has another size than the films.
     """
     if not path.is_file():
         raise FileNotFoundError(f"{path}: expected an image of the empty scene (background), found no such file")
-    image = np.asarray(Picture.open(path).convert("RGB"))
-    if image.shape[:2] != (lens.height, lens.width):
-        raise ValueError(
-            f"{path}: expected an image of {lens.width} x {lens.height}, found {image.shape[1]} x {image.shape[0]}"
-        )
-    return straighten(image)
+    return straighten(read_picture(path, (lens.width, lens.height), "as the camera file says"))
 
 
 def common_background(surveys: Sequence[Survey], count: int) -> Image:
