@@ -124,7 +124,7 @@ def _require_same_run(folder: Path, configuration: Configuration) -> None:
         if (old := was.get(key)) != (new := now.get(key)):
             raise ConfigurationError(
                 f"{folder}: expected the run that began there to go on, with {key}={shown(old)}, found {shown(new)}; "
-                "leave that as it was, or begin another run with --run-dir"
+                "--resume with --run-dir alone goes on as it began; begin another run in a folder of its own"
             )
 
 
