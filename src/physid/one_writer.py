@@ -21,8 +21,10 @@ LOCK = ".lock"
 MOST_SHOWN = 300
 """Letters of what a lock file says; another program may have written it."""
 UNSUPPORTED = (errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS)
-LINKS_OF_ITS_OWN = "wandb"
-"""The folder of Weights & Biases, which links to its latest run, and replaces such links whole."""
+EARLIER, UNFINISHED_MOVE = ".physid_earlier", ".physid_earlier.part"
+"""Folders, in that of a run, of the run that it takes the place of; the latter while it is filled or emptied."""
+LINKS_OF_ITS_OWN = ("wandb", f"{EARLIER}/wandb", f"{UNFINISHED_MOVE}/wandb")
+"""The folders of Weights & Biases, which links to its latest run, and replaces such links whole."""
 
 
 class FolderInUseError(ValueError):
@@ -92,7 +94,7 @@ def _leads_to_file_of(folder: Path, link: str) -> bool:
 
 def _entries(folder: Path) -> Iterator[tuple[str, int]]:
     """Yield path and mode of everything in a folder, however deep, but for what lies in `LINKS_OF_ITS_OWN`."""
-    waiting, aside = [str(folder)], os.path.join(folder, LINKS_OF_ITS_OWN)
+    waiting, aside = [str(folder)], [os.path.join(folder, each) for each in LINKS_OF_ITS_OWN]
     while waiting:
         entries = list[os.DirEntry[str]]()
         with suppress(FileNotFoundError), os.scandir(waiting.pop()) as found:
@@ -101,7 +103,7 @@ def _entries(folder: Path) -> Iterator[tuple[str, int]]:
             with suppress(FileNotFoundError):  # another process may take one away meanwhile
                 mode = entry.stat(follow_symlinks=False).st_mode
                 yield entry.path, mode
-                if stat.S_ISDIR(mode) and entry.path != aside:
+                if stat.S_ISDIR(mode) and entry.path not in aside:
                     waiting.append(entry.path)
 
 

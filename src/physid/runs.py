@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from physid.class_paths import load_class
 from physid.configuration import Configuration, ConfigurationError, compose, flatten
-from physid.one_writer import one_writer
+from physid.one_writer import EARLIER, LOCK, UNFINISHED_MOVE, one_writer
 from physid.one_writer import refuse_links as refuse_links
 from physid.record import RECORD, Record, recording_sets, write_record
 from physid.strict import shown
 from physid.typed_files import read_json_as
 
 CONFIG = "config.yaml"
-LEFT_BY_A_RUN = ("metrics.csv", "metrics.json", "checkpoints")
-WHAT_RUNS = ("model", "data", "seed_everything")
-"""Of a configuration, what makes a run this one; trainer and wandb say how far and how it goes."""
+HISTORY = "metrics.csv"
+LEFT_BY_A_RUN = (HISTORY, "metrics.json", "checkpoints")
+CHECKPOINT = Path("checkpoints", "last.ckpt")
 
 
 def first_process() -> bool:
@@ -66,43 +68,104 @@ def open_folder(
         FolderInUseError: If another process writes there.
     """
     folder = folder_of(configuration, run_dir)
+    if resume:
+        _require_same_run(folder, configuration)
     if not first_process():
         yield folder
         return
     require_apart(folder, recording_sets(configuration.values), within=overwrite and not resume)
     with one_writer(folder):
-        _begin(folder, configuration, resume=resume, overwrite=overwrite)
-        yield folder
+        before = _described(folder) if resume else {}
+        try:
+            _begin(folder, configuration, resume=resume, overwrite=overwrite)
+            yield folder
+        except BaseException:
+            _settle(folder)
+            if before and _described(folder)[CHECKPOINT] == before[CHECKPOINT]:
+                _describe_again(folder, before)
+            raise
+        shutil.rmtree(folder / EARLIER, ignore_errors=True)
 
 
 def _begin(folder: Path, configuration: Configuration, *, resume: bool, overwrite: bool) -> None:
     """Clear what must go, and write configuration and record (see `open_folder`)."""
-    from physid.data.files import clear_folder, write_text
+    from physid.data.files import write_text
 
+    _settle(folder)
     earlier = any((folder / name).exists() for name in LEFT_BY_A_RUN)
     if earlier and not resume and not overwrite:
         raise ConfigurationError(
             f"{folder} holds an earlier run; --resume goes on, --overwrite deletes it, --run-dir chooses another folder"
         )
     if earlier and overwrite and not resume:
-        if not (folder / CONFIG).is_file() or not _is_recorded(folder):
-            raise ConfigurationError(
-                f"{folder} has no {CONFIG} and {RECORD} of a run, so it is no run's folder, and is not deleted"
-            )
-        clear_folder(folder)
-    if resume:
-        _require_same_run(folder, configuration)
+        _require_run(folder)
+        _set_aside(folder)
     write_record(folder, configuration.values)
     write_text(folder / CONFIG, configuration.to_yaml())
 
 
-def _is_recorded(folder: Path) -> bool:
-    """Return whether a folder has the record that every run writes."""
+def _require_run(folder: Path) -> None:
+    """Refuse to delete a folder that is not known to be that of a run.
+
+    Raises:
+        ConfigurationError: If it lacks what every run writes; says what.
+    """
     try:
+        if not (folder / CONFIG).is_file():
+            raise ValueError(f"it has no {CONFIG}")
         read_json_as(Record, folder / RECORD)
-    except (OSError, ValueError):
-        return False
-    return True
+    except (OSError, ValueError) as error:
+        raise ConfigurationError(
+            f"{folder}: expected the folder of a run, which --overwrite deletes, found none that is certain to be one "
+            f"({error}); delete it yourself, or choose another --run-dir"
+        ) from None
+
+
+def _set_aside(folder: Path) -> None:
+    """Put what lies in the folder of a run aside in it, all or nothing, until the next run has something to show."""
+    part = folder / UNFINISHED_MOVE
+    part.mkdir()
+    for path in list(folder.iterdir()):
+        if path.name not in (LOCK, part.name):
+            path.rename(part / path.name)
+    part.rename(folder / EARLIER)
+
+
+def _settle(folder: Path) -> None:
+    """End an exchange of runs that has failed, or was killed: the later one stays if it has a checkpoint."""
+    from physid.data.files import clear_folder
+
+    aside, part = folder / EARLIER, folder / UNFINISHED_MOVE
+    if aside.is_dir() and (folder / CHECKPOINT).is_file():
+        shutil.rmtree(aside)
+    elif aside.is_dir():
+        clear_folder(folder, keep=(LOCK, EARLIER))
+        aside.rename(part)
+    if part.is_dir():
+        for path in part.iterdir():
+            path.rename(folder / path.name)
+        part.rmdir()
+
+
+def _described(folder: Path) -> dict[Path, Any]:
+    """Return what is said of a run, and which checkpoint it has: each one is a file of its own."""
+    texts: dict[Path, Any] = {
+        Path(name): (folder / name).read_bytes() for name in (CONFIG, RECORD, HISTORY) if (folder / name).is_file()
+    }
+    checkpoint = folder / CHECKPOINT
+    return texts | {CHECKPOINT: checkpoint.stat().st_ino if checkpoint.is_file() else None}
+
+
+def _describe_again(folder: Path, before: Mapping[Path, Any]) -> None:
+    """Say of a run what was said before, since nothing of it has changed."""
+    from physid.data.files import write_whole
+
+    def write(content: bytes, part: Path) -> None:
+        part.write_bytes(content)
+
+    for name, content in before.items():
+        if name != CHECKPOINT:
+            write_whole(folder / name, partial(write, content))
 
 
 def _require_same_run(folder: Path, configuration: Configuration) -> None:
@@ -111,8 +174,6 @@ def _require_same_run(folder: Path, configuration: Configuration) -> None:
     Raises:
         ConfigurationError: If model, data or seed are others; names the key.
     """
-    from physid.training.runs.every_run import CHECKPOINT
-
     if not (folder / CHECKPOINT).is_file() or not (folder / CONFIG).is_file():
         return  # nothing has been learned yet
     before = compose([folder / CONFIG], allowed=configuration.allowed).values
@@ -130,17 +191,17 @@ def _require_same_run(folder: Path, configuration: Configuration) -> None:
 
 def _what_runs(values: Mapping[str, Any], allowed: tuple[str, ...]) -> Iterator[tuple[str, Any]]:
     """Yield the keys that make a run what it is, with their values; of a user's own classes only which they are."""
-    for group in WHAT_RUNS:
-        section = values.get(group)
-        if not isinstance(section, dict):
-            yield group, section
+    yield "seed_everything", values.get("seed_everything") or 0
+    for group in ("model", "data"):
+        section = values.get(group) or {}
+        yield group, section.get("class_path")
+        free = getattr(load_class(section.get("class_path"), allowed), "MAY_CHANGE", None)
+        if free is None:
             continue
-        path = section.get("class_path")
-        yield group, path
-        free = getattr(load_class(path, allowed), "MAY_CHANGE", None)
-        if free is not None:
-            arguments = section.get("init_args") or {}
-            yield from flatten({key: value for key, value in arguments.items() if key not in free}, group)
+        for key, value in flatten(section.get("init_args") or {}):
+            plain = key.replace("init_args.", "")
+            if not any(plain == one or plain.startswith(f"{one}.") for one in free):
+                yield f"{group}.{plain}", value
 
 
 def require_apart(folder: Path, recordings: Iterable[str | Path], *, within: bool = True) -> None:

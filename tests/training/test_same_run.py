@@ -7,12 +7,17 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+import h5py
 import pytest
 import torch
 import yaml
 
+from physid import runs
 from physid.cli import main
+from physid.configuration import ConfigurationError, compose
 from physid.data import RecordingSet
+from physid.one_writer import EARLIER, UNFINISHED_MOVE
+from physid.runs import open_folder
 from physid.training.runs.every_run import CHECKPOINT
 
 FRICTION = "block.friction"
@@ -56,7 +61,7 @@ def refused(words: list[str], message: str, capsys: pytest.CaptureFixture[str]) 
         (["model.values={block.mass: 4.0}"], "with model.values.block.mass=None, found 4.0"),
         (["seed_everything=7"], "with seed_everything=0, found 7"),
         (["data.limit=2"], "with data.limit=None, found 2"),
-        (["model.learn=[block.mass]"], "one that has learned 'block.friction'"),
+        (["model.learn=[block.mass]"], "with model.learn.0='block.friction', found 'block.mass'"),
         (["trainer.accelerator=gpu"], "gpu"),
         (["data.folder=nowhere"], "nowhere/recording.yaml: expected a recording set"),
     ],
@@ -71,16 +76,25 @@ def test_a_run_goes_on_as_itself_and_stays_as_it_is_where_it_cannot(
 
 def test_a_run_goes_on_for_longer_and_from_recordings_that_were_moved(run: Path) -> None:
     Path("pushed").rename("moved")
+    Path("moved/SHA256SUMS").unlink()
     words = ["trainer.max_epochs=3", "data.folder=moved", "data.workers=1"]
     assert main(["fit", "--run-dir=run", "--resume", *words]) == 0
     assert torch.load(run / CHECKPOINT, weights_only=True)["epoch"] == 2
 
 
-def test_a_run_goes_on_with_its_own_recordings_only(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("change", ["a mass", "forces", "a file"])
+def test_a_run_goes_on_with_its_own_recordings_only(change: str, run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = content(run)
     shutil.copytree("pushed", "others")
-    RecordingSet("others").paths[-1].unlink()
     expected = "others: expected the recordings that the run was fitted to"
+    if change == "a mass":
+        description = Path("others/recording.yaml")
+        description.write_text(description.read_text().replace("mass: 2.0", "mass: 9.0"))
+    elif change == "forces":
+        with h5py.File(RecordingSet("others").paths[-1], "r+") as file:
+            file["wrench"][...] *= 3
+    else:
+        RecordingSet("others").paths[-1].unlink()
     refused(["fit", "others", "--run-dir=run", "--resume"], expected, capsys)
     assert content(run) == before
 
@@ -95,15 +109,50 @@ def test_what_was_learned_is_not_taken_for_another_parameter(run: Path, capsys: 
         (["data.folder=nowhere"], "expected a recording set"),
         (["model.learn=[block.mas]"], 'did you mean "block.mass"'),
         (["trainer.accelerator=gpu"], "gpu"),
+        (["trainer.enable_checkpointing=false"], "enable_checkpointing"),
+        (["trainer.precision=bf16-mixed"], "trainer.precision"),
+        (["data.batch_size=2"], "GaussNewton needs all trajectories in one batch"),
+        (["data.forces=run/forces.csv"], "run/forces.csv"),
         (["--resume"], "expected --resume or --overwrite, found both"),
     ],
 )
 def test_a_mistake_costs_no_earlier_run(
     words: list[str], message: str, run: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    (run / "forces.csv").write_text("block.force_x\n1\n")
     before = content(run)
     refused(["fit", "pushed", "--run-dir=run", "--overwrite", *words], message, capsys)
     assert content(run) == before
+
+
+@pytest.mark.parametrize("killed", ["as the earlier run was put aside", "before a checkpoint", "after one"])
+def test_an_exchange_of_runs_that_was_killed_loses_none(killed: str, run: Path) -> None:
+    before = content(run)
+    aside = run / (UNFINISHED_MOVE if killed.startswith("as") else EARLIER)
+    shutil.copytree(run, Path("copy"), symlinks=True)
+    aside.mkdir()
+    for path in sorted(run.iterdir()):
+        if path != aside and (path.name != "config.yaml" or not killed.startswith("as")):
+            path.rename(aside / path.name)
+    if not killed.startswith("as"):
+        (run / "config.yaml").write_text("later: 1\n")
+    if killed == "after one":
+        Path("copy/checkpoints").rename(run / "checkpoints")
+    with pytest.raises(ConfigurationError, match="holds an earlier run"), open_folder(compose([]), run):
+        pass
+    assert not aside.exists()
+    if killed == "after one":
+        assert (run / "config.yaml").read_text() == "later: 1\n"
+    else:
+        assert content(run) == before
+
+
+def test_the_later_run_takes_the_place_of_the_earlier_one(run: Path) -> None:
+    words = ["fit", "pushed", f"model.learn=[{FRICTION}]", "--run-dir=run", "--overwrite"]
+    assert main([*words, "trainer.max_epochs=0", "wandb=disabled"]) == 0
+    assert not (run / EARLIER).exists()
+    assert not (run / CHECKPOINT).exists()
+    assert runs.CHECKPOINT == CHECKPOINT
 
 
 def test_recordings_are_not_deleted_with_the_run_that_they_lie_in(
@@ -123,7 +172,7 @@ def test_a_folder_that_only_looks_like_a_run_is_not_deleted(run: Path, capsys: p
     (own / "config.yaml").write_text("a: 1\n")
     (own / "precious.py").write_text("")
     before = content(own)
-    refused(["fit", "pushed", "--run-dir=project", "--overwrite"], "is no run's folder, and is not deleted", capsys)
+    refused(["fit", "pushed", "--run-dir=project", "--overwrite"], "found none that is certain to be one", capsys)
     assert content(own) == before
 
 

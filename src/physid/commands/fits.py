@@ -40,19 +40,16 @@ def fit(
         recordings: Folder of the recording set, instead of the configuration's.
         run_dir: Folder of the run; runs/NAME by default.
         resume: Go on from the last checkpoint of the run.
-        overwrite: Delete an earlier run, with all that is in its folder, once what replaces it has been built.
+        overwrite: Delete an earlier run, with all that is in its folder, once the one in its place has a checkpoint.
     """
     from physid.commands.terminal.summary import summarize
-    from physid.runs import first_process, folder_of, open_folder
+    from physid.runs import first_process, open_folder
     from physid.schema.check import check_fit
     from physid.training.runs import run
 
     if resume and overwrite:
         raise ValueError("fit: expected --resume or --overwrite, found both; an earlier run goes on, or is deleted")
     check_fit(configuration)
-    if resume or overwrite:
-        place = folder_of(configuration, run_dir)
-        run.rehearse(configuration.values, place, resume=resume, allowed=configuration.allowed)
     with open_folder(configuration, run_dir, resume=resume, overwrite=overwrite) as folder:
         figures = run.fit(configuration.values, folder, resume=resume, allowed=configuration.allowed)
     if first_process():

@@ -144,12 +144,14 @@ def _mark(part: Path) -> None:
 
 
 def clear_folder(folder: Path, keep: Iterable[str] = (LOCK,)) -> None:
-    """Delete everything in a folder but some files; of links, only the link."""
+    """Delete everything in a folder but what has some names; of links, only the link."""
     kept = frozenset(keep)
     for path in folder.iterdir():
+        if path.name in kept:
+            continue
         if path.is_dir() and not path.is_symlink():
             shutil.rmtree(path)
-        elif path.name not in kept:
+        else:
             path.unlink()
 
 

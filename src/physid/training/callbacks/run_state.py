@@ -13,10 +13,13 @@ import numpy as np
 import torch
 
 from physid.data import RecordingSet
-from physid.data.format import SUMS, read_sums
+from physid.data.format import DESCRIPTION, list_sums
 from physid.estimation.measurement.unexplained import STEPS_TAKEN
 from physid.typed_files import check_as
+from physid.yaml_files import read_text
 
+LARGEST_HASHED = 2**30
+"""[bytes] of recordings that are read once more to know them again: a second or two."""
 WORDS = 624
 """Numbers that the state of a Mersenne twister holds."""
 
@@ -159,19 +162,6 @@ def kept_of(state: object) -> Kept:
     return check_as(Kept, plain, "RunState")
 
 
-def require_same_recordings(state: object, recordings: RecordingSet) -> None:
-    """Refuse to go on with a run on other recordings than it was fitted to: it would take its results for theirs.
-
-    Args:
-        state: What a checkpoint holds of `RunState`.
-        recordings: Those to go on with.
-
-    Raises:
-        ValueError: If they are others, or the state is none.
-    """
-    _require_same(kept_of(state).recordings, recordings)
-
-
 def _require_same(before: str, recordings: RecordingSet) -> None:
     """Compare the digest that a run has kept, if it has, with that of recordings."""
     if before not in ("", _digest(recordings)):
@@ -182,10 +172,13 @@ def _require_same(before: str, recordings: RecordingSet) -> None:
 
 
 def _digest(recordings: RecordingSet) -> str:
-    """Return a digest of a recording set: of which files are there, their sizes, and what they should hold."""
-    files = [(path.name, path.stat().st_size) for path in recordings.paths]
-    sums = read_sums(recordings.folder) if (recordings.folder / SUMS).is_file() else ""
-    return hashlib.sha256(repr((sums, files)).encode()).hexdigest()
+    """Return a digest of what a recording set holds; of very large ones, of its description, and names and sizes."""
+    folder, sizes = recordings.folder, [(path.name, path.stat().st_size) for path in recordings.paths]
+    if sum(size for _, size in sizes) <= LARGEST_HASHED:
+        content = list_sums(folder)
+    else:
+        content = repr((read_text(folder / DESCRIPTION), sizes))
+    return hashlib.sha256(content.encode()).hexdigest()
 
 
 def _require_states(state: dict[str, Any], kept: Kept) -> None:

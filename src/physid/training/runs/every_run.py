@@ -10,8 +10,7 @@ import lightning as L
 
 from physid.training.callbacks.kept_findings import KeptFindings
 from physid.training.callbacks.learning_rates import LearningRates
-from physid.training.callbacks.run_state import RunState as RunState
-from physid.training.callbacks.run_state import require_same_recordings as require_same_recordings
+from physid.training.callbacks.run_state import RunState
 from physid.training.runs.checkpoints import LastCheckpoint
 
 CHECKPOINT = Path("checkpoints", "last.ckpt")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import json
 import math
 import signal
@@ -19,7 +18,7 @@ from physid.data.batches.datamodule import RecordingsDataModule
 from physid.data.files import read_tensors, write_text
 from physid.training.runs.building import build
 from physid.training.runs.every_run import CHECKPOINT as CHECKPOINT
-from physid.training.runs.every_run import RunState, callbacks_of, require_same_recordings
+from physid.training.runs.every_run import callbacks_of
 from physid.training.runs.failures import Chosen, explain, misfit
 from physid.training.runs.loggers import Reached, build_loggers, history_of
 from physid.training.training_module import LEARNED, TrainingModule, require_same_parameters
@@ -90,30 +89,6 @@ def fit(
     if trainer.is_global_zero:
         write_text(folder / FIGURES, json.dumps(figures, indent=2, sort_keys=True) + "\n")
     return figures
-
-
-def rehearse(config: Mapping[str, Any], folder: Path, *, resume: bool, allowed: Sequence[str] = ()) -> None:
-    """Build what a configuration names and make nothing of it, so that a mistake in it costs no earlier run.
-
-    Args:
-        config: Resolved configuration, as for `fit`.
-        folder: Run folder, which is only read.
-        resume: Whether the model must be the one of the last checkpoint, if there is one.
-        allowed: Packages beside the trusted ones whose classes the configuration may name.
-
-    Raises:
-        OSError: If the recordings are not there.
-        ValueError: If the configuration does not fit the classes that it names, the recordings, or the checkpoint.
-    """
-    values = copy.deepcopy({key: value for key, value in config.items() if key != "wandb"})
-    cli = build(values, folder, [], allowed, logger=False)
-    module: Any = cli.model
-    if callable(getattr(module, "attach", None)) and isinstance(cli.datamodule, RecordingsDataModule):
-        module.attach(cli.datamodule.scene)
-        if resume and (folder / CHECKPOINT).exists():
-            checkpoint = read_tensors(folder / CHECKPOINT, PARTS)
-            require_same_parameters(module, checkpoint, str(folder / CHECKPOINT))
-            require_same_recordings(checkpoint["callbacks"].get(RunState.__name__), cli.datamodule.recordings)
 
 
 def evaluate(
