@@ -55,3 +55,18 @@ def test_an_array_of_another_shape_is_refused(tmp_path: Path) -> None:
     np.save(tmp_path / "planned.npy", np.zeros((3, 1, 6)))
     with pytest.raises(ValueError, match=r"shape \(n, 2, 6\), found float64 \(3, 1, 6\)"):
         read_forces(tmp_path / "planned.npy", SCENE)
+
+
+def test_columns_may_say_their_unit_and_come_once_each(tmp_path: Path) -> None:
+    path = tmp_path / "forces.csv"
+    path.write_text("block.force_x [mN],block.torque_z (N mm),block.force_y\n500,20,2\n")
+    assert read_forces(path, SCENE)[0, 0].tolist() == pytest.approx([0, 0, 0.02, 0.5, 2, 0])
+    for header, message in (
+        ("block.force_x,block.force_x [N]", "expected each column once, found .block.force_x. 2 times"),
+        ("t [s],block.force_x", 'unknown column "t"; expected one row for each time step of .* s, held until the next'),
+        ("time_s,block.force_x", "expected one row for each time step"),
+        ("block.force_x [N m],block.force_y", 'block.force_x .N m.: unknown unit "N m"'),
+    ):
+        path.write_text(f"{header}\n1,2\n")
+        with pytest.raises(ValueError, match=message):
+            read_forces(path, SCENE)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bz2
 import sqlite3
 from contextlib import closing
 from pathlib import Path
@@ -17,6 +18,7 @@ from physid.data import RecordingSet
 from physid.data.importers.convert import import_logs
 from physid.data.importers.guessing import guess_mapping
 from physid.data.importers.tables.files import read_table
+from physid.data.importers.tables.packed import CHUNKS, TooTightlyPackedError, Unpacking
 
 pytest.importorskip("rosbags", reason="needs physid[mcap]")
 from rosbags.rosbag1 import Writer as Writer1
@@ -460,3 +462,16 @@ def test_a_bag_that_lacks_a_file_which_it_lists_is_answered(tmp_path: Path) -> N
         ValueError, match=r"run: expected a bag of ROS, .* \(no file run.mcap, which metadata.yaml lists"
     ):
         read_table(tmp_path / "run")
+
+
+def test_a_chunk_that_topics_in_turn_ask_for_again_counts_once(tmp_path: Path) -> None:
+    """rosbags unpacks a chunk anew at every change of chunk: 528 kB of a sound bag had counted as more than 64 MiB."""
+    raw = [bytes([number]) * 2**20 for number in range(2 * CHUNKS)]
+    chunks = [bz2.compress(each) for each in raw]
+    unpacking = Unpacking(tmp_path / "a.bag", 0)
+    for _ in range(5):
+        assert [unpacking.unpack("bz2", each) for each in chunks] == raw
+    for number in range(64 - 2 * CHUNKS):
+        unpacking.unpack("bz2", bz2.compress(bytes([100 + number]) * 2**20))
+    with pytest.raises(TooTightlyPackedError, match=r"a.bag: expected a log that unpacks to 67108864 bytes at most"):
+        unpacking.unpack("bz2", bz2.compress(b"one more"))

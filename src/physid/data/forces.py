@@ -9,20 +9,20 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from physid.data.importers.units import factor_of, split_header
 from physid.scenes import Scene
 from physid.strict import MOST_SHOWN, nearest, quoted
 from physid.yaml_files import read_text
 
 TIMES = ("t", "time", "stamp", "timestamp", "seconds")
-UNITS = {"N": "force_", "N m": "torque_", "Nm": "torque_"}
 COMPONENTS = ("torque_x", "torque_y", "torque_z", "force_x", "force_y", "force_z")
 
 
 def read_forces(path: Path | str, scene: Scene) -> NDArray[np.float64]:
     """Read planned wrenches: one row for each time step of the scene, held from its frame to the next.
 
-    A CSV file names its columns BODY.force_x [N] or BODY.torque_z [N m], world frame, at the centre of the box; what it
-    does not name is zero. A NumPy file (.npy) holds an array of shape (n, N, 6), torque before force.
+    A CSV file names its columns BODY.force_x or BODY.torque_z, with a unit behind or in SI, world frame, at the centre
+    of the box; what it does not name is zero. A NumPy file (.npy) holds an array (n, N, 6), torque before force.
 
     Args:
         path: The file.
@@ -58,31 +58,30 @@ def _read_csv(path: Path, scene: Scene) -> NDArray[np.float64]:
         header, *rows = [[cell.strip() for cell in line] for line in csv.reader(lines) if line] or [[]]
     except (csv.Error, UnicodeDecodeError) as error:
         raise ValueError(f"{path}: expected rows of numbers in CSV, found none ({error})") from None
-    names = [_without_unit(name) for name in header]
+    names = [split_header(each)[0] for each in header]
     for name in names:
         if name not in places:
             wanted = f"one row for each time step of {scene.time_step:.6g} s, held until the next, and no times"
-            hint = f"; expected {wanted}" if name.lower() in TIMES else nearest(name, places)
+            hint = f"; expected {wanted}" if name.lower().partition("_")[0] in TIMES else nearest(name, places)
             raise ValueError(f"{path}: unknown column {quoted(name)}{hint}")
         if names.count(name) > 1:
             raise ValueError(f"{path}: expected each column once, found {quoted(name)} {names.count(name)} times")
+    factors = [_factor(each, path) for each in header]
     wrench = np.zeros((len(rows), len(scene.bodies), len(COMPONENTS)))
     for number, row in enumerate(rows):
         try:
-            for name, value in zip(names, row, strict=True):
-                wrench[number, *places[name]] = float(value)
+            for name, factor, value in zip(names, factors, row, strict=True):
+                wrench[number, *places[name]] = factor * float(value)
         except ValueError:
             found = ", ".join(row)[:MOST_SHOWN]
             raise ValueError(f"{path}: expected {len(names)} numbers in row {number}, found {found}") from None
     return wrench
 
 
-def _without_unit(name: str) -> str:
-    """Return the name of a column without the unit behind it, if that is the one of its quantity."""
-    for unit, quantity in UNITS.items():
-        if name.endswith(f"[{unit}]") and quantity in name:
-            return name.removesuffix(f"[{unit}]").rstrip()
-    return name
+def _factor(header: str, path: Path) -> float:
+    """Return what one of the unit in a header is in SI; without one, it is SI already."""
+    name, unit = split_header(header)
+    return 1.0 if unit is None else factor_of("torque" if "torque" in name else "force", unit, f"{path}: {header}")
 
 
 def _read_npy(path: Path, scene: Scene) -> NDArray[np.float64]:

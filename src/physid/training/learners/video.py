@@ -6,6 +6,7 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import torch
 from torch import Tensor
@@ -61,6 +62,9 @@ class VideoID(TrainingModule, VideoPredictingModule):
     Attributes:
         model: Encoder, physics and decoder, once the scene is known.
     """
+
+    # A run that goes on has its weights, and may be given longer phases.
+    MAY_CHANGE: ClassVar[frozenset[str]] = frozenset({"vision.weights", "phases"})
 
     def __init__(
         self,

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import importlib
 import io
 import sys
+from collections import OrderedDict
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Any
@@ -18,6 +20,7 @@ OPENERS = {
 }
 """The modules whose `open` unpacks, by the names that bags have for them; rosbags brings those of others."""
 BLOCK = 1 << 20  # bytes
+CHUNKS = 8  # unpacked last, which readers go back to; each is no more than all may be
 
 
 class TooTightlyPackedError(ValueError):
@@ -35,6 +38,8 @@ class Unpacking:
             held: Its bytes on the disk.
         """
         self._path, self._held, self._taken = path, held, 0
+        self._counted: set[bytes] = set()
+        self._kept: OrderedDict[bytes, bytes] = OrderedDict()
 
     def blocks(self, kind: str, file: IO[bytes]) -> Iterator[bytes]:
         """Yield what a file unpacks to, block by block.
@@ -56,9 +61,19 @@ class Unpacking:
                 yield block
 
     def unpack(self, kind: str, data: bytes) -> bytes:
-        """Return what bytes unpack to.
+        """Return what bytes unpack to; a chunk that is asked for again and again, as by topics in turn, counts once.
 
         Raises:
             ValueError: If it is more than may be.
         """
-        return b"".join(self.blocks(kind, io.BytesIO(data)))
+        key, before = hashlib.sha256(data).digest(), self._taken
+        if key in self._kept:
+            self._kept.move_to_end(key)
+            return self._kept[key]
+        self._kept[key] = b"".join(self.blocks(kind, io.BytesIO(data)))
+        if key in self._counted:
+            self._taken = before
+        self._counted.add(key)
+        if len(self._kept) > CHUNKS:
+            self._kept.popitem(last=False)
+        return self._kept[key]
