@@ -99,7 +99,13 @@ def _measure(cell: Cell, out: Path, configs: Path) -> str:
     if parent_process():  # a worker, which draws no progress bar
         print(f"{cell.name} begins", flush=True)
     data = out / "data" / (cell.recordings.folder if cell.recordings else "")
-    write_results(out / cell.name / RESULTS, cell.run(configs, data, out / cell.name))
+    try:
+        results = cell.run(configs, data, out / cell.name)
+    except ConfigurationError as error:  # as where a cell that was interrupted is another one by now
+        raise ConfigurationError(
+            f"{error}; physid reproduce --again --cell {cell.name} (and --profile, --out as now) fits it anew"
+        ) from None
+    write_results(out / cell.name / RESULTS, results)
     return cell.name
 
 
