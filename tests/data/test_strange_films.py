@@ -69,14 +69,113 @@ def test_stamps_that_are_doubled_again_and_again_are_refused_with_the_frame(plac
 
 
 def test_stamps_that_are_even_but_for_their_rounding_are_those_of_the_header(place: Path) -> None:
-    even = [1000 * k / 30 for k in range(24)]
-    film = stamped(
-        place / "a.mkv", [round(each) for each in even[:7]] + [round(even[6])] + [round(e) for e in even[8:]]
-    )
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("physid.data.importers.video.survey.RESOLUTION", 0.04)
-        import_films([film], ALONE, place / "set")
+    """Of a fast film that a container rounds to milliseconds: some frames have the stamp of those before them."""
+    film = filmed.write_film(place / "a.mkv", filmed.images(24), 1200)
+    assert sum(np.diff([stamp for stamp, _ in FilmFile(film).frames()]) == 0) > 2
+    done = import_films([film], ALONE, place / "set")
     assert RecordingSet(place / "set").read(0, blank=True).time is None
+    assert RecordingSet(place / "set").scene.time_step == pytest.approx(1 / 1200)
+    assert not any("stamps" in note for note in done.notes)
+
+
+def encoded(source: Path, target: Path, *words: str, before: tuple[str, ...] = ()) -> Path:
+    """Write a film anew, as ffmpeg does it."""
+    exe = imageio_ffmpeg.get_ffmpeg_exe()
+    subprocess.run([exe, "-loglevel", "error", *before, "-i", source, *words, target], check=True)
+    return target
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("b.avi", ["-c:v", "mpeg4", "-bf", "2", "-q:v", "2"]),
+        ("b.avi", ["-c:v", "libx264", "-crf", "18"]),
+    ],
+)
+def test_last_frames_without_stamps_follow_those_before_them(name: str, words: list[str], place: Path) -> None:
+    """OpenCV gives zero to the frames that a decoder has kept back until the end of the film."""
+    film = encoded(filmed.write_film(place / "a.mp4", filmed.images()), place / name, *words)
+    assert [stamp for stamp, _ in FilmFile(film).frames()][-1] == 0
+    done = import_films([film], ALONE, place / "set")
+    assert any("of 24) have no stamps of their own; they are taken to follow at 30 " in one for one in done.notes)
+    assert RecordingSet(place / "set").read(0, blank=True).time is None
+    assert RecordingSet(place / "set").scene.time_step == pytest.approx(1 / 30)
+
+
+def restamp(monkeypatch: pytest.MonkeyPatch, times: list[float]) -> None:
+    """Let films have these stamps [s]."""
+    true = FilmFile.frames
+
+    def frames(film: FilmFile) -> Any:
+        return ((time, image) for time, (_, image) in zip(times, true(film), strict=True))
+
+    monkeypatch.setattr(FilmFile, "frames", frames)
+
+
+@pytest.mark.parametrize("end", [[UNEVEN[-2] / 1e3], [0.0], [0.0, 0.0, 0.0]])
+def test_a_last_stamp_that_is_doubled_or_lacks_goes_on_as_those_before_it(
+    end: list[float], place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    film = filmed.write_film(place / "a.mp4", filmed.images())
+    restamp(monkeypatch, [*(one / 1e3 for one in UNEVEN[: -len(end)]), *end])
+    done = import_films([film], ALONE, place / "set")
+    assert any(f"the last frames ({len(end)} of 24) have no stamps" in note for note in done.notes)
+    assert not any("midway" in note for note in done.notes)
+    time = RecordingSet(place / "set").read(0, blank=True).time
+    assert time is not None
+    assert 1e3 * time == pytest.approx(np.array(UNEVEN), abs=0.1)
+
+
+@pytest.mark.parametrize("end", [[0.0] * 13, [0.3], [0.0, 0.1]])
+def test_stamps_that_fall_back_at_the_end_are_refused(
+    end: list[float], place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    film = filmed.write_film(place / "a.mp4", filmed.images())
+    restamp(monkeypatch, [*(one / 1e3 for one in UNEVEN[: -len(end)]), *end])
+    with pytest.raises(ValueError, match=f"expected stamps that increase, found {len(end)} that do not"):
+        import_films([film], ALONE, place / "set")
+
+
+def test_a_rate_that_is_given_joins_no_frames_across_a_gap(place: Path) -> None:
+    """The stamps of a film in slow motion are scaled: what is missing stays missing."""
+    kept = [*range(9), *range(15, 30)]
+    film = stamped(place / "a.mkv", [round(1000 * k / 30) for k in kept])
+    done = import_films([film], {**ALONE, "rate": 240}, place / "set")
+    assert any("do not come evenly (frame 8 is followed by none for 0.029" in note for note in done.notes)
+    made = RecordingSet(place / "set")
+    assert made.scene.time_step == pytest.approx(1 / 240)
+    time = made.read(0, blank=True).time
+    assert time is not None
+    assert 240 * time == pytest.approx(np.array(kept), abs=0.05)
+
+
+def test_a_rate_that_is_given_holds_where_stamps_tell_nothing_and_where_they_are_even(place: Path) -> None:
+    films = [
+        stamped(place / "a.mkv", [UNEVEN[k - (k in (9, 15, 20))] for k in range(len(UNEVEN))]),
+        filmed.write_film(place / "b.mkv", filmed.images(), 600),
+    ]
+    done = import_films(films, {**ALONE, "rate": 60}, place / "set")
+    assert [one.time for one in (RecordingSet(place / "set").read(index, blank=True) for index in (0, 1))] == [None] * 2
+    said = [note for note in done.notes if "stamps" in note]
+    assert len(said) == 1
+    assert "a.mkv: stamps that do not increase; frames are taken to come evenly, as rate says" in said[0]
+
+
+def test_a_film_that_was_trimmed_without_being_encoded_anew_is_said_with_the_remedy(place: Path) -> None:
+    whole = filmed.write_film(place / "a.mp4", filmed.images(60))
+    film = encoded(whole, place / "b.mp4", "-c", "copy", before=("-ss", "0.5"))
+    message = r"60 frames .* found 45: .* or was trimmed without being encoded anew; .*\(ffmpeg -i IN OUT\.mp4\)"
+    with pytest.raises(ValueError, match=message):
+        list(FilmFile(film).frames())
+    assert len(list(FilmFile(encoded(film, place / "c.mp4")).frames())) == 45
+
+
+def test_a_codec_that_cannot_be_decoded_is_named(place: Path) -> None:
+    """Of this codec OpenCV reads the header alone."""
+    film = filmed.write_film(place / "a.mp4", filmed.images(4))
+    film = encoded(film, place / "b.mp4", "-c:v", "libaom-av1", "-cpu-used", "8")
+    with pytest.raises(ValueError, match=r"frames that can be decoded, found none: .* \((?i:av01)\), .* -c:v libx264"):
+        list(FilmFile(film).frames())
 
 
 def test_a_film_of_variable_rate_is_whole_and_one_that_is_cut_off_is_not(place: Path) -> None:
@@ -291,7 +390,9 @@ def test_a_lens_that_is_measured_anew_keeps_the_place_of_the_camera(
     assert after.matrix == pytest.approx(before.matrix, rel=1e-3)
     written = (place / "lens.yaml").read_bytes()
     assert main([*words, "--ground", str(POINTS)]) == 2
-    assert "holds another place of the camera (position, target, up), which would be lost" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "holds another place of the camera (position, target, up), which would be lost" in said
+    assert "delete lens.yaml to replace it" in said
     assert (place / "lens.yaml").read_bytes() == written
 
 

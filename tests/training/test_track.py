@@ -320,6 +320,26 @@ def test_what_is_asked_for_otherwise_is_said_and_that_films_are_the_same(films: 
         track(films_of(tmp_path / "films", trajectories=1, steps=10, seed=5), out, chart="spatial")
 
 
+def test_a_reading_that_is_complete_learns_where_its_films_are(films: Path, tmp_path: Path) -> None:
+    """Earlier versions did not note by what films are known again; nothing is read once more for that."""
+    out = marked(films, tmp_path / "read")
+    for folder in (out, out / ECHO):
+        write_scene(folder, RecordingSet(films).scene)
+        for index in range(4):
+            trajectory_path(folder, index).parent.mkdir(exist_ok=True)
+            trajectory_path(folder, index).write_bytes(b"")
+    before, files = read_reading(out), contents(out)
+    assert before is not None
+    assert before.films_folder() is None
+    track(films, out)
+    after = read_reading(out)
+    assert after is not None
+    assert after.films_folder() == films.resolve()
+    assert dataclasses.replace(after, films=before.films, seen="") == before
+    again = contents(out)
+    assert [name for name in files if again[name] != files[name]] == ["reading.yaml"]
+
+
 def test_trajectories_that_nobody_read_end_no_reading_in_an_error_of_its_own(films: Path, tmp_path: Path) -> None:
     """Poses that are drawn again are all those of the set: with more of them than films nothing goes on."""
     out = marked(films, tmp_path / "read")

@@ -137,7 +137,7 @@ def _say_once(folder: Path, films: str) -> None:
     """Say that films are not looked at."""
     logger.warning(
         "%s: its poses were read from films of %s, and what lies there is not known to be these films; no picture of "
-        "them is shown; read them again (physid track) to have one",
+        "them is shown; name them again to have one (physid track FILMS --out THIS FOLDER, which reads nothing twice)",
         folder, one_line(films),
     )  # fmt: skip
 

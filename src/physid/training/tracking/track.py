@@ -54,6 +54,7 @@ def track(
     key = key_of(recordings, encoder, chart)
     before = read_before(recordings, out, encoder, chart)
     if before is not None and all(complete(folder, count) for folder in (out, out / ECHO)):
+        _note_films(out, before, films)
         return RecordingSet(out)
     if before is not None:
         require_few(out, count)
@@ -98,3 +99,16 @@ def track(
         lambda done, total: say("reading drawn films", total + done, 2 * total),
     )
     return found
+
+
+def _note_films(out: Path, before: Reading, films: Path) -> None:
+    """Note where the films lie now, and by what they are known again; earlier versions did not note the latter.
+
+    Args:
+        out: Folder of the poses.
+        before: How they were read.
+        films: The same films, by the key.
+    """
+    known = dataclasses.replace(before, films=str(films.resolve()), seen=checksum_of_files(films))
+    if known != before:
+        write_reading(out, known)

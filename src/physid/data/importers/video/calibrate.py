@@ -104,7 +104,7 @@ def place_to_write(out: Path, ground: str) -> Mapping[str, Any]:
     if before and before != place:
         raise ValueError(
             f"{out} holds another place of the camera ({', '.join(before)}), which would be lost; leave --ground out "
-            "to keep it while the lens is measured anew, or choose another --out"
+            f"to keep it while the lens is measured anew, delete {out.name} to replace it, or choose another --out"
         )
     return place
 

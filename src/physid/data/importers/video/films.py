@@ -30,6 +30,8 @@ of films, which it would read from other places."""
 LISTS = (b"ffconcat", b"#extm3u")
 """What lists of other films begin with."""
 
+NAMED = 5
+"""Frames, or missing images, that a note names."""
 COUNT = 0.5  # share of images whose number is the next one, and that are there, from which on numbers count images
 
 
@@ -59,6 +61,15 @@ class Film(ABC):
             ValueError: If a frame cannot be read; the message names it.
         """
 
+    def missing(self) -> str:
+        """Say which images are missing, of a film that knows it."""
+        more = f" and {len(self.lost) - NAMED} more" if len(self.lost) > NAMED else ""
+        return (
+            f"{self.path}: images {', '.join(self.lost[:NAMED])}{more} are missing, by the numbers in names; the "
+            "others keep the times of their numbers; copy the missing ones again, or number images without gaps if "
+            "none was lost"
+        )
+
 
 @final
 class FilmFile(Film):
@@ -74,6 +85,8 @@ class FilmFile(Film):
         rate = float(capture.get(self._cv2.CAP_PROP_FPS))
         self.promised = max(int(capture.get(self._cv2.CAP_PROP_FRAME_COUNT)), 0)
         self.rate = rate if 0 < rate < 1e5 else None
+        code = int(capture.get(self._cv2.CAP_PROP_FOURCC)).to_bytes(8, "little", signed=True)[:4].decode("latin-1")
+        self.codec = code if code.isascii() and code.isprintable() else "without a name"
         self.size = int(capture.get(self._cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(self._cv2.CAP_PROP_FRAME_HEIGHT))
         capture.release()
         require_modest(path, self.size)
@@ -91,10 +104,17 @@ class FilmFile(Film):
                 yield stamp, np.ascontiguousarray(image[..., ::-1])
         finally:
             capture.release()
+        if not count:
+            raise ValueError(
+                f"{self.path}: expected frames that can be decoded, found none: OpenCV here does not know the codec "
+                f"({self.codec}), or the film is damaged; convert it (ffmpeg -i IN -c:v libx264 OUT.mp4), or copy it "
+                "again"
+            )
         if count < (1 - MISSING) * self.promised - 1 and not self._lasts(count, last):
             raise ValueError(
                 f"{self.path}: expected {self.promised} frames as its header says, found {count}: the film is cut off "
-                "or damaged; copy it again, or save the part that can be played as a film of its own"
+                "or damaged, or was trimmed without being encoded anew; copy it again, or write what can be played of "
+                "it, or the trimmed one, as a film of its own (ffmpeg -i IN OUT.mp4)"
             )
 
     def _lasts(self, count: int, last: float) -> bool:

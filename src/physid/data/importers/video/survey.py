@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from physid.data.importers.video.films import Film, open_film
+from physid.data.importers.video.films import NAMED, Film, open_film
 from physid.data.importers.video.lens import METRES, Lens
 from physid.data.importers.video.pictures import Image, read_picture
 from physid.data.importers.video.sights import background_of, find_bodies
@@ -28,9 +28,9 @@ RESOLUTION = 1e-3
 """[s] To which many films round their stamps."""
 MOST_DOUBLED = 0.02
 """Share of the frames whose stamps may be mended: more of them are no slip of the recorder."""
+MOST_UNSTAMPED = 16
+"""Frames at the end whose stamps are zero: those that OpenCV's decoder has kept back to put frames into order."""
 FEWEST_FRAMES = 4
-NAMED = 5
-"""Missing images that a note names."""
 FEWEST, MOST = 0.4, 1.7
 """Pixels of a body over those that it should cover at least and at most: shadows add some, and what it hides behind."""
 GHOST = 5.0
@@ -98,28 +98,50 @@ def _clock(
     if rate is not None:
         differs = film.rate is not None and abs(film.rate / rate - 1) > RATE_DIFFERS
         notes = [f"rate: {rate:g} frames per second, as the mapping says; {says}"] * differs
-        if film.numbers is None:
-            return 1 / rate, None, notes
-        return 1 / rate, film.numbers / rate, [*notes, _missing(film)]
+        time, more = _at_rate(film, known, rate)
+        return 1 / rate, time, notes + more
     if known is None or not np.ptp(known):
         if film.rate is None or known is None:
             raise ValueError(
                 f"{film.path}: expected the time between images, found none; give rate (frames per second)"
             )
         return 1 / film.rate, None, []
-    known = known - known[0]
-    if not (np.diff(known) > 0).all():
-        if film.rate is not None and _is_even(known, 1 / film.rate):
-            return 1 / film.rate, None, []
-        known, mended = _increasing(film, known)
-    else:
-        mended = []
-    step, notes = rhythm_of(known).period, mended
+    rounded = film.rate is not None and not (np.diff(known) > 0).all() and _is_even(known - known[0], 1 / film.rate)
+    if film.rate is not None and rounded:
+        return 1 / film.rate, None, []
+    known, notes = _increasing(film, known)
+    step = _period(film, known)
     if film.rate is not None and abs(film.rate * step - 1) > RATE_DIFFERS:
-        notes = [*mended, f"rate: {1 / step:.4g} frames per second, as the stamps show; {says}"]
+        notes = [*notes, f"rate: {1 / step:.4g} frames per second, as the stamps show; {says}"]
     elif film.rate is not None:
         step = 1 / film.rate
     return step, None if _is_even(known, step) else known, notes
+
+
+def _at_rate(
+    film: Film, stamps: NDArray[np.float64] | None, rate: float
+) -> tuple[NDArray[np.float64] | None, list[str]]:
+    """Return stamps at a rate that the user gives where frames do not come evenly, else None, and notes.
+
+    Stamps that increase are kept, scaled so that their rhythm has the rate: frames across a gap are not joined.
+    """
+    if film.numbers is not None:
+        return film.numbers / rate, [film.missing()]
+    if stamps is None or not np.ptp(stamps):
+        return None, []
+    try:
+        stamps, notes = _increasing(film, stamps)
+    except ValueError:  # such stamps tell nothing, and a rate is what is asked for then
+        return None, [f"{film.path}: stamps that do not increase; frames are taken to come evenly, as rate says"]
+    if _is_even(stamps, stamps[-1] / (len(stamps) - 1)):
+        return None, []
+    scale = 1 / (rate * _period(film, stamps))
+    gaps = scale * np.diff(stamps)
+    return scale * stamps, [
+        *notes,
+        f"{film.path}: frames do not come evenly (frame {gaps.argmax()} is followed by none for {gaps.max():.4g} s); "
+        f"their stamps are scaled so that {rate:g} frames come per second where none is missing",
+    ]
 
 
 def _is_even(stamps: NDArray[np.float64], step: float) -> bool:
@@ -128,36 +150,55 @@ def _is_even(stamps: NDArray[np.float64], step: float) -> bool:
 
 
 def _increasing(film: Film, stamps: NDArray[np.float64]) -> tuple[NDArray[np.float64], list[str]]:
-    """Put frames whose stamps do not follow those before them midway between their neighbours, and say so.
+    """Return stamps from zero on, mended where a few do not follow those before them, and say so.
+
+    Between others, such frames are put midway; at the end, where a few have no stamp or one is doubled, they go on as
+    those before them.
 
     Raises:
-        ValueError: If there are more of them than a recorder doubles now and then.
+        ValueError: If there are more of them than a recorder doubles now and then, or a decoder leaves without stamps.
     """
     before = np.maximum.accumulate(stamps)
     wrong = np.r_[False, stamps[1:] <= before[:-1]]
-    places = np.flatnonzero(wrong)
-    if len(places) > max(1, MOST_DOUBLED * len(stamps)) or wrong[-1]:
+    places, right = np.flatnonzero(wrong), np.flatnonzero(~wrong)
+    last = int(right[-1])
+    rest = stamps[last + 1 :]
+    unstamped = 0 if rest.any() else len(rest)
+    doubled = len(places) - unstamped
+    few = unstamped <= min(MOST_UNSTAMPED, len(stamps) // 2) and doubled <= max(1, MOST_DOUBLED * len(stamps))
+    if not few or len(right) < 2 or (rest.any() and (stamps[last] - rest).max() > RESOLUTION):
         raise ValueError(
             f"{film.path}: expected stamps that increase, found {len(places)} that do not, the first in frame "
             f"{places[0]} at {stamps[places[0]]:.4g} s; if frames come evenly, give rate (frames per second), else "
             "write the film anew (ffmpeg -i IN -fps_mode passthrough OUT.mp4)"
         )
-    right = np.flatnonzero(~wrong)
     mended = np.interp(np.arange(len(stamps)), right, stamps[right])
-    some = ", ".join(map(str, places[:NAMED])) + ", ..." * (len(places) > NAMED)
-    return mended, [
-        f"{film.path}: frame {some}: stamps that do not follow those before them; the frames are taken to be midway "
-        "between their neighbours"
-    ]
+    steps = np.diff(mended[: last + 1])[-MOST_UNSTAMPED:]
+    usual = np.quantile(steps, 0.5, method="lower")
+    step = float(steps[abs(steps - usual) < EVEN * usual + RESOLUTION].mean())  # more exact than what stamps round to
+    mended[last + 1 :] = mended[last] + step * np.arange(1, len(rest) + 1)
+    inside, after = places[places < last], places[places > last]
+    notes = []
+    if len(inside):
+        some = ", ".join(map(str, inside[:NAMED])) + ", ..." * (len(inside) > NAMED)
+        notes.append(
+            f"{film.path}: frame {some}: stamps that do not follow those before them; the frames are taken to be "
+            "midway between their neighbours"
+        )
+    if len(after):
+        notes.append(
+            f"{film.path}: the last frames ({len(after)} of {len(stamps)}) have no stamps of their own; they are taken "
+            f"to follow at {1 / step:.4g} frames per second, as those before them"
+        )
+    return mended - mended[0], notes
 
 
-def _missing(film: Film) -> str:
-    """Say which images of a folder are missing."""
-    more = f" and {len(film.lost) - NAMED} more" if len(film.lost) > NAMED else ""
-    return (
-        f"{film.path}: images {', '.join(film.lost[:NAMED])}{more} are missing, by the numbers in names; the others "
-        "keep the times of their numbers; copy the missing ones again, or number images without gaps if none was lost"
-    )
+def _period(film: Film, stamps: NDArray[np.float64]) -> float:
+    """Return the time between frames by their stamps (see `rhythm_of`)."""
+    try:
+        return rhythm_of(stamps).period
+    except ValueError as error:
+        raise ValueError(f"{film.path}: {error}") from None
 
 
 def straightener(lens: Lens) -> Callable[[Image], Image]:
