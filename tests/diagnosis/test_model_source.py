@@ -121,7 +121,7 @@ def test_a_logger_of_the_trainer_is_not_passed_over(
     file = tmp_path / "model.yaml"
     file.write_text(yaml.safe_dump({**MODEL, "trainer": {"logger": True}}))
     words = ["diagnose", str(recordings("push")), f"--model={file}", f"--out={tmp_path / 'out'}", "--quiet"]
-    assert "trainer.logger is decided" in refused(words, capsys)
+    assert "trainer.logger cannot be chosen" in refused(words, capsys)
 
 
 def test_a_model_need_name_no_recordings(

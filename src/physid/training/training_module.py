@@ -175,7 +175,8 @@ class TrainingModule(L.LightningModule, ABC):
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Refuse a checkpoint of other parameters (see `require_same_parameters`)."""
-        require_same_parameters(self, checkpoint, str(self.trainer.ckpt_path))
+        place = self.trainer.ckpt_path if self._trainer is not None else None
+        require_same_parameters(self, checkpoint, str(place or "checkpoint"))
 
     def require_finite(self, losses: Mapping[str, Tensor], batch: Any) -> None:
         """Check losses of a batch, each of shape (B,).
