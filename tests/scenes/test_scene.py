@@ -169,3 +169,10 @@ def test_a_scene_of_ones_own_with_such_names_is_refused_with_its_file(tmp_path: 
     (tmp_path / "a.yaml").write_text(yaml.safe_dump({"scene": name, "like": "push"}))
     with pytest.raises(ValueError, match=r"a\.yaml: scene must hold characters that are seen"):
         find_setup(str(tmp_path / "a.yaml"))
+
+
+@pytest.mark.parametrize("changed", [{"name": "a." * 50_000}, {"material": ["a"] * 50_000}])
+def test_what_is_no_name_is_quoted_in_a_few_letters(changed: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match="must be a word") as caught:
+        Body(**{"name": "block", "size": (1.0, 1.0, 1.0), "mass": 1.0, "friction": 0.1, **changed})
+    assert len(str(caught.value)) < 500

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physid.scenes.camera import Camera, Triple
-from physid.strict import LARGEST, LARGEST_VALUE, nearest, number, quoted, seen, triple
+from physid.strict import LARGEST, LARGEST_VALUE, nearest, number, quoted, seen, shown, triple
 from physid.typed_files import CLOSED
 
 PARAMETERS = ("mass", "friction", "restitution")
@@ -51,7 +51,7 @@ class Body:
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name or "." in self.name:
-            raise ValueError(f"body name must be a word without a full stop, got {self.name!r}")
+            raise ValueError(f"body name must be a word without a full stop, got {shown(self.name)}")
         seen(self.name, "body name")
         if min(triple(self.size, f"{self.name}.size")) <= 0 or max(self.size) > LARGEST_VALUE:
             raise ValueError(f"{self.name}.size must be positive edge lengths, got {self.size}")
@@ -63,7 +63,7 @@ class Body:
                 f"got {self.restitution:g}"
             )
         if self.material is not None and (not isinstance(self.material, str) or not self.material):
-            raise ValueError(f"{self.name}.material must be a word or null, got {self.material!r}")
+            raise ValueError(f"{self.name}.material must be a word or null, got {shown(self.material)}")
         seen(self.material or "", f"{self.name}.material")
         if self.inertia is not None:
             self._check_moments(self.inertia)
@@ -166,7 +166,7 @@ class Scene:
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
-            raise ValueError(f"scene must be a name, got {self.name!r}")
+            raise ValueError(f"scene must be a name, got {shown(self.name)}")
         seen(self.name, "scene")
         number(self.time_step, "time_step", low=0.0, strict=True)
         triple(self.gravity, "gravity")
