@@ -175,6 +175,19 @@ def test_an_interrupted_run_goes_on_exactly_where_it_stopped(config: str, capsys
     assert history(Path("runs/halves")) == history(Path("runs/whole"))
 
 
+@pytest.mark.parametrize("stop", [2, 3])
+def test_what_a_resumed_run_has_done_until_it_is_interrupted_stays(config: str, stop: int) -> None:
+    """The inode of a checkpoint that was replaced is free, and that of the next but one may be the same."""
+    assert main(["fit", "--config", config, "--run-dir=runs/whole"]) == 0
+    parts = ["fit", "--config", config, "--run-dir=runs/parts"]
+    assert main([*parts, "model.interrupt_in=1"]) == 130
+    assert main([*parts, "--resume", f"model.interrupt_in={stop}"]) == 130
+    assert f"interrupt_in: {stop}" in Path("runs/parts/config.yaml").read_text()
+    assert {row["epoch"] for row in history(Path("runs/parts"))} >= {str(epoch) for epoch in range(stop)}
+    assert main([*parts, "--resume"]) == 0
+    assert history(Path("runs/parts")) == history(Path("runs/whole"))
+
+
 def test_the_bar_says_how_long_all_epochs_still_take(
     config: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -18,6 +18,8 @@ from pathlib import Path
 from physid.yaml_files import kind_of
 
 LOCK = ".lock"
+CHECKPOINT = Path("checkpoints", "last.ckpt")
+"""In the folder of a run: from where it goes on."""
 MOST_SHOWN = 300
 """Letters of what a lock file says; another program may have written it."""
 UNSUPPORTED = (errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS)

@@ -12,6 +12,7 @@ from typing import Any
 
 from physid.class_paths import load_class
 from physid.configuration import Configuration, ConfigurationError, compose, flatten
+from physid.one_writer import CHECKPOINT as CHECKPOINT
 from physid.one_writer import EARLIER, LOCK, UNFINISHED_MOVE, one_writer
 from physid.one_writer import refuse_links as refuse_links
 from physid.record import RECORD, Record, recording_sets, write_record
@@ -21,7 +22,6 @@ from physid.typed_files import read_json_as
 CONFIG = "config.yaml"
 HISTORY = "metrics.csv"
 LEFT_BY_A_RUN = (HISTORY, "metrics.json", "checkpoints")
-CHECKPOINT = Path("checkpoints", "last.ckpt")
 
 
 def first_process() -> bool:
@@ -148,12 +148,14 @@ def _settle(folder: Path) -> None:
 
 
 def _described(folder: Path) -> dict[Path, Any]:
-    """Return what is said of a run, and which checkpoint it has: each one is a file of its own."""
+    """Return what is said of a run, and by what its checkpoint is known: an inode alone may come back after two."""
     texts: dict[Path, Any] = {
         Path(name): (folder / name).read_bytes() for name in (CONFIG, RECORD, HISTORY) if (folder / name).is_file()
     }
-    checkpoint = folder / CHECKPOINT
-    return texts | {CHECKPOINT: checkpoint.stat().st_ino if checkpoint.is_file() else None}
+    if not (folder / CHECKPOINT).is_file():
+        return texts | {CHECKPOINT: None}
+    found = (folder / CHECKPOINT).stat()
+    return texts | {CHECKPOINT: (found.st_ino, found.st_size, found.st_mtime_ns)}
 
 
 def _describe_again(folder: Path, before: Mapping[Path, Any]) -> None:

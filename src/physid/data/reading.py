@@ -134,7 +134,7 @@ def film_of(recordings: RecordingSet, index: int) -> tuple[RecordingSet, int]:
 
 @cache
 def _say_once(folder: Path, films: str) -> None:
-    """Say that films are not looked at."""
+    """Warn once that films are not inspected."""
     logger.warning(
         "%s: its poses were read from films of %s, and what lies there is not known to be these films; no picture of "
         "them is shown; name them again to have one (physid track FILMS --out THIS FOLDER, which reads nothing twice)",

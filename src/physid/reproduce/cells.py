@@ -258,10 +258,12 @@ def _may_take(folder: Path, donor: Path) -> bool:
 
 def _taking(configuration: Configuration, donor: Path) -> list[str]:
     """Return settings by which a run begins with the encoder of another one instead of warming up its own."""
+    from physid.runs import CHECKPOINT
+
     values = configuration.values
     epochs = values["trainer"]["max_epochs"] - values["model"]["init_args"]["phases"]["warm_up"]
     return [
-        f"model.vision.weights={donor / 'checkpoints' / 'last.ckpt'}",
+        f"model.vision.weights={donor / CHECKPOINT}",
         f"model.optimizer.init_args.lr={GENTLE_RATE}",
         "model.phases.warm_up=0",
         f"trainer.max_epochs={epochs}",

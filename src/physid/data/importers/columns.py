@@ -61,7 +61,7 @@ def expanded(table: Table, references: Sequence[Reference], count: int) -> list[
 
 
 def is_constant(table: Table, reference: Reference) -> bool:
-    """Tell whether a reference is a number, and no column."""
+    """Return whether a reference is a number, and no column."""
     return isinstance(reference, int | float) and str(reference) not in table.columns
 
 

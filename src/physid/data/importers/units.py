@@ -79,7 +79,7 @@ def split_header(header: str) -> tuple[str, str | None]:
 
 
 def is_suffixed(header: str) -> bool:
-    """Tell whether a header names its unit by how it ends alone, which other words do as well: x_cm, centre of mass."""
+    """Return whether a header names its unit by how it ends alone, as other words do: x_cm, centre of mass."""
     return not BRACKETED.match(header) and _suffixed(header) is not None
 
 

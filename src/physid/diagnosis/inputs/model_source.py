@@ -12,11 +12,12 @@ from torch import Tensor
 from physid.data.files import read_tensors
 from physid.estimation.prediction import NominalModel
 from physid.estimation.prediction.coordinates import Coordinates, is_effect, sorted_out, with_first_sizes
+from physid.one_writer import CHECKPOINT
 from physid.scenes import Scene, with_parameters
 from physid.strict import LARGEST, number, shown, whole
 from physid.yaml_files import read_yaml
 
-CONFIG, CHECKPOINT = "config.yaml", Path("checkpoints", "last.ckpt")
+CONFIG = "config.yaml"
 COORDINATES, EARLIER = "physical.coordinates", "physical.logarithm"
 """Where a checkpoint of SysID keeps what was learned, now and before effects were."""
 

@@ -125,8 +125,13 @@ class RunState(L.Callback):
         self._started = time.perf_counter()
         recordings = getattr(trainer.datamodule, "recordings", None)  # type: ignore[attr-defined]
         if isinstance(recordings, RecordingSet):
-            _require_same(self._recordings, recordings)
-            self._recordings = _digest(recordings)
+            now = _digest(recordings)
+            if self._recordings not in ("", now):
+                raise ValueError(
+                    f"{recordings.folder}: expected the recordings that the run was fitted to until now, found others, "
+                    "or other files of them; put these back to go on with --resume, or fit anew with another --run-dir"
+                )
+            self._recordings = now
         if self._random is None:
             return
         torch.set_rng_state(self._random["torch"].cpu())
@@ -160,15 +165,6 @@ def kept_of(state: object) -> Kept:
     """
     plain = {key: state[key] for key in Kept.__dataclass_fields__ if key in state} if isinstance(state, dict) else state
     return check_as(Kept, plain, "RunState")
-
-
-def _require_same(before: str, recordings: RecordingSet) -> None:
-    """Compare the digest that a run has kept, if it has, with that of recordings."""
-    if before not in ("", _digest(recordings)):
-        raise ValueError(
-            f"{recordings.folder}: expected the recordings that the run was fitted to until now, found others, or "
-            "other files of them; put these back to go on with --resume, or fit anew with another --run-dir"
-        )
 
 
 def _digest(recordings: RecordingSet) -> str:

@@ -8,12 +8,11 @@ from typing import Any
 
 import lightning as L
 
+from physid.one_writer import CHECKPOINT as CHECKPOINT
 from physid.training.callbacks.kept_findings import KeptFindings
 from physid.training.callbacks.learning_rates import LearningRates
 from physid.training.callbacks.run_state import RunState
 from physid.training.runs.checkpoints import LastCheckpoint
-
-CHECKPOINT = Path("checkpoints", "last.ckpt")
 
 
 def callbacks_of(folder: Path, config: Mapping[str, Any]) -> tuple[RunState, list[L.Callback]]:

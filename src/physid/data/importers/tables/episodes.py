@@ -127,7 +127,7 @@ def _wanted(schema: pyarrow.Schema) -> list[str]:
 
 
 def _holds_numbers(kind: pyarrow.DataType) -> bool:
-    """Tell whether the cells of a column are numbers, or lists of numbers."""
+    """Return whether the cells of a column are numbers, or lists of numbers."""
     from pyarrow import types
 
     if types.is_dictionary(kind) or types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind):
@@ -155,7 +155,7 @@ def _described(folder: Path) -> tuple[list[Path], dict[str, Any]]:
 
 
 def _require_all(path: Path, info: Mapping[str, Any], columns: Mapping[str, Array]) -> None:
-    """Refuse a data set of which some rows are missing: since v3.0 no one can tell by the number of files."""
+    """Refuse a data set of which some rows are missing: since v3.0 the number of files does not show it."""
     found = {"total_frames": len(next(iter(columns.values())))}
     if EPISODE in columns:
         found["total_episodes"] = len(np.unique(columns[EPISODE]))
@@ -191,7 +191,7 @@ def _columns(read: pyarrow.Table, names: dict[str, list[str]]) -> Iterator[tuple
 
 
 def _is_row(value: Any) -> bool:
-    """Tell whether a cell is a list of numbers."""
+    """Return whether a cell is a list of numbers."""
     return isinstance(value, np.ndarray) and value.dtype.kind in "fiub" and value.ndim == 1
 
 

@@ -43,7 +43,7 @@ class Film(ABC):
         rate: Frames per second that its header says; None where it says none.
         size: Columns and rows [px], known before a frame is decoded.
         numbers: Where each frame stands among all that were taken, by the numbers of images of which some are missing;
-            None where none is missing, or nothing tells.
+            None where none is missing, or nothing shows it.
         lost: Numbers of the missing ones, as names write them.
     """
 
@@ -134,7 +134,7 @@ class FilmFile(Film):
         from physid.data.importers.video.opencv import cv2
 
         self._cv2 = cv2
-        with open_regular(self.path) as file:  # what the system refuses is told in its own words
+        with open_regular(self.path) as file:  # what the system refuses is reported in its own words
             begins = file.read(64).removeprefix(codecs.BOM_UTF8).lstrip().lower()
         if begins.startswith(LISTS):
             raise ValueError(

@@ -62,7 +62,7 @@ def read_picture(path: Path, size: tuple[int, int], why: str) -> Image:
 
     Raises:
         OSError: If the system refuses the file.
-        ValueError: If it is no picture, has another size, or colours that do not tell which of them is white.
+        ValueError: If it is no picture, has another size, or colours that do not show which of them is white.
     """
     with _opened(path) as picture:
         if picture.size != size:

@@ -131,7 +131,7 @@ def _at_rate(
         return None, []
     try:
         stamps, notes = _increasing(film, stamps)
-    except ValueError:  # such stamps tell nothing, and a rate is what is asked for then
+    except ValueError:  # such stamps say nothing, and a rate is what is asked for then
         return None, [f"{film.path}: stamps that do not increase; frames are taken to come evenly, as rate says"]
     if _is_even(stamps, stamps[-1] / (len(stamps) - 1)):
         return None, []
