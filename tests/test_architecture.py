@@ -144,11 +144,9 @@ def test_every_package_has_a_rank() -> None:
     assert packages <= RANKS.keys()
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_a_module_imports_its_own_package_or_lower_ranks_only(name: str) -> None:
-    own = name.split("/")[0].removesuffix(".py")
-    for other in imported_files(SOURCE / name):
-        package = other.split("/")[0]
+def test_a_module_imports_its_own_package_or_lower_ranks_only() -> None:
+    for name, other in [(one, other) for one in NAMES for other in imported_files(SOURCE / one)]:
+        own, package = name.split("/")[0].removesuffix(".py"), other.split("/")[0]
         known = package in RANKS or (SOURCE / f"{package}.py").exists()
         allowed = package == own or rank(other) < rank(name) or (rank(name) == TOP and rank(other) == TOP)
         assert allowed or not known, f"{name} (rank {rank(name)}) imports {other} (rank {rank(other)})"
@@ -185,10 +183,9 @@ def imported_modules(path: Path) -> set[str]:
     return found
 
 
-@pytest.mark.parametrize("name", sorted({*NAMES} - LISTS))
-def test_a_module_imports_few_others(name: str) -> None:
-    count = len(imported_modules(SOURCE / name))
-    assert count <= MOST_IMPORTS, f"{name} imports {count} modules of physid"
+def test_a_module_imports_few_others() -> None:
+    counts = {name: len(imported_modules(SOURCE / name)) for name in NAMES if name not in LISTS}
+    assert not {name: count for name, count in counts.items() if count > MOST_IMPORTS}
 
 
 def test_the_picture_of_the_architecture_is_that_of_the_present_source() -> None:
@@ -204,9 +201,8 @@ def test_the_compiler_knows_no_physics() -> None:
         assert not [other for other in imported_files(SOURCE / name) if not other.startswith("compiler")], name
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_third_parties_stay_at_home(name: str) -> None:
-    for module in imports(SOURCE / name):
+def test_third_parties_stay_at_home() -> None:
+    for name, module in [(one, module) for one in NAMES for module in imports(SOURCE / one)]:
         homes = HOMES.get(module.split(".")[0])
         assert homes is None or name.startswith(homes), f"{name} imports {module}, whose home is {', '.join(homes)}"
 
@@ -228,14 +224,12 @@ def test_the_physics_needs_torch_and_its_compiler_only() -> None:
             assert not strangers, f"{path.name} imports {', '.join(strangers)}"
 
 
-@pytest.mark.parametrize("name", [name for name in NAMES if not name.startswith(TRUTH_READERS)])
-def test_the_truth_is_read_by_generation_by_scoring_and_by_callbacks_only(name: str) -> None:
-    if name == "data/truth.py":
-        return
-    reading = [module for module in imports(SOURCE / name) if module.startswith(TRUTH)]
-    assert not reading, f"{name} imports {reading[0]}"
-    behind_its_back = rank(name) >= RANKS["training"] and "truth.yaml" in (SOURCE / name).read_text()
-    assert not behind_its_back, f"{name} names the truth file"
+def test_the_truth_is_read_by_generation_by_scoring_and_by_callbacks_only() -> None:
+    for name in {*NAMES} - {"data/truth.py", *(name for name in NAMES if name.startswith(TRUTH_READERS))}:
+        reading = [module for module in imports(SOURCE / name) if module.startswith(TRUTH)]
+        assert not reading, f"{name} imports {reading[0]}"
+        behind_its_back = rank(name) >= RANKS["training"] and "truth.yaml" in (SOURCE / name).read_text()
+        assert not behind_its_back, f"{name} names the truth file"
 
 
 def reached(name: str) -> set[str]:
@@ -255,10 +249,10 @@ def neighbours(name: str) -> frozenset[str]:
     return frozenset(path for path in paths if (SOURCE / path).is_file())
 
 
-@pytest.mark.parametrize("name", [name for name in NAMES if name.startswith("diagnosis/")])
-def test_a_diagnosis_reaches_neither_the_benchmark_nor_the_reader_of_the_truth(name: str) -> None:
-    assert not [other for other in reached(name) if other.startswith("benchmark/")]
-    assert "data/truth.py" not in reached(name)
+def test_a_diagnosis_reaches_neither_the_benchmark_nor_the_reader_of_the_truth() -> None:
+    for name in [name for name in NAMES if name.startswith("diagnosis/")]:
+        assert not [other for other in reached(name) if other.startswith("benchmark/")], name
+        assert "data/truth.py" not in reached(name), name
 
 
 def test_what_diagnoses_a_bank_does_not_reach_its_labels() -> None:
@@ -266,20 +260,19 @@ def test_what_diagnoses_a_bank_does_not_reach_its_labels() -> None:
     assert not {"benchmark/labels.py", "benchmark/sealing/seal.py", "data/truth.py"} & reached("benchmark/verdicts.py")
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_files_and_functions_are_short(name: str) -> None:
-    text = (SOURCE / name).read_text()
-    assert text.count("\n") <= MOST_LINES
-    for node in nodes(SOURCE / name):
-        if isinstance(node, ast.FunctionDef):
-            assert node.end_lineno is not None
-            lines = node.end_lineno - node.lineno + 1
-            assert lines <= MOST_LINES_OF_A_FUNCTION, f"{name}: {node.name} has {lines} lines"
+def test_files_and_functions_are_short() -> None:
+    for name in NAMES:
+        assert (SOURCE / name).read_text().count("\n") <= MOST_LINES, name
+        for node in nodes(SOURCE / name):
+            if isinstance(node, ast.FunctionDef):
+                assert node.end_lineno is not None
+                lines = node.end_lineno - node.lineno + 1
+                assert lines <= MOST_LINES_OF_A_FUNCTION, f"{name}: {node.name} has {lines} lines"
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_a_name_says_what_a_module_is_about(name: str) -> None:
-    assert not FORBIDDEN_NAMES & set(name.removesuffix(".py").split("/"))
+def test_a_name_says_what_a_module_is_about() -> None:
+    for name in NAMES:
+        assert not FORBIDDEN_NAMES & set(name.removesuffix(".py").split("/")), name
 
 
 def test_every_effect_has_its_own_file_and_stands_in_the_catalogue() -> None:

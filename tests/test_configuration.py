@@ -17,6 +17,8 @@ from physid.data.generation.settings import GenerateConfig
 from physid.schema.check import check_fit, check_keys
 from physid.schema.free_mappings import free_mappings, types_of
 
+SYSID = "physid.training.learners.sysid.SysID"
+
 
 def write(folder: Path, **texts: str) -> dict[str, Path]:
     paths = {name: folder / f"{name}.yaml" for name in texts}
@@ -242,6 +244,14 @@ def test_a_missing_file_suggests_the_nearest_one(tmp_path: Path) -> None:
         ({"model": {"class_path": 3}}, "expected a dotted path"),
         ({"trainer": {"rte": 1}}, '"trainer.rte"; did you mean "rate"'),
         ({"model": [{"class_path": f"{__name__}.Model", "init_args": {"inr": 1}}]}, '"model.0.inr"'),
+        (
+            {"model": {"class_path": SYSID, "init_args": {"impacts": {"steps": {"shortes": 0.1}}}}},
+            'model.impacts: steps: unknown key "shortes"; did you mean "shortest"',
+        ),
+        (
+            {"model": {"class_path": SYSID, "init_args": {"impacts": {"rounds": {"step_choices": -1}}}}},
+            "model.impacts: rounds.step_choices: expected a number of at least 0, found -1",
+        ),
     ],
 )
 def test_an_unknown_key_or_class_is_refused_with_the_nearest_one(values: dict[str, Any], message: str) -> None:

@@ -12,6 +12,7 @@ import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
+from functools import cache
 from importlib import metadata
 from pathlib import Path
 from typing import Any, ClassVar
@@ -118,9 +119,11 @@ def describe(values: Mapping[str, Any]) -> Record:
     )
 
 
+@cache
 def packages() -> dict[str, str]:
-    """Return the version of every package that is installed, by name."""
-    found = {each.metadata["Name"]: each.version for each in metadata.distributions()}
+    """Return the version of every package that is installed, by name; those of when a process first asks."""
+    described = (each.metadata for each in metadata.distributions())  # a file that is parsed anew at each access
+    found = {each["Name"]: each["Version"] for each in described}
     return dict(sorted(found.items(), key=lambda item: item[0].lower()))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -26,6 +27,12 @@ VISIBLE = 1e-5  # [m] or [-]
 TIED = 1e-6  # [m], to which MuJoCo solves
 
 
+@cache
+def plain(scene: str) -> NDArray[np.float64]:
+    """Return those of a trajectory without effects."""
+    return seen(scene, ())
+
+
 def seen(scene: str, effects: tuple[Effect, ...]) -> NDArray[np.float64]:
     """Return the observed poses of a short trajectory of the rich protocol."""
     setup = find_setup(scene)
@@ -44,10 +51,9 @@ def typical(kind: type[Effect]) -> Effect:
 def test_an_effect_of_the_rings_vanishes_at_null_and_shows_in_some_scene(kind: type[Effect]) -> None:
     shown = 0.0
     for scene in (setup.scene.name for setup in SETUPS):
-        plain = seen(scene, ())
-        assert np.abs(seen(scene, (kind(),)) - plain).max() < EXACT, scene
-        shown = max(shown, float(np.abs(seen(scene, (typical(kind),)) - plain).max()))
-        assert np.array_equal(seen(scene, ()), plain), "PyBullet kept a setting for the next world"
+        assert np.abs(seen(scene, (kind(),)) - plain(scene)).max() < EXACT, scene
+        shown = max(shown, float(np.abs(seen(scene, (typical(kind),)) - plain(scene)).max()))
+        assert np.array_equal(seen(scene, ()), plain(scene)), "PyBullet kept a setting for the next world"
     assert shown > VISIBLE
 
 

@@ -50,7 +50,7 @@ def test_every_role_is_there_and_every_set_has_a_label(bank: Bank) -> None:
 
 def test_names_and_order_say_nothing() -> None:
     ranks = {role: [] for role in ROLES}  # type: dict[str, list[float]]
-    for seed in range(40):
+    for seed in range(16):
         dealt = tasks(Plan("score", seed, MANY))
         assert [task.name for task in dealt] == [f"{number:03d}" for number in range(MANY.sets)]
         for place, task in enumerate(dealt):
@@ -155,6 +155,7 @@ def test_a_bank_that_is_sealed_stays_as_it_was_published_and_a_spent_one_stays_s
         seal(tmp_path, small, quiet=True)
 
 
+@pytest.mark.slow
 def test_long_sets_of_a_light_block_stay_in_view() -> None:
     """With the transfer protocol's forces and 300 frames some masses and frictions left the view in every draw."""
     size = Size(sets=1, trajectories=6, steps=300)
@@ -164,7 +165,7 @@ def test_long_sets_of_a_light_block_stay_in_view() -> None:
         assert len(motion.pose) == size.steps
 
 
-@pytest.mark.parametrize("written", [0, 1])
+@pytest.mark.parametrize("written", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_where_an_effect_drives_bodies_out_of_view_another_is_hidden(
     written: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -96,7 +96,7 @@ def deep(levels: int) -> list[Any]:
         (saved(["x" * 10**4] * 10**5), "repeat beyond any measure"),
         (saved(holding_itself()), "a part that holds itself"),
         (saved(deep(100)), "more than 64 levels"),
-        (saved({doubled(30): 1}), "names are neither texts nor numbers"),
+        (saved({doubled(10): 1}), "names are neither texts nor numbers"),
         (saved(Called(set, [doubled(30)])), "a set of what is neither"),
         (packed(pickle.dumps({"state_dict": 1}, 2), zipfile.ZIP_DEFLATED), "compressed entries"),
         (packed(pickle.dumps({"state_dict": bytearray(9)}, 5)), ""),

@@ -51,6 +51,7 @@ def whole(tossed: Path) -> NominalFit:
     return nominal_fit(tossed)
 
 
+@pytest.mark.slow
 def test_contact_free_segments_count_alone_without_frames_that_a_late_camera_takes_from_before(
     whole: NominalFit,
 ) -> None:

@@ -110,6 +110,7 @@ def pushed(given: float, sizes: tuple[float, ...] = (0.0, 0.0)) -> tuple[Inputs,
     return inputs, fit_nominal_model(inputs.observations, inputs.model, (), random(), settings=SETTINGS)
 
 
+@pytest.mark.slow
 def test_a_mass_that_is_given_and_wrong_is_named_with_its_value_and_no_parameter_that_cannot_show() -> None:
     inputs, nominal_fit = pushed(1.3)
     said: list[str] = []

@@ -139,6 +139,7 @@ def test_settings_of_the_estimator_reach_the_fit(nominal_fit: NominalFit) -> Non
     assert few < many
 
 
+@pytest.mark.slow
 def test_steps_are_those_of_the_simulator_that_is_known_whatever_the_stamps(tmp_path: Path) -> None:
     words = {"jitter": 0.2, "missing": 0.1, "force_rate": 90.0, "frame_rate": 60.0}
     folder = recorded(tmp_path / "set", {}, trajectories=4, steps=40, split={"fit": 1}, **words)

@@ -33,11 +33,13 @@ def fitted(made: Path, settings: Settings = DEFAULT) -> NominalFit:
     return fit_nominal_model(observations, model, [], torch.Generator().manual_seed(0), settings=settings)
 
 
+@pytest.mark.slow
 def test_references_that_agree_with_the_model_or_with_each_other_all_count(tmp_path: Path) -> None:
     made = recorded(tmp_path / "set", {}, protocol="straight", **SOME)
     assert fitted(made).references == ("pybullet", "mujoco")
 
 
+@pytest.mark.slow
 def test_pybullet_does_not_count_where_pushes_off_the_centre_turn_a_block(pushed_off_centre: Path) -> None:
     """The pyramid of its friction lets a block that a push turns go centimetres off (docs/simulators.md)."""
     assert fitted(pushed_off_centre).references == ("mujoco",)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, replace
+from functools import cache
 from types import SimpleNamespace
 from typing import Any
 
@@ -23,6 +24,12 @@ from physid.scenes.setups.push import PUSH
 CLEAR = Evidence(said=("viscous_drag",), behind={"viscous_drag": 0.0, "tether": 4.0}, gap=20.0, bend=0.2, poses=3000)
 FREE = Evidence(said=("none",), behind={"viscous_drag": 0.0, "tether": 0.2}, gap=0.0, bend=0.2, poses=3000)
 UNKNOWN = replace(CLEAR, said=("unknown",))
+
+
+@cache
+def table() -> tuple[Case, ...]:
+    """Return the table that ships, of which reading alone takes seconds."""
+    return tuple(read_table())
 
 
 def sure(evidence: Evidence) -> float:
@@ -64,7 +71,7 @@ def test_a_rival_that_scores_alike_takes_its_share() -> None:
 
 
 def test_the_coefficients_follow_from_the_table_that_ships() -> None:
-    cases = read_table()
+    cases = table()
     trained = train(cases)
     assert trained.sets == shipped().sets == len(cases)
     for name, value in asdict(trained.coefficients).items():
@@ -73,7 +80,7 @@ def test_the_coefficients_follow_from_the_table_that_ships() -> None:
 
 def test_the_gradient_of_the_log_score_vanishes_at_the_fit_but_for_its_ridge() -> None:
     """Of p = (1 - e) s + e / m, with s of the true cause, the slope is (1 - e) s (x - mean x) / p."""
-    cases = [case for case in read_table() if len(case.truth) == 1]
+    cases = [case for case in table() if len(case.truth) == 1]
     weights = train(cases).coefficients.vector()
     difference = np.zeros(len(weights))
     for case in cases:
@@ -92,7 +99,7 @@ def test_probabilities_of_a_world_that_follows_the_model_are_calibrated() -> Non
     """Truths are drawn from the shipped model; a model that is trained on half of them says how often it is right."""
     generator = np.random.default_rng(0)
     cases: list[Case] = []
-    for case in read_table() * 4:
+    for case in table() * 4:
         found = shipped().probabilities(case.evidence)
         true = generator.choice([*found], p=np.array([*found.values()]) / sum(found.values()))
         cases.append(replace(case, truth=(str(true),)))
@@ -104,7 +111,7 @@ def test_probabilities_of_a_world_that_follows_the_model_are_calibrated() -> Non
 
 
 def test_sets_that_were_left_out_are_predicted_better_than_by_counting_verdicts() -> None:
-    cases, score = read_table(), []
+    cases, score = table(), []
     for fold in range(5):
         trained = train([case for k, case in enumerate(cases) if k % 5 != fold])
         for case in cases[fold::5]:

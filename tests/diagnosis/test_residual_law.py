@@ -59,6 +59,7 @@ def test_its_site_is_the_dynamics(across: ResidualLaws) -> None:
     assert max(across.gains, key=lambda site: across.gains[site]) == "dynamics"
 
 
+@pytest.mark.slow
 def test_a_picture_that_sways_is_found_as_a_shift_over_time(tmp_path: Path) -> None:
     """Initial states follow a steady shift and a drift; what is left of 3 mm sin(2 pi t / 0.4 s) is less than 3 mm."""
     found = laws_beyond(tmp_path / "sway", CameraSway(sway=torch.tensor([SWAY], dtype=torch.float64)))
@@ -69,6 +70,7 @@ def test_a_picture_that_sways_is_found_as_a_shift_over_time(tmp_path: Path) -> N
     assert max(found.gains, key=lambda site: found.gains[site]) == "perception"
 
 
+@pytest.mark.slow
 def test_a_camera_that_does_not_look_straight_down_is_found_as_a_stretch_that_changes_with_a_place(
     tmp_path: Path,
 ) -> None:

@@ -26,6 +26,7 @@ def roll(setup: Setup, device: str, steps: int = 20) -> tuple[Tensor, Tensor]:
     return poses.detach().cpu(), torch.autograd.grad(poses[:, -1].sum(), friction)[0].cpu()
 
 
+@pytest.mark.slow
 def test_a_newton_step_is_one_graph_and_gives_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     setup = next(one for one in SETUPS if one.scene.name == "push")
     expected = roll(setup, "cpu", steps=3)

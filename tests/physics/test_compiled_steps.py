@@ -21,9 +21,12 @@ CASES = pytest.mark.parametrize(
 )
 
 
-def both(state: State, inputs: StepInputs, world: World) -> tuple[Step, Step]:
-    """Return a step from a cold start, of the reference and of the compiled engine."""
-    return advance(state, inputs, world, SETTINGS), Stepper(world, SETTINGS)(state, inputs)
+def by_reference(state: State, inputs: StepInputs, world: World) -> Step:
+    return advance(state, inputs, world, SETTINGS)
+
+
+def compiled(state: State, inputs: StepInputs, world: World) -> Step:
+    return Stepper(world, SETTINGS)(state, inputs)
 
 
 def of_patches(impulse: Tensor) -> Tensor:
@@ -40,7 +43,7 @@ def test_a_step_is_the_same_and_solved_in_as_many_newton_steps(name: str, bodies
     world = WORLDS[name]
     state, inputs = placed(bodies, world, seed=60)
     with torch.no_grad():
-        one, other = both(state, inputs, world)
+        one, other = by_reference(state, inputs, world), compiled(state, inputs, world)
     assert_close(other.state.pose, one.state.pose, VALUES)
     assert_close(other.state.twist, one.state.twist, VALUES)
     assert_close(of_patches(other.impulse), of_patches(one.impulse), VALUES)
@@ -60,10 +63,10 @@ def test_a_step_has_the_same_derivatives_by_all_that_enters_it(name: str, bodies
         "twist": state.twist,
     }
     found = []
-    for engine in (0, 1):
+    for engine in (by_reference, compiled):
         leaves = {key: value.clone().requires_grad_() for key, value in given.items()}
         moved = inputs.replace(**{key: value for key, value in leaves.items() if key not in ("pose", "twist")})
-        step = both(State(leaves["pose"], leaves["twist"]), moved, world)[engine]
+        step = engine(State(leaves["pose"], leaves["twist"]), moved, world)
         parts = step.state.pose, step.state.twist, of_patches(step.impulse)
         loss = sum((uniform(*part.shape, low=-1, high=1, seed=k) * part).sum() for k, part in enumerate(parts))
         slopes = torch.autograd.grad(loss, list(leaves.values()), allow_unused=True)

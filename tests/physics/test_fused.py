@@ -83,10 +83,10 @@ def assert_equal(case: Case, effects: tuple[Effect, ...] = (), gradient: float =
         )
 
 
-@pytest.mark.parametrize("protocol", ["paper", "rich"])
+@pytest.mark.parametrize("protocol", [pytest.param("paper", marks=pytest.mark.slow), "rich"])
 @pytest.mark.parametrize("setup", SETUPS, ids=lambda setup: setup.scene.name)
 def test_states_and_gradients_are_those_of_the_reference_in_every_scene(setup: Setup, protocol: str) -> None:
-    assert_equal(draw(setup, 9, 24, protocol))
+    assert_equal(draw(setup, 9, 16, protocol))
 
 
 @pytest.mark.slow
@@ -96,13 +96,15 @@ def test_states_and_gradients_stay_those_of_the_reference(setup: Setup) -> None:
 
 
 @pytest.mark.parametrize("rule", [Speculative(correction=0.1), Penetrating(), Split()])
-@pytest.mark.parametrize("setup", [SETUPS[0], SETUPS[2]], ids=lambda setup: setup.scene.name)
+@pytest.mark.parametrize(
+    "setup", [pytest.param(SETUPS[0], marks=pytest.mark.slow), SETUPS[2]], ids=lambda setup: setup.scene.name
+)
 def test_every_contact_rule_is_that_of_the_reference(setup: Setup, rule: ContactRule) -> None:
-    case = draw(setup, 3, 8)
+    case = draw(setup, 3, 6)
     assert_equal(dataclasses.replace(case, world=dataclasses.replace(case.world, contact=rule, substeps=2)))
 
 
-@pytest.mark.parametrize("rule", [Speculative(), Split()])
+@pytest.mark.parametrize("rule", [Speculative(), pytest.param(Split(), marks=pytest.mark.slow)])
 def test_a_bouncing_toss_is_that_of_the_reference(rule: ContactRule) -> None:
     case = draw(SETUPS[3], 6, 40)
     case.tensors["pose"][:, :, 2] = 0.2
@@ -137,7 +139,7 @@ def test_any_number_of_bodies_with_or_without_ground_is_that_of_the_reference(
 
 
 @pytest.mark.parametrize("effect", ACTING, ids=lambda effect: effect.name)
-@pytest.mark.parametrize("substeps", [1, 2])
+@pytest.mark.parametrize("substeps", [pytest.param(1, marks=pytest.mark.slow), 2])
 def test_effects_act_as_on_the_reference(effect: type[Effect], substeps: int) -> None:
     case = draw(SETUPS[2 if "object" in effect.name else 0], 3, 4)
     typical = {name: quantity.typical for name, quantity in effect.quantities().items()}

@@ -15,7 +15,13 @@ from physid.physics.schemes.integration import Midpoint
 G = 9.81
 
 
-@pytest.mark.parametrize("joint", [Point(0, (0, 0, 0.5), (0, 0, 0)), Axis(0, (0, 0, 0.5), (0, 0, 0), (0, 1, 0))])
+@pytest.mark.parametrize(
+    "joint",
+    [
+        Point(0, (0, 0, 0.5), (0, 0, 0)),
+        pytest.param(Axis(0, (0, 0, 0.5), (0, 0, 0), (0, 1, 0)), marks=pytest.mark.slow),
+    ],
+)
 def test_a_physical_pendulum_swings_with_the_period_of_the_closed_form(joint: Joint) -> None:
     parameters, length = boxes(mass=1.0), 0.5
     inertia = float(parameters.inertia[0, 0, 1]) + length**2

@@ -108,6 +108,7 @@ def test_seeds_are_kept_one_by_one_and_more_of_them_run_only_what_is_missing(
     assert fitted[4:] == ["seed_0", "seed_1"]
 
 
+@pytest.mark.slow
 def test_relative_folders_hold_where_worker_processes_outlive_a_call(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

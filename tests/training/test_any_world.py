@@ -135,7 +135,7 @@ def test_the_maker_decides_scheme_and_steps_and_an_override_wins() -> None:
 @pytest.mark.parametrize(
     ("rate", "trajectories", "seconds", "seed"),
     [
-        (30.0, 4, 0.8, 3),
+        pytest.param(30.0, 4, 0.8, 3, marks=pytest.mark.slow),
         (60.0, 4, 0.8, 3),
         pytest.param(240.0, 4, 0.8, 3, marks=pytest.mark.slow),
         # Near the truth one block begins so slowly that friction stops it at once: how its speed follows the friction

@@ -21,7 +21,6 @@ from physid.data import trajectory_path
 from physid.data.batches.datamodule import RecordingsDataModule
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig, Noise
-from physid.training.initial_states.around_impacts import AROUND_IMPACTS
 from physid.training.learners.sysid import SysID
 from physid.training.parameters import Pieces, Trajectories
 from physid.training.parameters.physical_parameters import PhysicalParameters
@@ -84,7 +83,7 @@ def fitted(
     config = GenerateConfig(scene, protocol=protocol, video=False, split={"train": 1}, noise=NOISE, **made)  # type: ignore[arg-type]
     if not folder.exists():
         generate(config, folder, quiet=True)
-    module = SysID(impacts=AROUND_IMPACTS if cuts else None)
+    module = SysID(impacts=cuts)
     module.print = lambda *_, **__: None  # type: ignore[method-assign]
     trainer = trainer_in(folder, epochs)
     trainer.fit(module, RecordingsDataModule(folder, shuffle=False))
@@ -92,6 +91,7 @@ def fitted(
 
 
 @quiet
+@pytest.mark.slow
 def test_without_impacts_nothing_is_cut_and_nothing_changes(tmp_path: Path) -> None:
     made: dict[str, object] = {
         "simulator": "mujoco",

@@ -52,7 +52,13 @@ def forge(folder: Path, change: dict[str, Any]) -> None:
     torch.save(state, folder / CHECKPOINT)
 
 
-@pytest.mark.parametrize("callbacks", [[], [BEST]], ids=["plain", "with a ModelCheckpoint of its own"])
+@pytest.mark.parametrize(
+    "callbacks",
+    [
+        pytest.param([], id="plain", marks=pytest.mark.slow),
+        pytest.param([BEST], id="with a ModelCheckpoint of its own"),
+    ],
+)
 @pytest.mark.parametrize("way", ["local://{}", "file://{}", "{}", "{}/thesis.ckpt", "local://{}/thesis.ckpt", "link"])
 def test_a_checkpoint_removes_no_file_outside_its_run(
     config: str, tmp_path: Path, callbacks: list[str], way: str

@@ -123,6 +123,7 @@ def test_without_outliers_a_cut_is_that_of_whole_trajectories() -> None:
 
 
 @quiet
+@pytest.mark.slow
 def test_predictions_begin_at_frames_that_count(clean: Path, moved: Path) -> None:
     """Initial states are those that are found without the poses which were moved."""
     predicted = []

@@ -128,6 +128,7 @@ def test_a_loss_that_is_not_finite_names_the_trajectory_and_leaves_the_last_good
     assert torch.load(run / "checkpoints" / "last.ckpt", weights_only=True)["epoch"] == epoch - 1
 
 
+@pytest.mark.slow
 def test_first_velocities_come_from_three_frames_where_nothing_rests(films: Path, tmp_path: Path) -> None:
     config = str(CONFIGS / "supervised" / "push_friction.yaml")
     fit = ["fit", "--config", config, f"data.folder={films}", *TINY, "model.vision.start={at_rest: false, spacing: 5}"]
@@ -147,6 +148,7 @@ def test_first_velocities_without_their_frames_are_refused(
 
 @pytest.mark.parametrize("cell", ["collide", pytest.param("slide_friction", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("method", [pytest.param("supervised", marks=pytest.mark.slow), "self_supervised"])
+@pytest.mark.slow
 def test_two_blocks_and_an_incline_go_through_all_phases(cell: str, method: str, tmp_path: Path) -> None:
     films, config = tmp_path / "films", str(CONFIGS / "generate" / f"{cell.split('_')[0]}.yaml")
     tiny = ["trajectories=10", "steps=11", "--workers=1", "--quiet", f"--out={films}"]
@@ -268,7 +270,7 @@ def test_the_blur_goes_all_the_way_over_the_epochs_whose_loss_compares_images(
         pytest.param("voting.VotingPoseEncoder", marks=pytest.mark.slow),
     ],
 )
-@pytest.mark.parametrize("method", ["supervised", "self_supervised"])
+@pytest.mark.parametrize("method", [pytest.param("supervised", marks=pytest.mark.slow), "self_supervised"])
 def test_either_method_takes_any_encoder_and_a_distribution_has_its_price(
     method: str, encoder: str, films: Path, tmp_path: Path
 ) -> None:

@@ -10,10 +10,13 @@ import typing
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from pydantic import BaseModel
+
 from physid.class_paths import DOTTED, ClassPathError, lies_in, load_class, require_packages, require_trusted
 from physid.configuration import CLASS_KEYS, Configuration, ConfigurationError
 from physid.schema.free_mappings import UNKNOWN, alternatives, is_mapping, types_of
 from physid.strict import MOST_SHOWN, nearest, quoted, shown
+from physid.typed_files import check_as
 
 LONGEST_NAME = 200
 COUNTS = ("accumulate_grad_batches", "check_val_every_n_epoch", "val_check_interval")
@@ -174,6 +177,12 @@ def _check_classes(configuration: Configuration, key: str, value: Any, annotatio
     if section is not None:
         known = types_of(section)
         _refuse_unknown(configuration, key, value, _parameters(section))
+        if issubclass(section, BaseModel):  # of a union the parser names what its last member expects
+            where = f"{configuration.source_of(key)}: {key.replace('.init_args', '')}"
+            try:
+                check_as(section, value, where)
+            except ValueError as error:
+                raise ConfigurationError(str(error)) from None
     elif _takes_classes(annotation) and not free:
         raise _wrong(configuration, key, "a mapping with class_path and init_args", value)
     for name, each in value.items():

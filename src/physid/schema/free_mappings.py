@@ -14,6 +14,8 @@ import typing
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from pydantic import BaseModel
+
 from physid.class_paths import ClassPathError, load_class
 
 
@@ -34,7 +36,8 @@ UNKNOWN = object()
 
 def types_of(target: Any) -> dict[str, Any]:
     """Return the types of the parameters of a class by name; UNKNOWN where they cannot be resolved."""
-    owner = target if dataclasses.is_dataclass(target) else getattr(target, "__init__", None)
+    fields = dataclasses.is_dataclass(target) or (inspect.isclass(target) and issubclass(target, BaseModel))
+    owner = target if fields else getattr(target, "__init__", None)
     try:
         hints = typing.get_type_hints(owner)
     except Exception:  # whatever a name is that only a type checker imports

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import combinations
 from typing import Literal, get_args
 
@@ -104,25 +105,26 @@ def cells(simulator: str) -> list[tuple[str, str]]:
     return [(setup.scene.name, each) for setup in SETUPS for each in protocols if each in setup.protocols]
 
 
-def candidates(role: Role, scene: str, protocol: str, simulator: str = "pybullet") -> list[Hidden]:
+@cache
+def candidates(role: Role, scene: str, protocol: str, simulator: str = "pybullet") -> tuple[Hidden, ...]:
     """List what may be hidden in sets of one role, scene and protocol that a simulator makes."""
     if role == "free":
-        return [Hidden("free")]
+        return (Hidden("free"),)
     if role == "alias":
         fitting = (one for one in CONFUSIONS if one.scene == scene and protocol in one.protocols)
         kinds = (find(name) for one in fitting for name in one.effects)
-        return [Hidden("alias", (kind,)) for kind in kinds if _makes(simulator, kind)]
+        return tuple(Hidden("alias", (kind,)) for kind in kinds if _makes(simulator, kind))
     near = {name for one in CONFUSIONS if one.scene == scene and protocol in one.protocols for name in one.effects}
     clear = [kind for kind in CATALOGUE if kind.name not in near and _makes(simulator, kind)]
     if role in TOGETHER and find_simulator(simulator).from_any_state:
-        return [
+        return tuple(
             Hidden(role, kinds)
             for kinds in combinations(clear, TOGETHER[role])
             if len({kind.site for kind in kinds}) == len(kinds)
             and not any(confused(one.name, two.name) for one, two in combinations(kinds, 2))
-        ]
+        )
     single: Mapping[Role, Sequence[type[Effect]]] = {"catalogue": clear, "native": NATIVE, "outside": OUTSIDE}
-    return [Hidden(role, (kind,)) for kind in single.get(role, ()) if _makes(simulator, kind)]
+    return tuple(Hidden(role, (kind,)) for kind in single.get(role, ()) if _makes(simulator, kind))
 
 
 def _makes(simulator: str, kind: type[Effect]) -> bool:

@@ -69,7 +69,7 @@ class SysID(TrainingModule, PredictingModule):
         guess: How first values are found over short segments where initial states are fitted, so that a first guess
             may be far off; None to begin with the guess itself.
         impacts: How trajectories are cut around impacts where initial states are fitted and nobody says how recordings
-            were integrated, if bodies tumble in most or no states explain the whole; None to leave them as they are.
+            were integrated, if bodies tumble in most or no states explain the whole; false to leave them as they are.
         engine: Rules of the physics; None for the layer's own.
         optimizer: Adam, LBFGS, GaussNewton or PatternSearch; None for GaussNewton.
     """
@@ -84,7 +84,7 @@ class SysID(TrainingModule, PredictingModule):
         start: Literal["recorded", "fitted"] | None = None,
         seen: int = 60,
         guess: FirstGuess | None = FIRST_GUESS,
-        impacts: SegmentedFitSettings | None = AROUND_IMPACTS,
+        impacts: SegmentedFitSettings | bool = True,
         loss: PoseLoss | None = None,
         engine: Engine | None = None,
         optimizer: OptimizerFactory | None = None,
@@ -93,10 +93,9 @@ class SysID(TrainingModule, PredictingModule):
             if value is not None and value < least:
                 raise ValueError(f"model.{name} must be at least {least}, got {value}")
         super().__init__(optimizer)
-        self.learn, self.values = learn, values
-        self.segment, self.test_segment, self.twist = segment, test_segment, twist
-        self.start, self.seen = start, seen
-        self.guess, self.impacts = guess, impacts
+        self.learn, self.values, self.twist, self.start = learn, values, twist, start
+        self.segment, self.test_segment, self.seen = segment, test_segment, seen
+        self.guess, self.impacts = guess, (AROUND_IMPACTS if impacts is True else impacts or None)
         self.pieces: Pieces | None = None
         self.outliers: OutlierFrames | None = None
         self.loss, self.engine = loss or PoseLoss(), engine or Engine()
@@ -179,7 +178,8 @@ class SysID(TrainingModule, PredictingModule):
 
     def findings_of_fit(self) -> Mistakes:
         """Return what the trajectories of the last training batch show beside the fit; nothing where there was none."""
-        begun, limits = hasattr(self, "_batch"), (self.impacts or AROUND_IMPACTS).unexplained  # not taken up at its end
+        limits = (self.impacts or AROUND_IMPACTS).unexplained
+        begun = hasattr(self, "_batch")  # not where a run is taken up at its end
         return answers.findings_of_fit(self._training(self._batch), self.tracked, self.pieces, limits) if begun else ()
 
     @torch.no_grad()
