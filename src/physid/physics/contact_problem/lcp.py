@@ -225,9 +225,8 @@ class _Path:
         affine[..., NORMAL] += problem.offset
         self.slack_error = self.w - affine
         self.product = jordan(self.z, self.w, self.linear)
-        self.force_error = (
-            (problem.mass @ self.v[..., None])[..., 0] - problem.momentum - self._force(self.impulse(), self.joint)
-        )
+        inertial = (problem.mass @ self.v[..., None])[..., 0]
+        self.force_error = inertial - problem.momentum - self._force(self.impulse(), self.joint)
         self.joint_error = (problem.joint_jacobian @ self.v[..., None])[..., 0] - problem.joint_velocity
 
     def residual(self) -> Tensor:
