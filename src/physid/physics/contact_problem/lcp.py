@@ -208,9 +208,7 @@ class _Path:
 
     def _force(self, impulse: Tensor, joint: Tensor) -> Tensor:
         """Return J^T lambda + J_e^T lambda_e, shape (B, n)."""
-        return (self.rows.mT @ impulse.flatten(1)[..., None] + self.problem.joint_jacobian.mT @ joint[..., None])[
-            ..., 0
-        ]
+        return (impulse.flatten(1)[:, None] @ self.rows + joint[:, None] @ self.problem.joint_jacobian)[:, 0]
 
     def _at(self, v: Tensor) -> Tensor:
         return self._relative(v) + pad(self.problem.slip, (1, 0))
