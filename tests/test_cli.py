@@ -96,7 +96,8 @@ def test_the_help_of_a_command_teaches_it(command: Command, capsys: pytest.Captu
         (["import", "cube-tosses", "x", "--guess"], "--guess belongs to logs, got it with cube-tosses"),
         (["import", "cube-tosses"], "import: expected files or a folder after cube-tosses, found none"),
         (["effects", "--site=contacts"], "effects: site: expected one of"),
-        (["effects", "site=contact"], 'effects has no option "site"; did you mean "--site"?'),
+        (["effects", "site=contact"], 'effects has no option "site", and takes no key=value; did you mean "--site"?'),
+        (["check", "data/mine", "friction=0.3"], 'check has no option "friction", and takes no key=value; known are'),
     ],
 )
 def test_a_mistake_is_one_line_and_exit_code_2(

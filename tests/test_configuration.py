@@ -14,6 +14,7 @@ from physid.cli import main
 from physid.commands import COMMANDS
 from physid.configuration import Configuration, ConfigurationError, compose
 from physid.data.generation.settings import GenerateConfig
+from physid.data.importers import read_mapping
 from physid.schema.check import check_fit, check_keys
 from physid.schema.free_mappings import free_mappings, types_of
 
@@ -88,6 +89,31 @@ def test_an_override_replaces_a_free_mapping_or_changes_one_entry(
     assert compose([files["base"]], [override], reads=Settings).values["shares"] == shares
 
 
+def test_a_key_with_dots_below_a_free_mapping_is_one_key_however_it_is_written(tmp_path: Path) -> None:
+    files = write(
+        tmp_path,
+        dotted="shares: {block.mass: 1, block.friction: 0.3}",
+        nested="shares: {block: {mass: 1, friction: 0.3}}",
+    )
+    for file in files.values():
+        for override in ("shares.block.friction=0.4", "shares={block: {mass: 1, friction: 0.4}}"):
+            found = compose([file], [override], reads=Settings)
+            assert found.values["shares"] == {"block.mass": 1, "block.friction": 0.4}
+            assert found.source_of("shares.block.friction") == "command line"
+    deep = compose([files["dotted"]], ["deep.x.p=5", "section.weights.a.b=2"], reads=Settings).values
+    assert deep["deep"] == {"x": {"p": 5}}
+    assert deep["section"] == {"weights": {"a.b": 2}}
+
+
+def test_a_tilde_is_the_home_folder_in_files_and_overrides(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HOME", "/home/ada")
+    files = write(tmp_path, base="folder: ~/sets/a\nnothing: ~\nothers: [~/b, c~/d]")
+    values = compose([files["base"]], ["camera=~/lens.yaml"]).values
+    home = {"folder": "/home/ada/sets/a", "nothing": None, "others": ["/home/ada/b", "c~/d"]}
+    assert values == home | {"camera": "/home/ada/lens.yaml"}
+    assert read_mapping(files["base"], ["camera=~/lens.yaml"]) == values
+
+
 def test_the_arguments_of_a_class_follow_the_same_rule(tmp_path: Path) -> None:
     named = f"class_path: {__name__}.Model"
     files = write(
@@ -114,7 +140,12 @@ def test_every_configuration_without_classes_says_what_reads_it() -> None:
     generate = {command.name: command for command in COMMANDS}["generate"]
     kinds = types_of(load_class(generate.reads))
     values = {name: {"a": 1} for name in kinds}
-    assert free_mappings(values, load_class(generate.reads)) == {"protocol_of_split", "split", "true_values", "effects"}
+    assert free_mappings(values, load_class(generate.reads)) == {
+        "protocol_of_split": True,
+        "split": True,
+        "true_values": True,
+        "effects": False,
+    }
 
 
 @pytest.mark.parametrize(

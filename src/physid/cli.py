@@ -208,7 +208,8 @@ def _run_command(command: Command, words: list[str]) -> int:
         *arguments.overrides,
     ]:
         word = stray[0].partition("=")[0]
-        raise UsageError(f'{command.name} has no option "{word}"{nearest(word, _spelt(command.options))}')
+        known = nearest(word, _spelt(command.options))
+        raise UsageError(f'{command.name} has no option "{word}", and takes no key=value{known}')
     command.function(**values)
     return OK
 

@@ -16,9 +16,9 @@ from typing import Any
 
 import yaml
 
-from physid.schema.free_mappings import free_mappings
+from physid.schema.free_mappings import free_mappings, join_keys
 from physid.shipped import find_configuration, nearest_configuration
-from physid.strict import is_seen, nearest, shown
+from physid.strict import at_home, is_seen, nearest, shown
 from physid.yaml_files import DEEPEST, YamlError, is_index, parse_yaml, read_yaml, require_modest_interpolations
 
 COMMAND_LINE = "command line"
@@ -88,7 +88,8 @@ def compose(
     (relative to itself, or shipped; or a list of them). Later files win over
     earlier ones and overrides win over all. Beside a `class_path`, keys may be written without `init_args`; where a
     later layer changes the class, the arguments of the earlier class are dropped. A free mapping is replaced as a
-    whole, by `split: {fit: 10}` in a file as by `split={fit: 10}`; `split.fit=10` changes one entry.
+    whole, by `split: {fit: 10}` in a file as by `split={fit: 10}`; `split.fit=10` changes one entry, and so does
+    `true_values.block.friction=0.4`. Texts that begin with `~/` name places below the user's home folder.
 
     Args:
         files: Configuration files or names, the most general first.
@@ -110,6 +111,8 @@ def compose(
     # Which mappings are free is said by the classes, and which classes there are by the layers.
     if free := free_mappings(merged, reads, allowed):
         merged = _overlay(layers, free)
+    for key in (key for key, scalars in free.items() if scalars):
+        join_keys(merged, key)
     merged.setdefault("name", Path(files[-1]).stem if files else "run")
     values = _resolve(merged)
     name = values.pop("name")
@@ -267,7 +270,7 @@ def _resolve(merged: dict[str, Any]) -> dict[str, Any]:
     for key, value in flatten(values):
         if isinstance(value, str) and "${" in value:
             raise ConfigurationError(f"{key}: interpolation left unresolved in {value!r}")
-    return {str(key): value for key, value in values.items()} if isinstance(values, dict) else {}
+    return {str(key): at_home(value) for key, value in values.items()} if isinstance(values, dict) else {}
 
 
 def _is_plain(name: object) -> bool:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import difflib
 import math
+import os
 import unicodedata
 from collections.abc import Iterable, Mapping
+from typing import Any
 
 MOST_SHOWN = 100
 """Letters of a value that a message quotes."""
@@ -61,6 +63,15 @@ def quoted(value: object, most: int = MOST_SHOWN) -> str:
 def one_line(text: str) -> str:
     """Return a text with everything that is not seen escaped: it ends no line or comment, and moves no cursor."""
     return "".join(each if each.isprintable() else each.encode("unicode_escape").decode() for each in text)
+
+
+def at_home(value: Any) -> Any:
+    """Return a value in which texts that begin with ~/ name places below the user's home folder, as shells have it."""
+    if isinstance(value, str):
+        return os.path.expanduser(value) if value.startswith("~/") else value
+    if isinstance(value, list):
+        return [at_home(each) for each in value]
+    return {key: at_home(each) for key, each in value.items()} if isinstance(value, dict) else value
 
 
 def is_seen(name: str) -> bool:

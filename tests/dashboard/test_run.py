@@ -249,6 +249,10 @@ def test_a_run_whose_model_leaves_more_than_noise_says_so_beside_its_intervals(r
     notes = " ".join(read_run(root / "push_good", root)["notes"])
     assert ("0.68 % of the motion, 3 mm (noise 0.1 mm): run physid diagnose data/push" in notes) == (explained == 0)
     assert ("The intervals of the parameters hold for a model" in notes) == (explained == 0)
+    write_dashboard(root, root / "page.html")
+    page = (root / "page.html").read_text()
+    assert page.count(">the model leaves 3 mm<") == (explained == 0), "once, in the row of this run"
+    assert page.count('title="90 % interval, if the model held"') == (explained == 0)
 
 
 @pytest.mark.parametrize(("observable", "shown"), [(0.0, True), (1.0, False), (None, False)])

@@ -63,10 +63,45 @@ def test_columns_may_say_their_unit_and_come_once_each(tmp_path: Path) -> None:
     assert read_forces(path, SCENE)[0, 0].tolist() == pytest.approx([0, 0, 0.02, 0.5, 2, 0])
     for header, message in (
         ("block.force_x,block.force_x [N]", "expected each column once, found .block.force_x. 2 times"),
-        ("t [s],block.force_x", 'unknown column "t"; expected one row for each time step of .* s, held until the next'),
-        ("time_s,block.force_x", "expected one row for each time step"),
+        ("t [s],block.force_x", "expected stamps that begin with 0, the first frame, and increase, found .1.0."),
+        ("time_s,block.force_x", "subtract the stamp of the first frame"),
+        ("t,time", 'unknown column "time"'),
+        ("t [N],block.force_x", 't .N.: unknown unit "N"'),
         ("block.force_x [N m],block.force_y", 'block.force_x .N m.: unknown unit "N m"'),
     ):
         path.write_text(f"{header}\n1,2\n")
         with pytest.raises(ValueError, match=message):
             read_forces(path, SCENE)
+
+
+@pytest.mark.parametrize(("header", "unit"), [("t", 1.0), ("time [ms]", 1e3), ("stamp_s", 1.0)])
+def test_forces_with_a_stamp_for_each_time_step_are_those_without_stamps(
+    header: str, unit: float, tmp_path: Path
+) -> None:
+    (tmp_path / "plain.csv").write_text("block.force_x\n4\n5\n6\n")
+    rows = "".join(f"{unit * step * SCENE.time_step!r},{force}\n" for step, force in enumerate((4, 5, 6)))
+    (tmp_path / "stamped.csv").write_text(f"{header},block.force_x\n{rows}")
+    plain, stamped = (read_forces(tmp_path / name, SCENE) for name in ("plain.csv", "stamped.csv"))
+    assert np.allclose(stamped, plain, rtol=1e-6)
+
+
+def test_forces_at_any_stamps_give_the_impulse_that_is_held_from_stamp_to_stamp(tmp_path: Path) -> None:
+    draw, step = np.random.default_rng(0), SCENE.time_step
+    time = np.append(0.0, np.cumsum(draw.uniform(0.05, 3.0, 40) * step))
+    force = draw.normal(size=41)
+    rows = "".join(f"{one!r},{value!r}\n" for one, value in zip(time.tolist(), force.tolist(), strict=True))
+    (tmp_path / "planned.csv").write_text(f"time,other.force_y\n{rows}")
+    read = read_forces(tmp_path / "planned.csv", SCENE)[:, 1, 4]
+    frames = step * np.arange(len(read))
+    assert frames[-1] - step <= time[-1] < frames[-1]
+    fine = np.linspace(0, frames[-1], 200_001)
+    held = force[np.searchsorted(time, fine, side="right") - 1]
+    impulse = np.interp(frames, fine, np.append(0.0, np.cumsum(held[:-1] * np.diff(fine))))
+    assert np.allclose(np.append(0.0, np.cumsum(read[:-1] * step)), impulse, atol=2e-3 * step)
+    assert read[-1] == 0
+
+
+def test_stamps_of_planned_forces_beyond_any_measure_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "planned.csv").write_text("t,block.force_x\n0,1\n1e12,1\n")
+    with pytest.raises(ValueError, match="time steps must be a whole number of at most 10000000, got"):
+        read_forces(tmp_path / "planned.csv", SCENE)

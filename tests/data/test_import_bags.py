@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bz2
+import re
 import sqlite3
 from contextlib import closing
 from pathlib import Path
@@ -369,7 +370,7 @@ def test_transforms_of_one_child_from_several_parents_are_refused(tmp_path: Path
 
 
 @pytest.mark.parametrize("other", ["PoseStamped", "Vector3Stamped"])
-def test_a_topic_of_two_types_is_refused_by_name(tmp_path: Path, other: str) -> None:
+def test_a_topic_of_two_types_is_refused_where_it_is_used(tmp_path: Path, other: str) -> None:
     """Points and vectors have three numbers each: their rows would fit one table."""
     with Bag(tmp_path / "run", "mcap") as bag:
         for number, time in enumerate(TOGETHER):
@@ -381,10 +382,16 @@ def test_a_topic_of_two_types_is_refused_by_name(tmp_path: Path, other: str) -> 
             }
             name = ("PointStamped", other)[number % 2]
             bag.write("/p", bag.make(f"geometry_msgs/{name}", header=header, **messages[name]), time)
-    with pytest.raises(
-        ValueError, match=rf"run: expected messages of one type on /p, found .*PointStamped and .*{other}"
-    ):
-        read_table(tmp_path / "run")
+            bag.write("/pose", bag.make("geometry_msgs/PoseStamped", header=header, pose=pose), time)
+    refused = rf"expected messages of one type on /p, found .*PointStamped and .*{other}"
+    for wrong in ({"position": "/p/point"}, {"time": "/p/header/stamp"}, {"force": "/p"}):
+        with pytest.raises(ValueError, match=refused):
+            import_logs([tmp_path / "run"], POSES | wrong, tmp_path / "wrong")
+    assert re.search(refused, guess_mapping(tmp_path / "run"))
+    import_logs([tmp_path / "run"], POSES, tmp_path / "right")
+    pose = RecordingSet(tmp_path / "right").read(0).pose
+    assert pose is not None
+    assert np.allclose(pose[:, 0, 0], TOGETHER)
 
 
 def test_two_columns_of_one_name_are_refused(tmp_path: Path) -> None:

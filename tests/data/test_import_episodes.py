@@ -117,7 +117,7 @@ def test_a_guess_knows_stamps_and_episodes(tmp_path: Path) -> None:
         ),
         (
             lambda folder: (folder / "data/chunk-000/episode_000001.parquet").unlink(),
-            "expected 3 tables data/chunk-*/*.parquet that meta/info.json promises, found 2; download",
+            "expected 3 total_episodes, which meta/info.json promises, found 2; download",
         ),
         (
             lambda folder: (folder / "data/chunk-000/episode_000001.parquet").write_bytes(b"PAR1 cut off"),
@@ -176,6 +176,41 @@ def test_a_data_set_of_v3_of_which_a_file_is_missing_is_refused(tmp_path: Path) 
     with pytest.raises(
         ValueError, match=r"expected 1000 total_frames, which meta.info.json promises, found \d+; download"
     ):
+        read_table(place)
+
+
+def describe_episodes(place: Path, version: str) -> None:
+    """Write how many rows each episode has, and how many all of them have."""
+    info = json.loads((place / "meta/info.json").read_text())
+    described = [{"episode_index": index, "length": len(one.time)} for index, one in enumerate(TRUTHS)]
+    total = sum(one["length"] for one in described)
+    (place / "meta/info.json").write_text(json.dumps(info | {"total_frames": total}))
+    if version == "v3.0":
+        (place / "meta/episodes/chunk-000").mkdir(parents=True)
+        parquet.write_table(pyarrow.Table.from_pylist(described), place / "meta/episodes/chunk-000/file-000.parquet")
+    else:
+        (place / "meta/episodes.jsonl").write_text("".join(json.dumps(one) + "\n" for one in described))
+
+
+@pytest.mark.parametrize("version", ["v2.1", "v3.0"])
+def test_whole_episodes_may_be_missing_and_rows_of_one_may_not(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], version: str
+) -> None:
+    place = write_data_set(tmp_path / "pushes", version)
+    describe_episodes(place, version)
+    first, last = sorted(place.glob("data/*/*.parquet"))[:: 1 if version == "v3.0" else 2]
+    last.unlink()
+    assert main(["import", "lerobot", str(place), *WORDS, "--out", str(tmp_path / "set")]) == 0
+    assert "2 of 3 episodes are there, each of them whole" in capsys.readouterr().out
+    found = RecordingSet(tmp_path / "set")
+    for index in (0, 1):
+        pose = found.read(index).pose
+        assert pose is not None
+        assert np.allclose(pose[:, 0, :3], TRUTHS[index].place, atol=SINGLE)
+    table = parquet.read_table(first)
+    parquet.write_table(table.slice(0, len(table) - 5), first)
+    cut = len(TRUTHS[1 if version == "v3.0" else 0].time)
+    with pytest.raises(ValueError, match=rf"pushes: expected {cut} rows of episode \d, .* found {cut - 5}; download"):
         read_table(place)
 
 

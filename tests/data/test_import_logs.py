@@ -616,6 +616,39 @@ def test_a_translation_beside_forces_is_a_place_with_a_doubt_where_there_is_no_o
     assert "torque" not in yaml.safe_load(text)
 
 
+@pytest.mark.parametrize("beside", [True, False])
+@pytest.mark.parametrize(
+    ("names", "seen"),
+    [
+        ("Fx,Fy,Mz", [0, 1, 5]),
+        ("fx,fy", [0, 1]),
+        ("force_x", [0]),
+        ("ft_fx,ft_fy,ft_tz", [0, 1, 5]),
+        ("fx,tau_z", [0, 5]),
+    ],
+)
+def test_forces_in_a_plane_are_those_of_a_log_with_columns_of_zeros(
+    names: str, seen: list[int], beside: bool, tmp_path: Path
+) -> None:
+    time = np.arange(60) / 100
+    poses = {"t": time} | vectors("x,y,z", 0.4, time)
+    poses |= dict(zip(UPRIGHT.split(","), (0 * time + 1, *(0 * time,) * 3), strict=True))
+    wanted = np.zeros((60, 6))  # force and torque, as the names are ordered
+    wanted[:, seen] = np.outer(time + 1, np.arange(1, len(seen) + 1))
+    forces = dict(zip(names.split(","), wanted[:, seen].T, strict=True))
+    parts = {"log": poses, "log_ft": {"ft_stamp": time} | forces} if beside else {"log": poses | forces}
+    for name, columns in parts.items():
+        write_csv(tmp_path / f"{name}.csv", list(columns), list(columns.values()))
+    _, found = filled_in(tmp_path, tmp_path / "log.csv")
+    assert np.allclose(found.read(0).wrench[:, 0, [3, 4, 5, 0, 1, 2]], wanted)
+
+
+def test_a_guess_names_the_logs_beside_in_which_it_finds_no_forces(tmp_path: Path) -> None:
+    plain(tmp_path, Truth.of())
+    write_csv(tmp_path / "log_load.csv", ["t", "load_1"], [np.arange(3.0), np.arange(3.0)])
+    assert "no columns of forces here, nor in log_load.csv; in another file" in guess_mapping(tmp_path / "log.csv")
+
+
 def test_columns_in_newtons_are_no_place(tmp_path: Path) -> None:
     time = np.arange(60) / 100
     columns = {"t": time} | vectors("x [N],y [N],z [N]", 0.4, time) | vectors("tx [N m],ty [N m],tz [N m]", 0.5, time)

@@ -10,12 +10,14 @@ import cv2
 import imageio_ffmpeg
 import numpy as np
 import pytest
+import yaml
 from PIL import Image
 from tests.data import filmed
 
 from physid.cli import main
 from physid.data import RecordingSet
 from physid.data.importers.video import pictures
+from physid.data.importers.video.calibrate import Calibrated
 from physid.data.importers.video.cameras import read_camera
 from physid.data.importers.video.convert import import_films
 from physid.data.importers.video.films import FilmFile, ImageFolder, open_film
@@ -419,3 +421,33 @@ def test_what_is_asked_of_a_calibration_is_checked_before_the_film_is_opened(
 ) -> None:
     assert main(["calibrate", "no_such_film.mp4", *words]) == 2
     assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("place", ["points", "position", "none"])
+@pytest.mark.parametrize("lens", ["ours", "opencv", "flow"])
+def test_a_lens_that_is_measured_anew_keeps_comments_and_place(tmp_path: Path, lens: str, place: str) -> None:
+    """However the earlier file is written, the new one holds the new lens and the place; of keys in lines, verbatim."""
+    points = (
+        "# by the tape\npoints:\n- [83, 401, 0, 0]  # corner\n- [559, 386, 0.6, 0]\n# beyond\n- [523, 97, 0.6, 0.4]\n"
+    )
+    said = {
+        "points": points,
+        "position": "position: [0, 0, 1]  # of the stand\ntarget: [0, 0, 0]\nup:\n    [0, 1, 0]\n",
+        "none": "# no place yet\n",
+    }[place]
+    known = yaml.safe_load(said) or {}
+    before = {
+        "ours": f"# phone, 1x\n\nimage_width: 1  # old\n{said}\nimage_height: 1\nD: [0, 0, 0, 0]\n# at the end\n",
+        "opencv": f"%YAML:1.0\n---\n# phone\nimage_width: 1\ncamera_matrix: !!opencv-matrix\n   rows: 3\n{said}",
+        "flow": str({"image_width": 1, **known}),
+    }[lens]
+    (tmp_path / "camera.yaml").write_text(before)
+    made = Calibrated(640, 480, np.diag([500.0, 500.0, 1.0]), np.zeros(5), 0.1, 9, known)
+    made.write(tmp_path / "camera.yaml")
+    text = (tmp_path / "camera.yaml").read_text()
+    made.write(tmp_path / "new.yaml")
+    assert yaml.safe_load(text) == yaml.safe_load((tmp_path / "new.yaml").read_text())
+    assert {name: yaml.safe_load(text)[name] for name in known} == known
+    if lens != "flow":
+        assert said in text
+        assert all(line in text for line in before.splitlines() if line.startswith("#"))

@@ -120,8 +120,9 @@ def predict(
     Each trajectory is predicted from its initial state, under the recorded forces or under planned ones. The result is
     a recording set (docs/recordings.md): predicted poses, velocities and forces under the numbers of the trajectories,
     the scene with the identified parameters; and parameters.json. Planned forces are a CSV file, one row for each time
-    step, with columns such as block.force_x or block.torque_z, in N and N m, or in the unit that stands behind, [mN];
-    or a .npy array (n, bodies, 6). How far a prediction is from what was recorded is said by `physid test`.
+    step, or at any stamps in a column time, with columns such as block.force_x or block.torque_z, in N and N m, or in
+    the unit that stands behind, [mN]; or a .npy array (n, bodies, 6). How far a prediction is from what was recorded is
+    said by `physid test`.
 
     Examples:
       physid predict data/mine

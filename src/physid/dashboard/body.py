@@ -12,6 +12,7 @@ from markupsafe import Markup
 from physid.dashboard.summary import Run, far, grade, judged, keeps, met, numbers, short, text_of, texts
 from physid.diagnosis.document.sentences import caveat, effect_lines, estimate, explained, kind_of, where_sentence
 from physid.diagnosis.report.drawings import closing
+from physid.estimation.measurement.unexplained import left_beyond_noise
 from physid.pages.figures import Series, line_chart
 from physid.pages.numbers import NOTHING, figure, in_unit, named, quantity
 from physid.pages.templates import render
@@ -28,6 +29,7 @@ def with_body(run: Run) -> dict[str, Any]:
     shown["parameters"] = [_parameter(each) for each in run["parameters"]]
     shown["texts"] = texts(run)
     shown["judged"] = judged(run)
+    shown["left"] = left_beyond_noise(run["figures"])
     shown["short"] = short(said) if said else ""
     shown["far"] = far(said) if said else []
     shown["caveat"] = caveat(said) if said else ""

@@ -160,20 +160,22 @@ def write_text(path: Path, text: str) -> None:
     write_whole(path, lambda part: _ignore(part.write_text(text, encoding="utf-8", newline="")))
 
 
-def read_json(path: Path, what: str, remedy: str = "delete it") -> Any:
+def read_json(path: Path, what: str, remedy: str = "delete it", *, lines: bool = False) -> Any:
     """Read a JSON file.
 
     Args:
         path: The file.
         what: What it should hold, for the message.
         remedy: What to do if it does not.
+        lines: Whether each line is a value of its own; they are returned as a list.
 
     Raises:
         OSError: If it cannot be read.
         ValueError: If it is damaged.
     """
     try:
-        return json.loads(read_text(path))
+        text = read_text(path)
+        return [json.loads(line) for line in text.splitlines() if line.strip()] if lines else json.loads(text)
     except (ValueError, RecursionError) as error:
         reason = str(error).splitlines()[0] if path.stat().st_size else "an empty file"
         raise ValueError(f"{path}: expected {what} as JSON, found a damaged file ({reason}); {remedy}") from None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 from pathlib import Path
 
 import numpy as np
@@ -11,18 +12,22 @@ from numpy.typing import NDArray
 
 from physid.data.importers.units import factor_of, split_header
 from physid.scenes import Scene
-from physid.strict import MOST_SHOWN, nearest, quoted
+from physid.strict import LARGEST, MOST_SHOWN, nearest, quoted, shown, whole
 from physid.yaml_files import read_text
 
+Array = NDArray[np.float64]
+EARLY = 1e-6  # of a time step, by which stamps may be rounded
 TIMES = ("t", "time", "stamp", "timestamp", "seconds")
 COMPONENTS = ("torque_x", "torque_y", "torque_z", "force_x", "force_y", "force_z")
 
 
-def read_forces(path: Path | str, scene: Scene) -> NDArray[np.float64]:
+def read_forces(path: Path | str, scene: Scene) -> Array:
     """Read planned wrenches: one row for each time step of the scene, held from its frame to the next.
 
     A CSV file names its columns BODY.force_x or BODY.torque_z, with a unit behind or in SI, world frame, at the centre
-    of the box; what it does not name is zero. A NumPy file (.npy) holds an array (n, N, 6), torque before force.
+    of the box; what it does not name is zero. Where it has a column `time`, which begins with 0 in the first frame, a
+    row is held until the next, and the last until its time step ends; in each time step acts the mean of what is held.
+    A NumPy file (.npy) holds an array (n, N, 6), torque before force.
 
     Args:
         path: The file.
@@ -50,7 +55,7 @@ def read_forces(path: Path | str, scene: Scene) -> NDArray[np.float64]:
     return np.concatenate([wrench, np.zeros_like(wrench[:1])])
 
 
-def _read_csv(path: Path, scene: Scene) -> NDArray[np.float64]:
+def _read_csv(path: Path, scene: Scene) -> Array:
     """Read named columns."""
     places = {f"{body.name}.{one}": (n, k) for n, body in enumerate(scene.bodies) for k, one in enumerate(COMPONENTS)}
     try:
@@ -59,32 +64,59 @@ def _read_csv(path: Path, scene: Scene) -> NDArray[np.float64]:
     except (csv.Error, UnicodeDecodeError) as error:
         raise ValueError(f"{path}: expected rows of numbers in CSV, found none ({error})") from None
     names = [split_header(each)[0] for each in header]
-    for name in names:
-        if name not in places:
-            wanted = f"one row for each time step of {scene.time_step:.6g} s, held until the next, and no times"
-            hint = f"; expected {wanted}" if name.lower().partition("_")[0] in TIMES else nearest(name, places)
-            raise ValueError(f"{path}: unknown column {quoted(name)}{hint}")
+    stamps = [column for column, name in enumerate(names) if name not in places and _is_time(name)]
+    for column, name in enumerate(names):
+        if name not in places and column not in stamps[:1]:
+            raise ValueError(f"{path}: unknown column {quoted(name)}{nearest(name, ('time', *places))}")
         if names.count(name) > 1:
             raise ValueError(f"{path}: expected each column once, found {quoted(name)} {names.count(name)} times")
-    factors = [_factor(each, path) for each in header]
-    wrench = np.zeros((len(rows), len(scene.bodies), len(COMPONENTS)))
+    values = np.zeros((len(rows), len(names)))
     for number, row in enumerate(rows):
         try:
-            for name, factor, value in zip(names, factors, row, strict=True):
-                wrench[number, *places[name]] = factor * float(value)
+            values[number] = [float(value) for _, value in zip(names, row, strict=True)]
         except ValueError:
             found = ", ".join(row)[:MOST_SHOWN]
             raise ValueError(f"{path}: expected {len(names)} numbers in row {number}, found {found}") from None
-    return wrench
+    values *= [_factor(each, path) for each in header]
+    wrench = np.zeros((len(rows), len(scene.bodies), len(COMPONENTS)))
+    for column, name in enumerate(names):
+        if name in places:
+            wrench[:, *places[name]] = values[:, column]
+    return _in_steps(path, values[:, stamps[0]], wrench, scene.time_step) if stamps else wrench
+
+
+def _in_steps(path: Path, time: Array, wrench: Array, step: float) -> Array:
+    """Return the means over time steps, so the same impulses, of wrenches that are held from stamp to stamp."""
+    if not len(time):
+        return wrench
+    if not (np.isfinite(time).all() and abs(time[0]) < EARLY * step and (np.diff(time) > 0).all()):
+        raise ValueError(
+            f"{path}: expected stamps that begin with 0, the first frame, and increase, found {shown(time.tolist())}; "
+            "subtract the stamp of the first frame"
+        )
+    count = whole(math.floor(time[-1] / step + EARLY) + 1, f"{path}: time steps", low=1, high=LARGEST["steps"])
+    frames = step * np.arange(count + 1)
+    stamps = np.maximum(np.append(time, time[-1] + step), 0.0)
+    impulse = np.zeros((len(stamps), *wrench.shape[1:]))
+    impulse[1:] = (np.diff(stamps)[:, None, None] * wrench).cumsum(0)
+    flat = impulse.reshape(len(stamps), -1)
+    at_frames = np.stack([np.interp(frames, stamps, one) for one in flat.T], 1)
+    return np.diff(at_frames, axis=0).reshape(count, *wrench.shape[1:]) / step
+
+
+def _is_time(name: str) -> bool:
+    """Tell whether a column is one of stamps, by its name."""
+    return name.lower().partition("_")[0] in TIMES
 
 
 def _factor(header: str, path: Path) -> float:
     """Return what one of the unit in a header is in SI; without one, it is SI already."""
     name, unit = split_header(header)
-    return 1.0 if unit is None else factor_of("torque" if "torque" in name else "force", unit, f"{path}: {header}")
+    quantity = "time" if _is_time(name) else "torque" if "torque" in name else "force"
+    return 1.0 if unit is None else factor_of(quantity, unit, f"{path}: {header}")
 
 
-def _read_npy(path: Path, scene: Scene) -> NDArray[np.float64]:
+def _read_npy(path: Path, scene: Scene) -> Array:
     """Read one array."""
     try:
         # Mapped, not read: a header that declares more than the file holds is refused before anything is allocated.

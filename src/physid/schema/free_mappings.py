@@ -11,7 +11,7 @@ import dataclasses
 import inspect
 import types
 import typing
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from pydantic import BaseModel
@@ -19,17 +19,41 @@ from pydantic import BaseModel
 from physid.class_paths import ClassPathError, load_class
 
 
-def free_mappings(values: Mapping[str, Any], reads: type | None = None, allowed: Sequence[str] = ()) -> frozenset[str]:
-    """Return the dotted keys of all free mappings.
+def free_mappings(values: Mapping[str, Any], reads: type | None = None, allowed: Sequence[str] = ()) -> dict[str, bool]:
+    """Return the dotted keys of all free mappings, and whether what such a one holds are scalars alone.
 
     Args:
         values: A configuration, arguments of classes under `init_args`.
         reads: The class whose fields the keys at the top are, if there is one.
         allowed: Packages beside the trusted ones whose classes may be looked at; others are passed over.
     """
-    return frozenset(_free(dict(values), "", reads, allowed))
+    return dict(_free(dict(values), "", reads, allowed))
 
 
+def join_keys(values: Any, key: str) -> None:
+    """Make one dotted key of each nested one in a free mapping of scalars: `block: {friction: 0.4}` is block.friction.
+
+    Args:
+        values: A configuration, whose mapping is changed.
+        key: Dotted key of the mapping.
+    """
+    for part in key.split("."):
+        values = values[int(part) if isinstance(values, list) else part]
+    nested = list(values.items())
+    values.clear()
+    values.update(_joined(nested, ""))
+
+
+def _joined(items: Iterable[tuple[Any, Any]], before: str) -> Iterator[tuple[Any, Any]]:
+    """Yield nested items by dotted keys; an empty mapping stays as it is, to be refused as no scalar."""
+    for name, value in items:
+        if isinstance(value, dict) and value:
+            yield from _joined(value.items(), f"{before}{name}.")
+        else:
+            yield (f"{before}{name}" if before else name), value
+
+
+SCALARS = {bool, int, float, str, types.NoneType}
 UNKNOWN = object()
 """A type that cannot be resolved, for instance since only a type checker imports it."""
 
@@ -52,8 +76,8 @@ def alternatives(annotation: Any) -> tuple[Any, ...]:
     return (annotation,)
 
 
-def _free(value: Any, key: str, annotation: Any, allowed: Sequence[str]) -> Iterator[str]:
-    """Yield the free mappings at and below a key of a type; None for an unknown type."""
+def _free(value: Any, key: str, annotation: Any, allowed: Sequence[str]) -> Iterator[tuple[str, bool]]:
+    """Yield the free mappings at and below a key of a type, and whether they hold scalars; None for an unknown type."""
     if isinstance(value, list):
         for index, each in enumerate(value):
             yield from _free(each, f"{key}.{index}", None, allowed)
@@ -69,8 +93,9 @@ def _free(value: Any, key: str, annotation: Any, allowed: Sequence[str]) -> Iter
             yield from _free(each, f"{key}.init_args.{name}", types_of(target).get(name), allowed)
         return
     kinds = alternatives(annotation)
-    if any(is_mapping(kind) for kind in kinds):
-        yield key
+    if mappings := [kind for kind in kinds if is_mapping(kind)]:
+        held = [one for kind in mappings for each in typing.get_args(kind)[1:] for one in alternatives(each)]
+        yield key, bool(held) and set(held) <= SCALARS
         return
     classes = [kind for kind in kinds if inspect.isclass(kind) and kind.__module__ != "builtins"]
     known = types_of(classes[0]) if classes else {}

@@ -99,7 +99,7 @@ def _recordings(files: Sequence[Path], log: LogMap, notes: list[str]) -> Iterato
             notes.append(
                 f"{file}: bodies have clocks of their own; {whole} of {len(poses.pose)} frames hold all of them"
             )
-        taken = [*poses.notes, *(() if forces is None else (*forces.notes, *_frames(poses, forces, log)))]
+        taken = [*table.notes, *poses.notes, *(() if forces is None else (*forces.notes, *_frames(poses, forces, log)))]
         notes += [one for one in taken if one not in notes]
         if forces is not None and forces.empty:
             notes.append(f"{other or file}: {forces.empty} rows without forces; the force before each is held")

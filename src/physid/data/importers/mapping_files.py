@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from physid.strict import at_home
 from physid.yaml_files import YamlError, is_index, parse_yaml, read_yaml
 
 
@@ -34,7 +35,7 @@ def read_mapping(path: Path | None, words: Iterable[str] = ()) -> dict[str, Any]
                 raise ValueError(f"--map {key}: expected a list such as [x, y, z], got {text!r}") from None
             value = text  # {stem}_forces.csv is a name, and no YAML
         _lay(values, key.strip().split("."), value, word)
-    return values
+    return {key: at_home(value) for key, value in values.items()}
 
 
 def with_episodes(values: dict[str, Any]) -> dict[str, Any]:

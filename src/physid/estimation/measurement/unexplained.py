@@ -21,6 +21,18 @@ def unexplained_kinds(figures: Mapping[str, float]) -> tuple[str, ...]:
     return tuple(kind for kind in KINDS if figures.get(f"fit/{kind}_explained", 1.0) == 0)
 
 
+def left_beyond_noise(figures: Mapping[str, float]) -> str:
+    """Return how much a fit leaves beyond noise, as `26 mm and 4.3 deg`; nothing where it leaves none.
+
+    Args:
+        figures: What was logged, by name.
+    """
+    kinds = {kind: KINDS[kind] for kind in unexplained_kinds(figures)}
+    return " and ".join(
+        f"{_short(scale * figures[f'fit/{kind}_unexplained'])} {unit}" for kind, (scale, unit, _) in kinds.items()
+    )
+
+
 def not_fitted_sentence(figures: Mapping[str, float]) -> str | None:
     """Say that a fit took no step at all; None where it took one, or nobody looked.
 

@@ -11,8 +11,10 @@ from physid.data.importers.finding import logs_beside
 from physid.data.importers.guessing.clocks import clock_of, rises, units_of_stamps
 from physid.data.importers.guessing.grouping import (
     OF_EITHER,
+    ZERO,
     Groups,
     columns_of,
+    filled,
     first_of,
     force_beside,
     groups_of,
@@ -29,6 +31,8 @@ FORCE, TORQUE = (
     ("f", "force", "ft_f", "wrench.force", "forces"),
     ("torque", "tau", "moment", "wrench.torque", "torques", "m"),
 )
+
+MOST_BESIDE = 3  # logs that a line names
 
 
 @dataclass(frozen=True)
@@ -51,15 +55,18 @@ class FoundForces:
     @property
     def columns(self) -> list[str]:
         """The first columns that there are; none where there are none."""
-        return next((each for each in (*self.force, *self.torque) if each), [])
+        first = next((each for each in (*self.force, *self.torque) if each), [])
+        return [one for one in first if one != ZERO]
 
     def say_of(self, index: int, said: Lines, before: str = "") -> None:
         """Write the forces and torques of a body; `before` goes before each line."""
         for name, columns in (("force", self.force[index]), ("torque", self.torque[index])):
             if columns:
+                absent = [letter for letter, one in zip("xyz", columns, strict=True) if one == ZERO]
                 doubts = (
+                    f"no column of {' and '.join(absent)}: zero?" if absent else "",
                     "on which body? no name says so." if name in self.unowned else "",
-                    frame_of(self.table, columns, "the centre of the body"),
+                    frame_of(self.table, [one for one in columns if one != ZERO], "the centre of the body"),
                     "commanded, or measured with the other sign? physid check says which",
                 )
                 said.say(f"{before}{name}: {listed(self.table, columns)}", " ".join(one for one in doubts if one))
@@ -93,7 +100,11 @@ def find_forces(
 def _forces_of(
     table: Table, groups: Groups, prefixes: Sequence[str], places: Sequence[Sequence[str]], pattern: str = ""
 ) -> FoundForces:
-    """Find the forces on each body in one log: by the names of bodies, else those of the first."""
+    """Find the forces on each body in one log: by the names of bodies, else those of the first.
+
+    Of forces in a plane a log has two columns, and one of the torque about its normal.
+    """
+    groups = filled(groups, (*FORCE, *TORQUE, OF_EITHER))
     free = {
         stem: one
         for stem, one in groups.items()
@@ -157,7 +168,8 @@ def say_source(found: FoundForces, clock: str, said: Lines) -> None:
     table = found.table
     if not found.pattern:
         if not any(found.force):
-            missing = "no columns of forces here; in another file: forces: {file: ..., time: ...}"
+            nor = "".join(f", nor in {other.name}" for other, _ in logs_beside(table.path)[:MOST_BESIDE])
+            missing = f"no columns of forces here{nor}; in another file: forces: {{file: ..., time: ...}}"
             said.say("# force: [fx, fy, fz]", missing)
         own = clock_of(table, found.columns) if found.columns else ""
         if own and own != clock and not table.line:

@@ -20,6 +20,7 @@ OF_EITHER = "t"  # a translation, or a torque
 AXIS = re.compile(r"^(?:(?P<first>[xyzw])[_.\s]*(?P<stem>.*?)|(?P<stem2>.*?)[_.\s:/]*(?P<last>[xyzw]))$", re.IGNORECASE)
 POSE = 7  # numbers of a position and a quaternion in one array
 OF_MESSAGES = ("pose", "transform", "position", "odometry", "observation", "state", "wrench")
+ZERO = "0"  # what a group has in place of a column that a log does not have
 BETWEEN = "/._ :"  # words of a name
 UNIT_LENGTH = 0.01  # by which four columns may differ from a unit quaternion
 
@@ -157,7 +158,15 @@ def names_of(prefixes: Sequence[str]) -> list[str]:
 
 def columns_of(group: Mapping[str, str], letters: str) -> list[str]:
     """Return the columns of a group by their letters."""
-    return [quoted(group[letter]) for letter in letters]
+    return [ZERO if group[letter] == ZERO else quoted(group[letter]) for letter in letters]
+
+
+def filled(groups: Groups, words: Sequence[str]) -> Groups:
+    """Return groups in which those of some names that have only one or two of x, y, z are zero along the others."""
+    return {
+        stem: one if "w" in one or without(stem, words) == stem else {letter: one.get(letter, ZERO) for letter in "xyz"}
+        for stem, one in groups.items()
+    }
 
 
 def _beside_turn(table: Table) -> list[str]:

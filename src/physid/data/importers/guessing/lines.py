@@ -36,7 +36,7 @@ class Lines:
             self.doubts.append(doubt)
 
     def name_left_out(self, table: Table) -> None:
-        """Say in a comment which columns of a log the lines leave out; nothing where they leave out none."""
+        """Say in comments which columns of a log the lines leave out, if any, and what of it cannot be used."""
         said, open_ends = set[str](), [yaml.safe_load(self._written())]
         while open_ends:
             value = open_ends.pop()
@@ -51,6 +51,7 @@ class Lines:
             more = f" and {len(left) - MOST_NAMED} more" if len(left) > MOST_NAMED else ""
             named = ", ".join(map(quoted, left[:MOST_NAMED]))
             self.lines.append(f"# not read, of {table.path.name}: {named}{more}")
+        self.lines += [f"# not to be used: {reason}" for reason in table.refused.values()]
 
     def text(self) -> str:
         """Return the mapping as YAML, with all doubts at its end."""

@@ -33,10 +33,6 @@ METADATA, DATABASE, FORMAT = "metadata.yaml", ".db3", "zstd"
 DAMAGED = "expected a bag of ROS, found what cannot be read"
 
 
-class RefusedBagError(ValueError):
-    """What a sound bag holds and no mapping can name."""
-
-
 def read_bag(path: Path) -> Table:
     """Read a .bag, .mcap or .db3 file, or the folder of a ROS 2 bag.
 
@@ -47,8 +43,8 @@ def read_bag(path: Path) -> Table:
     at a time.
 
     Raises:
-        ValueError: If rosbags is not installed, or the bag is damaged, holds no numbers, unpacks to more than its size
-            promises, or has messages of several types on one topic.
+        ValueError: If rosbags is not installed, or the bag is damaged, holds no numbers, or unpacks to more than its
+            size promises.
     """
     try:
         from rosbags.highlevel import AnyReader
@@ -66,8 +62,8 @@ def read_bag(path: Path) -> Table:
             with _unpacked_by(unpacking), AnyReader(files, default_typestore=get_typestore(Stores.LATEST)) as reader:
                 unpack = partial(unpacking.unpack, FORMAT) if mode == "message" else None
                 for name, kind, row, frame, names in _rows(reader, unpack):
-                    topics.setdefault(name, _Topic(path, name, kind, names)).add(kind, row, frame)
-    except (PermissionError, RefusedBagError, TooTightlyPackedError, UnsoundDatabaseError):
+                    topics.setdefault(name, _Topic(name, kind, names)).add(kind, row, frame)
+    except (PermissionError, TooTightlyPackedError, UnsoundDatabaseError):
         raise
     except Exception as error:  # what a foreign file makes a foreign parser raise is of many kinds
         remedy = "; was the recording cut off? try: mcap recover FILE" if path.suffix == ".mcap" else ""
@@ -75,11 +71,14 @@ def read_bag(path: Path) -> Table:
         reason = "it asks for more memory than there is" if spent else " ".join(str(error).split())[:200]
         raise ValueError(f"{path}: {DAMAGED} ({reason}){remedy}") from None
     each = [(name, one, values) for name, topic in topics.items() for one, values in topic.columns().items()]
+    refused = {name: topic.refused for name, topic in topics.items() if topic.refused}
     if not each:
-        raise ValueError(f"{path}: expected topics with numbers, such as geometry_msgs/PoseStamped, found none")
+        wanted = "expected topics with numbers, such as geometry_msgs/PoseStamped, found none"
+        raise ValueError(f"{path}: {next(iter(refused.values()), wanted)}")
     columns = named_once(path, ((f"{name}/{one}", values) for name, one, values in each))
     frames = {name: topic.frames() for name, topic in topics.items()}
-    return Table(path, columns, {}, {}, 0, {f"{name}/{one}": name for name, one, _ in each}, frames)
+    named = {f"{name}/{one}": name for name, one, _ in each}
+    return Table(path, columns, {}, {}, 0, named, frames, refused=refused)
 
 
 @contextmanager
@@ -139,21 +138,23 @@ def _unpacker(unpacking: Unpacking, kind: str) -> Callable[..., bytes]:
 class _Topic:
     """The rows of one topic, or of one child frame."""
 
-    def __init__(self, path: Path, name: str, kind: str, names: Sequence[str]) -> None:
-        self._path, self._name, self._kind = path, name, kind
+    def __init__(self, name: str, kind: str, names: Sequence[str]) -> None:
+        self._name, self._kind, self.refused = name, kind, ""
         self._names, self._rows, self._frames = [*names, RECEIVED], list[Row](), dict[str, None]()
 
     def add(self, kind: str, row: Row, frame: str) -> None:
         """Take a row of a message of some type, and the frame that it is in.
 
-        Raises:
-            RefusedBagError: If those before are of another type: their numbers have other meanings.
+        Where those before are of another type, numbers have several meanings, and none can be used: `refused` says so.
         """
-        if kind != self._kind:
-            raise RefusedBagError(
-                f"{self._path}: expected messages of one type on {self._name}, found {self._kind} and {kind}; write "
-                "the topic into a bag of its own with one of them"
+        if kind != self._kind and not self.refused:
+            self._rows.clear()
+            self.refused = (
+                f"expected messages of one type on {self._name}, found {self._kind} and {kind}; write the topic into a "
+                "bag of its own with one of them"
             )
+        if self.refused:
+            return
         self._rows.append(row)
         if frame.strip("/"):
             self._frames[frame.strip("/")] = None
@@ -167,6 +168,8 @@ class _Topic:
 
         Stamps that are alike in all messages were never set: what was sent says nothing of when it was measured.
         """
+        if self.refused:
+            return {}
         values = np.array(self._rows, dtype=np.float64)
         if STAMP in self._names and np.ptp(values[:, self._names.index(STAMP)]) > 0:
             values = values[np.argsort(values[:, self._names.index(STAMP)], kind="stable")]

@@ -24,6 +24,9 @@ INFO = Path("meta/info.json")
 VERSIONS = ("v2.0", "v2.1", "v3.0")
 """Of LeRobot's format: one file for each episode, or, since v3.0, files of many episodes; columns are the same."""
 EPISODE = "episode_index"
+OF_EPISODE = (EPISODE, "length")
+LENGTHS = ("meta/episodes.jsonl", "meta/episodes/chunk-*/*.parquet")
+"""Where a data set says how many rows each episode has, before and since v3.0."""
 AGAIN = "download the data set again"
 BYTES, ROWS = 8, 1 << 12  # of a number as it is read, and what is read at once
 
@@ -58,8 +61,8 @@ def read_episodes(path: Path) -> Table:
     columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     if not columns:
         raise ValueError(f"{path}: expected columns of numbers, found none")
-    _require_all(path, info, columns)
-    return Table(path, columns, {}, {}, 0)
+    notes = _require_whole(path, info, columns, room)
+    return Table(path, columns, {}, {}, 0, notes=notes)
 
 
 @contextmanager
@@ -98,21 +101,22 @@ class _Room:
             )
 
 
-def _declared(file: Path) -> int:
+def _declared(file: Path, names: Sequence[str] | None = None) -> int:
     """Return how many bytes the numbers of a table take at least, by its rows and columns.
 
     What it says of the single columns is not asked for: pyarrow ends the process where that is damaged.
     """
     with _opened(file) as table:
-        return BYTES * int(table.metadata.num_rows) * len(_wanted(table.schema_arrow))
+        return BYTES * int(table.metadata.num_rows) * len(names or _wanted(table.schema_arrow))
 
 
-def _read(file: Path, room: _Room) -> pyarrow.Table:
-    """Read the columns of numbers of a table, and measure them as they come: lists may be of any length."""
+def _read(file: Path, room: _Room, names: Sequence[str] | None = None) -> pyarrow.Table:
+    """Read the columns of numbers of a table, or those of some names, and measure them: lists may be of any length."""
     import pyarrow
 
     with _opened(file) as table:
         wanted, batches = _wanted(table.schema_arrow), list[pyarrow.RecordBatch]()
+        wanted = [name for name in wanted if names is None or name in names]
         for batch in table.iter_batches(batch_size=ROWS, columns=wanted):
             room.take(batch.nbytes)
             batches.append(batch)
@@ -145,26 +149,46 @@ def _described(folder: Path) -> tuple[list[Path], dict[str, Any]]:
             "converts older ones"
         )
     files = sorted((folder / "data").glob("chunk-*/*.parquet"))
-    promised = info.get("total_episodes") if version != "v3.0" else None
-    if not files or (isinstance(promised, int) and promised != len(files)):
+    if not files:
         raise ValueError(
-            f"{folder}: expected {promised or 'the'} tables data/chunk-*/*.parquet that {INFO} promises, found "
-            f"{len(files)}; {AGAIN}"
+            f"{folder}: expected the tables data/chunk-*/*.parquet that {INFO} promises, found none; {AGAIN}"
         )
     return files, info
 
 
-def _require_all(path: Path, info: Mapping[str, Any], columns: Mapping[str, Array]) -> None:
-    """Refuse a data set of which some rows are missing: since v3.0 the number of files does not show it."""
-    found = {"total_frames": len(next(iter(columns.values())))}
-    if EPISODE in columns:
-        found["total_episodes"] = len(np.unique(columns[EPISODE]))
-    for name, count in found.items():
-        promised = info.get(name)
-        if isinstance(promised, int) and promised != count:
+def _require_whole(path: Path, info: Mapping[str, Any], columns: Mapping[str, Array], room: _Room) -> tuple[str, ...]:
+    """Refuse a data set of which some rows are missing; whole episodes may be, and a note says so."""
+    rows = {"total_frames": len(next(iter(columns.values())))}
+    episodes, counts = np.unique(columns.get(EPISODE, []), return_counts=True)
+    found = rows | ({"total_episodes": len(episodes)} if EPISODE in columns else {})
+    off = {name: info[name] for name in found if isinstance(info.get(name), int) and info[name] != found[name]}
+    if not off:
+        return ()
+    lengths = _lengths(path, room) if EPISODE in columns else {}
+    if not lengths:
+        name = next(iter(off))
+        raise ValueError(
+            f"{path}: expected {off[name]} {name}, which {INFO} promises, found {found[name]}; {AGAIN}, or, of a part "
+            f"of it, with {' or '.join(LENGTHS)}, which say how long each episode is"
+        )
+    for episode, count in zip(episodes, counts, strict=True):
+        if lengths.get(episode) != count:
             raise ValueError(
-                f"{path}: expected {promised} {name}, which {INFO} promises, found {count}; {AGAIN}, or correct it"
+                f"{path}: expected {lengths.get(episode, 'no')} rows of episode {episode:g}, as its description in "
+                f"meta/ promises, found {count}; {AGAIN}"
             )
+    return (f"{path}: {len(episodes)} of {len(lengths)} episodes are there, each of them whole",)
+
+
+def _lengths(folder: Path, room: _Room) -> dict[float, int]:
+    """Return the number of rows of each episode, as far as a data set says it."""
+    lines = folder / LENGTHS[0]
+    found: list[Any] = read_json(lines, "the lengths of episodes", AGAIN, lines=True) if lines.is_file() else []
+    for file in sorted(folder.glob(LENGTHS[1])):
+        room.take(_declared(file, OF_EPISODE))
+        found += _read(file, room, OF_EPISODE).to_pylist()
+    pairs = [[one.get(name) for name in OF_EPISODE] for one in found if isinstance(one, dict)]
+    return {float(index): rows for index, rows in pairs if isinstance(index, int) and isinstance(rows, int)}
 
 
 def _names(info: Mapping[str, Any]) -> dict[str, list[str]]:

@@ -47,6 +47,8 @@ class Table:
             frame of its transforms. Columns without one share their rows.
         frames: The frames that the messages of a topic are in, as far as they say.
         skipped: Lines after that of the first row which hold none, blank ones and comments.
+        refused: Why what is below a topic cannot be used, by topic; it has no columns.
+        notes: What whoever uses the log should know of it.
     """
 
     path: Path
@@ -57,6 +59,8 @@ class Table:
     topics: dict[str, str] = field(default_factory=dict)
     frames: dict[str, tuple[str, ...]] = field(default_factory=dict)
     skipped: tuple[int, ...] = ()
+    refused: dict[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     def values(self, name: object) -> Array:
         """Return the values of a column, shape (T,).
@@ -80,10 +84,14 @@ class Table:
 
         Raises:
             MissingColumnError: If there is none; the message names the nearest.
+            ValueError: If it is below a topic that cannot be used.
         """
         wanted = str(name).strip()
         if wanted in self.columns:
             return wanted
+        for topic, reason in self.refused.items():
+            if f"{wanted}/".startswith(f"{topic}/"):
+                raise ValueError(f"{self.path}: {reason}")
         bare = [each for each in self.columns if split_header(each)[0] == wanted]
         if len(bare) == 1:
             return bare[0]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, final
@@ -16,7 +16,7 @@ from physid.data.files import write_text
 from physid.data.importers.video.cameras import PLACE, SIZES, place_of, rows_of, solve_place
 from physid.data.importers.video.films import open_film
 from physid.strict import number, shown
-from physid.yaml_files import parse_yaml
+from physid.yaml_files import YamlError, parse_yaml, read_text
 
 MOST_BOARDS, LOOKED_AT = 40, 200
 FEWEST_BOARDS = 8
@@ -26,6 +26,7 @@ SQUARE = (1e-4, 10.0)
 """[m] Least and largest side of a square: below a microscope's, and above any board's."""
 LEAST_TILT = 0.2
 """Ratio of singular values of the boards' normals: boards that are all parallel tell no focal length."""
+KEY = re.compile(r"([A-Za-z_]\w*)\s*:(?:\s|$)")
 WORST = 1.0  # [px] of a calibration that can be used
 
 
@@ -55,17 +56,42 @@ class Calibrated:
     ground_error: float = 0.0
 
     def write(self, path: Path) -> None:
-        """Write a camera file."""
-        lines = [f"image_width: {self.width}", f"image_height: {self.height}", "distortion_model: plumb_bob",
-                 f"camera_matrix: {{rows: 3, cols: 3, data: {_plain(self.matrix)}}}",
-                 f"distortion_coefficients: {{rows: 1, cols: {len(self.distortion)}, data: {_plain(self.distortion)}}}",
-                 f"reprojection_error: {self.error:.4g}"]  # fmt: skip
+        """Write a camera file; comments of an earlier one, and its lines of the place, stay as they are."""
+        lens = [f"image_width: {self.width}", f"image_height: {self.height}", "distortion_model: plumb_bob",
+                f"camera_matrix: {{rows: 3, cols: 3, data: {_plain(self.matrix)}}}",
+                f"distortion_coefficients: {{rows: 1, cols: {len(self.distortion)}, data: {_plain(self.distortion)}}}",
+                f"reprojection_error: {self.error:.4g}"]  # fmt: skip
+        place: dict[str, list[str]] = {}
         for name, value in self.place.items():
             if name == "points":
-                lines += ["points:  # column, row [px], x, y, z [m]", *(f"  - {list(row)}" for row in value)]
+                place[name] = ["points:  # column, row [px], x, y, z [m]", *(f"  - {list(row)}" for row in value)]
             else:
-                lines.append(yaml.safe_dump({name: value}, default_flow_style=True, width=1000).strip()[1:-1])
-        write_text(path, "\n".join(lines) + "\n")
+                place[name] = [yaml.safe_dump({name: value}, default_flow_style=True, width=1000).strip()[1:-1]]
+        whole = "\n".join([*lens, *(line for lines in place.values() for line in lines)]) + "\n"
+        kept = _laid_over(read_text(path), lens, place) if path.is_file() else whole
+        write_text(path, kept if _same(kept, whole) else whole)
+
+
+def _laid_over(text: str, lens: Sequence[str], place: Mapping[str, Sequence[str]]) -> str:
+    """Return a camera file of keys below each other in which the lens is another one, with its comments and place."""
+    kept, start, missing, stays = list[str](), None, dict(place), False
+    for line in text.splitlines():
+        if key := KEY.match(line):
+            stays = missing.pop(key[1], None) is not None
+            start = len(kept) if start is None and not stays else start
+        if stays or not line.strip() or line.startswith("#"):
+            kept.append(line)
+    start = len(kept) if start is None else start
+    added = [line for lines in missing.values() for line in lines]
+    return "\n".join([*kept[:start], *lens, *kept[start:], *added]) + "\n"
+
+
+def _same(text: str, other: str) -> bool:
+    """Tell whether two texts are the same in YAML."""
+    try:
+        return bool(parse_yaml(text, "") == parse_yaml(other, ""))
+    except YamlError:
+        return False
 
 
 def corners_of(text: str, square: float) -> tuple[int, int]:
