@@ -30,6 +30,8 @@ TRANSFORMS, TRANSFORM = "tf2_msgs/msg/TFMessage", "geometry_msgs/msg/TransformSt
 BYTES, TEXTS = ("uint8", "int8", "byte", "char", "octet"), ("string", "wstring")
 MOST_ELEMENTS = 16  # of an array of fixed length that become columns; covariances do not
 METADATA, DATABASE, FORMAT = "metadata.yaml", ".db3", "zstd"
+PARTS = (DATABASE, ".mcap")
+"""Endings of the files that hold messages, beside which `.zstd` says that they are packed."""
 DAMAGED = "expected a bag of ROS, found what cannot be read"
 
 
@@ -48,7 +50,7 @@ def read_bag(path: Path) -> Table:
 
     Raises:
         ValueError: If rosbags is not installed, or the bag is damaged, holds no numbers, unpacks to more than its size
-            promises, or has messages of several types on one topic.
+            promises, lies beside files that it does not list, or has messages of several types on one topic.
     """
     try:
         from rosbags.highlevel import AnyReader
@@ -100,6 +102,13 @@ def _storages(path: Path) -> Iterator[tuple[list[Path], Unpacking, str]]:
         raise ValueError(f"{METADATA} lists no files") from None
     if missing := [one.name for one in listed if not one.is_file()]:
         raise ValueError(f"no file {', '.join(missing)}, which {METADATA} lists")
+    beside = {one.name for one in path.iterdir() if one.name.removesuffix(f".{FORMAT}").endswith(PARTS)}
+    known = {one.name.removesuffix(f".{FORMAT}") for one in listed}  # players leave what they have unpacked
+    if unlisted := sorted(name for name in beside if name.removesuffix(f".{FORMAT}") not in known):
+        raise RefusedBagError(
+            f"{path}: expected the files that {METADATA} lists ({', '.join(one.name for one in listed)}), "
+            f"found {', '.join(unlisted)} beside them; list them all (ros2 bag reindex), or move away what is no part"
+        )
     if mode in ("file", "message") and packed != FORMAT:
         raise ValueError(f"compression {packed!r}, expected {FORMAT}")
     unpacking = Unpacking(path, sum(one.stat().st_size for one in listed))
