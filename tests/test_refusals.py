@@ -74,6 +74,20 @@ def test_the_command_line_says_it_in_one_line(
     assert "Errno" not in line
 
 
+def test_a_user_without_a_home_is_told_in_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def homeless(*_: object) -> None:
+        monkeypatch.setattr(os.path, "expanduser", str)
+        Path("~").expanduser()
+
+    monkeypatch.setattr("physid.cli._run", homeless)
+    assert main(["effects"]) == 2
+    said = capsys.readouterr().err.strip().splitlines()
+    assert len(said) == 1
+    assert "HOME: expected the folder of the user" in said[0]
+
+
 @pytest.mark.parametrize("change", [{"unknown": ["b\x1b[2J.mass"]}, {"a\x1b[2J": {"b": 1 << 70}}, {"bodies": []}])
 def test_what_a_file_holds_reaches_no_terminal_as_a_command(
     tmp_path: Path, change: dict[str, object], capsys: pytest.CaptureFixture[str]

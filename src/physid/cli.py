@@ -25,6 +25,8 @@ OK, FAILED, USAGE, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
 LONGEST, MOST_LINES = 1000, 6
 """Letters of a line of an error, which may quote what a file holds, and its lines; the project's own have three."""
 TRACEBACK = "PHYSID_TRACEBACK"
+HOMELESS = "Could not determine home directory."
+"""What pathlib says to a user without a home, as containers have, and HOME unset."""
 PRINT, SETTINGS, ALLOW = "--print-config", "--settings", "allow"
 
 OVERVIEW = """\
@@ -87,6 +89,10 @@ def main(words: Sequence[str] | None = None) -> int:
 
             if out_of_memory(error):
                 return _explain(error, FAILED)
+        if isinstance(error, RuntimeError) and str(error) == HOMELESS:
+            error = UsageError(
+                "HOME: expected the folder of the user, which wandb and others write to, found none; set it"
+            )
         if isinstance(error, ValueError | OSError | ArgumentError):
             return _explain(error, USAGE)
         if not isinstance(error, RuntimeError) or not type(error).__module__.startswith("physid."):

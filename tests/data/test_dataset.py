@@ -2,11 +2,15 @@
 
 import resource
 import signal
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 import torch
+from numpy.typing import NDArray
 from tests.data.sets import FRAMES, recording, write_set
 
 from physid.data import RecordingSet
@@ -14,6 +18,7 @@ from physid.data.batches.datamodule import RecordingsDataModule
 from physid.data.batches.dataset import Segments, collate
 from physid.data.generation.generate import generate
 from physid.data.generation.settings import GenerateConfig
+from physid.data.observations.trajectories import load_trajectories
 
 
 @pytest.fixture
@@ -69,6 +74,41 @@ def test_shorter_trajectories_are_filled_up_with_their_last_frame(tmp_path: Path
 def test_a_segment_longer_than_a_trajectory_is_refused(folder: Path) -> None:
     with pytest.raises(ValueError, match="expected at least the 9 frames of a segment, found 8"):
         Segments(RecordingSet(folder), [0], length=9)
+
+
+def test_a_trajectory_of_one_frame_is_predicted_from_and_learned_from_by_nobody(tmp_path: Path) -> None:
+    folder = write_set(tmp_path, [recording(seed=0), recording(seed=1, frames=1)])
+    for use in ("fit", "test"):
+        segments = RecordingsDataModule(folder, test=["train"]).segments(use)
+        assert len(segments[0]["pose"]) == FRAMES
+        with pytest.raises(ValueError, match=r"000001.h5: pose: expected at least 2 frames, found 1"):
+            segments[1]
+    assert len(RecordingsDataModule(folder).segments("predict")[1]["pose"]) == 1
+    with pytest.raises(ValueError, match=r"000001.h5: pose: expected at least 2 frames, found 1"):
+        load_trajectories(RecordingSet(folder))
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "said"),
+    [
+        ("frames", lambda old: np.concatenate([old, old]), "expected shape"),
+        ("frames", lambda old: old[:-1], "expected shape"),
+        ("mask", lambda old: 255 * old.astype(np.uint8), "expected type bool, found uint8"),
+        ("mask", lambda old: old[:, 1:], "expected shape"),
+        ("background", lambda old: old.astype(np.uint16), "expected type uint8, found uint16"),
+    ],
+)
+def test_a_film_must_fit_its_poses_also_where_it_is_left_on_the_disk(
+    name: str, change: Callable[[NDArray[Any]], NDArray[Any]], said: str, folder: Path
+) -> None:
+    recordings = RecordingSet(folder)
+    recordings.read(0)
+    with h5py.File(recordings.paths[0], "a") as file:
+        value = file[name][:]
+        del file[name]
+        file[name] = change(value)
+    with pytest.raises(ValueError, match=f"{recordings.paths[0].name}: (frames|mask|background): {said}"):
+        recordings.read(0)
 
 
 def test_absent_wrenches_are_zero_and_absent_twists_stay_absent(tmp_path: Path) -> None:

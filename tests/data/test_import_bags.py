@@ -461,6 +461,19 @@ def test_a_file_that_a_bag_lists_twice_is_read_once(tmp_path: Path) -> None:
     assert len(read_table(bag).values("/pose/received")) == len(TOGETHER)
 
 
+def test_a_part_that_a_bag_does_not_list_is_not_passed_over(tmp_path: Path) -> None:
+    bag = write_together(tmp_path / "run")
+    whole = read_table(bag).values("/pose/received")
+    listed = yaml.safe_load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]["relative_file_paths"]
+    (bag / f"{listed[0]}.zstd").touch()  # what is packed beside what a player has unpacked
+    assert list(read_table(bag).values("/pose/received")) == list(whole)
+    (bag / "run_1.mcap").touch()
+    with pytest.raises(
+        ValueError, match=r"run: expected the files that metadata.yaml lists .* found run_1.mcap beside"
+    ):
+        read_table(bag)
+
+
 def test_a_bag_that_lacks_a_file_which_it_lists_is_answered(tmp_path: Path) -> None:
     with Bag(tmp_path / "run", "mcap") as bag:
         bag.write_poses()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -75,6 +76,19 @@ def test_a_run_and_its_checkpoint_give_what_was_fitted(tmp_path: Path) -> None:
         assert (body.mass, body.friction) == pytest.approx((1.3, 0.2))
     (tmp_path / CONFIG).write_text(yaml.safe_dump({"model": {"learn": ["block.mass"]}}))
     with pytest.raises(ValueError, match="expected 1 fitted parameters"):
+        read_nominal_model(scene, tmp_path)
+
+
+def test_what_a_run_has_fitted_keeps_its_name_whatever_the_recordings_call_unknown(tmp_path: Path) -> None:
+    scene = dataclasses.replace(SETUPS[0].scene, unknown=("block.mass",))
+    fitted = Coordinates.of(["block.friction"]).to_coordinates(torch.tensor([0.2], dtype=torch.float64))
+    write_tensors(tmp_path / CHECKPOINT, {"state_dict": {COORDINATES: fitted}, "learned": ["block.friction"]})
+    (tmp_path / CONFIG).write_text(yaml.safe_dump({"model": {"learn": None}}))
+    model = read_nominal_model(scene, tmp_path)
+    assert (model.scene.bodies[0].mass, model.scene.bodies[0].friction) == pytest.approx((scene.bodies[0].mass, 0.2))
+    assert {*model.scene.unknown} == {"block.mass", "block.friction"}
+    (tmp_path / CONFIG).write_text(yaml.safe_dump({"model": {"learn": ["block.mass"]}}))
+    with pytest.raises(ValueError, match=r"expected 1 fitted parameters \(block.mass\), found 'block.friction'"):
         read_nominal_model(scene, tmp_path)
 
 

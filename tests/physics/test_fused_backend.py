@@ -88,6 +88,11 @@ def test_machine_code_is_kept_and_a_place_that_cannot_be_written_does_no_harm(tm
     blocked.write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(blocked))
     machine.load("idle", lambda: code)(0, 0, 0, 0)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_CACHE_HOME", "here")
+    monkeypatch.setattr(os.path, "expanduser", str)  # of a user without a home
+    machine.load("idle", lambda: code)(0, 0, 0, 0)
+    assert {each.name for each in tmp_path.iterdir()} == {"physid", "file"}, "nothing is left where one happens to be"
 
 
 @pytest.mark.slow

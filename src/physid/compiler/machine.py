@@ -78,13 +78,19 @@ def _fingerprint() -> str:
     return digest.hexdigest()[:16]
 
 
-def _place(name: str) -> Path:
-    root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(root) / "physid" / f"{name}-{_fingerprint()}.o"
+def _place(name: str) -> Path | None:
+    """Return where machine code is kept; None where nobody says: a user without a home, as containers have."""
+    roots = (os.environ.get("XDG_CACHE_HOME", ""), os.path.expanduser("~/.cache"))
+    root = next(
+        (each for each in roots if os.path.isabs(each)), None
+    )  # a relative one would mean another place each time
+    return None if root is None else Path(root) / "physid" / f"{name}-{_fingerprint()}.o"
 
 
-def _kept(place: Path) -> bytes | None:
+def _kept(place: Path | None) -> bytes | None:
     """Return machine code from the cache; None if there is none, or it is not what was written."""
+    if place is None:
+        return None
     try:
         kept = place.read_bytes()
     except OSError:
@@ -93,8 +99,10 @@ def _kept(place: Path) -> bytes | None:
     return code if code and hashlib.sha256(code).digest() == digest else None
 
 
-def _keep(place: Path, code: bytes) -> None:
+def _keep(place: Path | None, code: bytes) -> None:
     """Write to the cache, with a digest; a process that cannot compiles again next time."""
+    if place is None:
+        return
     draft = place.with_suffix(f".{os.getpid()}")
     try:
         place.parent.mkdir(parents=True, exist_ok=True)

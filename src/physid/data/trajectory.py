@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -117,7 +117,7 @@ def read_trajectory(
     left = set(skip)
     with opened(path) as file:
         names = names_in(file)
-        arrays: dict[str, Any] = _read_arrays(file, [name for name in names if name not in left], bodies)
+        arrays: dict[str, Any] = _read_arrays(file, names, left, bodies)
         attributes: dict[str, Any] = {name: read_text(file, name) for name in ("split", "protocol")}
         if blank and "pose" not in names and "frames" in names:
             arrays["frames"] = np.broadcast_to(np.uint8(0), declared(file, "frames")[1])
@@ -130,16 +130,24 @@ def read_trajectory(
         raise ValueError(f"{path}: {error}") from None
 
 
-def _read_arrays(file: h5py.File, names: list[str], bodies: int | None) -> dict[str, NDArray[Any]]:
-    """Read datasets, once all that they declare has been checked."""
+def _read_arrays(
+    file: h5py.File, names: list[str], left: Container[str], bodies: int | None
+) -> dict[str, NDArray[Any]]:
+    """Read datasets but for those that are left, once what all declare, these too, has been checked."""
     for name in names:
         if name not in LAYOUT:
             raise FormatError(f'unknown dataset "{name}"{nearest(name, LAYOUT)}')
     try:
-        check_shapes({name: declared(file, name) for name in names}, bodies)
+        check_shapes(
+            {
+                name: (file[name].dtype, file[name].shape or ()) if name in left else declared(file, name)
+                for name in names
+            },
+            bodies,
+        )
     except ValueError as error:
         raise FormatError(str(error)) from None
-    return {name: read_dataset(file, name) for name in LAYOUT if name in names}
+    return {name: read_dataset(file, name) for name in LAYOUT if name in names and name not in left}
 
 
 def read_film(path: Path, which: list[int]) -> tuple[NDArray[np.uint8], NDArray[np.bool_], NDArray[np.uint8]]:

@@ -12,12 +12,12 @@ from torch import Tensor, nn
 from torch.optim import LBFGS, Optimizer
 
 from physid.data.batches.datamodule import RecordingsDataModule
+from physid.estimation.prediction.coordinates import LEARNED as LEARNED
 from physid.inspection.examination import examine, require_usable_set
 from physid.inspection.finding import Finding, warn_of
 from physid.strict import shown
 from physid.training.parameters import GaussNewton, PhysicalParameters
 
-LEARNED = "learned"
 LEAST_BITS = 32
 Mistakes = tuple[Finding, ...]
 OptimizerFactory = Callable[[Iterable[nn.Parameter]], Optimizer]

@@ -119,7 +119,7 @@ class RecordingsDataModule(LightningDataModule):
         unposed = use == "predict" and video == "all"
         return Segments(
             self.recordings, self.trajectories(use), length, stride, video, draw, self._every,
-            decode=not self._preload, unposed=unposed,
+            decode=not self._preload, unposed=unposed, moving=use != "predict",
         )  # fmt: skip
 
     def setup(self, stage: str) -> None:

@@ -12,7 +12,7 @@ from torch.utils.data import Dataset
 
 from physid.data import Recording, RecordingSet
 from physid.data.observations.step_grid import SHORTEST, mean_wrench
-from physid.data.observations.trajectories import from_recordings, require_seen
+from physid.data.observations.trajectories import from_recordings, require_motion, require_seen
 from physid.data.reading import echo_of, read_reading, stretch_of
 
 Item = dict[str, Tensor]
@@ -59,6 +59,7 @@ class Segments(Dataset[Item]):
         every: Only every so many frames of a trajectory count as "all", or are drawn.
         decode: Whether to serve the video itself.
         unposed: Whether to serve trajectories without poses, too; these are not finite then.
+        moving: Whether to refuse trajectories of one frame, from which motions can be predicted, and not learned.
 
     Raises:
         ValueError: If a trajectory is shorter than a segment, or no even log where segments or video are asked for, or
@@ -77,13 +78,14 @@ class Segments(Dataset[Item]):
         *,
         decode: bool = True,
         unposed: bool = False,
+        moving: bool = True,
     ) -> None:
         if draw < 0 or every < 1:
             raise ValueError(f"draw must not be negative and every be positive, got {draw} and {every}")
         self._recordings = recordings
         self._length = length
         self._video = video
-        self._draw, self._every, self._decode, self._unposed = draw, every, decode, unposed
+        self._draw, self._every, self._decode, self._unposed, self._moving = draw, every, decode, unposed, moving
         self._numbers: dict[int, Item] = {}
         self._echo, self._reading = echo_of(recordings), read_reading(recordings.folder)
         self._places = self._find_places(trajectories, length, stride)
@@ -130,7 +132,7 @@ class Segments(Dataset[Item]):
         """Return poses, twists and wrenches of a trajectory, read once."""
         if trajectory not in self._numbers:
             even = self._length is not None or self._video != "none"
-            numbers = _numbers_of(self._recordings, trajectory, self._unposed, even)
+            numbers = _numbers_of(self._recordings, trajectory, self._unposed, even, self._moving)
             if self._echo is not None:
                 numbers["again"] = torch.from_numpy(self._echo.read(trajectory).pose)
                 numbers["stretch"] = self._stretched(numbers["pose"])
@@ -170,12 +172,12 @@ class Segments(Dataset[Item]):
         }
 
 
-def _numbers_of(recordings: RecordingSet, trajectory: int, unposed: bool, even: bool) -> Item:
+def _numbers_of(recordings: RecordingSet, trajectory: int, unposed: bool, even: bool, moving: bool) -> Item:
     """Read poses, wrenches and, where they are there, twists; stamps and steps of what is no even log.
 
     Raises:
         ValueError: If they must be an even log and are none: a segment has one pose and one force for each time step;
-            or if a body is never seen.
+            or if a body is never seen, or there is one frame alone where it must move.
     """
     posed = recordings.has_poses(trajectory)
     if not posed and not unposed:
@@ -187,6 +189,8 @@ def _numbers_of(recordings: RecordingSet, trajectory: int, unposed: bool, even: 
     if recording.pose is not None:
         try:
             require_seen(recording, [body.name for body in recordings.scene.bodies])
+            if moving:
+                require_motion(recording.length)
         except ValueError as error:
             raise ValueError(f"{recordings.paths[trajectory]}: {error}") from None
     reason = _irregular(recording, time_step, JITTER if even else SHORTEST)

@@ -122,7 +122,8 @@ def load_trajectories(
         shortest: Shortest step that a change of the force may cause [s] (see `lay_steps`).
 
     Raises:
-        ValueError: If a file is damaged, its clocks contradict each other, it has no poses, or a body is never seen.
+        ValueError: If a file is damaged, its clocks contradict each other, it has no poses or one
+            frame alone, or a body is never seen.
     """
     chosen = list(range(len(recordings)) if indices is None else indices)
     if not chosen:
@@ -134,6 +135,7 @@ def load_trajectories(
         try:
             recording = recordings.read(index, blank=True)
             require_seen(recording, [body.name for body in recordings.scene.bodies])
+            require_motion(recording.length)
         except ValueError as error:
             path = str(recordings.paths[index])
             raise ValueError(str(error) if str(error).startswith(path) else f"{path}: {error}") from None
@@ -215,3 +217,13 @@ def require_seen(recording: Recording, names: Sequence[str]) -> None:
             f"pose: expected every body in some frame, found {names[never[0]]} in none; leave the trajectory out, or "
             "record with the body in view"
         )
+
+
+def require_motion(frames: int) -> None:
+    """Refuse a trajectory of one frame where motion is compared: nothing can be learned from it, or said of it.
+
+    Raises:
+        ValueError: If there are fewer than two frames.
+    """
+    if frames < 2:
+        raise ValueError(f"pose: expected at least 2 frames, found {frames}; leave the trajectory out")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from torch import Tensor
 
 from physid.data.files import read_tensors
 from physid.estimation.prediction import NominalModel
-from physid.estimation.prediction.coordinates import Coordinates, is_effect, sorted_out, with_first_sizes
+from physid.estimation.prediction.coordinates import LEARNED, Coordinates, is_effect, sorted_out, with_first_sizes
 from physid.one_writer import CHECKPOINT
 from physid.scenes import Scene, with_parameters
 from physid.strict import LARGEST, number, shown, whole
@@ -22,12 +23,33 @@ COORDINATES, EARLIER = "physical.coordinates", "physical.logarithm"
 """Where a checkpoint of SysID keeps what was learned, now and before effects were."""
 
 
+@dataclass(frozen=True)
+class Fitted:
+    """What a checkpoint holds: coordinates, and the parameters that they are of; None where an older one says none."""
+
+    coordinates: Tensor
+    names: tuple[str, ...] | None
+
+    def values(self, learned: Sequence[str]) -> dict[str, float]:
+        """Return fitted values by name, given what the model learns.
+
+        Raises:
+            ValueError: If they are of other parameters.
+        """
+        names = self.names or tuple(learned)
+        if not {*learned} >= {*names} or len(self.coordinates) != len(names):
+            found = ", ".join(map(shown, self.names)) if self.names else len(self.coordinates)
+            raise ValueError(f"expected {len(learned)} fitted parameters ({', '.join(learned)}), found {found}")
+        return dict(zip(names, Coordinates.of(names).to_values(self.coordinates).tolist(), strict=True))
+
+
 def read_nominal_model(scene: Scene, source: Path | Mapping[str, Any] | None) -> NominalModel:
     """Build the nominal model.
 
     Of a configuration of `physid fit` with SysID these keys count: `model.learn` (what is unknown), `model.values`
     (better values than those of recording.yaml), `model.engine.substeps` and `model.engine.effects`. A run or its
-    checkpoint gives the values that were fitted as well; the diagnosis refits them.
+    checkpoint gives the values that were fitted as well, each to the parameter that it was fitted for; the diagnosis
+    refits them, beside what recording.yaml calls unknown where the configuration does not say what is.
 
     Args:
         scene: The scene as recording.yaml describes it.
@@ -41,7 +63,9 @@ def read_nominal_model(scene: Scene, source: Path | Mapping[str, Any] | None) ->
     config, place, fitted = _read(source)
     known = _without_classes(_mapping(config.get("model"), f"{place}: model"))
     values = dict(_mapping(known.get("values"), f"{place}: model.values"))
-    learn = scene.unknown if known.get("learn") is None else known["learn"]
+    learn = known.get("learn")
+    if learn is None:
+        learn = list(dict.fromkeys((*(fitted.names or () if fitted else ()), *scene.unknown)))
     if not isinstance(learn, list | tuple) or not all(isinstance(name, str) for name in learn):
         raise ValueError(f"{place}: model.learn: expected parameters such as [block.mass], got {shown(learn)}")
     engine = _mapping(known.get("engine"), f"{place}: model.engine")
@@ -51,22 +75,13 @@ def read_nominal_model(scene: Scene, source: Path | Mapping[str, Any] | None) ->
         if substeps is not None:
             whole(substeps, "model.engine.substeps", low=1, high=LARGEST["substeps"])
         bodies, sizes = sorted_out(learn, scene)
-        values |= _fitted((*bodies, *sizes), fitted)
+        values |= fitted.values((*bodies, *sizes)) if fitted else {}
         of_effects = {name: values.pop(name) for name in list(values) if is_effect(name)}
         scene = dataclasses.replace(with_parameters(scene, values), unknown=bodies)
         effects = with_first_sizes(dict(_effects(engine.get("effects"))), sizes, of_effects)
     except ValueError as error:
         raise ValueError(f"{place}: {error}") from None
     return NominalModel(scene, effects, substeps, sizes=sizes)
-
-
-def _fitted(names: Sequence[str], coordinates: Tensor | None) -> dict[str, float]:
-    """Return fitted values by name, of the coordinates that a checkpoint holds; nothing where there is none."""
-    if coordinates is None:
-        return {}
-    if len(coordinates) != len(names):
-        raise ValueError(f"expected {len(names)} fitted parameters ({', '.join(names)}), found {len(coordinates)}")
-    return dict(zip(names, Coordinates.of(names).to_values(coordinates).tolist(), strict=True))
 
 
 def _effects(given: object) -> list[tuple[str, dict[str, float]]]:
@@ -85,8 +100,8 @@ def _mapping(given: object, where: str) -> Mapping[str, Any]:
     return given or {}
 
 
-def _read(source: Path | Mapping[str, Any]) -> tuple[Mapping[str, Any], str, Tensor | None]:
-    """Return a configuration, what it is called, and fitted coordinates where there is a checkpoint."""
+def _read(source: Path | Mapping[str, Any]) -> tuple[Mapping[str, Any], str, Fitted | None]:
+    """Return a configuration, what it is called, and what was fitted where there is a checkpoint."""
     if isinstance(source, Mapping):
         return source, "model", None
     if source.is_dir():
@@ -94,12 +109,15 @@ def _read(source: Path | Mapping[str, Any]) -> tuple[Mapping[str, Any], str, Ten
     if source.suffix == ".ckpt":
         if not source.is_file():
             raise ValueError(f"{source} does not exist: expected a run of `physid fit`, or its checkpoint")
-        state = read_tensors(source, ("state_dict",))["state_dict"]
+        content = read_tensors(source, ("state_dict",))
+        state, names = content["state_dict"], content.get(LEARNED)
         found = state.get(COORDINATES, state.get(EARLIER))
         if not isinstance(found, Tensor):
             raise ValueError(f"{source}: expected a checkpoint of SysID with {COORDINATES}, found none")
+        if names is not None and not (isinstance(names, list) and all(isinstance(each, str) for each in names)):
+            raise ValueError(f"{source}: expected names of parameters ({LEARNED}), found something else")
         config = source.parent.parent / CONFIG
-        return _yaml(config), str(source), found.double()
+        return _yaml(config), str(source), Fitted(found.double(), tuple(names) if names else None)
     return _yaml(source), str(source), None
 
 

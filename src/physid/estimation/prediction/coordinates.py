@@ -21,6 +21,8 @@ from physid.scenes.scene import HIGHEST_RESTITUTION
 from physid.strict import nearest, quoted
 
 Kind = Literal["logarithm", "linear"]
+LEARNED = "learned"
+"""Where a checkpoint keeps the names of what it has learned: its coordinates are numbers without names."""
 SMALLEST = 1e-6
 FARTHEST = 14.0
 """Largest logarithm, and minus the smallest, that is told from others."""

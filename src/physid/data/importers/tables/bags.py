@@ -30,7 +30,13 @@ TRANSFORMS, TRANSFORM = "tf2_msgs/msg/TFMessage", "geometry_msgs/msg/TransformSt
 BYTES, TEXTS = ("uint8", "int8", "byte", "char", "octet"), ("string", "wstring")
 MOST_ELEMENTS = 16  # of an array of fixed length that become columns; covariances do not
 METADATA, DATABASE, FORMAT = "metadata.yaml", ".db3", "zstd"
+PARTS = (DATABASE, ".mcap")
+"""Endings of the files that hold messages, beside which `.zstd` says that they are packed."""
 DAMAGED = "expected a bag of ROS, found what cannot be read"
+
+
+class UnlistedPartError(ValueError):
+    """A sound bag, beside files that may be parts of it."""
 
 
 def read_bag(path: Path) -> Table:
@@ -43,8 +49,8 @@ def read_bag(path: Path) -> Table:
     at a time.
 
     Raises:
-        ValueError: If rosbags is not installed, or the bag is damaged, holds no numbers, or unpacks to more than its
-            size promises.
+        ValueError: If rosbags is not installed, or the bag is damaged, holds no numbers, unpacks to more than its size
+            promises, or lies beside files that it does not list.
     """
     try:
         from rosbags.highlevel import AnyReader
@@ -63,7 +69,7 @@ def read_bag(path: Path) -> Table:
                 unpack = partial(unpacking.unpack, FORMAT) if mode == "message" else None
                 for name, kind, row, frame, names in _rows(reader, unpack):
                     topics.setdefault(name, _Topic(name, kind, names)).add(kind, row, frame)
-    except (PermissionError, TooTightlyPackedError, UnsoundDatabaseError):
+    except (PermissionError, TooTightlyPackedError, UnsoundDatabaseError, UnlistedPartError):
         raise
     except Exception as error:  # what a foreign file makes a foreign parser raise is of many kinds
         remedy = "; was the recording cut off? try: mcap recover FILE" if path.suffix == ".mcap" else ""
@@ -99,6 +105,13 @@ def _storages(path: Path) -> Iterator[tuple[list[Path], Unpacking, str]]:
         raise ValueError(f"{METADATA} lists no files") from None
     if missing := [one.name for one in listed if not one.is_file()]:
         raise ValueError(f"no file {', '.join(missing)}, which {METADATA} lists")
+    beside = {one.name for one in path.iterdir() if one.name.removesuffix(f".{FORMAT}").endswith(PARTS)}
+    known = {one.name.removesuffix(f".{FORMAT}") for one in listed}  # players leave what they have unpacked
+    if unlisted := sorted(name for name in beside if name.removesuffix(f".{FORMAT}") not in known):
+        raise UnlistedPartError(
+            f"{path}: expected the files that {METADATA} lists ({', '.join(one.name for one in listed)}), "
+            f"found {', '.join(unlisted)} beside them; list them all (ros2 bag reindex), or move away what is no part"
+        )
     if mode in ("file", "message") and packed != FORMAT:
         raise ValueError(f"compression {packed!r}, expected {FORMAT}")
     unpacking = Unpacking(path, sum(one.stat().st_size for one in listed))
