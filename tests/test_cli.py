@@ -299,3 +299,15 @@ def test_help_says_defaults_of_options_and_keys(
     assert main([command, "--help"]) == 0
     text = capsys.readouterr().out
     assert [one for one in said if one not in text] == []
+
+
+@pytest.mark.parametrize("command", ["check", "fit", "show"])
+def test_a_folder_that_reads_like_key_and_value_is_not_passed_over(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "day=3").mkdir()
+    monkeypatch.chdir(tmp_path)
+    assert main([command, "day=3"]) == 2
+    assert "write ./day=3 for it" in capsys.readouterr().err
+    assert main([command, "./day=3"]) == 2
+    assert "day=3/recording.yaml: expected a recording set" in capsys.readouterr().err

@@ -196,6 +196,11 @@ def _run_command(command: Command, words: list[str]) -> int:
         return OK
     shown = command.configurable and PRINT in words
     arguments = sort_words([word for word in words if not (shown and word == PRINT)], command.options)
+    for word in arguments.overrides:
+        if "=" in word and os.path.exists(word):
+            raise UsageError(
+                f"{word} is a file or folder here, and would be taken for key=value; write ./{word} for it"
+            )
     arguments = replace(arguments, files=tuple(str(_here("config", Path(file))) for file in arguments.files))
     if command.laid:  # the command reads key=value itself
         laid = tuple(f"--{command.laid}={word}" for word in arguments.overrides)

@@ -18,6 +18,11 @@ def empty_mask(good: Recording) -> Recording:
     return dataclasses.replace(good, mask=np.zeros((1, SIZE, SIZE), dtype=bool))
 
 
+def lens_cap(good: Recording) -> Recording:
+    assert good.frames is not None
+    return dataclasses.replace(good, frames=np.zeros_like(good.frames))
+
+
 def far_away(good: Recording) -> Recording:
     assert good.pose is not None
     pose = good.pose.copy()
@@ -45,6 +50,7 @@ def small_frames(good: Recording) -> Recording:
         (no_video, "frames: expected it for learning from video, found none; record it, or generate"),
         (no_masks, "mask: expected it for learning from video, found none"),
         (empty_mask, "mask: expected block in the first frame, found 0 pixels of it; start the recording with every"),
+        (lens_cap, "frames: expected the bodies in the first frame, found a picture of one colour"),
         (far_away, "pose: expected block in view, found it outside the image in frame 3; cut the recording there"),
     ],
 )

@@ -46,6 +46,11 @@ def _check_one(recordings: RecordingSet, index: int, scene: Scene) -> None:
     for name, image in (("frames", frames[0]), ("background", background)):
         if image.shape != wanted:
             raise ValueError(f"{name}: expected images of {wanted} as the camera says, found {image.shape}")
+    if (frames[0] == frames[0, 0, 0]).all():  # whatever the mask says: no pose can be read from there on
+        raise ValueError(
+            "frames: expected the bodies in the first frame, found a picture of one colour; start the film with every "
+            "body in view"
+        )
     if mask.shape != (len(scene.bodies), *wanted[:2]):
         raise ValueError(f"mask: expected shape {(len(scene.bodies), *wanted[:2])}, found {mask.shape}")
     for body, shape in zip(scene.bodies, mask, strict=True):
