@@ -23,6 +23,7 @@ from physid.physics.rotations import conjugate, logarithm, multiply
 from physid.simulators.bullet.camera import Studio
 from physid.training.runs.run import CHECKPOINT, restore
 from physid.training.tracking.earlier import key_of
+from physid.training.tracking.sight import require_sight
 from physid.training.tracking.track import track
 from physid.training.tracking.tracking_error import smoothed
 from physid.training.vision import ChartName
@@ -385,3 +386,9 @@ def test_cut_faces_are_laid_on_drawn_bodies_as_the_decoder_lays_them(films: Path
         away = np.abs(image / 255 - wanted.movedim(0, -1).numpy())
         differences.append(float(away[which >= 0].mean()))
     assert min(differences[1:]) > 3 * differences[0]
+
+
+@pytest.mark.parametrize(("frame", "mend"), [(1, "begin the film with every body at rest"), (2, "cut the film there")])
+def test_a_body_that_is_lost_before_its_speed_is_known_shall_begin_at_rest(frame: int, mend: str) -> None:
+    with pytest.raises(ValueError, match=f"trajectory 4: .* in frame {frame}: 60% .*; {mend}, or record at a higher"):
+        require_sight(torch.tensor([0.1, 0.6]), frame, (3, 4), torch.tensor([True, True]))

@@ -16,6 +16,8 @@ HIDDEN = 0.2
 """How far [-] a share may go from the film's median to `LOST` before it is remarked; where something of another colour
 hides a part of the bodies, it goes about that part of the way. Without that it went at most 0.05, and 0.17 in tosses,
 whose faces differ."""
+FIRST_KNOWN = 2
+"""The first frame before which two show how bodies move; until then they are looked for where they were."""
 UNSTEADY = 5.0
 """Median deviations of a film's shares by which one must exceed their median to be remarked: films in which the share
 wanders, because other faces come into view, have large ones."""
@@ -52,10 +54,11 @@ def require_sight(share: Tensor, frame: int, indices: Sequence[int], real: Tenso
     lost = (share > LOST) & real
     if bool(lost.any()):
         row = int(lost.nonzero()[0, 0])
+        mend = "cut the film there" if frame >= FIRST_KNOWN else "begin the film with every body at rest"
         raise ValueError(
             f"trajectory {indices[row]}: expected the bodies near where they were last, lost sight of them in "
             f"frame {frame}: {float(share[row]):.0%} of what should be bodies looks like the background instead "
-            "(0 % would be perfect); cut the film there, or record at a higher rate"
+            f"(0 % would be perfect); {mend}, or record at a higher rate"
         )
 
 
