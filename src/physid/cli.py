@@ -284,7 +284,7 @@ def _stopped(came: Sequence[int], reason: str = "") -> int:
 
 def _explain(error: Exception, code: int) -> int:
     """Print an error without its traceback and return the exit code."""
-    if os.environ.get(TRACEBACK):
+    if os.environ.get(TRACEBACK, "") not in ("", "0"):
         raise error
     message = str(error)
     if code == FAILED or isinstance(error, OSError | UnicodeEncodeError):
