@@ -51,6 +51,7 @@ def test_accelerations_are_those_of_newton(free: RecordingSet) -> None:
     assert data.load == pytest.approx(9.81, abs=0.5)
 
 
+@pytest.mark.slow
 def test_sparse_regression_names_a_strong_drag(dragged: RecordingSet) -> None:
     assert sparse_regression(dragged.scene, samples(dragged, FITTED)).named == "viscous_drag"
 

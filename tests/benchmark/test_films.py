@@ -48,6 +48,7 @@ def test_one_set_in_fifteen_has_films_whatever_is_hidden() -> None:
     assert not any(task.film for task in tasks(Plan("score", 0, QUICK))), "reading takes too long there"
 
 
+@pytest.mark.slow
 def test_films_and_forces_are_all_that_is_given(films: Bank) -> None:
     seen = set()
     for name in films.sets:
@@ -74,6 +75,7 @@ def test_files_differ_in_size_by_what_the_images_take_alone(films: Bank) -> None
     assert len({path.stat().st_mtime_ns for path in (films.folder / "sets").rglob("*")}) == 1
 
 
+@pytest.mark.slow
 def test_what_is_believed_of_a_film_does_not_depend_on_what_is_hidden() -> None:
     free = [next(inventions(TINY, Task("001", "free", turn, film=True)))[0] for turn in range(2)]
     one, effects, label = next(inventions(TINY, Task("001", "catalogue", 0, film=True)))

@@ -48,6 +48,7 @@ def typical(kind: type[Effect]) -> Effect:
 
 
 @pytest.mark.parametrize("kind", [*NATIVE, *OUTSIDE], ids=lambda kind: kind.name)
+@pytest.mark.slow
 def test_an_effect_of_the_rings_vanishes_at_null_and_shows_in_some_scene(kind: type[Effect]) -> None:
     shown = 0.0
     for scene in (setup.scene.name for setup in SETUPS):

@@ -132,6 +132,7 @@ def test_the_seal_is_salted_so_that_guesses_cannot_be_tried(bank: Bank, tmp_path
     assert seal_all(tmp_path, labels) != bank.seal
 
 
+@pytest.mark.slow
 def test_a_second_call_makes_the_same_recordings_and_an_interrupted_one_goes_on(tmp_path: Path) -> None:
     small = Plan("score", 5, Size(sets=2, trajectories=6, steps=60))
     first = seal(tmp_path / "one", small, quiet=True)
@@ -166,6 +167,7 @@ def test_long_sets_of_a_light_block_stay_in_view() -> None:
 
 
 @pytest.mark.parametrize("written", [0, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.slow
 def test_where_an_effect_drives_bodies_out_of_view_another_is_hidden(
     written: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

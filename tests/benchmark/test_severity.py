@@ -85,6 +85,7 @@ def test_a_constant_offset_of_the_camera_along_the_plane_does_not_show() -> None
     ],
     ids=lambda case: case if isinstance(case, str) else type(case).__name__,
 )
+@pytest.mark.slow
 def test_an_effect_acts_in_its_phase(scene: str, hidden: Effect, phase: str) -> None:
     assert acting_phases(config(scene, steps=200), [hidden])[0] == phase
 

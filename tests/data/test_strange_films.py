@@ -94,6 +94,7 @@ def encoded(source: Path, target: Path, *words: str, before: tuple[str, ...] = (
         ("b.avi", ["-c:v", "libx264", "-crf", "18"]),
     ],
 )
+@pytest.mark.slow
 def test_last_frames_without_stamps_follow_those_before_them(name: str, words: list[str], place: Path) -> None:
     """OpenCV gives zero to the frames that a decoder has kept back until the end of the film."""
     film = encoded(filmed.write_film(place / "a.mp4", filmed.images()), place / name, *words)

@@ -72,6 +72,7 @@ def test_contact_free_segments_count_alone_without_frames_that_a_late_camera_tak
         assert bool(counts[row, start + first : start + size].all())
 
 
+@pytest.mark.slow
 def test_what_is_not_known_of_an_effect_is_not_known_of_the_parameters_either(whole: NominalFit) -> None:
     """In all frames they are fitted together: the covariance of one holds that of the other."""
     part = contact_free(whole, torch.Generator().manual_seed(0))

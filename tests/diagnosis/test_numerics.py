@@ -53,6 +53,7 @@ def test_a_reference_that_is_not_as_far_off_as_is_asked_stays(
     assert fitted(pushed_off_centre, DEFAULT.changed(change)).references == ("pybullet", "mujoco")
 
 
+@pytest.mark.slow
 def test_the_only_reference_stays_however_far_off_it_is(pushed_off_centre: Path) -> None:
     alone = DEFAULT.changed({"replay.simulators": ("pybullet",)})
     assert fitted(pushed_off_centre, alone).references == ("pybullet",)

@@ -75,6 +75,7 @@ def test_a_trajectory_of_another_body_or_on_another_ground_is_named_with_what_it
     assert odd.others == pytest.approx([MADE[name]], rel=0.03)
 
 
+@pytest.mark.slow
 def test_where_one_parameter_does_not_explain_it_all_are_named() -> None:
     timeline, pose = seen_of(MASS, FRICTION)
     pose[5] = seen_of(3.0, 0.12)[1][5]
@@ -100,6 +101,7 @@ def test_none_is_odd_where_all_are_alike_or_each_is_another() -> None:
     assert odd_ones(pose, timeline) == ()
 
 
+@pytest.mark.slow
 def test_where_a_try_has_no_solution_nothing_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     timeline, pose = seen_of(MASS, FRICTION)
     pose[3] = seen_of(3.0, FRICTION)[1][3]

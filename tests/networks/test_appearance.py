@@ -100,6 +100,7 @@ def test_the_first_frame_is_drawn_back_from_its_own_patches() -> None:
 
 
 @pytest.mark.parametrize("scene", [PUSH, COLLIDE], ids=lambda scene: scene.name)
+@pytest.mark.slow
 def test_descending_the_image_error_finds_the_pose_that_pybullet_drew(scene: Scene) -> None:
     filmed = Filmed.of(scene)
     appearance = filmed.appearance()

@@ -127,6 +127,7 @@ def solving(name: str, bodies: int) -> tuple[Solving, object]:
 
 
 @PROBLEMS
+@pytest.mark.slow
 def test_an_undamped_step_leaves_no_error_of_a_sum_and_the_product_of_changes_beyond_the_target(
     name: str, bodies: int
 ) -> None:
@@ -167,6 +168,7 @@ def test_the_errors_of_a_start_are_those_of_the_contact_problem(name: str, bodie
 
 
 @PROBLEMS
+@pytest.mark.slow
 def test_a_step_goes_to_99_hundredths_of_where_it_would_leave_the_cones(name: str, bodies: int) -> None:
     found, _ = solving(name, bodies)
     found.factorise()

@@ -16,8 +16,14 @@ from physid.physics.step import Step, advance
 
 VALUES, SLOPES = 1e-9, 2e-4  # of deep overlaps that yield the reference solves less exactly than the compiled engine
 SETTINGS = SolverSettings()
+QUICK = ("speculative", "midpoint")
 CASES = pytest.mark.parametrize(
-    ("name", "bodies"), [("speculative", 1), ("midpoint", 1), *((name, 2) for name in WORLDS)]
+    ("name", "bodies"),
+    [
+        ("speculative", 1),
+        ("midpoint", 1),
+        *(pytest.param(name, 2, marks=() if name in QUICK else pytest.mark.slow) for name in WORLDS),
+    ],
 )
 
 

@@ -129,7 +129,7 @@ def test_any_number_of_bodies_with_or_without_ground_is_that_of_the_reference(
     tensors = {
         "pose": pose,
         "twist": twist,
-        "wrench": torch.zeros(3, 8, bodies, 6, dtype=torch.float64),
+        "wrench": torch.zeros(3, 4, bodies, 6, dtype=torch.float64),
         "size": 0.2 * ones[..., None].expand(3, bodies, 3) * torch.tensor([1.0, 1.1, 0.9]),
         "mass": ones,
         "friction": 0.4 * ones,

@@ -12,6 +12,7 @@ from peers import FRICTION, MASS, Physid, PyBullet, cases, cpu_time
 
 
 @pytest.mark.parametrize(("name", "largest"), [("push", 0.2), ("slide", 0.25), ("collide", 0.35)])
+@pytest.mark.slow
 def test_a_gradient_costs_a_fraction_of_the_rollout_alone_in_pybullet(name: str, largest: float) -> None:
     case = next(case for case in cases(64) if case.name == name)
     ours, theirs = Physid(case), PyBullet(case)

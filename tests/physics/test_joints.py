@@ -22,6 +22,7 @@ G = 9.81
         pytest.param(Axis(0, (0, 0, 0.5), (0, 0, 0), (0, 1, 0)), marks=pytest.mark.slow),
     ],
 )
+@pytest.mark.slow
 def test_a_physical_pendulum_swings_with_the_period_of_the_closed_form(joint: Joint) -> None:
     parameters, length = boxes(mass=1.0), 0.5
     inertia = float(parameters.inertia[0, 0, 1]) + length**2

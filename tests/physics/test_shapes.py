@@ -24,7 +24,10 @@ from physid.physics.shapes.shape import Finder, Placed, Shape
 from physid.physics.shapes.sphere import Sphere
 
 G = 9.81
-SCHEMES = pytest.mark.parametrize("scheme", [SemiImplicit(), Midpoint()], ids=["semi-implicit", "midpoint"])
+SCHEMES = pytest.mark.parametrize(
+    "scheme",
+    [pytest.param(SemiImplicit(), id="semi-implicit", marks=pytest.mark.slow), pytest.param(Midpoint(), id="midpoint")],
+)
 
 
 def balls(

@@ -55,6 +55,7 @@ def run(scene: Scene, *effects: Effect, force: object = (8.0, 0.0, 0.0)) -> Arra
 
 
 @pytest.mark.parametrize("name", [name for name in EXCITED_BY if name not in OTHERWISE])
+@pytest.mark.slow
 def test_an_effect_changes_the_motion_as_it_does_in_pybullet(name: str) -> None:
     scene, drawn = EXCITED_BY[name][0]()
     changes = []

@@ -81,6 +81,7 @@ def test_poses_that_are_off_by_little_are_left_out_and_move_no_estimate(clean: P
 
 
 @quiet
+@pytest.mark.slow
 def test_what_is_left_out_is_kept_with_a_run(moved: Path) -> None:
     module, _ = fitted(moved, 1)
     assert module.outliers is not None

@@ -62,6 +62,7 @@ def test_films_whose_maker_is_not_known_are_predicted_with_one_step_per_frame_an
 
 
 @pytest.mark.parametrize("method", ["supervised", pytest.param("self_supervised", marks=pytest.mark.slow)])
+@pytest.mark.slow
 def test_all_phases_run_within_one_fit_and_leave_films(method: str, films: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
     config = str(CONFIGS / method / "push_friction.yaml")
@@ -271,6 +272,7 @@ def test_the_blur_goes_all_the_way_over_the_epochs_whose_loss_compares_images(
     ],
 )
 @pytest.mark.parametrize("method", [pytest.param("supervised", marks=pytest.mark.slow), "self_supervised"])
+@pytest.mark.slow
 def test_either_method_takes_any_encoder_and_a_distribution_has_its_price(
     method: str, encoder: str, films: Path, tmp_path: Path
 ) -> None:
