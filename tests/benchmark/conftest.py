@@ -11,6 +11,14 @@ from physid.benchmark.sealing.seal import seal
 TINY = Plan("score", 3, Size(sets=8, trajectories=6, steps=60))
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark as slow what needs the bank, which takes twenty seconds to make."""
+    for item in items:
+        if "bank" in getattr(item, "fixturenames", ()):
+            item.add_marker(pytest.mark.slow)
+
+
 @pytest.fixture(scope="session")
 def bank(tmp_path_factory: pytest.TempPathFactory) -> Bank:
     """Return a sealed bank; tests that write verdicts copy it."""

@@ -56,6 +56,7 @@ def test_sparse_regression_names_a_strong_drag(dragged: RecordingSet) -> None:
     assert sparse_regression(dragged.scene, samples(dragged, FITTED)).named == "viscous_drag"
 
 
+@pytest.mark.slow
 def test_a_free_residual_explains_a_drag_and_nothing_where_nothing_is(
     dragged: RecordingSet, free: RecordingSet
 ) -> None:

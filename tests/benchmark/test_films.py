@@ -65,6 +65,7 @@ def test_films_and_forces_are_all_that_is_given(films: Bank) -> None:
     assert len(seen) == TINY.size.trajectories
 
 
+@pytest.mark.slow
 def test_files_differ_in_size_by_what_the_images_take_alone(films: Bank) -> None:
     rest = set()
     for name in films.sets:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -29,12 +30,20 @@ MATRIX = np.array([[260.0, 0, 99.0], [0, 255.0, 68.0], [0, 0, 1]])
 DISTORTION = np.array([-0.21, 0.06, 0.002, -0.001, 0.0])
 
 
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("film")
+    filmed.write_camera(folder / "camera.yaml")
+    filmed.write_film(folder / "a.mp4", filmed.images(drift=0.1))
+    filmed.write_forces(folder / "a_forces.csv", 1.0)
+    return folder
+
+
 @pytest.fixture
-def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def place(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A film, its camera and its forces, in a folder of the test's own."""
     monkeypatch.chdir(tmp_path)
-    filmed.write_camera(tmp_path / "camera.yaml")
-    filmed.write_film(tmp_path / "a.mp4", filmed.images(drift=0.1))
-    filmed.write_forces(tmp_path / "a_forces.csv", 1.0)
+    shutil.copytree(made, tmp_path, dirs_exist_ok=True)
     return tmp_path
 
 

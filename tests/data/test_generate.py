@@ -54,6 +54,7 @@ def test_a_body_that_lies_starts_higher_by_half_of_what_it_is_larger_and_one_in_
 
 
 @pytest.mark.parametrize("config", [SMALL, FILM, MUJOCO, UNEVEN], ids=["numbers", "video", "mujoco", "uneven"])
+@pytest.mark.slow
 def test_the_bytes_do_not_depend_on_the_number_of_workers(tmp_path: Path, config: GenerateConfig) -> None:
     for workers in (1, 2):
         generate(config, tmp_path / str(workers), workers, quiet=True)

@@ -110,6 +110,7 @@ def test_outliers_decide_nothing(folder: Path, free: Path, dragged: Path) -> Non
         assert names(found) == (["viscous_drag"] if verdict == "named" else [])
 
 
+@pytest.mark.slow
 def test_noise_free_recordings_without_an_effect_show_none(folder: Path) -> None:
     plain = recorded(folder / "plain", protocol="paper", protocol_of_split={}, noise={}, split={"train": 4, "test": 1})
     assert diagnose(RecordingSet(plain), folder / "of_plain").verdict == "none"

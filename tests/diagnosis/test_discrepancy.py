@@ -18,6 +18,7 @@ from physid.effects import find
 JUMP = 0.01  # [m]
 
 
+@pytest.mark.slow
 def test_a_replay_that_goes_another_way_makes_no_segment_worse(
     monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory
 ) -> None:

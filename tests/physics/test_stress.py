@@ -39,6 +39,7 @@ def stress() -> ModuleType:
 
 @pytest.mark.parametrize("scene", ["flat box", "tumbling box", "two boxes, upright", "two boxes, tumbling"])
 @pytest.mark.parametrize("scheme", ["semi-implicit", "midpoint"])
+@pytest.mark.slow
 def test_what_is_called_solved_obeys_the_laws_of_contact_and_creates_no_energy(
     stress: ModuleType, scene: str, scheme: str
 ) -> None:
@@ -67,6 +68,7 @@ def test_the_checks_of_a_solution_see_what_is_wrong(stress: ModuleType) -> None:
 
 @pytest.mark.parametrize("compiled", [True, False])
 @pytest.mark.parametrize("limit", [12, 15, 18])
+@pytest.mark.slow
 def test_what_the_last_allowed_step_solves_is_not_softened(stress: ModuleType, limit: int, *, compiled: bool) -> None:
     torch.manual_seed(7)
     problems, ladder = stress.SCENES["flat box"](), SolverSettings().compliance

@@ -146,6 +146,7 @@ def test_two_blocks_are_pushed_on_together_and_part_where_the_second_glides_on()
     assert way[1] == pytest.approx(speed * glide - 0.5 * 0.1 * G * glide**2, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_free_rotation_keeps_energy_and_angular_momentum_for_twenty_seconds() -> None:
     moments, times = np.array([0.01, 0.02, 0.025]), np.linspace(0, 20, 201)
     turned, angular = spin(np.array([0.0, 0, 0, 1]), np.array([1.0, 49.0, 2.0]), moments, times)
@@ -161,6 +162,7 @@ CASES = [("push", "paper"), ("push", "straight"), ("slide", "paper"), ("slide", 
 
 
 @pytest.mark.parametrize(("name", "protocol"), CASES)
+@pytest.mark.slow
 def test_simulators_that_step_agree_with_the_closed_form(name: str, protocol: str) -> None:
     setup = find_setup(name)
     drawn = [setup.draw(setup.scene, protocol, np.random.default_rng([7, k]), 120) for k in range(2)]

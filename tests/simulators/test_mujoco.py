@@ -121,6 +121,7 @@ def test_equal_boxes_that_meet_head_on_exchange_momentum(restitution: float, aft
 
 
 @pytest.mark.parametrize(("name", "tolerance"), [("push", 2e-4), ("slide", 2e-4), ("toss", 1e-3), ("collide", 1e-3)])
+@pytest.mark.slow
 def test_half_the_step_changes_little(name: str, tolerance: float) -> None:
     setup = find_setup(name)
     drawn = [setup.draw(setup.scene, "paper", np.random.default_rng([5, k]), 150) for k in range(2)]
@@ -144,6 +145,7 @@ def test_a_simulation_does_not_depend_on_those_before_it() -> None:
 
 
 @pytest.mark.parametrize("seed", range(6))
+@pytest.mark.slow
 def test_tumbling_boxes_gain_no_energy_and_do_not_sink_in(seed: int) -> None:
     source = np.random.default_rng(seed)
     count = 1 + seed % 3
