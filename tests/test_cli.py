@@ -311,3 +311,15 @@ def test_a_folder_that_reads_like_key_and_value_is_not_passed_over(
     assert "write ./day=3 for it" in capsys.readouterr().err
     assert main([command, "./day=3"]) == 2
     assert "day=3/recording.yaml: expected a recording set" in capsys.readouterr().err
+
+
+def test_a_key_can_be_set_where_a_folder_reads_like_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "seed=1").mkdir()
+    monkeypatch.chdir(tmp_path)
+    words = ["generate", "--config", "generate/push", "--print-config"]
+    assert main([*words, "seed=1"]) == 2
+    assert "--seed=1 for the key" in capsys.readouterr().err
+    assert main([*words, "--seed=1"]) == 0
+    assert "seed: 1" in capsys.readouterr().out

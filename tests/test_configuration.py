@@ -148,6 +148,24 @@ def test_every_configuration_without_classes_says_what_reads_it() -> None:
     }
 
 
+def test_nested_names_of_a_mapping_of_scalars_are_dotted_ones_layer_by_layer(tmp_path: Path) -> None:
+    files = write(
+        tmp_path,
+        dotted="true_values: {block.mass: 1, block.friction: 0.3}",
+        nested="true_values: {block: {mass: 1, friction: 0.3}}",
+        twice="true_values: {block: {friction: 0.3}, block.friction: 0.4}",
+        odd="model: {1: {class_path: physid.training.learners.sysid.SysID, values: {block.mass: 1}}}",
+    )
+    for name in ("dotted", "nested"):
+        found = compose([files[name]], ["true_values.block.friction=0.4"], reads=GenerateConfig).values
+        assert found["true_values"] == {"block.mass": 1, "block.friction": 0.4}
+    with pytest.raises(
+        ValueError, match=r"true_values: expected 'block.friction' once, found it by a dotted key and by"
+    ):
+        compose([files["twice"]], reads=GenerateConfig)
+    assert list(compose([files["odd"]]).values["model"]) == [1]
+
+
 @pytest.mark.parametrize(
     ("text", "value"), [("1e-3", 1e-3), ("1E5", 1e5), ("-2e+1", -20.0), ("null", None), ("'1e-3'", "1e-3")]
 )

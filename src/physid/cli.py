@@ -197,9 +197,9 @@ def _run_command(command: Command, words: list[str]) -> int:
     shown = command.configurable and PRINT in words
     arguments = sort_words([word for word in words if not (shown and word == PRINT)], command.options)
     for word in arguments.overrides:
-        if "=" in word and os.path.exists(word):
+        if word in words and os.path.exists(word):
             raise UsageError(
-                f"{word} is a file or folder here, and would be taken for key=value; write ./{word} for it"
+                f"{word} is a file or folder here as well as key=value; write ./{word} for it, --{word} for the key"
             )
     arguments = replace(arguments, files=tuple(str(_here("config", Path(file))) for file in arguments.files))
     if command.laid:  # the command reads key=value itself

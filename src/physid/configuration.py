@@ -9,21 +9,22 @@ from __future__ import annotations
 import copy
 import io
 import os
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 import yaml
 
-from physid.schema.free_mappings import free_mappings, join_keys
+from physid.schema.free_mappings import free_mappings
 from physid.shipped import find_configuration, nearest_configuration
-from physid.strict import at_home, is_seen, nearest, shown
+from physid.strict import at_home, is_seen, joined, nearest, shown
 from physid.yaml_files import DEEPEST, YamlError, is_index, parse_yaml, read_yaml, require_modest_interpolations
 
 COMMAND_LINE = "command line"
 CLASS_KEYS = ("class_path", "init_args", "dict_kwargs")
 Layer = tuple[str, dict[str, Any], tuple[str, ...]]
+NOT_FREE: dict[str, bool] = {}
 """Where values come from, the values, and the path to what an override gives (none for a file)."""
 
 LONGEST_PATH = 1000
@@ -85,11 +86,11 @@ def compose(
     """Lay files and overrides over each other and resolve the interpolations.
 
     A file may be a name of one that is shipped (see `shipped`). It may name a lower one with `base: other.yaml`
-    (relative to itself, or shipped; or a list of them). Later files win over
-    earlier ones and overrides win over all. Beside a `class_path`, keys may be written without `init_args`; where a
-    later layer changes the class, the arguments of the earlier class are dropped. A free mapping is replaced as a
-    whole, by `split: {fit: 10}` in a file as by `split={fit: 10}`; `split.fit=10` changes one entry, and so does
-    `true_values.block.friction=0.4`. Texts that begin with `~/` name places below the user's home folder.
+    (relative to itself, or shipped; or a list of them). Later files win over earlier ones and overrides win over all.
+    Beside a `class_path`, keys may be written without `init_args`; where a later layer changes the class, the arguments
+    of the earlier class are dropped. A free mapping is replaced as a whole, by `split: {fit: 10}` in a file as by
+    `split={fit: 10}`; `split.fit=10` changes one entry, as does `true_values.block.friction=0.4`. Texts that begin with
+    `~/` name places below the user's home folder.
 
     Args:
         files: Configuration files or names, the most general first.
@@ -103,16 +104,15 @@ def compose(
     Raises:
         ConfigurationError: If a file is missing or no YAML mapping, an override has no `=`, an interpolation fails, or
             the name would lead out of the folder that runs or recording sets lie in.
+        ValueError: If a mapping names one thing twice (see `joined`).
     """
     opened: list[Path] = []
     layers: list[Layer] = [(*layer, ()) for file in files for layer in _read(Path(file), (), opened)]
     layers += [_parse_override(override) for override in overrides]
-    merged = _overlay(layers, frozenset())
+    merged = _overlay(layers, NOT_FREE)
     # Which mappings are free is said by the classes, and which classes there are by the layers.
     if free := free_mappings(merged, reads, allowed):
         merged = _overlay(layers, free)
-    for key in (key for key, scalars in free.items() if scalars):
-        join_keys(merged, key)
     merged.setdefault("name", Path(files[-1]).stem if files else "run")
     values = _resolve(merged)
     name = values.pop("name")
@@ -169,7 +169,7 @@ def _read(file: Path, above: tuple[Path, ...], opened: list[Path]) -> list[tuple
     longest = max(below, key=len, default="")
     if len(longest) > LONGEST_PATH:
         raise ConfigurationError(f"{file}: base: expected the path of a file, got {len(longest)} letters")
-    lower = [find_configuration(Path(base), file.parent) for base in below]
+    lower = [find_configuration(Path(at_home(base)), file.parent) for base in below]
     return [each for base in lower for each in _read(base, (*above, file.resolve()), opened)] + [(str(file), named)]
 
 
@@ -195,7 +195,7 @@ def _parse_override(override: str) -> Layer:
     return COMMAND_LINE, values, tuple(key.split("."))
 
 
-def _overlay(layers: Sequence[Layer], free: Collection[str]) -> dict[str, Any]:
+def _overlay(layers: Sequence[Layer], free: dict[str, bool]) -> dict[str, Any]:
     """Return the layers laid over each other."""
     merged: Any = {}
     for source, values, path in layers:
@@ -204,7 +204,7 @@ def _overlay(layers: Sequence[Layer], free: Collection[str]) -> dict[str, Any]:
 
 
 def _merge(
-    earlier: Any, later: Any, source: str, free: Collection[str] = (), path: tuple[str, ...] = (), key: str = ""
+    earlier: Any, later: Any, source: str, free: dict[str, bool] = NOT_FREE, path: tuple[str, ...] = (), key: str = ""
 ) -> Any:
     """Return `earlier` overlaid by `later`: sections merge, list items can be named by index, all else is replaced.
 
@@ -212,7 +212,7 @@ def _merge(
         earlier: Lower value.
         later: Upper value.
         source: Where the upper one comes from.
-        free: Dotted keys of the mappings that are replaced as a whole ...
+        free: Dotted keys of the mappings that are replaced as a whole, and whether they hold scalars alone ...
         path: ... but for those on the way to what an override gives.
         key: Dotted key of the values.
     """
@@ -225,6 +225,8 @@ def _merge(
         return merged_list
     if not isinstance(later, dict):
         return [_merge(None, each, source) for each in later] if isinstance(later, list) else later
+    if free.get(key):
+        later = joined(later, f"{source}: {key}")
     earlier = earlier if isinstance(earlier, dict) and (path or key not in free) else {}
     if "class_path" in earlier or "class_path" in later:
         earlier, later = _align(earlier, later, f"{source}: {key}")

@@ -6,7 +6,7 @@ import difflib
 import math
 import os
 import unicodedata
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 MOST_SHOWN = 100
@@ -72,6 +72,29 @@ def at_home(value: Any) -> Any:
     if isinstance(value, list):
         return [at_home(each) for each in value]
     return {key: at_home(each) for key, each in value.items()} if isinstance(value, dict) else value
+
+
+def joined(values: Mapping[Any, Any], where: str) -> dict[Any, Any]:
+    """Return a mapping of scalars with one dotted key for each nested one: `block: {friction: 0.4}` is block.friction.
+
+    Raises:
+        ValueError: If it holds one twice.
+    """
+    found: dict[Any, Any] = {}
+    for name, value in _flat(values.items(), ""):
+        if name in found:
+            raise ValueError(f"{where}: expected {shown(name)} once, found it by a dotted key and by nested ones")
+        found[name] = value
+    return found
+
+
+def _flat(items: Iterable[tuple[Any, Any]], before: str) -> Iterator[tuple[Any, Any]]:
+    """Yield nested items by dotted keys; an empty mapping stays as it is, to be refused as no scalar."""
+    for name, value in items:
+        if isinstance(value, Mapping) and value:
+            yield from _flat(value.items(), f"{before}{name}.")
+        else:
+            yield (f"{before}{name}" if before else name), value
 
 
 def is_seen(name: str) -> bool:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from physid.benchmark.bank import Bank, Size
@@ -15,7 +17,7 @@ TINY = Plan("score", 3, Size(sets=8, trajectories=6, steps=60))
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark as slow what needs the bank, which takes twenty seconds to make."""
     for item in items:
-        if "bank" in getattr(item, "fixturenames", ()):
+        if item.path.is_relative_to(Path(__file__).parent) and "bank" in getattr(item, "fixturenames", ()):
             item.add_marker(pytest.mark.slow)
 
 

@@ -52,7 +52,7 @@ def typical(kind: type[Effect]) -> Effect:
 def test_an_effect_of_the_rings_vanishes_at_null_and_shows_in_some_scene(kind: type[Effect]) -> None:
     shown = 0.0
     for scene in (setup.scene.name for setup in SETUPS):
-        assert np.abs(seen(scene, (kind(),)) - plain(scene)).max() < EXACT, scene
+        assert np.abs(plain(scene) - seen(scene, (kind(),))).max() < EXACT, scene
         shown = max(shown, float(np.abs(seen(scene, (typical(kind),)) - plain(scene)).max()))
         assert np.array_equal(seen(scene, ()), plain(scene)), "PyBullet kept a setting for the next world"
     assert shown > VISIBLE

@@ -166,7 +166,7 @@ def test_long_sets_of_a_light_block_stay_in_view() -> None:
         assert len(motion.pose) == size.steps
 
 
-@pytest.mark.parametrize("written", [0, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("written", [0, 1])
 @pytest.mark.slow
 def test_where_an_effect_drives_bodies_out_of_view_another_is_hidden(
     written: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

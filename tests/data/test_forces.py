@@ -37,7 +37,7 @@ def test_an_array_is_taken_as_it_is(tmp_path: Path) -> None:
         ("planned.csv", "block.forcex\n1\n", 'unknown column "block.forcex"; did you mean "block.force_x"?'),
         ("planned.csv", "block.force_x\n1,2\n", "expected 1 numbers in row 0, found 1, 2"),
         ("planned.csv", "block.force_x\n1\nmuch\n", "expected 1 numbers in row 1, found much"),
-        ("planned.csv", "block.force_x\n1\nnan\n", "expected finite forces"),
+        ("planned.csv", "block.force_x\n1\nnan\n", "expected finite numbers, found nan in row 1"),
         ("planned.csv", "block.force_x\n", "expected a row of forces for each time step, found none"),
         ("planned.csv", "", "expected a row of forces for each time step, found none"),
         ("planned.npy", "no array", "expected a NumPy array"),
@@ -105,3 +105,14 @@ def test_stamps_of_planned_forces_beyond_any_measure_are_refused(tmp_path: Path)
     (tmp_path / "planned.csv").write_text("t,block.force_x\n0,1\n1e12,1\n")
     with pytest.raises(ValueError, match="time steps must be a whole number of at most 10000000, got"):
         read_forces(tmp_path / "planned.csv", SCENE)
+
+
+@pytest.mark.parametrize("digits", [5, 6, 9])
+def test_rounded_stamps_lose_no_row(digits: int, tmp_path: Path) -> None:
+    for count in range(2, 40):
+        force = np.arange(1.0, count + 1)
+        rows = "".join(f"{step * SCENE.time_step:.{digits}f},{value}\n" for step, value in enumerate(force))
+        (tmp_path / "planned.csv").write_text(f"time,block.force_x\n{rows}")
+        read = read_forces(tmp_path / "planned.csv", SCENE)[:, 0, 3]
+        assert len(read) == count + 1
+        assert np.allclose(read[:-1], force, atol=0.05 * force.max())

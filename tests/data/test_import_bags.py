@@ -20,6 +20,7 @@ from physid.data.importers.convert import import_logs
 from physid.data.importers.guessing import guess_mapping
 from physid.data.importers.tables.files import read_table
 from physid.data.importers.tables.packed import CHUNKS, TooTightlyPackedError, Unpacking
+from physid.data.importers.tables.table import MissingColumnError, Table
 
 pytest.importorskip("rosbags", reason="needs physid[mcap]")
 from rosbags.rosbag1 import Writer as Writer1
@@ -467,6 +468,8 @@ def test_a_part_that_a_bag_does_not_list_is_not_passed_over(tmp_path: Path) -> N
     listed = yaml.safe_load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]["relative_file_paths"]
     (bag / f"{listed[0]}.zstd").touch()  # what is packed beside what a player has unpacked
     assert list(read_table(bag).values("/pose/received")) == list(whole)
+    (bag / "._run.mcap").touch()  # of macOS
+    assert list(read_table(bag).values("/pose/received")) == list(whole)
     (bag / "run_1.mcap").touch()
     with pytest.raises(
         ValueError, match=r"run: expected the files that metadata.yaml lists .* found run_1.mcap beside"
@@ -495,3 +498,13 @@ def test_a_chunk_that_topics_in_turn_ask_for_again_counts_once(tmp_path: Path) -
         unpacking.unpack("bz2", bz2.compress(bytes([100 + number]) * 2**20))
     with pytest.raises(TooTightlyPackedError, match=r"a.bag: expected a log that unpacks to 67108864 bytes at most"):
         unpacking.unpack("bz2", bz2.compress(b"one more"))
+
+
+def test_below_a_topic_that_cannot_be_used_another_one_can(tmp_path: Path) -> None:
+    columns, topics = {"/p/filtered/x": np.zeros(3)}, {"/p/filtered/x": "/p/filtered"}
+    table = Table(tmp_path / "run", columns, {}, {}, 0, topics, {}, refused={"/p": "no"})
+    assert table.components("/p/filtered") == ["/p/filtered/x"]
+    with pytest.raises(ValueError, match=r"run: no$"):
+        table.components("/p")
+    with pytest.raises(MissingColumnError, match='did you mean "/p/filtered/x"'):
+        table.find("/p/filtered/y")

@@ -207,6 +207,12 @@ def test_whole_episodes_may_be_missing_and_rows_of_one_may_not(
         pose = found.read(index).pose
         assert pose is not None
         assert np.allclose(pose[:, 0, :3], TRUTHS[index].place, atol=SINGLE)
+    if version != "v3.0":
+        lengths = (place / "meta/episodes.jsonl").read_text().splitlines(keepends=True)
+        (place / "meta/episodes.jsonl").write_text("".join(lengths[:2]))
+        with pytest.raises(ValueError, match="which say how long each of all episodes is"):
+            read_table(place)
+        (place / "meta/episodes.jsonl").write_text("".join(lengths))
     table = parquet.read_table(first)
     parquet.write_table(table.slice(0, len(table) - 5), first)
     cut = len(TRUTHS[1 if version == "v3.0" else 0].time)

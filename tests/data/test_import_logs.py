@@ -836,3 +836,14 @@ def test_names_in_the_remarks_of_a_proposed_mapping_end_no_line(tmp_path: Path) 
         assert r"\nmass: 2" in text.partition("lines are not sure")[2], "the remark is there, in one line"
         assert not [line for line in text.splitlines() if re.match(r"\s*mass: \d", line)]
         assert yaml.safe_load(text)["mass"] == "FILL_IN"
+
+
+def test_whole_forces_of_a_log_beside_come_before_two_columns_that_may_be_something_else(tmp_path: Path) -> None:
+    time = np.arange(60) / 100
+    poses = {"t": time} | vectors("x,y,z", 0.4, time) | {"fx": 0 * time + 600, "fy": 0 * time + 610}
+    poses |= dict(zip(UPRIGHT.split(","), (0 * time + 1, *(0 * time,) * 3), strict=True))
+    write_csv(tmp_path / "log.csv", list(poses), list(poses.values()))
+    forces = {"ft_stamp": time} | vectors("force_x,force_y,force_z", 0.2, time)
+    write_csv(tmp_path / "log_ft.csv", list(forces), list(forces.values()))
+    text = guess_mapping(tmp_path / "log.csv")
+    assert yaml.safe_load(text)["force"] == ["force_x", "force_y", "force_z"]

@@ -19,7 +19,7 @@ G = 9.81
     "joint",
     [
         Point(0, (0, 0, 0.5), (0, 0, 0)),
-        pytest.param(Axis(0, (0, 0, 0.5), (0, 0, 0), (0, 1, 0)), marks=pytest.mark.slow),
+        Axis(0, (0, 0, 0.5), (0, 0, 0), (0, 1, 0)),
     ],
 )
 @pytest.mark.slow

@@ -62,7 +62,6 @@ def test_films_whose_maker_is_not_known_are_predicted_with_one_step_per_frame_an
 
 
 @pytest.mark.parametrize("method", ["supervised", pytest.param("self_supervised", marks=pytest.mark.slow)])
-@pytest.mark.slow
 def test_all_phases_run_within_one_fit_and_leave_films(method: str, films: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
     config = str(CONFIGS / method / "push_friction.yaml")
@@ -147,8 +146,8 @@ def test_first_velocities_without_their_frames_are_refused(
     assert "name them in data.video" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("cell", ["collide", pytest.param("slide_friction", marks=pytest.mark.slow)])
-@pytest.mark.parametrize("method", [pytest.param("supervised", marks=pytest.mark.slow), "self_supervised"])
+@pytest.mark.parametrize("cell", ["collide", "slide_friction"])
+@pytest.mark.parametrize("method", ["supervised", "self_supervised"])
 @pytest.mark.slow
 def test_two_blocks_and_an_incline_go_through_all_phases(cell: str, method: str, tmp_path: Path) -> None:
     films, config = tmp_path / "films", str(CONFIGS / "generate" / f"{cell.split('_')[0]}.yaml")
@@ -267,11 +266,11 @@ def test_the_blur_goes_all_the_way_over_the_epochs_whose_loss_compares_images(
     "encoder",
     [
         "encoder.PoseEncoder",
-        pytest.param("encoder.VariationalPoseEncoder", marks=pytest.mark.slow),
-        pytest.param("voting.VotingPoseEncoder", marks=pytest.mark.slow),
+        "encoder.VariationalPoseEncoder",
+        "voting.VotingPoseEncoder",
     ],
 )
-@pytest.mark.parametrize("method", [pytest.param("supervised", marks=pytest.mark.slow), "self_supervised"])
+@pytest.mark.parametrize("method", ["supervised", "self_supervised"])
 @pytest.mark.slow
 def test_either_method_takes_any_encoder_and_a_distribution_has_its_price(
     method: str, encoder: str, films: Path, tmp_path: Path

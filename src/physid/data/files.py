@@ -175,7 +175,7 @@ def read_json(path: Path, what: str, remedy: str = "delete it", *, lines: bool =
     """
     try:
         text = read_text(path)
-        return [json.loads(line) for line in text.splitlines() if line.strip()] if lines else json.loads(text)
+        return [json.loads(line) for line in text.split("\n") if line.strip()] if lines else json.loads(text)
     except (ValueError, RecursionError) as error:
         reason = str(error).splitlines()[0] if path.stat().st_size else "an empty file"
         raise ValueError(f"{path}: expected {what} as JSON, found a damaged file ({reason}); {remedy}") from None

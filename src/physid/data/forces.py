@@ -16,7 +16,7 @@ from physid.strict import LARGEST, MOST_SHOWN, nearest, quoted, shown, whole
 from physid.yaml_files import read_text
 
 Array = NDArray[np.float64]
-EARLY = 1e-6  # of a time step, by which stamps may be rounded
+NEAR = 0.02  # of a time step, by which stamps may be rounded
 TIMES = ("t", "time", "stamp", "timestamp", "seconds")
 COMPONENTS = ("torque_x", "torque_y", "torque_z", "force_x", "force_y", "force_z")
 
@@ -77,6 +77,9 @@ def _read_csv(path: Path, scene: Scene) -> Array:
         except ValueError:
             found = ", ".join(row)[:MOST_SHOWN]
             raise ValueError(f"{path}: expected {len(names)} numbers in row {number}, found {found}") from None
+    if not np.isfinite(values).all():
+        first = int(np.argwhere(~np.isfinite(values))[0, 0])
+        raise ValueError(f"{path}: expected finite numbers, found {', '.join(rows[first])[:MOST_SHOWN]} in row {first}")
     values *= [_factor(each, path) for each in header]
     wrench = np.zeros((len(rows), len(scene.bodies), len(COMPONENTS)))
     for column, name in enumerate(names):
@@ -89,14 +92,15 @@ def _in_steps(path: Path, time: Array, wrench: Array, step: float) -> Array:
     """Return the means over time steps, so the same impulses, of wrenches that are held from stamp to stamp."""
     if not len(time):
         return wrench
-    if not (np.isfinite(time).all() and abs(time[0]) < EARLY * step and (np.diff(time) > 0).all()):
+    if not (abs(time[0]) < NEAR * step and (np.diff(time) > 0).all()):
         raise ValueError(
             f"{path}: expected stamps that begin with 0, the first frame, and increase, found {shown(time.tolist())}; "
             "subtract the stamp of the first frame"
         )
-    count = whole(math.floor(time[-1] / step + EARLY) + 1, f"{path}: time steps", low=1, high=LARGEST["steps"])
+    count = whole(math.floor(time[-1] / step + NEAR) + 1, f"{path}: time steps", low=1, high=LARGEST["steps"])
     frames = step * np.arange(count + 1)
-    stamps = np.maximum(np.append(time, time[-1] + step), 0.0)
+    stamps = np.append(np.maximum(time, 0.0), frames[-1])
+    stamps[0] = 0.0
     impulse = np.zeros((len(stamps), *wrench.shape[1:]))
     impulse[1:] = (np.diff(stamps)[:, None, None] * wrench).cumsum(0)
     flat = impulse.reshape(len(stamps), -1)

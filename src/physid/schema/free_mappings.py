@@ -11,7 +11,7 @@ import dataclasses
 import inspect
 import types
 import typing
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from pydantic import BaseModel
@@ -28,29 +28,6 @@ def free_mappings(values: Mapping[str, Any], reads: type | None = None, allowed:
         allowed: Packages beside the trusted ones whose classes may be looked at; others are passed over.
     """
     return dict(_free(dict(values), "", reads, allowed))
-
-
-def join_keys(values: Any, key: str) -> None:
-    """Make one dotted key of each nested one in a free mapping of scalars: `block: {friction: 0.4}` is block.friction.
-
-    Args:
-        values: A configuration, whose mapping is changed.
-        key: Dotted key of the mapping.
-    """
-    for part in key.split("."):
-        values = values[int(part) if isinstance(values, list) else part]
-    nested = list(values.items())
-    values.clear()
-    values.update(_joined(nested, ""))
-
-
-def _joined(items: Iterable[tuple[Any, Any]], before: str) -> Iterator[tuple[Any, Any]]:
-    """Yield nested items by dotted keys; an empty mapping stays as it is, to be refused as no scalar."""
-    for name, value in items:
-        if isinstance(value, dict) and value:
-            yield from _joined(value.items(), f"{before}{name}.")
-        else:
-            yield (f"{before}{name}" if before else name), value
 
 
 SCALARS = {bool, int, float, str, types.NoneType}

@@ -15,7 +15,7 @@ from physid.estimation.prediction import NominalModel
 from physid.estimation.prediction.coordinates import LEARNED, Coordinates, is_effect, sorted_out, with_first_sizes
 from physid.one_writer import CHECKPOINT
 from physid.scenes import Scene, with_parameters
-from physid.strict import LARGEST, number, shown, whole
+from physid.strict import LARGEST, joined, number, shown, whole
 from physid.yaml_files import read_yaml
 
 CONFIG = "config.yaml"
@@ -36,7 +36,7 @@ class Fitted:
         Raises:
             ValueError: If they are of other parameters.
         """
-        names = self.names or tuple(learned)
+        names = tuple(learned) if self.names is None else self.names
         if not {*learned} >= {*names} or len(self.coordinates) != len(names):
             found = ", ".join(map(shown, self.names)) if self.names else len(self.coordinates)
             raise ValueError(f"expected {len(learned)} fitted parameters ({', '.join(learned)}), found {found}")
@@ -62,7 +62,7 @@ def read_nominal_model(scene: Scene, source: Path | Mapping[str, Any] | None) ->
         return NominalModel(scene)
     config, place, fitted = _read(source)
     known = _without_classes(_mapping(config.get("model"), f"{place}: model"))
-    values = dict(_mapping(known.get("values"), f"{place}: model.values"))
+    values = joined(_mapping(known.get("values"), f"{place}: model.values"), f"{place}: model.values")
     learn = known.get("learn")
     if learn is None:
         learn = list(dict.fromkeys((*(fitted.names or () if fitted else ()), *scene.unknown)))
@@ -117,7 +117,7 @@ def _read(source: Path | Mapping[str, Any]) -> tuple[Mapping[str, Any], str, Fit
         if names is not None and not (isinstance(names, list) and all(isinstance(each, str) for each in names)):
             raise ValueError(f"{source}: expected names of parameters ({LEARNED}), found something else")
         config = source.parent.parent / CONFIG
-        return _yaml(config), str(source), Fitted(found.double(), tuple(names) if names else None)
+        return _yaml(config), str(source), Fitted(found.double(), None if names is None else tuple(names))
     return _yaml(source), str(source), None
 
 

@@ -27,7 +27,7 @@ def left_beyond_noise(figures: Mapping[str, float]) -> str:
     Args:
         figures: What was logged, by name.
     """
-    kinds = {kind: KINDS[kind] for kind in unexplained_kinds(figures)}
+    kinds = {kind: KINDS[kind] for kind in unexplained_kinds(figures) if f"fit/{kind}_unexplained" in figures}
     return " and ".join(
         f"{_short(scale * figures[f'fit/{kind}_unexplained'])} {unit}" for kind, (scale, unit, _) in kinds.items()
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from physid.data.importers.finding import logs_beside
@@ -16,6 +16,7 @@ from physid.data.importers.guessing.grouping import (
     columns_of,
     filled,
     first_of,
+    first_there,
     force_beside,
     groups_of,
     owner_of,
@@ -44,6 +45,7 @@ class FoundForces:
         force, torque: Three columns for each body, or none.
         pattern: The name of a log beside that of the poses, with {stem} in it; nothing where it is that of the poses.
         unowned: Which of "force" and "torque" no name says of which of several bodies they are; the first gets them.
+        searched: Names of the logs beside that were searched, where none has forces.
     """
 
     table: Table
@@ -51,6 +53,7 @@ class FoundForces:
     torque: list[list[str]]
     pattern: str = ""
     unowned: tuple[str, ...] = ()
+    searched: tuple[str, ...] = ()
 
     @property
     def columns(self) -> list[str]:
@@ -84,27 +87,30 @@ def find_forces(
         prefixes: What the names of the columns of each body begin with.
         places: The columns that are positions.
     """
-    found = _forces_of(table, groups, prefixes, places)
-    if any(found.force):
-        return found
+    own = _forces_of(table, filled(groups, TORQUE), prefixes, places)
+    if any(own.force):
+        return own
+    searched: list[tuple[Table, Groups, Sequence[Sequence[str]], str]] = [(table, groups, places, "")]
     for other, pattern in logs_beside(path):
         beside = read_table(other)
         there = groups_of(beside)
         if not pairs_of(beside, there):
-            more = _forces_of(beside, there, prefixes, [], pattern)
-            if more.columns:
-                return more
-    return found
+            searched.append((beside, there, [], pattern))
+    # Of forces in a plane a log has two columns, and one of the torque about its normal; whole ones come first.
+    for words in (TORQUE, (*FORCE, *TORQUE, OF_EITHER)):
+        for log, there, taken, pattern in searched:
+            found = _forces_of(log, filled(there, words), prefixes, taken, pattern)
+            if any(found.force) or (words != TORQUE and log is not table and found.columns):
+                return found
+    names = tuple(log.path.name for log, *_ in searched[1:])
+    none = _forces_of(table, filled(groups, (*FORCE, *TORQUE, OF_EITHER)), prefixes, places)
+    return replace(none, searched=names)
 
 
 def _forces_of(
     table: Table, groups: Groups, prefixes: Sequence[str], places: Sequence[Sequence[str]], pattern: str = ""
 ) -> FoundForces:
-    """Find the forces on each body in one log: by the names of bodies, else those of the first.
-
-    Of forces in a plane a log has two columns, and one of the torque about its normal.
-    """
-    groups = filled(groups, (*FORCE, *TORQUE, OF_EITHER))
+    """Find the forces on each body in one log: by the names of bodies, else those of the first."""
     free = {
         stem: one
         for stem, one in groups.items()
@@ -119,7 +125,8 @@ def _forces_of(
         unowned.append("force")
     torque = [each or _beside(torques, free, force[index]) for index, each in enumerate(torque)]
     for index, either in enumerate(_owned(torques, owners, (OF_EITHER,))):
-        if either and not torque[index] and (force[index] or table.unit_of(bare(either[0]))):
+        stated = either and table.unit_of(bare(next(each for each in either if each != ZERO)))
+        if either and not torque[index] and (force[index] or stated):
             torque[index] = either
     if not any(torque) and (one := first_of(torques, TORQUE, "xyz")):
         torque[0] = one
@@ -143,7 +150,7 @@ def _named_last(table: Table, forces: Groups) -> list[str]:
         (
             columns_of(one, "xyz")
             for stem, one in forces.items()
-            if without(stem, FORCE) != stem or table.unit_of(one["x"])
+            if without(stem, FORCE) != stem or table.unit_of(first_there(one))
         ),
         [],
     )
@@ -168,7 +175,7 @@ def say_source(found: FoundForces, clock: str, said: Lines) -> None:
     table = found.table
     if not found.pattern:
         if not any(found.force):
-            nor = "".join(f", nor in {other.name}" for other, _ in logs_beside(table.path)[:MOST_BESIDE])
+            nor = "".join(f", nor in {name}" for name in found.searched[:MOST_BESIDE])
             missing = f"no columns of forces here{nor}; in another file: forces: {{file: ..., time: ...}}"
             said.say("# force: [fx, fy, fz]", missing)
         own = clock_of(table, found.columns) if found.columns else ""

@@ -64,7 +64,7 @@ def vectors_of(table: Table, groups: Groups, quantity: str) -> Groups:
 
 def _quantity_of(table: Table, group: Group) -> str:
     """Return which quantity the unit of a group is one of; nothing where headers say no unit."""
-    unit = table.unit_of(group["x"])
+    unit = table.unit_of(first_there(group))
     kinds = ("position", "force", "torque") if unit else ()
     return next((kind for kind in kinds if unit and canonical(unit, kind)), "")
 
@@ -159,6 +159,11 @@ def names_of(prefixes: Sequence[str]) -> list[str]:
 def columns_of(group: Mapping[str, str], letters: str) -> list[str]:
     """Return the columns of a group by their letters."""
     return [ZERO if group[letter] == ZERO else quoted(group[letter]) for letter in letters]
+
+
+def first_there(group: Group) -> str:
+    """Return the first column of a group that the log has."""
+    return next(group[letter] for letter in "xyz" if group[letter] != ZERO)
 
 
 def filled(groups: Groups, words: Sequence[str]) -> Groups:

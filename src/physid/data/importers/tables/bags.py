@@ -105,7 +105,8 @@ def _storages(path: Path) -> Iterator[tuple[list[Path], Unpacking, str]]:
         raise ValueError(f"{METADATA} lists no files") from None
     if missing := [one.name for one in listed if not one.is_file()]:
         raise ValueError(f"no file {', '.join(missing)}, which {METADATA} lists")
-    beside = {one.name for one in path.iterdir() if one.name.removesuffix(f".{FORMAT}").endswith(PARTS)}
+    seen = [one.name for one in path.iterdir() if not one.name.startswith(".")]  # macOS leaves ._NAME beside NAME
+    beside = {name for name in seen if name.removesuffix(f".{FORMAT}").endswith(PARTS)}
     known = {one.name.removesuffix(f".{FORMAT}") for one in listed}  # players leave what they have unpacked
     if unlisted := sorted(name for name in beside if name.removesuffix(f".{FORMAT}") not in known):
         raise UnlistedPartError(

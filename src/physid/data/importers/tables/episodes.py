@@ -61,7 +61,7 @@ def read_episodes(path: Path) -> Table:
     columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     if not columns:
         raise ValueError(f"{path}: expected columns of numbers, found none")
-    notes = _require_whole(path, info, columns, room)
+    notes = _require_whole(path, info, columns, len(files), room)
     return Table(path, columns, {}, {}, 0, notes=notes)
 
 
@@ -156,20 +156,26 @@ def _described(folder: Path) -> tuple[list[Path], dict[str, Any]]:
     return files, info
 
 
-def _require_whole(path: Path, info: Mapping[str, Any], columns: Mapping[str, Array], room: _Room) -> tuple[str, ...]:
+def _require_whole(
+    path: Path, info: Mapping[str, Any], columns: Mapping[str, Array], files: int, room: _Room
+) -> tuple[str, ...]:
     """Refuse a data set of which some rows are missing; whole episodes may be, and a note says so."""
-    rows = {"total_frames": len(next(iter(columns.values())))}
+    found = {"total_frames": len(next(iter(columns.values())))}
     episodes, counts = np.unique(columns.get(EPISODE, []), return_counts=True)
-    found = rows | ({"total_episodes": len(episodes)} if EPISODE in columns else {})
+    if EPISODE in columns:
+        found["total_episodes"] = len(episodes)
+    elif info.get("codebase_version") != VERSIONS[-1]:
+        found["total_episodes"] = files
     off = {name: info[name] for name in found if isinstance(info.get(name), int) and info[name] != found[name]}
     if not off:
         return ()
     lengths = _lengths(path, room) if EPISODE in columns else {}
-    if not lengths:
+    known = {"total_frames": sum(lengths.values()), "total_episodes": len(lengths)}
+    if any(isinstance(info.get(name), int) and info[name] != count for name, count in known.items()):
         name = next(iter(off))
         raise ValueError(
             f"{path}: expected {off[name]} {name}, which {INFO} promises, found {found[name]}; {AGAIN}, or, of a part "
-            f"of it, with {' or '.join(LENGTHS)}, which say how long each episode is"
+            f"of it, with {' or '.join(LENGTHS)}, which say how long each of all episodes is"
         )
     for episode, count in zip(episodes, counts, strict=True):
         if lengths.get(episode) != count:
@@ -180,7 +186,7 @@ def _require_whole(path: Path, info: Mapping[str, Any], columns: Mapping[str, Ar
     return (f"{path}: {len(episodes)} of {len(lengths)} episodes are there, each of them whole",)
 
 
-def _lengths(folder: Path, room: _Room) -> dict[float, int]:
+def _lengths(folder: Path, room: _Room) -> dict[int, int]:
     """Return the number of rows of each episode, as far as a data set says it."""
     lines = folder / LENGTHS[0]
     found: list[Any] = read_json(lines, "the lengths of episodes", AGAIN, lines=True) if lines.is_file() else []
@@ -188,7 +194,7 @@ def _lengths(folder: Path, room: _Room) -> dict[float, int]:
         room.take(_declared(file, OF_EPISODE))
         found += _read(file, room, OF_EPISODE).to_pylist()
     pairs = [[one.get(name) for name in OF_EPISODE] for one in found if isinstance(one, dict)]
-    return {float(index): rows for index, rows in pairs if isinstance(index, int) and isinstance(rows, int)}
+    return {index: rows for index, rows in pairs if isinstance(index, int) and isinstance(rows, int)}
 
 
 def _names(info: Mapping[str, Any]) -> dict[str, list[str]]:

@@ -89,9 +89,7 @@ class Table:
         wanted = str(name).strip()
         if wanted in self.columns:
             return wanted
-        for topic, reason in self.refused.items():
-            if f"{wanted}/".startswith(f"{topic}/"):
-                raise ValueError(f"{self.path}: {reason}")
+        self._require_usable(wanted)
         bare = [each for each in self.columns if split_header(each)[0] == wanted]
         if len(bare) == 1:
             return bare[0]
@@ -127,8 +125,16 @@ class Table:
 
     def components(self, name: object) -> list[str]:
         """Return the columns that one name stands for: several for an array with more than one axis."""
+        self._require_usable(str(name))
         inside = [each for each in self.columns if each.startswith((f"{name}[", f"{name}/"))]
         return inside if inside and str(name) not in self.columns else [self.find(name)]
+
+    def _require_usable(self, name: str) -> None:
+        """Refuse a name that is, or is below, a topic that cannot be used; of several topics the longest counts."""
+        above = [topic for topic in (*self.refused, *self.topics.values()) if f"{name}/".startswith(f"{topic}/")]
+        reason = self.refused.get(max(above, key=len, default=""))
+        if reason:
+            raise ValueError(f"{self.path}: {reason}")
 
     def listed(self) -> str:
         """Name the columns for a message; of many, the first."""
