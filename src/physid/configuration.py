@@ -23,8 +23,8 @@ from physid.yaml_files import DEEPEST, YamlError, is_index, parse_yaml, read_yam
 
 COMMAND_LINE = "command line"
 CLASS_KEYS = ("class_path", "init_args", "dict_kwargs")
-Layer = tuple[str, dict[str, Any], tuple[str, ...]]
 NOT_FREE: dict[str, bool] = {}
+Layer = tuple[str, dict[str, Any], tuple[str, ...]]
 """Where values come from, the values, and the path to what an override gives (none for a file)."""
 
 LONGEST_PATH = 1000
