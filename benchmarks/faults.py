@@ -258,7 +258,18 @@ def tasks(data: Path, cluster: Cluster) -> list[Task]:
     """Return the commands that are tried; what they read lies in a folder."""
     push, fit = str(data / "push"), str(CONFIGS / "sysid" / "push_friction.yaml")
     generating = ["generate", "--config", str(CONFIGS / "generate" / "push.yaml"), "--workers=1", "--quiet"]
-    fitting = ["fit", "--config", fit, f"data.folder={push}", "data.limit=4", "trainer.max_epochs=5", "--resume"]
+    anew = ["fit", "--config", fit, f"data.folder={push}", "data.limit=4", "trainer.max_epochs=5"]
+    fitting = [*anew, "--resume"]
+
+    def overwriting(place: Path) -> list[str]:
+        """Return the words of a fit in place of an earlier run, which is put there first."""
+        if not place.exists():
+            try:
+                shutil.copytree(data / "run", place)
+            except OSError:  # a full or a read-only disk: the fit finds nothing to take the place of
+                shutil.rmtree(place, ignore_errors=True)
+        return [*anew, "--overwrite", f"--run-dir={place}"]
+
     return [
         Task("generate", lambda place: [*generating, f"--out={place}", "trajectories=40", "steps=60", "video=false"]),
         Task(
@@ -281,6 +292,7 @@ def tasks(data: Path, cluster: Cluster) -> list[Task]:
         Task("generate film", lambda place: [*generating, f"--out={place}", "trajectories=3", "steps=20"]),
         Task("import", lambda place: ["import", "cube-tosses", str(data / "tosses"), f"--out={place}"]),
         Task("fit", lambda place: [*fitting, f"--run-dir={place}"]),
+        Task("fit, overwriting", overwriting),
         Task("fit, a loader", lambda place: [*fitting, "data.workers=1", f"--run-dir={place}"], workers=True),
         Task(
             "predict",
