@@ -81,9 +81,8 @@ def _fingerprint() -> str:
 def _place(name: str) -> Path | None:
     """Return where machine code is kept; None where nobody says: a user without a home, as containers have."""
     roots = (os.environ.get("XDG_CACHE_HOME", ""), os.path.expanduser("~/.cache"))
-    root = next(
-        (each for each in roots if os.path.isabs(each)), None
-    )  # a relative one would mean another place each time
+    # A relative one would mean another place each time.
+    root = next((each for each in roots if os.path.isabs(each)), None)
     return None if root is None else Path(root) / "physid" / f"{name}-{_fingerprint()}.o"
 
 

@@ -109,7 +109,7 @@ def _in_steps(path: Path, time: Array, wrench: Array, step: float) -> Array:
 
 
 def _is_time(name: str) -> bool:
-    """Tell whether a column is one of stamps, by its name."""
+    """Return whether a column is one of stamps, by its name."""
     return name.lower().partition("_")[0] in TIMES
 
 

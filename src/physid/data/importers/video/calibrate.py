@@ -87,7 +87,7 @@ def _laid_over(text: str, lens: Sequence[str], place: Mapping[str, Sequence[str]
 
 
 def _same(text: str, other: str) -> bool:
-    """Tell whether two texts are the same in YAML."""
+    """Return whether two texts are the same in YAML."""
     try:
         return bool(parse_yaml(text, "") == parse_yaml(other, ""))
     except YamlError:
