@@ -5,9 +5,10 @@
 
 A change turns a comparison, an operation, a number, a truth value, a sign, a minimum or a choice into another one.
 They are drawn at random from all that can be made of a module (checks that change no value apart: assertions, raised
-errors, zip's `strict`), and the tests of that module run against each (without the slow ones) in a process that has
-imported what takes long. A change *survives* if all of them pass; a test that runs for much longer than with the code
-as it is has failed too. Survivors are printed: each is a missing test, or changes nothing.
+errors, zip's `strict`), and the tests of that module run against each in a process that has imported what takes long:
+the quick ones, and if those pass the slow ones, which run before each landing. A change *survives* if all of them pass;
+a test that runs for much longer than with the code as it is has failed too. Survivors are printed: each is a missing
+test, or changes nothing. Modules come in random order, so that a call with too few --minutes is a sample of all.
 
 No known tool fits: mutmut 3 copies the tree and wants the whole suite to pass there first, cosmic-ray starts Python and
 imports torch for each change.
@@ -247,9 +248,11 @@ SLOW = (
     *("pydantic", "scipy.optimize", "scipy.stats", "torch", "tqdm", "yaml"),
 )
 """What is imported before, once for all; pytest itself must still see hypothesis come."""
-FACTOR, LEAST, WAITING = 8.0, 20.0, 20.0
+QUICK, SLOW_ONES = "not slow", "slow"
+NONE_MARKED = 5  # what pytest returns where no test has the mark
+FACTOR, LEAST, LONGEST, WAITING = 8.0, 20.0, 1800.0, 20.0
 """A run of the tests that computes this many times as long as usual, and at least so long [s], counts as failed;
-and one that takes the last times as long by the clock."""
+as the code is, they may take the third [s]; one that takes the last times as long by the clock has failed too."""
 OPERATORS: dict[type, type] = {
     ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.Pow: ast.Mult, ast.FloorDiv: ast.Mult,
     ast.BitAnd: ast.BitOr, ast.BitOr: ast.BitAnd, ast.MatMult: ast.Mult,
@@ -323,7 +326,7 @@ def mutant(text: str, number: int) -> tuple[str, str]:
     return after, f"{before} -> {ast.unparse(new)}"  # type: ignore[arg-type]
 
 
-def survives(module: Path, source: str | None, suite: tuple[str, ...], limit: float) -> tuple[bool, float]:
+def survives(module: Path, source: str | None, suite: tuple[str, ...], marked: str, limit: float) -> tuple[bool, float]:
     """Run a module's tests against a changed source in a process of its own; returns also the time [s] it computed.
 
     The limit [s] is one of computing, so that what else the machine does plays no part; a multiple of it is one of the
@@ -337,18 +340,18 @@ def survives(module: Path, source: str | None, suite: tuple[str, ...], limit: fl
         null = os.open(os.devnull, os.O_WRONLY)
         os.dup2(null, 1)
         os.dup2(null, 2)
-        os._exit(_tested(module, source, suite))
+        os._exit(_tested(module, source, suite, marked))
     while time.monotonic() - start < WAITING * limit:
         done, code, used = os.wait4(process, os.WNOHANG)
         if done:
-            return code == 0, used.ru_utime + used.ru_stime
+            return os.waitstatus_to_exitcode(code) in (0, NONE_MARKED), used.ru_utime + used.ru_stime
         time.sleep(0.05)
     os.killpg(process, signal.SIGKILL)
     os.waitpid(process, 0)
     return False, limit
 
 
-def _tested(module: Path, source: str | None, suite: tuple[str, ...]) -> int:
+def _tested(module: Path, source: str | None, suite: tuple[str, ...], marked: str) -> int:
     import pytest
 
     usual = SourceFileLoader.get_code
@@ -361,7 +364,7 @@ def _tested(module: Path, source: str | None, suite: tuple[str, ...]) -> int:
     SourceFileLoader.get_code = get_code  # type: ignore[method-assign]
     _keep_machine_code_by_its_text()
     # Pytest would load what it takes for tests, such as score_test.py, past this, to rewrite their asserts.
-    words = ["-x", "-q", "-p", "no:cacheprovider", "-m", "not slow", "--assert=plain"]
+    words = ["-x", "-q", "-p", "no:cacheprovider", "-m", marked, "--assert=plain"]
     return int(pytest.main([*words, *(str(TESTS / each) for each in suite)]))
 
 
@@ -395,6 +398,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--modules", default="", help="only those whose names contain this")
     parser.add_argument("--minutes", type=float, default=float("inf"), help="begin no further change after this time")
+    parser.add_argument("--quick", action="store_true", help="leave the slow tests out")
     parser.add_argument("--kept", type=Path, help="file of what was tried; what survived is tried again")
     chosen = parser.parse_args()
     os.chdir(ROOT)
@@ -407,8 +411,9 @@ def main() -> None:
     if chosen.kept and chosen.kept.is_file():
         rows = {row["change"]: row for row in map(json.loads, chosen.kept.read_text().splitlines())}
     again = {change for change, row in rows.items() if row["survived"]}
-    begun, usual = time.monotonic(), dict[tuple[str, ...], float]()
+    begun, usual = time.monotonic(), dict[tuple[tuple[str, ...], str], float]()
     wanted = {pattern: suite for pattern, suite in SUITES.items() if chosen.modules in pattern}
+    wanted = dict(random.Random(chosen.seed).sample(list(wanted.items()), len(wanted)))
     lists = {pattern: drawn(pattern, chosen.count, chosen.seed) for pattern in wanted}
     for turn in range(chosen.count):
         for pattern, suite in wanted.items():
@@ -419,22 +424,31 @@ def main() -> None:
             change = f"{module.relative_to(SOURCE)}:{words}"
             if change in rows and change not in again:
                 continue
-            if suite not in usual:
-                fine, usual[suite] = survives(module, None, suite, 600)
-                assert fine, f"{suite} fail without a change"
-                print(f"    {usual[suite]:.0f} s: {', '.join(suite)}", file=sys.stderr, flush=True)
-            survived, _ = survives(module, source, suite, max(LEAST, FACTOR * usual[suite]))
-            rows[change] = {"pattern": pattern, "change": change, "survived": survived}
+            survived = {QUICK: True, SLOW_ONES: True}
+            for marked in (QUICK,) if chosen.quick else survived:
+                if (suite, marked) not in usual:
+                    fine, usual[suite, marked] = survives(module, None, suite, marked, LONGEST)
+                    assert fine, f"{suite} ({marked}) fail without a change"
+                    said = f"    {usual[suite, marked]:.0f} s, {marked}: {', '.join(suite)}"
+                    print(said, file=sys.stderr, flush=True)
+                limit = max(LEAST, FACTOR * usual[suite, marked])
+                survived[marked], _ = survives(module, source, suite, marked, limit)
+                if not survived[marked]:
+                    break
+            rows[change] = {"pattern": pattern, "change": change, "survived": all(survived.values())}
+            rows[change]["quick"] = survived[QUICK]
             if chosen.kept:
                 with chosen.kept.open("a") as file:
                     file.write(json.dumps(rows[change]) + "\n")
-            if survived:
+            if rows[change]["survived"]:
                 print(f"    {change}", flush=True)
-    print("| module | changes | noticed |\n|---|---|---|")
+    print("| module | changes | noticed | by quick tests |\n|---|---|---|---|")
     for pattern in (*dict.fromkeys(row["pattern"] for row in rows.values()), ""):
-        own = [row["survived"] for row in rows.values() if not pattern or row["pattern"] == pattern]
-        noticed = own.count(False)
-        print(f"| {pattern or 'all'} | {len(own)} | {noticed} ({100 * noticed / max(len(own), 1):.0f} %) |")
+        own = [row for row in rows.values() if not pattern or row["pattern"] == pattern]
+        noticed = sum(not row["survived"] for row in own)
+        quickly = sum(not row.get("quick", row["survived"]) for row in own)
+        share = 100 * noticed / max(len(own), 1)
+        print(f"| {pattern or 'all'} | {len(own)} | {noticed} ({share:.0f} %) | {quickly} |")
 
 
 if __name__ == "__main__":

@@ -253,8 +253,8 @@ def test_the_bar_of_films_is_one_for_both_readings_and_counts_no_time_for_what_w
     bars = []
 
     class Seen(tqdm):  # type: ignore[type-arg]
-        def __init__(self, **options: object) -> None:
-            super().__init__(**{**options, "disable": False, "file": io.StringIO()})
+        def __init__(self, *words: object, **options: object) -> None:
+            super().__init__(*words, **{**options, "disable": False, "file": io.StringIO()})
             bars.append(self)
 
     monkeypatch.setattr("tqdm.tqdm", Seen)

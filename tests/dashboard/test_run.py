@@ -15,7 +15,7 @@ from physid.cli import main
 from physid.dashboard.curves import MOST_POINTS, read_curves, thin
 from physid.dashboard.folders import find_runs
 from physid.dashboard.page import render, write_dashboard
-from physid.dashboard.run import flatten, read_run
+from physid.dashboard.run import flatten, read_or_damaged, read_run
 
 HALF_A_LINE = "3,3,0."
 
@@ -192,6 +192,15 @@ def test_what_a_benchmark_has_sealed_is_not_opened(root: Path) -> None:
 def test_a_folder_without_runs_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["dashboard", str(tmp_path)]) == 2
     assert f"{tmp_path}: expected runs" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("value", ['"3"', "[1]", "null", "true", "1" + "0" * 400])
+def test_a_figure_that_is_no_number_costs_itself_alone(tmp_path: Path, value: str) -> None:
+    (tmp_path / "metrics.json").write_text(f'{{"test/error": 1.5, "params/x/estimate": {value}, "val/loss": 2}}')
+    run = read_or_damaged(tmp_path, tmp_path)
+    assert run["figures"] == {"test/error": 1.5, "val/loss": 2.0}
+    (note,) = run["notes"]
+    assert note.startswith("metrics.json")
 
 
 HOSTILE = "a0: &a0 [x, x]\n" + "".join(f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]\n" for n in range(1, 12))

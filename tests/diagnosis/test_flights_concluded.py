@@ -60,6 +60,7 @@ def best_of(found: Attribution) -> Hypothesis:
 def test_the_wind_is_named_with_the_intervals_of_its_covariance(wind: Conclusion) -> None:
     best, said = best_of(wind.judgement.found), wind.diagnosis
     assert (said.verdict, said.group, said.minor, said.next_experiment) == ("named", ("constant_force",), (), None)
+    assert not said.residual, "a cause that is named leaves nothing to describe"
     (effect,) = said.effects
     assert (effect.name, effect.site) == ("constant_force", "dynamics")
     deviation = best.covariance().diagonal().sqrt()[2:]

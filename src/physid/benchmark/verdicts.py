@@ -17,6 +17,7 @@ from physid.benchmark.films import with_poses
 from physid.data import RecordingSet
 from physid.data.files import write_text
 from physid.diagnosis.document.document import FILE, Diagnosis
+from physid.progress_bar import progress_bar
 from physid.typed_files import CLOSED
 
 logger = logging.getLogger("physid")
@@ -61,12 +62,11 @@ def diagnose_bank(
         How many were diagnosed by this call, and how many of them failed.
     """
     import joblib
-    from tqdm import tqdm
 
     missing = [name for name in bank.sets if is_open(bank, name, again=again)]
     jobs = (joblib.delayed(diagnose_set)(bank, name, diagnose) for name in missing)
     parallel = joblib.Parallel(n_jobs=workers, return_as="generator_unordered", batch_size=1)
-    bar = tqdm(parallel(jobs), total=len(missing), desc="diagnosing", smoothing=0, disable=quiet or None)
+    bar = progress_bar(parallel(jobs), quiet=quiet, total=len(missing), desc="diagnosing", smoothing=0)
     return len(missing), sum(not done for done in bar)
 
 

@@ -7,6 +7,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from physid.progress_bar import progress_bar
+
 if TYPE_CHECKING:
     from tqdm import tqdm
 
@@ -69,8 +71,6 @@ def diagnose(
         wandb: Log figures, ranking, report and film as a run of wandb, into OUT/wandb or to the server.
         quiet: Hide the progress bar.
     """
-    from tqdm import tqdm
-
     from physid.commands.configured import read_model
     from physid.commands.films import open_with_poses
     from physid.commands.terminal.screen import resumable, say
@@ -87,7 +87,7 @@ def diagnose(
     sets = open_with_poses(given, folder, from_video=from_video, encoder=encoder, limit=limit, quiet=quiet)
     own = own_effects([place for place in effects.split(",") if place])
     record = describe({"recordings": str(recordings), "transfer": str(transfer or "")})
-    with resumable(), tqdm(total=100, bar_format=BAR, disable=quiet or None) as bar:
+    with resumable(), progress_bar(quiet=quiet, total=100, bar_format=BAR) as bar:
         options: dict[str, Any] = {"transfer": sets.get("read_transfer"), "limit": limit, "seed": seed}
         options |= {"model": model and read_model(model, allow), "effects": own, "settings": settings}
         found = run(sets["read"], folder, save=save_model, say=partial(_show, bar), **options)

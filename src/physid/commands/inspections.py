@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from physid.progress_bar import progress_bar
+
 
 def check(recordings: Path, *, limit: int | None = None) -> None:
     """Check whether recordings can be trusted, and say what to correct.
@@ -21,14 +23,12 @@ def check(recordings: Path, *, limit: int | None = None) -> None:
         recordings: Folder of the recording set.
         limit: Use the first LIMIT trajectories only.
     """
-    from tqdm import tqdm
-
     from physid.data import RecordingSet
     from physid.inspection.report import UnsoundError, inspect
 
     known = RecordingSet(recordings)
     files = len(known.paths[:limit]) + 1
-    with tqdm(desc="comparing checksums", total=files, unit="file", leave=False, disable=None) as bar:
+    with progress_bar(quiet=False, desc="comparing checksums", total=files, unit="file", leave=False) as bar:
         found = inspect(known, limit, lambda path: bar.update())
     print(found.text())
     wrong = sum(one.wrong for one in found.findings)

@@ -25,8 +25,10 @@ from physid.dashboard.media import MOST_BYTES, read_media
 from physid.diagnosis.document.document import Diagnosis, check_diagnosis
 from physid.diagnosis.document.sentences import verdict_sentence
 from physid.estimation.prediction.coordinates import Unknown, logged_names
+from physid.strict import shown
 from physid.yaml_files import parse_yaml, read_bytes, read_text
 
+MOST = 1e300  # of whole numbers, which may have more digits than a float can hold
 SCORE = {"bank": dict, "figures": list, "tables": dict}  # what of a scored bank is shown
 
 
@@ -54,7 +56,7 @@ def read_run(folder: Path, root: Path, *, light: bool = False) -> dict[str, Any]
         Plain types, ready for JSON.
     """
     notes: list[str] = []
-    figures = _mapping(folder / FIGURES, notes)
+    figures = _figures(folder / FIGURES, notes)
     diagnosis = _mapping(folder / DIAGNOSIS, notes)
     identifiability = _mapping(folder / IDENTIFIABILITY, notes)
     record = _mapping(folder / RECORD, notes)
@@ -66,7 +68,6 @@ def read_run(folder: Path, root: Path, *, light: bool = False) -> dict[str, Any]
     history = _curves(folder / PARAMETERS, notes)
     media, too_large = ([], []) if light else read_media(folder)
     kind = _kind(bool(diagnosis), bool(identifiability), bool(cells or score) and not curves)
-    figures = {name: value for name, value in figures.items() if isinstance(value, int | float)}
     figures |= {each["name"]: each["value"] for each in score.get("figures", ()) if each.get("value") is not None}
     notes += doubts_about(folder, figures, _folder(config) or "RECORDINGS", said, identifiability)
     return {
@@ -183,6 +184,18 @@ def _mapping(path: Path, notes: list[str]) -> dict[str, Any]:
     if value is not None and not isinstance(value, dict):
         notes.append(f"{path.name} cannot be read: expected a mapping, got a {type(value).__name__}")
     return value if isinstance(value, dict) else {}
+
+
+def _figures(path: Path, notes: list[str]) -> dict[str, float]:
+    """Read the figures of a run, without those that are no numbers."""
+    found = {}
+    for name, value in _mapping(path, notes).items():
+        whole = isinstance(value, int) and not isinstance(value, bool) and abs(value) <= MOST
+        if whole or isinstance(value, float):
+            found[name] = float(value)
+        else:
+            notes.append(f"{path.name}: {name} must be a number, got {shown(value)}; it is left out")
+    return found
 
 
 def _results(path: Path, notes: list[str]) -> tuple[list[Any], dict[str, Any]]:

@@ -14,6 +14,7 @@ from physid.benchmark.labels import Label, write_labels
 from physid.benchmark.plan import Plan, tasks
 from physid.benchmark.sealing.recorded_set import make
 from physid.data.files import read_json, write_text
+from physid.progress_bar import progress_bar
 from physid.record import checksum
 from physid.strict import shown
 
@@ -36,14 +37,13 @@ def seal(folder: Path, plan: Plan, workers: int = 1, *, quiet: bool = False) -> 
         ValueError: If the folder holds another bank.
     """
     import joblib
-    from tqdm import tqdm
 
     _keep_apart(folder, plan)
     if (folder / FILE).is_file():
         return _sealed_before(folder, plan)
     jobs = (joblib.delayed(make)(folder.absolute(), plan, task) for task in tasks(plan))
     parallel = joblib.Parallel(n_jobs=workers, return_as="generator_unordered", batch_size=1)
-    labels = dict(tqdm(parallel(jobs), total=plan.size.sets, desc="sealing", smoothing=0, disable=quiet or None))
+    labels = dict(progress_bar(parallel(jobs), quiet=quiet, total=plan.size.sets, desc="sealing", smoothing=0))
     mark = seal_all(folder, labels)
     sums = {name: checksum(folder / SETS / name) for name in sorted(labels)}
     recorded = {name: Recorder(one.simulator, one.frame_rate) for name, one in sorted(labels.items())}

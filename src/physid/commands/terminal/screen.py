@@ -13,6 +13,7 @@ from threading import Timer, current_thread, main_thread
 from types import FrameType
 from typing import TYPE_CHECKING, Literal, TextIO
 
+from physid.progress_bar import progress_bar
 from physid.strict import one_line
 
 if TYPE_CHECKING:
@@ -113,9 +114,7 @@ def stoppable() -> Iterator[list[int]]:
 @contextmanager
 def frame_bar(quiet: bool) -> Iterator[Callable[[str, int, int], None]]:
     """Show a progress bar over frames; gives what takes the task, how many frames are done, and of how many."""
-    from tqdm import tqdm
-
-    with tqdm(unit="frame", disable=quiet or None) as bar:
+    with progress_bar(quiet=quiet, unit="frame") as bar:
         shown = ""
 
         def say(task: str, done: int, total: int) -> None:

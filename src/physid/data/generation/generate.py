@@ -15,6 +15,7 @@ from physid.data.generation.draw import draw
 from physid.data.generation.record import record
 from physid.data.generation.settings import GenerateConfig
 from physid.data.truth import FILE, Truth, read_truth, write_truth
+from physid.progress_bar import progress_bar
 
 if TYPE_CHECKING:
     from physid.physics import Effect
@@ -60,7 +61,6 @@ def generate(
             nothing is.
     """
     import joblib
-    from tqdm import tqdm
 
     folder = Path(out)
     acting = (*config.build_effects(), *effects)
@@ -75,13 +75,8 @@ def generate(
     _describe(config, folder, effects)
     jobs = (joblib.delayed(record)(config, folder, index, splits[index], acting) for index in missing)
     parallel = joblib.Parallel(n_jobs=workers, return_as="generator_unordered", batch_size="auto")
-    bar = tqdm(
-        parallel(jobs),
-        total=len(missing),
-        desc=f"{config.scene} ({config.protocol})",
-        smoothing=0,
-        disable=quiet or None,
-    )
+    named = f"{config.scene} ({config.protocol})"
+    bar = progress_bar(parallel(jobs), quiet=quiet, total=len(missing), desc=named, smoothing=0)
     redrawn = sum(bar)
     write_sums(folder)
     return Generated(folder, len(missing), len(indices) - len(missing), redrawn)

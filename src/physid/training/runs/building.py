@@ -22,7 +22,7 @@ from lightning.pytorch.cli import LightningCLI
 
 from physid.class_paths import load_class
 from physid.strict import LARGEST, shown, whole
-from physid.training.callbacks.progress import Progress
+from physid.training.callbacks.progress import Progress, ProgressLines
 from physid.training.runs.checkpoints import OwnFiles
 from physid.training.runs.failures import Chosen, explain
 from physid.training.runs.trusted_imports import only_trusted_imports
@@ -115,12 +115,14 @@ def build(
     warnings.filterwarnings("ignore", "Checkpoint directory .* exists and is not empty")
     # Lightning's own use of torch, nothing that a user could change.
     warnings.filterwarnings("ignore", "`isinstance\\(treespec, LeafSpec\\)` is deprecated")
-    # Several processes at work would draw over each other's bars.
-    bar = sys.stderr.isatty() and parent_process() is None
+    alone = parent_process() is None  # several processes at work would draw over each other's bars
+    bar = sys.stderr.isatty() and alone
     default = {"enable_progress_bar": bar, "enable_model_summary": False, "log_every_n_steps": 1}
     trainer = {**default, **(config.get("trainer") or {})}
     if trainer["enable_progress_bar"]:
         callbacks = [*callbacks, Progress()]
+    elif alone and "enable_progress_bar" not in (config.get("trainer") or {}):
+        callbacks = [*callbacks, ProgressLines()]
     _require_modest_texts({key: value for key, value in config.items() if key != "data"})
     _require_modest_texts(config.get("data"), "data", files=False)  # its files are recordings, and tables of forces
     try:
