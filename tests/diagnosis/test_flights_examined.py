@@ -85,6 +85,8 @@ def test_of_a_right_model_gains_are_chi_squares_and_nothing_is_missing() -> None
     assert lack.chance(one, reached[0]) <= 3 / 151
     assert lack.chance(one, reached[-1]) <= lack.chance(all_of_them, reached[-1])
     # A free wrench in two pieces of six components, beside priors that hardly matter: so many degrees of freedom.
+    assert sum(cell.piece is not None for cell in lack.cells) == 12
+    assert float(lack.null_free.mean()) == pytest.approx(12, rel=0.05)
     assert float(lack.null_free.mean()) == pytest.approx(float(lack.free.mean()), rel=0.35)
     # What is nothing but noise has no gain in any cell, on average.
     assert abs(float(lack.cell_gain.mean())) < 0.5
