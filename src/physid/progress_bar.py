@@ -45,5 +45,5 @@ def progress_bar(tasks: Iterable[Any] | None = None, *, quiet: bool, **options: 
     import tqdm
 
     if not sys.stderr.isatty():
-        options |= {"file": LogLines(sys.stderr), "leave": False, "dynamic_ncols": False, "ncols": 100}
+        options |= {"file": LogLines(sys.stderr), "leave": False}
     return tqdm.tqdm(tasks, disable=quiet, **options)

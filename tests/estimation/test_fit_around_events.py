@@ -80,6 +80,16 @@ def test_short_segments_show_the_noise_and_no_pose_that_no_motion_explains(short
     assert not bool(scale[1, 7].any())
 
 
+@pytest.mark.parametrize("robust", [False, True])
+def test_short_segments_are_fitted_without_a_frame_that_stands_alone_off_them(robust: bool) -> None:
+    observed, predictor = dropped()
+    observed.pose[0, 9, 0, 1] += 24 * SPREAD[1]  # 12 mm, as some motion between two frames explains
+    rounds = SETTINGS.rounds.model_copy(update={"robust": robust})
+    found = fit_short_segments(observed, predictor, SETTINGS.model_copy(update={"rounds": rounds})).observed.present
+    assert bool(found[0, 9]) is not robust
+    assert float(found.sum()) == 2 * FRAMES - 4 - robust
+
+
 def test_a_dropped_block_is_cut_around_its_landing_and_its_bounce_is_found(landed: SegmentedFit) -> None:
     segments = landed.experiment.predictor.segments
     contact = segments.spread(segments.contact)

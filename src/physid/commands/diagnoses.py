@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
@@ -120,4 +121,5 @@ def _log(folder: Path, wandb: str, config: Mapping[str, Any], found: Diagnosis) 
 def _show(bar: tqdm[Any], stage: Stage, what: str = "") -> None:
     """Say what is being done, and about how far it is."""
     bar.n = max(bar.n, stage.share)
-    bar.set_description_str(stage.about(what)[:LONGEST].ljust(LONGEST))
+    said = stage.about(what)
+    bar.set_description_str(said[:LONGEST].ljust(LONGEST) if sys.stderr.isatty() else said)
