@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from physid.data.importers.video.shadows import Mixture, extremes, shaded, smoothed
-from physid.data.importers.video.sights import gain_of, silhouettes_of
+from physid.data.importers.video.sights import gain_of, silhouettes
 from physid.training.tracking.films import FirstSight, Footage, Image
 
 FEWEST_SHADED = 0.03
@@ -69,7 +69,7 @@ def relit(
     shadow = ndimage.binary_opening(shaded(seen, behind), iterations=2)
     dark = ndimage.binary_dilation(shadow, iterations=UNLIT) & shaded_softly(seen, behind)
     try:
-        mixture = Mixture(even, background, np.asarray(silhouettes_of(even, background, seen, behind, bodies).any(0)))
+        mixture = Mixture(even, background, np.asarray(silhouettes(even, background, seen, behind, bodies).any(0)))
     except ValueError:
         return np.where(dark[..., None], background, even)
     lit = even + mixture.missing[..., None] * background

@@ -69,9 +69,10 @@ class Mixture:
     ) -> None:
         self.body, self.missing = np.zeros(silhouette.shape), np.zeros(silhouette.shape)
         self.edge = np.zeros(silhouette.shape, dtype=bool)
+        self._near = (slice(0), slice(0))
         if not silhouette.any():
             return
-        near = surroundings(silhouette)
+        near = self._near = surroundings(silhouette)
         image, behind, silhouette = smoothed(even[near], EDGE), smoothed(background[near], EDGE), silhouette[near]
         depth = ndimage.distance_transform_edt(silhouette)
         core = depth >= min(INSIDE, float(depth.max()) / 2)
@@ -102,7 +103,9 @@ class Mixture:
     @property
     def mask(self) -> NDArray[np.bool_]:
         """Pixels that are more body than background, (H, W), without holes."""
-        return np.asarray(ndimage.binary_fill_holes(ndimage.binary_opening(self.body > 0.5)))
+        whole = np.zeros(self.body.shape, dtype=bool)
+        whole[self._near] = ndimage.binary_fill_holes(ndimage.binary_opening(self.body[self._near] > 0.5))
+        return whole
 
 
 def surroundings(silhouette: NDArray[np.bool_]) -> tuple[slice, slice]:

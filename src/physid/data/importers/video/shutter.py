@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physid.data.importers.video.pictures import Image
+from physid.data.importers.video.shadows import smoothed
 from physid.data.importers.video.sights import find_bodies
 
 Array = NDArray[np.float64]
@@ -32,7 +33,7 @@ class ShutterGauge:
     """
 
     def __init__(self, background: Image) -> None:
-        self._background = background
+        self._background, self._behind = background, smoothed(background)
         self._count = 0
         self._frames, self._places, self._moments = list[int](), list[Array](), list[Array]()
 
@@ -42,7 +43,7 @@ class ShutterGauge:
         if self._count > MOST_FRAMES:
             return
         try:
-            mask = find_bodies(image, self._background, 1)[0]
+            mask = find_bodies(image, self._background, 1, self._behind)[0]
         except ValueError:
             return
         rows, columns = np.nonzero(mask)

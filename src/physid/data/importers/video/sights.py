@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
@@ -37,19 +35,23 @@ def background_of(images: list[Image], count: int) -> Image:
     even = [np.asarray(image / gain_of(image, reference), dtype=np.float32) for image in images]
     background = _median(even, [np.zeros(reference.shape[:2], dtype=bool)] * len(even))
     for _ in range(AGAIN):
-        hidden = [_covered(image, background, count) for image in images]
+        behind = smoothed(background)
+        hidden = [_covered(image, background, behind, count) for image in images]
         free = _median(even, hidden)
         background = np.where(np.isfinite(free), free, background)
     return np.asarray(background.round().clip(0, 255), dtype=np.uint8)
 
 
-def _covered(image: Image, background: NDArray[np.float32], count: int) -> NDArray[np.bool_]:
+def _covered(
+    image: Image, background: NDArray[np.float32], behind: NDArray[np.float32], count: int
+) -> NDArray[np.bool_]:
     """Return which pixels bodies and their surroundings take, (H, W); all where the bodies cannot be found."""
     try:
-        bodies = find_bodies(image, background, count).any(0)
+        bodies = find_bodies(image, background, count, behind).any(0)
     except ValueError:
         return np.ones(image.shape[:2], dtype=bool)
-    return np.asarray(ndimage.binary_dilation(np.asarray(bodies), iterations=AROUND))
+    distance = np.asarray(ndimage.distance_transform_cdt(np.asarray(~bodies), "taxicab"))
+    return distance <= AROUND
 
 
 def _median(images: list[NDArray[np.float32]], hidden: list[NDArray[np.bool_]]) -> NDArray[np.float32]:
@@ -59,9 +61,12 @@ def _median(images: list[NDArray[np.float32]], hidden: list[NDArray[np.bool_]]) 
     for top in range(0, len(images[0]), rows):
         stack = np.stack([np.where(mask[top : top + rows, :, None], np.nan, image[top : top + rows])
                           for image, mask in zip(images, hidden, strict=True)])  # fmt: skip
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", "All-NaN slice", RuntimeWarning)
-            parts.append(np.nanmedian(stack, 0).astype(np.float32))
+        stack.sort(0)  # what is hidden comes last
+        shown = np.isfinite(stack).sum(0)
+        low, high = (
+            np.take_along_axis(stack, np.maximum(place, 0)[None], 0)[0] for place in ((shown - 1) // 2, shown // 2)
+        )
+        parts.append((low + high) / 2)
     return np.concatenate(parts)
 
 
@@ -72,13 +77,16 @@ def gain_of(image: NDArray[np.generic], background: NDArray[np.generic]) -> floa
     return float(np.median(extremes(np.asarray(image, dtype=np.float32))[1][bright] / behind[bright])) or 1.0
 
 
-def find_bodies(image: Image, background: NDArray[np.generic], count: int) -> NDArray[np.bool_]:
+def find_bodies(
+    image: Image, background: NDArray[np.generic], count: int, behind: NDArray[np.float32] | None = None
+) -> NDArray[np.bool_]:
     """Find the bodies of an image by their difference from the background; shadows are left out.
 
     Args:
         image: The frame, shape (H, W, 3).
         background: The empty scene, shape (H, W, 3).
         count: How many bodies there are.
+        behind: The same smoothed, where that is known; for many frames.
 
     Returns:
         Masks (N, H, W), the largest body first.
@@ -87,12 +95,22 @@ def find_bodies(image: Image, background: NDArray[np.generic], count: int) -> ND
         ValueError: If fewer are found.
     """
     even = image / gain_of(image, background)
-    found = silhouettes(even, background, count)
+    found = silhouettes(even, background, smoothed(even), smoothed(background) if behind is None else behind, count)
     mask = Mixture(even, background, np.asarray(found.any(0))).mask
-    return np.stack([mask & ndimage.binary_dilation(one, iterations=OUTSIDE) for one in found])
+    bodies = np.zeros_like(found)
+    for body, one in zip(bodies, found, strict=True):
+        near = surroundings(one)
+        body[near] = mask[near] & ndimage.binary_dilation(one[near], iterations=OUTSIDE)
+    return bodies
 
 
-def silhouettes(even: NDArray[np.generic], background: NDArray[np.generic], count: int) -> NDArray[np.bool_]:
+def silhouettes(
+    even: NDArray[np.generic],
+    background: NDArray[np.generic],
+    seen: NDArray[np.float32],
+    behind: NDArray[np.float32],
+    count: int,
+) -> NDArray[np.bool_]:
     """Find about where the bodies are: beside a shadow, up to two pixels too wide.
 
     The silhouette of a box is convex, so that a part which looks like the background is filled in.
@@ -100,6 +118,8 @@ def silhouettes(even: NDArray[np.generic], background: NDArray[np.generic], coun
     Args:
         even: The frame, its gain taken out, shape (H, W, 3).
         background: The empty scene, shape (H, W, 3).
+        seen: The frame, smoothed (see `smoothed`).
+        behind: The background, smoothed.
         count: How many bodies there are.
 
     Returns:
@@ -108,17 +128,6 @@ def silhouettes(even: NDArray[np.generic], background: NDArray[np.generic], coun
     Raises:
         ValueError: If fewer are found.
     """
-    return silhouettes_of(even, background, smoothed(even), smoothed(background), count)
-
-
-def silhouettes_of(
-    even: NDArray[np.generic],
-    background: NDArray[np.generic],
-    seen: NDArray[np.float32],
-    behind: NDArray[np.float32],
-    count: int,
-) -> NDArray[np.bool_]:
-    """Find about where the bodies are (see `silhouettes`), where the frame and the background are known smoothed."""
     # White noise that is smoothed so keeps this share of its deviation.
     noise = (
         MEDIAN
