@@ -18,7 +18,7 @@ MOST_LINES_OF_A_FUNCTION = 80
 RANKS = {
     "class_paths": 1,
     "one_writer": 1,
-    "progress_bar": 1,
+    "progress": 1,
     "strict": 0,
     "typed_files": 1,
     "setting": 1,

@@ -17,7 +17,7 @@ from physid.benchmark.films import with_poses
 from physid.data import RecordingSet
 from physid.data.files import write_text
 from physid.diagnosis.document.document import FILE, Diagnosis
-from physid.progress_bar import progress_bar
+from physid.progress.bar import progress_bar
 from physid.typed_files import CLOSED
 
 logger = logging.getLogger("physid")

@@ -2,20 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from physid.progress_bar import progress_bar
-
 if TYPE_CHECKING:
-    from tqdm import tqdm
-
-    from physid.diagnosis import Diagnosis, Stage
-
-BAR, LONGEST = "{desc} {percentage:3.0f}% {bar:20} {elapsed}", 44
+    from physid.diagnosis import Diagnosis
 
 
 def diagnose(
@@ -74,7 +66,7 @@ def diagnose(
     """
     from physid.commands.configured import read_model
     from physid.commands.films import open_with_poses
-    from physid.commands.terminal.screen import resumable, say
+    from physid.commands.terminal.screen import resumable, say, stage_bar
     from physid.diagnosis import MISSING, REPORT, Settings, parse_changes, summary_lines
     from physid.diagnosis.diagnose import diagnose as run
     from physid.effects.loading import own_effects
@@ -88,10 +80,10 @@ def diagnose(
     sets = open_with_poses(given, folder, from_video=from_video, encoder=encoder, limit=limit, quiet=quiet)
     own = own_effects([place for place in effects.split(",") if place])
     record = describe({"recordings": str(recordings), "transfer": str(transfer or "")})
-    with resumable(), progress_bar(quiet=quiet, total=100, bar_format=BAR) as bar:
+    with resumable(), stage_bar(quiet) as stage:
         options: dict[str, Any] = {"transfer": sets.get("read_transfer"), "limit": limit, "seed": seed}
         options |= {"model": model and read_model(model, allow), "effects": own, "settings": settings}
-        found = run(sets["read"], folder, save=save_model, say=partial(_show, bar), **options)
+        found = run(sets["read"], folder, save=save_model, say=stage, **options)
     write_record(folder, record)
     if wandb:
         _log(folder, wandb, {"recordings": str(recordings), "transfer": str(transfer or ""), "seed": seed}, found)
@@ -116,10 +108,3 @@ def _log(folder: Path, wandb: str, config: Mapping[str, Any], found: Diagnosis) 
     ranking = [(" + ".join(row.effects), row.score, row.p_value) for row in found.ranking]
     tables = {"ranking": (("effects", "score", "p_value"), ranking)}
     log_result(folder, wandb, config, figures_of(found), tables, [folder / REPORT, folder / FILM])
-
-
-def _show(bar: tqdm[Any], stage: Stage, what: str = "") -> None:
-    """Say what is being done, and about how far it is."""
-    bar.n = max(bar.n, stage.share)
-    said = stage.about(what)
-    bar.set_description_str(said[:LONGEST].ljust(LONGEST) if sys.stderr.isatty() else said)

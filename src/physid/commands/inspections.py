@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from physid.progress_bar import progress_bar
+from physid.progress.bar import progress_bar
 
 
 def check(recordings: Path, *, limit: int | None = None) -> None:

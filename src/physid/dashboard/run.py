@@ -25,10 +25,10 @@ from physid.dashboard.media import MOST_BYTES, read_media
 from physid.diagnosis.document.document import Diagnosis, check_diagnosis
 from physid.diagnosis.document.sentences import verdict_sentence
 from physid.estimation.prediction.coordinates import Unknown, logged_names
-from physid.strict import shown
 from physid.yaml_files import parse_yaml, read_bytes, read_text
 
 MOST = 1e300  # of whole numbers, which may have more digits than a float can hold
+MOST_LETTERS = 80
 SCORE = {"bank": dict, "figures": list, "tables": dict}  # what of a scored bank is shown
 
 
@@ -194,7 +194,7 @@ def _figures(path: Path, notes: list[str]) -> dict[str, float]:
         if whole or isinstance(value, float):
             found[name] = float(value)
         else:
-            notes.append(f"{path.name}: {name} must be a number, got {shown(value)}; it is left out")
+            notes.append(f"{path.name}: {name[:MOST_LETTERS]} must be a number; it is left out")
     return found
 
 

@@ -14,7 +14,7 @@ from physid.benchmark.labels import Label, write_labels
 from physid.benchmark.plan import Plan, tasks
 from physid.benchmark.sealing.recorded_set import make
 from physid.data.files import read_json, write_text
-from physid.progress_bar import progress_bar
+from physid.progress.bar import progress_bar
 from physid.record import checksum
 from physid.strict import shown
 

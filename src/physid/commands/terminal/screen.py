@@ -13,13 +13,16 @@ from threading import Timer, current_thread, main_thread
 from types import FrameType
 from typing import TYPE_CHECKING, Literal, TextIO
 
-from physid.progress_bar import progress_bar
+from physid.progress.bar import progress_bar
 from physid.strict import one_line
 
 if TYPE_CHECKING:
     from sys import UnraisableHookArgs
 
+    from physid.diagnosis.progress import Progress, Stage
+
 SOON = 0.01  # [s]
+BAR, LONGEST = "{desc} {percentage:3.0f}% {bar:20} {elapsed}", 44  # of the stages of a diagnosis
 CODES = {"bold": 1, "red": 31, "green": 32}
 
 
@@ -109,6 +112,19 @@ def stoppable() -> Iterator[list[int]]:
     finally:
         for each, handler in before.items():
             signal.signal(each, handler)
+
+
+@contextmanager
+def stage_bar(quiet: bool) -> Iterator[Progress]:
+    """Show the stages of a diagnosis, and about how far it is; gives what takes the stages."""
+    with progress_bar(quiet=quiet, total=100, bar_format=BAR) as bar:
+
+        def say(stage: Stage, what: str = "") -> None:
+            bar.n = max(bar.n, stage.share)
+            said = stage.about(what)
+            bar.set_description_str(said[:LONGEST].ljust(LONGEST) if sys.stderr.isatty() else said)
+
+        yield say
 
 
 @contextmanager

@@ -15,7 +15,7 @@ from physid.data.generation.draw import draw
 from physid.data.generation.record import record
 from physid.data.generation.settings import GenerateConfig
 from physid.data.truth import FILE, Truth, read_truth, write_truth
-from physid.progress_bar import progress_bar
+from physid.progress.bar import progress_bar
 
 if TYPE_CHECKING:
     from physid.physics import Effect

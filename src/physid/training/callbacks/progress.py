@@ -11,7 +11,7 @@ import lightning as L
 from lightning.pytorch.callbacks import RichProgressBar
 from lightning.pytorch.callbacks.progress.rich_progress import RichProgressBarTheme
 
-from physid.progress_bar import LogLines
+from physid.progress.bar import LogLines
 
 clock = time.monotonic
 """Tells the time [s] by which what is left is reckoned."""

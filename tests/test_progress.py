@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from physid import progress_bar
 from physid.cli import main
-from physid.progress_bar import LogLines
+from physid.progress import bar as progress_bar
+from physid.progress.bar import LogLines
 
 
 class Clock:
