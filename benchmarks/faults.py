@@ -400,6 +400,8 @@ def complaints(said: str, code: int | None, wanted: set[int], early: bool = Fals
     said = re.sub(r".*resource_tracker\.py:\d+: UserWarning:.*\n.*\n?", "", said)
     # And joblib says in two lines that it works alone where no semaphore can be made, as where files may not grow.
     said = re.sub(r".*_multiprocessing_helpers\.py:\d+: UserWarning:.*\n.*\n?", "", said)
+    # Without a terminal, how far a command is comes in lines: epochs of a fit, and shares of everything else.
+    said = re.sub(r"^(?:epoch \d+/|[^:]*:? +\d+%).*\n?", "", said, flags=re.MULTILINE)
     lines = [line for line in said.strip().splitlines() if line.strip()]
     if said in (UNENDED, LEFT):
         found.append(said)
