@@ -115,7 +115,10 @@ def _sorted(kind: str, sources: list[Path]) -> tuple[str, list[Path]]:
 
 def _import_films(places: list[Path], values: dict[str, Any], out: Path) -> Imported:
     """Convert films, or folders of images (see `physid import mp4`)."""
+    from physid.commands.terminal.screen import frame_bar
     from physid.data.importers.video.convert import import_films as run
     from physid.data.importers.video.films import find_films
 
-    return run(find_films(places), values, out)
+    films = find_films(places)
+    with frame_bar(quiet=False) as say:
+        return run(films, values, out, say)

@@ -137,13 +137,15 @@ def frame_bar(quiet: bool) -> Iterator[Callable[[str, int, int], None]]:
             nonlocal shown
             if bar.disable:  # a bar that is not shown has hardly an attribute
                 return
+            if task != shown:
+                bar.set_description_str(task, refresh=False)
             if total != bar.total:
                 bar.reset(total)
             if task != shown:  # what it finds done took none of the time of this bar
                 shown = task
                 bar.initial += done - bar.n
                 bar.n = bar.last_print_n = done
-                bar.set_description(task)
+                bar.refresh()
             bar.update(done - bar.n)
 
         yield say

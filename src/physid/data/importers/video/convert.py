@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -34,7 +35,13 @@ MOST_BYTES, MOST_IMAGES = 256_000_000, 41
 BETTER = "name an image of the empty scene (background=FILE) where a body rests for most of the time"
 
 
-def import_films(films: Sequence[Path], values: dict[str, Any], out: Path) -> Imported:
+def _silent(task: str, done: int, total: int) -> None:
+    """Show nothing."""
+
+
+def import_films(
+    films: Sequence[Path], values: dict[str, Any], out: Path, say: Callable[[str, int, int], None] = _silent
+) -> Imported:
     """Convert films to a recording set; it is there whole or not at all.
 
     Frames are turned into those of an ideal pinhole camera at the same place, one by one. All films have one camera
@@ -44,6 +51,7 @@ def import_films(films: Sequence[Path], values: dict[str, Any], out: Path) -> Im
         films: Film files, or folders of images.
         values: The mapping (see `FilmMap`).
         out: Folder of the set; must not exist, or be empty.
+        say: Called with what is done to the films, and how many frames are done, of how many (0 if that is unknown).
 
     Raises:
         FileNotFoundError: If a film or the camera file is missing.
@@ -52,6 +60,7 @@ def import_films(films: Sequence[Path], values: dict[str, Any], out: Path) -> Im
     known = FilmMap.from_mapping(values)
     logs, straighten, notes = force_logs(films, known.log.forces.file), straightener(known.lens), known.notes
     with new_set(out, values) as part:
+        say("looking at the films", 0, 0)
         most = max(3, min(MOST_IMAGES, MOST_BYTES // (3 * known.lens.width * known.lens.height)) // len(films))
         most = 0 if known.background else most
         surveys = [survey(path, known.lens, straighten, known.rate, most) for path in films]
@@ -59,7 +68,10 @@ def import_films(films: Sequence[Path], values: dict[str, Any], out: Path) -> Im
         background = _background(known, surveys, straighten, notes)
         source = f"filmed, imported from {films[0].name}" + (f" and {len(films) - 1} more" if len(films) > 1 else "")
         scene = known.scene(_one_step(surveys), source)
-        converted = _converted(known, surveys, logs, background, straighten, notes)
+        many, done = sum(each.count for each in surveys), itertools.count(1)
+        converted = _converted(
+            known, surveys, logs, background, straighten, notes, lambda: say("writing the films", next(done), many)
+        )
         write_films(part, scene, converted, len(films), known.log.split)
     return Imported(out, len(films), tuple(notes))
 
@@ -71,8 +83,12 @@ def _converted(
     background: Image,
     straighten: Callable[[Image], Image],
     notes: list[str],
+    written: Callable[[], None],
 ) -> Iterator[tuple[Recording, Iterable[Image]]]:
-    """Yield what is known of each film, and its images as the ideal camera would take them; note what they show."""
+    """Yield what is known of each film, and its images as the ideal camera would take them; note what they show.
+
+    Each image that has been written is counted by a call of `written`.
+    """
     for found, path in zip(surveys, logs, strict=True):
         film, forces = found.film, None if path is None else read_force_log(path, known.log)
         wrench, wrench_time = (None, None) if forces is None else (forces.wrench, forces.time)
@@ -100,17 +116,18 @@ def _converted(
         shape = np.broadcast_to(np.uint8(0), (found.count, *background.shape))  # no memory: the images follow
         filmed = replace(recording, pose=None, mask=mask, background=background, frames=shape)
         gauge = ShutterGauge(background) if len(known.log.bodies) == 1 else None
-        yield filmed, _watched((straighten(image) for _, image in film.frames()), gauge)
+        yield filmed, _watched((straighten(image) for _, image in film.frames()), gauge, written)
         if gauge is not None and (remark := gauge.remark()):
             notes.append(f"{film.path}: {remark}")
 
 
-def _watched(images: Iterable[Image], gauge: ShutterGauge | None) -> Iterator[Image]:
+def _watched(images: Iterable[Image], gauge: ShutterGauge | None, written: Callable[[], None]) -> Iterator[Image]:
     """Pass images on, one by one, and let a gauge look at each."""
     for image in images:
         if gauge is not None:
             gauge.look(image)
         yield image
+        written()
 
 
 def _background(
