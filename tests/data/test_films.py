@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from PIL import Image
+from scipy import ndimage
 from tests.data import filmed
 
 from physid.cli import main
@@ -20,9 +21,9 @@ from physid.data.importers.video.cameras import read_camera, solve_place
 from physid.data.importers.video.convert import import_films
 from physid.data.importers.video.films import FilmFile, ImageFolder, counted
 from physid.data.importers.video.lens import Lens
-from physid.data.importers.video.shadows import smoothed
+from physid.data.importers.video.shadows import Mixture, smoothed
 from physid.data.importers.video.shutter import ShutterGauge
-from physid.data.importers.video.sights import find_bodies, gain_of
+from physid.data.importers.video.sights import find_bodies, gain_of, grown, median_of
 from physid.training.tracking.light import relit
 
 cv2 = pytest.importorskip("cv2")
@@ -104,6 +105,37 @@ def test_the_background_is_free_of_a_body_that_lingers_and_of_drifting_exposure(
     apart = background / gain_of(background, filmed.table()) - filmed.table()
     assert np.abs(apart).max() < 25
     assert np.abs(apart).mean() < 3
+
+
+@pytest.mark.parametrize("number", [1, 2, 5, 8])
+def test_a_median_is_that_of_what_is_not_hidden(number: int) -> None:
+    draw = np.random.default_rng(number)
+    images = [draw.uniform(0, 255, (9, 7, 3)).astype(np.float32) for _ in range(number)]
+    hidden = [draw.random((9, 7)) < 0.4 for _ in range(number)]
+    found = median_of(images, hidden)
+    for row, column in np.ndindex(9, 7):
+        seen = [image[row, column] for image, mask in zip(images, hidden, strict=True) if not mask[row, column]]
+        wanted = np.median(np.stack(seen), 0) if seen else np.full(3, np.nan)
+        assert np.allclose(found[row, column], wanted, rtol=1e-6, equal_nan=True)
+
+
+@pytest.mark.parametrize("share", [0.0, 1e-3, 0.1])
+def test_a_mask_grows_by_steps_along_rows_and_columns(share: float) -> None:
+    mask = np.random.default_rng(0).random((40, 50)) < share
+    assert np.array_equal(grown(mask, 6), ndimage.binary_dilation(mask, iterations=6))
+
+
+@pytest.mark.parametrize("corner", [(0, 0), (20, 25), (45, 50)])
+def test_a_mask_of_a_body_is_the_same_wherever_it_is_looked_for(corner: tuple[int, int]) -> None:
+    draw = np.random.default_rng(3)
+    image, behind = (draw.uniform(0, 255, (60, 70, 3)) for _ in range(2))
+    about = np.zeros((60, 70), dtype=bool)
+    about[corner[0] : corner[0] + 15, corner[1] : corner[1] + 20] = True
+    mixture = Mixture(image, behind, about)
+    whole = ndimage.binary_fill_holes(ndimage.binary_opening(mixture.body > 0.5))
+    assert np.array_equal(mixture.mask, whole)
+    assert mixture.mask.any()
+    assert not Mixture(image, behind, np.zeros_like(about)).mask.any()
 
 
 def test_a_shadow_is_no_body() -> None:

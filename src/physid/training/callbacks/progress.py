@@ -96,6 +96,8 @@ class ProgressLines(L.Callback):
     def on_train_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         """Write a line."""
         self._left.epoch_ends(trainer.current_epoch)
+        if not trainer.is_global_zero:  # one of several processes speaks for all
+            return
         left, last = self._left.of(trainer), trainer.max_epochs
         known = [] if left is None else [f"left {_at_most(left)}"]
         metrics = [f"{name} {float(value):.3g}" for name, value in trainer.progress_bar_metrics.items()]

@@ -33,11 +33,11 @@ def background_of(images: list[Image], count: int) -> Image:
     """
     reference = images[0].astype(np.float32)
     even = [np.asarray(image / gain_of(image, reference), dtype=np.float32) for image in images]
-    background = _median(even, [np.zeros(reference.shape[:2], dtype=bool)] * len(even))
+    background = median_of(even, [np.zeros(reference.shape[:2], dtype=bool)] * len(even))
     for _ in range(AGAIN):
         behind = smoothed(background)
         hidden = [_covered(image, background, behind, count) for image in images]
-        free = _median(even, hidden)
+        free = median_of(even, hidden)
         background = np.where(np.isfinite(free), free, background)
     return np.asarray(background.round().clip(0, 255), dtype=np.uint8)
 
@@ -50,11 +50,17 @@ def _covered(
         bodies = find_bodies(image, background, count, behind).any(0)
     except ValueError:
         return np.ones(image.shape[:2], dtype=bool)
-    distance = np.asarray(ndimage.distance_transform_cdt(np.asarray(~bodies), "taxicab"))
-    return distance <= AROUND
+    return grown(np.asarray(bodies), AROUND)
 
 
-def _median(images: list[NDArray[np.float32]], hidden: list[NDArray[np.bool_]]) -> NDArray[np.float32]:
+def grown(mask: NDArray[np.bool_], pixels: int) -> NDArray[np.bool_]:
+    """Return what is within so many steps, along rows and columns, of a mask (H, W): its dilation by a cross."""
+    if not mask.any():
+        return np.zeros_like(mask)
+    return np.asarray(ndimage.distance_transform_cdt(np.asarray(~mask), "taxicab") <= pixels)
+
+
+def median_of(images: list[NDArray[np.float32]], hidden: list[NDArray[np.bool_]]) -> NDArray[np.float32]:
     """Return the median over images (H, W, 3) of what is not hidden (H, W), some rows at a time; NaN where all is."""
     rows = max(1, 2**26 // (len(images) * images[0][0].size * 4))
     parts = []
