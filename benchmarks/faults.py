@@ -393,6 +393,16 @@ def said_last(said: str) -> str:
     return (said.strip().splitlines() or ["without a word"])[-1][:300]
 
 
+PROGRESS = "|".join(
+    (
+        r"^epoch \d+(?:/\d+)?(?:,.*)?$\n?",
+        r"^[^:\n]+:? +\d+%(?:\|.*|[#\d ]* \d*:?\d\d:\d\d)$\n?",
+        r"^[^:\n]+: \d+[a-z]+ \[\d+:\d\d.*$\n?",
+    )
+)
+"""What a fit and bars write into a log: epochs, shares with a bar, counts whose end is not known."""
+
+
 def complaints(said: str, code: int | None, wanted: set[int], early: bool = False) -> list[str]:
     """Say what is wrong with how a disturbed command ended; `early` while Python itself was starting."""
     found = [] if code in wanted else [f"exit code {code}, {said_last(said)}"]
@@ -400,8 +410,8 @@ def complaints(said: str, code: int | None, wanted: set[int], early: bool = Fals
     said = re.sub(r".*resource_tracker\.py:\d+: UserWarning:.*\n.*\n?", "", said)
     # And joblib says in two lines that it works alone where no semaphore can be made, as where files may not grow.
     said = re.sub(r".*_multiprocessing_helpers\.py:\d+: UserWarning:.*\n.*\n?", "", said)
-    # Without a terminal, how far a command is comes in lines: epochs of a fit, and shares of everything else.
-    said = re.sub(r"^(?:epoch \d+/|[^:]*:? +\d+%).*\n?", "", said, flags=re.MULTILINE)
+    # Without a terminal, how far a command is comes in lines: epochs of a fit, and bars.
+    said = re.sub(PROGRESS, "", said, flags=re.MULTILINE)
     lines = [line for line in said.strip().splitlines() if line.strip()]
     if said in (UNENDED, LEFT):
         found.append(said)

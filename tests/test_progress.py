@@ -1,14 +1,19 @@
 """How far a command is, where there is no terminal: lines of a log, not too many."""
 
 import io
+import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from physid.cli import main
+from physid.commands.terminal.screen import frame_bar, stage_bar
+from physid.diagnosis.progress import Stage
 from physid.progress import bar as progress_bar
 from physid.progress.bar import LogLines
+from physid.training.callbacks import progress
 
 
 class Clock:
@@ -28,17 +33,62 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     return clock
 
 
-def test_what_is_drawn_over_itself_is_a_line_at_most_every_ten_seconds(clock: Clock) -> None:
+def test_what_is_redrawn_is_a_line_at_most_every_ten_seconds(clock: Clock) -> None:
     log = io.StringIO()
     lines = LogLines(log)
     for clock.now in range(0, 35, 1):
         lines.write(f"\r {clock.now} of 35   ")
-        lines.write("\r")
+        lines.write("\n")  # as tqdm moves to another bar
+        lines.write(progress_bar.UP)
+    lines.write("\r   ")
     assert log.getvalue().splitlines() == ["10 of 35", "20 of 35", "30 of 35"]
 
 
+def test_the_newest_of_what_came_too_soon_is_written_later_unless_it_was_taken_away(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(progress_bar, "EVERY", 0.3)
+    for taken_away in (False, True):
+        log = io.StringIO()
+        lines = LogLines(log)
+        lines.write("\rreading")
+        lines.write("\rfitting")
+        if taken_away:
+            lines.write("\r       ")
+        time.sleep(1.0)
+        assert log.getvalue() == ("" if taken_away else "fitting\n")
+
+
+class Unwritable(io.StringIO):
+    """The log of a full disk, of a reader that has gone, or closed."""
+
+    def __init__(self, error: Exception) -> None:
+        super().__init__()
+        self.error = error
+
+    def write(self, _: str) -> int:
+        raise self.error
+
+
+@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), BrokenPipeError(), ValueError("closed")])
+def test_a_log_that_cannot_be_written_disturbs_nothing(error: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(progress_bar, "EVERY", 0.0)
+    monkeypatch.setattr(sys, "stderr", Unwritable(error))
+    assert list(progress_bar.progress_bar(range(4), quiet=False, mininterval=0)) == [0, 1, 2, 3]
+
+
+@pytest.mark.parametrize("quiet", [True, False])
+@pytest.mark.parametrize("closed", [True, False])
+def test_without_standard_error_nothing_is_shown(quiet: bool, closed: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    stream = io.StringIO() if closed else None
+    if stream is not None:
+        stream.close()
+    monkeypatch.setattr(sys, "stderr", stream)
+    assert list(progress_bar.progress_bar(range(4), quiet=quiet)) == [0, 1, 2, 3]
+
+
 def test_a_bar_writes_whole_lines_into_a_log_and_nothing_where_it_is_quiet(
-    clock: Clock, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(progress_bar, "EVERY", 0.0)
     for quiet in (True, False):
@@ -50,24 +100,73 @@ def test_a_bar_writes_whole_lines_into_a_log_and_nothing_where_it_is_quiet(
     assert all(line.startswith("pushing:") for line in lines)
 
 
-def test_what_is_soon_over_leaves_a_log_empty(capsys: pytest.CaptureFixture[str]) -> None:
-    assert list(progress_bar.progress_bar(range(40), quiet=False, mininterval=0)) == list(range(40))
-    assert not capsys.readouterr().err
+@pytest.mark.parametrize(("seconds", "lines"), [(2.4, 0), (2.6, 1)])
+def test_what_is_over_within_ten_seconds_leaves_a_log_empty(
+    seconds: float, lines: int, clock: Clock, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for task in progress_bar.progress_bar(range(5), quiet=False, mininterval=0):
+        clock.now = task * seconds
+    assert len(capsys.readouterr().err.splitlines()) == lines
 
 
+def test_each_stage_of_a_diagnosis_that_lasts_is_in_a_log_whole(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(progress_bar, "EVERY", 0.3)
+    with stage_bar(quiet=False) as say:
+        for stage in (Stage.READING, Stage.TESTING):  # the second begins at once, and lasts
+            say(stage)
+        time.sleep(1.0)
+        say(Stage.FITTING, "a drag that is named at length, beside another one")
+        time.sleep(1.0)
+    testing, fitting = capsys.readouterr().err.splitlines()
+    assert testing.startswith("testing all effects at once, against null simulations 50%")
+    assert fitting.startswith("fitting a drag that is named at length, beside another one 62%")
+
+
+def test_the_bar_of_films_names_what_is_done_to_them_in_a_log(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(progress_bar, "EVERY", 0.0)
+    with frame_bar(quiet=False) as say:
+        say("looking at the films", 0, 0)
+        say("writing the films", 1, 80)
+    lines = capsys.readouterr().err.splitlines()
+    assert any(line.startswith("looking at the films: 0frame") for line in lines)
+    assert lines[-1].startswith("writing the films: 1%")
+
+
+@pytest.mark.parametrize(("most", "first"), [(4, "epoch 1/4"), (-1, "epoch 1, ")])
 def test_a_fit_writes_epochs_losses_and_the_time_left_into_a_log(
+    most: int,
+    first: str,
     recordings: Callable[[str], Path],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.setattr(progress_bar, "EVERY", 0.0)
-    fit = ["fit", str(recordings("push")), "data.limit=2", "trainer.max_epochs=4", "wandb=disabled"]
-    assert main([*fit, "--run-dir", str(tmp_path / "heard")]) == 0
+    hours = iter(range(0, 3600_000, 3600))
+    monkeypatch.setattr(progress, "clock", lambda: next(hours))
+    fit = ["fit", str(recordings("push")), "data.limit=2", f"trainer.max_epochs={most}", "trainer.max_steps=4"]
+    assert main([*fit, "wandb=disabled", "--run-dir", str(tmp_path / "run")]) == 0
     lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("epoch")]
-    assert lines[0].startswith("epoch 1/4")
+    assert lines[0].startswith(first)
     assert "loss" in lines[0]
     assert "left" not in lines[0]
-    assert "left ≤0:00:" in lines[2]
-    assert main([*fit, "--run-dir", str(tmp_path / "silent"), "trainer.enable_progress_bar=false"]) == 0
-    assert "epoch" not in capsys.readouterr().err
+    assert ("left ≤" in lines[2]) is (most > 0)
+
+
+@pytest.mark.slow
+def test_a_fit_that_is_asked_for_no_bar_writes_nothing_into_a_log(
+    recordings: Callable[[str], Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(progress_bar, "EVERY", 0.0)
+    fit = ["fit", str(recordings("push")), "data.limit=2", "trainer.max_epochs=2", "wandb=disabled"]
+    for asked in ("false", "true"):  # the second has Lightning's own
+        run = tmp_path / asked
+        assert main([*fit, "--run-dir", str(run), f"trainer.enable_progress_bar={asked}"]) == 0
+        assert "epoch 1/" not in capsys.readouterr().err

@@ -12,10 +12,10 @@ import pytest
 
 from dashboard.folders import write_fit, write_runs
 from physid.cli import main
-from physid.dashboard.curves import MOST_POINTS, read_curves, thin
+from physid.dashboard.curves import MOST_POINTS, numbers_of, read_curves, thin
 from physid.dashboard.folders import find_runs
 from physid.dashboard.page import render, write_dashboard
-from physid.dashboard.run import flatten, read_or_damaged, read_run
+from physid.dashboard.run import flatten, read_run
 
 HALF_A_LINE = "3,3,0."
 
@@ -194,13 +194,25 @@ def test_a_folder_without_runs_is_named(tmp_path: Path, capsys: pytest.CaptureFi
     assert f"{tmp_path}: expected runs" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("value", ['"3"', "[1]", "null", "true", "1" + "0" * 400])
-def test_a_figure_that_is_no_number_costs_itself_alone(tmp_path: Path, value: str) -> None:
-    (tmp_path / "metrics.json").write_text(f'{{"test/error": 1.5, "params/x/estimate": {value}, "val/loss": 2}}')
-    run = read_or_damaged(tmp_path, tmp_path)
-    assert run["figures"] == {"test/error": 1.5, "val/loss": 2.0}
+@pytest.mark.parametrize("value", ['"3"', "[1]", "null", "true", "1" + "0" * 400, "1e400", "-Infinity"])
+@pytest.mark.parametrize("name", ["params/x/estimate", "val/y", "seconds"])
+def test_a_figure_that_is_no_finite_number_costs_itself_alone(tmp_path: Path, name: str, value: str) -> None:
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "metrics.json").write_text(f'{{"test/error": 1.5, "{name}": {value}, "val/loss": 2}}')
+    (run,) = write_dashboard(tmp_path, tmp_path / "page.html")
+    assert run["state"] == "finished"
+    assert (run["figures"], run["parameters"]) == ({"test/error": 1.5, "val/loss": 2.0}, [])
     (note,) = run["notes"]
     assert note.startswith("metrics.json")
+    assert name in note
+
+
+def test_figures_that_are_no_numbers_are_named_in_one_short_line() -> None:
+    found, note = numbers_of({"good": 1.0, **{f"{'long ' * 100}\x1b[31m\n{k}": "bad" for k in range(20_000)}})
+    assert found == {"good": 1.0}
+    assert "and 19997 more" in note
+    assert len(note) < 1000
+    assert note.isprintable()
 
 
 HOSTILE = "a0: &a0 [x, x]\n" + "".join(f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]\n" for n in range(1, 12))

@@ -6,13 +6,17 @@ import csv
 import io
 import math
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from physid.strict import quoted
 from physid.yaml_files import read_text
 
 MOST_POINTS = 600
+LARGEST = 1e300  # of whole numbers; larger ones may not fit into a float
+MOST_NAMED = 3  # figures that a note names
 AXES = ("epoch", "step", "evaluations")
 SCHEDULE = re.compile(r"(^|[/_-])(lr|learning_rate|rate|blur|kernel|sigma|horizon|alpha|phase|temperature)([/_-]|$)")
 
@@ -47,6 +51,20 @@ class Curve:
     def to_mapping(self) -> dict[str, Any]:
         """Return the curve in plain types."""
         return {"name": self.name, "group": self.group, "axis": self.axis, "x": self.x, "y": self.y}
+
+
+def numbers_of(content: Mapping[str, Any]) -> tuple[dict[str, float], str]:
+    """Return the finite numbers among figures, and a note that says which others are left out, or nothing."""
+    found, other = dict[str, float](), list[str]()
+    for name, value in content.items():
+        whole = isinstance(value, int) and not isinstance(value, bool) and abs(value) <= LARGEST
+        if whole or (isinstance(value, float) and math.isfinite(value)):
+            found[name] = float(value)
+        else:
+            other.append(quoted(name))
+    more = f" and {len(other) - MOST_NAMED} more" if len(other) > MOST_NAMED else ""
+    named = ", ".join(other[:MOST_NAMED]) + more
+    return found, f"expected finite numbers, found other values for {named}; they are left out" if other else ""
 
 
 def read_curves(path: Path, within: Path | None = None) -> list[Curve]:

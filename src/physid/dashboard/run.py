@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from physid.dashboard.curves import Curve, read_curves
+from physid.dashboard.curves import Curve, numbers_of, read_curves
 from physid.dashboard.doubts import doubts_about
 from physid.dashboard.folders import (
     CELLS,
@@ -27,8 +27,6 @@ from physid.diagnosis.document.sentences import verdict_sentence
 from physid.estimation.prediction.coordinates import Unknown, logged_names
 from physid.yaml_files import parse_yaml, read_bytes, read_text
 
-MOST = 1e300  # of whole numbers, which may have more digits than a float can hold
-MOST_LETTERS = 80
 SCORE = {"bank": dict, "figures": list, "tables": dict}  # what of a scored bank is shown
 
 
@@ -187,14 +185,9 @@ def _mapping(path: Path, notes: list[str]) -> dict[str, Any]:
 
 
 def _figures(path: Path, notes: list[str]) -> dict[str, float]:
-    """Read the figures of a run, without those that are no numbers."""
-    found = {}
-    for name, value in _mapping(path, notes).items():
-        whole = isinstance(value, int) and not isinstance(value, bool) and abs(value) <= MOST
-        if whole or isinstance(value, float):
-            found[name] = float(value)
-        else:
-            notes.append(f"{path.name}: {name[:MOST_LETTERS]} must be a number; it is left out")
+    """Read the figures of a run, without those that are no finite numbers."""
+    found, doubts = numbers_of(_mapping(path, notes))
+    notes += [f"{path.name}: {doubts}"] if doubts else []
     return found
 
 

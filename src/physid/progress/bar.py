@@ -6,16 +6,23 @@ import io
 import sys
 import time
 from collections.abc import Iterable
+from contextlib import suppress
+from threading import Lock, Timer
 from typing import TYPE_CHECKING, Any, TextIO
 
 if TYPE_CHECKING:
     from tqdm import tqdm
 
-EVERY = 10.0  # [s] from one line of a log to the next at least, and to the first one: what is over sooner needs none
+EVERY = 10.0  # [s] least time between two lines of a log, and before the first: what ends sooner needs none
+
+UP = "\x1b[A"  # ECMA-48: the cursor goes up by a line
 
 
 class LogLines(io.TextIOBase):
-    """A stream that keeps what is drawn over itself, with carriage returns, as lines of their own, not too often.
+    """A stream that turns what is redrawn with carriage returns into lines, at most one every `EVERY` seconds.
+
+    What is drawn sooner waits, and the newest of it is written once the time has come, unless nothing is drawn any more
+    by then. A log that cannot be written, say on a full disk, disturbs nothing.
 
     Args:
         stream: Where the lines go.
@@ -23,15 +30,35 @@ class LogLines(io.TextIOBase):
 
     def __init__(self, stream: TextIO) -> None:
         self._stream, self._last = stream, time.monotonic()
+        self._waiting, self._timer, self._lock = "", Timer(0, self._due), Lock()
 
     def write(self, text: str) -> int:
-        """Write a line of what is drawn, unless it is blank or the last one is less than `EVERY` ago."""
-        drawn = " ".join(text.split())
-        if drawn and time.monotonic() - self._last >= EVERY:
-            self._stream.write(drawn + "\n")
-            self._stream.flush()
-            self._last = time.monotonic()
+        """Draw a text in place of the one before; a blank one takes it away."""
+        if text and not text.replace(UP, "").strip("\n"):  # tqdm moves to the line of another bar
+            return len(text)
+        with self._lock:
+            self._waiting, left = " ".join(text.split()), self._last + EVERY - time.monotonic()
+            if left <= 0:
+                self._put()
+            if not self._waiting:
+                self._timer.cancel()
+            elif not self._timer.is_alive():
+                self._timer = Timer(left, self._due)
+                self._timer.daemon = True
+                self._timer.start()
         return len(text)
+
+    def _due(self) -> None:
+        with self._lock:
+            self._put()
+
+    def _put(self) -> None:
+        """Write what waits."""
+        if self._waiting:
+            with suppress(OSError, ValueError):  # a full disk, a reader that has gone, a stream that was closed
+                self._stream.write(self._waiting + "\n")
+                self._stream.flush()
+            self._waiting, self._last = "", time.monotonic()
 
 
 def progress_bar(tasks: Iterable[Any] | None = None, *, quiet: bool, **options: Any) -> tqdm[Any]:
@@ -44,6 +71,7 @@ def progress_bar(tasks: Iterable[Any] | None = None, *, quiet: bool, **options: 
     """
     import tqdm
 
-    if not sys.stderr.isatty():
+    quiet = quiet or sys.stderr is None or sys.stderr.closed
+    if not quiet and not sys.stderr.isatty():
         options |= {"file": LogLines(sys.stderr), "leave": False}
     return tqdm.tqdm(tasks, disable=quiet, **options)

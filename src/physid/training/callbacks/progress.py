@@ -87,16 +87,18 @@ class ProgressLines(L.Callback):
     """Writes the epoch, the losses and the time left to a log, on standard error, once in a while (see `LogLines`)."""
 
     def __init__(self) -> None:
-        self._left, self._lines = _TimeLeft(), LogLines(sys.stderr)
+        self._left = _TimeLeft()
+        self._lines: LogLines | None = None
 
     def on_train_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        """Forget the epochs of an earlier call."""
+        """Forget the epochs of an earlier call; of several processes the first speaks for all."""
         self._left.start()
+        self._lines = LogLines(sys.stderr) if trainer.is_global_zero and sys.stderr else None
 
     def on_train_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         """Write a line."""
         self._left.epoch_ends(trainer.current_epoch)
-        if not trainer.is_global_zero:  # one of several processes speaks for all
+        if self._lines is None:
             return
         left, last = self._left.of(trainer), trainer.max_epochs
         known = [] if left is None else [f"left {_at_most(left)}"]
@@ -104,6 +106,20 @@ class ProgressLines(L.Callback):
         of = "" if last in (None, -1) else f"/{last}"
         self._lines.write(", ".join([f"epoch {trainer.current_epoch + 1}{of}", *known, *metrics]))
 
+    def on_train_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        """Write no more."""
+        self._end()
+
+    def on_exception(self, trainer: L.Trainer, pl_module: L.LightningModule, exception: BaseException) -> None:
+        """Write no more."""
+        self._end()
+
+    def _end(self) -> None:
+        if self._lines is not None:
+            self._lines.write("")
+        self._lines = None
+
 
 def _at_most(left: float) -> str:
+    """Return a time [s] that a run takes at most, since it may settle sooner, as hours, minutes and seconds."""
     return f"≤{timedelta(seconds=round(left))}"

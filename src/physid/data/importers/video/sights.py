@@ -92,7 +92,7 @@ def find_bodies(
         image: The frame, shape (H, W, 3).
         background: The empty scene, shape (H, W, 3).
         count: How many bodies there are.
-        behind: The same smoothed, where that is known; for many frames.
+        behind: The background, smoothed, if it is known already, which saves time over many frames.
 
     Returns:
         Masks (N, H, W), the largest body first.
