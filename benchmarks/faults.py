@@ -396,11 +396,12 @@ def said_last(said: str) -> str:
 PROGRESS = "|".join(
     (
         r"^epoch \d+(?:/\d+)?(?:,.*)?$\n?",
-        r"^[^:\n]+:? +\d+%(?:\|.*|[#\d ]* \d*:?\d\d:\d\d)$\n?",
-        r"^[^:\n]+: \d+[a-z]+ \[\d+:\d\d.*$\n?",
+        r"^[^\n]*\d+%\|[^\n]*\[\d+:\d\d[^\n]*\]$\n?",
+        r"^[^\n]*\d+[a-z]+ \[\d+:\d\d[^\n]*\]$\n?",
+        r"^(?:starting|(?:reading|fitting|choosing|replaying|measuring|testing|looking|writing) [^\n]*), \d+ %$\n?",
     )
 )
-"""What a fit and bars write into a log: epochs, shares with a bar, counts whose end is not known."""
+"""What a fit, bars and a diagnosis write into a log: epochs, shares, counts whose end is not known, stages."""
 
 
 def complaints(said: str, code: int | None, wanted: set[int], early: bool = False) -> list[str]:

@@ -8,7 +8,8 @@ They are drawn at random from all that can be made of a module (checks that chan
 errors, zip's `strict`), and the tests of that module run against each in a process that has imported what takes long:
 the quick ones, and if those pass the slow ones, which run before each landing. A change *survives* if all of them pass;
 a test that runs for much longer than with the code as it is has failed too. Survivors are printed: each is a missing
-test, or changes nothing. Modules come in random order, so that a call with too few --minutes is a sample of all.
+test, or changes nothing. Modules come in random order, so that a call that --minutes cuts
+short has still sampled all of them.
 
 No known tool fits: mutmut 3 copies the tree and wants the whole suite to pass there first, cosmic-ray starts Python and
 imports torch for each change.
@@ -251,8 +252,8 @@ SLOW = (
 QUICK, SLOW_ONES = "not slow", "slow"
 NONE_MARKED = 5  # what pytest returns where no test has the mark
 FACTOR, LEAST, LONGEST, WAITING = 8.0, 20.0, 1800.0, 20.0
-"""A run of the tests that computes this many times as long as usual, and at least so long [s], counts as failed;
-as the code is, they may take the third [s]; one that takes the last times as long by the clock has failed too."""
+"""A run of the tests that computes this many times as long as usual, and at least so long [s], counts as failed; so
+does one that takes the last times its limit by the clock. Without a change the tests may compute for the third [s]."""
 OPERATORS: dict[type, type] = {
     ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.Pow: ast.Mult, ast.FloorDiv: ast.Mult,
     ast.BitAnd: ast.BitOr, ast.BitOr: ast.BitAnd, ast.MatMult: ast.Mult,

@@ -1,10 +1,11 @@
 """How far a command is, where there is no terminal: lines of a log, not too many."""
 
+import importlib.util
 import io
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import ClassVar
 
 import pytest
 
@@ -44,19 +45,52 @@ def test_what_is_redrawn_is_a_line_at_most_every_ten_seconds(clock: Clock) -> No
     assert log.getvalue().splitlines() == ["10 of 35", "20 of 35", "30 of 35"]
 
 
-def test_the_newest_of_what_came_too_soon_is_written_later_unless_it_was_taken_away(
-    monkeypatch: pytest.MonkeyPatch,
+class Alarm:
+    """A timer that goes off when a test wants."""
+
+    set: ClassVar[list["Alarm"]] = []
+
+    def __init__(self, seconds: float, function: Callable[[], None]) -> None:
+        self.seconds, self.function, self.daemon = seconds, function, False
+
+    def start(self) -> None:
+        assert self.daemon, "a log keeps no command from ending"
+        self.set.append(self)
+
+    def cancel(self) -> None:
+        self.set.remove(self)
+
+    @classmethod
+    def go_off(cls, clock: Clock) -> None:
+        """Let the time pass until the one alarm that is set goes off."""
+        (alarm,) = cls.set
+        cls.set.remove(alarm)
+        clock.now += alarm.seconds
+        alarm.function()
+
+
+@pytest.fixture
+def alarm(monkeypatch: pytest.MonkeyPatch) -> type[Alarm]:
+    monkeypatch.setattr(progress_bar, "Timer", Alarm)
+    Alarm.set.clear()
+    return Alarm
+
+
+def test_the_newest_of_what_came_too_soon_is_written_in_its_time_unless_it_was_taken_away(
+    clock: Clock, alarm: type[Alarm]
 ) -> None:
-    monkeypatch.setattr(progress_bar, "EVERY", 0.3)
-    for taken_away in (False, True):
-        log = io.StringIO()
-        lines = LogLines(log)
-        lines.write("\rreading")
-        lines.write("\rfitting")
-        if taken_away:
-            lines.write("\r       ")
-        time.sleep(1.0)
-        assert log.getvalue() == ("" if taken_away else "fitting\n")
+    log = io.StringIO()
+    lines = LogLines(log)
+    clock.now = 4.0
+    for text in ("reading", "   ", "fitting", "testing"):
+        lines.write(f"\r{text}")
+    alarm.go_off(clock)
+    assert clock.now == 10.0
+    assert log.getvalue() == "testing\n"
+    lines.write("\rwriting")
+    lines.write("\r       ")
+    assert not alarm.set
+    assert log.getvalue() == "testing\n"
 
 
 class Unwritable(io.StringIO):
@@ -73,6 +107,7 @@ class Unwritable(io.StringIO):
 @pytest.mark.parametrize("error", [OSError(28, "No space left on device"), BrokenPipeError(), ValueError("closed")])
 def test_a_log_that_cannot_be_written_disturbs_nothing(error: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(progress_bar, "EVERY", 0.0)
+    assert LogLines(Unwritable(error)).write("\rpushing") == 8
     monkeypatch.setattr(sys, "stderr", Unwritable(error))
     assert list(progress_bar.progress_bar(range(4), quiet=False, mininterval=0)) == [0, 1, 2, 3]
 
@@ -85,6 +120,9 @@ def test_without_standard_error_nothing_is_shown(quiet: bool, closed: bool, monk
         stream.close()
     monkeypatch.setattr(sys, "stderr", stream)
     assert list(progress_bar.progress_bar(range(4), quiet=quiet)) == [0, 1, 2, 3]
+    with stage_bar(quiet) as stage, frame_bar(quiet) as frame:
+        stage(Stage.READING)
+        frame("reading the films", 1, 80)
 
 
 def test_a_bar_writes_whole_lines_into_a_log_and_nothing_where_it_is_quiet(
@@ -110,18 +148,19 @@ def test_what_is_over_within_ten_seconds_leaves_a_log_empty(
 
 
 def test_each_stage_of_a_diagnosis_that_lasts_is_in_a_log_whole(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    clock: Clock, alarm: type[Alarm], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(progress_bar, "EVERY", 0.3)
     with stage_bar(quiet=False) as say:
         for stage in (Stage.READING, Stage.TESTING):  # the second begins at once, and lasts
             say(stage)
-        time.sleep(1.0)
+        alarm.go_off(clock)
         say(Stage.FITTING, "a drag that is named at length, beside another one")
-        time.sleep(1.0)
+        alarm.go_off(clock)
+        say(Stage.WRITING)
     testing, fitting = capsys.readouterr().err.splitlines()
-    assert testing.startswith("testing all effects at once, against null simulations 50%")
-    assert fitting.startswith("fitting a drag that is named at length, beside another one 62%")
+    assert testing == "testing all effects at once, against null simulations, 50 %"
+    assert fitting == "fitting a drag that is named at length, beside another one, 62 %"
+    assert not alarm.set
 
 
 def test_the_bar_of_films_names_what_is_done_to_them_in_a_log(
@@ -170,3 +209,30 @@ def test_a_fit_that_is_asked_for_no_bar_writes_nothing_into_a_log(
         run = tmp_path / asked
         assert main([*fit, "--run-dir", str(run), f"trainer.enable_progress_bar={asked}"]) == 0
         assert "epoch 1/" not in capsys.readouterr().err
+
+
+def test_lines_of_progress_are_no_complaint_of_the_script_of_faults_and_messages_are(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = Path(__file__).parents[1] / "benchmarks" / "faults.py"
+    spec = importlib.util.spec_from_file_location("faults", path)
+    assert spec is not None
+    assert spec.loader is not None
+    faults = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, "faults", faults)
+    spec.loader.exec_module(faults)
+    monkeypatch.setattr(progress_bar, "EVERY", 0.0)
+    with stage_bar(quiet=False) as stage:
+        for each in Stage:
+            stage(each, "drag + a:b (1 of 20)")
+    with frame_bar(quiet=False) as frame:
+        frame("looking at the films", 0, 0)
+        for k in range(3):
+            frame("reading a:b.mp4", k, 3)
+    list(progress_bar.progress_bar(range(3), quiet=False, mininterval=0))
+    shown = capsys.readouterr().err + "epoch 3/7, left ≤0:01:00, train/loss 2\nepoch 3, train/loss 2\n"
+    assert len(shown.splitlines()) > 20
+    assert faults.complaints(shown + "physid: interrupted\n", 130, {130}) == []
+    for message in ("physid: 97% of the frames are lost", "Segmentation fault (core dumped)", "wrong 5% 00:00"):
+        (found,) = faults.complaints(f"{message}\n{shown}physid: interrupted\n", 130, {130})
+        assert message in found

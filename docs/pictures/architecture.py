@@ -30,7 +30,7 @@ ABOUT = {
     "diagnosis": "where, which and how far a model is off",
     "estimation": "least squares, initial states profiled out",
     "pages": "templates, stylesheet and figures of all pages",
-    "progress": "how far a command is, on a terminal and in a log",
+    "progress": "how far a command is: a bar, or lines in a log",
     "inspection": "whether recordings can be trusted",
     "data": "recordings on disk, importers",
     "simulators": "PyBullet, MuJoCo, closed forms",

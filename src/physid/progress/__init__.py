@@ -1,1 +1,1 @@
-"""How far a command is, on a terminal and in a log."""
+"""How far a command is: a bar on a terminal, lines in a log."""

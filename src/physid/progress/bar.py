@@ -30,7 +30,8 @@ class LogLines(io.TextIOBase):
 
     def __init__(self, stream: TextIO) -> None:
         self._stream, self._last = stream, time.monotonic()
-        self._waiting, self._timer, self._lock = "", Timer(0, self._due), Lock()
+        self._waiting, self._lock = "", Lock()
+        self._timer: Timer | None = None
 
     def write(self, text: str) -> int:
         """Draw a text in place of the one before; a blank one takes it away."""
@@ -40,16 +41,19 @@ class LogLines(io.TextIOBase):
             self._waiting, left = " ".join(text.split()), self._last + EVERY - time.monotonic()
             if left <= 0:
                 self._put()
-            if not self._waiting:
+            if not self._waiting and self._timer is not None:
                 self._timer.cancel()
-            elif not self._timer.is_alive():
+                self._timer = None
+            elif self._waiting and self._timer is None:
                 self._timer = Timer(left, self._due)
                 self._timer.daemon = True
                 self._timer.start()
         return len(text)
 
     def _due(self) -> None:
+        """Write what waits, as its time has come."""
         with self._lock:
+            self._timer = None
             self._put()
 
     def _put(self) -> None:
@@ -59,6 +63,16 @@ class LogLines(io.TextIOBase):
                 self._stream.write(self._waiting + "\n")
                 self._stream.flush()
             self._waiting, self._last = "", time.monotonic()
+
+
+def on_terminal() -> bool:
+    """Return whether standard error is a terminal, where a bar can be redrawn."""
+    asked = getattr(sys.stderr, "isatty", None)
+    return asked is not None and not _closed() and bool(asked())
+
+
+def _closed() -> bool:
+    return sys.stderr is None or getattr(sys.stderr, "closed", False)
 
 
 def progress_bar(tasks: Iterable[Any] | None = None, *, quiet: bool, **options: Any) -> tqdm[Any]:
@@ -71,7 +85,7 @@ def progress_bar(tasks: Iterable[Any] | None = None, *, quiet: bool, **options: 
     """
     import tqdm
 
-    quiet = quiet or sys.stderr is None or sys.stderr.closed
-    if not quiet and not sys.stderr.isatty():
+    quiet = quiet or _closed()
+    if not quiet and not on_terminal():
         options |= {"file": LogLines(sys.stderr), "leave": False}
     return tqdm.tqdm(tasks, disable=quiet, **options)

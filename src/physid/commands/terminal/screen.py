@@ -13,7 +13,7 @@ from threading import Timer, current_thread, main_thread
 from types import FrameType
 from typing import TYPE_CHECKING, Literal, TextIO
 
-from physid.progress.bar import progress_bar
+from physid.progress.bar import on_terminal, progress_bar
 from physid.strict import one_line
 
 if TYPE_CHECKING:
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 SOON = 0.01  # [s]
 BAR, LONGEST = "{desc} {percentage:3.0f}% {bar:20} {elapsed}", 44  # of the stages of a diagnosis
+LINE = "{desc}, {percentage:.0f} %"  # of one in a log
 CODES = {"bold": 1, "red": 31, "green": 32}
 
 
@@ -117,12 +118,15 @@ def stoppable() -> Iterator[list[int]]:
 @contextmanager
 def stage_bar(quiet: bool) -> Iterator[Progress]:
     """Show the stages of a diagnosis, and about how far it is; gives what takes the stages."""
-    with progress_bar(quiet=quiet, total=100, bar_format=BAR) as bar:
+    seen = on_terminal()
+    with progress_bar(quiet=quiet, total=100, desc="starting", bar_format=BAR if seen else LINE) as bar:
 
         def say(stage: Stage, what: str = "") -> None:
+            if bar.disable:  # a bar that is not shown has hardly an attribute
+                return
             bar.n = max(bar.n, stage.share)
             said = stage.about(what)
-            bar.set_description_str(said[:LONGEST].ljust(LONGEST) if sys.stderr.isatty() else said)
+            bar.set_description_str(said[:LONGEST].ljust(LONGEST) if seen else said)
 
         yield say
 

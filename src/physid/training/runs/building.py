@@ -6,7 +6,6 @@ import copy
 import inspect
 import logging
 import os
-import sys
 import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -21,6 +20,7 @@ from lightning.fabric.utilities.warnings import PossibleUserWarning
 from lightning.pytorch.cli import LightningCLI
 
 from physid.class_paths import load_class
+from physid.progress.bar import on_terminal
 from physid.strict import LARGEST, shown, whole
 from physid.training.callbacks.progress import Progress, ProgressLines
 from physid.training.runs.checkpoints import OwnFiles
@@ -116,7 +116,7 @@ def build(
     # Lightning's own use of torch, nothing that a user could change.
     warnings.filterwarnings("ignore", "`isinstance\\(treespec, LeafSpec\\)` is deprecated")
     alone = parent_process() is None  # several processes at work would draw over each other's bars
-    bar = sys.stderr.isatty() and alone
+    bar = on_terminal() and alone
     default = {"enable_progress_bar": bar, "enable_model_summary": False, "log_every_n_steps": 1}
     trainer = {**default, **(config.get("trainer") or {})}
     if trainer["enable_progress_bar"]:

@@ -122,7 +122,7 @@ def _converted(
 
 
 def _watched(images: Iterable[Image], gauge: ShutterGauge | None, written: Callable[[], None]) -> Iterator[Image]:
-    """Pass images on, one by one, and let a gauge look at each."""
+    """Pass images on, one by one, let a gauge look at each, and call `written` after it."""
     for image in images:
         if gauge is not None:
             gauge.look(image)
