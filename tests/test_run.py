@@ -274,6 +274,7 @@ def test_a_run_interrupted_before_its_first_checkpoint_starts_again(config: str)
     assert main(["fit", "--config", config, "--resume"]) == 0
 
 
+@pytest.mark.slow
 def test_an_earlier_run_is_neither_overwritten_nor_mixed_unless_asked(
     config: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -145,6 +145,7 @@ def test_a_second_call_makes_the_same_recordings_and_an_interrupted_one_goes_on(
         seal(tmp_path / "one", Plan("score", 6, small.size), quiet=True)
 
 
+@pytest.mark.slow
 def test_a_bank_that_is_sealed_stays_as_it_was_published_and_a_spent_one_stays_spent(tmp_path: Path) -> None:
     small = Plan("score", 5, Size(sets=1, trajectories=6, steps=60))
     first = seal(tmp_path, small, quiet=True)

@@ -86,6 +86,7 @@ def test_what_is_not_known_of_an_effect_is_not_known_of_the_parameters_either(wh
     assert everywhere.values["viscous_drag.coefficient"] == pytest.approx(DRAG, rel=TOLERANCE)
 
 
+@pytest.mark.slow
 def test_where_no_impact_is_there_is_no_such_part(tmp_path: Path) -> None:
     assert contact_free(nominal_fit(recorded(tmp_path / "pushed")), torch.Generator()) is None
 

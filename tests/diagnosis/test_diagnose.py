@@ -94,6 +94,7 @@ def test_the_saved_model_is_what_fit_takes_and_predicts_better(
     assert errors["with"] < errors["without"]
 
 
+@pytest.mark.slow
 def test_nothing_is_found_where_nothing_is_hidden(folder: Path, free: Path) -> None:
     found = diagnose(RecordingSet(free), folder / "none")
     assert (found.verdict, found.effects, found.group) == ("none", (), ())
@@ -188,6 +189,7 @@ def test_without_a_transfer_set_a_cause_is_not_certified(folder: Path, dragged: 
         diagnose(RecordingSet(rich), folder / "copied", transfer=RecordingSet(rich))
 
 
+@pytest.mark.slow
 def test_the_command_prints_verdict_and_answers(folder: Path, free: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["diagnose", str(free), "--out", str(folder / "command"), "--quiet"]) == 0
     printed = capsys.readouterr().out.splitlines()

@@ -70,6 +70,7 @@ def test_a_rival_that_scores_alike_takes_its_share() -> None:
     assert sure(both) > found["viscous_drag"] * 1.9
 
 
+@pytest.mark.slow
 def test_the_coefficients_follow_from_the_table_that_ships() -> None:
     cases = table()
     trained = train(cases)

@@ -118,6 +118,7 @@ def test_balls_hit_off_centre_part_along_the_line_between_their_centres() -> Non
     assert float(other[1] / other[0]) == pytest.approx(0.6 / 0.8, rel=2e-2)
 
 
+@pytest.mark.slow
 def test_a_ball_comes_to_rest_on_a_box_and_falls_off_its_edge() -> None:
     shapes: tuple[Shape, ...] = (Box(), Sphere())
     for x, rests in ((0.05, True), (0.13, False)):

@@ -284,6 +284,7 @@ def test_either_method_takes_any_encoder_and_a_distribution_has_its_price(
     assert figures["params/block.friction/by_gradient_estimate"] != figures["params/block.friction/estimate"]
 
 
+@pytest.mark.slow
 def test_a_still_film_is_told_by_its_first_frame_and_not_by_the_empty_scene(films: Path, tmp_path: Path) -> None:
     run, config = tmp_path / "run", str(CONFIGS / "supervised" / "push_friction.yaml")
     assert main(["fit", "--config", config, f"--run-dir={run}", f"data.folder={films}", *TINY]) == 0
