@@ -287,6 +287,7 @@ def test_an_earlier_run_is_neither_overwritten_nor_mixed_unless_asked(
     assert figures(Path("runs/noisy")) != before
 
 
+@pytest.mark.slow
 def test_test_and_validate_measure_the_checkpoint_of_a_run(config: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["fit", "--config", config]) == 0
     expected = f"{100 * figures(Path('runs/noisy'))['test/position_error']:.2f} % of the size"

@@ -19,6 +19,7 @@ STRENGTH = 0.12  # [1/m^2], six times the typical one
 BENT = 2.5  # natural logarithm of the factor by which friction is off
 
 
+@pytest.mark.slow
 def test_a_strong_lens_is_found_whatever_the_nominal_fit_made_of_it(tmp_path: Path) -> None:
     folder = recorded(
         tmp_path / "lens", {"lens_distortion": {"k1": STRENGTH}}, steps=60, trajectories=5, split={"fit": 5}

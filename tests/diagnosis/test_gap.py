@@ -45,6 +45,7 @@ def test_trajectories_of_which_no_frame_counts_have_no_gap() -> None:
     assert found.shrink is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("values", [30, 360, 10_000])
 def test_noise_exceeds_the_ceiling_as_often_as_it_says(values: int) -> None:
     ceiling = Closing(1.0, 1.0, None, 0.5, values).ceiling(0.02)

@@ -194,6 +194,7 @@ def test_a_pattern_is_a_mean_over_each_piece_of_each_segment_in_the_axes_of_the_
     assert [place for _, place in knots_of(laws)] == [slice(0, 2), slice(2, 3), slice(3, 6)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [2.0, 0.0])
 def test_a_wind_is_found_as_a_force_along_x_with_its_size_and_what_it_moves(size: float) -> None:
     """Places are moved by what initial states cannot take up of F t^2 / (2 m), in each segment."""

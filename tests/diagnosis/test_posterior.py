@@ -79,6 +79,7 @@ def test_the_coefficients_follow_from_the_table_that_ships() -> None:
         assert value == pytest.approx(getattr(shipped().coefficients, name), rel=0.01, abs=0.01), name
 
 
+@pytest.mark.slow
 def test_the_gradient_of_the_log_score_vanishes_at_the_fit_but_for_its_ridge() -> None:
     """Of p = (1 - e) s + e / m, with s of the true cause, the slope is (1 - e) s (x - mean x) / p."""
     cases = [case for case in table() if len(case.truth) == 1]

@@ -200,6 +200,7 @@ def test_pictures_check_themselves(make: Any, message: str) -> None:
         make()
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium and Playwright: apt-get install chromium")
 @pytest.mark.parametrize("scheme", ["light", "dark"])

@@ -14,6 +14,7 @@ from physid.reproduce.results import read_results
 CONFIGS = Path(__file__).parents[2] / "configs"
 
 
+@pytest.mark.slow
 def test_tosses_are_compared_with_published_figures_and_baselines(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -166,6 +166,7 @@ def test_without_effects_the_camera_reports_the_true_poses() -> None:
     assert observed(pose, (), H * np.arange(len(pose))) is pose
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bodies", [1, 2])
 def test_worlds_that_go_in_step_do_what_each_does_alone(bodies: int) -> None:
     scene = FLAT.with_bodies([dataclasses.replace(BLOCK, name=f"block {k}") for k in range(bodies)])
