@@ -54,15 +54,15 @@ def silhouette(number: int) -> NDArray[np.bool_]:
 
 
 def test_a_film_and_a_log_of_forces_become_a_set(place: Path) -> None:
-    told: list[tuple[str, int, int]] = []
-    done = import_films([place / "a.mp4"], dict(filmed.MAPPING), place / "set", lambda *words: told.append(words))
+    reported: list[tuple[str, int, int]] = []
+    done = import_films([place / "a.mp4"], dict(filmed.MAPPING), place / "set", lambda *words: reported.append(words))
     made = RecordingSet(done.folder)
     made.verify()
     one = made.read(0, video=True)
     assert one.frames is not None
     count = len(one.frames)
     counted = [("writing the films", k, count) for k in range(1, count + 1)]
-    assert told == [("looking at the films", 0, 0), *counted]
+    assert reported == [("looking at the films", 0, 0), *counted]
     assert one.mask is not None
     assert one.wrench is not None
     assert one.wrench_time is not None

@@ -6,6 +6,7 @@ import csv
 import io
 import math
 import re
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +16,6 @@ from physid.strict import quoted
 from physid.yaml_files import read_text
 
 MOST_POINTS = 600
-LARGEST = 1e300  # of whole numbers; larger ones may not fit into a float
 MOST_NAMED = 3  # figures that a note names
 AXES = ("epoch", "step", "evaluations")
 SCHEDULE = re.compile(r"(^|[/_-])(lr|learning_rate|rate|blur|kernel|sigma|horizon|alpha|phase|temperature)([/_-]|$)")
@@ -57,7 +57,7 @@ def numbers_of(content: Mapping[str, Any]) -> tuple[dict[str, float], str]:
     """Return the finite numbers among figures, and a note that says which others are left out, or nothing."""
     found, other = dict[str, float](), list[str]()
     for name, value in content.items():
-        whole = isinstance(value, int) and not isinstance(value, bool) and abs(value) <= LARGEST
+        whole = isinstance(value, int) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
         if whole or (isinstance(value, float) and math.isfinite(value)):
             found[name] = float(value)
         else:
