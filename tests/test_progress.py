@@ -175,21 +175,31 @@ def test_the_bar_of_films_names_what_is_done_to_them_in_a_log(
     assert lines[-1].startswith("writing the films: 1%")
 
 
-@pytest.mark.parametrize(("most", "first"), [(4, "epoch 1/4"), (-1, "epoch 1, ")])
-def test_a_fit_writes_epochs_losses_and_the_time_left_into_a_log(
-    most: int,
-    first: str,
+@pytest.fixture
+def fit(
     recordings: Callable[[str], Path],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
-) -> None:
+) -> Callable[..., list[str]]:
+    """Fit two pushes, an hour of each epoch, and return the lines of epochs in the log."""
     monkeypatch.setattr(progress_bar, "EVERY", 0.0)
     hours = iter(range(0, 3600_000, 3600))
     monkeypatch.setattr(progress, "clock", lambda: next(hours))
-    fit = ["fit", str(recordings("push")), "data.limit=2", f"trainer.max_epochs={most}", "trainer.max_steps=4"]
-    assert main([*fit, "wandb=disabled", "--run-dir", str(tmp_path / "run")]) == 0
-    lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("epoch")]
+    words = ["fit", str(recordings("push")), "data.limit=2", "wandb=disabled", "--run-dir", str(tmp_path / "run")]
+
+    def run(*changes: str) -> list[str]:
+        assert main([*words, *changes]) == 0
+        return [line for line in capsys.readouterr().err.splitlines() if line.startswith("epoch")]
+
+    return run
+
+
+@pytest.mark.parametrize(("most", "first"), [(4, "epoch 1/4"), (-1, "epoch 1, ")])
+def test_a_fit_writes_epochs_losses_and_the_time_left_into_a_log(
+    most: int, first: str, fit: Callable[..., list[str]]
+) -> None:
+    lines = fit(f"trainer.max_epochs={most}", "trainer.max_steps=4")
     assert lines[0].startswith(first)
     assert "loss" in lines[0]
     assert "left" not in lines[0]
@@ -197,18 +207,11 @@ def test_a_fit_writes_epochs_losses_and_the_time_left_into_a_log(
 
 
 @pytest.mark.slow
-def test_a_fit_that_is_asked_for_no_bar_writes_nothing_into_a_log(
-    recordings: Callable[[str], Path],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+@pytest.mark.parametrize("asked", ["false", "true"])  # the second has Lightning's own
+def test_a_fit_that_says_whether_it_has_a_bar_writes_no_lines_into_a_log(
+    asked: str, fit: Callable[..., list[str]]
 ) -> None:
-    monkeypatch.setattr(progress_bar, "EVERY", 0.0)
-    fit = ["fit", str(recordings("push")), "data.limit=2", "trainer.max_epochs=2", "wandb=disabled"]
-    for asked in ("false", "true"):  # the second has Lightning's own
-        run = tmp_path / asked
-        assert main([*fit, "--run-dir", str(run), f"trainer.enable_progress_bar={asked}"]) == 0
-        assert "epoch 1/" not in capsys.readouterr().err
+    assert not fit("trainer.max_epochs=2", f"trainer.enable_progress_bar={asked}")
 
 
 def test_lines_of_progress_are_no_complaint_of_the_script_of_faults_and_messages_are(
