@@ -298,7 +298,7 @@ TASKS = {"VideoID"}
 def test_inheritance_within_the_project_is_of_depth_one_below_a_task() -> None:
     bases: dict[str, list[str]] = {}
     for path in FILES:
-        for node in ast.walk(ast.parse(path.read_text())):
+        for node in nodes(path):
             if isinstance(node, ast.ClassDef):
                 bases[node.name] = [ast.unparse(base).split("[")[0].split(".")[-1] for base in node.bases]
     for name, parents in bases.items():

@@ -174,6 +174,7 @@ def test_colours_are_for_terminals_alone(monkeypatch: pytest.MonkeyPatch) -> Non
     assert styled("physid:", "red", Screen()) == "physid:"
 
 
+@pytest.mark.slow
 def test_a_reader_that_has_seen_enough_is_no_error() -> None:
     piped = subprocess.run(
         f"{' '.join(COMMAND)} effects | head -n 1", shell=True, capture_output=True, text=True, check=False
@@ -224,6 +225,7 @@ def test_an_interrupted_generation_exits_with_130_and_goes_on(tmp_path: Path) ->
     assert main([*words, f"trajectories={count + 1}", "steps=20"]) == 0
 
 
+@pytest.mark.slow
 def test_ctrl_c_while_a_command_that_has_done_its_work_ends_says_nothing() -> None:
     tidy = "def tidy():\n    print('ending', flush=True)\n    time.sleep(0.5)\n"
     ending = f"import atexit, time\n{tidy}atexit.register(tidy)\nfrom physid.cli import program\nprogram()"

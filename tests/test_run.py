@@ -297,6 +297,7 @@ def test_test_and_validate_measure_the_checkpoint_of_a_run(config: str, capsys: 
         assert expected in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_wandb_is_offline_unless_asked(config: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("WANDB_MODE")
     assert main(["fit", "--config", config, "trainer.max_epochs=1"]) == 0

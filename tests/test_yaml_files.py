@@ -110,6 +110,7 @@ def test_a_text_is_read_as_python_reads_it_up_to_the_limit(tmp_path: Path) -> No
         read_bytes(path, path.stat().st_size - 1)
 
 
+@pytest.mark.slow
 def test_what_grows_with_a_run_is_read_whole(tmp_path: Path) -> None:
     """A history of days may be larger than any description."""
     history = tmp_path / "metrics.csv"

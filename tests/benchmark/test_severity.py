@@ -47,6 +47,7 @@ def test_severity_grows_with_the_effect_and_shrinks_with_the_noise() -> None:
     assert severity(config(noise=Noise(2e-3, 2e-3)), drag[:1]) == pytest.approx(one / 2, rel=LINEAR)
 
 
+@pytest.mark.slow
 def test_what_unknown_parameters_absorb_does_not_show() -> None:
     """Gravity scales the friction of a block that is pushed on a plane, and so does its coefficient."""
     gravity = [effect("gravity_error", change=0.02)]
@@ -94,12 +95,14 @@ def test_an_effect_that_is_only_seen_changes_no_motion() -> None:
     assert acting_phases(config(), [effect("camera_yaw", angle=0.3)]) == []
 
 
+@pytest.mark.slow
 def test_drag_acts_where_the_body_is_fast_and_in_a_trajectory_that_coasts_while_nothing_pushes() -> None:
     assert acting_phases(config(steps=200), [effect("viscous_drag", coefficient=1.0)])[0] == "slide_fast"
     assert "coast" in acting_phases(config(steps=200, trajectories=1), [effect("viscous_drag", coefficient=1.0)])
     assert not np.isnan(severity(config(), [effect("viscous_drag", coefficient=1.0)]))
 
 
+@pytest.mark.slow
 def test_a_turned_camera_shows_where_forces_are_commanded_and_not_in_a_toss() -> None:
     """Physics knows no direction about the vertical: a toss that is seen turned is another toss, at any angle."""
     yaw = [effect("camera_yaw", angle=0.1)]

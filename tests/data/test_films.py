@@ -94,6 +94,7 @@ def test_columns_of_forces_without_a_log_that_holds_them_are_refused(place: Path
         import_films([place / "a.mp4"], {**filmed.MAPPING, "forces": None}, place / "set")
 
 
+@pytest.mark.slow
 def test_the_background_is_free_of_a_body_that_lingers_and_of_drifting_exposure(place: Path) -> None:
     frames = filmed.images(drift=0.1)
     filmed.write_film(place / "b.mp4", frames[:10] + frames[10:11] * 6 + frames[11:])
@@ -147,6 +148,18 @@ def test_a_shadow_is_no_body() -> None:
     found = find_bodies(image.round().astype(np.uint8), behind.round().astype(np.uint8), 1)[0]
     true = filmed.draw(np.array([0.05, 0.0]), 0.4, np.zeros_like(behind)).max(-1) > 5
     assert (found & true).sum() / (found | true).sum() > 0.85
+
+
+@pytest.mark.parametrize("beyond", [0, 2, 8])
+def test_of_a_body_that_the_border_cuts_what_is_within_is_found(beyond: int) -> None:
+    background = filmed.table().round().astype(np.uint8)
+    image = filmed.draw(np.array([0.05, 0.0]), 0.4, filmed.table()).round().astype(np.uint8)
+    whole = find_bodies(image, background, 1)[0]
+    (top, left), (bottom, right) = (change(np.argwhere(whole), axis=0) for change in (np.min, np.max))
+    cuts = [np.s_[top + beyond :], np.s_[: bottom + 1 - beyond], np.s_[:, left + beyond :]]
+    for cut in (*cuts, np.s_[:, : right + 1 - beyond]):
+        found = find_bodies(np.ascontiguousarray(image[cut]), np.ascontiguousarray(background[cut]), 1)[0]
+        assert (found ^ whole[cut]).sum() < 0.02 * whole[cut].sum()
 
 
 @pytest.mark.parametrize("side", [-1, 1])

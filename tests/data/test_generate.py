@@ -126,7 +126,9 @@ def test_a_set_of_other_effects_is_another_set(tmp_path: Path) -> None:
         ({"effects": {"viscous_drag": {"coefficientt": 0.6}}}, "did you mean"),
         ({"effects": {"viscous_drag": {"coefficient": -3.0}}}, "coefficient"),
         ({"simulator": "closed_form", "effects": {"quadratic_drag": {"coefficient": 0.6}}}, "not quadratic_drag"),
-        ({"true_values": {"block.mass": 0.05}, "steps": 300}, "left the view in all"),
+        pytest.param(
+            {"true_values": {"block.mass": 0.05}, "steps": 300}, "left the view in all", marks=pytest.mark.slow
+        ),
     ],
     ids=["effect", "key", "size", "simulator", "view"],
 )
@@ -280,6 +282,7 @@ def test_trajectories_that_leave_the_view_are_drawn_again_and_counted() -> None:
     assert sum(counts) > 0
 
 
+@pytest.mark.slow
 def test_a_scene_from_which_bodies_always_escape_is_refused() -> None:
     config = GenerateConfig("push", trajectories=1, steps=300, true_values={"block.mass": 0.05})
     with pytest.raises(ValueError, match="left the view in all of 200 draws; lower steps"):

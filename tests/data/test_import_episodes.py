@@ -232,6 +232,7 @@ def test_two_features_that_come_to_one_name_are_refused(tmp_path: Path) -> None:
         read_table(place)
 
 
+@pytest.mark.slow
 def test_a_table_that_unpacks_to_more_than_its_size_promises_is_refused_by_its_description(tmp_path: Path) -> None:
     """Zeros pack a thousand times; text and images beside numbers are not read, and do not count."""
     count = 3_000_000

@@ -152,6 +152,7 @@ def test_a_rate_that_is_given_joins_no_frames_across_a_gap(place: Path) -> None:
     assert 240 * time == pytest.approx(np.array(kept), abs=0.05)
 
 
+@pytest.mark.slow
 def test_a_rate_that_is_given_holds_where_stamps_say_nothing_and_where_they_are_even(place: Path) -> None:
     films = [
         stamped(place / "a.mkv", [UNEVEN[k - (k in (9, 15, 20))] for k in range(len(UNEVEN))]),

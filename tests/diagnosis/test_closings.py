@@ -84,6 +84,7 @@ def test_a_gap_that_positions_show_in_flights_is_compared_in_positions_unless_it
     assert shift[1].after == pytest.approx(shift[1].before, rel=1e-3), "a force turns nothing"
 
 
+@pytest.mark.slow
 def test_what_calm_segments_found_is_said_of_all_frames_with_the_sizes_fitted_there() -> None:
     nominal_fit, found = searched()
     assert found.best is not None

@@ -269,6 +269,7 @@ def test_what_most_impacts_leave_is_a_gap_if_it_is_more_than_the_tolerance(left:
     assert said.causes[verdict] == max(said.causes.values())
 
 
+@pytest.mark.slow
 def test_of_impacts_that_are_not_explained_is_said_how_many_are_with_the_effects() -> None:
     nominal_fit, found = searched()
     segments = nominal_fit.experiment.predictor.segments

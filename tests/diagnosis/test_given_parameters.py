@@ -123,6 +123,7 @@ def test_a_mass_that_is_given_and_wrong_is_named_with_its_value_and_no_parameter
     )
 
 
+@pytest.mark.slow
 def test_one_that_explains_no_wind_is_not_named() -> None:
     assert given_that_explain(*pushed(1.0, FORCE), 0, silent) == {}
 

@@ -93,6 +93,7 @@ def test_a_camera_that_is_turned_far_is_followed(tmp_path: Path) -> None:
     assert float(found.fit.loss.sum()) < 1.2 * float(nominal_fit.experiment.counted().sum())
 
 
+@pytest.mark.slow
 def test_a_state_from_which_no_step_leads_back_is_found_anew_if_that_is_asked_for(tmp_path: Path) -> None:
     folder = recorded(tmp_path / "set", trajectories=4, steps=60, split={"fit": 1})
     observations = load_observations(RecordingSet(folder))

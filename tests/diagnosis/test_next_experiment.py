@@ -108,7 +108,11 @@ def test_deviations_grow_as_the_root_of_how_many_trajectories_are_asked_for() ->
     assert there / here == pytest.approx(4, rel=0.05)
 
 
-@pytest.mark.parametrize("change", [{"next_experiment.apart": 1e4}, {"next_experiment.more": 1e4}], ids=str)
+@pytest.mark.parametrize(
+    "change",
+    [pytest.param({"next_experiment.apart": 1e4}, marks=pytest.mark.slow), {"next_experiment.more": 1e4}],
+    ids=str,
+)
 def test_an_experiment_that_tells_too_little_is_not_asked_for(change: dict[str, float]) -> None:
     found = asked(settings=FEW.changed(change))
     assert found.config is None

@@ -53,6 +53,7 @@ def drawn(films: Path, out: Path, before: torch.Tensor, after: torch.Tensor | No
     return overlay(out, judged)
 
 
+@pytest.mark.slow
 def test_the_held_out_trajectory_that_is_missed_most_is_drawn_and_small_differences_are_enlarged(
     films: Path, tmp_path: Path
 ) -> None:
@@ -88,6 +89,7 @@ def test_frames_are_those_of_the_film_where_a_body_is_seen_late_and_lost_for_a_w
     assert made.stills[-1].caption.startswith("0.07 s"), "18 frames of 1/240 s after the first"
 
 
+@pytest.mark.slow
 def test_the_page_carries_film_and_pictures_and_stays_small(films: Path, tmp_path: Path) -> None:
     before = torch.full((4,), 0.03, dtype=torch.float64)
     made = drawn(films, tmp_path, before, before / 10)

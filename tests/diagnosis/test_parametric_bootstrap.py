@@ -31,6 +31,7 @@ def fitted(folder: Path, **changes: object) -> Hypothesis:
     return conclude(nominal_fit.experiment, nominal_fit.fit, (), nominal_fit.settings)
 
 
+@pytest.mark.slow
 def test_pushes_leave_the_scatter_over_trajectories_alone_and_one_busy_segment_does_not(tmp_path: Path) -> None:
     pushed = fitted(tmp_path / "push")
     assert not bootstrap_spread(pushed, torch.Generator()).any()
@@ -39,6 +40,7 @@ def test_pushes_leave_the_scatter_over_trajectories_alone_and_one_busy_segment_d
     assert bootstrap_spread(pushed, torch.Generator()).any()
 
 
+@pytest.mark.slow
 def test_a_push_without_noise_gives_back_the_parameters_that_it_was_made_with(tmp_path: Path) -> None:
     pushed = fitted(tmp_path / "push")
     pushed.experiment.predictor.segments.contact[0] = True

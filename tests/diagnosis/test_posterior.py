@@ -97,6 +97,7 @@ def test_the_gradient_of_the_log_score_vanishes_at_the_fit_but_for_its_ridge() -
     assert difference == pytest.approx(ridge * weights, abs=0.05)
 
 
+@pytest.mark.slow
 def test_probabilities_of_a_world_that_follows_the_model_are_calibrated() -> None:
     """Truths are drawn from the shipped model; a model that is trained on half of them says how often it is right."""
     generator = np.random.default_rng(0)

@@ -43,6 +43,7 @@ def across(tmp_path_factory: pytest.TempPathFactory) -> ResidualLaws:
     return laws_beyond(tmp_path_factory.mktemp("laws") / "across", hidden)
 
 
+@pytest.mark.slow
 def test_a_force_across_the_velocity_is_found_with_its_law(across: ResidualLaws) -> None:
     """It is c v to the left of the motion: linear in the speed, through zero."""
     law = across.described[0]
@@ -82,6 +83,7 @@ def test_a_camera_that_does_not_look_straight_down_is_found_as_a_stretch_that_ch
     assert max(found.gains, key=lambda site: found.gains[site]) == "perception"
 
 
+@pytest.mark.slow
 def test_without_a_gap_there_is_no_law(tmp_path: Path) -> None:
     assert laws_beyond(tmp_path / "free") == ResidualLaws()
 

@@ -61,7 +61,11 @@ def odd_ones(pose: Tensor, timeline: Timeline, fitted: Sequence[bool] = (True,) 
 
 
 @pytest.mark.parametrize(
-    ("row", "name", "value"), [pytest.param(3, "block.mass", 3.0, marks=pytest.mark.slow), (4, "block.friction", 0.36)]
+    ("row", "name", "value"),
+    [
+        pytest.param(3, "block.mass", 3.0, marks=pytest.mark.slow),
+        pytest.param(4, "block.friction", 0.36, marks=pytest.mark.slow),
+    ],
 )
 def test_a_trajectory_of_another_body_or_on_another_ground_is_named_with_what_it_has_of_its_own(
     row: int, name: str, value: float

@@ -94,6 +94,7 @@ def test_films_without_poses_cannot_be_drawn(tmp_path: Path) -> None:
         write_page(RecordingSet(write_set(tmp_path / "set", [film])), [0], tmp_path / "page.html")
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium and Playwright: apt-get install chromium")
 def test_it_plays_and_turns_without_an_error(tmp_path: Path) -> None:

@@ -95,7 +95,14 @@ def test_states_and_gradients_stay_those_of_the_reference(setup: Setup) -> None:
     assert_equal(draw(setup, 8, 120, seed=1), gradient=TUMBLING if setup.scene.name == "toss" else GRADIENT)
 
 
-@pytest.mark.parametrize("rule", [Speculative(correction=0.1), Penetrating(), Split()])
+@pytest.mark.parametrize(
+    "rule",
+    [
+        pytest.param(Speculative(correction=0.1), marks=pytest.mark.slow),
+        pytest.param(Penetrating(), marks=pytest.mark.slow),
+        Split(),
+    ],
+)
 @pytest.mark.parametrize(
     "setup", [pytest.param(SETUPS[0], marks=pytest.mark.slow), SETUPS[2]], ids=lambda setup: setup.scene.name
 )

@@ -109,6 +109,7 @@ def test_balls_that_meet_head_on_exchange_momentum_as_newton_says(masses: tuple[
     torch.testing.assert_close(after, torch.tensor(expected, dtype=DTYPE), rtol=1e-4, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_balls_hit_off_centre_part_along_the_line_between_their_centres() -> None:
     world = World(time_step=1 / 2000, gravity=(0, 0, 0), ground=None, shapes=(Sphere(), Sphere()))
     start = state([[0, 0, 0], [0.1, 0.06, 0]], velocity=[[2.0, 0, 0], [0, 0, 0]])
@@ -131,6 +132,7 @@ def test_a_ball_comes_to_rest_on_a_box_and_falls_off_its_edge() -> None:
         assert rests or height < 0.1
 
 
+@pytest.mark.slow
 def test_it_does_not_matter_which_of_two_bodies_is_the_ball() -> None:
     ends = []
     for order in ((0, 1), (1, 0)):
@@ -176,6 +178,7 @@ def test_effects_see_how_far_each_shape_is_from_the_ground() -> None:
     torch.testing.assert_close(lowest_gap(turned, inputs), expected)
 
 
+@pytest.mark.slow
 def test_boxes_named_as_such_are_those_that_need_not_be_named() -> None:
     start = state([[0, 0, 0.11], [0.25, 0, 0.1]], velocity=[[1.0, 0, 0], [0, 0, 0]])
     ends = [

@@ -189,7 +189,12 @@ def turned_stacks(upper: tuple[float, float, float], yaw: torch.Tensor, turn: to
 
 @UPPER
 @pytest.mark.parametrize(
-    ("backend", "steps"), [("fused", 1000), pytest.param("fused", 10_000, marks=pytest.mark.slow), ("reference", 40)]
+    ("backend", "steps"),
+    [
+        ("fused", 1000),
+        pytest.param("fused", 10_000, marks=pytest.mark.slow),
+        pytest.param("reference", 40, marks=pytest.mark.slow),
+    ],
 )
 def test_a_box_on_a_slab_rests_at_any_yaw(backend: str, steps: int, upper: tuple[float, float, float]) -> None:
     # tan(yaw) from 1/2 to 2: two corners of a long box are each the furthest towards two corners of this 2 : 1 slab.

@@ -46,7 +46,7 @@ def identify(name: str, data: Path, folder: Path) -> dict[str, float]:
     ("name", "wanted"),
     [
         pytest.param("push_mass", ONE_BODY, marks=pytest.mark.slow),
-        ("push_friction", ONE_BODY),
+        pytest.param("push_friction", ONE_BODY, marks=pytest.mark.slow),
         pytest.param("slide_friction", ONE_BODY, marks=pytest.mark.slow),
         pytest.param("collide_mass", TWO_BODIES, marks=pytest.mark.slow),
         pytest.param("collide_friction", TWO_BODIES, marks=pytest.mark.slow),
