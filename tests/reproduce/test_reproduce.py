@@ -73,11 +73,12 @@ def test_only_what_learns_from_video_is_repeated() -> None:
         choose("quick", [], seeds=0)
 
 
-def test_a_second_call_runs_nothing_again_unless_told(tmp_path: Path) -> None:
+def test_a_second_call_runs_nothing_again_unless_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     cell = Counting()
     for _ in range(2):
         assert reproduce([cell], tmp_path, configs=CONFIGS) == [GOOD]
     assert len(cell.calls) == 1
+    assert capsys.readouterr().out.splitlines() == ["sysid/counting begins", "[1/1] sysid/counting"]
     assert (tmp_path / "results.md").exists()
     (cell.calls[0] / "last.ckpt").write_text("a run that would be taken up where it ended")
     assert reproduce([cell], tmp_path, configs=CONFIGS, again=True) == [GOOD]

@@ -7,7 +7,6 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 from difflib import get_close_matches
-from multiprocessing import parent_process
 from pathlib import Path
 
 from physid.configuration import ConfigurationError, compose
@@ -96,8 +95,7 @@ def reproduce(
 
 def _measure(cell: Cell, out: Path, configs: Path) -> str:
     """Run a cell, write its results into its folder and return its name."""
-    if parent_process():  # a worker, which draws no progress bar
-        print(f"{cell.name} begins", flush=True)
+    print(f"{cell.name} begins", flush=True)  # a worker draws no progress bar, and lines of a log name no cell
     data = out / "data" / (cell.recordings.folder if cell.recordings else "")
     try:
         results = cell.run(configs, data, out / cell.name)
