@@ -67,6 +67,7 @@ def test_files_are_left_to_the_shell(script: str, words: list[str]) -> None:
     assert "complete -o default -F _physid physid" in script
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "expected"),
     [

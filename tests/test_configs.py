@@ -53,6 +53,7 @@ def test_parameters_can_be_identified(
     assert "test/position_error" in figures
 
 
+@pytest.mark.slow
 def test_an_identification_is_resumed_and_tested_from_its_folder(
     recordings: Callable[[str], Path],
     tmp_path: Path,

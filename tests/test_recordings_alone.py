@@ -32,6 +32,7 @@ def test_a_set_is_fitted_tested_and_predicted_by_its_name(made: Path, capsys: py
     assert len(RecordingSet(Path("runs", made.name, "predictions"))) == 2
 
 
+@pytest.mark.slow
 def test_the_limit_of_a_run_is_that_of_its_own_recordings(made: Path, tmp_path: Path) -> None:
     assert main(["fit", str(made), "trainer.max_epochs=1", "data.limit=2", "--run-dir", "runs/few"]) == 0
     taken = [dataclasses.replace(RecordingSet(made).read(index), split=None) for index in range(3)]
@@ -65,6 +66,7 @@ def test_splits_that_are_no_list_are_refused(given: str, made: Path, capsys: pyt
     assert "expected Sequence" in said or "must be a list of splits" in said
 
 
+@pytest.mark.slow
 def test_another_parameter_and_another_run_are_chosen_on_the_command_line(
     made: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

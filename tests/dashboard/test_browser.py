@@ -29,6 +29,7 @@ except ImportError:
 
 pytestmark = [
     pytest.mark.browser,
+    pytest.mark.slow,
     pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium and Playwright: apt-get install chromium"),
 ]
 
@@ -205,7 +206,6 @@ def test_a_damaged_file_is_named(page: Page) -> None:
     expect(page.locator(".run:not([hidden]) .note")).to_contain_text("metrics.json cannot be read")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_on_a_phone_nothing_sticks_out_in_light_and_dark(browser: Browser, address: str, scheme: Any) -> None:
     page, trouble = open_page(browser, address, viewport=PHONE, color_scheme=scheme, has_touch=True)

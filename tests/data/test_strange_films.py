@@ -115,6 +115,7 @@ def restamp(monkeypatch: pytest.MonkeyPatch, times: list[float]) -> None:
     monkeypatch.setattr(FilmFile, "frames", frames)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("end", [[UNEVEN[-2] / 1e3], [0.0], [0.0, 0.0, 0.0]])
 def test_a_last_stamp_that_is_doubled_or_lacks_goes_on_as_those_before_it(
     end: list[float], place: Path, monkeypatch: pytest.MonkeyPatch

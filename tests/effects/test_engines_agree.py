@@ -183,6 +183,7 @@ def test_both_engines_make_the_same_of_an_effect(name: str) -> None:
     assert np.abs(in_bullet - in_ours).max() < tolerance * shown
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compliance", [1e-5, 1e-4, 1e-3])
 @pytest.mark.parametrize("restitution", [0.0, 0.45])
 def test_a_block_falls_onto_a_ground_that_yields_in_pybullet_as_under_its_rules(

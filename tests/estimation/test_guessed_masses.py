@@ -46,6 +46,7 @@ def events_and_mass(guessed: float) -> tuple[Tensor, float]:
     return found.events, float(found.experiment.predictor.model.to_values(found.fit.point.nominal)[0, 0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.25, 0.5, 1.0, 4.0])
 def test_a_block_that_lies_hits_nothing_whatever_mass_is_guessed_first(share: float) -> None:
     """Of half the mass that the fit finds the ground seems to carry two weights, as in an impact."""

@@ -419,6 +419,7 @@ def test_one_run_of_another_unit_is_named_by_its_number(tmp_path: Path) -> None:
     assert len([one for one in found if "in 1 of 6 trajectories (the first is 3)" in one and "metres" in one]) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("newtons", [1.0, 1e3])
 @pytest.mark.parametrize(("scale", "unit"), [(1e2, "centimetres"), (1e3, "millimetres"), (39.37, "inches")])
 def test_positions_in_another_unit_are_named_whatever_that_of_the_forces_is(
@@ -467,6 +468,7 @@ def test_a_log_that_is_faster_than_the_tracker_is_no_lost_body(tmp_path: Path, e
     assert not [one for one in found if "catches up" in one]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [1.0, 1.5, 2.0, 3.0])
 def test_pushes_as_strong_as_gravity_are_no_falls(tmp_path: Path, factor: float) -> None:
     """Positions alone have x for z, so that no other axis makes the bodies touch; clocks set how fast they get."""
@@ -483,6 +485,7 @@ def test_forces_that_follow_nothing_name_no_offset_of_the_clocks(tmp_path: Path)
     assert not [one for one in said(tmp_path, scene, others) if "forces.offset" in one]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.25, 0.5, 2.0, 4.0])
 def test_a_film_at_another_rate_beside_forces_with_stamps_is_no_left_handed_frame_and_no_offset(
     tmp_path: Path, factor: float
@@ -540,6 +543,7 @@ def test_a_mass_that_is_a_first_guess_says_nothing_of_the_clock(tmp_path: Path, 
     assert bool([one for one in said(tmp_path, heavy, list(recordings)) if "frame rate" in one]) == known
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("right", ["y-up", "y-down", "x-up", "z-down"])
 @pytest.mark.parametrize("taken", ["z-up", "y-up", "x-up", "y-down", "z-down"])
 def test_the_axes_of_a_log_are_named_whatever_axes_it_was_imported_with(tmp_path: Path, right: str, taken: str) -> None:
@@ -774,6 +778,7 @@ def torqued(factor: float) -> Change:
     return forced(lambda wrench: wrench * [factor, factor, factor, 1, 1, 1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("known", [True, False], ids=["a known mass", "a first guess"])
 @pytest.mark.parametrize(
     ("change", "message"),

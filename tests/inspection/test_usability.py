@@ -82,6 +82,7 @@ MISTAKES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("change", "said"), MISTAKES)
 def test_useless_recordings_are_called_so_by_check_and_refused_by_fit_and_diagnose(
     sound: Path,

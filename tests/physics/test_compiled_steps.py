@@ -84,6 +84,7 @@ def test_a_step_has_the_same_derivatives_by_all_that_enters_it(name: str, bodies
         assert_close(torch.zeros_like(wanted) if slope is None else slope, wanted, SLOPES)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["speculative", "split", "midpoint"])
 def test_a_step_that_begins_with_the_solution_of_another_ends_at_its_own(name: str) -> None:
     world = WORLDS[name]

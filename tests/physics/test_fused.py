@@ -145,8 +145,9 @@ def test_any_number_of_bodies_with_or_without_ground_is_that_of_the_reference(
     assert_equal(Case(World(ground=ground), tensors))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effect", ACTING, ids=lambda effect: effect.name)
-@pytest.mark.parametrize("substeps", [pytest.param(1, marks=pytest.mark.slow), 2])
+@pytest.mark.parametrize("substeps", [1, 2])
 def test_effects_act_as_on_the_reference(effect: type[Effect], substeps: int) -> None:
     case = draw(SETUPS[2 if "object" in effect.name else 0], 3, 4)
     typical = {name: quantity.typical for name, quantity in effect.quantities().items()}

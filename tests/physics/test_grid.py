@@ -64,7 +64,7 @@ def test_each_step_is_that_of_a_world_with_this_time_step(backend: str) -> None:
 @pytest.mark.parametrize("substeps", [1, pytest.param(3, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("effects", EFFECTS.values(), ids=EFFECTS)
 @pytest.mark.parametrize("scene", [pytest.param("push", marks=pytest.mark.slow), "collide"])
-@pytest.mark.parametrize("integration", [SemiImplicit(), Midpoint()])
+@pytest.mark.parametrize("integration", [pytest.param(SemiImplicit(), marks=pytest.mark.slow), Midpoint()])
 def test_both_backends_agree_on_steps_of_each_world(
     scene: str, effects: tuple[Effect, ...], substeps: int, integration: Integration
 ) -> None:

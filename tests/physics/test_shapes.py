@@ -96,6 +96,7 @@ def test_a_ball_leaves_the_ground_with_its_restitution_times_the_speed_of_its_fa
     assert float(energy) == pytest.approx(restitution**2 * (speed**2 / 2 + G * gap), rel=allowed)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("masses", [(1.0, 1.0), (1.0, 3.0)])
 def test_balls_that_meet_head_on_exchange_momentum_as_newton_says(masses: tuple[float, float]) -> None:
     world = World(gravity=(0, 0, 0), ground=None, shapes=(Sphere(), Sphere()))

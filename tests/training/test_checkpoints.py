@@ -52,12 +52,10 @@ def forge(folder: Path, change: dict[str, Any]) -> None:
     torch.save(state, folder / CHECKPOINT)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "callbacks",
-    [
-        pytest.param([], id="plain", marks=pytest.mark.slow),
-        pytest.param([BEST], id="with a ModelCheckpoint of its own"),
-    ],
+    [pytest.param([], id="plain"), pytest.param([BEST], id="with a ModelCheckpoint of its own")],
 )
 @pytest.mark.parametrize("way", ["local://{}", "file://{}", "{}", "{}/thesis.ckpt", "local://{}/thesis.ckpt", "link"])
 def test_a_checkpoint_removes_no_file_outside_its_run(

@@ -179,6 +179,7 @@ def test_nothing_is_known_without_any_trajectory() -> None:
     assert torch.isfinite(result.correlation).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("file", sorted(path.name for path in CONFIGS.glob("*.yaml")))
 def test_every_configuration_prints_a_table_and_leaves_figures_and_a_picture(
     file: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -103,9 +103,8 @@ def test_a_run_that_is_killed_within_its_phases_and_resumed_ends_as_one_that_is_
     assert {**parts, "seconds": 0} == {**whole, "seconds": 0}
 
 
-@pytest.mark.parametrize(
-    ("epoch", "loss"), [(1, "encoded_position"), pytest.param(2, "refined", marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("epoch", "loss"), [(1, "encoded_position"), (2, "refined")])
 def test_a_loss_that_is_not_finite_names_the_trajectory_and_leaves_the_last_good_state(
     epoch: int,
     loss: str,
